@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -51,6 +51,7 @@ from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER
 from mmg.ship import Ship
 
+Of = TypeVar("Of", Candidate, SensorFault)
 COMMON = 3.0
 """Prior standard deviation of what an effect beside the fit may have in all runs alike, in typical sizes."""
 
@@ -128,18 +129,14 @@ def surroundings_scatter(s: RunSlopes, candidates: Sequence[Candidate]) -> dict[
     """
     out: dict[Column, float] = {}
     for c in (c for c in candidates if c.effect in LOCAL):
-        std = scatter_between(*_own(s, s.at(c)), members_of(s.group, len(c.columns)), len(c.columns))
+        std = scatter_between(*own_values(s, s.at(c)), members_of(s.group, len(c.columns)), len(c.columns))
         out |= dict(zip(c.columns, std.tolist(), strict=True))
     return out
 
 
-def candidate_test(s: RunSlopes, c: Candidate) -> GroupTest | None:
-    """The test of a candidate ``c`` by the slopes ``s``. Returns None where the trials do not show a difference."""
-    return group_test(*_own(s, s.at(c)), s.group, len(c.columns))
-
-
-def _own(s: RunSlopes, at: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Slopes (n p,) and information (n p, n p) of values by run of p parameters, what runs share projected out."""
+def own_values(s: RunSlopes, at: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes (n p,) and information (n p, n p) of values by run of the p parameters ``at`` these positions of the
+    slopes ``s``, what runs share projected out."""
     n, p = len(s.g), len(at)
     rows = s.G[:, at].reshape(n * p, -1)
     total = s.G.sum(axis=0) + np.diag(s.precision)
@@ -158,7 +155,7 @@ def imitated(s: RunSlopes, c: Candidate, other: Candidate) -> float:
     """
     own = len(c.columns)
     at = [*s.at(c), *s.at(other)]
-    g, S = _own(s, at)
+    g, S = own_values(s, at)
     members = members_of(s.group, len(at))
     score, J, _ = contrasts(*by_group(g, S, members, np.full(len(at), LEAST)), len(at))
     first = np.tile(np.arange(len(at)) < own, len(J) // len(at))
@@ -202,10 +199,10 @@ def compare_groups(
     if unused:
         raise TooFewData(f"--between {groups.by}: no trial of {unused[0]} has a long enough piece without a gap")
     measured = measured_differences(sensors, problem.steps.ship, groups)
-    instruments = without_doubles([m for m in measured if m.matters])
+    instruments = without_doubles(measured)
     LOGGER.info("testing every effect, instrument and coefficient for differences of %d groups", len(groups.names))
     search = _Search.of(problem, groups, trials)
-    differences, table, reasons = search.run(null, [m.fault for m in instruments if m.fault.exact])
+    differences, table, reasons = search.run(null, [m.of for m in instruments if m.of.exact])
     named = (*(m.row for m in instruments), *differences)
     verdict = "named" if named else "unknown" if reasons else "none"
     rows = sorted([*(m.row for m in measured), *(t.row for t in table)], key=lambda r: -r.log_bayes)
@@ -219,21 +216,16 @@ def compare_groups(
 
 
 @dataclass(frozen=True)
-class Measured:
-    """A test of an instrument by the kinematics: the fault, its test in units of the least size that matters, its row
-    of the result."""
+class Tested(Generic[Of]):
+    """A test and its row of the result. of: a candidate of the dynamics, or a fault of an instrument by the kinematics,
+    the test of which is in units of the least size that matters."""
 
-    fault: SensorFault
+    of: Of
     test: GroupTest
     row: GroupDifference
 
-    @property
-    def matters(self) -> bool:
-        """Whether the groups differ, beyond chance and by what matters."""
-        return self.row.p_value < LEVEL and bool(np.ptp(self.test.values) > 1.0)
 
-
-def measured_differences(sensors: Kinematics, ship: Ship, groups: Groups) -> list[Measured]:
+def measured_differences(sensors: Kinematics, ship: Ship, groups: Groups) -> list[Tested[SensorFault]]:
     """Tests of all faults of instruments for different sizes in the ``groups``, without any model.
 
     sensors: what each run shows; ship: whose length says which sizes matter. Returns those that can be tested.
@@ -255,18 +247,20 @@ def measured_differences(sensors: Kinematics, ship: Ship, groups: Groups) -> lis
         of = "surroundings" if q.symbol.startswith("drift") else "instrument"
         words = {q.parameter or q.symbol: (q.unit, q.form.format(q.ends[0]))}
         parts = parameters_by_group(groups, words, size * test.values, size**2 * test.covariance)
-        rows.append(Measured(q, test, group_row(q.effect or q.symbol, of, "kinematics", parts, test, float(p))))
+        rows.append(Tested(q, test, group_row(q.effect or q.symbol, of, "kinematics", parts, test, float(p))))
     return rows
 
 
-def without_doubles(measured: Sequence[Measured]) -> list[Measured]:
-    """Of those ``measured`` that look alike in a run, the one for which most speaks, with the others as its class."""
-    rest, kept = sorted(measured, key=lambda m: -m.row.log_bayes), []
+def without_doubles(measured: Sequence[Tested[SensorFault]]) -> list[Tested[SensorFault]]:
+    """Of those ``measured`` that differ by what matters and look alike in a run, the one for which most speaks, with
+    the others as its class."""
+    differing = [m for m in measured if m.row.p_value < LEVEL and np.ptp(m.test.values) > 1.0]
+    rest, kept = sorted(differing, key=lambda m: -m.row.log_bayes), []
     while rest:
         first, *rest = rest
-        alike = set().union(*(group for group in ALIKE if first.fault.symbol in group))
-        same = tuple(dict.fromkeys(m.row.name for m in rest if m.fault.symbol in alike))
-        rest = [m for m in rest if m.fault.symbol not in alike]
+        alike = set().union(*(group for group in ALIKE if first.of.symbol in group))
+        same = tuple(dict.fromkeys(m.row.name for m in rest if m.of.symbol in alike))
+        rest = [m for m in rest if m.of.symbol not in alike]
         kept.append(replace(first, row=replace(first.row, equivalence_class=same)))
     return kept
 
@@ -294,15 +288,6 @@ def group_candidates(problem: SearchProblem) -> tuple[Candidate, ...]:
 
 
 @dataclass(frozen=True)
-class Tested:
-    """A test of a candidate by the dynamics, and its row of the result."""
-
-    candidate: Candidate
-    test: GroupTest
-    row: GroupDifference
-
-
-@dataclass(frozen=True)
 class _Search:
     """The forward selection. problem: whose data have the number of the group as that of the run; runs: (R,) run of
     each window; candidates; kinds: of the trials of each group."""
@@ -325,7 +310,7 @@ class _Search:
 
     def run(
         self, fit: Estimate, faults: Sequence[SensorFault]
-    ) -> tuple[list[GroupDifference], list[Tested], list[Message]]:
+    ) -> tuple[list[GroupDifference], list[Tested[Candidate]], list[Message]]:
         """Named differences, all tests before any was named, and why what is left has no name.
 
         fit: common to all groups; faults: of instruments, which get a value in each group first.
@@ -333,9 +318,9 @@ class _Search:
         wanted = {f"{q.effect}.{q.parameter}" for q in faults}
         first = [c for c in self.candidates if wanted & set(c.symbols)]
         fit = self._refitted(fit, first, []) if first else fit
-        named, table = list[Tested](), list[Tested]()
+        named, table = list[Tested[Candidate]](), list[Tested[Candidate]]()
         while True:
-            tests, slopes, scatter = self._tests(fit, [*first, *(t.candidate for t in named)])
+            tests, slopes, scatter = self._tests(fit, [*first, *(t.of for t in named)])
             table = table or tests
             clear = [t for t in tests if t.row.p_value < LEVEL and t.row.log_bayes > 0]
             if not clear:
@@ -346,12 +331,12 @@ class _Search:
                 words = "surroundings, such as a current, differ so much from run to run that nothing is told from them"
                 reason = Message(words, "scattered_surroundings")
             if reason is None and len(named) == MOST:
-                reason = Message(f"beside {MOST} differences the groups differ in {best.candidate.label}", "too_many")
+                reason = Message(f"beside {MOST} differences the groups differ in {best.of.label}", "too_many")
             if reason is not None:
                 return [self._final(fit, t) for t in named], table, [reason]
             named.append(replace(best, row=replace(best.row, equivalence_class=same)))
             fit = self._refitted(fit, first, named)
-            LOGGER.info(f"the groups differ in {best.candidate.label}")
+            LOGGER.info(f"the groups differ in {best.of.label}")
 
     def _by_group(self, c: Candidate) -> Candidate:
         """A candidate with values of its own in each group, for a refit: a coefficient keeps its prior, widened."""
@@ -362,16 +347,16 @@ class _Search:
         ]
         return replace(c, typical=np.array(std) / PRIOR_WIDTH).in_each(range(len(self.groups.names)))
 
-    def _refitted(self, fit: Estimate, first: Sequence[Candidate], named: Sequence[Tested]) -> Estimate:
+    def _refitted(self, fit: Estimate, first: Sequence[Candidate], named: Sequence[Tested[Candidate]]) -> Estimate:
         """The fit again with candidates by group: those of instruments, ``first``, and those ``named``. Known values
         begin where they are, new ones where the test points to."""
         p, start = self.problem, dict[Column, float]()
-        own = [self._by_group(c) for c in (*first, *(t.candidate for t in named))]
+        own = [self._by_group(c) for c in (*first, *(t.of for t in named))]
         for c, t in zip(own, (*(None for _ in first), *named), strict=True):
             if c.columns[0] in fit.free.columns:
                 start |= {x: fit.value(*x) for x in c.columns}
             elif t is not None:
-                start |= dict(zip(c.columns, self._values(fit, t.candidate, t.test), strict=True))
+                start |= dict(zip(c.columns, self._values(fit, t.of, t.test), strict=True))
         return refit(p.steps, p.data, p.base, fit, own, start)
 
     def _values(self, fit: Estimate, c: Candidate, test: GroupTest) -> np.ndarray:
@@ -379,7 +364,9 @@ class _Search:
         now, G = get_values(self.problem.steps.ship, self.problem.data, fit.theta, c.columns), len(self.groups.names)
         return np.tile(now, G) + test.values * np.tile(c.typical, G)
 
-    def _tests(self, fit: Estimate, own: Sequence[Candidate]) -> tuple[list[Tested], RunSlopes, dict[Column, float]]:
+    def _tests(
+        self, fit: Estimate, own: Sequence[Candidate]
+    ) -> tuple[list[Tested[Candidate]], RunSlopes, dict[Column, float]]:
         """All candidates that have no values by group yet, tested about a fit, the slopes of each run, and the scatter
         of the surroundings between runs."""
         gone = {s for c in own for s in c.symbols}
@@ -389,16 +376,17 @@ class _Search:
         slopes = run_slopes(self.problem.steps, self.problem.data, self.runs, fit, every)
         scatter = surroundings_scatter(slopes, local)
         still = with_scatter(slopes, scatter)
-        each = [(c, candidate_test(with_scatter(slopes, scatter, c.columns) if c in local else still, c)) for c in rest]
-        shown = [(c, test) for c, test in each if test is not None]
-        adjusted = holm([t.p_single for _, t in shown])
-        return [self._tested(fit, c, t, float(p)) for (c, t), p in zip(shown, adjusted, strict=True)], still, scatter
-
-    def _tested(self, fit: Estimate, c: Candidate, test: GroupTest, p: float) -> Tested:
-        """A test with its row of the result."""
-        size = np.tile(c.typical, len(self.groups.names))
-        parts = self._parts(c, self._values(fit, c, test), test.covariance * np.outer(size, size))
-        return Tested(c, test, group_row(c.effect, nature(c.effect), "dynamics", parts, test, p))
+        shown = []
+        for c in rest:
+            free = with_scatter(slopes, scatter, c.columns) if c in local else still
+            if (test := group_test(*own_values(free, free.at(c)), free.group, len(c.columns))) is not None:
+                shown.append((c, test))
+        tests = []
+        for (c, test), p in zip(shown, holm([test.p_single for _, test in shown]), strict=True):
+            size = np.tile(c.typical, len(self.groups.names))
+            parts = self._parts(c, self._values(fit, c, test), test.covariance * np.outer(size, size))
+            tests.append(Tested(c, test, group_row(c.effect, nature(c.effect), "dynamics", parts, test, float(p))))
+        return tests, still, scatter
 
     def _parts(self, c: Candidate, values: np.ndarray, covariance: np.ndarray) -> dict[str, GroupParameter]:
         """The parameters of a candidate with their values by group (G p,) and the covariance of these (G p, G p)."""
@@ -406,9 +394,9 @@ class _Search:
         words = {s.rpartition(".")[2]: (x.unit, x.description) for s, x in rows.items()}
         return parameters_by_group(self.groups, words, values, covariance)
 
-    def _final(self, fit: Estimate, t: Tested) -> GroupDifference:
+    def _final(self, fit: Estimate, t: Tested[Candidate]) -> GroupDifference:
         """The row of a named difference with the values of the last fit, as they scatter between runs."""
-        c, names = t.candidate, self.groups.names
+        c, names = t.of, self.groups.names
         at = [fit.free.columns.index(Column(s, k)) for k in range(len(names)) for s in c.symbols]
         values = (fit.free.mean + fit.free.std * fit.p)[at]
         runs = np.array([len(set(self.runs[self.problem.data.run == k])) for k in range(len(names))])
@@ -417,35 +405,35 @@ class _Search:
         return replace(t.row, parameters=self._parts(c, values, covariance))
 
     def _judged(
-        self, best: Tested, tests: Sequence[Tested], slopes: RunSlopes
+        self, best: Tested[Candidate], tests: Sequence[Tested[Candidate]], slopes: RunSlopes
     ) -> tuple[tuple[str, ...], Message | None]:
         """What says the same as the best difference by another name, and why it cannot be named, if so."""
         rivals = [t for t in tests if t is not best and t.row.log_bayes > best.row.log_bayes - ALIKE_BY]
-        other = [t for t in rivals if imitated(slopes, best.candidate, t.candidate) < IMITATES]
+        other = [t for t in rivals if imitated(slopes, best.of, t.of) < IMITATES]
         if is_cause(best):  # coefficients that say the same are what it changes
-            other = [t for t in other if t.candidate.effect in EFFECTS]
+            other = [t for t in other if t.of.effect in EFFECTS]
         same = tuple(dict.fromkeys(t.row.name for t in rivals if t not in other))
         k, group = self.groups.names.index(best.row.group), best.row.group
         elsewhere = frozenset().union(*(kinds for i, kinds in enumerate(self.kinds) if i != k))
         if "" not in self.kinds[k] | elsewhere and not self.kinds[k] & elsewhere:
             words = f"{group} holds only {' and '.join(sorted(self.kinds[k]))} trials, of which no other group has any"
             words += ": what differs there may be an error of the model in such manoeuvres"
-            return same, Message(f"{words} (strongest: {best.candidate.label})", "other_manoeuvres")
+            return same, Message(f"{words} (strongest: {best.of.label})", "other_manoeuvres")
         if other:
-            names = ", ".join(dict.fromkeys(t.candidate.label for t in (best, *other)))
+            names = ", ".join(dict.fromkeys(t.of.label for t in (best, *other)))
             return same, Message(f"several parameters explain a difference equally well: {names}", "several_explain")
         return same, None
 
 
-def is_cause(t: Tested) -> bool:
+def is_cause(t: Tested[Candidate]) -> bool:
     """Whether the tested ``t`` is an effect in the ship, such as fouling: coefficients change by such a cause only."""
-    return t.candidate.effect in EFFECTS and t.row.nature == "ship"
+    return t.of.effect in EFFECTS and t.row.nature == "ship"
 
 
-def physical(best: Tested, clear: Sequence[Tested]) -> Tested:
+def physical(best: Tested[Candidate], clear: Sequence[Tested[Candidate]]) -> Tested[Candidate]:
     """The difference to name where ``best``, of those that are ``clear``, is a coefficient: a cause in the ship, if one
     explains as much."""
-    if best.candidate.effect in EFFECTS:
+    if best.of.effect in EFFECTS:
         return best
     causes = [t for t in clear if is_cause(t) and t.row.log_bayes > best.row.log_bayes - ALIKE_BY]
     return max(causes, key=lambda t: t.row.log_bayes, default=best)

@@ -76,7 +76,7 @@ class MonthStudy:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of months.json."""
-        cut, log, named = self.cut, self.log, zip(self.changes.named, self.changes.company, strict=True)
+        cut, log = self.cut, self.log
         return {
             "kind": "months",
             "schema_version": SCHEMA_VERSION,
@@ -100,7 +100,7 @@ class MonthStudy:
             },
             "subset": self._subset(),
             "scores": self.scores,
-            "changes": [self._row(row) | {"company": list(company)} for row, company in named],
+            "changes": [self._row(row) | {"company": list(row.company)} for row in self.changes.named],
             "candidates": [self._row(row) for row in self.changes.tested],
             "unexplained_share": self.changes.spells.unexplained,
             "warnings": list(self.warnings),
@@ -128,13 +128,8 @@ class MonthStudy:
             "begin_day": row.begin,
             "end_day": row.end,
             "half_day": 0.5 * (row.begin + row.end),
-            "begin_90": list(row.begin_90),
-            "end_90": list(row.end_90),
             "begin": self.date(row.begin),
-            "size": row.size,
-            "std": row.std,
-            "gain": row.gain,
-            "p_value": row.p_value,
+            **{key: getattr(row, key) for key in ("begin_90", "end_90", "size", "std", "gain", "p_value")},
         }
 
 

@@ -10,7 +10,7 @@ each draw. The strongest change is named, taken out of the estimates of all cand
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -105,7 +105,7 @@ class DatedChange:
     name: of the parameter; day: mean time of each of its spells (B,); estimate: in each (B,); begin, end: first and
     last day of the change, with their 90 % intervals; step: whether both are one; size: of the change, std: its
     standard error; gain: of the log likelihood; p_value: of it, for this candidate alone; profile: share of the change
-    that was reached in each spell (B,).
+    that was reached in each spell (B,); company: names of candidates that seem to change along with it.
     """
 
     name: str
@@ -121,6 +121,11 @@ class DatedChange:
     gain: float
     p_value: float
     profile: np.ndarray
+    company: tuple[str, ...] = ()
+
+    def days_from(self, other: DatedChange) -> float:
+        """Days between this change and an ``other``, at the least that their dates allow; negative where they meet."""
+        return max(self.begin_90[0], other.begin_90[0]) - min(self.end_90[1], other.end_90[1])
 
     def at(self, day: np.ndarray) -> np.ndarray:
         """How much of the change there is at each ``day``, any shape."""
@@ -236,11 +241,9 @@ def _interval(days: np.ndarray, weight: np.ndarray) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Changes:
-    """What changed: named, strongest first; company: names of candidates that seem to change along with each of these;
-    tested: every candidate before anything was named; spells: of all."""
+    """What changed: named, strongest first; tested: every candidate before anything was named; spells: of all."""
 
     named: tuple[DatedChange, ...]
-    company: tuple[tuple[str, ...], ...]
     tested: tuple[DatedChange, ...]
     spells: Spells
 
@@ -249,58 +252,45 @@ def find_changes(log: Innovations, begin: float, end: float, seed: int = 0) -> C
     """What changed between ``begin`` and ``end`` [s] of a ``log``; seed: of the bootstrap."""
     at, J, last = spells(log, begin, end), len(log.candidates), (end - begin) / DAY
     if len(at.day) < FEWEST:
-        return Changes((), (), (), at)
-    score, tested = at.score.copy(), tuple[DatedChange, ...]()
-    named, company = list[tuple[int, DatedChange]](), list[set[str]]()
+        return Changes((), (), at)
+    score, least = at.score.copy(), dict(zip(log.candidates, LEAST * log.typical, strict=True))
+    named, tested = list[DatedChange](), tuple[DatedChange, ...]()
     while len(named) < MOST:
         draws = [np.random.default_rng([seed, j, len(named)]) for j in range(J)]
-        rows = [at.change_of(j, score[:, j], last, draws[j], log.candidates[j]) for j in range(J)]
-        tested = tested or tuple(row for row in rows if row)
-        sure = {
-            j: row
-            for j, row in enumerate(rows)
-            if row and row.p_value * J <= LEVEL and abs(row.size) >= LEAST * log.typical[j]
-        }
-        alone = dict(sure)
-        for (_, other), names in zip(named, company, strict=True):
-            for j, row in sure.items():
-                if _together(row, other, APART * last / MONTH):
-                    names |= {row.name} - {other.name}
-                    alone.pop(j, None)
+        every = [at.change_of(j, score[:, j], last, draws[j], log.candidates[j]) for j in range(J)]
+        rows = [row for row in every if row]
+        tested = tested or tuple(rows)
+        sure = [row for row in rows if row.p_value * J <= LEVEL and abs(row.size) >= least[row.name]]
+        alone = sure
+        for k, other in enumerate(named):
+            along = {row.name for row in sure if row.days_from(other) <= APART * last / MONTH}
+            named[k] = replace(other, company=tuple(sorted({*other.company, *along} - {other.name})))
+            alone = [row for row in alone if row.name not in along]
         if not alone:
             break
-        j, best = max(alone.items(), key=lambda item: item[1].gain)
-        score -= at.information[:, :, j] * best.at(at.day)[:, None]
-        named.append((j, best))
-        company.append(set())
-    for k, (j, best) in enumerate(named):
-        others = [row for row in named if row[0] != j]
-        named[k] = j, _sized(log, (begin, end), (j, best), others, np.random.default_rng([seed, j, len(named)]))
-    return Changes(tuple(row for _, row in named), tuple(tuple(sorted(names)) for names in company), tested, at)
+        best = max(alone, key=lambda row: row.gain)
+        score -= at.information[:, :, log.candidates.index(best.name)] * best.at(at.day)[:, None]
+        named.append(best)
+    for k, row in enumerate(named):
+        others = [other for other in named if other.name != row.name]
+        rng = np.random.default_rng([seed, log.candidates.index(row.name), len(named)])
+        named[k] = replace(_sized(log, (begin, end), row, others, rng), company=row.company)
+    return Changes(tuple(named), tested, at)
 
 
 def _sized(
-    log: Innovations,
-    span: tuple[float, float],
-    one: tuple[int, DatedChange],
-    others: list[tuple[int, DatedChange]],
-    rng: np.random.Generator,
+    log: Innovations, span: tuple[float, float], best: DatedChange, others: list[DatedChange], rng: np.random.Generator
 ) -> DatedChange:
-    """A named change with its number, ``one``, estimated again with weights that do not hold it, and the ``others``,
-    against the stretches that show them: where a change is large they looked as if something had moved the ship.
+    """A named change, ``best``, estimated again with weights that do not hold it, and the ``others``, against the
+    stretches that show them: where a change is large they looked as if something had moved the ship.
 
     log: innovations from a begin to an end [s], ``span``; rng: draws the bootstrap.
     """
-    j, best = one
-    day = (log.t - span[0]) / DAY
+    day, j = (log.t - span[0]) / DAY, log.candidates.index(best.name)
+    beside = [(log.candidates.index(row.name), row) for row in others]
     for _ in range(AGAIN):
-        made = sum(log.gains[:, :, i] * row.at(day)[:, None] for i, row in [(j, best), *others])
+        made = sum(log.gains[:, :, i] * row.at(day)[:, None] for i, row in [(j, best), *beside])
         at = spells(log, *span, made)
-        score = at.score[:, j] - sum(at.information[:, j, i] * row.at(at.day) for i, row in others)
+        score = at.score[:, j] - sum(at.information[:, j, i] * row.at(at.day) for i, row in beside)
         best = at.change_of(j, score, (span[1] - span[0]) / DAY, rng, best.name) or best
     return best
-
-
-def _together(a: DatedChange, b: DatedChange, apart: float) -> bool:
-    """Whether two changes, less than so many days ``apart``, cannot be told apart by their dates."""
-    return min(a.end_90[1], b.end_90[1]) + apart >= max(a.begin_90[0], b.begin_90[0])

@@ -159,7 +159,9 @@ def _follows(found: ForceEstimate, data: GriddedTrials, fit: Point, force: np.nd
     square = (force**2).mean(axis=0)
     varying = dict(zip(CHANNELS, 1 - force.mean(axis=0) ** 2 / np.maximum(square, 1e-300), strict=True))
     variables = variables_of(list(found.dictionary.force_forms.steps.model.controls), data, fit.path.z)
-    rows = [row | {"explained": row["explained"] * varying[row["channel"]]} for row in by_variable(variables, samples)]
+    rows = [
+        row | {"explained": row["explained"] * varying[row["channel"]]} for row in by_variable(variables, samples)[0]
+    ]
     return tuple(row for row in sorted(rows, key=lambda row: -row["explained"]) if row["explained"] > FOLLOWED)
 
 

@@ -70,7 +70,7 @@ def changes_figure(study: MonthStudy) -> Figure:
         low, high = np.quantile(row.estimate, (0.02, 0.98))
         ax.set_ylim(low - 0.3 * (high - low), high + 0.3 * (high - low))
         unit = parameter_of(study.ship, row.name).unit
-        company = any(row.name in names for names in study.changes.company)
+        company = any(row.name in other.company for other in study.changes.named)
         what = "changed" if changed else "changes with what is named" if company else "no change found"
         dress(ax, "", f"[{unit or '-'}]", f"{row.name}: {what}")
     ax.set_xlabel("days since the log began", fontsize=9)

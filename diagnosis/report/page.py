@@ -32,6 +32,8 @@ from mmg.errors import UserError
 
 ARROWS = 26
 """Arrows along a track. Set by hand: more run into one another."""
+SHOWN = 6
+"""Variables in the figure of what the missing force depends on. Set by hand."""
 PANELS = 4
 """Tracks in the figure. Set by hand: they fill a screen."""
 TURNING = LinearSegmentedColormap.from_list("turning", ["#7A3B9A", "#B9B9B9", "#009E73"])
@@ -125,18 +127,13 @@ def to_port(points: np.ndarray, moment: np.ndarray, least: float) -> tuple[np.nd
     return np.where(marked, points[:, 0], np.nan), np.where(marked, points[:, 1], np.nan)
 
 
-def best_variables(d: Findings, most: int = 6) -> list[Mapping[str, Any]]:
-    """``most`` rows of where["variables"] of ``d`` that explain the missing force best, two of a variable at most."""
-    chosen: list[Mapping[str, Any]] = []
-    for row in d.where.get("variables", []):
-        if sum(row["variable"] == other["variable"] for other in chosen) < 2:
-            chosen.append(row)
-    return chosen[:most]
-
-
 def state_figure(d: Findings) -> Figure:
     """Missing force of ``d`` averaged in bins of what it depends on most, with two standard errors."""
-    rows = best_variables(d)
+    rows: list[Mapping[str, Any]] = []
+    for row in d.where.get("variables", []):  # the best first, two of a variable at most
+        if sum(row["variable"] == other["variable"] for other in rows) < 2:
+            rows.append(row)
+    rows = rows[:SHOWN]
     figure = new_figure(0.4 + 2.5 * max(1, -(-len(rows) // 3)))
     axes = np.atleast_1d(figure.subplots(max(1, -(-len(rows) // 3)), 3)).ravel()
     for ax, row in zip(axes, rows, strict=False):
@@ -241,10 +238,8 @@ def write_report(d: Findings, folder: Path) -> FigureFolder:
 
 def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:
     """The page on ``d``; listed: rows of the figures that lie in ``folder``."""
-    rows, order = (
-        words.ranking(d),
-        [*map(words.plain, [*(e.name for e in d.effects), *(f.name for f in d.instruments)])],
-    )
+    found = [*(e.name for e in d.effects), *(f.name for f in d.instruments)]
+    rows, order = words.ranking(d), [words.plain(name) for name in found]
     channels = [{"name": name, **row} for name, row in d.where.get("channels", {}).items()]
     return rendered(
         "diagnosis",
@@ -304,7 +299,7 @@ def _details(where: Mapping[str, Any]) -> list[tuple[str, str, list[dict[str, An
     )
     phases = [row | {"more": words.percent(row["share_of_time"])} for row in where.get("phases", [])]
     earth = {
-        row["run"]: f"{row['force']:.2g} {row['unit']} to {round(math.degrees(row['towards'])) % 360:03d}°"
+        row["run"]: f"{words.force(row['force'], row['unit'])} to {round(math.degrees(row['towards'])) % 360:03d}°"
         for row in where.get("earth", [])
     }
     runs = [row | {"more": earth.get(row["run"], "")} for row in where.get("runs", [])]
@@ -331,12 +326,9 @@ def held_rows(d: Findings) -> list[dict[str, Any]]:
     if d.held_out is None:
         return []
     every = [*d.held_out.by_run.items(), ("all windows", (d.held_out.mse_before, d.held_out.mse_after))]
-    return [{"name": name, "before": a, "after": b, "worse": b > a, "change": _change(a, b)} for name, (a, b) in every]
-
-
-def _change(before: float, after: float) -> str:
-    """By how much an error grows, in percent."""
-    if before <= 0:
-        return "–"
-    share = after / before - 1
-    return f"{words.signed(100 * share, f'.{words.places(share)}f')} %"
+    rows = []
+    for name, (before, after) in every:
+        share = after / before - 1 if before > 0 else math.nan
+        change = f"{words.signed(100 * share, f'.{words.places(share)}f')} %" if before > 0 else "–"
+        rows.append({"name": name, "before": before, "after": after, "worse": after > before, "change": change})
+    return rows

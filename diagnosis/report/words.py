@@ -48,6 +48,14 @@ def shown_unit(unit: str) -> tuple[float, str]:
     return (180 / math.pi, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
 
 
+def force(size: float, unit: str) -> str:
+    """A ``size`` in a ``unit`` of force or moment by two figures, with a prefix where it is far from one: 15 kN."""
+    from matplotlib.ticker import EngFormatter
+
+    size = float(f"{size:.2g}")
+    return f"{size:g} {unit}" if 0.01 <= size < 1000.0 or not size else EngFormatter(unit)(size)
+
+
 def percent(share: float | None) -> str:
     """A share in percent, true minus sign."""
     if share is None or not math.isfinite(share):
@@ -82,7 +90,7 @@ def where_words(d: Findings) -> list[str]:
     row = d.where["channels"][first]
     kind = "moment" if first == "yaw" else "force"
     words = [
-        f"Most of it is in {first}: {percent(row['share'])} of the energy, {row['force_rms']:.2g} {row['unit']} rms.",
+        f"Most of it is in {first}: {percent(row['share'])} of the energy, {force(row['force_rms'], row['unit'])} rms.",
         f"That is {percent(row['relative'])} of the net {kind} that moves the ship in {first}.",
     ]
     slow = next((b for b in d.where["bands"] if b["channel"] == first), None)
@@ -91,7 +99,7 @@ def where_words(d: Findings) -> list[str]:
     words.append(_follows(d.where.get("variables", []), first) or "It follows none of the variables.")
     if "force_rms_after" in row:
         after, less = row["force_rms_after"], "" if row["force_rms_after"] < 0.9 * row["force_rms"] else ", hardly less"
-        words.append(f"With what was named, the rms is {after:.2g} {row['unit']}{less}.")
+        words.append(f"With what was named, the rms is {force(after, row['unit'])}{less}.")
     return words
 
 
@@ -119,7 +127,7 @@ def _extreme(v: Mapping[str, Any]) -> str:
 
 def _on_average(mean: float, unit: str, channel: str) -> str:
     """The ``mean`` of the force of a ``channel`` by its size and direction."""
-    return f"{abs(mean):.2g} {unit} {SIDES[channel][0 if mean > 0 else 1]} on average"
+    return f"{force(abs(mean), unit)} {SIDES[channel][0 if mean > 0 else 1]} on average"
 
 
 def unexplained_only(d: Findings) -> UnexplainedForce | None:
@@ -137,14 +145,15 @@ def where_big(d: Findings) -> str:
     else:
         name = first_channel(d)
         share, size, unit = (d.where["channels"][name][key] for key in ("share", "force_rms", "unit"))
-    return f"{percent(share)} in {name}, {size:.2g} {unit} rms"
+    return f"{percent(share)} in {name}, {force(size, unit)} rms"
 
 
 def unexplained_words(m: UnexplainedForce) -> list[str]:
     """The unexplained force ``m`` in a few sentences: its channels, what it follows, when it is largest."""
     channels = sorted(m.channels.items(), key=lambda item: -item[1].share)
     each = [
-        f"{c.force_rms:.2g} {c.unit} rms in {name} (90 % interval {c.interval_90[0]:.2g} to {c.interval_90[1]:.2g})"
+        f"{force(c.force_rms, c.unit)} rms in {name} "
+        f"(90 % interval {' to '.join(force(end, c.unit) for end in c.interval_90)})"
         for name, c in channels
         if c.share > FOLLOWED
     ]

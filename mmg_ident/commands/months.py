@@ -62,10 +62,10 @@ def _summary(study: MonthStudy, out: Path) -> None:
     for name, errors in study.scores.items():
         words = ", ".join(f"{channel} {value:.3g}" for channel, value in errors.items())
         cli.say(f"errors of all windows {name}: {words}")
-    for row, company in zip(study.changes.named, study.changes.company, strict=True):
+    for row in study.changes.named:
         cli.say(study.words(row))
-        if company:
-            cli.say(f"  {', '.join(company)} seem to change with it; the log does not tell them apart")
+        if row.company:
+            cli.say(f"  {', '.join(row.company)} seem to change with it; the log does not tell them apart")
     if study.changes.tested and not study.changes.named:
         cli.say(f"no change found in {len(study.changes.tested)} candidates")
     for line in study.warnings:

@@ -1,14 +1,19 @@
-"""The mission in small: hidden effects are named, nothing is named where there is nothing."""
+"""The mission in small: hidden effects are named, nothing where there is nothing, nor for filtered velocities."""
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from cases.evidence.kinematics import Kinematics
+from cases.trial import Trial
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.result import Diagnosis
 from mmg.effects import EFFECTS
+from mmg.effects.gyro import low_passed_samples
 from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, pushed_trials
 from tests.support.disturbed_trials import drawn_ship
+from tests.support.quick import first_quick
 
 HIDDEN = {
     "current": "current:x=-0.02,y=0.02",
@@ -51,3 +56,50 @@ def test_three_ships_without_any_effect_get_no_name() -> None:
     assert [(d.effects, d.remainder) for d in answers] == [((), False)] * 3
     assert [d.verdict for d in answers].count("none") >= 2
     assert all(d.ship is d.before for d in answers)
+
+
+TAU = 0.4
+"""s; of the true low pass."""
+
+
+def low_passed(trial: Trial, in_body_axes: bool) -> Trial:
+    """The ``trial`` with u and v, noise and all, behind a first-order low pass: each, or the velocity over ground."""
+    turn = np.exp(1j * np.where(in_body_axes, 0.0, trial["psi"]))
+    over_ground = (trial["u"] + 1j * trial["v"]) * turn
+    late = [low_passed_samples(trial.t, part, TAU) for part in (over_ground.real, over_ground.imag)]
+    logged = (late[0] + 1j * late[1]) / turn
+    return trial.with_columns(u=logged.real, v=logged.imag)
+
+
+@pytest.mark.parametrize("in_body_axes", first_quick([True, False]))
+def test_filtered_velocities_are_a_fault_of_an_instrument_and_no_cause(in_body_axes: bool) -> None:
+    trials = [low_passed(trial, in_body_axes) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]
+    found = diagnose(FEW, trials, options=DiagnosisOptions(step=0.5, learn=False))
+    assert (found.verdict, found.effects) == ("none", ())
+    faults = {fault.name: fault for fault in found.instruments}
+    tau = faults["velocity_filter"].parameters["tau"]
+    assert abs(tau.value - TAU) < 4 * tau.std < 0.7 * TAU
+    assert faults["velocity_filter"].parameters["body_axes"].value == in_body_axes
+    assert found.ship.coefficients["velocity_filter.body_axes"].value == in_body_axes
+
+
+@pytest.mark.slow
+def test_a_filter_that_the_ship_has_already_is_still_listed() -> None:
+    """As after ``mmg fit``, which frees it by default."""
+    trials = [low_passed(trial, True) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]
+    known = FEW.with_effect("velocity_filter", {"tau": TAU, "body_axes": 1.0})
+    row = known.coefficients["velocity_filter.tau"].with_(std=0.2)
+    known = known.with_coefficients({row.symbol: row})
+    found = diagnose(known, trials, options=DiagnosisOptions(step=0.5, learn=False))
+    assert found.effects == () and "velocity_filter" in {fault.name for fault in found.instruments}
+
+
+@pytest.mark.slow
+def test_a_filter_that_only_the_search_finds_is_no_cause_either(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where too few positions are logged for the kinematics to show it."""
+    monkeypatch.setattr(Kinematics, "effects", lambda sensors: {})
+    trials = [low_passed(trial, False) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]
+    found = diagnose(FEW, trials, options=DiagnosisOptions(step=0.5, learn=False))
+    assert (found.verdict, found.effects) == ("none", ())
+    assert "velocity_filter" in {fault.name for fault in found.instruments}
+    assert "velocity_filter" not in {row.name for row in found.candidates}

@@ -8,11 +8,11 @@ import pytest
 from diagnosis.hypotheses.refit import refit
 from diagnosis.summary import estimated, fitted_ship, parameters_of
 from mmg.effects import EFFECTS
-from tests.support.diagnosis_cases import SHIP, candidate, full_model, problem_of, pushed_trials
+from tests.support.diagnosis_cases import SHIP, candidate, full_model, pushed_problem
 
 
 def test_the_uncertainty_of_a_formula_is_in_the_standard_errors_of_its_sizes() -> None:
-    problem, null = problem_of(pushed_trials(1, ["wave_drift:x=0.45,y=-0.35"]))
+    problem, null = pushed_problem(1, "wave_drift:x=0.45,y=-0.35")
     drift, offset = candidate("wave_drift"), candidate("rudder_offset")
     assert EFFECTS["wave_drift"].form_error > 0 and EFFECTS["rudder_offset"].form_error == 0
     effects = [drift, offset]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -103,6 +103,14 @@ def problem_of(trials: Sequence[Trial], h: float = 0.5) -> tuple[SearchProblem, 
     start = initial_point(steps, data, steps.ship.values, base, initial_noise(steps.ship))
     null = estimate(steps, data, start, iterations=12)
     return SearchProblem(steps, data, base, full_model().candidates), with_correlation_time(steps, data, null)
+
+
+@cache
+def pushed_problem(
+    seed: int, *effects: str, runs: tuple[tuple[str, float], ...] = RUNS, h: float = 0.5, how: Disturbed | None = None
+) -> tuple[SearchProblem, Estimate]:
+    """The problem that ``pushed_trials`` pose, and its fit, made once for all tests. Nobody may change them."""
+    return problem_of(pushed_trials(seed, effects, runs, how=how), h)
 
 
 def theta_of(steps: TransitionModel, changed: dict[str, float]) -> np.ndarray:

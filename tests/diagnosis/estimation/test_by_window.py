@@ -3,26 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
-from cases.trial import Trial
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.linearisation import Point, initial_covariance, initial_trajectory, linearise_and_filter
 from diagnosis.estimation.noise_sizes import initial_noise
-from diagnosis.estimation.parameters import (
-    Priors,
-    active_in_window,
-    get_values,
-    priors_of_effects,
-    set_values,
-)
+from diagnosis.estimation.parameters import Priors, get_values, set_values
 from tests.support.diagnosis_cases import (
     OFF_NEUTRAL,
-    candidate,
+    RUNS,
     full_model,
     full_steps,
     off_neutral,
@@ -34,18 +26,11 @@ from tests.support.diagnosis_cases import (
 
 H = 1.0
 Y_V, CURRENT_0 = Column("Y_v"), Column("current.x", 0)
-RUNS = (("zigzag:20/20", 100.0), ("random:11", 100.0), ("turning:-20", 100.0))
-
-
-@cache
-def short_trials() -> list[Trial]:
-    """Three short runs without any effect."""
-    return pushed_trials(1, runs=tuple((m, 40.0) for m, _ in RUNS))
 
 
 def three_windows() -> GriddedTrials:
-    """Three windows, of which the first two are of one run."""
-    data = grid_trials(short_trials(), full_model().ship.inputs, 3.0, H)
+    """Three windows of short runs without any effect, of which the first two are of one run."""
+    data = grid_trials(pushed_trials(1, runs=tuple((m, 40.0) for m, _ in RUNS)), full_model().ship.inputs, 3.0, H)
     return replace(data, run=np.array([0, 0, 1]), trials=data.trials[:2])
 
 
@@ -56,28 +41,16 @@ def window(data: GriddedTrials, r: int) -> GriddedTrials:
     return replace(data, steps=data.steps[only], run=data.run[only], **cut)
 
 
-def test_a_candidate_by_run_has_its_parameters_once_in_each_run() -> None:
-    current = candidate("current")
-    own = current.in_each([0, 2])
-    assert (own.effect, own.form) == ("current", "")
-    assert own.columns == (("current.x", 0), ("current.y", 0), ("current.x", 2), ("current.y", 2))
-    assert own.symbols == 2 * current.symbols
-    for k in ("neutral", "typical", "lower", "upper"):
-        np.testing.assert_array_equal(getattr(own, k), np.tile(getattr(current, k), 2))
-    priors, one = priors_of_effects([own]), priors_of_effects([current])
-    np.testing.assert_array_equal(priors.std, np.tile(one.std, 2))
-
-
 def test_values_placed_by_run_change_that_runs_windows_alone_and_are_read_again() -> None:
     data, ship = three_windows(), full_model().ship
     columns, values = (Y_V, CURRENT_0, Column("current.y", 1), Column("tow.X", 1)), np.array([-0.4, 0.03, -0.02, 0.5])
     theta = set_values(ship, data, ship.values, columns, values)
     assert theta.shape == (len(ship.symbols), 3)
     expected = np.repeat(ship.values[:, None], 3, axis=1)
-    expected[ship.symbols.index("Y_v")] = -0.4
-    expected[ship.symbols.index("current.x"), :2] = 0.03
-    expected[ship.symbols.index("current.y"), 2] = -0.02
-    expected[ship.symbols.index("tow.X"), 2] = 0.5
+    for symbol, value, windows in (
+        ("Y_v", -0.4, [0, 1, 2]), ("current.x", 0.03, [0, 1]), ("current.y", -0.02, [2]), ("tow.X", 0.5, [2])
+    ):  # fmt: skip
+        expected[ship.symbols.index(symbol), windows] = value
     np.testing.assert_array_equal(theta, expected)
     np.testing.assert_allclose(get_values(ship, data, theta, columns), values, rtol=1e-15)
     # a symbol of the ship is its mean over the windows, and what was there is no longer where it is placed for all
@@ -85,20 +58,6 @@ def test_values_placed_by_run_change_that_runs_windows_alone_and_are_read_again(
     again = set_values(ship, data, theta, [Column("current.x"), Column("current.y", 0)], np.array([0.01, 0.04]))
     np.testing.assert_array_equal(again[ship.symbols.index("current.x")], 0.01)
     np.testing.assert_array_equal(again[ship.symbols.index("current.y")], [0.04, 0.04, -0.02])
-    np.testing.assert_array_equal(theta, expected)
-
-
-def test_without_a_symbol_of_one_run_coefficients_stay_those_of_all() -> None:
-    data, ship = three_windows(), full_model().ship
-    theta = set_values(ship, data, ship.values, (Y_V, Column("current.x")), np.array([-0.4, 0.03]))
-    np.testing.assert_array_equal(theta, theta_of(full_steps(H), {"Y_v": -0.4, "current.x": 0.03}))
-    np.testing.assert_array_equal(get_values(ship, data, theta, (Y_V, Column("current.x", 1))), [-0.4, 0.03])
-
-
-def test_a_column_of_one_run_acts_in_its_windows_alone() -> None:
-    columns = active_in_window((Y_V, CURRENT_0, Column("current.x", 1)), three_windows())
-    np.testing.assert_array_equal(columns, [[1, 1, 0], [1, 1, 0], [1, 0, 1]])
-    assert active_in_window((), three_windows()).shape == (3, 0)
 
 
 def by_window() -> tuple[GriddedTrials, np.ndarray]:

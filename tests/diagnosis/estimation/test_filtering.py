@@ -1,4 +1,4 @@
-"""The compiled filter against that in numpy; what happens where it is wrong or a covariance is singular."""
+"""The compiled filter against that in numpy, columns in blocks; where it is wrong or a covariance is singular."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.estimation import filtering, kalman
-from diagnosis.estimation.driven_columns import DrivenColumns
+from diagnosis.estimation import driven_columns, filtering, kalman
+from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.filtering import filtered_by, source, whitened_by
-from diagnosis.estimation.kalman import Filtered, LinearSystem, NoiseModel, linear_system
-from diagnosis.estimation.transition_model import LinearModel
+from diagnosis.estimation.kalman import Filtered, LinearSystem
 from mmg.compile.batch import LOOP_FLAGS
 from mmg.compile.cache import load_library
 
@@ -67,24 +66,6 @@ def test_the_filter_is_that_of_numpy(code: ctypes.CDLL, n: int) -> None:
         close(getattr(own, name), getattr(f, name))
 
 
-@pytest.mark.parametrize("blown", [False, True])
-def test_a_system_is_made_of_its_parts(blown: bool) -> None:
-    s, rng, S = system(9), np.random.default_rng(6), 4
-    given = (rng.standard_normal((STEPS, RUNS, S, w)) for w in (S, S, 2, 3))
-    model = LinearModel(*given, s.Z[..., 0], s.Z[..., :S], s.Z, np.arange(0))
-    gusts = rng.standard_normal((STEPS, RUNS, 3, 2)) if blown else None
-    coloured = np.array([0.0, 0.1, 0.0, 0.0, 0.2, 0.0])
-    noise = NoiseModel(np.ones(3), 2.0, np.ones(6), coloured, 1.0)
-    made = linear_system(model, noise, np.repeat(np.eye(S)[None], RUNS, 0), s.good, s.inside, 0.5, gusts)
-    n, seen = S + 5 + 2 * blown, S + 3 + 2 * blown
-    assert made.T.shape == (STEPS, RUNS, n, n) and not made.Z[~s.good].any()
-    assert (made.T[~s.inside] == np.eye(n)).all()
-    close(made.T[s.inside][..., :S, S : S + 3], model.force[s.inside])
-    if gusts is not None:
-        close(made.T[s.inside][..., :S, S + 3 : seen], (model.force @ gusts)[s.inside])
-    assert (made.Z[..., [1, 4], [seen, seen + 1]] == s.good[..., [1, 4]]).all()
-
-
 @pytest.mark.parametrize("c", [1, 8, 13, 128, 131])
 def test_responses_are_those_of_numpy_in_any_number_of_columns(code: ctypes.CDLL, c: int) -> None:
     s, rng = system(9), np.random.default_rng(2)
@@ -104,20 +85,6 @@ def test_responses_are_those_of_numpy_in_any_number_of_columns(code: ctypes.CDLL
     close(wide[..., 2 : c + 2], white)
     close(own, states)
     assert np.isnan(wide[..., :2]).all() and np.isnan(wide[..., c + 2 :]).all(), "it wrote beside its columns"
-
-
-def test_rows_that_are_wanted_are_those_of_all(code: ctypes.CDLL) -> None:
-    """The other rows are not written, whatever lies beside them in memory."""
-    s, rng, rows = system(7), np.random.default_rng(5), np.array([0, 3, STEPS])
-    pushed, misread = rng.standard_normal((STEPS, RUNS, 7, 5)), rng.standard_normal((STEPS + 1, RUNS, 6, 5))
-    columns = DrivenColumns.dense(pushed, misread)
-    f, whole = kalman.filtered(s), np.empty((STEPS + 1, RUNS, 6, 5))
-    whitened_by(code, s, f, columns, whole, False)
-    wide = np.full((3, RUNS, 6, 9), np.nan)
-    whitened_by(code, s, f, columns, wide[..., 2:7], False, rows)
-    np.testing.assert_array_equal(wide[..., 2:7], whole[rows])
-    assert np.isnan(wide[..., :2]).all() and np.isnan(wide[..., 7:]).all()
-    np.testing.assert_array_equal(filtering.whitened(s, f, columns, rows=rows)[0], whole[rows])
 
 
 def test_observations_have_the_residuals_they_were_made_of(code: ctypes.CDLL) -> None:
@@ -180,3 +147,19 @@ def test_without_a_compiler_numpy_does_it_all(monkeypatch: pytest.MonkeyPatch) -
     white, none = filtering.whitened(s, f, columns)
     whole, states = filtering.whitened(s, f, columns, np.empty((STEPS + 1, RUNS, 6, 2)), with_states=True)
     assert not none.size and np.array_equal(white, whole) and states.shape == (STEPS + 1, RUNS, 9, 2)
+
+
+@pytest.mark.parametrize("windows", [1, 3])
+@pytest.mark.parametrize("most", [1, 4 * 3 * 2 * 5 * 2, 10**6])
+def test_blocks_are_the_products_in_their_order(most: int, windows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """values: of each window, or the same in all."""
+    monkeypatch.setattr(driven_columns, "BLOCK", most)
+    rng = np.random.default_rng(0)
+    pushes, values = rng.standard_normal((4, 3, 2, 5)), rng.standard_normal((7, 4, windows))
+    columns = ProductColumns(pushes, values)
+    blocks = list(columns.blocks())
+    found = np.concatenate([block.forcing for block in blocks], axis=3)
+    expected = np.einsum("kraf,vkr->kravf", pushes, np.broadcast_to(values, (7, 4, 3))).reshape(4, 3, 2, 35)
+    np.testing.assert_array_equal(found, expected)
+    assert columns.width == 35 and len(blocks) == {1: 7, 240: 4}.get(most, 1)
+    assert not any(block.dense_observed.any() for block in blocks)

@@ -1,4 +1,4 @@
-"""Steps of the sizes of the noise: slopes against finite differences, information against that of the likelihood."""
+"""Steps of a fit: of coefficients within bounds, which are the best ones, and of the sizes of the noise."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from diagnosis.estimation import map_estimate, noise_sizes
 from diagnosis.estimation.filtering import filtered, whitened
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Linearisation, linearise_and_filter
-from diagnosis.estimation.map_estimate import estimate
+from diagnosis.estimation.map_estimate import bounded_step, estimate
 from diagnosis.estimation.noise_sizes import initial_noise, least_force
 from tests.diagnosis.estimation.test_latent import fitted
 
@@ -20,14 +22,9 @@ SIZES = NoiseModel(
 )
 
 
-@pytest.fixture(scope="module")
-def one() -> tuple:
-    return fitted(1)
-
-
-def at(one: tuple, coloured: float = 0.0) -> Linearisation:
+def at(coloured: float = 0.0) -> Linearisation:
     """About a fitted path with other sizes of the noise; coloured: errors with a memory of two sensors."""
-    steps, data, found, _ = one
+    steps, data, found, _ = fitted(1)
     colours = np.array([0.0, 0.0, 0.0, coloured, coloured, 0.0])
     return linearise_and_filter(steps, data, replace(found, noise=SIZES.with_(coloured=colours)))
 
@@ -43,8 +40,8 @@ def nll(here: Linearisation, logs: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("coloured", [0.0, 0.004])
-def test_slopes_are_those_of_finite_differences(one: tuple, coloured: float) -> None:
-    here = at(one, coloured)
+def test_slopes_are_those_of_finite_differences(coloured: float) -> None:
+    here = at(coloured)
     slope, information = noise_sizes.slope_and_information(here, *here.smoothed()[1:])
     count = 9 + 2 * (coloured > 0)
     assert slope.shape == (count,) and information.shape == (count, count)
@@ -53,9 +50,9 @@ def test_slopes_are_those_of_finite_differences(one: tuple, coloured: float) -> 
         assert slope[i] == pytest.approx(by_differences, rel=1e-5, abs=1e-3)
 
 
-def test_information_is_about_that_of_the_likelihood(one: tuple) -> None:
+def test_information_is_about_that_of_the_likelihood() -> None:
     """At the most likely sizes; there observed and expected information are the same but for chance."""
-    steps, data, found, _ = one
+    steps, data, found, _ = fitted(1)
     here = linearise_and_filter(steps, data, found.fixed())
     slope, information = noise_sizes.slope_and_information(here, *here.smoothed()[1:])
     sure = np.diag(information) > 20.0
@@ -66,8 +63,8 @@ def test_information_is_about_that_of_the_likelihood(one: tuple) -> None:
         assert information[i, i] == pytest.approx(observed, rel=0.25)
 
 
-def test_they_end_where_steps_of_the_fixed_point_end(one: tuple, monkeypatch: pytest.MonkeyPatch) -> None:
-    steps, data, found, _ = one
+def test_they_end_where_steps_of_the_fixed_point_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps, data, found, _ = fitted(1)
     for factor in (0.3, 3.0):
         noise = found.noise.with_(force=factor * found.noise.force, white=factor**0.6 * found.noise.white)
         fast = estimate(steps, data, replace(found.fixed(), noise=noise), 9)
@@ -80,9 +77,9 @@ def test_they_end_where_steps_of_the_fixed_point_end(one: tuple, monkeypatch: py
         np.testing.assert_allclose(sizes, 1.0, atol=0.03)
 
 
-def test_sizes_stay_within_their_limits(one: tuple) -> None:
+def test_sizes_stay_within_their_limits() -> None:
     """Far from the optimum a step is shortened; at a limit that it would leave, a size stays."""
-    steps, data, found, _ = one
+    steps, data, found, _ = fitted(1)
     typical = initial_noise(steps.ship)
     least = least_force(found.noise, data, typical)
     tiny = found.noise.with_(force=least.copy(), white=0.03 * found.noise.white)
@@ -95,10 +92,8 @@ def test_sizes_stay_within_their_limits(one: tuple) -> None:
     assert np.log(new.white / large.white).min() == pytest.approx(0.5 * noise_sizes.SHORTEST)
 
 
-def test_a_fit_ends_where_that_is_enough_and_where_iterations_are_in_vain(
-    one: tuple, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    steps, data, found, _ = one
+def test_a_fit_ends_where_that_is_enough_and_where_iterations_are_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps, data, found, _ = fitted(1)
     start = replace(found, p=found.p + 0.1)
     first = estimate(steps, data, start, 8, is_enough=lambda here, gain: gain > 0)
     assert first.iterations == 1 and not first.converged
@@ -111,3 +106,24 @@ def test_a_fit_ends_where_that_is_enough_and_where_iterations_are_in_vain(
     monkeypatch.setattr(map_estimate, "linearised_if_finite", no_better)
     vain = estimate(steps, data, start, 30, tolerance=1e-9)
     assert vain.iterations == 1 + map_estimate.IN_VAIN and not vain.converged
+
+
+def pulls(hessian: np.ndarray, slope: np.ndarray, d: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Slope (P,) at ``d`` of what may still move: zero at the minimum (Karush, Kuhn and Tucker)."""
+    pull = slope + hessian @ d
+    stopped = (np.isclose(d, low) & (pull > 0.0)) | (np.isclose(d, high) & (pull < 0.0))
+    return np.where(stopped, 0.0, pull)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.floats(0.0, 0.999))
+def test_nothing_that_may_move_would_gain(seed: int, count: int, alike: float) -> None:
+    rng = np.random.default_rng(seed)
+    columns = rng.standard_normal((20, count))
+    columns = alike * columns[:, :1] + np.sqrt(1 - alike**2) * columns  # hardly told apart
+    hessian = columns.T @ columns + np.eye(count)
+    slope, p = 20 * rng.standard_normal(count), rng.uniform(-1, 1, count)
+    low, high = p - rng.uniform(0, 1, count) * (rng.random(count) < 0.7), p + rng.uniform(0.01, 2, count)
+    d = bounded_step(hessian, slope, p, low, high)
+    assert (p + d >= low - 1e-9).all() and (p + d <= high + 1e-9).all()
+    assert np.abs(pulls(hessian, slope, d, low - p, high - p)).max() < 1e-6
+    assert slope @ d + 0.5 * d @ hessian @ d <= 1e-9

@@ -13,8 +13,7 @@ from diagnosis.estimation.linearisation import TIMING, Point, initial_trajectory
 from diagnosis.estimation.noise_sizes import MOST, initial_noise, swallows
 from diagnosis.estimation.parameters import NO_PRIORS
 from diagnosis.estimation.residual_checks import finer_step
-from fitting.nlp.windows import default_step
-from tests.support.diagnosis_cases import SHIP, full_steps, problem_of, pushed_trials
+from tests.support.diagnosis_cases import SHIP, full_steps, pushed_problem, pushed_trials
 
 
 def ramp(rate: float = 0.01, dt: float = 0.1) -> Trial:
@@ -47,13 +46,8 @@ def test_a_step_under_a_rising_input_is_that_of_many_short_ones() -> None:
     assert off < 0.1 * before
 
 
-@pytest.mark.parametrize(("dt", "expected"), [(0.1, 0.5), (0.2, 0.4), (0.3, 0.6), (0.647, 0.647)])
-def test_a_step_is_a_whole_number_of_samples(dt: float, expected: float) -> None:
-    assert default_step([ramp(dt=dt)], 3.0) == pytest.approx(expected, rel=1e-6)
-
-
 def test_quiet_sensors_ask_for_finer_steps_and_noisy_ones_do_not() -> None:
-    problem, null = problem_of(pushed_trials(1), 1.0)
+    problem, null = pushed_problem(1, h=1.0)
     assert finer_step(problem.steps, problem.data, null, 0.25) is None
     quieter = replace(null, noise=null.noise.with_(white=0.02 * null.noise.white))
     finer = finer_step(problem.steps, problem.data, quieter, 0.25)
@@ -62,7 +56,7 @@ def test_quiet_sensors_ask_for_finer_steps_and_noisy_ones_do_not() -> None:
 
 def test_a_part_of_a_sample_may_be_a_step_and_states_are_compared_where_they_were_measured() -> None:
     """Held over samples of 0.45 s, a random force passed for a memory of the hull where sensors were quiet."""
-    problem, null = problem_of(pushed_trials(1), 1.0)
+    problem, null = pushed_problem(1, h=1.0)
     quieter = replace(null, noise=null.noise.with_(white=0.02 * null.noise.white))
     assert finer_step(problem.steps, problem.data, quieter, 1.0) is None
     finer = finer_step(problem.steps, problem.data, quieter, 1.0, divisible=True)

@@ -6,16 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
-import numpy as np
 import pytest
 
 from cases.evidence.kinematics import consistency
 from cases.io.campaigns import Groups
 from cases.trial import Trial
-from diagnosis.estimation.candidates import Candidate, Column
-from diagnosis.findings import Between, GroupDifference
-from diagnosis.groups import between
-from diagnosis.groups.between import compare_groups, nature, physical, too_scattered
+from diagnosis.findings import Between
+from diagnosis.groups.between import compare_groups
 from mmg.errors import UserError
 from mmg.messages import has_code
 from tests.support.diagnosis_cases import SHIP, problem_of, pushed_trials
@@ -79,21 +76,6 @@ def test_a_larger_resistance_is_named_by_its_cause_with_the_coefficient_that_say
     assert d.parameters["share"].groups["B"].difference == pytest.approx(0.5, abs=0.2) and d.p_value < 0.01
 
 
-def found_of(effect: str, log_bayes: float) -> between.Tested:
-    """A difference that was tested, of which nothing but the name and the weight is known."""
-    row = GroupDifference(effect, nature(effect), "", "", {}, 0.0, 0, 1.0, log_bayes)
-    return between.Tested(Candidate(effect, "", (), *(np.zeros(0),) * 4), None, row)  # type: ignore[arg-type]
-
-
-def test_a_coefficient_gives_way_to_a_cause_in_the_ship_that_explains_as_much() -> None:
-    thrust, fouled, loaded = found_of("t_P", 9.0), found_of("fouling", 7.0), found_of("draft", 6.5)
-    towed, far, logged = found_of("tow", 8.9), found_of("draft", 3.0), found_of("log_scale", 8.8)
-    assert physical(thrust, [thrust, fouled, loaded]) is fouled
-    assert physical(thrust, [thrust, far]) is thrust  # much less likely
-    assert physical(thrust, [thrust, towed, logged]) is thrust  # not of the ship
-    assert physical(towed, [towed, fouled]) is towed
-
-
 def test_what_differs_where_manoeuvres_differ_too_is_not_named() -> None:
     trials = [
         replace(t, kind="turning" if t.name[0] == "A" else "berthing")
@@ -118,11 +100,6 @@ def test_a_group_without_a_usable_piece_is_refused() -> None:
     short = replace(trials[1], columns={k: v[:60] for k, v in trials[1].columns.items()})
     with pytest.raises(UserError, match="--between group"):
         compared([trials[0], short], (0, 1))
-
-
-def test_surroundings_scatter_too_much_only_if_each_of_them_would_have_to() -> None:
-    seen = {Column("current.x"): 3.0, Column("current.y"): 0.2, Column("wind_sensor_bias.x"): 2.0}
-    assert too_scattered(seen) and not too_scattered({**seen, Column("tow.X"): 0.3}) and not too_scattered({})
 
 
 def test_a_current_of_its_own_in_each_run_is_no_difference_between_groups() -> None:

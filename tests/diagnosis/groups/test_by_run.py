@@ -10,11 +10,11 @@ from scipy.stats import chi2
 
 from diagnosis.estimation.candidates import Candidate, Column, find
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.groups.between import RunSlopes, candidate_test, imitated, run_slopes, with_scatter
+from diagnosis.groups.between import RunSlopes, imitated, own_values, run_slopes, with_scatter
 from diagnosis.hypotheses.score_test import slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
 from fitting.uncertainty.group_test import LEAST, GroupTest, group_test, holm
-from tests.support.diagnosis_cases import FREE, SHIP, problem_of, pushed_trials
+from tests.support.diagnosis_cases import FREE, SHIP, pushed_problem
 
 GROUP = np.array([0, 0, 0, 0, 1, 1, 1, 1])
 
@@ -71,7 +71,7 @@ def test_holm_raises_each_by_the_number_left_and_keeps_the_order() -> None:
 @cache
 def case() -> tuple[SearchProblem, Estimate]:
     """Three runs."""
-    return problem_of(pushed_trials(31, ["fouling:share=0.2"]), 1.0)
+    return pushed_problem(31, "fouling:share=0.2", h=1.0)
 
 
 def coefficient(symbol: str) -> Candidate:
@@ -99,16 +99,6 @@ def test_the_runs_add_up_to_the_score_test_of_all() -> None:
     assert each.group.tolist() == [0, 1, 2]
 
 
-def test_a_coefficient_is_in_its_own_unit() -> None:
-    both = by_run([coefficient("X_0F")]), by_run([])
-    at = both[0].columns.index(Column("X_0F"))
-    c = SHIP.coefficients["X_0F"]
-    unit = 0.1 * abs(c.value) / c.std
-    np.testing.assert_allclose(both[0].g[:, at], unit * both[1].g[:, at], rtol=1e-9)
-    np.testing.assert_allclose(both[0].G[:, at, at], unit**2 * both[1].G[:, at, at], rtol=1e-9)
-    assert both[0].precision[at] == pytest.approx(unit**2) and both[1].precision[at] == 1.0
-
-
 def test_what_scatters_from_run_to_run_takes_its_part_of_the_information() -> None:
     s = by_run([find(case()[0].candidates, "tow")])
     free = with_scatter(s, {Column("tow.X"): 2.0})
@@ -121,6 +111,6 @@ def test_resistance_is_imitated_by_its_coefficient_and_not_by_a_sway_force() -> 
     c = [find(case()[0].candidates, "fouling"), coefficient("X_0F"), coefficient("Y_v")]
     s = by_run(c)
     assert imitated(s, c[0], c[1]) > 0.9 > 0.5 > imitated(s, c[0], c[2])
-    assert candidate_test(s, c[0]) is not None
     reverse = find(case()[0].candidates, "propeller_side_force")
-    assert candidate_test(by_run([reverse]), reverse) is None  # no run reverses
+    none = by_run([reverse])
+    assert group_test(*own_values(none, none.at(reverse)), none.group, 1) is None  # no run reverses

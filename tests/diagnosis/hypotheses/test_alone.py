@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from diagnosis import summary
@@ -14,8 +12,7 @@ from diagnosis.hypotheses.forward_selection import Selection, select_effects
 from diagnosis.hypotheses.next_test import next_test
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_forms
-from mmg.effects import EFFECTS
-from tests.support.diagnosis_cases import FEW, candidate, full_model, problem_of, pushed_trials
+from tests.support.diagnosis_cases import FEW, full_model, pushed_problem
 from tests.support.quick import first_quick
 
 FORMS = {
@@ -24,11 +21,6 @@ FORMS = {
     "gnss_delay alone": {"alone": 1.0},
     "gnss_delay finished": {"finished": 1.2},
 }
-MOVED = {
-    "heading_bias alone": {"psi"}, "antenna_offset alone": {"x", "y"}, "gnss_delay alone": {"x", "y"},
-    "gnss_delay finished": {"x", "y", "u", "v"},
-}  # fmt: skip
-COLUMNS = ("x", "y", "psi", "u", "v", "r")
 
 
 def candidate_of(form: str) -> Candidate:
@@ -43,32 +35,8 @@ def spec(form: str) -> str:
 @cache
 def searched(form: str) -> tuple[SearchProblem, Selection]:
     """Trials with a fault of this form as a problem, and what is found."""
-    problem, null = problem_of(pushed_trials(4, (spec(form),)))
+    problem, null = pushed_problem(4, spec(form))
     return problem, select_effects(problem, null)
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_only_the_columns_of_one_instrument_are_touched(form: str) -> None:
-    right, wrong = (pushed_trials(3, e, runs=(("zigzag:20/20", 40.0),))[0] for e in ((), (spec(form),)))
-    assert {c for c in COLUMNS if not np.array_equal(right[c], wrong[c])} == MOVED[form]
-
-
-@pytest.mark.parametrize("form", ["gnss_delay alone", "gnss_delay finished"])
-def test_a_late_position_is_that_of_some_time_ago(form: str) -> None:
-    right, late = (pushed_trials(3, e, runs=(("zigzag:20/20", 40.0),))[0] for e in ((), (spec(form),)))
-    speed = np.hypot(right["u"], right["v"]).mean()
-    behind = np.hypot(right["x"] - late["x"], right["y"] - late["y"])
-    assert np.median(behind) == pytest.approx(speed * next(iter(FORMS[form].values())), rel=0.2)
-
-
-def test_finished_columns_are_those_of_some_time_ago() -> None:
-    t = np.arange(0.0, 30.0, 0.1)
-    y = [0.3 * t, 0.0 * t, 0.05 * t, 0.3 + 0.1 * np.sin(0.3 * t), 0.05 * np.cos(0.2 * t), 0.05 + 0.0 * t]
-    ship = full_model().ship
-    e = SimpleNamespace(tau=0.0, alone=0.0, finished=1.2)
-    late = EFFECTS["gnss_delay"].samples(t, y, None, e, ship.namespace)  # type: ignore[arg-type]
-    for column in (3, 4):
-        np.testing.assert_allclose(late[column][12:], y[column][:-12], atol=1e-12)
 
 
 @pytest.mark.parametrize("form", first_quick(FORMS))
@@ -85,25 +53,12 @@ def test_it_is_named_with_its_own_parameters(form: str) -> None:
     assert after.coefficients[f"{c.effect}.{next(iter(FORMS[form]))}"].value != 0.0
 
 
-def test_the_fault_that_moves_all_columns_keeps_its_parameters() -> None:
-    problem, null = problem_of(pushed_trials(5, ("heading_bias:psi=0.06",)))
-    found = select_effects(problem, null)
-    assert [c.label for c in found.effects] == ["heading_bias"]
-
-
 def test_the_ranking_has_each_effect_once() -> None:
     ranked = summary.ranking(full_model(), searched("heading_bias alone")[1].searches[0])
     assert set(ranked[0].visible_from) == {"psi", "alone"} and ranked[0].visible_from["alone"] < 0.05
     rows = [row.name for row in ranked]
     assert len(rows) == len(set(rows)) and rows[0] == "heading_bias"
     assert set(rows) == {c.effect for c in full_model().candidates}
-
-
-def test_other_forms_take_no_part_unless_asked_for() -> None:
-    for name in {candidate_of(form).effect for form in FORMS}:
-        rows = EFFECTS[name].parameters(full_model().ship.namespace, dict(full_model().ship.components))
-        assert all(p.held == bool(p.form) for p in rows)
-        assert set(candidate(name).symbols) == {f"{name}.{p.symbol}" for p in rows if not p.form}
 
 
 def test_what_to_test_next_is_asked_of_the_form_and_told_of_the_effect() -> None:

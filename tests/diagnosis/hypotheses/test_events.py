@@ -28,19 +28,19 @@ from diagnosis.hypotheses.events import (
 from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
-from tests.support.diagnosis_cases import acted_windows, fitted_to, problem_of, pushed_trials, quiet
+from tests.support.diagnosis_cases import acted_windows, fitted_to, problem_of, pushed_problem, pushed_trials, quiet
 
 DELTA, POSITION = "delay of delta at times", "sensor of position at times"
 
 
-@pytest.fixture(scope="module")
 def calm() -> tuple[SearchProblem, Estimate]:
-    return problem_of(pushed_trials(1, how=quiet(X=0.3, Y=0.6, N=0.4)))
+    """Trials without effects in which the random forces are large."""
+    return pushed_problem(1, how=quiet(X=0.3, Y=0.6, N=0.4))
 
 
-def test_all_stretches_together_are_the_delay_of_the_dictionary(calm: tuple[SearchProblem, Estimate]) -> None:
+def test_all_stretches_together_are_the_delay_of_the_dictionary() -> None:
     """Responses, slopes of the log determinant, and so the slope of the likelihood, exactly."""
-    problem, null = calm
+    problem, null = calm()
     steps, data = problem.steps, problem.data
     active = active_states(steps, null.free.symbols, null.theta)
     forms, made = Dictionary(steps, data, null, active), []
@@ -75,32 +75,32 @@ def of(trials: list[Trial]) -> UnnamedForms:
     return unnamed_forms(problem.steps, problem.data, null)
 
 
-def test_chance_shows_no_events(calm: tuple[SearchProblem, Estimate]) -> None:
-    problem, null = calm
+def test_chance_shows_no_events() -> None:
+    problem, null = calm()
     found = unnamed_forms(problem.steps, problem.data, null)
     other = [value for kind, value in found.by_kind.items() if kind == AFTER_RUDDER or kind.endswith(" s")]
     assert len(other) == len(TURNS) + 1
     assert found.evidence < ODDS and max(found.by_kind[DELTA], found.by_kind[POSITION], *other) < 2
 
 
-def test_a_stream_that_turns_within_each_run_shows(calm: tuple[SearchProblem, Estimate]) -> None:
+def test_a_stream_that_turns_within_each_run_shows() -> None:
     """By 3 cm/s with a period of 50 s and another phase in each run, while the mean of each run is no stream."""
-    steps = calm[0].steps
+    steps = calm()[0].steps
     x, y = (steps.ship.symbols.index(f"current.{a}") for a in "xy")
 
     def turned(k: int, z: np.ndarray, force: np.ndarray, theta: np.ndarray) -> None:
         phase = 2 * np.pi * k * steps.h / 50.0 + np.arange(z.shape[1])
         theta[x], theta[y] = 0.03 * np.sin(phase), 0.02 * np.cos(phase)
 
-    found = unnamed_forms(*fitted_to(calm[0], acted_windows(calm[0], 1, turned)))
+    found = unnamed_forms(*fitted_to(calm()[0], acted_windows(calm()[0], 1, turned)))
     assert found.evidence > ODDS
     assert max(found.by_kind, key=found.by_kind.__getitem__).endswith(" 48 s")  # the nearest of TURNS
 
 
-def test_a_roll_that_swings_after_turns_shows(calm: tuple[SearchProblem, Estimate]) -> None:
+def test_a_roll_that_swings_after_turns_shows() -> None:
     """An oscillator with a period of 7 s and 5 % of the critical damping, driven by speed and turn rate, not by the
     rudder, that pushes the hull to the side and turns it."""
-    steps, omega, heel = calm[0].steps, 2 * np.pi / 7.0, np.zeros((2, calm[0].data.inputs.shape[1]))
+    steps, omega, heel = calm()[0].steps, 2 * np.pi / 7.0, np.zeros((2, calm()[0].data.inputs.shape[1]))
 
     def rolled(k: int, z: np.ndarray, force: np.ndarray, theta: np.ndarray) -> None:
         for _ in range(10):
@@ -110,7 +110,7 @@ def test_a_roll_that_swings_after_turns_shows(calm: tuple[SearchProblem, Estimat
         force[1] -= 2.0 * heel[0]
         force[2] += 6.0 * heel[0]
 
-    found = unnamed_forms(*fitted_to(calm[0], acted_windows(calm[0], 1, rolled)))
+    found = unnamed_forms(*fitted_to(calm()[0], acted_windows(calm()[0], 1, rolled)))
     assert found.evidence > ODDS and found.by_kind[AFTER_RUDDER] > 3
 
 
@@ -151,14 +151,9 @@ def test_what_is_strong_at_all_rates_is_no_swing_and_a_line_does_not_hide_itself
         np.testing.assert_allclose(list(ratios.values()), expected, rtol=0.1)
 
 
-def test_a_single_rate_has_no_neighbours() -> None:
-    only = {k: one for k, one in swings(2.0).items() if " 3 " in k}
-    assert list(swing_backgrounds(only).values()) == [1.0]
-
-
-def test_the_time_of_a_movement_between_two_samples_is_not_known(calm: tuple[SearchProblem, Estimate]) -> None:
+def test_the_time_of_a_movement_between_two_samples_is_not_known() -> None:
     """A delay of one second, over a whole run, as each of the dictionary's delays has it; and what of it is nothing."""
-    problem, null = calm
+    problem, null = calm()
     steps, data = problem.steps, replace(problem.data, sample=0.4)
     forms, made = Dictionary(steps, data, null, active_states(steps, null.free.symbols, null.theta)), []
 

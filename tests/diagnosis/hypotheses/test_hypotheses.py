@@ -14,7 +14,7 @@ from diagnosis.hypotheses.forward_selection import ODDS, Selection, select_effec
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed_forms
 from diagnosis.judgement.verdict import verdict_of
-from tests.support.diagnosis_cases import FEW, candidate, problem_of, pushed_trials, pushed_windows
+from tests.support.diagnosis_cases import FEW, candidate, problem_of, pushed_problem, pushed_trials, pushed_windows
 from tests.support.disturbed_trials import drawn_ship
 from tests.support.quick import first_quick
 
@@ -38,7 +38,7 @@ def assert_sizes(found: Selection, name: str, values: dict[str, float]) -> None:
 
 @pytest.mark.parametrize("name", first_quick(NAMES))
 def test_a_strong_effect_is_named_and_only_it(name: str) -> None:
-    problem, null = problem_of(pushed_trials(1, [text_of(name, NAMES[name])]))
+    problem, null = pushed_problem(1, text_of(name, NAMES[name]))
     found = select_effects(problem, null)
     assert found.effects == (candidate(name),) == found.searches[0].indistinguishable
     assert_sizes(found, name, NAMES[name])
@@ -59,7 +59,7 @@ def test_none_is_named_by_chance(seed: int) -> None:
 @pytest.mark.slow
 def test_two_effects_are_both_named() -> None:
     truth = {"current": {"x": 0.03, "y": -0.02}, "rudder_offset": {"delta": 0.1}}
-    problem, null = problem_of(pushed_trials(2, [text_of(*e) for e in truth.items()]))
+    problem, null = pushed_problem(2, *(text_of(*e) for e in truth.items()))
     found = select_effects(problem, null)
     assert {c.label for c in found.effects} == set(truth)
     assert found.effects[0] == found.searches[0].refitted[0].candidate
@@ -74,7 +74,7 @@ def test_two_effects_are_both_named() -> None:
 @pytest.mark.parametrize("truth", first_quick(["rudder_lag:T=0.4", "control_delay:tau=0.4"]))
 def test_what_looks_alike_is_in_one_class(truth: str) -> None:
     """A rudder behind its record and a delay of both actuators, here hardly to be told apart."""
-    problem, null = problem_of(pushed_trials(2, [truth], runs=(("zigzag:20/20", 60.0), ("turning:-20", 60.0))))
+    problem, null = pushed_problem(2, truth, runs=(("zigzag:20/20", 60.0), ("turning:-20", 60.0)))
     s = select_effects(problem, null).searches[0]
     assert (
         s.best and s.best.evidence > ODDS and {"rudder_lag", "control_delay"} <= {c.label for c in s.indistinguishable}
@@ -112,7 +112,7 @@ def test_log_bayes_speaks_against_more_columns_under_chance_and_for_them_where_s
 
 @pytest.fixture(scope="module")
 def runs() -> SearchProblem:
-    return problem_of(pushed_trials(1))[0]
+    return pushed_problem(1)[0]
 
 
 @pytest.mark.parametrize(("sin_2", "low", "high"), [(0.0, -np.inf, 0.0), (0.4, 0.0, np.inf)])

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -16,10 +16,9 @@ from cases.shipfiles.ship_file import dump_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from diagnosis.estimation.candidates import find
-from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.hypotheses.forward_selection import Selection, select_effects
-from diagnosis.hypotheses.reference import LEAST, STRONG, USUAL, Reference, fit_reference
+from diagnosis.hypotheses.reference import LEAST, USUAL, Reference, fit_reference
 from diagnosis.hypotheses.search_problem import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.inputs import calibration_trials
@@ -28,7 +27,7 @@ from diagnosis.summary import usual_values
 from fitting.report.run_folder import RESULT, data_rows, write_json
 from mmg.messages import has_code
 from mmg.ship import Ship
-from tests.support.diagnosis_cases import FEW, FREE, problem_of, pushed_trials
+from tests.support.diagnosis_cases import FEW, FREE, problem_of, pushed_problem, pushed_trials
 from tests.support.quick import first_quick
 
 H = 1.0
@@ -66,67 +65,39 @@ def diagnosed(trials: Sequence[Trial], reference: Sequence[Trial]) -> tuple[Prep
     return ready, select_effects(ready.problem, ready.null)
 
 
-@dataclass(frozen=True)
-class Known:
-    problem: SearchProblem
-    null: Estimate
-    reference: Reference
-
-    def again(self, runs: int) -> Reference:
-        """The reference for so many other runs."""
-        p = self.problem
-        return fit_reference(p.steps, p.data, self.null, p.base, p.candidates, runs)
-
-
 @cache
-def known(*effects: str) -> Known:
-    problem, null = problem_of(before(*effects), H)
-    return Known(problem, null, fit_reference(problem.steps, problem.data, null, problem.base, problem.candidates))
+def known(*effects: str, runs: int = 1) -> tuple[SearchProblem, Reference]:
+    """Trials with these effects, and what they show as a reference for so many ``runs`` of others."""
+    p, null = pushed_problem(1, *effects, runs=BEFORE, h=H)
+    return p, fit_reference(p.steps, p.data, null, p.base, p.candidates, runs)
 
 
 def test_trials_of_the_ship_itself_show_little_and_hardly_scatter() -> None:
     """In typical sizes of each effect."""
-    found = known().reference
-    columns = [x for c in known().problem.candidates for x in c.columns]
-    assert list(found.shift) == list(found.scatter) == columns
+    problem, found = known()
+    assert list(found.shift) == list(found.scatter) == [x for c in problem.candidates for x in c.columns]
     shift, scatter = np.array(list(found.shift.values())), np.array(list(found.scatter.values()))
     assert np.abs(shift).max() < 1.5 and np.sqrt((shift**2).mean()) < 0.6
     assert (scatter >= LEAST).all() and (scatter == LEAST).any() and scatter.max() < 1.2 and np.median(scatter) < 0.3
-    assert found.strong == () and 0.0 <= found.unnamed * known().problem.data.samples < LIMIT
+    assert found.strong == () and 0.0 <= found.unnamed * problem.data.samples < LIMIT
 
 
-def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_between_runs() -> None:
-    found, problem = known().reference, known().problem
-    assert found.priors.symbols == (*FREE, *(c.symbol for c in found.shift))
-    P = len(FREE)
-    assert (found.priors.std[:P] <= problem.base.std * (1 + 1e-9)).all()
+def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_which_more_runs_average() -> None:
+    (problem, one), many, P = known(), known(runs=9)[1], len(FREE)
+    assert one.priors.symbols == (*FREE, *(c.symbol for c in one.shift))
+    assert (one.priors.std[:P] <= problem.base.std * (1 + 1e-9)).all()
     prior = priors_of_effects(problem.candidates, 1.0)
-    shift, scatter = (np.array(list(x.values())) for x in (found.shift, found.scatter))
-    np.testing.assert_allclose(found.priors.mean[P:], prior.mean + prior.std * shift, rtol=1e-12)
-    assert (found.priors.std[P:] >= prior.std * scatter * (1 - 1e-12)).all()
-    reach = USUAL * found.priors.std[P:]  # farther off an effect is no usual misfit
-    np.testing.assert_array_equal(found.priors.lower[P:], np.maximum(prior.lower, found.priors.mean[P:] - reach))
-    np.testing.assert_array_equal(found.priors.upper[P:], np.minimum(prior.upper, found.priors.mean[P:] + reach))
-    for k in ("lower", "upper"):
-        np.testing.assert_array_equal(getattr(found.priors, k)[:P], getattr(problem.base, k))
-    at = [problem.steps.ship.symbols.index(s) for s in found.priors.symbols]
-    np.testing.assert_array_equal(found.theta[at], found.priors.mean)
-    for c in found.candidates:
-        where = [found.priors.symbols.index(s) for s in c.symbols]
-        np.testing.assert_allclose(c.neutral, found.priors.mean[where], rtol=1e-12)
-        np.testing.assert_array_equal(c.typical, find(problem.candidates, c.effect, c.form).typical)
-
-
-def test_the_mean_of_more_runs_is_known_more_closely() -> None:
-    one, many = known().reference, known().again(9)
-    P = len(FREE)
+    shift, scatter = (np.array(list(x.values())) for x in (one.shift, one.scatter))
+    np.testing.assert_allclose(one.priors.mean[P:], prior.mean + prior.std * shift, rtol=1e-12)
+    reach = USUAL * one.priors.std[P:]  # farther off an effect is no usual misfit
+    np.testing.assert_array_equal(one.priors.upper[P:], np.minimum(prior.upper, one.priors.mean[P:] + reach))
+    for c in one.candidates:
+        where = [one.priors.symbols.index(s) for s in c.symbols]
+        np.testing.assert_allclose(c.neutral, one.priors.mean[where], rtol=1e-12)
     np.testing.assert_array_equal(many.priors.std[:P], one.priors.std[:P])
     np.testing.assert_array_equal(many.priors.mean, one.priors.mean)
-    sizes = priors_of_effects(known().problem.candidates, 1.0).std
-    scatter = sizes * np.array(list(one.scatter.values()))
-    np.testing.assert_allclose(
-        one.priors.std[P:] ** 2 - many.priors.std[P:] ** 2, (1 - 1 / 9) * scatter**2, rtol=1e-6, atol=1e-12
-    )
+    less = one.priors.std[P:] ** 2 - many.priors.std[P:] ** 2
+    np.testing.assert_allclose(less, (1 - 1 / 9) * (prior.std * scatter) ** 2, rtol=1e-6, atol=1e-12)
 
 
 def test_what_is_random_in_the_reference_is_usual_in_other_trials() -> None:
@@ -135,30 +106,15 @@ def test_what_is_random_in_the_reference_is_usual_in_other_trials() -> None:
     ready, alone = (prepare(calibrated(), one, step=H, other_trials=True, reference=r) for r in (before(), ()))
     usual = ready.null.noise.prior
     assert usual is not None and usual.prior is None and alone.null.noise.prior is None
-    np.testing.assert_allclose(usual.white, known().reference.noise.white, rtol=0.05)
+    np.testing.assert_allclose(usual.white, known()[1].noise.white, rtol=0.05)
     assert ready.null.noise.tau == usual.tau and ready.gap == alone.gap == 1
     near, far = (np.abs(np.log(n.force / usual.force)).max() for n in (ready.null.noise, alone.null.noise))
     assert near < 0.7 and near < far
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", first_quick(LARGE))
-def test_a_strong_effect_of_the_reference_is_listed_and_not_taken_as_usual(name: str) -> None:
-    found, problem = known(LARGE[name]).reference, known(LARGE[name]).problem
-    c, own = (find(some, name) for some in (problem.candidates, found.candidates))
-    assert found.strong == (c,)
-    assert max(abs(found.shift[x]) for x in c.columns) > STRONG
-    np.testing.assert_array_equal(own.neutral, c.neutral)
-    where = [found.priors.symbols.index(s) for s in c.symbols]
-    np.testing.assert_array_equal(found.priors.mean[where], c.neutral)
-    assert (found.priors.std[where] <= c.typical).all()
-    at = [problem.steps.ship.symbols.index(s) for s in c.symbols]
-    np.testing.assert_array_equal(found.theta[at], c.neutral)
-
-
 @pytest.mark.parametrize("name", first_quick(MODERATE))
 def test_a_moderate_effect_of_the_reference_is_its_neutral_value(name: str) -> None:
-    found = known(MODERATE[name]).reference
+    found = known(MODERATE[name])[1]
     truth = dict(part.split("=") for part in MODERATE[name].split(":")[1].split(","))
     c = find(found.candidates, name)
     assert found.strong == ()
@@ -207,7 +163,7 @@ def test_the_ship_as_its_trials_show_it_needs_nothing() -> None:
 @pytest.mark.parametrize("seed", first_quick([102, 106]))
 def test_few_runs_do_not_take_the_random_force_away(seed: int) -> None:
     """With all effects free the likelihood alone is largest with a hundredth of it, and they were sure of it."""
-    problem, null = problem_of(pushed_trials(seed, (), BEFORE), H)
+    problem, null = pushed_problem(seed, runs=BEFORE, h=H)
     found = fit_reference(problem.steps, problem.data, null, problem.base, problem.candidates)
     assert (found.noise.force > 0.1 * null.noise.force).all()
 
@@ -238,39 +194,21 @@ BIASES = (0.03, -0.05, 0.02, -0.04, 0.06, -0.03)
 """Errors of the heading [rad] of six runs: drawn about none with a standard deviation of .04."""
 
 
-@pytest.fixture(scope="module")
-def unlike() -> tuple[SearchProblem, Estimate]:
+def test_the_scatter_between_runs_is_that_which_they_have() -> None:
     """Six runs, each with another error of its heading."""
     kinds = ("zigzag:20/20", "random:11", "turning:-20", "zigzag:-10/10", "random:12", "turning:15")
-    trials = []
-    for i, (kind, bias) in enumerate(zip(kinds, BIASES, strict=True)):
-        trial = pushed_trials(60 + i, [f"heading_bias:psi={bias}"], ((kind, 60.0),))[0]
-        trials.append(replace(trial, name=str(i)))
-    return problem_of(trials, H)
-
-
-def scatter_of(unlike: tuple[SearchProblem, Estimate], *names: str) -> tuple[dict[str, float], dict[str, float]]:
-    p, null = unlike
+    biased = [
+        pushed_trials(60 + i, [f"heading_bias:psi={bias}"], ((kind, 60.0),))[0]
+        for i, (kind, bias) in enumerate(zip(kinds, BIASES, strict=True))
+    ]
+    p, null = problem_of([replace(trial, name=str(i)) for i, trial in enumerate(biased)], H)
+    names = ("heading_bias", "antenna_offset", "rudder_offset")
     found = fit_reference(p.steps, p.data, null, p.base, [find(p.candidates, n) for n in names])
-    return tuple({c.symbol: v for c, v in x.items()} for x in (found.scatter, found.shift))
-
-
-def test_the_scatter_between_runs_is_that_which_they_have(unlike: tuple[SearchProblem, Estimate]) -> None:
-    size = find(unlike[0].candidates, "heading_bias").typical[0]
-    scatter, shift = scatter_of(unlike, "heading_bias", "antenna_offset", "rudder_offset")
-    assert scatter["heading_bias.psi"] * size == pytest.approx(np.sqrt(np.mean(np.square(BIASES))), rel=0.2)
-    assert abs(shift["heading_bias.psi"] * size - np.mean(BIASES)) < np.std(BIASES) / np.sqrt(len(BIASES))
-    assert all(v < 0.5 for s, v in scatter.items() if s != "heading_bias.psi"), scatter
-
-
-def test_runs_that_are_alike_do_not_scatter() -> None:
-    """As large an effect, but the same in all."""
-    problem, null = problem_of(before("heading_bias:psi=0.04"), H)
-    scatter, shift = scatter_of((problem, null), "heading_bias", "antenna_offset", "rudder_offset")
-    assert shift["heading_bias.psi"] * find(problem.candidates, "heading_bias").typical[0] == pytest.approx(
-        0.04, abs=0.005
-    )
-    assert max(scatter.values()) < 0.5
+    (psi, scatter), *others = found.scatter.items()
+    size = find(p.candidates, "heading_bias").typical[0]
+    assert scatter * size == pytest.approx(np.sqrt(np.mean(np.square(BIASES))), rel=0.2)
+    assert abs(found.shift[psi] * size - np.mean(BIASES)) < np.std(BIASES) / np.sqrt(len(BIASES))
+    assert all(v < 0.5 for _, v in others), others
 
 
 @pytest.fixture
@@ -303,54 +241,31 @@ def test_trials_of_the_calibration_are_the_reference_for_others(folder: Path) ->
 
 def test_trials_of_the_calibration_are_no_reference_for_themselves(folder: Path) -> None:
     old, other = read_trials(folder / "old"), read_trials(folder / "new")
+    for uncalibrated in ("esso_osaka_3m", folder / "old"):
+        assert known_of(uncalibrated, other) == (False, [], [])
     assert known_of(folder / "run", old) == (False, [], [])
     assert known_of(folder / "run", [*other, old[0]]) == (False, [], [])  # nor a part of them
     shutil.copy(folder / "old" / "zigzag.csv", folder / "new" / "renamed.csv")
     assert known_of(folder / "run", read_trials(folder / "new")) == (False, [], [])
-    lines = (folder / "old" / "zigzag.csv").read_text().splitlines()
-    (folder / "new" / "renamed.csv").write_text("\n".join(lines[:-3]) + "\n")  # nor another file with their rows
+    less = shortened(folder / "old" / "zigzag.csv", 3)
+    (folder / "new" / "renamed.csv").write_text(less)  # nor another file with their rows
     assert known_of(folder / "run", read_trials(folder / "new")) == (False, [], [])
 
 
-def test_columns_of_the_calibration_that_contradict_each_other_are_said(folder: Path) -> None:
-    """A ship that was calibrated in wrong frames: v with the wrong sign."""
-    old = pushed_trials(1)
-    flipped = [replace(t, columns={**t.columns, "v": -t["v"]}) for t in old]
-    new = read_trials(folder / "new")
-    said = [calibration_trials(calibrated(), new, trials) for trials in (old, flipped)]
-    assert said[0].remarks == ()
+def shortened(path: Path, rows: int) -> str:
+    """The text of a trial file without its last rows."""
+    return "\n".join(path.read_text().splitlines()[:-rows]) + "\n"
 
 
-def test_a_ship_that_was_not_calibrated_has_no_reference(folder: Path) -> None:
-    other = read_trials(folder / "new")
-    assert known_of("esso_osaka_3m", other) == (False, [], [])
-    assert known_of(folder / "old", other) == (False, [], [])  # no result in it
-    write_json(folder / "run" / RESULT, {"kind": "other"})
-    assert known_of(folder / "run", other) == (False, [], [])
-
-
-def gone(folder: Path) -> None:
-    shutil.rmtree(folder / "old")
-
-
-def moved(folder: Path) -> None:
-    (folder / "old" / "zigzag.csv").rename(folder / "elsewhere.csv")
-
-
-def changed(folder: Path) -> None:
+@pytest.mark.parametrize("what", ["gone", "moved", "changed", "broken"])
+def test_trials_that_cannot_be_read_as_they_were_are_no_reference_and_that_is_said(what: str, folder: Path) -> None:
     path = folder / "old" / "turning.csv"
-    path.write_text("\n".join(path.read_text().splitlines()[:-5]) + "\n")
-
-
-def broken(folder: Path) -> None:
-    (folder / "old" / "turning.csv").write_text("nothing")
-
-
-@pytest.mark.parametrize("what", [gone, moved, changed, broken])
-def test_trials_that_cannot_be_read_as_they_were_are_no_reference_and_that_is_said(
-    what: Callable[[Path], None], folder: Path
-) -> None:
-    what(folder)
+    if what == "gone":
+        shutil.rmtree(folder / "old")
+    elif what == "moved":
+        path.rename(folder / "elsewhere.csv")
+    else:
+        path.write_text("nothing" if what == "broken" else shortened(path, 5))
     other_trials, reference, remarks = known_of(folder / "run", read_trials(folder / "new"))
     assert other_trials and reference == [] and len(remarks) == 1
 

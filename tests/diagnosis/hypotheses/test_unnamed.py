@@ -1,8 +1,9 @@
-"""Unnamed forms: their slopes are those of the marginal likelihood, and their limits those of chance."""
+"""Unnamed forms: slopes of the marginal likelihood, limits by chance; their force is that which acted."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,20 +21,26 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import NO_PRIORS, active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.dictionary import Dictionary
-from diagnosis.hypotheses.force_forms import Forms, by_variables
+from diagnosis.hypotheses.force_forms import Forms
 from diagnosis.hypotheses.forward_selection import ODDS
+from diagnosis.hypotheses.next_test import telling_test
 from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.hypotheses.unnamed import (
-    MULTIPLES,
-    SIZES,
-    UNLOGGED,
-    log_bayes,
-    unnamed_forms,
-    unnamed_slopes,
-)
+from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
+from diagnosis.hypotheses.unnamed import MULTIPLES, SIZES, UNLOGGED, log_bayes, unnamed_forms, unnamed_slopes
+from diagnosis.report.words import unexplained_hint
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force
-from tests.support.diagnosis_cases import FEW, WHITE, full_model, problem_of, pushed_by, pushed_trials, quiet
+from tests.support.diagnosis_cases import (
+    FEW,
+    SHIP,
+    WHITE,
+    full_model,
+    problem_of,
+    pushed_by,
+    pushed_problem,
+    pushed_trials,
+    quiet,
+)
 from tests.support.disturbed_trials import process
 from tests.support.quick import first_quick
 
@@ -144,16 +151,14 @@ def test_the_slope_of_the_log_determinant_is_that_of_the_model(probed: Any, symb
     assert found == pytest.approx(unit * expected, rel=0.05, abs=0.02 * size)
 
 
-@pytest.fixture(scope="module")
 def without_effects() -> tuple[SearchProblem, Estimate]:
-    return problem_of(pushed_trials(1, how=quiet(X=0.3, Y=0.6, N=0.4)))
+    """Trials without effects in which the random forces are large."""
+    return pushed_problem(1, how=quiet(X=0.3, Y=0.6, N=0.4))
 
 
-def test_a_form_that_is_a_free_coefficient_has_no_slope_at_the_optimum(
-    without_effects: tuple[SearchProblem, Estimate],
-) -> None:
+def test_a_form_that_is_a_free_coefficient_has_no_slope_at_the_optimum() -> None:
     """The data pull at N_r as strongly as the log determinant, the other way; so they must at u r in the dictionary."""
-    problem, null = without_effects
+    problem, null = without_effects()
     active = active_states(problem.steps, null.free.symbols, null.theta)
     words = Dictionary(problem.steps, problem.data, null, active)
     linearised = linearise_and_filter(problem.steps, problem.data, null, active, words.columns)
@@ -171,13 +176,13 @@ def test_a_form_that_is_a_free_coefficient_has_no_slope_at_the_optimum(
 @pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
 def test_nothing_is_beyond_chance_where_nothing_is_left_out(seed: int) -> None:
     """Also where the random forces are large against the sensors, which showed the missing term most."""
-    problem, null = problem_of(pushed_trials(seed, how=quiet(X=0.3, Y=0.6, N=0.4)))
+    problem, null = pushed_problem(seed, how=quiet(X=0.3, Y=0.6, N=0.4))
     assert unnamed_forms(problem.steps, problem.data, null).evidence < ODDS
 
 
-def test_a_little_more_or_less_of_the_logged_wind_is_nothing(without_effects: tuple[SearchProblem, Estimate]) -> None:
+def test_a_little_more_or_less_of_the_logged_wind_is_nothing() -> None:
     """However surely it is seen: anemometers, and gusts between the samples, are no better. A lee is something."""
-    slopes = unnamed_slopes(*_parts(*without_effects))
+    slopes = unnamed_slopes(*_parts(*without_effects()))
     own = np.array([kind == UNLOGGED for kind in slopes.kinds])
     assert own.sum() >= 4 and 0 < slopes.wind < 10
     for sure in (1.0, 1e4):  # the information of calmer and calmer trials
@@ -188,9 +193,9 @@ def test_a_little_more_or_less_of_the_logged_wind_is_nothing(without_effects: tu
         assert found.statistics(found.S @ lee)[2][UNLOGGED] > 8
 
 
-def test_residuals_correlated_in_time_are_less_news(without_effects: tuple[SearchProblem, Estimate]) -> None:
+def test_residuals_correlated_in_time_are_less_news() -> None:
     """White sensors: hardly any dispersion. Errors of v with a memory of 2 s: the slopes of its sensor vary more."""
-    plain = unnamed_slopes(*_parts(*without_effects)).dispersion
+    plain = unnamed_slopes(*_parts(*without_effects())).dispersion
     assert max(plain.values()) < 1.35
     trials = pushed_trials(1, how=quiet(X=0.3, Y=0.6, N=0.4))
     rng = np.random.default_rng(0)
@@ -254,22 +259,9 @@ def test_the_mean_bayes_factor_of_nothing_is_one(multiple: float) -> None:
     assert 2 * found.mean() - 1 == pytest.approx(1.0, abs=0.03)  # half of it is of no force at all
 
 
-def test_forces_of_few_variables_are_kinds_of_their_own(without_effects: tuple[SearchProblem, Estimate]) -> None:
-    found = unnamed_forms(*_parts(*without_effects))
-    labels = found.slopes.dictionary.labels
-    own = {"surge force (u, n)", "sway force (u, v, r)", "yaw force (delta, n)", "surge force (air)"}
-    assert own <= set(found.by_kind)
-    forms = {form for kind, form in labels if kind == "surge force"}
-    groups = by_variables(sorted(forms))
-    assert set().union(*groups.values()) == forms - {"t", "x", "y"}
-    assert {"n|n|", "uuu"} <= set(groups["u, n"]) and "delta nn" in groups["delta, n"]
-
-
-def test_what_is_kept_of_compared_times_alone_says_the_same(
-    without_effects: tuple[SearchProblem, Estimate],
-) -> None:
+def test_what_is_kept_of_compared_times_alone_says_the_same() -> None:
     """Rows of times at which nothing is compared are zero, so that sums, smoothing and dispersion do without them."""
-    problem, null = without_effects
+    problem, null = without_effects()
     steps, data = problem.steps, problem.data.thinned(4)
     whole, brief = (linearise_and_filter(steps, data, null, is_brief=some) for some in (False, True))
     assert brief.rows is not None and len(brief.rows) < 0.4 * len(whole.white)
@@ -284,19 +276,55 @@ def test_what_is_kept_of_compared_times_alone_says_the_same(
     assert few == pytest.approx(dispersion(columns, residual, g, S, 9), rel=1e-12) and few > 1.0
 
 
-@pytest.fixture(scope="module")
-def runs() -> SearchProblem:
-    return problem_of(pushed_trials(1), 1.0)[0]
-
-
-def test_no_single_form_is_seen_by_chance(runs: SearchProblem) -> None:
-    found = np.array([unnamed_forms(*pushed_by(runs, seed, 0, "cos", 0.0)).single for seed in range(3)])
-    assert found.max() < 2.0 and np.median(found) < 0.0
-
-
 @pytest.mark.parametrize(("axis", "form", "size"), [(1, "nn", 0.5), (2, "cos", 0.4)])
-def test_a_single_form_that_the_ship_lacks_is_seen(runs: SearchProblem, axis: int, form: str, size: float) -> None:
-    found = unnamed_forms(*pushed_by(runs, 1, axis, form, size))
+def test_a_single_form_that_the_ship_lacks_is_seen(axis: int, form: str, size: float) -> None:
+    found = unnamed_forms(*pushed_by(pushed_problem(1, h=1.0)[0], 1, axis, form, size))
     assert found.single > ODDS
     largest = max(found.by_kind, key=lambda k: found.by_kind[k])
     assert largest.startswith(("surge force", "sway force", "yaw force")[axis])
+
+
+SIZE = 0.6
+"""Of a sway force SIZE cos(psi) [N] that no model has."""
+
+
+@cache
+def pushed() -> tuple:
+    steps, seen, null = pushed_by(pushed_problem(1)[0], 1, 1, "cos", SIZE)
+    unnamed = unnamed_forms(steps, seen, null)
+    return seen, null, unnamed, estimated_force(unnamed)
+
+
+def test_the_force_is_that_which_acted() -> None:
+    data, null, unnamed, found = pushed()
+    row = unexplained_force(data, null, unnamed.evidence, found, SHIP)
+    true = SIZE * np.cos(null.path.z[:-1, :, 2])[data.inside]
+    mine = row.force[data.inside][:, 1]
+    assert unnamed.evidence > ODDS
+    assert np.corrcoef(mine, true)[0, 1] > 0.85
+    assert row.channels["sway"].share > 0.9
+    low, high = row.channels["sway"].interval_90
+    assert low < np.sqrt((true**2).mean()) < 1.3 * high
+    inside = np.abs(mine - true) < 1.64 * row.std[data.inside][:, 1]
+    assert inside.mean() > 0.5  # the coefficients took a part of it
+    # along the track of each channel's own trial
+    assert {t.trial for t in row.times} <= set(data.trials) and row.times[0].channel == "sway"
+
+
+def test_nothing_is_estimated_where_nothing_acts() -> None:
+    steps, seen, null = pushed_by(pushed_problem(1)[0], 4, 1, "cos", 0.0)
+    found = estimated_force(unnamed_forms(steps, seen, null))
+    row = unexplained_force(seen, null, 1.0, found, SHIP)
+    assert max(channel.force_rms for channel in row.channels.values()) < 0.1
+    nothing = ForceEstimate(0 * found.mean, 0 * found.covariance, found.dictionary, 0 * found.sizes, found.taken)
+    none = unexplained_force(seen, null, 1.0, nothing, SHIP)
+    assert none.times == () and none.follows == () and none.channels["sway"].interval_90 == (0.0, 0.0)
+    assert unexplained_hint(none) == ""
+
+
+@pytest.mark.slow
+def test_a_manoeuvre_is_named_in_which_it_shows() -> None:
+    _, null, _, found = pushed()
+    assert "--maneuver" in telling_test(pushed_problem(1)[0], null, found, SHIP)
+    nothing = ForceEstimate(0 * found.mean, found.covariance, found.dictionary, 0 * found.sizes, found.taken)
+    assert "--maneuver" not in telling_test(pushed_problem(1)[0], null, nothing, SHIP)

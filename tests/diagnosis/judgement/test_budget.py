@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.judgement.budget import budget_of, left_out_errors
 from diagnosis.validation.held_out import errors, window_length
-from tests.support.diagnosis_cases import problem_of, pushed_by, pushed_trials
+from tests.support.diagnosis_cases import pushed_by, pushed_problem, pushed_trials
 from tests.support.quick import first_quick
 
 H, TRUTH = 0.5, "current:x=0.03,y=-0.02"
@@ -34,18 +35,16 @@ def budget_for(problem: SearchProblem, found: Selection, tests: GriddedTrials | 
     return made
 
 
-@pytest.fixture(scope="module")
+@cache
 def streamed() -> tuple[SearchProblem, Selection]:
     """Trials in a current that the model lacks, and the selection."""
-    problem, null = problem_of(pushed_trials(1, [TRUTH]))
+    problem, null = pushed_problem(1, TRUTH)
     return problem, select_effects(problem, null)
 
 
 @pytest.mark.parametrize("has_tests", [True, False])
-def test_a_current_that_was_put_in_causes_the_avoidable_error(
-    has_tests: bool, streamed: tuple[SearchProblem, Selection]
-) -> None:
-    problem, found = streamed
+def test_a_current_that_was_put_in_causes_the_avoidable_error(has_tests: bool) -> None:
+    problem, found = streamed()
     made = budget_for(problem, found, gridded(problem, 2, [TRUTH]) if has_tests else None)
     (part,), rest = made.parts, made.unexplained
     assert rest is not None and made.by == ("test trials" if has_tests else "left-out runs")
@@ -57,13 +56,13 @@ def test_a_current_that_was_put_in_causes_the_avoidable_error(
 
 @pytest.mark.parametrize("seed", first_quick([3, 4, 5]))
 def test_where_nothing_is_missing_there_is_no_avoidable_error(seed: int) -> None:
-    problem, null = problem_of(pushed_trials(seed))
+    problem, null = pushed_problem(seed)
     made = budget_for(problem, Selection((), null, null, ()), gridded(problem, seed + 10, []))
     assert made.parts == () and made.unexplained is None and made.before == made.after >= made.floor
 
 
 def test_a_force_without_a_name_is_unexplained() -> None:
-    problem, _ = problem_of(pushed_trials(1))
+    problem, _ = pushed_problem(1)
     steps, data, null = pushed_by(problem, 1, 2, "cos", 0.6)
     missing = estimated_force(unnamed_forms(steps, data, null))
     made = budget_of(replace(problem, steps=steps, data=data, tests=data), Selection((), null, null, ()), missing)
@@ -72,12 +71,12 @@ def test_a_force_without_a_name_is_unexplained() -> None:
 
 
 def test_a_single_run_cannot_be_left_out() -> None:
-    problem, null = problem_of(pushed_trials(1, runs=(("zigzag:20/20", 100.0),)))
+    problem, null = pushed_problem(1, runs=(("zigzag:20/20", 100.0),))
     assert budget_of(problem, Selection((), null, null, ())) is None
 
 
-def test_a_run_is_left_out_as_by_a_fit_without_it(streamed: tuple[SearchProblem, Selection]) -> None:
-    problem, found = streamed
+def test_a_run_is_left_out_as_by_a_fit_without_it() -> None:
+    problem, found = streamed()
     fit, data = found.final, problem.data
     quick = left_out_errors(problem.steps, data, fit)
     run = data.run[0]

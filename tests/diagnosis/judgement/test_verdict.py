@@ -20,14 +20,14 @@ from diagnosis.hypotheses.refit import refit
 from diagnosis.judgement.verdict import another_ship, beyond_reported, impossible_size, limits, verdict_of
 from diagnosis.prepare import InputReading, Prepared
 from mmg.effects import EFFECTS
-from tests.support.diagnosis_cases import candidate, full_model, problem_of, pushed_trials
+from tests.support.diagnosis_cases import candidate, full_model, pushed_problem, pushed_trials
 
 RUNS = (("zigzag:20/20", 40.0), ("turning:-20", 40.0))
 
 
 @cache
 def ready() -> Prepared:
-    problem, null = problem_of(pushed_trials(1, runs=RUNS), 1.0)
+    problem, null = pushed_problem(1, runs=RUNS, h=1.0)
     return Prepared(problem, full_model(), null, InputReading(False, None, 0.1, 3.0), 1, (), (1.0, float("inf")))
 
 

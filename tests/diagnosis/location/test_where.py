@@ -58,10 +58,6 @@ def coloured(seed: int, size: float = 1.0) -> np.ndarray:
     return size * force
 
 
-def regions_of(found: dict, variable: str, channel: str) -> list[dict]:
-    return [row for row in found["regions"] if (row["variable"], row["channel"]) == (variable, channel)]
-
-
 def test_what_does_not_vary_but_for_rounding_is_no_variable() -> None:
     data, z = weaving()
     data.inputs[..., 0] = 15.0 + 1e-12 * np.random.default_rng(1).standard_normal((K, R))
@@ -82,7 +78,7 @@ def test_force_in_starboard_turns_is_found_there() -> None:
     share = (z[:-1, :, 5] + z[1:, :, 5])[data.inside] > 0
     assert first["ratio"] == pytest.approx(1 / np.sqrt(share.mean()), rel=0.1)
     assert first["mean"] == pytest.approx(3.0, rel=0.05)
-    assert first["mean_z"] > 5
+    assert first["mean_z"] > 3
     assert found["regions"][0]["channel"] == "sway"
     assert found["channels"]["sway"]["share"] > 0.9
     top = found["variables"][0]

@@ -26,15 +26,15 @@ from diagnosis.findings import (
 )
 from diagnosis.hypotheses.force_forms import by_variables
 from diagnosis.location.where import where
-from diagnosis.report.page import build_report, held_rows, write_report
+from diagnosis.report.page import FELT, build_report, figures_for, held_rows, to_port, track_figure, write_report
 from diagnosis.report.words import (
     BADGE,
     VARIABLES,
     first_channel,
+    force,
     held_words,
-    kind_words,
-    likeness,
     next_words,
+    percent,
     probability,
     quantity,
     ranking,
@@ -45,7 +45,7 @@ from diagnosis.report.words import (
 )
 from diagnosis.result import Diagnosis
 from tests.diagnosis.location.test_where import INPUTS, SHIP, coloured, fitted, weaving
-from tests.support.figures import unrendered
+from tests.support.colours import told_by_colour_alone
 from tests.support.quick import first_quick
 
 CURRENT = {"x": EstimatedParameter(0.03, 0.002, "m/s"), "y": EstimatedParameter(-0.04, 0.002, "m/s")}
@@ -128,42 +128,6 @@ def test_page_stands_alone(tmp_path: Path, verdict: str) -> None:
     assert "u and v are late by 0.7 s" in text and "no bank line is known" in text
 
 
-def test_named_effect_and_its_class_are_told() -> None:
-    d = case("named")
-    text = text_of(build_report(d, Path("nowhere"), []))
-    assert BADGE["named"] in text
-    assert "0.0300 ± 0.0020 m/s" in text and "0.05 m/s towards 307°" in text
-    assert d.next_test in text and "−50 % error" in text and "30 % to 60 %" in text
-    current, drift, offset, unexcited = ranking(d)
-    assert [row["role"] for row in ranking(d)] == ["named", "class", "", ""]
-    assert "current" in drift["note"] and offset["note"] and unexcited["p"] == unexcited["absorbed"] == "–"
-    assert current["bic"] == "+280"
-
-
-def test_the_size_from_which_a_candidate_would_be_seen_is_told(tmp_path: Path) -> None:
-    rows = {row["name"]: row["visible"] for row in ranking(case("none"))}
-    assert list(rows.values()) == ["–", "x 0.31 N, y 0.42 N", "delta 0.57 deg", "–"]
-    with unrendered():
-        write_report(case("none"), tmp_path)
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "delta 0.57 deg" in page and "x 0.31 N, y 0.42 N" in page
-    hopeless = replace(case("none").candidates[2], visible_from={"delta": 3.0})
-    assert visible(hopeless, case("none")) == "–"
-
-
-def test_verdicts_without_a_name_name_nothing() -> None:
-    none, unknown = (text_of(build_report(case(v), Path("nowhere"), [])) for v in ("none", "unknown"))
-    assert BADGE["none"] in none and BADGE["unknown"] in unknown
-    for verdict, text in (("none", none), ("unknown", unknown)):
-        assert held_words(case(verdict).held_out, verdict) in text and "% error" not in text
-        assert "named" not in [row["role"] for row in ranking(case(verdict))]
-    assert "100 % in sway, 1.4 N rms" in unknown and "10 to 30 s" in unknown
-    assert "turning:35" in next_words(case("unknown"))
-    assert readable("by -3 (mmg simulate SHIP --maneuver turning:-35 --n -7.7)").endswith("turning:-35 --n -7.7)")
-    assert readable("turning:-35 by -3") == "turning:-35 by −3"
-    assert "Repeat run <0>" in next_words(case("unknown"))
-
-
 def test_where_is_told_as_it_is() -> None:
     d = case("named")
     assert first_channel(d) == "sway"
@@ -184,72 +148,15 @@ def test_a_worse_test_trial_is_marked_and_no_test_trials_are_said() -> None:
     assert "--test" in text_of(build_report(replace(d, held_out=None), Path("nowhere"), []))
 
 
-def test_page_without_where_and_with_one_run(tmp_path: Path) -> None:
-    d = replace(
-        case("unknown"),
-        where={},
-        kinematics=(),
-        not_screened={},
-        warnings=(),
-        candidates=case("none").candidates[:1],
-        unexplained_force=None,
-    )
-    assert not write_report(d, tmp_path).rows
-    assert 'id="sensors"' in (tmp_path / "report.html").read_text(encoding="utf-8")
-
-
-def test_numbers_in_words() -> None:
-    assert probability(0.034) == "0.034"
-    assert probability(2.3e-7) == "2·10⁻⁷"
-    assert probability(9.7e-5) == "1·10⁻⁴"
-    assert probability(0.0) == "< 10⁻³⁰"
-    assert quantity(EstimatedParameter(np.radians(2.0), np.radians(0.1), "rad")) == "2.00 ± 0.10 deg"
-    assert readable("-3 and 10-3, hull_memory") == "−3 and 10-3, hull memory"
-
-
-def test_second_effect_is_told_beside_the_first(tmp_path: Path) -> None:
-    d = case("named")
-    lag = NamedEffect("rudder_offset", {"delta": EstimatedParameter(0.02, 0.004, "rad")}, 0.003, 9.0, 0.4)
-    both = replace(d, effects=(*d.effects, lag))
-    with unrendered():
-        text = text_of(build_report(both, tmp_path, write_report(both, tmp_path).rows))
-    table = text[text.index("Which effect effect") :]
-    assert table.index("rudder offset") < table.index("wave drift")
-    assert "1.15 ± 0.23 deg" in table
-
-
-def test_gap_that_calibration_had_hidden_and_name_that_was_withdrawn() -> None:
-    d = case("named")
-    same = replace(d, where=where(INPUTS, d.data, d.null, SHIP, d.null))
-    assert "hardly less" in where_words(same)[-1] and "hardly less" not in where_words(d)[-1]
-    assert d.held_out is not None
-    withdrawn = replace(case("unknown"), held_out=replace(d.held_out, mse_after=0.5, reduction=-0.25))
-    assert "GROWS by 25" in text_of(build_report(withdrawn, Path("nowhere"), []))
-
-
-@pytest.mark.parametrize("kind", ["n alone surge force", "action of n", "delay of n at times"])
-def test_symbols_in_unnamed_forms_are_put_in_words(kind: str) -> None:
-    assert "n" not in kind_words(kind).split()
-
-
 def test_forces_of_few_variables_have_words() -> None:
     assert set(by_variables(("u", "n", "delta", "air x"))) == set(VARIABLES)
-
-
-def test_what_is_left_acts_like_the_strongest_kind() -> None:
-    assert kind_words("sway force") in likeness({"all": 9.0, "single": 12.0, "sway force": 8.0, "yaw force": 3.0})
-    assert likeness({"all": 0.1, "yaw force": -0.5}) == "" == likeness({"all": 0.0})
 
 
 @pytest.mark.parametrize(
     ("share", "words"), [(0.994, "99 %"), (0.9958, "99.6 %"), (0.99961, "99.96 %"), (1.0, "100 %")]
 )
 def test_an_error_that_is_nearly_gone_is_not_all_gone(share: float, words: str) -> None:
-    d = case("named")
-    assert d.held_out is not None
-    held = replace(d.held_out, mse_before=2.23, mse_after=2.23 * (1 - share), reduction=share, interval_90=(0.9, share))
-    found = held_words(held, "named").replace("\u00a0", " ")
-    assert f"shrinks by {words} " in found and f" 90 % to {words})" in found
+    assert percent(share).replace("\u00a0", " ") == words
 
 
 def part(name: str, share: float, low: float, high: float) -> BudgetShare:
@@ -275,7 +182,57 @@ def test_the_sentence_follows_from_the_budget(
     assert words.split()[0] == first and said in words and "−" not in words
 
 
-def test_an_instrument_is_said_to_be_none_of_the_ship() -> None:
+def test_named_effect_and_its_class_are_told() -> None:
+    d = case("named")
+    text = text_of(build_report(d, Path("nowhere"), []))
+    assert BADGE["named"] in text
+    assert "0.0300 ± 0.0020 m/s" in text and "0.05 m/s towards 307°" in text
+    assert d.next_test in text and "−50 % error" in text and "30 % to 60 %" in text
+    rows = ranking(d)
+    assert [row["role"] for row in rows] == ["named", "class", "", ""]
+    assert "current" in rows[1]["note"] and rows[3]["p"] == rows[3]["absorbed"] == "–" and rows[0]["bic"] == "+280"
+    assert [row["visible"] for row in rows] == ["–", "x 0.31 N, y 0.42 N", "delta 0.57 deg", "–"]
+    assert visible(replace(d.candidates[2], visible_from={"delta": 3.0}), d) == "–"  # hopeless
+
+
+@pytest.mark.parametrize("verdict", ["none", "unknown"])
+def test_verdicts_without_a_name_name_nothing(verdict: str) -> None:
+    d = case(verdict)
+    text = text_of(build_report(d, Path("nowhere"), []))
+    assert BADGE[verdict] in text and held_words(d.held_out, verdict) in text and "% error" not in text
+    assert "named" not in [row["role"] for row in ranking(d)]
+    assert ("10 to 30 s" in text) == ("turning:35" in next_words(d)) == (verdict == "unknown")
+    bare = replace(d, where={}, kinematics=(), not_screened={}, warnings=(), unexplained_force=None)
+    assert 'id="sensors"' in build_report(bare, Path("nowhere"), [])
+
+
+def test_numbers_are_rounded_by_what_is_known_of_them() -> None:
+    assert [probability(p) for p in (0.034, 2.3e-7, 9.7e-5, 0.0)] == ["0.034", "2·10⁻⁷", "1·10⁻⁴", "< 10⁻³⁰"]
+    assert [force(x, "N m") for x in (0.0, 1.44e-5, 0.52, 247.0, 15230.0)] == [
+        "0 N m", "14 µN m", "0.52 N m", "250 N m", "15 kN m",
+    ]  # fmt: skip
+    assert quantity(EstimatedParameter(np.radians(2.0), np.radians(0.1), "rad")) == "2.00 ± 0.10 deg"
+    assert readable("by -3 (mmg simulate SHIP --n -7.7)") == "by −3 (mmg simulate SHIP --n -7.7)"
+
+
+def test_an_instrument_heads_the_sentence_as_none_of_the_ship() -> None:
     fault = InstrumentFault("log_scale", {"share": EstimatedParameter(0.05, 0.001, "")}, 1e-9)
     words = sentence_of("none", [], [fault], (), False, None)
     assert words.startswith(fault.name) and "instrument" in words
+
+
+@pytest.mark.parametrize("verdict", ["named", "unknown", "none"])
+def test_nothing_in_a_figure_is_told_by_its_colour_alone(verdict: str) -> None:
+    found = case(verdict)
+    looks = {name: told_by_colour_alone(draw(found)) for name, draw, *_ in figures_for(found)}
+    assert looks == {name: [] for name in looks} and {"where_on_track", "where_in_state"} <= set(looks)
+
+
+def test_a_moment_to_port_is_dashed_along_the_track() -> None:
+    points = np.column_stack([np.arange(5.0), np.zeros(5)])
+    east, north = to_port(points, np.array([1.0, -1.0, -0.05, 0.5]), FELT)
+    assert np.isfinite(east).tolist() == [False, True, False, False, False] and north[1] == 0.0
+    dashed = [
+        line for ax in track_figure(case("unknown")).axes for line in ax.get_lines() if line.get_color() == "white"
+    ]
+    assert dashed and all(line.is_dashed() and np.isfinite(line.get_xdata()).any() for line in dashed)

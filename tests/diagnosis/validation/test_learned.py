@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,6 @@ from diagnosis.estimation.candidates import ship_with_all_effects
 from diagnosis.estimation.gridded_trials import grid_trials
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import LearnedResidual
-from diagnosis.report.page import build_report
-from diagnosis.report.words import readable
 from diagnosis.result import Diagnosis
 from diagnosis.validation.held_out import errors, window_length
 from diagnosis.validation.learned import measure_learned_residual as measure
@@ -28,7 +26,7 @@ from diagnosis.validation.learned import sentence_of
 from mmg.errors import TooFewData, UserError
 from mmg_ident.commands.diagnose import diagnose
 from residual.settings import TrainSettings
-from tests.diagnosis.report.test_report import case, text_of
+from tests.diagnosis.report.test_report import case
 from tests.support import hybrids
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -132,26 +130,6 @@ def test_missing_torch_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     trials = hybrids.trials(hybrids.ship(), 1, 60)
     found = with_learned(case("unknown"), trials, trials, OPTIONS)
     assert found.learned is None and found.verdict == "unknown"
-
-
-def test_too_little_data_leaves_the_rest_of_the_diagnosis() -> None:
-    few = hybrids.trials(hybrids.ship(), 1, 60)
-    given = replace(case("unknown"), ship=hybrids.ship())
-    found = with_learned(given, few, few, OPTIONS)
-    assert found.learned is None
-    assert found.sentence == given.sentence
-
-
-def test_diagnosis_json_and_page_tell_it() -> None:
-    told = replace(FOUND, sentence=sentence_of(FOUND))
-    without, d = case("unknown"), replace(case("unknown"), learned=told)
-    assert without.to_dict()["learned"] is None
-    content = json.loads(json.dumps(d.to_dict()["learned"]))
-    assert content == json.loads(json.dumps(asdict(told))) and content["interval_90"] == [0.1, 0.4]
-    html = build_report(d, Path("nowhere"), [])
-    text = text_of(html)
-    assert text.count(readable(told.sentence)) == 1 and "25.0%" in told.sentence
-    assert "+20.0 %, +30.0 %" in text
 
 
 @pytest.mark.parametrize("no_learn", [False, True])
