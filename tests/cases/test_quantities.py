@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from cases.checks import check
 from cases.importing.import_logs import import_logs
@@ -19,7 +17,7 @@ from cases.io import text_table
 from cases.io.conventions import through_north
 from cases.io.read import read_trial
 from cases.io.toml_file import validated
-from cases.quantities import FACTORS, QUANTITIES, UNITS, accepted, is_canonical, quantity, to_si
+from cases.quantities import FACTORS, QUANTITIES, UNITS, is_canonical, quantity, to_si
 from mmg.errors import UserError
 from mmg.motion.flow import INPUTS
 from mmg.states import STATES
@@ -231,28 +229,9 @@ def test_contract_units_convert_to_si(column, unit, factor):
     assert to_si(column, unit, "here") == pytest.approx(factor, rel=1e-15)
 
 
-@pytest.mark.parametrize("column", sorted(UNITS))
-def test_every_canonical_column_accepts_its_si_unit(column):
-    assert to_si(column, quantity(column).unit, "here") == 1.0
-    assert accepted(column)[0] == quantity(column).unit
-
-
 def test_an_unknown_unit_is_named_with_the_place_and_the_accepted_ones():
     with pytest.raises(UserError, match=r"run.csv.*'psi \[grad\]'.*'grad'.*rad, deg"):
         to_si("psi", "grad", "run.csv: column 'psi [grad]'")
-
-
-@settings(max_examples=30)
-@given(st.sampled_from(sorted(UNITS)), st.text(max_size=8))
-def test_a_unit_is_either_known_or_a_user_error(column, unit):
-    try:
-        assert to_si(column, unit, "here") in FACTORS[quantity(column).unit].values()
-    except UserError as error:
-        assert "\n" not in str(error).replace(unit, "")
-
-
-def test_several_propellers_are_canonical():
-    assert is_canonical("n_2") and is_canonical("n_4") and not is_canonical("n_22")
 
 
 RUN = simulate("kvlcc2_l7", "turning:35", dt=0.1, duration=300, noise=True)

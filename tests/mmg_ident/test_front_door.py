@@ -16,7 +16,9 @@ import pytest
 import mmg_ident
 from cases.simulation.simulate import write_trial
 from fitting.calibrate import FitOptions
+from mmg_ident import shadowing_mmg
 from mmg_ident.commands.main import main
+from tests.support.quick import first_quick
 from tests.support.synthetic_runs import runs
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -158,3 +160,65 @@ def test_a_folder_that_is_no_run_is_refused_in_one_line(tmp_path: Path) -> None:
         mmg_ident.load_run(tmp_path)
     with pytest.raises(mmg_ident.UserError):
         mmg_ident.load_run(tmp_path / "nowhere")
+
+
+# Another package named mmg is met with one clear line; ours is found wherever it is installed
+
+
+def run(code: list[str], folder: Path, first: Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(first), str(ROOT)])}
+    return subprocess.run([sys.executable, *code], cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def test_our_own_package_is_not_in_the_way() -> None:
+    assert shadowing_mmg() == ""
+
+
+def test_another_mmg_before_ours_stops_every_command_in_one_line(tmp_path: Path) -> None:
+    other = tmp_path / "site" / "mmg"
+    other.mkdir(parents=True)
+    (other / "__init__.py").write_text("raise SystemExit('the other package was executed')\n")
+    done = run(["-m", "mmg_ident", "ships"], tmp_path, tmp_path / "site")
+    assert done.returncode == 2 and done.stdout == ""
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith("mmg: ") and str(other) in line
+
+
+# What takes long from Python has one thread of linear algebra in every process, as the commands have
+CODE = """
+import numpy  # before the package, as in a notebook
+from threadpoolctl import threadpool_info, threadpool_limits
+import {module} as module
+threadpool_limits(2)
+seen = []
+def count(*args, **kwargs):
+    seen.append({{row["num_threads"] for row in threadpool_info()}})
+    raise RuntimeError("far enough")
+setattr(module, {inner!r}, count)
+try:
+    module.{entry}(*{arguments})
+except RuntimeError:
+    pass
+assert seen == [{{1}}], seen
+assert {{row["num_threads"] for row in threadpool_info()}} == {{2}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "entry", "inner", "arguments"),
+    first_quick(
+        [
+            ("fitting.calibration", "estimate_coefficients", "prepared", "(None, [])"),
+            ("diagnosis.diagnose", "diagnose", "parted", "(None, [])"),
+            ("residual.pipeline", "train", "_start", "(None, [])"),
+        ]
+    ),
+)
+def test_one_thread_from_python(module: str, entry: str, inner: str, arguments: str) -> None:
+    if module.startswith("residual"):
+        pytest.importorskip("torch")
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    environment = {k: v for k, v in os.environ.items() if k not in names} | {"PYTHONPATH": str(ROOT)}
+    code = CODE.format(module=module, entry=entry, inner=inner, arguments=arguments)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr[-600:]

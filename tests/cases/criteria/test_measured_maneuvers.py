@@ -9,12 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.signal import savgol_filter
 
 from benchmarks.file_faults.plant import SETS, Plant, Weather, run
-from cases.criteria.figures import parabolic
 from cases.criteria.imo import assess, imo_figures_of_trials
-from cases.criteria.measured_maneuvers import find_maneuvers, nominal, ordered_heading
+from cases.criteria.measured_maneuvers import find_maneuvers
 from cases.criteria.standard_runs import figures_of, measured_runs
 from cases.io.read import read_trial
 from cases.maneuvers.definitions import Zigzag, parse_maneuver
@@ -152,12 +150,6 @@ def test_what_is_not_in_the_data_is_not_found() -> None:
     turn = simulate(SHIP, parse_maneuver("turning:35", SHIP, duration=100))
     with pytest.raises(Missing):
         find_maneuvers(turn, 3.0, "zigzag")[0]
-
-
-@pytest.mark.parametrize("count", [9, 10, 40])
-def test_a_heading_is_smoothed_by_parabolas(count: int) -> None:
-    values = np.random.default_rng(count).standard_normal(count)
-    np.testing.assert_allclose(parabolic(values, 9), savgol_filter(values, 9, 2), atol=1e-12)
 
 
 MODEL, FULL_SIZE = "3 m tanker, hard, 10 Hz", "320 m tanker, mild and hard, 1 Hz"
@@ -310,19 +302,6 @@ def test_an_unusual_heading_is_believed_where_every_reversal_shows_it(name: str,
     """After a reaction she would have turned less far at the first reversal, where her yaw rate is least."""
     run, length = late_run(name, steps, 0.0, dt)
     assert find_maneuvers(run, length)[0].title == f"zigzag {steps}"
-
-
-def test_a_rudder_is_named_by_a_usual_angle_or_in_whole_degrees() -> None:
-    assert [nominal(math.radians(degrees)) for degrees in (3.0, 7.9, 12.2, 33.1, 10.5)] == [3, 8, 12, 35, 10]
-
-
-@pytest.mark.parametrize(("scatter", "named"), [(0.2, 12.0), (1.5, 10.0)])
-def test_a_heading_is_named_by_what_its_own_scatter_allows(scatter: float, named: float) -> None:
-    """Eight reversals at 11.6 deg without delay, of which each is off by ``scatter`` [deg] to this side or that."""
-    sides = (-1.0) ** np.arange(8)
-    off = scatter * np.array([1, 1, -1, -1, 1, 1, -1, -1])
-    headings = np.radians(sides * (11.6 + off)) * np.ones((2, 1))
-    assert ordered_heading(headings, np.array([-0.1, 0.1]), sides, np.full(8, 1e-3), 20.0) == named
 
 
 def test_a_zigzag_of_the_standard_that_was_reversed_too_late_says_so() -> None:

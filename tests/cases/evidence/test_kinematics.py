@@ -131,13 +131,6 @@ def test_faults_without_an_effect_of_the_library_are_measured_but_not_freed(chan
     assert abs(reading.value - truth) < 3 * reading.std + 1e-3 * abs(truth)
 
 
-def test_the_signs_are_in_the_words():
-    late = consistency(changed(clean(), lambda c: position_late(c, 0.5)), SHIP).pooled["lag"]
-    assert late.effect == "gnss_delay" and "0.5" in late.sentence
-    aft = consistency(changed(clean(), lambda c: position_off(c, -0.3)), SHIP).pooled["arm_x"]
-    assert aft.effect == "antenna_offset" and "reference_point" in aft.sentence
-
-
 def test_late_columns_are_told_from_a_late_velocity_over_ground():
     def late(c):
         return {name: shifted(c[name], 0.8) for name in "uv"}

@@ -45,11 +45,6 @@ def test_moving_a_record_moves_what_is_smooth_and_keeps_the_size_of_noise(rows: 
     assert np.std(moved[inner]) == pytest.approx(np.std(noise[inner]), rel=0.03)
 
 
-def test_moving_by_nothing_changes_nothing() -> None:
-    place = np.random.default_rng(2).normal(size=101) + 1j
-    np.testing.assert_allclose(record(place).shifted(0.0, "place").place, place, atol=1e-12)
-
-
 @cache
 def coarse_trials(count: int = 2) -> list[Trial]:
     ship, found = load_ship("kvlcc2_full"), []

@@ -66,7 +66,14 @@ BAD = {
     ],
     "train esso_osaka_3m trials": [
         "--keep never", "--model oracle", "--seeds 0", "--rate -1", "--penalty -1", "--time-limit 0", "--out taken",
+        "--model fnn --memory 3", "--layers 3", "--model fnn --loss huber", "--model rnn --augment sli3 | sli3",
+        "--model rnn --memory 0", "--model rnn --initial -1",
     ],
+    "compare --train trials --test short.csv": [
+        "--models captive,oracle | oracle", "--fractions 0,1", "--fractions all", "--seeds 0", "--time-limit 0",
+        "--ship nothing | nothing",
+    ],
+    "compare": ["--train nowhere --test short.csv | nowhere", "--train short.csv --test short.csv |"],
     "train": ["esso_osaka_3m short.csv | 10 s", "nobody trials"],
     "diagnose few.toml trials": [
         "--without sails", "--without hull", "--step 0", "--workers 0", "--site no_site.toml | no_site",

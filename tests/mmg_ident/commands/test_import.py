@@ -10,8 +10,8 @@ import pytest
 
 from mmg_ident.commands.main import main
 from tests.support import raw_logs
+from tests.support.commands import talk
 from tests.support.raw_logs import UNITS, plain
-from tests.support.terminal import talk
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="talks on a terminal")
 HEADER = UNITS.replace("shaft_rps", "shaft_speed") + " wind_speed wind_dir_rad ws_kn"
