@@ -184,7 +184,15 @@ def sailed(wind: str) -> dict[str, np.ndarray]:
     return out
 
 
-@pytest.mark.parametrize("wind", ["wind_direction", "true_wind_angle", "apparent_wind_speed"])
+PLACES = {
+    "wind_direction": [((-33.0, 151.0), "2024-02-29T23:58:30"), ((78.0, 15.0), "2016-12-31T23:59:00")],
+    "true_wind_angle": [((10.0, 179.9999), "1999-12-31T23:59:00"), ((0.0001, 0.0001), "2026-03-29T00:59:00")],
+    "apparent_wind_speed": [((-60.0, -179.9999), "2038-01-19T03:13:00")],
+}
+"""Latitude, longitude and begin of logs with this column of the wind."""
+
+
+@pytest.mark.parametrize("wind", list(PLACES))
 def test_a_log_that_is_turned_mirrored_or_taken_to_another_place_and_day_gives_the_same_trial(
     tmp_path: Path, wind: str
 ) -> None:
@@ -204,13 +212,7 @@ def test_a_log_that_is_turned_mirrored_or_taken_to_another_place_and_day_gives_t
     within = dict.fromkeys(("x", "y", "u", "v", "wind_speed", "wind_direction"), 1e-6)  # of the projection
     assert_same(turned(plain), imported(turned, home, day), within)
     assert_same(mirrored(plain), imported(mirrored, home, day, -0.5), within)
-    for origin, begin in (
-        ((-33.0, 151.0), "2024-02-29T23:58:30"),
-        ((10.0, 179.9999), "1999-12-31T23:59:00"),
-        ((-60.0, -179.9999), "2038-01-19T03:13:00"),
-        ((0.0001, 0.0001), "2026-03-29T00:59:00"),
-        ((78.0, 15.0), "2016-12-31T23:59:00"),
-    ):
+    for origin, begin in PLACES[wind]:
         assert_same(plain, imported(dict, origin, begin), within)
     far = {**columns, "x": columns["x"] + 4e4, "y": columns["y"] - 9e4}  # 90 km: a degree between both norths
     there = imported(lambda _: far, (65.0, 20.0), day)

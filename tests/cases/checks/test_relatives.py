@@ -122,7 +122,7 @@ def test_a_wind_that_turns_with_the_ship_is_none_over_ground(circle: Trial) -> N
     assert "wind_direction" in codes(check([with_ship])[0])
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 5, 12])
+@pytest.mark.parametrize("seed", [1, 12])
 def test_filtered_velocities_refute_nothing(seed: int) -> None:
     assert judged_sound(filtered(seed))[0] == "quiet"
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from cases.criteria.imo import (
     OPEN,
     PASS,
     REFERENCES,
+    Assessment,
     Row,
     assess,
     current_of,
@@ -267,9 +269,14 @@ def test_a_ship_with_two_rudders_is_judged_by_their_mean() -> None:
     assert measured.figures["advance"] == pytest.approx(run.figures["advance"], rel=0.02)
 
 
+@lru_cache(maxsize=1)
+def tanker() -> Assessment:
+    return imo_figures(load_ship("kvlcc2_full"))
+
+
 def test_a_simulated_ship_and_her_own_runs_read_as_measured_get_one_verdict_each() -> None:
     ship = load_ship("kvlcc2_full")
-    found = imo_figures(ship)
+    found = tanker()
     data = found.to_dict()
     assert data["verdict"] == found.verdict and len(data["rows"]) == len(found.rows) == len(found.to_pandas())
     assert {run["name"] for run in data["runs"]} >= {"turning:35", "zigzag:10/10", "crash-stop"}
@@ -287,7 +294,7 @@ def test_a_calibration_is_named_and_keeps_the_published_values_of_the_ship_it_be
     assert content["ship"] == "our tanker" and content["calibration"] == {
         "name": "sea trial 3", "date": "2026-01-02", "data": "ab12", "start": "kvlcc2_full",
     }  # fmt: skip
-    plain = imo_figures(ship)
+    plain = tanker()
     known = {(row.run, row.figure): row.reference for row in plain.rows}
     assert {(row.run, row.figure): row.reference for row in found.rows} == known and any(known.values())
     assert plain.to_dict()["calibration"] is None

@@ -42,8 +42,9 @@ def source_fmu(of: Product, version: int, folder: Path) -> Path:
     return folder / "ship.fmu"
 
 
-@pytest.mark.parametrize("version", [2, 3])
-@pytest.mark.parametrize("name", ["esso_osaka_3m", "vectwin_3m", "kvlcc2_full", "mariner"])
+@pytest.mark.parametrize(
+    ("name", "version"), [("esso_osaka_3m", 2), ("vectwin_3m", 3), ("kvlcc2_full", 3), ("mariner", 2)]
+)
 def test_descriptions_hold_the_schemas_of_the_standard(name: str, version: int, tmp_path: Path) -> None:
     fmpy, validation = pytest.importorskip("fmpy"), pytest.importorskip("fmpy.validation")
     from lxml import etree
