@@ -39,13 +39,13 @@ SWITCHED_ON = {
 FREED = {"bank": "bank:distance=6,decay=3", "current": "current:x_rate", "gyro": "gyro:T"}
 
 
-def trials(ship: Ship, runs: tuple = RUNS, duration: float = 70.0) -> list[Trial]:
+def trials(ship: Ship, runs: tuple = RUNS, duration: float = 70.0, dt: float = 0.2) -> list[Trial]:
     made = []
     for seed, (text, heading, wind) in enumerate(runs):
         plan = parse_maneuver(text, ESSO, n=10.0, duration=duration)
         start = plan.start
         start[2] = heading
-        run = simulate(ship, plan, 0.1, Wind(wind, 1.0 + seed, True), seed, start)
+        run = simulate(ship, plan, dt, Wind(wind, 1.0 + seed, True), seed, start)
         made.append(add_noise(run, SensorNoise(), seed))
     return made
 
@@ -74,7 +74,7 @@ def crowded(K: int) -> Problem:
     ship = freeing_effects(ship, ["bank:distance=6,decay=3", *CROWD])
     true = with_effects(ESSO, ["bank:suction=0.2,moment=0.03,distance=6,decay=3", "hull_memory", "gnss_delay"])
     free = np.array([ship.symbols.index(s) for s in ship.free])
-    segments = cut(trials(true, RUNS[:1] + RUNS[3:], 45.0), 1.0, 40.0, K, inputs=ship.inputs)
+    segments = cut(trials(true, RUNS[:1] + RUNS[3:], 45.0, 0.1), 1.0, 40.0, K, inputs=ship.inputs)
     return Problem(ship, Prior.of(ship), Kernels(assemble(ship), free, False), segments, SIGMA)
 
 

@@ -51,16 +51,6 @@ def test_what_is_open_is_asked_once_and_the_map_repeats_it_to_the_bit(tmp_path: 
 
 
 @pytest.mark.slow
-def test_what_is_not_wanted_is_left_out_for_good(tmp_path: Path) -> None:
-    open_logs(tmp_path / "logs")
-    code, shown, left = talk(["import", "logs", "--out", "one"], ["", "", "rps", ""], tmp_path)
-    assert code == 0 and not left, shown
-    assert "wind" not in (tmp_path / "one" / "a.csv").read_text().splitlines()[0]
-    code, shown, left = talk(["import", "logs", "--map", "one/import.toml", "--out", "two"], ["kn"], tmp_path)
-    assert code == 0 and left == ["kn"] and same_folders(tmp_path / "one", tmp_path / "two")
-
-
-@pytest.mark.slow
 def test_the_antenna_is_asked_for_and_the_map_repeats_it(tmp_path: Path) -> None:
     pytest.importorskip("pyproj", reason="needs the extra import")
     raw_logs.table(tmp_path / "a.csv", raw_logs.bridge(raw_logs.run()))

@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +20,6 @@ from tests.support.commands import refused, shown
 from tests.support.synthetic_runs import runs
 from tests.support.trial_files import motion_columns, write_csv
 
-ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
 
@@ -150,21 +145,6 @@ def test_an_iteration_limit_exits_1_and_resume_finishes(folder: Path, tmp_path: 
     assert main([*arguments, "--resume"]) == 0  # already converged: nothing to do
 
 
-@pytest.mark.skipif(os.name == "nt", reason="sends SIGTERM")
-@pytest.mark.slow
-def test_sigterm_is_answered_as_ctrl_c(folder: Path, tmp_path: Path) -> None:
-    """As a batch system sends it before it kills: the run is written, flagged, and nothing is left beside it."""
-    command = [sys.executable, "-m", "mmg_ident.commands.main", *fit(folder, tmp_path / "run")]
-    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
-    while not (tmp_path / ".run.lock").exists():
-        assert process.poll() is None
-        time.sleep(0.05)
-    process.send_signal(signal.SIGTERM)
-    _, error = process.communicate(timeout=120)
-    assert process.returncode in (0, 130) and "Traceback" not in error
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
 def test_what_memory_does_not_hold_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -191,35 +171,6 @@ def test_what_a_library_makes_of_ctrl_c_is_an_interruption(
     with pytest.raises(KeyboardInterrupt):
         mmg_ident.commands.main.note_interruption(signal.SIGINT, None)
     assert main(["ships"]) == 130 and capsys.readouterr().err == "mmg: interrupted\n"
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="sends SIGINT")
-def test_ctrl_c_leaves_a_flagged_folder_that_resume_continues(folder: Path, tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    code = (
-        "import sys, fitting.solvers.noise as c; from mmg_ident.commands.main import main\n"
-        "from dataclasses import replace\n"
-        "solve = c.solve\n"
-        "def slow(program, x, control, *more):\n"
-        "    def watch(event):\n"
-        "        import time; print('iterating', flush=True); time.sleep(0.4)\n"
-        "    return solve(program, x, replace(control, progress=watch), *more)\n"
-        "c.solve = slow; sys.exit(main(sys.argv[1:]))"
-    )
-    arguments = fit(folder, run)
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, *arguments], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None and process.stdout.readline() == "iterating\n"
-    time.sleep(0.2)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=120)
-    assert process.returncode == 130 and "Traceback" not in error and "resource_tracker" not in error
-    content = json.loads((run / "result.json").read_text())
-    assert not content["converged"] and content["status"] == "User_Requested_Stop"
-    assert main([*arguments, "--resume"]) == 0
-    assert json.loads((run / "result.json").read_text())["converged"]
 
 
 @pytest.mark.parametrize(
