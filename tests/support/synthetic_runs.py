@@ -27,6 +27,13 @@ def runs(seed: int = 5) -> tuple[tuple[Trial, ...], tuple[Trial, ...]]:
     return tuple(train), tuple(held_out)
 
 
+@lru_cache(maxsize=1)
+def coarse_runs() -> tuple[tuple[Trial, ...], tuple[Trial, ...]]:
+    """Training and held-out trials of the hidden ship of the demo, sampled at 2 Hz."""
+    train, held_out = demo_trials(3, dt=0.5)
+    return tuple(train), tuple(held_out)
+
+
 @lru_cache(maxsize=4)
 def kernel(free: tuple[str, ...] | None = None, compiled: bool = True):  # type: ignore[no-untyped-def]
     """Derivative kernels of ESSO OSAKA for these free coefficients (default all)."""

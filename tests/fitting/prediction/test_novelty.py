@@ -10,7 +10,7 @@ import pytest
 
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.demo_trials import demo_trials, hidden_ship
+from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from fitting.nlp.windows import Record
@@ -29,6 +29,7 @@ from fitting.prediction.envelope import (
 )
 from fitting.prediction.predict import predict, record_of
 from mmg.rollout import Simulator
+from tests.support.synthetic_runs import coarse_runs
 
 
 @cache
@@ -117,7 +118,7 @@ def test_a_single_trial_says_what_it_held_by_its_halves() -> None:
 
 # The envelope is the range of what the force models saw in the trials
 def test_it_holds_the_extremes_of_the_trials() -> None:
-    ship, trials = load_ship("esso_osaka_3m"), demo_trials(3, dt=0.5)[0][:2]
+    ship, trials = load_ship("esso_osaka_3m"), coarse_runs()[0][:2]
     found = trial_envelope(ship, trials)
     assert set(found) == {*ship.features, "beta"}
     for name in ("u", "v", "r", "n", "delta"):
@@ -126,7 +127,7 @@ def test_it_holds_the_extremes_of_the_trials() -> None:
 
 
 def test_velocities_are_through_the_water() -> None:
-    (trial,) = demo_trials(3, dt=0.5)[0][:1]
+    (trial,) = coarse_runs()[0][:1]
     found = trial_envelope(load_ship("esso_osaka_3m").with_effect("current", {"x": 5.0, "y": 0.0}), [trial])
     expected = trial["u"] - 5.0 * np.cos(trial["psi"])
     assert found["u"] == pytest.approx([expected.min(), expected.max()])
@@ -134,7 +135,7 @@ def test_velocities_are_through_the_water() -> None:
 
 
 def test_rows_with_gaps_count_nothing() -> None:
-    ship, trial = load_ship("esso_osaka_3m"), demo_trials(3, dt=0.5)[0][0]
+    ship, trial = load_ship("esso_osaka_3m"), coarse_runs()[0][0]
     u = trial["u"].copy()
     u[5], u[6] = 99.0, np.nan
     v = trial["v"].copy()

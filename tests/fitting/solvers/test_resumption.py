@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.demo_trials import demo_trials
 from fitting.calibrate import FitOptions, calibrate
 from fitting.nlp.problem import Problem
 from fitting.result import FitResult, read_fit
@@ -30,7 +29,7 @@ from fitting.solvers.noise import NoiseSolves, Resumption, correlation_time, sol
 from mmg.messages import has_code
 from mmg.progress import Progress
 from tests.support.calibrated import FREE
-from tests.support.synthetic_runs import SIGMA, problem, runs
+from tests.support.synthetic_runs import SIGMA, coarse_runs, problem, runs
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 TIMES = {"created", "command", "timings_s", "seconds"}
@@ -48,7 +47,7 @@ def fitted(settings: Settings, stop_at: int = 0, resume: FitResult | None = None
 
     options = FitOptions(next_trial=False, instruments=(), resume=resume)
     with interrupts_noted():
-        return calibrate(resume.start if resume else ship, demo_trials(3, dt=0.5)[0][:1], (), settings, options, press)
+        return calibrate(resume.start if resume else ship, coarse_runs()[0][:1], (), settings, options, press)
 
 
 def without_times(value: Any) -> Any:

@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from cases.shipfiles.ship_file import dump_ship
-from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from mmg_ident import load_ship
 from tests.support.calibrated import small_result
 from tests.support.commands import refused
 from tests.support.diagnosis_cases import FEW, SHIP
 from tests.support.operation_logs import sailed, write_log
+from tests.support.synthetic_runs import coarse_runs
 from tests.support.trial_files import motion_columns, write_csv
 
 INPUTS = "t [s],n [rps],delta [rad]\n{},10,0\n{},{},0\n"
@@ -43,7 +43,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = write_csv(place / "furlong.csv", good, rows=None)
     path.write_text(path.read_text().replace("u [m/s]", "u [furlong/fortnight]"))
     (place / "trials").mkdir()
-    for trial in demo_trials(3, dt=0.5)[0][:2]:
+    for trial in coarse_runs()[0][:2]:
         write_trial(trial, place / "trials" / f"{trial.name}.csv")
     write_trial(replace(trial, columns={k: v[:20] for k, v in trial.columns.items()}), place / "short.csv")
     small_result().save(place / "run")

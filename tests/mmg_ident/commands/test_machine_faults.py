@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from mmg_ident.commands.main import main
+from tests.support.synthetic_runs import coarse_runs
 
 ROOT = Path(__file__).parents[3]
 FEW = ["--only", "X_0F", "--no-next-trial", "--measurement", "none", "--window", "10", "--max-iterations", "2"]
@@ -24,7 +24,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder ``trials`` with a short trial whose name is not ASCII."""
     place = tmp_path_factory.mktemp("machine")
     (place / "trials").mkdir()
-    write_trial(demo_trials(3, dt=0.5)[0][0], place / "trials" / "Drehkreis_ä_舵.csv")
+    write_trial(coarse_runs()[0][0], place / "trials" / "Drehkreis_ä_舵.csv")
     return place
 
 

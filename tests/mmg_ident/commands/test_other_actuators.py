@@ -12,19 +12,19 @@ import pytest
 import mmg_ident as mi
 from cases.inputs import assumed, model_inputs
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
-from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg_ident.commands.main import main
 from tests.cases.shipfiles.test_new_ship import AZIMUTH
+from tests.support.synthetic_runs import coarse_runs
 
 PODS = AZIMUTH.replace("y_az = 0.0", "y_az = 0.1\nx_az_2 = -1.4\ny_az_2 = -0.1")
 
 
 def screw_trial() -> Trial:
     """A zigzag of the ESSO OSAKA, steered by her rudder."""
-    return demo_trials(3, dt=0.5)[0][0]
+    return coarse_runs()[0][0]
 
 
 @pytest.mark.parametrize("verb", ["score", "fit", "train", "diagnose", "simulate", "imo"])
@@ -35,7 +35,7 @@ def test_a_ship_none_of_whose_propulsors_is_in_the_file_is_refused(
     ship.write_text(PODS, encoding="utf-8")
     write_trial(screw_trial(), file)
     judge = tmp_path / "judge.csv"
-    write_trial(demo_trials(3, dt=0.5)[1][0], judge)
+    write_trial(coarse_runs()[1][0], judge)
     words = [str(ship), str(file), "--out", str(out)]
     own = {
         "score": words[:2],
@@ -86,7 +86,7 @@ def test_every_command_on_trials_refuses_what_is_contradictory_and_goes_on_when_
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A rudder of the other sign."""
-    trials = demo_trials(3, dt=0.5)[0][:2]
+    trials = coarse_runs()[0][:2]
     paths = [str(tmp_path / f"{trial.name}.csv") for trial in trials]
     for trial, path in zip(trials, paths, strict=True):
         write_trial(replace(trial, columns={**trial.columns, "delta": -trial["delta"]}), Path(path))
@@ -108,7 +108,7 @@ def test_every_command_on_trials_refuses_what_is_contradictory_and_goes_on_when_
 def test_a_ship_that_diverges_has_no_scores_and_no_predictions(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    trial = demo_trials(3, dt=0.5)[0][0]
+    trial = coarse_runs()[0][0]
     write_trial(trial, tmp_path / "run.csv")
     ship = load_ship("esso_osaka_3m").with_values({"X_0F": 2.0, "Y_v": 3.0, "N_r": 1.0})
     (tmp_path / "bad.toml").write_text(dump_ship(ship))
