@@ -13,13 +13,6 @@ def normal_tail(value: float) -> float:
     return 0.5 * math.erfc(value / math.sqrt(2.0))
 
 
-def normal_quantile(probability: float) -> float:
-    """Value that a standard normal number exceeds with this ``probability``."""
-    from scipy.special import ndtri
-
-    return -float(ndtri(probability))
-
-
 def chi2_tail(value: float, degrees: float) -> float:
     """Probability that chi-squared with so many ``degrees`` of freedom exceeds ``value``, 1 below 0."""
     from scipy.special import chdtrc

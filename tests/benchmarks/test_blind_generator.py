@@ -16,7 +16,7 @@ import pytest
 from benchmarks.blind.generator.cases import WINDOW, Case, Runs, floors, run
 from benchmarks.blind.generator.controls import SETS
 from benchmarks.blind.generator.deal import LIBRARY, NULL_SHARE, Hand, deal
-from benchmarks.blind.generator.effect import LEVELS, Effect
+from benchmarks.blind.generator.effect import Effect
 from benchmarks.blind.generator.foreign import FOREIGN, NEW, STRANGERS
 from benchmarks.blind.generator.library import follow
 from benchmarks.blind.generator.plant import plant_of, rates
@@ -34,7 +34,6 @@ from benchmarks.blind.generator.world import (
     true_coefficients,
 )
 from benchmarks.blind.generator.write import generate
-from cases.inputs import model_inputs
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from mmg.model import assemble
@@ -151,26 +150,6 @@ def test_the_third_ship_moves_as_the_package_has_it() -> None:
     assert np.max(np.abs(ours - theirs) / size) < 1e-9
 
 
-@pytest.mark.slow
-def test_the_flow_at_two_rudders_passes_over_an_angle_as_what_is_fitted_has_it() -> None:
-    """On the ship's own manoeuvres the package's smooth model is far closer to the world than to a jump."""
-    world = replace(WORLDS["vectwin"], duration=60.0)
-    runs = run([prepared(world=world)])
-    rows, s = np.arange(0, world.rows, 20), runs.signals
-    state = runs.states[rows, :6].transpose(1, 0, 2).reshape(6, -1)
-    n, starboard, port, bow, north, east = (a[rows].ravel() for a in (s.n, s.delta, s.port, s.bow, s.north, s.east))
-    count, nothing = len(n), np.zeros((3, len(n)))
-    particulars, nominal = scaled_ship(world)
-    fitted = assemble(load_ship(world.ship), ()).rates.map(count)
-    theirs = np.array(fitted(state, np.stack([n, port, starboard, bow, north, east]), np.zeros((0, count))))
-    off = []
-    for soft in (0.0, world.soft):
-        plant = plant_of(particulars, [nominal], [[]], count, replace(world, soft=soft))
-        ours = rates(plant, state, (n, starboard, north, east, port, bow), nothing, nothing[0])
-        off.append(np.sqrt(np.mean((ours - theirs)[4:6] ** 2, axis=1)))
-    assert np.all(off[1] < 0.4 * off[0])
-
-
 def test_a_world_has_the_noise_that_it_says() -> None:
     world = WORLDS["basin"]
     errors = sensor_errors(world, 4000, 4, np.random.default_rng(0))
@@ -202,37 +181,6 @@ def test_a_wide_world_draws_every_case_anew_over_the_whole_ranges(name: str) -> 
         values = np.array([one[key] for one in drawn])
         assert low <= values.min() < low * (high / low) ** 0.1 and low * (high / low) ** 0.9 < values.max() <= high
         assert 0.4 < np.mean(values < np.sqrt(np.prod(RANGES[key]))) < 0.6
-
-
-@pytest.mark.slow
-def test_wide_cases_are_written_and_read_with_what_they_drew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("benchmarks.blind.generator.world.TOTAL", 160.0)
-    monkeypatch.setattr("benchmarks.blind.generator.world.RANGES", RANGES | {"runs": (2.0, 3.0)})
-    generate(tmp_path / "out", 3, 8, "null", world=WORLDS["kvlcc2_wide"])
-    entries = json.loads((tmp_path / "out" / "key.json").read_text())["cases"]
-    assert len({entry["conditions"]["sample"] for entry in entries}) == 3
-    for entry in entries:
-        case, drawn = tmp_path / "out" / entry["case"], entry["conditions"]
-        trials = [*read_trials(case / "train"), *read_trials(case / "test")]
-        assert len(trials) == drawn["runs"]
-        assert [t.dt for t in trials] == pytest.approx([drawn["sample"]] * len(trials), rel=1e-3)
-        truth = json.loads((tmp_path / "out" / "sealed" / f"{entry['case']}.json").read_text())
-        assert truth["random_force"]["tau"] * np.sqrt(7 / 3) == pytest.approx(drawn["memory"])
-        assert 0 < truth["floor"] < 2
-
-
-@pytest.mark.slow
-def test_files_of_a_large_ship_are_scaled_by_froudes_law(tmp_path: Path) -> None:
-    generate(tmp_path / "out", 1, 3, "null", world=WORLDS["kvlcc2"])
-    case = tmp_path / "out" / "case_0000"
-    trials = read_trials(case / "train")
-    scale = WORLDS["kvlcc2"].scale
-    assert json.loads((tmp_path / "out" / "ship.json").read_text()) == {"ship": "kvlcc2_l7"}
-    assert trials[0].dt == pytest.approx(WORLDS["kvlcc2"].sample * np.sqrt(scale), rel=1e-4)
-    for t in trials:  # positions follow from velocities, also after the scaling
-        speed = np.hypot(t["u"], t["v"])[1:-1]
-        track = np.hypot(np.gradient(t["x"], t.t), np.gradient(t["y"], t.t))[1:-1]
-        assert np.median(track) == pytest.approx(np.median(speed), rel=0.02)
 
 
 def test_the_library_effects_are_those_of_the_contract() -> None:
@@ -283,35 +231,6 @@ def test_the_lag_of_a_ramp_is_its_time_constant() -> None:
     for _ in range(200):
         y, x = follow(y, np.array([x]), np.array([x + 0.05]), T, 0.05), x + 0.05
     assert float(x - y[0]) == pytest.approx(0.4, rel=1e-6)
-
-
-@pytest.mark.slow
-def test_twin_rudders_are_logged_and_moved_each_by_itself(tmp_path: Path) -> None:
-    offset = next(effect for effect in LIBRARY if effect.name == "rudder_offset")
-    world = replace(WORLDS["vectwin"], duration=35.0)
-    case = prepared(Hand("library", ((offset, "strong"),)), world=world)
-    runs = run([case])
-    rows = np.arange(0, world.rows, world.every)
-    for logged, real in ((runs.port, runs.signals.port), (runs.delta, runs.signals.delta)):
-        moved = (real[rows] - logged) / (0.6 + 0.4 * np.cos(logged))
-        np.testing.assert_allclose(moved, case.drawn[0][1].key["delta"], rtol=1e-9)
-    assert np.degrees(runs.port).min() < -60 and np.degrees(runs.delta).max() > 60
-    assert np.degrees(runs.port).max() < 36 and np.degrees(runs.delta).min() > -36
-    generate(tmp_path / "out", 1, 3, "null", world=world)
-    (trial, *_), ship = read_trials(tmp_path / "out" / "case_0000" / "train"), load_ship("vectwin_3m")
-    inputs, notices = model_inputs(trial, ship.inputs)
-    assert trial.dt == pytest.approx(0.25) and not notices and np.isfinite(inputs).all()
-    assert np.abs(trial["n_bow"]).max() > 10 and np.ptp(trial["n"]) == 0
-
-
-@pytest.mark.slow
-def test_what_a_cause_costs_grows_with_its_strength() -> None:
-    world = replace(WORLDS["pond"], duration=70.0)
-    effect = next(one for one in NEW if one.name == "towed_boat")
-    cases = [prepared(Hand("foreign", ((effect, level),)), 0, world=world) for level in LEVELS]
-    runs = run(cases)
-    weak, medium, strong = floors(cases, runs, with_effects=False) / floors(cases, runs)
-    assert 1.0 < weak < medium < strong
 
 
 def test_a_world_scales_the_size_of_a_stranger_and_of_nothing_else() -> None:

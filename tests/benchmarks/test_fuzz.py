@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import random
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -12,6 +15,7 @@ from benchmarks.fuzz.__main__ import outcome, piece, strict_warnings, table
 from benchmarks.fuzz.damage import REPRODUCERS, numbered, reproducers
 from benchmarks.fuzz.readers import Reader, readers
 from benchmarks.fuzz.samples import GOOD
+from benchmarks.kill import SIGNALS, Ended, alone, ended, rows, trials, values
 from cases.importing.import_logs import SUFFIXES
 from mmg.errors import LONGEST, UserError
 from tests.support.figures import unrendered
@@ -88,3 +92,20 @@ def test_an_error_says_no_more_than_anyone_reads() -> None:
 
 def test_an_error_is_one_line() -> None:
     assert str(UserError("wind '1\n2\r3'\n")) == "wind '1\\n2\\r3'\\n"
+
+
+# A fit that is ended at a random moment leaves a whole folder or none, and resumed it has the values of another
+@pytest.mark.slow
+@pytest.mark.skipif(os.name == "nt", reason="sends signals")
+def test_a_sample_of_kills_leaves_nothing_half_written(tmp_path: Path) -> None:
+    trials(tmp_path)
+    whole, seconds = alone(tmp_path, "fit", "whole")
+    draw = random.Random(3)
+    found = [ended(tmp_path, "fit", number, draw.uniform(0.1, 0.9), whole, seconds) for number in SIGNALS]
+    assert [e.faults for e in found] == [()] * 3
+
+
+def test_times_are_no_values_and_faults_are_counted() -> None:
+    assert values({"seconds": 1.0, "rows": [{"timings_s": {}, "x": 2}]}) == {"rows": [{"x": 2}]}
+    found = [Ended("fit", "SIGINT", (), 0.1), Ended("fit", "SIGINT", ("other values",), 0.25)]
+    assert rows(found) == [["fit", "SIGINT", "2", "1", "other values (at 0.250)"]]

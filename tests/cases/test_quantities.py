@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from cases.checks import check
 from cases.importing.import_logs import import_logs
@@ -19,7 +17,7 @@ from cases.io import text_table
 from cases.io.conventions import through_north
 from cases.io.read import read_trial
 from cases.io.toml_file import validated
-from cases.quantities import FACTORS, QUANTITIES, UNITS, accepted, is_canonical, quantity, to_si
+from cases.quantities import FACTORS, QUANTITIES, UNITS, is_canonical, quantity, to_si
 from mmg.errors import UserError
 from mmg.motion.flow import INPUTS
 from mmg.states import STATES
@@ -186,7 +184,15 @@ def sailed(wind: str) -> dict[str, np.ndarray]:
     return out
 
 
-@pytest.mark.parametrize("wind", ["wind_direction", "true_wind_angle", "apparent_wind_speed"])
+PLACES = {
+    "wind_direction": [((-33.0, 151.0), "2024-02-29T23:58:30"), ((78.0, 15.0), "2016-12-31T23:59:00")],
+    "true_wind_angle": [((10.0, 179.9999), "1999-12-31T23:59:00"), ((0.0001, 0.0001), "2026-03-29T00:59:00")],
+    "apparent_wind_speed": [((-60.0, -179.9999), "2038-01-19T03:13:00")],
+}
+"""Latitude, longitude and begin of logs with this column of the wind."""
+
+
+@pytest.mark.parametrize("wind", list(PLACES))
 def test_a_log_that_is_turned_mirrored_or_taken_to_another_place_and_day_gives_the_same_trial(
     tmp_path: Path, wind: str
 ) -> None:
@@ -206,13 +212,7 @@ def test_a_log_that_is_turned_mirrored_or_taken_to_another_place_and_day_gives_t
     within = dict.fromkeys(("x", "y", "u", "v", "wind_speed", "wind_direction"), 1e-6)  # of the projection
     assert_same(turned(plain), imported(turned, home, day), within)
     assert_same(mirrored(plain), imported(mirrored, home, day, -0.5), within)
-    for origin, begin in (
-        ((-33.0, 151.0), "2024-02-29T23:58:30"),
-        ((10.0, 179.9999), "1999-12-31T23:59:00"),
-        ((-60.0, -179.9999), "2038-01-19T03:13:00"),
-        ((0.0001, 0.0001), "2026-03-29T00:59:00"),
-        ((78.0, 15.0), "2016-12-31T23:59:00"),
-    ):
+    for origin, begin in PLACES[wind]:
         assert_same(plain, imported(dict, origin, begin), within)
     far = {**columns, "x": columns["x"] + 4e4, "y": columns["y"] - 9e4}  # 90 km: a degree between both norths
     there = imported(lambda _: far, (65.0, 20.0), day)
@@ -231,28 +231,9 @@ def test_contract_units_convert_to_si(column, unit, factor):
     assert to_si(column, unit, "here") == pytest.approx(factor, rel=1e-15)
 
 
-@pytest.mark.parametrize("column", sorted(UNITS))
-def test_every_canonical_column_accepts_its_si_unit(column):
-    assert to_si(column, quantity(column).unit, "here") == 1.0
-    assert accepted(column)[0] == quantity(column).unit
-
-
 def test_an_unknown_unit_is_named_with_the_place_and_the_accepted_ones():
     with pytest.raises(UserError, match=r"run.csv.*'psi \[grad\]'.*'grad'.*rad, deg"):
         to_si("psi", "grad", "run.csv: column 'psi [grad]'")
-
-
-@settings(max_examples=30)
-@given(st.sampled_from(sorted(UNITS)), st.text(max_size=8))
-def test_a_unit_is_either_known_or_a_user_error(column, unit):
-    try:
-        assert to_si(column, unit, "here") in FACTORS[quantity(column).unit].values()
-    except UserError as error:
-        assert "\n" not in str(error).replace(unit, "")
-
-
-def test_several_propellers_are_canonical():
-    assert is_canonical("n_2") and is_canonical("n_4") and not is_canonical("n_22")
 
 
 RUN = simulate("kvlcc2_l7", "turning:35", dt=0.1, duration=300, noise=True)

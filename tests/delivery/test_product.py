@@ -22,7 +22,7 @@ from delivery.product import (
     identifiers,
     product_of,
 )
-from mmg.errors import Unsupported
+from mmg.errors import BadValue, Unsupported
 from mmg.messages import has_code
 from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
@@ -214,3 +214,21 @@ def test_identifiers_are_distinct_and_no_reserved_words() -> None:
     assert len({name.lower() for name in made}) == len(made)
     assert all(name.isidentifier() and name.isascii() for name in made)
     assert "double" not in made
+
+
+# The ship file and its JSON as products
+@pytest.mark.parametrize("form", ["toml", "json"])
+def test_a_command_takes_what_was_exported(form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / f"ship.{form}"
+    assert main(["export", "esso_osaka_3m", "--format", form, "--out", str(path), "--force"]) == 0
+    capsys.readouterr()
+    outputs = []
+    for ship in ("esso_osaka_3m", str(path)):
+        assert main(["simulate", ship, "--maneuver", "turning:35", "--duration", "20", "--json"]) == 0
+        outputs.append(capsys.readouterr().out)
+    assert outputs[0] == outputs[1]
+
+
+def test_a_file_of_another_ending_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadValue):
+        export(product_of("esso_osaka_3m", force=True), "toml", tmp_path / "ship.json")

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
+from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
+import numpy as np
 import pytest
 
+from cases.shipfiles.ship_file import load_ship
+from mmg.components import catalogue
+from mmg.effects import EFFECTS
+from mmg.rollout import Simulator
 from mmg_ident.commands.main import VERBS, main
 from tests.docs.pages import PAGES, ROOT, Command, arguments, blocks, commands, make_workspace, missing
 from tests.support.figures import unrendered
@@ -82,3 +94,141 @@ def test_python_of_the_readme_uses_one_import_and_works(
     assert (tmp_path / "runs" / "notebook" / "report.html").exists()
     after, before = map(float, capsys.readouterr().out.splitlines()[1].split())
     assert after < before
+
+
+# Links of README, CONTRIBUTING, CHANGELOG and docs lead to files that exist and to headings that they have
+def without_code(text: str) -> str:
+    return re.sub(r"(?ms)^```.*?^```|`[^`\n]*`", "", text)
+
+
+def anchors(path: Path) -> set[str]:
+    """Anchors of a page: of its headings, as GitHub and MyST make them, and those that are written."""
+    text = re.sub(r"(?ms)^```.*?^```", "", path.read_text(encoding="utf-8"))
+    made = {re.sub(r"[^\w\- ]", "", h.lower()).strip().replace(" ", "-") for h in re.findall(r"(?m)^#+ (.*)$", text)}
+    return made | set(re.findall(r'<a id="([^"]+)">', text))
+
+
+@pytest.mark.parametrize("path", [*PAGES, *ROOT.glob("C*.md")], ids=lambda p: p.name)
+def test_links_of_a_page_lead_somewhere(path: Path) -> None:
+    broken = []
+    for target, heading in re.findall(r"\]\(([^)#\s]*)#?([^)\s]*)\)", without_code(path.read_text(encoding="utf-8"))):
+        page = (path.parent / target) if target else path
+        if "://" in target or target.startswith("mailto:"):
+            continue
+        if not page.exists() or (heading and heading not in anchors(page)):
+            broken.append(f"{target}#{heading}")
+    assert not broken
+
+
+def test_every_page_is_led_to_by_the_index() -> None:
+    index = ROOT / "docs" / "index.md"
+    led_to = {(index.parent / target).resolve() for target in re.findall(r"\]\(([^)#\s]+)", index.read_text())}
+    kinds = ("tutorials", "how-to", "reference", "explanation")
+    assert [p for p in PAGES if p.parent.name in kinds and p.resolve() not in led_to] == []
+
+
+@pytest.mark.parametrize("path", [p for p in PAGES if p.parent.parent.name == "docs"], ids=lambda p: p.name)
+def test_a_page_begins_with_what_it_answers(path: Path) -> None:
+    text = re.sub(r"(?s)\A---\n.*?\n---\n", "", path.read_text(encoding="utf-8")).strip()
+    title, answer = text.split("\n")[:3:2]
+    assert title.startswith("# ") and answer[:1] not in ("", "#", "|", "*", ":")
+    assert not answer.startswith("```") and len(answer) < 200
+
+
+# Pages that are notebooks run from top to bottom: their cells, without Jupyter
+def cells(path: Path) -> list[str]:
+    """Code of the cells of a page, without their tags."""
+    found = re.findall(r"(?ms)^```\{code-cell\} ipython3\n(.*?)^```", path.read_text(encoding="utf-8"))
+    return [re.sub(r"(?m)^:.*\n", "", code) for code in found]
+
+
+NOTEBOOKS = [path for path in PAGES if cells(path)]
+
+
+def test_the_notebooks_are_known() -> None:
+    names = {path.stem for path in NOTEBOOKS}
+    assert names == {"tutorial", "own_ship", "mpc", "actuators"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+def test_a_notebook_runs_to_its_end(path: Path, tmp_path: Path) -> None:
+    code = "\n\n".join(cells(path))
+    if "fmpy" in code and find_spec("fmpy") is None:
+        pytest.skip("needs fmpy, which the extras dev and docs bring")
+    script = tmp_path / f"{path.stem}.py"
+    script.write_text(code, encoding="utf-8")
+    environment = {**os.environ, "MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", f"exec(compile(open({str(script)!r}).read(), 'page', 'exec'), globals())"]
+    run = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr[-3000:]
+
+
+# The blocks of the page on refits, optimisers and samplers run, those on what is not installed are skipped
+BLOCKS = blocks(ROOT / "docs" / "how-to" / "optimisers.md", "python")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """Names that the first block, and the first on SciPy, leave for all others."""
+    folder = tmp_path_factory.mktemp("page")
+    make_workspace(folder)
+    names: dict[str, Any] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(Path(folder))
+        for code in BLOCKS[:4]:
+            exec(compile(code, "optimisers.md", "exec"), names)
+    return names
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("code", BLOCKS[4:], ids=lambda code: code.split("\n")[0].split()[1].rstrip(","))
+def test_other_optimisers_and_samplers_work_on_the_objective(code: str, session: dict[str, Any]) -> None:
+    for package in re.findall(r"(?m)^(?:from|import) (\w+)", code):
+        pytest.importorskip(package, reason=f"needs {package}, which is not required")
+    exec(compile(code, "optimisers.md", "exec"), session)
+
+
+# The walk-through "one file each" works as it is written: an effect, a force model, a ship
+EFFECT, FORCE, SHIP = blocks(ROOT / "docs" / "how-to" / "extending.md", "python")
+STATE = np.array([[0.0, 0.0, 0.0, 0.3, 0.05, 0.02]]).T
+
+
+def module_of(code: str, name: str) -> ModuleType:
+    module = ModuleType(name)
+    exec(compile(code, name, "exec"), module.__dict__)
+    return module
+
+
+def test_an_effect_in_one_file_enters_the_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = module_of(EFFECT, "sway_scale")
+    monkeypatch.setitem(sys.modules, "sway_scale", module)
+    effect = module.SwayScale()
+    assert effect.summary
+    monkeypatch.setitem(EFFECTS, effect.name, effect)
+    bare = load_ship("esso_osaka_3m")
+    neutral, larger = bare.with_effect(effect.name), bare.with_effect(effect.name, {"share": 0.1})
+    logged = [Simulator(ship, compiled=False).columns(STATE)[4, 0] for ship in (bare, neutral, larger)]
+    assert logged[0] == logged[1] and np.isclose(logged[2], 1.1 * logged[0])
+
+
+def test_a_force_model_in_one_file_is_a_choice_of_a_ship(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mmg.components.wind.flat_plate", module_of(FORCE, "flat_plate"))
+    monkeypatch.setitem(catalogue.MODELS["wind"], "flat_plate", "wind.flat_plate")
+    bare = load_ship("kvlcc2_l7")
+    components = {**bare.components, "wind": "flat_plate"}
+    particulars = {**bare.particulars, "A_T": 0.5, "A_L": 1.5, "C": 0.1, "rho_a": 1.2}
+    rows = catalogue.coefficient_table(components, particulars)
+    coefficients = {symbol: bare.coefficients.get(symbol, row) for symbol, row in rows.items()}
+    ship = replace(bare, components=components, particulars=particulars, coefficients=coefficients)
+    simulator = Simulator(ship, compiled=False)
+    controls = np.zeros((len(ship.inputs), 1))
+    calm = simulator.rates(STATE, controls)
+    controls[ship.inputs.index("wind_east")] = 5.0
+    assert simulator.rates(STATE, controls)[4, 0] > calm[4, 0]  # wind to the east pushes a ship that heads north
+
+
+def test_a_ship_in_one_file_turns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    module_of(SHIP, "ship_walk_through")
+    assert load_ship("my_ship.toml").coefficients["m_x"].fixed

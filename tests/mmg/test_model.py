@@ -41,3 +41,13 @@ def test_states_behind_columns_of_many_points_are_those_of_few(own: bool) -> Non
     known = np.isfinite(logged).all(axis=0)
     assert known.sum() == many - 1
     np.testing.assert_allclose(again[:, known], logged[:, known], atol=1e-11)
+
+
+def test_coefficients_put_in_as_numbers_give_the_same_rates() -> None:
+    """A model whose arguments are a few coefficients equals the one with all as arguments."""
+    chosen, state, controls = ("Y_v", "w_P0", "gamma_N"), [1.0, 2.0, 0.4, 0.3, -0.05, 0.03], [10.0, 0.3, 0.5, -0.2]
+    some, every = assemble(SHIP, chosen), assemble(SHIP)
+    own = [SHIP.coefficients[name].value for name in chosen]
+    state = np.array(every.initial(state, controls, SHIP.values)).ravel()
+    one, other = some.rates(state, controls, own), every.rates(state, controls, SHIP.values)
+    np.testing.assert_allclose(np.array(one), np.array(other), rtol=1e-12, atol=1e-16)

@@ -16,11 +16,14 @@ import pytest
 import mmg_ident
 from cases.simulation.simulate import write_trial
 from fitting.calibrate import FitOptions
+from mmg_ident import shadowing_mmg
 from mmg_ident.commands.main import main
+from tests.support.quick import first_quick
 from tests.support.synthetic_runs import runs
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 ROOT = Path(__file__).parents[2]
+FREE = ("X_0F", "Y_v", "N_r", "k_0", "gamma_P", "Y_A1")
 HEAVY = ("torch", "casadi", "matplotlib", "pandas", "pydantic", "scipy", "numpy")
 
 
@@ -33,8 +36,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for trial in train[:2]:
         write_trial(trial, folder / "train" / f"{trial.name}.csv")
     write_trial(held_out[0], folder / "held_out.csv")
-    options = FitOptions(next_trial=False)
-    fit = mmg_ident.calibrate("esso_osaka_3m", folder / "train", folder / "held_out.csv", options=options)
+    ship = mmg_ident.load_ship("esso_osaka_3m")
+    ship = ship.fixing([s for s in ship.symbols if s not in FREE])
+    fit = mmg_ident.calibrate(ship, folder / "train", folder / "held_out.csv", options=FitOptions(next_trial=False))
     fit.save(folder / "run")
     return folder
 
@@ -89,7 +93,8 @@ def test_types_that_an_editor_sees_are_those_that_are_loaded() -> None:
 
 def test_a_notebook_and_the_command_leave_the_same_folder(folder: Path, tmp_path: Path) -> None:
     arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--validate", str(folder / "held_out.csv")]
-    assert main([*arguments, "--no-next-trial", "--out", str(tmp_path / "run")]) == 0
+    options = ["--only", ",".join(FREE), "--no-next-trial"]
+    assert main([*arguments, *options, "--out", str(tmp_path / "run")]) == 0
     names = [sorted(str(p.relative_to(f)) for p in f.rglob("*")) for f in (folder / "run", tmp_path / "run")]
     assert names[0] == names[1]
     ours, theirs = (json.loads((f / "result.json").read_text()) for f in (folder / "run", tmp_path / "run"))
@@ -119,13 +124,14 @@ def test_scores_are_those_of_the_command(folder: Path, capsys: pytest.CaptureFix
 
 
 def test_a_calibrated_ship_leaves_as_a_file_and_a_library_ship_only_by_force(folder: Path, tmp_path: Path) -> None:
-    said = mmg_ident.export_ship(folder / "run", "toml", tmp_path / "ship.toml")
+    assert mmg_ident.export_ship(folder / "run", "toml", tmp_path / "ship.toml") == []
     again = mmg_ident.load_ship(tmp_path / "ship.toml")
-    assert [note.code for note in said] == ["not_excited"]  # her trials are few
     assert again.symbols == mmg_ident.load_ship(folder / "run").symbols
     assert np.array_equal(again.values, mmg_ident.load_ship(folder / "run").values)
     with pytest.raises(mmg_ident.UserError):
         mmg_ident.export_ship("kvlcc2_l7", "toml", tmp_path / "other.toml")
+    said = mmg_ident.export_ship("kvlcc2_l7", "toml", tmp_path / "other.toml", force=True)
+    assert "uncalibrated" in [note.code for note in said]
 
 
 def test_predictions_are_tables(folder: Path) -> None:
@@ -158,3 +164,65 @@ def test_a_folder_that_is_no_run_is_refused_in_one_line(tmp_path: Path) -> None:
         mmg_ident.load_run(tmp_path)
     with pytest.raises(mmg_ident.UserError):
         mmg_ident.load_run(tmp_path / "nowhere")
+
+
+# Another package named mmg is met with one clear line; ours is found wherever it is installed
+
+
+def run(code: list[str], folder: Path, first: Path) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(first), str(ROOT)])}
+    return subprocess.run([sys.executable, *code], cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def test_our_own_package_is_not_in_the_way() -> None:
+    assert shadowing_mmg() == ""
+
+
+def test_another_mmg_before_ours_stops_every_command_in_one_line(tmp_path: Path) -> None:
+    other = tmp_path / "site" / "mmg"
+    other.mkdir(parents=True)
+    (other / "__init__.py").write_text("raise SystemExit('the other package was executed')\n")
+    done = run(["-m", "mmg_ident", "ships"], tmp_path, tmp_path / "site")
+    assert done.returncode == 2 and done.stdout == ""
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith("mmg: ") and str(other) in line
+
+
+# What takes long from Python has one thread of linear algebra in every process, as the commands have
+CODE = """
+import numpy  # before the package, as in a notebook
+from threadpoolctl import threadpool_info, threadpool_limits
+import {module} as module
+threadpool_limits(2)
+seen = []
+def count(*args, **kwargs):
+    seen.append({{row["num_threads"] for row in threadpool_info()}})
+    raise RuntimeError("far enough")
+setattr(module, {inner!r}, count)
+try:
+    module.{entry}(*{arguments})
+except RuntimeError:
+    pass
+assert seen == [{{1}}], seen
+assert {{row["num_threads"] for row in threadpool_info()}} == {{2}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "entry", "inner", "arguments"),
+    first_quick(
+        [
+            ("fitting.calibration", "estimate_coefficients", "prepared", "(None, [])"),
+            ("diagnosis.diagnose", "diagnose", "parted", "(None, [])"),
+            ("residual.pipeline", "train", "_start", "(None, [])"),
+        ]
+    ),
+)
+def test_one_thread_from_python(module: str, entry: str, inner: str, arguments: str) -> None:
+    if module.startswith("residual"):
+        pytest.importorskip("torch")
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+    environment = {k: v for k, v in os.environ.items() if k not in names} | {"PYTHONPATH": str(ROOT)}
+    code = CODE.format(module=module, entry=entry, inner=inner, arguments=arguments)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    assert done.returncode == 0, done.stderr[-600:]

@@ -17,6 +17,7 @@ from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from mmg.errors import UserError, check_name
 from mmg_ident.commands.main import main
+from tests.support.synthetic_runs import coarse_runs
 
 ROOT = Path(__file__).parents[2]
 FEW = "--only X_0F,N_r --no-next-trial --measurement none --window 10 --max-iterations 2"
@@ -70,7 +71,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("windows")
     (place / "trials").mkdir()
     file = place / "trials" / "Drehkreis_ä_舵.csv"
-    write_trial(demo_trials(3, dt=0.5)[0][0], file)
+    write_trial(coarse_runs()[0][0], file)
     file.write_bytes(file.read_bytes().replace(b"\r\n", b"\n").replace(b"\n", b"\r\n"))
     (place / "trials" / "trials.toml").write_bytes(b'[all]\r\nkind = "turning"\r\n')
     return place
@@ -190,7 +191,7 @@ def test_windows_refuses_what_its_files_cannot_be_called(name: str, monkeypatch:
 def test_names_that_are_one_file_on_windows_or_macos_are_not_overwritten(
     names: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    trial = demo_trials(3, dt=0.5)[0][0]
+    trial = coarse_runs()[0][0]
     for number, name in enumerate(names):
         (tmp_path / str(number)).mkdir()
         write_trial(Trial(name, trial.columns), tmp_path / str(number) / f"{name}.csv")

@@ -18,9 +18,9 @@ from residual.physics import Physics
 from residual.pipeline import train
 from residual.settings import TrainSettings
 from residual.splits import Split
-from residual.system import TrainableSystem, acceleration_loss, rollout, squares, state_loss
+from residual.system import TrainableSystem, acceleration_loss, squares, state_loss
 from residual.train import Task, train_one
-from residual.windows import Scales, jittered, windows
+from residual.windows import Scales, windows
 from tests.support import hybrids
 from tests.support.differences import check_gradients
 
@@ -34,19 +34,6 @@ def random_residual(seed: int = 0) -> Residual:
     with torch.no_grad():
         residual.W3.normal_(generator=torch.Generator().manual_seed(seed))
     return residual
-
-
-def test_zero_at_the_origin_whatever_the_weights() -> None:
-    F = len(hybrids.ship().features)
-    assert torch.equal(random_residual()(torch.zeros(F, 3, dtype=torch.float64)), torch.zeros(3, 3).double())
-
-
-def test_never_exceeds_its_bound_far_outside_and_the_bound_is_tight() -> None:
-    residual = random_residual()
-    for size in (1.0, 1e3, 1e9):
-        a = residual(size * torch.randn(7, 2000, dtype=torch.float64)).detach().abs().amax(dim=1).numpy()
-        assert (a <= residual.bound() * (1 + 1e-12)).all()
-    assert residual.bound().max() < 10 * a.max(), "a bound that is far too large tells nothing"
 
 
 def test_goes_to_casadi_and_back() -> None:
@@ -82,16 +69,6 @@ def test_gradient_of_the_rollout_loss_agrees_with_finite_differences(method: str
     check_gradients(loss, hybrid.learned())
 
 
-@pytest.mark.parametrize("method", ["rk4", "euler"])
-def test_rollout_in_torch_is_that_of_the_simulator(method: str) -> None:
-    hybrid, batch = hybrid_and_batch()
-    network = to_network([hybrid.residual], hybrids.ship().actuators, -np.ones(7), np.ones(7))
-    simulator = Simulator(hybrids.ship().with_network(network), compiled=False)
-    expected = simulator.run(batch.targets[0].numpy(), batch.controls.numpy(), batch.h, method=method)
-    with torch.no_grad():
-        np.testing.assert_allclose(rollout(hybrid, batch, method).numpy(), expected[:, :6], rtol=0, atol=1e-9)
-
-
 def test_the_state_loss_is_equation_23() -> None:
     _, batch = hybrid_and_batch()
     predicted, sigma = batch.targets.clone(), torch.arange(1.0, 7.0, dtype=torch.float64)
@@ -108,15 +85,6 @@ def test_windows_slide_and_never_leave_their_piece() -> None:
     np.testing.assert_allclose(batch.targets[0, :, 0].numpy(), piece.record.states[43])
     np.testing.assert_allclose(batch.past.logged[-1, :, 1].numpy(), piece.record.states[47])
     np.testing.assert_allclose(batch.targets[-1, :, -1].numpy(), piece.record.states[78])
-
-
-def test_jittering_moves_states_by_the_noise_and_leaves_inputs() -> None:
-    _, batch = hybrid_and_batch()
-    noise = torch.tensor([0.1, 0.1, 0.01, 0.01, 0.01, 0.001], dtype=torch.float64)
-    moved = jittered(batch, noise, torch.Generator().manual_seed(0))
-    std = (moved.targets - batch.targets).std(dim=(0, 2))
-    np.testing.assert_allclose(std.numpy(), noise.numpy(), rtol=0.3)
-    assert moved.controls is batch.controls
 
 
 class Exploding(TrainableSystem):

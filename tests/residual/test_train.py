@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 
+import delivery.view
 from fitting.nlp.windows import pieces_of
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from residual.figures import learning_plot
 from residual.hybrid import HYBRID_KIND
+from residual.papers.comparison_figures import COLOURS, DASHED, MARKERS
 from residual.pipeline import train
 from residual.settings import TrainSettings
 from residual.train import (
@@ -27,6 +32,7 @@ from residual.train import (
 from residual.windows import windows
 from tests.residual.test_hybrid import QUICK
 from tests.support import hybrids
+from tests.support.colours import told_by_colour_alone
 
 DEFAULT = replace(QUICK, penalty=TrainSettings().penalty, epochs=30, rate=3e-3)
 """A small network with the default penalty and rate."""
@@ -110,3 +116,33 @@ def test_reading_and_calibrating_need_no_torch_and_training_not_its_compiler() -
     lines += ["p.sum().backward(); o.step(0.1); assert p[0] < 1.0 and 'torch._dynamo' not in sys.modules"]
     done = subprocess.run([sys.executable, "-c", "\n".join(["import sys", *lines])], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+# Figures of trainings and comparisons, and lines of the interactive page, can be read in grey
+def seeds(count: int) -> list[dict]:
+    """Rows of trainings that went about the same way."""
+    history = [{"epoch": k, "stop": 1.0 - 0.01 * k} for k in range(5)]
+    pair = {"before": 1.0, "after": 0.97}
+    row = {"history": history, "stop_window": pair, "judged_window": pair, "status": "finished"}
+    return [row | {"seed": k} for k in range(count)]
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_learning_curves_of_seeds_differ_in_their_dashes(count: int) -> None:
+    figure = learning_plot(seeds(count))
+    lines = [x for x in figure.axes[0].get_lines() if str(x.get_label()).startswith("seed")]
+    assert len(lines) == count == len({str(x.__dict__["_unscaled_dash_pattern"]) for x in lines})
+    assert told_by_colour_alone(figure) == []
+
+
+def test_lines_of_models_differ_in_dashes_and_markers() -> None:
+    assert len({str(d) for d in DASHED.values()}) == len(set(MARKERS.values())) == len(COLOURS)
+
+
+@pytest.mark.parametrize("table", ["LOOKS", "ROLE_LOOKS"])
+def test_lines_of_the_interactive_page_differ_in_their_dashes(table: str) -> None:
+    text = (Path(delivery.view.__path__[0]) / "assets" / "data.js").read_text(encoding="utf-8")
+    rows = re.search(rf"const {table} = \[(.*?)\n\];", text, re.DOTALL)
+    assert rows
+    dashes = re.findall(r"dash: (\[.*?\])", rows[1])
+    assert len(dashes) >= 4 and len(set(dashes)) == len(dashes)

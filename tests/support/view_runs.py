@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 
 from cases.io.read import read_trials
 from cases.simulation.simulate import write_trial
+from delivery.view.page import MISSING
 from diagnosis.result import MISSING_FORCE, MissingForce, missing_force_text
 from fitting.record import FitRecord
 from fitting.report.run_folder import RESULT, data_rows, read_result, write_json
@@ -50,3 +52,11 @@ def with_diagnosis(run: Path, name: str = "diagnosis") -> Path:
     force = np.column_stack([np.full_like(t, 0.3), np.sin(t), 0.2 * np.cos(t)])
     (folder / MISSING_FORCE).write_text(missing_force_text({row["name"]: MissingForce(t, force)}))
     return folder
+
+
+# Columns of numbers of an interactive page, read back
+def unpacked(column: list[Any]) -> np.ndarray:
+    """The values (N,) of a ``column`` of ``packed``, NaN where it has none."""
+    offset, scale, text = column
+    steps = np.frombuffer(base64.b64decode(text), dtype="<i2").astype(float)
+    return np.where(steps == MISSING, np.nan, offset + scale * steps)

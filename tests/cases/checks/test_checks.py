@@ -181,12 +181,6 @@ def test_numbers_that_are_not_finite_leave_the_json_document_valid():
     json.dumps(document, allow_nan=False)
 
 
-def test_the_share_of_time_per_quadrant_is_said():
-    n = motion_columns()["n"].copy()
-    n[:750] = -8.0
-    assert "75%" in text_of(one(make_trial(n=n)))
-
-
 def app():
     made = Typer()
     made.command()(command)
@@ -250,19 +244,6 @@ def test_earth_fixed_velocities_and_a_flipped_sway_are_found_in_every_real_recor
         assert text_of(one(trial.with_columns(u=w.real, v=w.imag)), "contradictory"), trial.name
         flipped = text_of(one(trial.with_columns(v=-trial["v"])), "contradictory")
         assert "v is positive to port" in flipped or "v has the opposite sign" in flipped, trial.name
-
-
-def test_a_folder_is_one_table_and_what_is_wrong_once(tmp_path):
-    for name in ("a", "b", "c"):
-        columns = {k: v.copy() for k, v in motion_columns().items()}
-        columns["r"] = -columns["r"] if name != "c" else columns["r"]
-        write_csv(tmp_path / f"{name}.csv", columns, rows=None)
-    short = CliRunner().invoke(app(), [str(tmp_path)]).output
-    every = CliRunner().invoke(app(), [str(tmp_path), "--all"]).output
-    assert len(short.splitlines()) < 0.6 * len(every.splitlines())
-    assert "--all" in short
-    document = json.loads(CliRunner().invoke(app(), [str(tmp_path), "--json"]).output)
-    assert document["folders"] == [{"path": str(tmp_path), "verdict": "contradictory", "files": 3}]
 
 
 @pytest.mark.parametrize("share", [0.5, 0.9, 0.97, 0.99])

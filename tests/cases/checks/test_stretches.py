@@ -13,7 +13,7 @@ from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial, inside
-from cases.trial_set import MOST_LISTED, TrialSet, ready, shared_rows
+from cases.trial_set import TrialSet, ready
 from fitting.nlp.windows import pieces_of
 from fitting.prediction.score import score
 from mmg.rollout import Simulator
@@ -165,12 +165,6 @@ def test_copies_of_a_trial_are_left_out_and_named() -> None:
     copies = [make_trial(f"run {k}") for k in range(50)]
     kept, (message,) = TrialSet.of([*copies, late, other]).training()
     assert [trial.name for trial in kept] == ["run 0", "other"] and message.code == "copies_left_out"
-
-
-def test_many_pairs_that_share_rows_are_few_lines() -> None:
-    trials = [make_trial(f"run {k}", x=make_trial()["x"] + k) for k in range(8)]
-    messages = shared_rows(trials, ())
-    assert len(messages) == MOST_LISTED + 1 and "23" in messages[-1]
 
 
 def test_a_file_that_lies_in_two_campaigns_counts_for_the_first_which_is_said() -> None:

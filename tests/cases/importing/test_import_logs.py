@@ -309,11 +309,10 @@ def hemispheres(origin: tuple[float, float], titles: tuple[str, str], order: str
     return {"Time": log["Time"], **dict(pairs), **{k: log[k] for k in ("Heading [deg]", "RPM", "Rudder [deg]")}}
 
 
-@pytest.mark.parametrize("origin", [(-33.86, 151.2), (-33.0, -71.6), (48.3, -4.4), (34.7, 135.4)])
 @pytest.mark.parametrize(
-    ("titles", "order"),
-    [(("N/S", "E/W"), "apart"), (("Lat Hemi", "Lon Hemi"), "apart"), (("LatRef", "LonRef"), "together"),
-     (("a", "b"), "together")],
+    ("origin", "titles", "order"),
+    [((-33.86, 151.2), ("N/S", "E/W"), "apart"), ((-33.0, -71.6), ("Lat Hemi", "Lon Hemi"), "apart"),
+     ((48.3, -4.4), ("LatRef", "LonRef"), "together"), ((34.7, 135.4), ("a", "b"), "together")],
 )  # fmt: skip
 def test_letters_of_hemispheres_are_signs(
     tmp_path: Path, origin: tuple[float, float], titles: tuple[str, str], order: str

@@ -206,12 +206,12 @@ def written(
     return folder / "log.txt"
 
 
-@pytest.mark.parametrize("seed", range(18))
+@pytest.mark.parametrize("seed", range(6))
 def test_what_is_imported_is_right_to_the_check(tmp_path: Path, seed: int) -> None:
     """Circles of one to six rounds, either way, from any heading, in any wind, anywhere, on any day, by any logger."""
     rng = np.random.default_rng(seed)
     truth, wind = rounds(rng.uniform(1, 6), *rng.uniform(-np.pi, np.pi, 2), side=int(rng.choice([-1, 1])))
-    logger, place = LOGGERS[seed % len(LOGGERS)], PLACES[seed // 3 % len(PLACES)]
+    logger, place = LOGGERS[seed], PLACES[(seed + 2) % len(PLACES)]
     path = written(logger, tmp_path, truth, wind, place, str(rng.choice(DAYS)))
     chosen = validated(ImportMap, {"reference_point": [0.0, 0.0]}, "map")
     found = import_logs([path], chosen)

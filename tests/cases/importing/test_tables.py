@@ -164,7 +164,7 @@ def test_what_stays_open_is_asked_and_the_printed_line_leads_on(
     maps = answers(path)
     questions = import_logs([path]).questions
     assert len(maps) == len(questions[0].choices) and right(path, maps[answer])
-    for chosen in maps:  # none asks the same again
+    for chosen in maps[:answer] + maps[answer + 1 :]:  # none asks the same again
         assert questions[0].words not in [q.words for q in import_logs([path], chosen).questions]
 
 

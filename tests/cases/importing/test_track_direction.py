@@ -28,8 +28,7 @@ def without(log: dict[str, object], *headers: str) -> dict[str, object]:
     return {name: values for name, values in log.items() if name not in headers}
 
 
-@pytest.mark.parametrize("left_out", [(), HEADING])
-@pytest.mark.parametrize("origin", [(10.0, 50.0), (-12.0, 30.0)])
+@pytest.mark.parametrize(("left_out", "origin"), [((), (10.0, 50.0)), (HEADING, (-12.0, 30.0))])
 def test_exchanged_latitude_and_longitude_are_refused_and_the_line_mends_it(
     tmp_path: Path, left_out: tuple[str, ...], origin: tuple[float, float]
 ) -> None:
@@ -121,8 +120,10 @@ def test_a_heading_interpolated_through_360_is_mended_before_a_turn_rate_is_deri
     assert np.abs(run.columns["r"] - truth["r"][: len(run.columns["r"])])[20:-20].max() < 0.01
 
 
-@pytest.mark.parametrize("maneuver", ["zigzag:5/5", "turning:35", "turning:-35", "crash-stop", "random:3"])
-@pytest.mark.parametrize("left_out", [(), HEADING])
+@pytest.mark.parametrize(
+    ("maneuver", "left_out"),
+    [("zigzag:5/5", HEADING), ("turning:35", ()), ("turning:-35", HEADING), ("crash-stop", ()), ("random:3", HEADING)],
+)
 def test_sound_runs_pass(tmp_path: Path, maneuver: str, left_out: tuple[str, ...]) -> None:
     """Also with noise of a receiver, with headings anywhere, and where the ship goes astern."""
     truth: Trial = simulate("esso_osaka_3m", maneuver, dt=0.5, duration=90, seed=1)
@@ -164,9 +165,8 @@ def logs(folder: Path, truth: Trial, offset: float = 0.0, drift: float = 0.0) ->
 
 @pytest.mark.parametrize(
     ("ship", "maneuver", "duration"),
-    [("kvlcc2_l7", "zigzag:20/20", 180), ("kvlcc2_l7", "zigzag:10/10", 300), ("kvlcc2_l7", "turning:35", 300),
-     ("kvlcc2_full", "zigzag:10/10", 1500), ("kvlcc2_full", "turning:-35", 1500), ("esso_osaka_3m", "random:7", 300)],
-)  # fmt: skip
+    [("kvlcc2_l7", "zigzag:20/20", 180), ("kvlcc2_l7", "turning:35", 300), ("esso_osaka_3m", "random:7", 300)],
+)
 def test_clocks_that_agree_are_no_problem(tmp_path: Path, ship: str, maneuver: str, duration: float) -> None:
     """Also in turns, where the course is late for long and the ship loses half its speed."""
     found = import_logs(logs(tmp_path, long_run(ship, maneuver, duration)))
@@ -177,8 +177,6 @@ def test_clocks_that_agree_are_no_problem(tmp_path: Path, ship: str, maneuver: s
     ("maneuver", "duration", "offset", "drift", "words"),
     [
         ("zigzag:20/20", 180, 5.0, 0.0, r"differ: the course changes 1\.\d s before the heading"),
-        ("zigzag:20/20", 180, -6.0, 0.0, r"differ: the course changes 9\.\d s after the heading"),
-        ("zigzag:10/10", 300, 0.0, 0.03, r"drift apart by 8\.\d s in 299 s.*gyro.csv is fast"),
         ("zigzag:10/10", 300, 0.0, -0.04, r"drift apart by 1[12] s in 2\d\d s.*gyro.csv is slow"),
         ("zigzag:10/10", 300, 20.0, 0.04, r"drift apart by 1[12] s.*clock_drift = -0.0\d+, clock_offset = -2\d"),
     ],

@@ -237,7 +237,7 @@ def test_pieces_of_a_file_are_read_as_the_whole(tmp_path: Path, monkeypatch: pyt
     path = tmp_path / "a.csv"
     write_csv(path)
     seed, refused_both, read_both = b"\n".join(path.read_bytes().splitlines()[:12]), 0, 0
-    for number in range(30):
+    for number in range(12):
         content, found = numbered("pieces", number, (seed,)), []
         for size in (2**22, 200):
             monkeypatch.setattr("cases.io.text_table.BLOCK", size)
@@ -246,7 +246,7 @@ def test_pieces_of_a_file_are_read_as_the_whole(tmp_path: Path, monkeypatch: pyt
         assert (whole is None) == (parts is None), number
         refused_both, read_both = refused_both + (whole is None), read_both + (whole is not None)
         assert whole is None or whole == parts, number
-    assert refused_both and read_both > 10
+    assert refused_both and read_both > 3
 
 
 def _columns_of(path: Path, content: bytes) -> list[list[str] | str] | None:

@@ -22,11 +22,6 @@ def test_the_splits_have_the_published_sizes_without_doubles():
     assert all(len(set(names)) == len(names) for names in splits.SPLITS.values())
 
 
-def test_holdout_is_part_of_the_largest_training_set_but_of_no_smaller_one():
-    assert set(splits.DEVELOPMENT_HOLDOUT) <= set(splits.TRAIN_TZRB_PLUS)
-    assert not set(splits.DEVELOPMENT_HOLDOUT) & set(splits.TRAIN_TZRB + splits.TRAIN_TZB)
-
-
 def test_absent_records_are_named(tmp_path, monkeypatch):
     (tmp_path / "frt-ds-esso" / "zigzag").mkdir(parents=True)
     (tmp_path / "frt-ds-esso" / "zigzag" / "a.csv").write_text("")
@@ -57,8 +52,3 @@ def test_the_published_table_names_the_same_files(frt):
         splits.MIYAUCHI_TRAIN_R, splits.MIYAUCHI_TRAIN_TR, splits.MIYAUCHI_TRAIN_TRZ, splits.MIYAUCHI_TEST,
     ]  # fmt: skip
     assert published == [set(names) for names in ours]
-
-
-@pytest.mark.data
-def test_every_training_record_is_found(frt):
-    assert len(splits.find(splits.TRAIN_TZRB_PLUS)) == 35

@@ -10,7 +10,7 @@ import pytest
 from cases.io.conventions import implausible
 from cases.io.read import read_trial, read_trials
 from cases.quantities import UNITS
-from mmg.errors import Missing, UserError
+from mmg.errors import UserError
 from mmg.messages import has_code
 from mmg.motion.frames import apparent_wind
 from tests.support.trial_files import motion_columns, write_csv
@@ -73,11 +73,6 @@ def test_a_missing_column_is_named_with_the_headers_found_and_the_mapping(tmp_pa
     del columns["r"]
     text = refused(write_csv(tmp_path / "run.csv", columns), "missing column r; found: t ")
     assert "columns = { r =" in text
-
-
-def test_an_unknown_unit_is_refused(tmp_path):
-    path = write_csv(tmp_path / "run.csv", headers={"r": "r [grad/s]"})
-    refused(path, r"column 'r \[grad/s\]': unknown unit")
 
 
 def test_a_missing_unit_is_refused_even_for_time(tmp_path):
@@ -260,12 +255,6 @@ def test_a_file_without_headers_or_with_a_blank_first_line_is_refused(tmp_path):
     for name, said in refusals.items():
         with pytest.raises(UserError, match=said):
             read_trial(tmp_path / f"{name}.csv")
-
-
-def test_a_path_that_does_not_exist_is_said(tmp_path):
-    for path in (tmp_path / "nowhere", tmp_path / "nowhere.csv"):
-        with pytest.raises(Missing):
-            read_trials([path])
 
 
 def test_a_heading_that_jumps_by_360_is_in_degrees_even_beside_a_rate_in_degrees():

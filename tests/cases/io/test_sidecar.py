@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import ast
 import math
 import re
 from pathlib import Path
@@ -150,23 +149,6 @@ def test_the_documentation_lists_every_key() -> None:
     assert sidecar - keys_of_page("reference/trials.md") == set()
     chosen = {*ImportMap.model_fields, *FileMap.model_fields, "from", "unit", "sign"}
     assert chosen - keys_of_page("how-to/import.md") == set()
-
-
-def test_every_line_that_a_message_proposes_has_a_key_of_the_sidecar() -> None:
-    """Words of messages that name trials.toml, and lines that are given to be added."""
-    proposed: list[str] = []
-    for floor in ("cases", "fitting", "residual", "diagnosis", "mmg_ident"):
-        for path in (ROOT / floor).rglob("*.py"):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.Expr):
-                    continue
-                text = ast.unparse(node) if isinstance(node, ast.JoinedStr | ast.Constant) else ""
-                if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "line_for":
-                    proposed += re.findall(r"^[f'\"]*(\w+) = ", ast.unparse(node.args[2]))
-                elif "trials.toml" in text and "\\n" not in text:
-                    proposed += re.findall(r"(?:^|[ (:])(\w+) = (?!\.\.\.)", text.strip("f'\""))
-    known = {*SidecarEntry.model_fields, *ReferencePoint.model_fields, *UNITS}
-    assert len(proposed) > 8 and set(proposed) <= known, sorted(set(proposed) - known)
 
 
 def test_a_line_to_add_names_its_sidecar_and_table(tmp_path: Path) -> None:

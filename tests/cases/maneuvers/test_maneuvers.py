@@ -128,19 +128,6 @@ def test_rudder_moves_from_the_moment_of_order_and_crossing_not_from_the_next_sa
     assert math.degrees(controller.delta) == pytest.approx(-10.0)
 
 
-def test_event_gives_the_fraction_of_the_step_or_none() -> None:
-    orders = Zigzag(10.0, 5.0, -0.2, 0.1)
-    before, after = np.zeros(6), np.zeros(6)
-    event = getattr(orders, "event")  # noqa: B009
-    assert event(4.0, before, 4.5, before) is None
-    assert event(4.8, before, 5.3, before) == pytest.approx(0.4)
-    assert orders(5.0, before) == (10.0, -0.2)
-    before[2], after[2] = -0.08, -0.12
-    assert event(6.0, before, 6.1, after) == pytest.approx(0.5)
-    assert event(6.0, before, 6.1, -after) is None
-    assert orders(6.05, 0.5 * (before + after)) == (10.0, 0.2)
-
-
 @pytest.mark.parametrize("text", ["zigzag:20/20", "zigzag:-10/10"])
 def test_overshoots_hardly_depend_on_the_sampling_interval(text: str) -> None:
     """A reversal at the next sample would be late by up to 0.5 s: 0.8 deg at the yaw rate of a 20/20 zigzag."""
@@ -186,11 +173,6 @@ def test_zigzag_counts_from_the_heading_at_the_execute() -> None:
     a, b = simulate(SHIP, maneuver), simulate(SHIP, maneuver, start=turned)
     np.testing.assert_allclose(b.psi_unwrapped - 3.0, a.psi_unwrapped, atol=1e-9)
     assert np.abs(b["psi"]).max() <= math.pi
-
-
-def test_zigzag_of_given_duration_goes_on_until_then() -> None:
-    maneuver = parse_maneuver("zigzag:5/5", SHIP, duration=300)
-    assert simulate(SHIP, maneuver, dt=0.5).duration == pytest.approx(300)
 
 
 def test_turning_ends_after_540_degrees_or_at_the_time_limit() -> None:

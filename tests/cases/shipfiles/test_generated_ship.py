@@ -29,17 +29,6 @@ def generated(ship: Ship, order: int = 2, submodels: str = "SM-2", seed: int = 0
     return made.with_values({s: min(max(0.1 * rng.normal() * c.std, c.lower), c.upper) for s, c in rows.items()})
 
 
-@pytest.mark.parametrize(
-    ("order", "submodels", "unknowns"),
-    [(2, "SM-2", 133), (2, "SM-3", 193), (2, "SM-4", 253), (3, "SM-2", 413), (3, "SM-3", 613)],
-)
-def test_the_unknowns_of_the_vectwin_ship_are_those_of_the_paper(order: int, submodels: str, unknowns: int) -> None:
-    made = generated_ship(VECTWIN, structure_of(VECTWIN, order, submodels))
-    assert len(made.free) == unknowns
-    assert len(made.monomials) == unknowns - 13
-    assert set(made.free) - set(made.monomials) >= {"m_x", "m_y", "I_J_z"}
-
-
 @pytest.mark.parametrize("name", [name for name in library() if name != "mariner"])
 def test_the_ship_file_of_a_generated_model_gives_it_back(name: str) -> None:
     made = generated(load_ship(name))

@@ -29,7 +29,7 @@ from cases.shipfiles.new_ship import (
     spread,
 )
 from cases.shipfiles.particulars import unusual
-from cases.shipfiles.ship_file import LIBRARY, dump_ship, library, load_ship, parse_ship
+from cases.shipfiles.ship_file import LIBRARY, dump_ship, load_ship, parse_ship
 from cases.simulation.simulate import simulate
 from mmg.components import empirical
 from mmg.components.propeller.b_series import K_Q_TERMS, K_T_TERMS, open_water, thrust_parabola
@@ -119,9 +119,6 @@ def test_a_new_ship_is_a_ship_file(extra: dict, roles: set) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["320", "58", "-20.8", "0.81"], "= -20.8"),
-        (["320", "58", "20.8", "1.2"], "C_b = 1.2"),
-        (["320", "58", "20.8", "0.81", "25"], "propeller is larger than the draught"),
         (["320", "580", "20.8", "0.81"], "L / B"),
         (["320", "58", "20.8"], "C_b missing"),
         (["320", "58", "20.8", "0.81", "speed=3"], "'speed'"),
@@ -130,10 +127,6 @@ def test_a_new_ship_is_a_ship_file(extra: dict, roles: set) -> None:
         (["320", "58", "20.8", "0.81", "U_0=0.1"], "U_0 = 0.1 m/s"),
         (["320", "58", "20.8", "0.81", "D_P=0.00986"], "D_P = 0.00986"),
         (["320", "58", "20.8", "0.81", "A_R=1e-4"], "A_R = 0.0001"),
-        (["320", "58", "20.8", "0.81", "A_R=-1"], "A_R = -1"),
-        (["320000", "58000", "20800", "0.81"], "L = 320000 m"),
-        (["320", "58", "20.8", "0.81", "rho=1.025"], "rho = 1.025"),
-        (["320", "58", "20.8", "0.81", "m=312600"], "m = 312600 kg"),
         (["L=320", "L=300", "58", "20.8", "0.81"], "given twice"),
         (["320", "58", "20.8", "0.81", "9.86", "0.72", "112.5", "15.5"], "U_0=7.97"),
         (["180", "32", "11", "0.8", "U_0=14.5"], "C_b = 0.8"),
@@ -265,10 +258,6 @@ def test_a_ship_file_with_particulars_of_no_ship_is_refused(case: str) -> None:
 @pytest.mark.parametrize(("key", "value"), [("C_b", 1.0), ("x_G", -0.1), ("y_P", 0.1), ("D_P", 0.2), ("x_R", -1.7)])
 def test_unusual_particulars_of_a_possible_ship_are_taken(key: str, value: float) -> None:
     assert parse_ship(changed(key, value)).particulars[key] == value
-
-
-def test_every_ship_of_the_library_loads() -> None:
-    assert all(load_ship(name) for name in library())
 
 
 AZIMUTH = """[ship]

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
-import inspect
 import json
-import pkgutil
 import re
 from dataclasses import fields, replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -18,8 +14,6 @@ from hypothesis import strategies as st
 from safetensors import safe_open
 from safetensors.numpy import load_file
 
-import fitting
-import mmg
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.shipfiles.network_file import save_network, save_tensors
@@ -347,43 +341,6 @@ def test_changing_a_ship_leaves_the_first_one_alone() -> None:
 
 
 # Habits
-
-
-def modules(package: ModuleType) -> list[ModuleType]:
-    found = pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
-    return [package] + [importlib.import_module(info.name) for info in found]
-
-
-PUBLIC = [
-    (module, name, thing)
-    for package in (mmg, fitting)
-    for module in modules(package)
-    for name, thing in vars(module).items()
-    if not name.startswith("_")
-    and (inspect.isfunction(thing) or inspect.isclass(thing))
-    and thing.__module__ == module.__name__
-]
-
-
-def test_the_walk_finds_the_public_functions() -> None:
-    found = {f"{module.__name__}.{name}" for module, name, _ in PUBLIC}
-    names = {"mmg.model.assemble", "mmg.components.hull.unified.force", "fitting.calibration.estimate_coefficients"}
-    assert names <= found
-
-
-@pytest.mark.parametrize(
-    ("name", "thing"),
-    [pytest.param(name, thing, id=f"{module.__name__}.{name}") for module, name, thing in PUBLIC],
-)
-def test_every_public_function_and_class_says_what_it_is(name: str, thing: object) -> None:
-    """Own words: the text that dataclasses make for themselves does not count."""
-    words = thing.__doc__ or ""
-    assert len(words.split()) >= 2 and not words.startswith(f"{name}(")
-
-
-@pytest.mark.parametrize("module", modules(mmg) + modules(fitting), ids=lambda module: module.__name__)
-def test_every_module_says_what_it_is(module: ModuleType) -> None:
-    assert module.__doc__ and module.__doc__.strip()
 
 
 WRITERS = {"toml": dump_whole_ship, "json": dump_ship_json}

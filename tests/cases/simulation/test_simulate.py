@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cases.io.read import read_trial
-from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.ship_file import load_ship
+from cases.criteria.standard_runs import simulated_trial
+from cases.io.read import read_trial, read_trials
+from cases.maneuvers.definitions import Limits, parse_maneuver
+from cases.shipfiles.ship_file import load_ship, parse_ship
 from cases.simulation.demo_trials import OFFSETS, SHIP, demo_trials, hidden_ship
 from cases.simulation.gusts import Wind, gust_filter, hino_spectrum, parse_wind
+from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed, ranges_of
 from cases.simulation.sensors import SensorNoise, add_noise, wrap
 from cases.simulation.simulate import simulate, simulate_controls, write_trial
 from cases.trial import Trial
 from mmg.errors import BadValue, NoSolution, OutOfRange, UserError
+from mmg.messages import has_code
+from mmg.motion.flow import INPUTS
 from mmg.ship import Ship
 from mmg.states import STATES
+from tests.support.actuator_ships import FERRY as FOUR_PODS
 
 ESSO = load_ship(SHIP)
 
@@ -26,48 +32,6 @@ ESSO = load_ship(SHIP)
 @pytest.fixture(scope="module")
 def windy() -> Trial:
     return simulate(ESSO, parse_maneuver("zigzag:20/20", ESSO, duration=60), wind=Wind(1.5, 1.0, gusty=True), seed=3)
-
-
-def mirrored() -> Ship:
-    """ESSO without port-starboard asymmetry: one flow straightening, no side force of the propeller."""
-    side = {f"{letter}_{i}": 0.0 for letter in "AB" for i in range(1, 9)}
-    return ESSO.with_values({"gamma_P": 0.4, "gamma_N": 0.4, **side})
-
-
-@pytest.mark.parametrize("kind", ["turning:{}35", "zigzag:{}20/10"])
-def test_port_and_starboard_mirror_each_other_without_asymmetry(kind: str) -> None:
-    ship = mirrored()
-    a, b = (simulate(ship, parse_maneuver(kind.format(sign), ship, duration=150), dt=0.2) for sign in ("", "-"))
-    for name, sign in (("x", 1), ("y", -1), ("u", 1), ("v", -1), ("r", -1), ("delta", -1)):
-        np.testing.assert_allclose(b[name], sign * a[name], atol=1e-9)
-
-
-def test_crash_stop_of_a_symmetric_ship_stays_on_its_line() -> None:
-    ship = mirrored()
-    trial = simulate(ship, parse_maneuver("crash-stop", ship), dt=0.2)
-    np.testing.assert_allclose(trial["y"], 0.0, atol=1e-9)
-
-
-def test_coasting_ship_loses_energy_in_calm_air() -> None:
-    trial = simulate(ESSO, parse_maneuver("straight", ESSO, n=0.0, speed=0.4, duration=200), 0.5)
-    start = np.array([0, 0, 0, 0.3, 0.1, 0.05])
-    drifting = simulate(ESSO, parse_maneuver("straight", ESSO, n=0.0, speed=0.4, duration=200), 0.5, start=start)
-    c, p = {s: x.value for s, x in ESSO.coefficients.items()}, ESSO.particulars
-    unit = 0.5 * p["rho"] * p["L"] ** 2 * p["d"]
-    m_x, m_y = p["m"] + c["m_x"] * unit, p["m"] + c["m_y"] * unit
-    I_z = c["I_J_z"] * unit * p["L"] ** 2 + p["m"] * p["x_G"] ** 2
-    for run in (trial, drifting):
-        u, v, r = run["u"], run["v"], run["r"]
-        energy = 0.5 * (m_x * u**2 + m_y * v**2 + I_z * r**2 + 2 * p["m"] * p["x_G"] * v * r)
-        assert (np.diff(energy) < 0).all()
-        assert energy[-1] < 0.2 * energy[0]
-
-
-def test_ship_at_rest_in_calm_air_stays_at_rest() -> None:
-    """To a micrometre in 50 s: the smooth blends leave 3e-10 m/s^2 at rest."""
-    trial = simulate(ESSO, parse_maneuver("straight", ESSO, n=0.0, speed=0.0, duration=50), 0.5)
-    for name in STATES:
-        np.testing.assert_allclose(trial[name], 0.0, atol=1e-6)
 
 
 def test_wind_pushes_a_ship_at_rest_away_from_where_it_comes() -> None:
@@ -207,3 +171,61 @@ def test_demo_trials_are_reproducible_and_rich() -> None:
         assert trial["u"].max() < 0.5 and trial["u"].min() > -0.3 and np.abs(trial["r"]).max() < 0.1
         assert trial.role in ("train", "validate")
     assert min(trial["n"].min() for trial in train) < -5
+
+
+# Random use of every actuator: ranges, rates, independence, reproducibility; a craft without propeller and rudder
+VECTWIN, FERRY = load_ship("vectwin_3m"), parse_ship(FOUR_PODS)
+
+
+@pytest.mark.parametrize("ship", [VECTWIN, FERRY, load_ship("kvlcc2_full")], ids=lambda ship: ship.name)
+def test_every_actuator_moves_within_its_range_and_rate_and_by_itself(ship: Ship) -> None:
+    trial = harbour_inputs(ship, 20000.0, 3)
+    positions = np.column_stack([trial[name] for name in ranges_of(ship)])
+    for name, (low, high) in ranges_of(ship).items():
+        values = trial[name]
+        assert low <= values.min() < values.max() <= high
+        assert values.max() - values.min() > 0.8 * (high - low)
+        rate = Limits.for_length(ship.particulars["L"])
+        most = rate.rudder_rate if INPUTS[name][1] == "rad" else rate.propeller_rate
+        assert np.abs(np.diff(values)).max() <= most * (trial["t"][1] - trial["t"][0]) + 1e-9
+    others = [i for i, name in enumerate(ranges_of(ship)) if not (ship is VECTWIN and name.startswith("delta"))]
+    correlation = np.corrcoef(positions[:, others].T) - np.eye(len(others))
+    assert np.abs(correlation).max() < 0.15
+    assert set(ranges_of(ship)) == set(ship.actuators)
+
+
+def test_the_vectwin_ship_goes_astern_for_a_part_of_the_time() -> None:
+    run = simulated_trial(VECTWIN, "harbour:4", noise=True)
+    more = [simulated_trial(VECTWIN, f"harbour:{seed}")["u"] for seed in range(6)]
+    share = float((np.concatenate(more) < 0).mean())
+    assert 0.03 < share < 0.6
+    assert run.duration == 400.0 and run["u"][0] == pytest.approx(0.0, abs=0.05)
+
+
+def test_the_same_seed_gives_the_same_inputs_and_another_one_others() -> None:
+    one, same, other = (harbour_inputs(FERRY, 100.0, seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one["azimuth_4"], same["azimuth_4"])
+    assert np.abs(one["azimuth_4"] - other["azimuth_4"]).max() > 0.1
+
+
+def test_wrong_seeds_and_durations_are_one_line() -> None:
+    assert (
+        harbour_seed("harbour:12", 3) == 12
+        and harbour_seed("harbour", 3) == 3
+        and harbour_seed("turning:35", 3) is None
+    )
+    with pytest.raises(UserError, match="seed"):
+        harbour_seed("harbour:x", 0)
+    with pytest.raises(OutOfRange):
+        harbour_inputs(FERRY, 0.1, 0)
+
+
+def test_a_trial_of_pods_alone_is_read_without_columns_of_propeller_and_rudder(tmp_path: Path) -> None:
+    run = simulated_trial(FERRY, "harbour:1")
+    path = tmp_path / "run.csv"
+    write_trial(run, path)
+    frame = run.to_pandas().drop(columns=[name for name in run.to_pandas() if name.split()[0] in ("n", "delta")])
+    frame.to_csv(path, index=False)
+    (read,) = read_trials([path])
+    assert not read["n"].any() and not read["delta"].any() and has_code(read.notices, "no_propeller")
+    np.testing.assert_allclose(read["azimuth_3"], run["azimuth_3"], rtol=1e-12)

@@ -12,7 +12,7 @@ from cases.maneuvers.definitions import Maneuver, Turning, parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.actuator_ramps import ramps
 from cases.simulation.simulate import simulate
-from cases.simulation.simulate_batch import SimulatedRuns, coefficient_array, simulate_batch
+from cases.simulation.simulate_batch import SimulatedRuns, coefficient_array, simulate_batch, simulate_pushed
 from cases.trial import Trial
 from mmg.errors import Unsupported, UserError
 from mmg.rollout import Simulator
@@ -143,3 +143,17 @@ def test_what_a_batch_cannot_do_is_said() -> None:
     for dt in (0.0, -1.0, math.nan, 1e4):
         with pytest.raises(UserError, match="dt"):
             simulate_batch(ESSO, parse_maneuver("turning:35", ESSO), dt=dt)
+
+
+# Many runs with accelerations of their own: without any they are those of the plain batch
+def test_a_zigzag_that_has_been_read_is_not_pushed_any_more() -> None:
+    ship = load_ship("esso_osaka_3m")
+    plan = parse_maneuver("zigzag:20/20", ship, speed=0.5)
+    push = np.zeros((3, 2))
+    push[2, 1] = 2e-3  # one of two is pushed, and ends at another time
+    found = simulate_pushed(Simulator(ship), plan, {"N_r": np.full(2, ship.coefficients["N_r"].value)}, 0.5,
+                            lambda k, states: push)  # fmt: skip
+    first, second = found.last
+    assert first != second
+    early, last = (0, int(first)) if first < second else (1, int(second))
+    assert (found.states[last + 1 :, :, early] == found.states[last + 1, :, early]).all()

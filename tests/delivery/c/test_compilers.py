@@ -192,7 +192,5 @@ def test_any_name_of_a_ship_makes_an_identifier(tmp_path: Path) -> None:
             ship, identifiers([ship.name])[0].lower(), of.ranges, {"source": ship.name + "*/", "kind": "t\\"}, ()
         )
         source = write_files(of, tmp_path)
-        done = subprocess.run(
-            [*command, *STRICT, "-c", source, "-o", tmp_path / "ship.o"], capture_output=True, text=True
-        )
+        done = subprocess.run([*command, *STRICT, "-fsyntax-only", source], capture_output=True, text=True)
         assert done.returncode == 0, done.stderr[:2000]

@@ -6,6 +6,7 @@ import math
 import shutil
 import subprocess
 import zipfile
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as Xml
@@ -23,7 +24,9 @@ from mmg.compile.cache import compiler
 from mmg.errors import Conflict, NotInstalled, TargetExists, UnknownName
 from mmg.messages import Message, has_code
 from mmg.states import STATES
-from tests.support.c_products import library_product, product
+from mmg_ident.commands.main import main
+from tests.docs.pages import ROOT, blocks
+from tests.support.c_products import STRICT, library_product, product
 from tests.support.fmus import fmu, needs_compiler, running, ship_of
 
 
@@ -39,8 +42,9 @@ def source_fmu(of: Product, version: int, folder: Path) -> Path:
     return folder / "ship.fmu"
 
 
-@pytest.mark.parametrize("version", [2, 3])
-@pytest.mark.parametrize("name", ["esso_osaka_3m", "vectwin_3m", "kvlcc2_full", "mariner"])
+@pytest.mark.parametrize(
+    ("name", "version"), [("esso_osaka_3m", 2), ("vectwin_3m", 3), ("kvlcc2_full", 3), ("mariner", 2)]
+)
 def test_descriptions_hold_the_schemas_of_the_standard(name: str, version: int, tmp_path: Path) -> None:
     fmpy, validation = pytest.importorskip("fmpy"), pytest.importorskip("fmpy.validation")
     from lxml import etree
@@ -261,3 +265,101 @@ def test_forces_are_those_of_the_model() -> None:
     theta = [c.value for c in product_ship.coefficients]
     state = model.initial([0, 0, 0, 0.4, 0.03, 0.02], inputs, theta)
     assert np.allclose(found, np.array(model.forces(state, inputs, theta)), rtol=1e-11, atol=1e-11)
+
+
+# The example of docs/how-to/fmu.md steers a ship, and its system description is one that libcosim takes
+PAGE = ROOT / "docs" / "how-to" / "fmu.md"
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder with the FMU of the page's first command, in which the tests work."""
+    (command,) = (line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("mmg export"))
+    folder = tmp_path_factory.mktemp("example")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(command.split()[1:]) == 0
+        yield folder
+
+
+@needs_compiler
+def test_the_course_keeper_of_the_page_keeps_its_course(exported: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("fmpy")
+    (code,) = blocks(PAGE, "python")
+    exec(compile(code, str(PAGE), "exec"), {})
+    words = capsys.readouterr().out.split()
+    assert words[0] == "heading" and abs(float(words[1]) - 0.5) < 0.02
+
+
+@needs_compiler
+def test_libcosim_takes_the_system_of_the_page(exported: Path) -> None:
+    pytest.importorskip("libcosimpy")
+    from libcosimpy.CosimExecution import CosimExecution
+
+    (text,) = blocks(PAGE, "xml")
+    text = text.replace("wind.fmu", "ship.fmu").replace('name="true_wind"', 'name="velocity"')
+    (exported / "OspSystemStructure.xml").write_text(text, encoding="utf-8")
+    assert CosimExecution.from_osp_config_file(str(exported)).step(10)
+
+
+def test_bad_requests_are_one_line_and_leave_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    base = ["export", "esso_osaka_3m", "--format", "fmu"]
+    (tmp_path / "there.fmu").write_text("mine")
+    for words, said in (
+        ([*base, "--out", "ship.fmu"], "--force"),
+        ([*base, "--out", "there.fmu", "--force", "--platforms", "amiga"], "amiga"),
+        ([*base, "--out", "ship.zip", "--force"], ".fmu"),
+        (["export", "esso_osaka_3m", "--format", "c", "--out", "c", "--force", "--platforms", "win64"], "--platforms"),
+    ):
+        capsys.readouterr()
+        assert main(words) == 2
+        err = capsys.readouterr().err.strip()
+        assert said in err and "\n" not in err
+    assert [path.name for path in tmp_path.iterdir()] == ["there.fmu"]
+    assert (tmp_path / "there.fmu").read_text() == "mine"
+
+
+# The C code of an FMU by itself: calls in right and wrong orders, saved states, a hundred instances, sanitizers
+SANITIZED = ("-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+HERE = Path(__file__).parent
+
+
+def exercised(kind: str, version: int, command: list[str], folder: Path) -> int:
+    """How many claims did not hold in all calls of an FMU compiled from its sources alone."""
+    with zipfile.ZipFile(fmu(kind, version)) as archive:
+        archive.extractall(folder, [n for n in archive.namelist() if n.startswith("sources/")])
+    program = folder / "exercise"
+    files = [str(folder / "sources" / "fmu-main.c"), str(HERE / f"exercise_fmi{version}.c")]
+    whole = [
+        *command,
+        *STRICT,
+        "-std=c99",
+        "-I",
+        str(folder / "sources"),
+        *files,
+        "-o",
+        str(program),
+        "-lm",
+    ]
+    built = subprocess.run(whole, capture_output=True, text=True)
+    assert built.returncode == 0, built.stderr
+    run = subprocess.run([str(program)], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return int(run.stdout.split()[0])
+
+
+def slow(*values: object) -> object:
+    """A case of the slow tests."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+@needs_compiler
+@pytest.mark.parametrize(("kind", "version"), [("plain", 2), ("plain", 3), slow("all", 2), slow("all", 3)])
+def test_wrong_calls_are_errors_and_saved_states_are_exact(kind: str, version: int, tmp_path: Path) -> None:
+    compiler = "clang" if kind == "plain" and shutil.which("clang") else "gcc"
+    if shutil.which(compiler) is None:
+        pytest.skip("neither gcc nor clang")
+    assert exercised(kind, version, [compiler, *SANITIZED], tmp_path) == 0

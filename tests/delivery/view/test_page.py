@@ -22,7 +22,10 @@ from delivery.view.page import (
     ViewTrial,
     forces_along,
     gather,
+    packed,
+    packed_times,
     rows_per_run,
+    safe_json,
     shown_rows,
     view_page,
     write_view,
@@ -33,8 +36,7 @@ from fitting.result import read_fit
 from mmg.errors import BadValue, Conflict, Missing, NotWritable
 from mmg.rollout import Simulator
 from tests.support.hybrids import lacking, ship, trials
-from tests.support.view_columns import unpacked
-from tests.support.view_runs import EVIL, campaign, with_diagnosis
+from tests.support.view_runs import campaign, unpacked, with_diagnosis
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -83,11 +85,6 @@ def test_the_page_says_which_calibration_it_is_and_not_the_ship_that_it_began_fr
     mark = gather([run]).ship.mark
     assert mark is not None and mark.name == "run"
     assert f"<h1>{mark.words}" in text and content(text)[0]["ship"] == mark.words
-
-
-def test_the_ship_that_a_run_began_from_is_not_called_one_of_captive_tests(text: str) -> None:
-    labels = [model["label"] for model in content(text)[0]["models"]]
-    assert "start ship" in labels and not [label for label in labels if "captive" in label]
 
 
 def test_the_policy_names_each_script_and_style_and_allows_nothing_else(text: str) -> None:
@@ -239,3 +236,39 @@ def test_a_trial_without_positions_or_with_gaps_is_shown(run: Path) -> None:
     assert header["runs"][0]["position"] is False
     assert np.isnan(unpacked(runs[0]["measured"][0])).all()
     assert np.isfinite(unpacked(runs[0]["models"][0]["windows"][0]["states"][3])).any()
+
+
+# Columns come back as exactly as their bits allow, and no text can leave its script element
+EVIL = "</script><script>alert(1)</script><!-- & \u2028"
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-6, 1e9])
+def test_a_column_keeps_a_65534th_of_its_range(size: float) -> None:
+    values = size * np.random.default_rng(0).normal(3.0, 1.0, 500)
+    found = unpacked(packed(values))
+    assert np.abs(found - values).max() <= 0.5001 * np.ptp(values) / 65534
+
+
+def test_what_is_missing_stays_missing() -> None:
+    values = np.array([1.0, np.nan, np.inf, 3.0])
+    found = unpacked(packed(values))
+    assert np.isnan(found).tolist() == [False, True, True, False]
+    assert found[[0, 3]].tolist() == [1.0, 3.0]
+    assert np.isnan(unpacked(packed(np.full(3, np.nan)))).all()
+
+
+def test_a_constant_column_and_a_huge_one_are_no_trouble() -> None:
+    assert unpacked(packed(np.full(4, 7.25))).tolist() == [7.25] * 4
+    wide = np.array([-1.7e308, 0.0, 1.7e308])
+    assert np.allclose(unpacked(packed(wide)), wide, atol=1e304)
+
+
+def test_times_are_32_bit_floats() -> None:
+    t = np.arange(0.0, 50.0, 0.1)
+    assert np.abs(np.frombuffer(base64.b64decode(packed_times(t)), "<f4") - t).max() < 1e-5
+
+
+def test_json_in_a_page_holds_nothing_that_ends_a_script() -> None:
+    text = safe_json({EVIL: [EVIL, float("nan"), np.float64(2.0)]})
+    assert not set("<>&\u2028") & set(text)
+    assert json.loads(text) == {EVIL: [EVIL, None, 2.0]}

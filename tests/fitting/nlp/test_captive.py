@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from scipy.optimize import least_squares
 
 from cases.shipfiles.ship_file import load_ship
@@ -19,8 +18,8 @@ from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.model import assemble
 from mmg.ship import Ship
-from tests.fitting.nlp.test_shooting import matrix, somewhere
-from tests.support.synthetic_runs import problem, runs
+from tests.fitting.nlp.test_shooting import somewhere
+from tests.support.synthetic_runs import assert_exact_derivatives, problem, runs
 
 ESSO = load_ship("esso_osaka_3m")
 HULL = ("X_0F", "Y_v", "Y_r", "N_v", "N_r", "C_D", "X_vr")
@@ -59,18 +58,7 @@ def test_derivatives_agree_with_finite_differences() -> None:
 def test_the_problem_with_captive_points_has_exact_derivatives() -> None:
     p = problem(5)
     p = p.with_changes(captive=prepared(ESSO, points(hidden_ship()))[0])
-    rng = np.random.default_rng(1)
-    x, d, lam, e = somewhere(p), rng.normal(size=p.n), rng.normal(size=p.m), 1e-6
-    slope = (p.objective(x + e * d) - p.objective(x - e * d)) / (2 * e)
-    assert p.gradient(x) @ d == pytest.approx(slope, rel=1e-5)
-
-    def gradient(x: np.ndarray) -> np.ndarray:
-        return 0.7 * p.gradient(x) + matrix(p.patterns[0][0], p.jacobian(x)).T @ lam
-
-    H = matrix(p.patterns[1][0], p.hessian(x, 0.7, lam))
-    H = H + sp.triu(H, 1).T
-    bent = (gradient(x + e * d) - gradient(x - e * d)) / (2 * e)
-    np.testing.assert_allclose(H @ d, bent, atol=2e-5 * np.abs(bent).max())
+    assert_exact_derivatives(p, somewhere(p))
 
 
 def test_captive_points_determine_the_hull_but_never_the_masses() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fitting.nlp.fisher_information import Eliminated, Quadratics
+from fitting.nlp.prior import group_sums
 from fitting.nlp.problem import Problem
 from fitting.nlp.shooting import Chains, Kernels, elimination
 from fitting.solvers.condensing import carried, gauss_newton
@@ -54,3 +55,18 @@ def test_chains_go_back_in_time_through_the_intervals_of_each_window() -> None:
     chains = Chains.of(np.array([1, 0, 1, 1]), np.array([4, 0, 2, 3]), np.array([5, 1, 3, 4]))
     assert chains.first.tolist() == [0, 1, 4]
     assert chains.number.tolist() == [1, 0, 3, 2]
+
+
+# Sums by group are those of ``numpy.add.at`` to the last bit: what a fit ends at hangs on it in the fifth digit
+@pytest.mark.parametrize("shape", [(), (1,), (1, 1), (2,), (3,), (8, 1), (9, 72), (62, 62)])
+@pytest.mark.parametrize(("rows", "groups"), [(0, 3), (1, 1), (104, 1), (500, 26), (500, 400)])
+@pytest.mark.parametrize("in_order", [True, False])
+def test_sums_are_those_of_add_at(shape: tuple[int, ...], rows: int, groups: int, in_order: bool) -> None:
+    rng = np.random.default_rng(rows)
+    group = rng.integers(0, groups, rows)
+    group = np.sort(group) if in_order else group
+    values, expected = rng.standard_normal((rows, *shape)), np.zeros((groups, *shape))
+    np.add.at(expected, group, values)
+    for given in (values, np.asfortranarray(values)):
+        found = group_sums(group, given, groups)
+        assert found.shape == expected.shape and np.array_equal(found, expected)

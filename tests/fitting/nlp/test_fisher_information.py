@@ -11,7 +11,6 @@ from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Problem
 from fitting.solvers.solve import Solution, solve
 from tests.fitting.nlp.test_effects_in_the_fit import crowded
-from tests.support import gauss_newton
 from tests.support.synthetic_runs import problem
 
 
@@ -24,16 +23,15 @@ def solved(kind: str) -> tuple[Problem, Solution]:
     return p, s
 
 
-def test_it_agrees_with_single_shooting_on_a_plain_ship() -> None:
+def test_it_is_that_of_single_shooting() -> None:
+    """On a plain ship; that of single shooting agrees with least squares of scipy (test_shooting)."""
     p, s = solved("plain")
     whole = problem(K=200)
-    nodes, at = p.split(s.x)
-    first = np.unique(p.segments.node_window, return_index=True)[1]
-    reference = gauss_newton.information(whole, nodes[first], at)
-    found = information(p, s.x)
-    reference = reference[np.argsort(whole.segments.window)]  # it is in the order of the intervals, longest first
-    scale = np.sqrt(np.einsum("wii->wi", reference).max(axis=0)) + 1e-9
-    np.testing.assert_allclose(found.fisher / np.outer(scale, scale), reference / np.outer(scale, scale), atol=2e-4)
+    alone = solve(whole, whole.start(), tolerance=1e-9)
+    found, reference = information(p, s.x), information(whole, alone.x)
+    scale = np.sqrt(np.einsum("wii->wi", reference.fisher).max(axis=0)) + 1e-9
+    size = np.outer(scale, scale)
+    np.testing.assert_allclose(found.fisher / size, reference.fisher / size, atol=2e-4)
 
 
 @pytest.mark.parametrize("kind", ["plain", "crowded"])

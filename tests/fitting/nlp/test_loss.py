@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-import scipy.sparse as sp
 
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import hidden_ship
@@ -12,13 +13,16 @@ from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.nlp.loss import LOSSES, Loss, without_outliers
 from fitting.nlp.problem import Problem
+from fitting.nlp.windows import Segments, cut
 from fitting.prediction.score import score
 from fitting.settings import Settings
+from fitting.solvers.noise import estimate_noise
 from mmg.rollout import Simulator
 from tests.fitting.nlp.test_effects_in_the_fit import away_from_kinks, crowded
-from tests.fitting.nlp.test_shooting import matrix, somewhere
+from tests.fitting.nlp.test_shooting import somewhere
 from tests.support.quick import first_quick
-from tests.support.synthetic_runs import SIGMA, problem, runs
+from tests.support.synthetic_runs import SIGMA, assert_exact_derivatives, problem, runs
+from tests.support.trial_files import make_trial
 
 TAU = np.array([1.0, 2.0, 1.0, 3.0, 1.5, 1.0])
 FREE = ("X_0F", "Y_v", "N_v", "N_r", "Y_r", "C_D", "k_0", "w_P0", "t_R", "gamma_P", "C_rN")
@@ -38,22 +42,11 @@ def test_slope_and_bend_are_the_derivatives_of_the_cost(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["huber", "student"])
 @pytest.mark.parametrize("which", ["plain", "crowded"])
-def test_robust_derivatives_of_the_problem_agree_with_finite_differences(name: str, which: str) -> None:
+def test_robust_derivatives_of_the_problem_are_exact(name: str, which: str) -> None:
     plain = problem(5) if which == "plain" else crowded(5)
     p = plain.with_changes(loss=Loss(name, TAU))
     x = somewhere(p) if which == "plain" else away_from_kinks(p)
-    rng = np.random.default_rng(1)
-    d, lam, e = rng.normal(size=p.n), rng.normal(size=p.m), 1e-6
-    slope = (p.objective(x + e * d) - p.objective(x - e * d)) / (2 * e)
-    assert p.gradient(x) @ d == pytest.approx(slope, rel=1e-5)
-
-    def gradient(x: np.ndarray) -> np.ndarray:
-        return 0.7 * p.gradient(x) + matrix(p.patterns[0][0], p.jacobian(x)).T @ lam
-
-    H = matrix(p.patterns[1][0], p.hessian(x, 0.7, lam))
-    H = H + sp.triu(H, 1).T
-    bent = (gradient(x + e * d) - gradient(x - e * d)) / (2 * e)
-    np.testing.assert_allclose(H @ d, bent, atol=2e-5 * np.abs(bent).max())
+    assert_exact_derivatives(p, x)
 
 
 def test_small_residuals_cost_the_same_whatever_the_loss() -> None:
@@ -102,3 +95,46 @@ def test_spikes_ruin_the_gaussian_fit_but_not_the_robust_one(name: str) -> None:
     assert off(found[name]) < 2.0 * off(clean_fit) < 0.1 < 0.5 < off(found["gaussian"])
     assert judged[name] < 1.01 * best < 1.1 * best < judged["gaussian"]
     np.testing.assert_allclose(found[name].noise.rms, [0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006], rtol=0.25)
+
+
+# States that were derived count as little as their trials say, and are not taken for noise of the others
+def both(std: float) -> Segments:
+    """Two trials, the second with a surge velocity that was derived."""
+    trials = [make_trial(), replace(make_trial(), name="derived", std={"u": std} if std else {})]
+    return cut(trials, 1.0, 50.0, 5)
+
+
+def test_without_a_statement_nothing_changes() -> None:
+    assert both(0.0).variance is None
+
+
+def test_a_sample_weighs_one_over_the_sum_of_variances() -> None:
+    segments = both(0.03)
+    assert segments.variance is not None and segments.variance.shape == (len(segments.run), 6)
+    plain = problem(5)
+    tau = np.array([1.0, 1.0, 1.0, 2.0, 1.0, 1.0])
+    here = plain.with_changes(segments=segments).with_sigma(SIGMA, tau)
+    derived = segments.run[segments.node_window] == 1
+    assert here.node_weight[derived, 3] == pytest.approx(1 / (SIGMA[3] ** 2 + 2 * 0.03**2))
+    assert here.node_weight[~derived, 3] == pytest.approx(1 / SIGMA[3] ** 2)
+    inside = segments.run[segments.window] == 1
+    measured = segments.mask[:, 3, inside] > 0
+    assert here.weight[:, 3, inside][measured] == pytest.approx(1 / (SIGMA[3] ** 2 + 2 * 0.03**2))
+    for channel in (0, 1, 2, 4, 5):
+        assert here.node_weight[:, channel] == pytest.approx(1 / SIGMA[channel] ** 2)
+
+
+def test_the_noise_is_that_of_the_measured_ones() -> None:
+    """Residuals of .02 everywhere, those of the derived run larger by what it states."""
+    segments, rng = both(0.05), np.random.default_rng(0)
+    derived = segments.run[segments.node_window] == 1
+    nodes, inside = 0.02 * rng.standard_normal(segments.nodes.shape), 0.02 * rng.standard_normal(segments.targets.shape)
+    nodes[derived, 3] += 0.05 * rng.standard_normal(derived.sum())
+    at = segments.run[segments.window] == 1
+    inside[:, 3, at] += 0.05 * rng.standard_normal(inside[:, 3, at].shape)
+    found = estimate_noise(segments, nodes, inside, np.full(6, 1e-6))
+    assert found.rms == pytest.approx(np.full(6, 0.02), rel=0.25)
+    unaware = estimate_noise(replace(segments, variance=None), nodes, inside, np.full(6, 1e-6))
+    assert unaware.rms[3] > 0.035
+    part = segments.subset(np.flatnonzero(segments.run == 1))
+    assert part.variance is not None and (part.variance[:, 3] == 0.05**2).all()

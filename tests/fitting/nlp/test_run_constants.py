@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
 
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import freeing_effects, varies, varying_effects, with_effects
@@ -33,8 +32,7 @@ from mmg.model import assemble
 from mmg.ship import Ship
 from mmg_ident.commands.main import main
 from tests.fitting.nlp.test_captive import points
-from tests.fitting.nlp.test_shooting import matrix
-from tests.support.synthetic_runs import SIGMA
+from tests.support.synthetic_runs import SIGMA, assert_exact_derivatives
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 ESSO = load_ship("esso_osaka_3m")
@@ -86,24 +84,11 @@ def somewhere(p: Problem) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("K", "captive"), [(1, False), (7, True)])
-def test_derivatives_agree_with_finite_differences(K: int, captive: bool) -> None:
+def test_derivatives_are_exact(K: int, captive: bool) -> None:
     p = small(K, captive)
     assert (p.P - p.prior.shared, p.L - p.prior.shared) == (2 * 3, 3)
-    rng, e = np.random.default_rng(1), 1e-6
-    x, lam = somewhere(p), rng.normal(size=p.m)
-    for d in (rng.normal(size=p.n), *np.eye(p.n)[-7:]):  # all at once, then a shared one and each constant
-        slope = (p.objective(x + e * d) - p.objective(x - e * d)) / (2 * e)
-        assert p.gradient(x) @ d == pytest.approx(slope, rel=1e-5, abs=1e-5)
-        J = matrix(p.patterns[0][0], p.jacobian(x))
-        difference = (p.defects(x + e * d) - p.defects(x - e * d)) / (2 * e)
-        np.testing.assert_allclose(J @ d, difference, atol=1e-6 * max(np.abs(difference).max(), 1e-3))
-
-        def pulled(x: np.ndarray) -> np.ndarray:
-            return 0.7 * p.gradient(x) + matrix(p.patterns[0][0], p.jacobian(x)).T @ lam
-
-        H = matrix(p.patterns[1][0], p.hessian(x, 0.7, lam))
-        difference = (pulled(x + e * d) - pulled(x - e * d)) / (2 * e)
-        np.testing.assert_allclose((H + sp.triu(H, 1).T) @ d, difference, atol=2e-5 * np.abs(difference).max())
+    everything = np.random.default_rng(1).normal(size=p.n)
+    assert_exact_derivatives(p, somewhere(p), everything, *np.eye(p.n)[-7:])  # then a shared one and each constant
 
 
 def test_a_constant_of_one_run_moves_that_run_only() -> None:

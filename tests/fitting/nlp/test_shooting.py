@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-import casadi as ca
 import numpy as np
 import pytest
-import scipy.sparse as sp
 from scipy.optimize import least_squares
 
 from cases.shipfiles.ship_file import load_ship
+from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
 from fitting.solvers.control import Control
 from fitting.solvers.solve import solve
 from mmg.rollout import Simulator
-from tests.support import gauss_newton
-from tests.support.synthetic_runs import SIGMA, kernel, problem, runs
-
-
-def matrix(sparsity: ca.Sparsity, values: np.ndarray) -> sp.csc_matrix:
-    return sp.csc_matrix((values, np.array(sparsity.row()), np.array(sparsity.colind())), shape=sparsity.shape)
+from tests.support.synthetic_runs import SIGMA, assert_exact_derivatives, kernel, problem, runs
 
 
 def somewhere(p: Problem, seed: int = 0) -> np.ndarray:
@@ -50,29 +44,9 @@ def test_short_last_intervals_end_after_their_own_steps() -> None:
 
 
 @pytest.mark.parametrize("K", [1, 5, 7])
-def test_first_derivatives_agree_with_finite_differences(K: int) -> None:
+def test_derivatives_are_exact(K: int) -> None:
     p = problem(K)
-    x, d, e = somewhere(p), np.random.default_rng(1).normal(size=p.n), 1e-6
-    slope = (p.objective(x + e * d) - p.objective(x - e * d)) / (2 * e)
-    assert p.gradient(x) @ d == pytest.approx(slope, rel=1e-6)
-    J = matrix(p.patterns[0][0], p.jacobian(x))
-    difference = (p.defects(x + e * d) - p.defects(x - e * d)) / (2 * e)
-    np.testing.assert_allclose(J @ d, difference, atol=1e-6 * np.abs(difference).max())
-
-
-@pytest.mark.parametrize("K", [1, 5, 7])
-def test_the_lagrangian_hessian_agrees_with_finite_differences(K: int) -> None:
-    p = problem(K)
-    rng = np.random.default_rng(2)
-    x, d, lam, e = somewhere(p), rng.normal(size=p.n), rng.normal(size=p.m), 1e-7
-
-    def slope(x: np.ndarray) -> np.ndarray:
-        return 0.7 * p.gradient(x) + matrix(p.patterns[0][0], p.jacobian(x)).T @ lam
-
-    H = matrix(p.patterns[1][0], p.hessian(x, 0.7, lam))
-    H = H + sp.triu(H, 1).T
-    difference = (slope(x + e * d) - slope(x - e * d)) / (2 * e)
-    np.testing.assert_allclose(H @ d, difference, atol=1e-5 * np.abs(difference).max())
+    assert_exact_derivatives(p, somewhere(p))
 
 
 def test_interpreted_and_compiled_kernels_agree() -> None:
@@ -91,27 +65,6 @@ def test_the_optimum_does_not_depend_on_the_shooting_interval(K: int) -> None:
     other = solve(p, p.start())
     assert reference.converged and other.converged
     assert other.objective == pytest.approx(reference.objective, rel=1e-6)
-
-
-def test_random_starts_reach_the_same_optimum() -> None:
-    p = problem()
-    rng = np.random.default_rng(3)
-    ends = [solve(p, p.start(rng.normal(scale=0.5, size=p.P))) for _ in range(4)]
-    assert all(s.converged and s.violation < 1e-6 for s in ends)
-    values = [s.objective for s in ends]
-    assert max(values) == pytest.approx(min(values), rel=1e-6)
-
-
-def test_gauss_newton_on_single_shooting_finds_the_same_optimum() -> None:
-    p, whole = problem(), problem(K=200)
-    ours = solve(p, p.start())
-    seg = whole.segments
-    z0 = np.zeros((len(seg.run), 6))
-    z0[seg.window] = seg.nodes[seg.start]
-    theirs = gauss_newton.solve(whole, z0, np.zeros(whole.P), damping=1.0)
-    assert ours.converged and theirs.converged
-    assert theirs.objective == pytest.approx(ours.objective, rel=1e-5)
-    np.testing.assert_allclose(theirs.p, p.split(ours.x)[1], atol=5e-3)
 
 
 def test_scipy_finds_the_same_optimum_of_a_small_problem() -> None:
@@ -140,6 +93,9 @@ def test_scipy_finds_the_same_optimum_of_a_small_problem() -> None:
     assert found.converged
     assert theirs.cost == pytest.approx(found.objective, rel=1e-5)
     np.testing.assert_allclose(theirs.x[: whole.P], ours.split(found.x)[1], atol=1e-3)
+    H, n = theirs.jac.T @ theirs.jac, whole.P  # the initial states of the windows projected out
+    hessian = H[:n, :n] - H[:n, n:] @ np.linalg.solve(H[n:, n:], H[n:, :n])
+    np.testing.assert_allclose(information(ours, found.x).hessian, hessian, atol=5e-3 * np.abs(hessian).max())
 
 
 def test_stopping_early_returns_the_best_iterate_and_says_so() -> None:

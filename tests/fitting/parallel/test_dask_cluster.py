@@ -149,7 +149,7 @@ def test_without_dask_a_line_says_what_to_install(
 def test_something_else_that_listens_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     import socket
 
-    monkeypatch.setattr(module, "TIMEOUT", 1.0)
+    monkeypatch.setattr(module, "TIMEOUT", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as silent:  # takes the connection and says nothing
         at = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         with pytest.raises(UserError, match=f"--scheduler {at}"):

@@ -6,6 +6,8 @@ import multiprocessing
 import os
 import pickle
 import signal
+import subprocess
+import sys
 import threading
 import time
 from dataclasses import dataclass, field, replace
@@ -189,3 +191,65 @@ def test_intervals_of_figures_are_the_same_on_processes() -> None:
     found = imo_figures(ship)
     one, two = (with_intervals(found, ship, {}, 20, 0, None, workers) for workers in (1, 2))
     assert one.assessment.rows == two.assessment.rows and any(row.interval_90 for row in one.assessment.rows)
+
+
+# Large arrays that follow each other take the memory of the ones before
+PROGRAM = """
+import resource
+import numpy as np
+from fitting.parallel.executors import keep_freed_memory
+
+able = keep_freed_memory()
+for _ in range(3):
+    one, two = np.ones(2_000_000), np.ones(2_000_000)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    del one, two
+print(able, resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+more = [np.ones(2_000_000) for _ in range(2)]
+print(able, resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems keep it, or not, by themselves")
+def test_pages_are_not_cleared_again() -> None:
+    made = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True)
+    able, faults = made.stdout.split()[-2:]
+    assert able == "False" or int(faults) < 1000  # of 7,800 pages
+
+
+# Processes of a pool end with the one that started them
+ORPHANED = """
+import os, time
+from fitting.parallel import run_all
+from tests.fitting.parallel.test_executors import waits
+if __name__ == "__main__":
+    run_all(waits, [1, 2], 2)
+"""
+
+
+def waits(_: int) -> None:
+    """What a process of the pool does here."""
+    os.write(1, f"{os.getpid()}\n".encode())  # at once: print may write the end of the line apart
+    time.sleep(120)
+
+
+def alive(pid: int) -> bool:
+    """Whether a process lives; one that has ended and is not yet waited for does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="looks for processes in /proc")
+def test_a_pool_whose_parent_is_killed_ends() -> None:
+    process = subprocess.Popen([sys.executable, "-c", ORPHANED], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    children = [int(process.stdout.readline()) for _ in range(2)]
+    assert all(alive(pid) for pid in children)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    until = time.monotonic() + 60
+    while any(alive(pid) for pid in children) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not any(alive(pid) for pid in children)

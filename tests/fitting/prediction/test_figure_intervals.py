@@ -61,12 +61,12 @@ def figures() -> tuple[Any, Assessment]:
 def test_intervals_hold_the_figure_and_grow_with_what_is_not_known(figures: tuple[Any, Assessment]) -> None:
     ship, found = figures
     known = content(ship)
-    judged = with_intervals(found, ship, known, 80).assessment
-    sure = with_intervals(found, ship, {k: v for k, v in known.items() if k != "bands"}, 80).assessment
+    judged = with_intervals(found, ship, known, 50).assessment
+    sure = with_intervals(found, ship, {k: v for k, v in known.items() if k != "bands"}, 50).assessment
     doubled = ship.with_coefficients(
         {s: ship.coefficients[s].with_(std=2 * ship.coefficients[s].std) for s in ship.free}
     )
-    wider = with_intervals(found, doubled, known, 80).assessment
+    wider = with_intervals(found, doubled, known, 50).assessment
     assert len(judged.rows) == len(found.rows) == 8
     for row, plain, wide in zip(judged.rows, sure.rows, wider.rows, strict=True):
         low, high = row.interval_90
@@ -79,20 +79,19 @@ def test_intervals_hold_the_figure_and_grow_with_what_is_not_known(figures: tupl
             assert np.ptp(row.interval_90_trial) > np.ptp(row.interval_90)  # gusts belong to a single trial
             assert 1.5 < np.ptp(wide.interval_90) / np.ptp(row.interval_90) < 2.7
         assert (row.probability is None) == (row.limit is None)
-    again = with_intervals(found, ship, known, 80).assessment
-    assert [r.interval_90_trial for r in again.rows] == [r.interval_90_trial for r in judged.rows]  # by the seed alone
 
 
 def test_a_probability_counts_the_draws_that_meet_the_limit(figures: tuple[Any, Assessment]) -> None:
     ship, found = figures
-    judged = with_intervals(found, ship, content(ship), 100)
+    judged = with_intervals(found, ship, content(ship), 50)
     row = next(r for r in judged.assessment.rows if r.figure == "tactical_diameter")
     values = judged.scatter[row.run].ship["tactical_diameter"] / 3.0
     limit = float(np.quantile(values, 0.3))
     tight = replace(found, rows=tuple(replace(r, limit=limit) if r.figure == row.figure else r for r in found.rows))
-    rows = with_intervals(tight, ship, content(ship), 100).assessment.rows
-    again = next(r for r in rows if r.figure == row.figure)
-    assert again.probability == pytest.approx(0.3, abs=0.011)
+    once_more = with_intervals(tight, ship, content(ship), 50).assessment.rows
+    again = next(r for r in once_more if r.figure == row.figure)
+    assert again.probability == pytest.approx(0.3, abs=0.021)
+    assert again.interval_90_trial == row.interval_90_trial  # by the seed alone
 
 
 def test_a_manoeuvre_outside_the_trials_is_said_to_be(figures: tuple[Any, Assessment]) -> None:

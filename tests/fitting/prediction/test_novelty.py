@@ -19,14 +19,17 @@ from fitting.prediction.envelope import (
     MOST_NEW,
     HeldMotion,
     covering,
+    envelope_of,
     held_dict,
     held_motion,
     held_of,
     met_so_far,
     nearest,
+    trial_envelope,
 )
 from fitting.prediction.predict import predict, record_of
 from mmg.rollout import Simulator
+from tests.support.synthetic_runs import coarse_runs
 
 
 @cache
@@ -111,3 +114,36 @@ def test_a_single_trial_says_what_it_held_by_its_halves() -> None:
     """A turning circle is new to a ship that was tried in one zigzag, and that zigzag is not."""
     one = held("zigzag:20/20")
     assert np.mean(novelty(one, "zigzag:20/20") > 0) < 0.2 < 0.5 < np.mean(novelty(one, "turning:35") > 0)
+
+
+# The envelope is the range of what the force models saw in the trials
+def test_it_holds_the_extremes_of_the_trials() -> None:
+    ship, trials = load_ship("esso_osaka_3m"), coarse_runs()[0][:2]
+    found = trial_envelope(ship, trials)
+    assert set(found) == {*ship.features, "beta"}
+    for name in ("u", "v", "r", "n", "delta"):
+        values = np.concatenate([t[name] for t in trials])
+        assert found[name] == pytest.approx([values.min(), values.max()])
+
+
+def test_velocities_are_through_the_water() -> None:
+    (trial,) = coarse_runs()[0][:1]
+    found = trial_envelope(load_ship("esso_osaka_3m").with_effect("current", {"x": 5.0, "y": 0.0}), [trial])
+    expected = trial["u"] - 5.0 * np.cos(trial["psi"])
+    assert found["u"] == pytest.approx([expected.min(), expected.max()])
+    assert found["delta"] == pytest.approx([trial["delta"].min(), trial["delta"].max()])
+
+
+def test_rows_with_gaps_count_nothing() -> None:
+    ship, trial = load_ship("esso_osaka_3m"), coarse_runs()[0][0]
+    u = trial["u"].copy()
+    u[5], u[6] = 99.0, np.nan
+    v = trial["v"].copy()
+    v[5] = np.nan
+    assert trial_envelope(ship, [trial.with_columns(u=u, v=v)])["u"][1] < 10.0
+    assert trial_envelope(ship, [trial.with_columns(u=np.full_like(u, np.nan))]) == {}
+
+
+def test_a_drift_angle_near_rest_counts_nothing() -> None:
+    features = np.array([[1.0, 1.0, 0.001], [0.0, -0.1, -0.01], [0.0, 0.0, 0.0]])
+    assert envelope_of(("u", "v", "r"), features)["beta"] == pytest.approx([0.0, np.arctan(0.1)])

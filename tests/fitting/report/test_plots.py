@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from cases.trial import Trial
 from fitting.prediction.predict import predict
-from fitting.report.plot_style import FigureFolder
+from fitting.report.plot_maneuvers import COLOURS as LINES
+from fitting.report.plot_style import DASHES, FigureFolder
 from fitting.report.plots import (
     error_growth_plot,
     rms_with_error,
@@ -20,6 +21,7 @@ from fitting.report.plots import (
 )
 from mmg.rollout import Simulator
 from tests.support.calibrated import small_result
+from tests.support.colours import apart, told_by_colour_alone
 
 
 def texts(figure: Figure) -> str:
@@ -143,3 +145,27 @@ def test_figures_are_written_and_nothing_global_changes(tmp_path: Path) -> None:
         assert path.stat().st_size > 3000, path
         assert entry["title"] and entry["caption"]
     assert result.objects.validation[0].name in next(e["title"] for e in listed if e["file"] == "track_1.png")
+
+
+# Figures can be read in grey and with deuteranopia: where two colours look alike there, hatches or dashes differ
+def test_lines_of_manoeuvres_differ_in_their_dashes() -> None:
+    assert len(DASHES) == len(LINES) and len({str(d) for d in DASHES}) == len(DASHES)
+
+
+def test_two_blues_are_told_apart_and_equal_greys_are_not() -> None:
+    assert apart("#0072B2", "#7FB8D9") and not apart("#C00000", "#006000") and not apart("#808080", "#818181")
+
+
+def test_what_only_colours_tell_apart_is_found() -> None:
+    figure = Figure()
+    ax = figure.subplots()
+    ax.plot([0, 1], color="#C00000", label="one")
+    ax.plot([0, 1], color="#006000", label="other")
+    ax.bar([0, 1], [1, 1], color=["#C00000", "#006000"])
+    assert len(told_by_colour_alone(figure)) == 2
+    figure = Figure()
+    ax = figure.subplots()
+    ax.plot([0, 1], color="#C00000", label="one")
+    ax.plot([0, 1], color="#006000", ls="--", label="other")
+    ax.bar([0, 1], [1, 1], color=["#C00000", "#006000"], hatch=["", "////"])
+    assert told_by_colour_alone(figure) == []

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import fitting.report.imo_form as module
+from cases.criteria.imo import imo_figures
+from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
+from fitting.prediction.bands import correlation_in
 from fitting.record import MessageRow
+from fitting.report.imo_form import drawn_maneuvers, standard_figures
+from fitting.report.plan_section import FOLDER, PLAN, in_words, plan_section
 from fitting.report.run_folder import RESULT, read_result, write_json
-from fitting.report.sections import change, plus_minus
-from fitting.result import write_report
-from mmg.errors import BadValue, Missing, NotWritable
+from fitting.report.sections import change, plus_minus, structure_section
+from fitting.report.use import Delivered, delivery_sections
+from fitting.result import read_fit, write_report
+from mmg.errors import BadValue, Missing, NotWritable, UserError
+from mmg.messages import has_code
 from mmg_ident.commands.main import main
 from tests.support.calibrated import FREE, small_result
 
@@ -209,3 +221,150 @@ def test_change_is_put_in_words() -> None:
     assert change(3.0, 1.0).startswith("fell ") and "(3 times" in change(3.0, 1.0)
     assert change(1.0, 3.0).startswith("ROSE ")
     assert change(1.0, 1.004) == change(1.0, 0.997) and "diverges" in change(1.0, None)
+
+
+# The figure of the standard manoeuvres with drawn trials, and that there are no draws without a covariance
+def test_the_page_gets_a_picture_of_what_was_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit = small_result()
+    found = imo_figures(fit.ship)
+    kept = ("turning:35", "zigzag:10/10")
+    few = replace(
+        found,
+        rows=tuple(row for row in found.rows if row.run in kept),
+        runs=tuple(run for run in found.runs if run.name in kept),
+    )
+    monkeypatch.setattr(module, "DRAWS", 20)
+    monkeypatch.setattr(module, "imo_figures", lambda ship: few)
+    image = drawn_maneuvers(standard_figures(fit.to_dict(), fit.ship))
+    assert image is not None and image["name"] == "maneuvers"
+    assert base64.b64decode(image["image"].partition("base64,")[2]).startswith(b"\x89PNG")
+    known = Delivered(figure=image)
+    assert delivery_sections(fit.to_dict(), fit.ship, known)["known"] is known
+
+
+@pytest.mark.parametrize("damage", ["none", "number"])
+def test_a_run_without_covariance_has_no_draws(damage: str) -> None:
+    content = dict(small_result().to_dict())
+    matrix = [list(row) for row in content["correlation"]["matrix"]]
+    matrix[0][1] = None
+    content["correlation"] = None if damage == "none" else {**content["correlation"], "matrix": matrix}
+    assert correlation_in(content) is None
+
+
+# The section of a report on the planned trial: what it shows, and that a plan that cannot be read is left out
+CONTENT: dict[str, Any] = {
+    "title": "first",
+    "time_s": 180.0,
+    "area_m": {"length": 60.0, "width": 25.0, "margin": 0.25},
+    "start": {"x_m": 40.0, "y_m": 10.0, "heading_deg": 150.0, "speed_m_s": 0.38, "n_rps": 7.0},
+    "orders": [{"t_s": 0.0, "n_rps": 3.5, "delta_deg": -4.0}, {"t_s": 19.0, "n_rps": 10.5, "delta_deg": 35.0}],
+    "wanted": {
+        "Y_v": {"std_before": 0.07, "std_after": 0.035, "left": 0.5, "unit": "-"},
+        "first_overshoot_20": {"std_before": 0.0174533, "std_after": 0.00174533, "left": 0.1, "unit": "rad"},
+    },
+    "mean_log_variance": -2.0,
+    "library": [{"name": "turning:35", "mean_log_variance": -1.0, "stays_inside": False}],
+    "best_two_of_the_library": {"library": {"names": ["turning:35", "crash-stop"], "mean_log_variance": -1.5}},
+    "assumed": ["calm air"],
+    "notes": [],
+    "file": "next.csv",
+}
+
+
+def kept(folder: Path, content: Any) -> Path:
+    """A folder with a planned trial of this content."""
+    (folder / FOLDER).mkdir(parents=True)
+    (folder / FOLDER / PLAN).write_text(json.dumps(content))
+    return folder
+
+
+def test_the_section_says_what_is_known_better_and_what_the_library_would_do(tmp_path: Path) -> None:
+    found = plan_section(kept(tmp_path, CONTENT))
+    assert found is not None and found["image"] is None
+    assert found["wanted"] == [("first_overshoot_20 [deg]", "1", "0.1", "10%"), ("Y_v", "0.07", "0.035", "50%")]
+    assert found["library"][1] == ("turning:35", "-1.00", "61%", "no") and found["library"][0][1] == "-2.00"
+    assert "next.csv" in found["lead"][0] and "47% (turning:35" in found["lead"][1]
+    assert found["orders"][1] == ("19.0", "10.50", "35")
+    assert any("first_overshoot_20 [deg]" in line for line in in_words(CONTENT, "next.csv"))
+
+
+@pytest.mark.parametrize("damage", [{"start": None}, {"orders": 3}, {"wanted": []}, {"mean_log_variance": "x"}])
+def test_a_plan_that_cannot_be_read_is_left_out(tmp_path: Path, damage: dict[str, Any]) -> None:
+    assert plan_section(kept(tmp_path, CONTENT | damage)) is None
+    assert plan_section(tmp_path / "nowhere") is None
+
+
+@pytest.mark.usefixtures("blank_figures")
+def test_the_report_shows_the_plan_of_its_run(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    replace(small_result(), objects=None).save(run)
+    assert "turning:35" not in write_report([run], tmp_path / "a.html", imo=False)
+    text = write_report([kept(run, CONTENT)], tmp_path / "b.html", imo=False)
+    assert "turning:35" in text and CONTENT["assumed"][0] in text
+
+
+# How a structure was chosen, on the page, from a file that may be damaged
+ROW = {"words": "order 1", "unknowns": 20, "training": 0.2, "stable": 0, "sequences": 0, "left_out": ""}
+GOOD = {
+    "chosen": "b",
+    "candidates": [
+        {**ROW, "name": "a", "validation": None},
+        {**ROW, "name": "b", "validation": 0.1},
+        {**ROW, "name": "c", "validation": 0.05, "left_out": "too few samples"},
+    ],
+    "test": {"as given": 0.4, "chosen": None},
+    "stability": {"sequences": 1000, "diverged": 0, "speed": 0.2},
+}
+
+
+def test_the_best_comes_first_and_what_was_not_tried_last(tmp_path: Path) -> None:
+    assert structure_section(tmp_path) is None
+    (tmp_path / "selection.json").write_text(json.dumps(GOOD))
+    found = structure_section(tmp_path)
+    assert found is not None and [row["name"] for row in found["rows"]] == ["b", "a", "c"]
+    assert found["test"] == [("as given", 0.4), ("chosen", None)]
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", '{"chosen": 3}', json.dumps(GOOD | {"stability": None}), "\x00"])
+def test_a_damaged_file_leaves_the_page_without_it(text: str, tmp_path: Path) -> None:
+    (tmp_path / "selection.json").write_text(text)
+    assert structure_section(tmp_path) is None
+
+
+# Run folders of earlier releases, with other names, and with what is gone
+
+
+def test_a_run_of_an_earlier_release_is_read_with_present_names(tmp_path: Path) -> None:
+    """Else the errors of its coefficients would not find the ship's, and its prediction bands would be too narrow."""
+    old = {
+        "kind": "fit",
+        "coefficients": {"velocity_lag.tau": {"std": 0.1}, "Y_v": {"std": 0.2}},
+        "correlation": {"symbols": ["Y_v", "velocity_lag.tau"], "matrix": [[1.0, 0.5], [0.5, 1.0]]},
+        "settings": {"words": "the velocity_lag. stays"},
+    }
+    (tmp_path / "result.json").write_text(json.dumps(old), encoding="utf-8")
+    found = read_result(tmp_path)
+    assert list(found["coefficients"]) == ["velocity_filter.tau", "Y_v"] and found["settings"] == old["settings"]
+    assert found["correlation"]["symbols"] == ["Y_v", "velocity_filter.tau"]
+
+
+def test_a_run_whose_loss_was_still_to_be_chosen_is_read(tmp_path: Path) -> None:
+    """Earlier versions left loss and weight open, said how they were chosen, and could choose the model."""
+    small_result().save(tmp_path / "run")
+    file = tmp_path / "run" / "result.json"
+    content = json.loads(file.read_text(encoding="utf-8"))
+    content |= {"weighting": {"loss": "student", "tried": []}, "auto": [{"varied": "start"}]}
+    content["settings"] |= {"loss": None, "weight": None, "horizon": 40.0}
+    file.write_text(json.dumps(content), encoding="utf-8")
+    settings = read_fit(tmp_path / "run").settings
+    assert settings.loss == "gaussian" and settings.weight == 1.0
+
+
+def test_a_ship_with_random_forces_is_read_without_them() -> None:
+    text = dump_ship(load_ship("esso_osaka_3m").with_effect("tow"))
+    ship = parse_ship(text.replace('effects = ["tow"]', 'effects = ["tow", "disturbance"]') + (
+        '\n[coefficients."disturbance.X"]\nvalue = 0.3\nfixed = true\nunit = "N"\n'
+    ))  # fmt: skip
+    assert ship.effects == ("tow",) and has_code(ship.notices, "effect_gone")
+    with pytest.raises(UserError, match="disturbance"):
+        freeing_effects(ship, ["disturbance"])

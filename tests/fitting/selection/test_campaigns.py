@@ -43,8 +43,8 @@ from fitting.solvers.solve import Solution
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.rollout import Simulator
-from tests.support.fleets import DAYS, fleet
 from tests.support.quick import first_quick
+from tests.support.small_fleets import DAYS, fleet
 
 ESSO = load_ship("esso_osaka_3m")
 FREE = ("Y_v", "N_v", "Y_r", "N_r", "k_0")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.fisher_information import Information
@@ -21,6 +20,7 @@ from fitting.selection.left_out_runs import (
 )
 from fitting.settings import Settings
 from mmg.rollout import Simulator
+from tests.support.synthetic_runs import coarse_runs
 
 FREE = ("X_0F", "Y_v", "N_r", "k_0", "gamma_P", "Y_A1")
 
@@ -30,7 +30,7 @@ def calibrated() -> tuple[list[Trial], Calibration]:
     """Four short runs of the hidden ship of the demo and six coefficients fitted to them."""
     start = load_ship("esso_osaka_3m")
     start = start.fixing([s for s in start.symbols if s not in FREE])
-    trials = demo_trials(3, dt=0.5)[0][:4]
+    trials = coarse_runs()[0][:4]
     return trials, estimate_coefficients(start, trials, Settings(passes=2))
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.effects import freeing_effects
-from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial
 from fitting.calibrate import FitOptions, calibrate
 from fitting.calibration import Calibration, answers, with_second
@@ -19,6 +18,7 @@ from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.ship import Ship
 from tests.support.calibrated import small_result
+from tests.support.synthetic_runs import coarse_runs
 
 
 def calibration() -> Calibration:
@@ -68,7 +68,7 @@ def assert_said_of_what_is_shown(result: FitResult) -> None:
 
 def test_what_a_fit_says_it_says_of_the_mean() -> None:
     """Also where the second estimate lies nine prior standard deviations from the prior, in all coefficients."""
-    ship, train = small_result().start, demo_trials(3, dt=0.5)[0][:1]
+    ship, train = small_result().start, coarse_runs()[0][:1]
 
     def second(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float]:
         return {s: ship.coefficients[s].value + 9 * ship.coefficients[s].std for s in ship.free}

@@ -8,13 +8,21 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
+from cases.simulation.demo_trials import TRAIN, demo_trials
+from cases.trial import inside
+from cases.trial_set import TrialSet
+from fitting.calibrate import FitOptions, calibrate
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
 from fitting.parallel import Shared
+from fitting.result import read_fit
+from fitting.settings import Settings
 from fitting.solvers.solve import Solution, solve
 from fitting.uncertainty.refits import LIMIT, bootstrap, drawn_runs, profiles, refit, reweighted
 from fitting.uncertainty.sandwich import changes_without_each, robust
+from tests.support.calibrated import FREE, small_result
+from tests.support.disturbed_trials import Disturbed, disturbed_trials, drawn_ship, process
 from tests.support.synthetic_runs import SIGMA, kernel, runs
 
 SYMBOLS = ("Y_v", "N_v", "N_r", "C_D", "k_x", "X_0F")
@@ -179,3 +187,73 @@ def test_a_profile_is_the_parabola_of_the_model_based_error_near_the_estimate() 
     assert not profile.failures and pytest.approx(1.96**2 / 2, rel=1e-3) == LIMIT
     with pytest.raises(ValueError):
         profiles(p, s.x, ["m_x"], found.model, found.model)
+
+
+# Intervals on disturbed synthetic trials hold the truth where those of the model alone do not
+def test_the_process_has_its_size_and_memory() -> None:
+    d = process(200_000, 0.1, 5.0, np.random.default_rng(0))
+    assert d.std() == pytest.approx(1.0, abs=0.05)
+    assert np.mean(d[:-50] * d[50:]) == pytest.approx(np.exp(-1.0), abs=0.06)
+
+
+def test_a_drawn_ship_lies_within_its_bounds_and_spreads_like_the_prior() -> None:
+    base = load_ship("esso_osaka_3m")
+    z = []
+    for seed in range(20):
+        true = drawn_ship(base, seed)
+        for s in base.free:
+            c = base.coefficients[s]
+            assert c.lower < true.coefficients[s].value < c.upper
+            z.append((true.coefficients[s].value - c.value) / c.std)
+    assert np.std(z) == pytest.approx(1.0, abs=0.1)
+
+
+def test_forces_and_defects_show_in_the_logged_columns() -> None:
+    ship = load_ship("esso_osaka_3m")
+    calm = Disturbed(X=1e-9, Y=1e-9, N=1e-9, defects=())
+    worse = {"forces": Disturbed(defects=()), "defects": Disturbed(X=1e-9, Y=1e-9, N=1e-9)}
+    (clean,) = disturbed_trials(ship, [("turning:35", 60.0)], 1, calm)
+    for how in worse.values():
+        (bad,) = disturbed_trials(ship, [("turning:35", 60.0)], 1, how)
+        assert np.hypot(bad["x"] - clean["x"], bad["y"] - clean["y"]).max() > 5 * calm.noise.x
+    again = disturbed_trials(ship, [("turning:35", 60.0)], 1, calm)[0]
+    np.testing.assert_array_equal(again["u"], clean["u"])
+
+
+@pytest.mark.slow
+def test_pooled_coverage_of_95_percent_intervals_is_90_to_98_percent() -> None:
+    from benchmarks.coverage import disturbed_errors
+
+    assert len(TRAIN) == 7
+    inside = np.array([np.abs(disturbed_errors(seed).errors) < 1.96 for seed in range(100, 120)])
+    model, reported = inside.mean(axis=(0, 2))
+    assert 0.90 <= reported <= 0.98
+    assert model < 0.80
+
+
+# What stretches that were left out of the trials were worth
+@pytest.mark.slow
+def test_a_calibration_says_what_it_left_out_and_what_that_was_worth(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    start = load_ship("esso_osaka_3m")
+    start = start.fixing([s for s in start.symbols if s not in FREE])
+    train, held_out = demo_trials(3)
+    rows = inside(train[0], [(50.0, 58.0)])
+    broken = train[0].with_columns(psi=train[0]["psi"] + np.where(rows, 0.3, 0.0))
+    (kept,) = TrialSet.of([broken]).sound
+    assert kept.whole is broken
+    settings, options = Settings(passes=2, compiled=False), FitOptions(next_trial=False, instruments=())
+    result = calibrate(start, [kept], held_out[-1:], settings, options)
+    worth = result.left_out
+    assert worth is not None and list(worth["trials"]) == [broken.name] and 7.0 < worth["seconds"] < 13.0
+    errors = worth["scores"]["training"]["window"]
+    assert errors["with"] > errors["without"] == pytest.approx(result.scores["training"].after.window)
+    assert "validation" not in worth["scores"]
+    (message,) = [m for m in result.warnings if m.code == "left_out_worth"]
+    assert "30 s" in message and broken.name not in message
+    assert read_fit(result.save(tmp_path / "run").folder).left_out == worth
+    assert broken.name in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_calibration_of_whole_trials_has_nothing_to_say() -> None:
+    assert small_result().left_out is None
+    assert not [m for m in small_result().warnings if m.code == "left_out_worth"]

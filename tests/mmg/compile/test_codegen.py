@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import casadi as ca
@@ -9,9 +10,10 @@ import numpy as np
 import pytest
 
 from mmg.compile import batch, codegen
-from mmg.compile.batch import batch_functions, padded
+from mmg.compile.batch import BatchFunction, batch_functions, padded
 from mmg.compile.cache import compiler
 from mmg.compile.codegen import LANES
+from mmg.compile.stages import Program, staged_bodies
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
@@ -176,3 +178,87 @@ def test_a_number_of_points_that_fills_no_vector_is_refused(points: int) -> None
 def test_padding_goes_to_the_next_multiple(points: int, expected: int) -> None:
     assert LANES == 8
     assert padded(points) == expected
+
+
+# Vector functions of the generated C: the C library's values to a few units of the last bit, and at the edges
+
+
+def arguments_of(name: str) -> tuple[np.ndarray, ...]:
+    """Arguments over the whole range of a function, small and large ones and whole multiples of pi / 4 among them."""
+    rng = np.random.default_rng(5)
+    x = np.concatenate([
+        rng.standard_normal(20000), 40 * rng.standard_normal(20000), 10.0 ** rng.uniform(-300, 2, 2000),
+        np.arange(-400, 400) * math.pi / 4, rng.uniform(-3e5, 3e5, 2400),
+    ])  # fmt: skip
+    if name == "atan2":
+        return x, rng.permutation(x)
+    return (np.clip(x, -700, 700) if name == "exp" else x,)
+
+
+NUMPY = {"exp": np.exp, "tanh": np.tanh, "sin": np.sin, "cos": np.cos, "atan2": np.arctan2}
+
+
+def own(name: str) -> BatchFunction:
+    """A function of the C code by itself."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    given = [x, y] if name == "atan2" else [x]
+    (batch,), reason = batch_functions([ca.Function(f"own_{name}", given, [getattr(ca, name)(*given)])])
+    assert reason == ""
+    return batch
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", NUMPY)
+def test_own_functions_are_those_of_the_c_library_to_four_units_of_the_last_bit(name: str) -> None:
+    (got,) = own(name)(*(a[None] for a in arguments_of(name)))
+    expected = NUMPY[name](*arguments_of(name))
+    assert (np.abs(got[0] - expected) <= 4 * np.spacing(np.abs(expected))).all()
+
+
+SPECIAL = [0.0, -0.0, 1.0, -1.0, np.inf, -np.inf, np.nan, 5e-324, 1e-310, 1e308, -1e308, 800.0, -800.0, 22.0, 3.0, 1e5]
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", NUMPY)
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_own_functions_at_the_edges(name: str) -> None:
+    grid = np.array(SPECIAL)
+    given = tuple(a.ravel() for a in np.meshgrid(grid, grid)) if name == "atan2" else (grid,)
+    (got,) = own(name)(*(a[None] for a in given))
+    expected = NUMPY[name](*given)
+    np.testing.assert_allclose(got[0], expected, rtol=1e-15, atol=1e-320)
+    if name in ("tanh", "atan2"):
+        there = ~np.isnan(expected)
+        np.testing.assert_array_equal(np.signbit(got[0][there]), np.signbit(expected[there]))
+
+
+# A program whose last stage is divided hands on what later parts need, and computes nothing twice
+def program(terms: int) -> Program:
+    """A long sum of products of the two arguments, of which the second belongs to an early stage."""
+    x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
+    total = p[0] * p[1]
+    for k in range(terms):
+        total = ca.sin(total + k * x[k % 3]) * p[k % 2]
+    return Program.of(ca.Function("f", [x, p], [total, x[0] * total]), (2, 1))
+
+
+@pytest.mark.parametrize("size", [7, 20, 1000])
+def test_each_value_is_in_one_part_and_known_where_it_is_used(size: int) -> None:
+    whole = program(30)
+    parted = whole.divided([0, 1], 2, size)
+    last = max(value.stage for value in parted.values)
+    count = len(whole.needed([0, 1], 1))
+    assert last - 2 == (len([v for v in whole.values if v.stage == 2 and v.argument is None]) - 1) // size
+    bodies = staged_bodies(parted, [0, 1], {0: "x", 1: "p"}, {k: f"m{k}" for k in range(1, last)}, "d")
+    made = [line for body in bodies.values() for line in body.text.split("\n") if "sin" in line]
+    assert len(made) == 30 and count > 90
+    for stage, body in bodies.items():
+        known: set[str] = set()
+        for line in (line.strip() for line in body.text.split("\n")):
+            if line.startswith("const V "):
+                name, words = line.removeprefix("const V ").split(" = ")
+                assert name not in known
+                used = {w.strip("();,-") for w in words.replace("(", " ").split() if w.strip("();,-")[:1] == "a"}
+                assert used <= known | {"a"}, (stage, line)
+                known.add(name)
+    assert whole.divided([0, 1], 2, 10**6) == whole

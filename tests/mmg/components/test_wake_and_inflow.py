@@ -33,21 +33,6 @@ def flow(u: float = 0.0, v: float = 0.0, r: float = 0.0, n: float = 0.0) -> Flow
 # Wake and windmilling
 
 
-@pytest.mark.parametrize("u", [0.05, 0.2, 0.4])
-@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-14), (Smooth(), 2e-4)])
-def test_wake_in_straight_running_is_w_P0(u: float, smoothing: Smoothing, tolerance: float) -> None:
-    """Smooth: 1.3e-4 of 1 - w_P0 at 0.05 m/s, 6e-5 above 0.1 m/s: the two rounded clips of width 0.01."""
-    wake = number(hachii.wake(flow(u=u, n=10.0), P, C, smoothing))
-    assert wake == pytest.approx(1 - C.w_P0, rel=tolerance)
-
-
-@pytest.mark.parametrize("u", [-0.4, -0.1, -0.05])
-@pytest.mark.parametrize("v", [-0.1, 0.0, 0.1])
-@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 0.0), (Smooth(), 5e-5)])
-def test_there_is_no_wake_with_sternway(u: float, v: float, smoothing: Smoothing, tolerance: float) -> None:
-    assert number(hachii.wake(flow(u=u, v=v, n=10.0), P, C, smoothing)) == pytest.approx(1.0, abs=tolerance)
-
-
 @settings(max_examples=200, deadline=None)
 @given(speeds, sways, yaw_rates, st.booleans())
 def test_wake_stays_between_none_and_all(u: float, v: float, r: float, exact: bool) -> None:

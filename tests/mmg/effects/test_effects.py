@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
+from functools import cache, lru_cache
 from types import SimpleNamespace
 
 import casadi as ca
@@ -18,7 +18,7 @@ from cases.simulation.simulate import simulate, simulate_controls
 from cases.trial import Trial
 from mmg.effects import EFFECTS
 from mmg.errors import UserError
-from mmg.model import assemble
+from mmg.model import Model, assemble
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
@@ -48,6 +48,11 @@ def states_and_controls(ship: Ship, count: int = 40, seed: int = 0) -> tuple[np.
     return state, controls
 
 
+@cache
+def bare(name: str) -> Model:
+    return assemble(load_ship(name))
+
+
 def usable(ship: Ship) -> list[str]:
     return [name for name, e in EFFECTS.items() if all(role in ship.components for role in e.needs)]
 
@@ -70,7 +75,7 @@ def test_at_its_neutral_value_an_effect_changes_nothing_to_the_last_bit(name: st
             check_needs(ship, name, "here")
         return
     touched = ship.with_effect(name)
-    plain, model = assemble(ship), assemble(touched)
+    plain, model = bare(ship_name), assemble(touched)
     state, controls = states_and_controls(touched)
     rng = np.random.default_rng(1)
     for z, c in zip(state.T, controls.T, strict=True):

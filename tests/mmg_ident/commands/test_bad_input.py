@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from cases.shipfiles.ship_file import dump_ship
-from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from mmg_ident import load_ship
 from tests.support.calibrated import small_result
 from tests.support.commands import refused
 from tests.support.diagnosis_cases import FEW, SHIP
 from tests.support.operation_logs import sailed, write_log
+from tests.support.synthetic_runs import coarse_runs
 from tests.support.trial_files import motion_columns, write_csv
 
 INPUTS = "t [s],n [rps],delta [rad]\n{},10,0\n{},{},0\n"
@@ -43,7 +43,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = write_csv(place / "furlong.csv", good, rows=None)
     path.write_text(path.read_text().replace("u [m/s]", "u [furlong/fortnight]"))
     (place / "trials").mkdir()
-    for trial in demo_trials(3, dt=0.5)[0][:2]:
+    for trial in coarse_runs()[0][:2]:
         write_trial(trial, place / "trials" / f"{trial.name}.csv")
     write_trial(replace(trial, columns={k: v[:20] for k, v in trial.columns.items()}), place / "short.csv")
     small_result().save(place / "run")
@@ -66,7 +66,14 @@ BAD = {
     ],
     "train esso_osaka_3m trials": [
         "--keep never", "--model oracle", "--seeds 0", "--rate -1", "--penalty -1", "--time-limit 0", "--out taken",
+        "--model fnn --memory 3", "--layers 3", "--model fnn --loss huber", "--model rnn --augment sli3 | sli3",
+        "--model rnn --memory 0", "--model rnn --initial -1",
     ],
+    "compare --train trials --test short.csv": [
+        "--models captive,oracle | oracle", "--fractions 0,1", "--fractions all", "--seeds 0", "--time-limit 0",
+        "--ship nothing | nothing",
+    ],
+    "compare": ["--train nowhere --test short.csv | nowhere", "--train short.csv --test short.csv |"],
     "train": ["esso_osaka_3m short.csv | 10 s", "nobody trials"],
     "diagnose few.toml trials": [
         "--without sails", "--without hull", "--step 0", "--workers 0", "--site no_site.toml | no_site",

@@ -50,11 +50,3 @@ def test_a_raw_log_is_refused_with_the_command_that_reads_it(
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and ("mmg import" in error) == (name != "none.csv")
     assert not (tmp_path / "out").exists()
-
-
-def test_a_record_without_manoeuvres_leaves_nothing(tmp_path: Path) -> None:
-    record, times, _ = long_record("esso_osaka_3m", ["turning:35"], 0.5)
-    rows = record.t < times[0]
-    write_trial(record.with_columns(**{k: values[rows] for k, values in record.columns.items()}), tmp_path / "a.csv")
-    assert main(["cut", str(tmp_path / "a.csv"), "--out", str(tmp_path / "out")]) == 2
-    assert not (tmp_path / "out").exists()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,7 +11,7 @@ import pytest
 from cases.simulation.demo_trials import CURRENT, SHIP, compare_with_truth, hidden_ship
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from mmg_ident import calibrate
-from mmg_ident.commands.demo import STEP, campaign, moral
+from mmg_ident.commands.demo import STEP, campaign
 from mmg_ident.commands.main import main
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -58,13 +57,6 @@ def test_the_demo_says_nothing_false_of_a_hidden_current(seed: int, tmp_path: Pa
     codes = {row["code"] for row in found.to_dict()["messages"]}
     false = {"far_from_prior", "ordered_forces", "oscillating_residuals", "coarse_samples"}
     assert not codes & false
-
-
-def test_the_sentence_at_the_end_is_that_of_what_was_decided() -> None:
-    calibrated, hybrid = (SimpleNamespace(recommended=name) for name in ("calibrated", "hybrid"))
-    told = moral(calibrated, hybrid)  # type: ignore[arg-type]
-    for pair in ((hybrid, calibrated), (calibrated, calibrated), (hybrid, hybrid), (None, hybrid)):
-        assert moral(*pair) != told  # type: ignore[arg-type]
 
 
 @pytest.mark.slow

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
+from tests.support.synthetic_runs import coarse_runs
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[3]
@@ -61,7 +61,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 def write_trials(folder: Path) -> None:
     for place, runs in (("trials", slice(0, 2)), ("hold", slice(2, 3))):
         (folder / place).mkdir()
-        for trial in demo_trials(3, dt=0.5)[0][runs]:
+        for trial in coarse_runs()[0][runs]:
             write_trial(trial, folder / place / f"{trial.name}.csv")
 
 

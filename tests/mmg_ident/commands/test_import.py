@@ -10,8 +10,8 @@ import pytest
 
 from mmg_ident.commands.main import main
 from tests.support import raw_logs
+from tests.support.commands import talk
 from tests.support.raw_logs import UNITS, plain
-from tests.support.terminal import talk
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="talks on a terminal")
 HEADER = UNITS.replace("shaft_rps", "shaft_speed") + " wind_speed wind_dir_rad ws_kn"
@@ -48,16 +48,6 @@ def test_what_is_open_is_asked_once_and_the_map_repeats_it_to_the_bit(tmp_path: 
     code, shown, left = talk(["import", "logs", "--map", "one/import.toml", "--out", "two"], ["kn"] * 3, tmp_path)
     assert code == 0 and left == ["kn"] * 3 and "[nothing]" not in shown
     assert same_folders(tmp_path / "one", tmp_path / "two")
-
-
-@pytest.mark.slow
-def test_what_is_not_wanted_is_left_out_for_good(tmp_path: Path) -> None:
-    open_logs(tmp_path / "logs")
-    code, shown, left = talk(["import", "logs", "--out", "one"], ["", "", "rps", ""], tmp_path)
-    assert code == 0 and not left, shown
-    assert "wind" not in (tmp_path / "one" / "a.csv").read_text().splitlines()[0]
-    code, shown, left = talk(["import", "logs", "--map", "one/import.toml", "--out", "two"], ["kn"], tmp_path)
-    assert code == 0 and left == ["kn"] and same_folders(tmp_path / "one", tmp_path / "two")
 
 
 @pytest.mark.slow

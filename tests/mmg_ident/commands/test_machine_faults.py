@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from mmg_ident.commands.main import main
+from tests.support.synthetic_runs import coarse_runs
 
 ROOT = Path(__file__).parents[3]
 FEW = ["--only", "X_0F", "--no-next-trial", "--measurement", "none", "--window", "10", "--max-iterations", "2"]
@@ -24,7 +24,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder ``trials`` with a short trial whose name is not ASCII."""
     place = tmp_path_factory.mktemp("machine")
     (place / "trials").mkdir()
-    write_trial(demo_trials(3, dt=0.5)[0][0], place / "trials" / "Drehkreis_ä_舵.csv")
+    write_trial(coarse_runs()[0][0], place / "trials" / "Drehkreis_ä_舵.csv")
     return place
 
 
@@ -37,8 +37,13 @@ def run(folder: Path, *words: str, before: str = "", **environment: str) -> subp
     )  # fmt: skip
 
 
-def test_names_that_are_not_ascii_are_no_fault_in_the_c_locale(folder: Path) -> None:
-    made = run(folder, "predict", "esso_osaka_3m", "trials", "--window", "30", "--out", "forecast_c", LC_ALL="C")
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores cannot be chosen")
+def test_one_core_without_a_temporary_folder_in_the_c_locale_is_enough(folder: Path) -> None:
+    """Also where names are not ASCII."""
+    one = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})"
+    gone = "import tempfile; tempfile._candidate_tempdir_list = lambda: ['/no/such/folder']"
+    given = ("predict", "esso_osaka_3m", "trials", "--window", "30", "--out", "forecast_c")
+    made = run(folder, *given, before=f"{one}\n{gone}", LC_ALL="C")
     assert made.returncode == 0, made.stderr
     assert [p.name for p in (folder / "forecast_c").iterdir()] == ["Drehkreis_ä_舵.csv"]
 
@@ -85,12 +90,6 @@ def test_without_a_compiler_the_fit_goes_on_and_says_so(folder: Path) -> None:
     assert (folder / "slow" / "result.json").exists() and "Glyph" not in made.stderr
 
 
-def test_without_a_temporary_folder_what_needs_none_goes_on(folder: Path) -> None:
-    gone = "import tempfile; tempfile._candidate_tempdir_list = lambda: ['/no/such/folder']"
-    made = run(folder, "predict", "esso_osaka_3m", "trials", "--window", "30", "--out", "no_temp", before=gone)
-    assert made.returncode == 0, made.stderr
-
-
 @pytest.mark.slow
 def test_a_clock_that_jumps_changes_nothing(folder: Path) -> None:
     """Durations are by clocks that never jump: a wall clock that goes back a year ends nothing early."""
@@ -100,13 +99,6 @@ def test_a_clock_that_jumps_changes_nothing(folder: Path) -> None:
     )
     found = json.loads(made.stdout)
     assert found["status"] == "Maximum_Iterations_Exceeded" and found["timings_s"]["wall"] > 0
-
-
-@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores cannot be chosen")
-def test_one_core_is_enough(folder: Path) -> None:
-    one = "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})"
-    made = run(folder, "score", "esso_osaka_3m", "trials", "--json", before=one)
-    assert made.returncode == 0 and json.loads(made.stdout)
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write everywhere")

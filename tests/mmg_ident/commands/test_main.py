@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
-import subprocess
-import sys
-import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import mmg_ident.commands.main
+from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import write_trial
 from mmg_ident.commands.main import expand, main
+from tests.fitting.nlp.test_captive import points, write
 from tests.support.commands import refused, shown
 from tests.support.synthetic_runs import runs
 from tests.support.trial_files import motion_columns, write_csv
 
-ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
 
@@ -147,21 +145,6 @@ def test_an_iteration_limit_exits_1_and_resume_finishes(folder: Path, tmp_path: 
     assert main([*arguments, "--resume"]) == 0  # already converged: nothing to do
 
 
-@pytest.mark.skipif(os.name == "nt", reason="sends SIGTERM")
-@pytest.mark.slow
-def test_sigterm_is_answered_as_ctrl_c(folder: Path, tmp_path: Path) -> None:
-    """As a batch system sends it before it kills: the run is written, flagged, and nothing is left beside it."""
-    command = [sys.executable, "-m", "mmg_ident.commands.main", *fit(folder, tmp_path / "run")]
-    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
-    while not (tmp_path / ".run.lock").exists():
-        assert process.poll() is None
-        time.sleep(0.05)
-    process.send_signal(signal.SIGTERM)
-    _, error = process.communicate(timeout=120)
-    assert process.returncode in (0, 130) and "Traceback" not in error
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-
-
 def test_what_memory_does_not_hold_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -190,35 +173,6 @@ def test_what_a_library_makes_of_ctrl_c_is_an_interruption(
     assert main(["ships"]) == 130 and capsys.readouterr().err == "mmg: interrupted\n"
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="sends SIGINT")
-def test_ctrl_c_leaves_a_flagged_folder_that_resume_continues(folder: Path, tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    code = (
-        "import sys, fitting.solvers.noise as c; from mmg_ident.commands.main import main\n"
-        "from dataclasses import replace\n"
-        "solve = c.solve\n"
-        "def slow(program, x, control, *more):\n"
-        "    def watch(event):\n"
-        "        import time; print('iterating', flush=True); time.sleep(0.4)\n"
-        "    return solve(program, x, replace(control, progress=watch), *more)\n"
-        "c.solve = slow; sys.exit(main(sys.argv[1:]))"
-    )
-    arguments = fit(folder, run)
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, *arguments], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None and process.stdout.readline() == "iterating\n"
-    time.sleep(0.2)
-    process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=120)
-    assert process.returncode == 130 and "Traceback" not in error and "resource_tracker" not in error
-    content = json.loads((run / "result.json").read_text())
-    assert not content["converged"] and content["status"] == "User_Requested_Stop"
-    assert main([*arguments, "--resume"]) == 0
-    assert json.loads((run / "result.json").read_text())["converged"]
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -238,15 +192,6 @@ def test_bad_trials_are_refused_in_one_line_and_nothing_is_written(change, words
     line = refused(capsys, "fit", "esso_osaka_3m", path, "--out", tmp_path / "run")
     assert words in line and ("bad" in line)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.csv"]
-
-
-def test_bounds_that_exclude_their_value_are_repaired_with_a_notice(folder, tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
-    text = (ROOT / "cases" / "ships" / "esso_osaka_3m.toml").read_text()
-    ship = tmp_path / "ship.toml"
-    ship.write_text(text.replace("lower = -1.5\nupper = -0.4", "lower = 0.5\nupper = 1.5"))
-    arguments = ["fit", str(ship), str(folder / "train"), "--out", str(tmp_path / "run"), "--max-iterations", "0"]
-    main(arguments)
-    assert "[0.5, 1.5]" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -313,3 +258,32 @@ def test_nothing_to_predict_is_an_error(folder: Path, tmp_path: Path, capsys: py
     refused(capsys, "predict", "esso_osaka_3m", held_out, "--window", "500", "--stride", "10", "--out", out)
     assert "--window" in refused(capsys, "predict", "esso_osaka_3m", held_out, "--window", "nan", "--out", out)
     assert not out.exists()
+
+
+# ``mmg fit`` with a robust loss and captive points, from files to result.json and report
+UNITS = "u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],N [N m]"
+FREE = "Y_v,N_v,N_r,k_0"
+
+
+@pytest.fixture(scope="module")
+def options_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The first 80 s of three training trials with positions, and captive points of the same ship."""
+    options_folder = tmp_path_factory.mktemp("options")
+    (options_folder / "train").mkdir()
+    for trial in runs()[0][:3]:
+        part = replace(trial, columns={name: values[:801] for name, values in trial.columns.items()})
+        write_trial(part, options_folder / "train" / f"{trial.name}.csv")
+    write(options_folder / "tank.csv", UNITS, points(hidden_ship(), 1.0))
+    return options_folder
+
+
+@pytest.mark.slow
+def test_captive_points_and_a_robust_loss_go_into_the_run(options_folder: Path) -> None:
+    run, folder = options_folder / "run", options_folder
+    arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--only", FREE, "--out", str(run), "--loss", "student",
+                 "--captive", str(folder / "tank.csv"), "--captive-sigma", "0.5,0.5,0.3", "--starts", "2",
+                 "--no-next-trial"]  # fmt: skip
+    assert main(arguments) == 0
+    result = json.loads((run / "result.json").read_text())
+    assert result["settings"]["loss"] == "student" and 1 <= result["condition_number"] < 1e12
+    assert len(result["starts"]) == 2 and result["starts"][1]["apart"] == {}

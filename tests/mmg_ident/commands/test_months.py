@@ -64,13 +64,6 @@ def test_the_folder_holds_ship_windows_and_page(run: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_same_command_finds_the_same(log: Path, run: Path) -> None:
-    again = shown("months", log, *OPTIONS, log.parent / "again")
-    first = json.loads((run / "months.json").read_text())
-    assert again["changes"] == first["changes"] and again["scores"] == first["scores"]
-
-
-@pytest.mark.slow
 def test_windows_that_tell_most_are_fitted(log: Path) -> None:
     out = log.parent / "fitted"
     words = ["months", str(log), "--ship", "esso_osaka_3m", "--out", str(out), "--windows", "6"]

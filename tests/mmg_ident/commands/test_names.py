@@ -83,12 +83,6 @@ def test_every_output_says_which_calibration_it_is(folder: Path, tmp_path: Path)
         assert title in archive.read("modelDescription.xml").decode()
 
 
-def test_imo_figures_are_headed_by_the_calibration(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("cases.criteria.imo.STANDARD", ("turning:35",))
-    data = json.loads(mmg("imo", folder / "a", "--json"))
-    assert data["heading"].startswith(load_ship(folder / "a").title)
-
-
 def test_files_without_a_mark_are_read_and_marks_come_back_whole() -> None:
     ship = load_ship("esso_osaka_3m")
     assert ship.mark is None and ship.title == "esso_osaka_3m" and "[calibration]" not in dump_ship(ship)

@@ -25,11 +25,10 @@ from mmg.progress import Progress
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
 from residual.pipeline import train
-from residual.result import headline, page_of, read_training
+from residual.result import page_of, read_training
 from residual.settings import TrainSettings
 from tests.support import hybrids
-from tests.support.commands import refused, shown
-from tests.support.interrupted_commands import interrupted
+from tests.support.commands import interrupted, refused, shown
 
 QUICK = ["--seeds", "2", "--epochs", "12", "--width", "8", "--rate", "1e-2", "--penalty", "0.001", "--step", "1"]
 
@@ -296,14 +295,6 @@ def test_the_report_of_a_hybrid_has_the_form_for_imo(
     text = (tmp_path / "page.html").read_text()
     assert "appendix 6" in text and "starboard" in text
     assert "section 13" not in text
-
-
-def test_the_report_of_a_declined_residual_says_why(folder: Path, tmp_path: Path) -> None:
-    content = read_result(folder / "run")
-    content["decision"] |= {"kept": False, "improvement": 0.004, "words": "declined: less than 1% is gained"}
-    content |= {"kept": False, "recommended": "calibrated"}
-    found = headline(content)
-    assert found["state"] == "declined" and "1%" in found["sentence"]
 
 
 def test_a_torch_that_cannot_be_imported_is_one_line(

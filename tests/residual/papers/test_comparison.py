@@ -19,7 +19,6 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
-from fitting.parallel import run_all
 from fitting.prediction.score import Score, TrialScore
 from fitting.report.run_folder import read_result
 from mmg.errors import TooFewData
@@ -100,35 +99,6 @@ def test_a_black_box_is_no_ship_and_belongs_to_its_inputs(
 
     (other / "start.toml").write_text(dump_ship(load_ship("vectwin_3m"), "another"))
     refused(capsys, "score", other, test)
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--model", "fnn", "--memory", "3"], "--memory"),
-        (["--layers", "3"], "--layers"),
-        (["--model", "fnn", "--loss", "huber"], "--loss"),
-        (["--model", "rnn", "--augment", "sli3"], "sli3"),
-        (["--model", "rnn", "--memory", "0"], "--memory 0"),
-        (["--model", "rnn", "--initial", "-1"], "--initial -1"),
-    ],
-)
-def test_options_of_black_boxes_that_make_no_sense(
-    options: list[str], words: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    line = refused(capsys, "train", "esso_osaka_3m", folder / "train", *options, "--out", tmp_path / "run")
-    assert words in line and not (tmp_path / "run").exists()
-
-
-def test_a_run_shorter_than_the_rollout_is_one_line(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    write_trial(hybrids.trials(hybrids.ship(), 1, 9)[0], tmp_path / "short.csv")
-    line = refused(
-        capsys, "train", "esso_osaka_3m", tmp_path / "short.csv", "--validate", folder / "test.csv", "--model", "fnn",
-        "--step", "1", "--out", tmp_path / "run",
-    )  # fmt: skip
-    assert "10" in line
 
 
 @pytest.mark.slow
@@ -227,11 +197,6 @@ def test_ctrl_c_keeps_what_is_done(folder: Path, tmp_path: Path) -> None:
     assert content["interrupted"] and [e["status"] for e in content["entries"]] == ["finished", "stopped", "not begun"]
 
 
-def test_outcomes_are_handed_over_as_they_come() -> None:
-    seen: list[int] = []
-    assert run_all(abs, [-1, -2, -3], 1, seen.append) == seen == [1, 2, 3]
-
-
 class Drifting:
     """Predicts what was measured, and a position and heading that are off by a known rate."""
 
@@ -297,27 +262,3 @@ def test_table_9_is_complete() -> None:
     assert len(TABLE_9_TEST) == 6 and all(len(cells) == 6 for cells in TABLE_9.values())
     assert len(published()) == 2 + 6 and "4834 ± 4041" in "\n".join(published())
     assert "train-tzrb" in SPLITS and "development-holdout" in SPLITS
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--models", "captive,oracle"], "oracle"),
-        (["--fractions", "0,1"], "--fractions 0,1"),
-        (["--fractions", "all"], "--fractions"),
-        (["--seeds", "0"], "--seeds 0"),
-        (["--time-limit", "0"], "--time-limit"),
-        (["--ship", "nothing"], "nothing"),
-        (["--train", "nowhere"], "nowhere"),
-    ],
-)
-def test_bad_input_is_one_line(
-    options: list[str], words: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    given = [] if "--train" in options else ["--train", folder / "train"]
-    line = refused(capsys, "compare", *given, "--test", folder / "test.csv", *options, "--out", tmp_path / "cmp")
-    assert words in line and not (tmp_path / "cmp").exists()
-
-
-def test_nothing_is_left_to_train_on(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    refused(capsys, "compare", "--train", folder / "test.csv", "--test", folder / "test.csv")

@@ -18,7 +18,19 @@ from residual.system import RolloutBatch, TrainableSystem, rollout
 from residual.train import restored, tasks_of, train_one
 from residual.windows import windows
 from tests.support import hybrids
-from tests.support.yaw import Yaw
+
+
+class Yaw(TrainableSystem):
+    """A ship that only yaws: dr/dt = (K delta - r) / T, surging at constant speed; inputs n, delta, air."""
+
+    def __init__(self, K: float, T: float) -> None:
+        super().__init__()
+        self.K, self.T = K, T
+
+    def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
+        zero = torch.zeros_like(z[0])
+        turn = (self.K * controls[1] - z[5]) / self.T
+        return torch.stack([z[3], zero, z[5], zero, zero, turn])
 
 
 def yaw_batch(M: int = 3, N: int = 10) -> RolloutBatch:
