@@ -29,7 +29,6 @@ from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
 from diagnosis.findings import (
     Between,
-    Budget,
     DiagnosisInputs,
     HeldOut,
     InstrumentFault,
@@ -52,7 +51,7 @@ from diagnosis.inputs import (
     told_of_predictions,
 )
 from diagnosis.judgement.budget import budget_of
-from diagnosis.judgement.verdict import JudgedSearch, beyond_reported, judged_search, limits
+from diagnosis.judgement.verdict import beyond_reported, judged_search, limits
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare_with_sensors
 from diagnosis.report.words import likeness, sentence_of
@@ -140,8 +139,9 @@ def _diagnosed(
     if faults := [sensors.form_of(c.effect) for c in found.effects if c.effect in FITTED_ALONG]:  # no cause
         return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, known, groups, progress)
     missing = estimated_force(result.free) if result.is_left or result.verdict == "unknown" else None
-    result, budget = _that_matters(p, result, missing, options.seed)
-    found = result.found
+    is_fitted = any(c.prior_std is not None for c in given.coefficients.values()) and not known.other
+    as_given = None if is_fitted else ready.full.ship.values
+    budget = budget_of(p, found, missing, options.seed, as_given)
     late, final, is_found = ready.reading.time_error, found.final, bool(found.effects)
     same = summary.equivalence_class(found) if is_found else ()
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
@@ -200,21 +200,6 @@ def _diagnosed(
         data=p.data,
         between=between,
     )
-
-
-def _that_matters(
-    p: SearchProblem, result: JudgedSearch, missing: ForceEstimate | None, seed: int
-) -> tuple[JudgedSearch, Budget | None]:
-    """``result`` without further effects that surely do not matter, and the budget: with hardly any random force every
-    rounding is significant. p: the problem with its tests; missing: the force that is left, or None; seed: of draws."""
-    found, verdict = result.found, result.verdict
-    budget = budget_of(p, found, missing, seed)
-    while budget is not None and len(found.effects) > 1 and budget.parts and not budget.parts[-1].matters:
-        found = found.without_last
-        budget = budget_of(p, found, missing, seed)
-    if verdict == "named" and all(c.measures for c in found.effects):
-        verdict = "none"
-    return replace(result, found=found, verdict=verdict), budget
 
 
 def _held_out(p: SearchProblem, before: Estimate, after: Estimate, seed: int) -> HeldOut | None:

@@ -137,7 +137,8 @@ class Budget:
     metric: what is predicted; by: those trials, TESTS or LEFT_OUT; before, after, floor: mean squared
     scaled errors as fitted without any effect, with the named ones, and of a complete model; parts: shares of
     before - floor by named effect; unexplained: the rest, None where before is not surely above the floor; units:
-    "position_m", "heading_deg" -> root mean square errors at the ends of the windows before, after, at the floor.
+    "position_m", "heading_deg" -> root mean square errors at the ends of the windows before, after, at the floor;
+    as_given: the same units and "error" of a ship that was not calibrated on these trials, before she is fitted.
     """
 
     metric: str
@@ -148,6 +149,7 @@ class Budget:
     parts: tuple[BudgetShare, ...]
     unexplained: BudgetShare | None
     units: Mapping[str, tuple[Real, Real, Real]]
+    as_given: Mapping[str, Real] | None = None
 
     @property
     def matters(self) -> bool:

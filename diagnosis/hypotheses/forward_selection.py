@@ -16,7 +16,7 @@ from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.linearisation import Linearisation
 from diagnosis.estimation.map_estimate import Estimate, estimate
-from diagnosis.estimation.residual_checks import WORTH
+from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
 from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, slopes
 from diagnosis.hypotheses.search_problem import SearchProblem
@@ -31,8 +31,8 @@ CURVED = ("rudder_backlash",)
 """Effects whose slope at the neutral value says little: a dead band acts only when it is as large as the motion."""
 ODDS = float(np.log(20.0))
 """The one threshold of the verdict, in log units: odds of 20 to 1 (strong evidence, Kass & Raftery 1995)."""
-MOST = 3
-"""Effects named at the most."""
+MOST = 6
+"""Effects named at the most. Four together are found with their sizes in the trials of a 7 m KVLCC2."""
 MAX_FITS = 12
 """Further linearisations of the fit with the effects selected, where it has not converged."""
 TRIES = 3
@@ -237,4 +237,6 @@ def select_effects(
         now = best.fit
         if not now.converged:  # else the next effect gains what this one's fit had left
             now = estimate(problem.steps, problem.data, now, MAX_FITS)
+    if named and now.noise.prior is None:  # what was missing had lengthened the memory of the force
+        now = with_correlation_time(problem.steps, problem.data, now, WORTH)
     return Selection(tuple(named), null, now, tuple(searches))

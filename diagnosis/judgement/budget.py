@@ -37,13 +37,18 @@ SURE = 0.05
 
 
 def budget_of(
-    problem: SearchProblem, found: Selection, missing: ForceEstimate | None = None, seed: int = 0
+    problem: SearchProblem,
+    found: Selection,
+    missing: ForceEstimate | None = None,
+    seed: int = 0,
+    given: np.ndarray | None = None,
 ) -> Budget | None:
     """Where the 30 s error of trials that took no part comes from.
 
     problem: model, training trials, and tests, trials that took no part (None: then each training run is predicted by
     coefficients without it); found: the effects, with the fits as each was added; missing: the force without a name
-    that is left, None: nothing is; seed: of all draws. Returns None where no whole window can be predicted, and where
+    that is left, None: nothing is; seed: of all draws; given: coefficients (all,) before any fit to these trials, None
+    where there was one. Returns None where no whole window can be predicted, and where
     there is a single run that would have to be left out.
     """
     steps, data, tests, fits = problem.steps, problem.data, problem.tests, found.fits
@@ -69,9 +74,9 @@ def budget_of(
         best = -np.diff([*mean, floor]) / (mean[0] - floor)
         for name, b, a, c in zip((*names, "unexplained"), best, low, high, strict=True):
             rows.append(BudgetShare(name, float(b), (float(a), float(c))))
-    ends = np.sqrt([e.end.mean(axis=0) for e in (predicted[0], predicted[-1], simulated)])
+    ends = [_ends(e) for e in (predicted[0], predicted[-1], simulated)]
     ends[2] = np.minimum(ends[1], ends[2])
-    ends[:, 1] = np.degrees(ends[:, 1])
+    start = None if given is None else _errors(steps, seen, given)
     return Budget(
         metric="30 s",
         by=LEFT_OUT if tests is None else TESTS,
@@ -80,8 +85,17 @@ def budget_of(
         floor=float(floor),
         parts=tuple(rows[:-1]),
         unexplained=rows[-1] if rows else None,
-        units={name: (float(a), float(b), float(c)) for name, (a, b, c) in zip(UNITS, ends.T, strict=True)},
+        units={name: tuple(row) for name, row in zip(UNITS, np.transpose(ends).tolist(), strict=True)},
+        as_given=None
+        if start is None
+        else {"error": float(start.mean.mean()), **dict(zip(UNITS, _ends(start).tolist(), strict=True))},
     )
+
+
+def _ends(found: WindowErrors) -> np.ndarray:
+    """Root mean square errors (2,) at the ends of windows, in UNITS."""
+    position, heading = np.sqrt(found.end.mean(axis=0))
+    return np.array([position, np.degrees(heading)])
 
 
 def _errors(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> WindowErrors:

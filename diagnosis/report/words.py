@@ -438,6 +438,19 @@ def budget_parts(budget: Budget) -> list[dict[str, Any]]:
                      "words": f"floor {percent(left)} of all"}]  # fmt: skip
 
 
+def budget_lines(budget: Budget, is_named: bool) -> list[list[str]]:
+    """Lines of errors at the end of predictions: of the ship as given, fitted without any effect, with those named, and
+    of a complete model. Returns what, position, heading and squared error in words."""
+    what = ("fitted to the training trials", "with what was found", "floor")
+    errors = (budget.before, budget.after, budget.floor)
+    lines = list(zip(what, budget.units["position_m"], budget.units["heading_deg"], errors, strict=True))
+    if not is_named:
+        del lines[1]
+    if (given := budget.as_given) is not None:
+        lines.insert(0, ("as given", given["position_m"], given["heading_deg"], given["error"]))
+    return [[name, f"{m:.3g} m", f"{deg:.3g}°", f"{error:.3g}"] for name, m, deg, error in lines]
+
+
 def sentence_of(
     verdict: str,
     effects: Sequence[NamedEffect],

@@ -245,20 +245,20 @@ def filtered_along(
     path = initial_trajectory(steps, data, found.theta) if near is None else near.at.path
     noise = found.noise if near is None else near.at.noise.with_(tau=found.noise.tau)
     best, share, typical = None, 1.0, initial_noise(steps.ship)
-    for number in range(fits):
+    for _ in range(fits):
         here = linearised_if_finite(steps, data, replace(found.fixed(), path=path, noise=noise), active)
         if here is None and best is None:
             return None if near is None else filtered_along(steps, data, found, fits=fits)
-        if here is None:
-            share *= 0.3
+        if here is None or (best is not None and here.nll > best.nll + SETTLED):
+            share *= 0.3  # the step was too far
         else:
-            is_settled = best is not None and abs(here.nll - best.nll) < SETTLED
+            is_settled = best is not None and best.nll - here.nll < SETTLED
             best, share, start = here, 1.0, path
             if is_settled:
                 break
             mean, r, u = here.smoothed()
-            if number + 1 < fits:
-                noise = updated_noise(here, r, u, typical)
+            following = updated_noise(here, r, u, typical)
+        noise = best.at.noise.towards(following, share)
         z = start.z.copy()
         z[..., active] += share * mean[..., : len(active)]
         path = start.moved(z, share * mean[..., len(active) : len(active) + 5], data.gusts)

@@ -57,6 +57,7 @@ def searches(monkeypatch: pytest.MonkeyPatch) -> list[Search]:
     """Searches that ``select_effects`` makes, one after the other."""
     made: list[Search] = []
     monkeypatch.setattr(hypotheses, "search", lambda problem, before, named, *more: made[len(named)])
+    monkeypatch.setattr(hypotheses, "with_correlation_time", lambda steps, data, found, least: found)
     monkeypatch.setattr(hypotheses, "refitted_without", lambda problem, best, named: a_fit(99.5))
     return made
 
