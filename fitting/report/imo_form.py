@@ -81,12 +81,14 @@ make their figures differ."""
 class FormValue:
     """A figure in the unit of the form, the median of its draws where there are any. interval: 90 %, its upper end
     infinite where more than 5 % of the draws never reach the figure, None where no covariance is known; count: of runs
-    behind it; of_trial: 90 % interval of a single trial, as interval."""
+    behind it; of_trial: 90 % interval of a single trial, as interval; reading: by what the figure of a test changes
+    within a sampling interval, in which its rudder may have begun to move at any time."""
 
     value: float
     interval: tuple[float, float] | None = None
     count: int = 1
     of_trial: tuple[float, ...] | None = None
+    reading: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -101,9 +103,13 @@ class FormSide:
 
     @property
     def contradicts(self) -> bool | None:
-        """Whether the interval of a single trial excludes the tested figure; None where either is not known."""
+        """Whether the interval of a single trial excludes the tested figure by more than it can be read to; None where
+        either is not known."""
         ends = self.model and (self.model.of_trial or self.model.interval)
-        return not ends[0] <= self.tested.value <= ends[1] if self.tested and ends else None
+        if not self.tested or not ends:
+            return None
+        value, reading = self.tested.value, self.tested.reading
+        return not ends[0] - reading <= value <= ends[1] + reading
 
 
 @dataclass(frozen=True)
@@ -263,16 +269,29 @@ def _tested(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> dict[tup
     if found is None:
         remarks.append("tested: none of the trials at hand is a standard manoeuvre")
         return {}
-    kinds = {run.name: _standard_run(run) for run in found.runs}
-    values: dict[tuple[str, str], list[float]] = {}
+    runs = {run.name: run for run in found.runs}
+    values: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for row in found.rows:
-        if (kind := kinds.get(row.run)) and row.value is not None:
-            values.setdefault((kind, row.figure), []).append(row.value)
+        if (run := runs.get(row.run)) and (kind := _standard_run(run)) and row.value is not None:
+            values.setdefault((kind, row.figure), []).append((row.value, _reading(run, row.unit)))
     if not values:
         remarks.append("tested: no trial is a standard manoeuvre (35° turn, 10/10 or 20/20 zig-zag, crash stop)")
     else:
         remarks.append("tested: means over the trials, in the air and water of the trials; no uncertainty is known")
-    return {key: FormValue(float(np.mean(some)), None, len(some)) for key, some in values.items()}
+    return {key: _mean_of(some) for key, some in values.items()}
+
+
+def _mean_of(some: Sequence[tuple[float, float]]) -> FormValue:
+    """The tested value of ``some`` runs, of each the figure and to what it can be read."""
+    value, reading = np.mean(some, axis=0)
+    return FormValue(float(value), None, len(some), reading=float(reading))
+
+
+def _reading(run: Run, unit: str) -> float:
+    """By what a figure in ``unit`` of a measured ``run`` changes within a sampling interval of it."""
+    if unit == "deg":
+        return run.trial.dt * math.degrees(float(np.nanmax(np.abs(run.trial["r"]))))
+    return run.trial.dt * run.speed / run.length if math.isfinite(run.speed) else 0.0
 
 
 def _standard_run(run: Run) -> str | None:

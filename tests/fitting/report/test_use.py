@@ -128,8 +128,11 @@ def test_tested_figures_outside_of_the_models_intervals_are_the_first_line(known
     assert form is not None and form.contradiction == "" and form.rows[0].sides[0].contradicts is False
     side = form.rows[0].sides[0]
     assert side.tested is not None and side.model is not None and side.model.of_trial is not None
-    outside = replace(side, tested=replace(side.tested, value=1.01 * side.model.of_trial[1]))
-    assert outside.contradicts and replace(outside, tested=None).contradicts is None
+    end, reading = side.model.of_trial[1], side.tested.reading
+    readable = replace(side, tested=replace(side.tested, value=end + 0.9 * reading))
+    outside = replace(side, tested=replace(side.tested, value=end + 1.1 * reading))
+    assert reading > 0 and outside.contradicts and readable.contradicts is False
+    assert replace(outside, tested=None).contradicts is None
     wrong = replace(form, rows=(replace(form.rows[0], sides=(outside,)), *form.rows[1:]))
     assert " 1 of 3 " in wrong.contradiction
     fit = small_result()
