@@ -524,7 +524,7 @@ def by_rule(ship: Ship, run: Run, origin: str, rudder_rate: float | None) -> lis
     [rad/s] where it was given."""
     found = [] if "rule" not in origin else [f"test speed: {origin}"]
     helm = helm_words(ship, rudder_rate)
-    if run.kind not in STOPS and "by rule" in helm:
+    if run.kind not in STOPS and "rule" in helm:
         found.append(helm)
     if has_code(run.trial.notices, STOPPING_CODES[0]):
         found.append("engine by rule: its particulars are not in the ship file")

@@ -19,6 +19,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from cases.criteria.measured_maneuvers import find_maneuvers, steering
 from cases.inputs import is_sampled
 from cases.maneuvers.definitions import Limits
+from cases.shipfiles.particulars import BY_RULE
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -209,7 +210,7 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
     found |= _approaches(trials, ship.particulars["L"])
     particulars, sources = dict(ship.particulars), dict(ship.sources)
     for name, (value, names) in found.items():
-        stated = name in particulars and not sources.get(name, "").startswith(MEASURED)
+        stated = name in particulars and not sources.get(name, "").startswith((MEASURED, BY_RULE))
         if not stated:
             particulars[name], sources[name] = value, f"{MEASURED}{_listed(names)}"
         elif abs(particulars[name] / value - 1) > NOTED:
