@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from cases.evidence.kinematics import Kinematics
-from cases.inputs import model_inputs
+from cases.inputs import assumed
 from cases.io.campaigns import Groups, ship_in
 from cases.io.site import Site, read_site
 from cases.shipfiles.effects import freeing_effects
@@ -103,7 +103,7 @@ def diagnose(
         kept, shared = independent_tests(trials, tests)
         known = calibration_trials(ship, trials, calibrated_on)
         remarks += [*TrialSet((*trials, *kept)).remarks, *by_role, *copies, *shared, *known.remarks, *place.notices]
-        remarks += dict.fromkeys(note for t in (*trials, *kept) for note in model_inputs(t, ship.inputs).notices)
+        remarks += assumed((*trials, *kept), ship.inputs)
         told = told_of_predictions(ship, calibrated_on)
         inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions(), told)
         try:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cases.checks.single import doubtful_revolutions
+from cases.criteria.own_rates import with_own_rates
 from cases.shipfiles.effects import varying_effects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
@@ -117,7 +118,8 @@ def calibrate(
     began = time.perf_counter()
     settings, options = settings or Settings(), options or FitOptions()
     trials, remarks = TrialSet.of(trials).training(validation)
-    given, ship = ship, with_instruments(ship, options.instruments, trials)
+    given = ship
+    ship, rates = with_own_rates(with_instruments(ship, options.instruments, trials), trials)
     _check_options(ship, trials, options)
     made = Made()
     fit = _estimated(ship, trials, settings, options, made, progress)
@@ -148,7 +150,7 @@ def calibrate(
         parts["--profile"] = lambda: refit_rows(found, 0, options.profile)
     make_in_turn(parts, made)
     objects = FitObjects(found, before, after, tuple(trials), tuple(validation), made.get("next trial"))
-    return _result(fit, made, objects, ship, options, remarks, began)
+    return _result(replace(fit, messages=(*fit.messages, *rates)), made, objects, ship, options, remarks, began)
 
 
 @with_one_thread

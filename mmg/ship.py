@@ -60,7 +60,7 @@ class Ship:
     network: what adds accelerations to those of the forces, if anything: a hybrid ship. UserError if its inputs are
     not those of the ship. mark: of the calibration, None for a ship that was not calibrated here.
     campaigns: name of a campaign -> symbol -> value of the coefficients that its trials have for themselves; the
-    coefficients hold the mean of all.
+    coefficients hold the mean of all. sources: particular -> where it is from, of those that nobody stated.
     """
 
     name: str
@@ -74,6 +74,7 @@ class Ship:
     network: Network | None = None
     mark: CalibrationMark | None = None
     campaigns: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_name(self.name, "ship")

@@ -35,7 +35,7 @@ from cases.criteria.standard_runs import (
     simulated_run,
 )
 from cases.inputs import assumed
-from cases.maneuvers.definitions import STOPPING_CODES, Limits, parse_maneuver
+from cases.maneuvers.definitions import STOPPING_CODES, STOPS, Limits, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
 from cases.simulation.gusts import Wind
 from cases.simulation.simulate import simulate
@@ -344,8 +344,8 @@ def with_value(row: Row, value: float | None) -> Row:
         return replace(row, value=value)
     if value is None:
         return replace(row, value=None, verdict=OPEN, why="the run does not reach it")
-    why, is_long = "" if row.why == MAY_BE_LONG else row.why, row.limit < value <= LONGEST_TRACK_REACH
-    why = MAY_BE_LONG if row.ability == STOPPING and is_long else why
+    why, is_long = row.why.removeprefix(MAY_BE_LONG).removeprefix("; "), row.limit < value <= LONGEST_TRACK_REACH
+    why = "; ".join(filter(None, (MAY_BE_LONG, why))) if row.ability == STOPPING and is_long else why
     return replace(row, value=value, verdict=PASS if value <= row.limit else FAIL, why=why)
 
 
@@ -487,7 +487,8 @@ def imo_figures(
     runs, missed = [], {}
     for text in dict.fromkeys((*STANDARD, *maneuvers)):
         try:
-            runs.append(simulated_run(calm, text, V, rudder_rate=rudder_rate))
+            run = simulated_run(calm, text, V, rudder_rate=rudder_rate)
+            runs.append(replace(run, caveats=(*run.caveats, *by_rule(calm, run, origin, rudder_rate))))
         except UserError as error:
             missed[text] = str(error)
     if not runs:
@@ -496,10 +497,7 @@ def imo_figures(
     heading = f"{calm.title}, simulated: L {L:g} m, V {V:.4g} m/s, L/V {L / V:.3g} s"
     if "n" in calm.actuators:
         heading += f", n {runs[0].trial['n'][0]:.4g} rps"
-    degrees = math.degrees(rudder_rate if rudder_rate is not None else Limits.for_ship(calm).rudder_rate)
-    finite = math.isfinite(degrees)
-    helm = f"rudder rate {degrees:.3g} deg/s" if finite else "the rudder moves as the ship's actuators do"
-    notices = [Message(f"test speed V: {origin}; {helm}", "test_conditions")]
+    notices = [Message(f"test speed V: {origin}; {helm_words(calm, rudder_rate)}", "test_conditions")]
     said = (m for run in runs for m in run.trial.notices if isinstance(m, Message) and m.code in STOPPING_CODES)
     notices += dict.fromkeys(said)
     if left_out:
@@ -507,6 +505,30 @@ def imo_figures(
         notices.append(Message(words + ", ".join(left_out), "effects_left_out"))
     more = [Row("", text, "no figure", None, None, "", OPEN, why) for text, why in missed.items()]
     return _assessed(calm, heading, runs, scale or calm.particulars.get("scale"), notices, more)
+
+
+def helm_words(ship: Ship, rudder_rate: float | None = None) -> str:
+    """The rate at which the rudder of ``ship`` moves in a simulated manoeuvre, and where it is from; rudder_rate:
+    [rad/s] where it was given."""
+    degrees = math.degrees(rudder_rate if rudder_rate is not None else Limits.for_ship(ship).rudder_rate)
+    if not math.isfinite(degrees):
+        return "the rudder moves as the ship's actuators do"
+    given = "as given" if rudder_rate is not None else ship.sources.get("rudder_rate", "")
+    rule = rudder_rate is None and "rudder_rate" not in ship.particulars
+    origin = "by rule, 20 deg/s of a 3 m model by Froude's law" if rule else given or "of the ship file"
+    return f"rudder rate {degrees:.3g} deg/s, {origin}"
+
+
+def by_rule(ship: Ship, run: Run, origin: str, rudder_rate: float | None) -> list[str]:
+    """What of a simulated ``run`` of ``ship`` hangs on rules of thumb: words. origin: of the test speed; rudder_rate:
+    [rad/s] where it was given."""
+    found = [] if "rule" not in origin else [f"test speed: {origin}"]
+    helm = helm_words(ship, rudder_rate)
+    if run.kind not in STOPS and "rule" in helm:
+        found.append(helm)
+    if has_code(run.trial.notices, STOPPING_CODES[0]):
+        found.append("engine by rule: its particulars are not in the ship file")
+    return found
 
 
 def imo_figures_of_trials(

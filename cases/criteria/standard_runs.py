@@ -16,14 +16,14 @@ from cases.criteria.measured_maneuvers import Execute, find_maneuvers, without_b
 from cases.io.campaigns import ship_in
 from cases.io.read import read_controls
 from cases.maneuvers.definitions import STEADY_CHANGE, STOPS, Maneuver, parse_maneuver
-from cases.maneuvers.self_propulsion import TEST_FROUDE
+from cases.maneuvers.self_propulsion import TEST_FROUDE, known_speed
 from cases.simulation.gusts import Wind, parse_wind
 from cases.simulation.sensors import SensorNoise, add_noise
 from cases.simulation.simulate import simulate, simulate_controls
 from cases.trial import Trial
 from mmg.errors import Conflict, OutOfRange, TooFewData, UserError
 from mmg.messages import Message
-from mmg.motion.froude import reference_speed, time_scale
+from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Run(Execute):
 
 
 def approach_speed(ship: Ship, speed: float | None = None) -> tuple[float, str]:
-    """Test speed [m/s] and where it comes from: given, the particular U_0 of the ship file, or Froude number 0.142.
+    """Test speed of a ``ship`` [m/s] and where it is from: given, else as of ``known_speed`` with Froude number 0.142.
 
     Raises UserError for a speed that is not positive.
     """
@@ -60,11 +60,7 @@ def approach_speed(ship: Ship, speed: float | None = None) -> tuple[float, str]:
         if not (math.isfinite(speed) and speed > 0):
             raise OutOfRange(f"test speed {speed:g} m/s must be positive")
         return speed, "as given"
-    own = ship.particulars.get("U_0", 0.0)
-    if own > 0:
-        return own, "U_0 of the ship file"
-    default = TEST_FROUDE * reference_speed(ship.particulars["L"])
-    return default, f"Froude number {TEST_FROUDE:g}: the ship file gives no U_0"
+    return known_speed(ship, TEST_FROUDE)
 
 
 def simulated_run(ship: Ship, text: str, speed: float, n: float | None = None, rudder_rate: float | None = None) -> Run:

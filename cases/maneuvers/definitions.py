@@ -249,11 +249,12 @@ class Limits:
 
     @classmethod
     def for_ship(cls, ship: Ship) -> Limits:
-        """Limits for a ship: its own rudder_rate if the file gives one; none where its model has actuators."""
+        """Limits for a ship: its own rates where the file gives them; none where its model has actuators."""
         if "actuators" in ship.components:
             return cls(math.inf, math.inf)
         usual = cls.for_length(ship.particulars["L"])
-        return cls(ship.particulars.get("rudder_rate", usual.rudder_rate), usual.propeller_rate)
+        own = ship.particulars
+        return cls(own.get("rudder_rate", usual.rudder_rate), own.get("propeller_rate", usual.propeller_rate))
 
 
 @dataclass

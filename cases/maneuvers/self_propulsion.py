@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from cases.shipfiles.particulars import BY_RULE
 from mmg.components.particulars import ENGINE
 from mmg.components.propeller.four_quadrant import A_Q, A_T, B_Q, B_T
 from mmg.errors import Conflict, Missing, NoSolution, OutOfRange
@@ -316,8 +317,25 @@ def _root(function: Callable[[float], float], first: float, failure: str) -> flo
 
 
 def own_speed(ship: Ship, froude: float = FROUDE) -> float:
-    """Approach speed of a ``ship`` where none is asked for [m/s]: her U_0, else that of a number ``froude``."""
-    return ship.particulars.get("U_0", froude * reference_speed(ship.particulars["L"]))
+    """Approach speed of a ``ship`` [m/s], as of ``known_speed`` with a number ``froude``."""
+    return known_speed(ship, froude)[0]
+
+
+def known_speed(ship: Ship, froude: float) -> tuple[float, str]:
+    """Approach speed of a ``ship`` where none is asked for [m/s], and where it is from.
+
+    Her U_0 where it was stated, else the approach speed of her trials, else a U_0 by rule, else that of a number
+    ``froude``.
+    """
+    p, source = ship.particulars, ship.sources.get("U_0", "")
+    if p.get("U_0", 0.0) > 0 and not source.startswith(BY_RULE):
+        return p["U_0"], "U_0 of the ship file"
+    if "approach_speed" in p:
+        return p["approach_speed"], f"approach speed, {ship.sources.get('approach_speed', 'of the ship file')}"
+    if p.get("U_0", 0.0) > 0:
+        return p["U_0"], f"U_0 by {source}"
+    words = f"Froude number {froude:g} by rule: the ship file gives no U_0"
+    return froude * reference_speed(p["L"]), words
 
 
 def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = False) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from cases.io.toml_file import header
+from cases.shipfiles.particulars import RATES
 from cases.shipfiles.schema import CoefficientEntry
 from mmg.components.catalogue import coefficient_table, required_particulars
 from mmg.components.coefficients import Coefficient
@@ -25,7 +26,7 @@ REPLACED = ("hull", "propeller", "rudder", "azimuth", "roll")
 """Roles whose forces the polynomial takes over."""
 TUNNELS = {"n_bow": "bow_thruster", "n_stern": "stern_thruster"}
 """Tunnel thrusters, which stay models of their own unless the list of actuators names them."""
-KEPT = ("C_b", "U_0", "rudder_rate", "scale", "delta_stall", *PODS_OF)
+KEPT = ("C_b", "U_0", *RATES, "scale", "delta_stall", *PODS_OF)
 """Particulars that stay though no force needs them."""
 OFFSET_SHARE = 0.3
 """Prior of terms on top of physical models, as a share of that of terms instead of them."""

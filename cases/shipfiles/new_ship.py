@@ -15,7 +15,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from cases.shipfiles.particulars import impossible, unusual, wrong_particulars
+from cases.shipfiles.particulars import BY_RULE, impossible, unusual, wrong_particulars
 from mmg.components import empirical, friction
 from mmg.components.catalogue import coefficient_table, required_particulars
 from mmg.components.coefficients import Coefficient
@@ -165,7 +165,7 @@ WORDS = {"Cb": "C_b", "CB": "C_b", "T": "d", "Lpp": "L", "P/D": "pitch_ratio", "
 """Other spellings of particulars."""
 OPTIONAL = (
     "rho", "x_G", "m", "aspect_ratio", "x_R", "y_P", "A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a",
-    "D_BT", "x_BT", "D_ST", "x_ST", *ENGINE,
+    "D_BT", "x_BT", "D_ST", "x_ST", "rudder_rate", "propeller_rate", *ENGINE,
 )  # fmt: skip
 """Particulars that may be added as NAME=VALUE."""
 HULLS = ("unified", "polynomial")
@@ -265,7 +265,12 @@ def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Sh
     components |= {"wind": "fujiwara"}
     components |= {"bow_thruster": "kobayashi"} if "D_BT" in p else {}
     components |= {"stern_thruster": "kobayashi"} if "D_ST" in p else {}
-    kept = (*required_particulars(components), "C_b", "U_0", *(name for name in ("y_P", *ENGINE) if name in p))
+    kept = (
+        *required_particulars(components),
+        "C_b",
+        "U_0",
+        *(name for name in ("y_P", "rudder_rate", "propeller_rate", *ENGINE) if name in p),
+    )
     particulars = {key: p[key] for key in dict.fromkeys(kept)}
     table, words = coefficient_table(components, particulars), STARTING
     ship = Ship(
@@ -275,6 +280,7 @@ def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Sh
         table,
         description=words,
         notices=(*warnings, *notices, Message(trust(p, hull), "starting_ship")),
+        sources={} if "U_0" in given else {"U_0": f"{BY_RULE}service speed typical of C_b"},
     )
     rows = {}
     for symbol, (value, share, source) in estimates(p, hull).items():

@@ -14,10 +14,14 @@ from mmg.components.particulars import PARTICULARS
 from mmg.motion.flow import PODS
 from mmg.motion.froude import reference_speed, time_scale
 
+RATES = ("rudder_rate", "propeller_rate", "approach_speed", "neutral_rudder")
+"""Particulars that trials show and no force model needs."""
+BY_RULE = "rule: "
+"""How the source of a particular begins that follows from a rule of thumb."""
 PODS_ASIDE = ("y_az", "y_az_2", "y_az_3", "y_az_4")
 PLACES = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "x_az_2", "x_az_3", "x_az_4")
-SIGNED = (*PLACES, *PODS_ASIDE)
-"""Particulars that may be zero or negative: places relative to midship."""
+SIGNED = (*PLACES, *PODS_ASIDE, "neutral_rudder")
+"""Particulars that may be zero or negative: places relative to midship, and an angle."""
 LONGEST = 600.0
 """m; the longest ship built has 458."""
 LARGEST = 1e12

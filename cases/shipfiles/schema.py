@@ -81,5 +81,6 @@ class ShipFile(Section):
     ship: ShipSection
     model: ModelSection
     coefficients: dict[Present, CoefficientEntry] = Field(default_factory=dict)
+    sources: dict[Present, str] = Field(default_factory=dict)
     calibration: CalibrationSection | None = None
     campaigns: dict[Name, dict[Present, Finite]] = Field(default_factory=dict)

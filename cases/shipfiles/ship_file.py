@@ -3,9 +3,10 @@
 A ship file is TOML: ``[ship]`` particulars (SI), ``[model]`` the force model of each role, and one table
 ``[coefficients.NAME]`` per coefficient with ``value``, ``std``, ``lower``, ``upper``, ``unit`` or ``prime``,
 ``fixed``, ``source``, and after a fit ``verdict``, ``prior_value`` and ``prior_std``. ``[calibration]`` says which fit
-that was; ``[campaigns.NAME]`` holds values that the trials of a campaign have for themselves. A coefficient that is
-left out takes the default of its force model; for the wind model that is the regression on the particulars. A table
-``[network]`` holds the learned residual of a hybrid ship (``network_table``).
+that was; ``[sources]`` where particulars are from that nobody stated; ``[campaigns.NAME]`` holds values that the
+trials of a campaign have for themselves. A coefficient that is left out takes the default of its force model; for
+the wind model that is the regression on the particulars. A table ``[network]`` holds the learned residual of a hybrid
+ship (``network_table``).
 The same tables are read from JSON (``ship_json``).
 """
 
@@ -18,7 +19,7 @@ from typing import Any
 from cases.io.files import read_json
 from cases.io.toml_file import checked, header, parse_toml, read_toml, refuse, unknown
 from cases.shipfiles.network_file import NETWORK, NetworkTable, is_black_box, load_network, network_of, network_text
-from cases.shipfiles.particulars import wrong_particulars
+from cases.shipfiles.particulars import RATES, wrong_particulars
 from cases.shipfiles.schema import CoefficientEntry, ShipFile
 from mmg.components.catalogue import ROLES, coefficient_table, derived, required_particulars
 from mmg.components.coefficients import Coefficient
@@ -29,7 +30,7 @@ from mmg.messages import Message
 from mmg.ship import CalibrationMark, Ship
 
 LIBRARY = Path(__file__).parents[1] / "ships"
-OPTIONAL = ("C_b", "U_0", "y_P", "pitch", "rudder_rate", "scale", "stopping_resistance")
+OPTIONAL = ("C_b", "U_0", "y_P", "pitch", *RATES, "scale", "stopping_resistance")
 """Particulars that no force model needs but every ship file may state."""
 
 
@@ -162,7 +163,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         particulars=particulars, components=components, coefficients={**defaults, **changed},
         reference=content.ship.reference, notices=tuple(notices), effects=ship.effects,
         mark=CalibrationMark(**vars(content.calibration)) if content.calibration else None,
-        campaigns=content.campaigns,
+        campaigns=content.campaigns, sources=content.sources,
     )  # fmt: skip
 
 
@@ -270,6 +271,8 @@ def dump_ship(ship: Ship, comment: str = "") -> str:
             number.comment("{} [{}]".format(*PARTICULARS[key])).trivia.comment_ws = "  "
         stated.add(key, number)
     document.add("ship", stated)
+    if ship.sources:
+        document.add("sources", dict(ship.sources))
     document.add("model", {**ship.components, **({"effects": list(ship.effects)} if ship.effects else {})})
     if ship.mark:
         document.add("calibration", dict(vars(ship.mark)))

@@ -56,7 +56,8 @@ def dump_ship_json(ship: Ship, more: Mapping[str, Any] | None = None) -> str:
         "format": FORMAT, "conventions": CONVENTIONS, "primes": PRIMES, "ship": words, "particulars": particulars,
         "model": {**ship.components, "effects": list(ship.effects)}, "coefficients": coefficients, "inputs": inputs,
         "calibration": dict(vars(ship.mark)) if ship.mark else None,
-        "network": network, **({"campaigns": ship.campaigns} if ship.campaigns else {}), **(more or {}),
+        "network": network, **({"campaigns": ship.campaigns} if ship.campaigns else {}),
+        **({"sources": dict(ship.sources)} if ship.sources else {}), **(more or {}),
     }  # fmt: skip
     return json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
@@ -81,6 +82,8 @@ def tables(content: Mapping[str, Any], where: str) -> dict[str, Any]:
             found["calibration"] = dict(content["calibration"])
         if content.get("campaigns"):
             found["campaigns"] = {name: dict(values) for name, values in content["campaigns"].items()}
+        if content.get("sources"):
+            found["sources"] = dict(content["sources"])
         if content.get("network") is not None:
             network = found["network"] = dict(content["network"])
             for key, unknown in RANGES.items():

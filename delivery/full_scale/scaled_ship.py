@@ -101,7 +101,8 @@ def scaled_ship(
     speed = p.get("U_0", 0.0) or fastest  # of the model [m/s], at which friction is taken
     if scaling.speed is not None:
         speed = scaling.speed / math.sqrt(law.scale)
-        bare = replace(bare, particulars={**bare.particulars, "U_0": scaling.speed})
+        sources = {key: text for key, text in bare.sources.items() if key != "U_0"}
+        bare = replace(bare, particulars={**bare.particulars, "U_0": scaling.speed}, sources=sources)
     elif not speed > 0:
         speed = TEST_FROUDE * reference_speed(p["L"])
     change = None if scaling.froude_only else _change(model, bare, scaling, speed, law)

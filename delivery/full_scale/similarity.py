@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from cases.shipfiles.particulars import BY_RULE
 from delivery.product import unit_of
 from fitting.prediction.bands import SIZES
 from mmg.components.particulars import PARTICULARS
@@ -98,9 +99,11 @@ def similar_ship(ship: Ship, law: Similarity, name: str) -> Ship:
     particulars = similar_particulars(ship.particulars, law)
     words = f"scaled by {law.scale:.6g} from {ship.name}"
     words = f"{words}: {ship.description}" if ship.description else words
+    # a gear or a speed that was measured on the model is the ship's by no more than the law
+    sources = {key: BY_RULE + f"Froude's law, {text.removeprefix(BY_RULE)}" for key, text in ship.sources.items()}
     mark = ship.mark and replace(ship.mark, name=f"{ship.mark.name} scaled to {particulars['L']:.4g} m")
     bare = replace(ship, network=None, name=name, particulars=particulars, coefficients=rows, description=words,
-                   mark=mark)  # fmt: skip
+                   mark=mark, sources=sources)  # fmt: skip
     return bare.with_network(network)
 
 

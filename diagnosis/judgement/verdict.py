@@ -225,10 +225,6 @@ def limits(
     if unplaced:
         words = "effects of place and of satellite sensors hardly show there"
         rows.append(("no_positions", f"no positions in {unplaced}: {words}"))
-    calm = ", ".join(t.name for t in trials if not t.has_wind)
-    if calm and ready.full.ship.components.get("wind"):
-        words = "calm air is assumed, so wind would be taken for something else"
-        rows.append(("no_wind", f"no wind columns in {calm}: {words}"))
     kinds = {t.kind for t in trials}
     if len(trials) == 1:
         rows.append(("one_trial", "one trial only: many effects look alike in it"))

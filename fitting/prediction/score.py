@@ -362,6 +362,8 @@ class Score:
         return html_table("Mean squared normalised error", header, [*rows, ("all rows", self.window, self.paper, None)])
 
 
+NOTHING = "nothing to score"
+"""Of a run without a window, in words."""
 NO_SCORE, NOTHING_SCORED = "no_score", "nothing_scored"
 """Codes of the messages on a score that is no number as the prediction diverges, and on trials without a window."""
 
@@ -484,10 +486,10 @@ def score(
 
 
 def in_words(error: float | None) -> str:
-    """An ``error`` with four digits behind the point, "-" of nothing, "diverges" where the prediction gave none."""
+    """An ``error`` with four digits behind the point, NOTHING of NaN, "diverges" where the prediction gave none."""
     if error is None or np.isinf(error):
         return "diverges"
-    return "-" if np.isnan(error) else f"{error:.4f}"
+    return NOTHING if np.isnan(error) else f"{error:.4f}"
 
 
 def is_worse(before: float, after: float) -> bool:

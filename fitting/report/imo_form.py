@@ -16,8 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from cases.criteria.imo import FAIL, OPEN, PASS, Row, imo_figures, imo_figures_of_trials
+from cases.criteria.imo import FAIL, OPEN, PASS, Row, helm_words, imo_figures, imo_figures_of_trials
 from cases.criteria.standard_runs import Run
+from cases.inputs import is_sampled
+from cases.maneuvers.definitions import Limits
 from cases.trial import Trial
 from fitting.prediction.bands import correlation_in
 from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, with_intervals
@@ -70,15 +72,23 @@ FORM = (
 """Groups of the form: title, manoeuvre to starboard, figures with their words."""
 
 
+OTHER_SPEED, COARSE = 0.1, math.radians(1.0)
+"""Share by which the speeds of trials and model differ, and movement of the rudder between two samples [rad], that may
+make their figures differ."""
+
+
 @dataclass(frozen=True)
 class FormValue:
     """A figure in the unit of the form, the median of its draws where there are any. interval: 90 %, its upper end
     infinite where more than 5 % of the draws never reach the figure, None where no covariance is known; count: of runs
-    behind it."""
+    behind it; of_trial: 90 % interval of a single trial, as interval; reading: by what the figure of a test changes
+    within a sampling interval, in which its rudder may have begun to move at any time."""
 
     value: float
     interval: tuple[float, float] | None = None
     count: int = 1
+    of_trial: tuple[float, ...] | None = None
+    reading: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -90,6 +100,16 @@ class FormSide:
     model: FormValue | None
     corrected: FormValue | None
     verdict: str
+
+    @property
+    def contradicts(self) -> bool | None:
+        """Whether the interval of a single trial excludes the tested figure by more than it can be read to; None where
+        either is not known."""
+        ends = self.model and (self.model.of_trial or self.model.interval)
+        if not self.tested or not ends:
+            return None
+        value, reading = self.tested.value, self.tested.reading
+        return not ends[0] - reading <= value <= ends[1] + reading
 
 
 @dataclass(frozen=True)
@@ -106,12 +126,25 @@ class FormRow:
 @dataclass(frozen=True)
 class ImoForm:
     """The form. heading: of the model's runs; rows; remarks: what is to be known of it; intervals: whether the model's
-    figures have any."""
+    figures have any; causes: likely ones of tested figures that the model's intervals exclude."""
 
     heading: str
     rows: tuple[FormRow, ...]
     remarks: tuple[str, ...]
     intervals: bool = False
+    causes: tuple[str, ...] = ()
+
+    @property
+    def contradiction(self) -> str:
+        """Sentence on tested figures outside of the model's intervals, with the likely causes; "" where none is."""
+        judged = [(row, side.contradicts) for row in self.rows for side in row.sides if side.contradicts is not None]
+        outside = [row.name for row, excluded in judged if excluded]
+        if not outside:
+            return ""
+        words = f"The model contradicts its trials: {len(outside)} of {len(judged)} tested figures lie outside of its "
+        words += f"90 % intervals of a single trial, where {0.1 * len(judged):.1f} are expected by chance "
+        words += f"({', '.join(dict.fromkeys(outside))})."
+        return words + (f" Look first at: {'; '.join(self.causes)}." if self.causes else "")
 
     @property
     def tested(self) -> bool:
@@ -162,7 +195,34 @@ def imo_form(
             rows.append(FormRow(group, words, unit, limit, cells))
     remarks += [f"the model's figures alone: {found.verdict} ({found.basis})"] if found.basis else []
     remarks += [str(note) for note in found.notices if not has_code([note], "not_checked")]
-    return ImoForm(found.heading, tuple(rows), tuple(dict.fromkeys(remarks)), bool(model.scatter))
+    causes = likely_causes(ship, trials, model, result or {}) if tested else ()
+    return ImoForm(found.heading, tuple(rows), tuple(dict.fromkeys(remarks)), bool(model.scatter), causes)
+
+
+def likely_causes(
+    ship: Ship, trials: Sequence[Trial], model: JudgedFigures, result: Mapping[str, Any]
+) -> tuple[str, ...]:
+    """What may make figures of a calibrated ``ship`` differ from those of her ``trials``, of what nobody stated.
+
+    model, result: as of ``imo_form``.
+    """
+    found, rate = [], Limits.for_ship(ship).rudder_rate
+    if math.isfinite(rate) and "rudder_rate" not in ship.particulars:
+        found.append(f"the {helm_words(ship)}: overshoots and advance grow as it falls (rudder_rate in the ship file)")
+    speeds = {run.speed for run in model.assessment.runs}
+    tested = ship.particulars.get("approach_speed")
+    if tested and any(abs(speed / tested - 1) > OTHER_SPEED for speed in speeds):
+        found.append(f"the speed: the trials approach at {tested:.3g} m/s, the model at {max(speeds):.3g} m/s")
+    if "antenna_offset" not in ship.effects and any(
+        t.has_position and not has_code(t.notices, "reference_point") for t in trials
+    ):
+        found.append("the antenna: positions are taken as midship's (reference_point in trials.toml)")
+    freed = {symbol.partition(".")[0] for rows in (result.get("per_run") or {}).values() for symbol in rows}
+    if "current" not in {*ship.effects, *freed}:
+        found.append("a current, which is not freed (--with current, --per-run current)")
+    if any(is_sampled(t) is None and t.dt * min(rate, math.radians(90.0)) > COARSE for t in trials):
+        found.append('inputs that are read as held from sample to sample (inputs = "sampled" in trials.toml)')
+    return tuple(found)
 
 
 def _of_correction(full_load: float | None, tested: bool) -> str:
@@ -180,7 +240,7 @@ def _side(row: Row | None, tested: FormValue | None, factor: np.ndarray | None) 
     """One side from the model's ``row``, the tested value, and F / B of the ship and of the draws."""
     model = corrected = None
     if row is not None and row.value is not None:
-        model = FormValue(row.value, row.interval_90)
+        model = FormValue(row.value, row.interval_90, of_trial=row.interval_90_trial)
     if tested is not None and factor is not None:
         draws = tested.value * factor[1:][np.isfinite(factor[1:])]
         corrected = FormValue(tested.value * float(factor[0]), None, tested.count)
@@ -209,16 +269,29 @@ def _tested(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> dict[tup
     if found is None:
         remarks.append("tested: none of the trials at hand is a standard manoeuvre")
         return {}
-    kinds = {run.name: _standard_run(run) for run in found.runs}
-    values: dict[tuple[str, str], list[float]] = {}
+    runs = {run.name: run for run in found.runs}
+    values: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for row in found.rows:
-        if (kind := kinds.get(row.run)) and row.value is not None:
-            values.setdefault((kind, row.figure), []).append(row.value)
+        if (run := runs.get(row.run)) and (kind := _standard_run(run)) and row.value is not None:
+            values.setdefault((kind, row.figure), []).append((row.value, _reading(run, row.unit)))
     if not values:
         remarks.append("tested: no trial is a standard manoeuvre (35° turn, 10/10 or 20/20 zig-zag, crash stop)")
     else:
         remarks.append("tested: means over the trials, in the air and water of the trials; no uncertainty is known")
-    return {key: FormValue(float(np.mean(some)), None, len(some)) for key, some in values.items()}
+    return {key: _mean_of(some) for key, some in values.items()}
+
+
+def _mean_of(some: Sequence[tuple[float, float]]) -> FormValue:
+    """The tested value of ``some`` runs, of each the figure and to what it can be read."""
+    value, reading = np.mean(some, axis=0)
+    return FormValue(float(value), None, len(some), reading=float(reading))
+
+
+def _reading(run: Run, unit: str) -> float:
+    """By what a figure in ``unit`` of a measured ``run`` changes within a sampling interval of it."""
+    if unit == "deg":
+        return run.trial.dt * math.degrees(float(np.nanmax(np.abs(run.trial["r"]))))
+    return run.trial.dt * run.speed / run.length if math.isfinite(run.speed) else 0.0
 
 
 def _standard_run(run: Run) -> str | None:

@@ -47,7 +47,7 @@ def say(text: str) -> None:
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> None:
     """Print the ``rows`` as plain text under a ``title``; columns: their heads, those that end in "|n" to the right."""
     end_progress()
-    heads = [head.partition("|")[0] for head in columns]
+    heads = [head.removesuffix("|n") for head in columns]
     cells = [heads, *rows]
     widths = [max(len(row[i]) for row in cells) for i in range(len(heads))]
     print(*filter(None, [title]), sep="", end="\n" * bool(title))

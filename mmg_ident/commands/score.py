@@ -148,8 +148,10 @@ def _print(scores: Mapping[str, Score]) -> None:
 
 def _cell(found: Score | TrialScore) -> str:
     """Both metrics of one trial or of all."""
-    from fitting.prediction.score import in_words
+    from fitting.prediction.score import NOTHING, in_words
 
+    if math.isnan(found.paper) and math.isnan(found.window):
+        return NOTHING
     return f"{in_words(found.paper)} | {in_words(found.window)}"
 
 
@@ -159,10 +161,11 @@ def _print_units(units: Mapping[str, UnitErrors]) -> None:
         return
     first = next(iter(units.values()))
     times = f", {first.ship_times:.1f} L/U" if first.ship_times else ""
-    title = f"rms errors over {first.window_s:g} s windows{times}: position | heading | u | r | share of change"
+    title = f"rms errors over {first.window_s:g} s windows{times}:\n"
+    title += "position [m] | heading [deg] | u [m/s] | r [deg/s] | share of change [%]"
     rows = [(run.name, *(_units(u.runs[i]) for u in units.values())) for i, run in enumerate(first.runs)]
     rows.append(("all rows pooled", *(_units(u.pooled) for u in units.values())))
-    cli.print_table(("trial", *(f"{name} [m | deg | m/s | deg/s | %]|n" for name in units)), rows, f"\n{title}")
+    cli.print_table(("trial", *(f"{name}|n" for name in units)), rows, f"\n{title}")
     rows = []
     for i, run in enumerate(first.runs):
         by_model = [{(m.title, f.figure): f for m in u.runs[i].maneuvers for f in m.figures} for u in units.values()]
@@ -177,8 +180,10 @@ def _print_units(units: Mapping[str, UnitErrors]) -> None:
 
 
 def _units(run: RunErrors) -> str:
+    from fitting.prediction.score import NOTHING
+
     if not run.windows or not math.isfinite(run.position_m):
-        return "diverges" if run.windows else "-"
+        return "diverges" if run.windows else NOTHING
     numbers = (run.position_m, run.heading_deg, run.u_m_s, run.r_deg_s, 100 * run.share_of_change)
     return " | ".join(f"{value:.3g}" for value in numbers)
 

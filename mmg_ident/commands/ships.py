@@ -22,7 +22,8 @@ def ships(
         list[str] | None,
         Option(
             help="Main particulars, SI: L B d C_b [D_P pitch_ratio A_R U_0] in this order, or NAME=VALUE (also x_G, "
-            "aspect_ratio, rho, A_T, A_L, y_P for twin screws, D_BT for a bow thruster, ...); A_R=0 for no rudder."
+            "aspect_ratio, rho, rudder_rate in rad/s, A_T, y_P for twin screws, D_BT for a bow thruster, ...); "
+            "A_R=0 for no rudder."
         ),
     ] = None,
     called: Annotated[str | None, Option("--name", help="Name of the new ship; default from --out.")] = None,

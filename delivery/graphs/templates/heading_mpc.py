@@ -117,7 +117,7 @@ def main() -> None:
     about = json.loads((folder / "model.json").read_text(encoding="utf-8"))
     scale = math.sqrt(about["length_m"] / 3.0)
     speed = about["service_speed_m_s"] or 0.07 * math.sqrt(9.81 * about["length_m"])
-    tuning = Tuning(rudder_rate=math.radians(5.0) / scale)
+    tuning = Tuning(rudder_rate=about["rudder_rate_rad_s"] or math.radians(5.0) / scale)
     controller = HeadingController(folder, steady_revolutions(folder, speed), scale, tuning)
     for t, psi, delta, u, _, _ in sail(controller, math.radians(wanted), 60.0 * scale, speed)[::5]:
         angles = f"heading {math.degrees(psi):7.2f} deg  rudder {math.degrees(delta):7.2f} deg"

@@ -9,6 +9,7 @@ import pytest
 
 from cases.criteria.imo import REFERENCES
 from cases.criteria.scatter import draw_coefficients
+from cases.shipfiles.particulars import BY_RULE
 from cases.shipfiles.ship_file import load_ship
 from delivery.full_scale.scaled_ship import Scaling, scaled_ship
 from delivery.full_scale.viscous import Change, HullInWater, ship_values
@@ -52,6 +53,13 @@ def test_kvlcc2_has_the_wake_of_the_published_full_scale_ship() -> None:
     assert wake.value < MODEL.coefficients["w_P0"].value
     for name in ("L", "d", "m", "U_0", "rudder_rate", "A_R", "D_P"):
         assert found.ship.particulars[name] == pytest.approx(full.particulars[name], rel=2e-3), name
+
+
+def test_a_rate_of_the_model_is_a_rule_for_the_ship() -> None:
+    model = replace(MODEL, sources={"rudder_rate": "measured in zigzag", "U_0": "rule: typical"})
+    ship = scaled_ship(model, Scaling(320.0)).ship
+    assert all(ship.sources[name].startswith(BY_RULE) for name in ("rudder_rate", "U_0"))
+    assert scaled_ship(model, Scaling(320.0, speed=8.0)).ship.sources.keys() == {"rudder_rate"}
 
 
 def test_scaling_with_the_published_changes_alone_is_the_published_ship() -> None:

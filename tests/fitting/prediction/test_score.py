@@ -12,7 +12,16 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial, left_out
 from fitting.nlp.windows import Stretch
 from fitting.prediction.predict import predict, window_rows
-from fitting.prediction.score import Score, check_scorable, in_words, pooled_sigma, score, score_pairs, scores_by_set
+from fitting.prediction.score import (
+    NOTHING,
+    Score,
+    check_scorable,
+    in_words,
+    pooled_sigma,
+    score,
+    score_pairs,
+    scores_by_set,
+)
 from fitting.prediction.stretches import wrapped_error
 from fitting.report.run_folder import plain
 from mmg.errors import TooFewData, UserError
@@ -86,7 +95,7 @@ def test_a_trial_without_a_whole_restart_beside_broken_rows_has_nothing_to_score
         assert [note.code for note in found.notes].count("nothing_scored") == 1
         again = Score.from_dict(plain(found.to_dict()))
         assert np.isnan(again.trials[0].paper) and again.diverged == ()
-    assert in_words(first.paper) == "-"
+    assert in_words(first.paper) == NOTHING
 
 
 def test_a_set_without_a_whole_window_is_not_scored() -> None:

@@ -18,8 +18,9 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
+from fitting.prediction.figure_intervals import JudgedFigures
 from fitting.report import imo_form as imo_form_module
-from fitting.report.imo_form import drawn_maneuvers, imo_form, standard_figures
+from fitting.report.imo_form import drawn_maneuvers, imo_form, likely_causes, standard_figures
 from fitting.report.page import build_page, needs_weasyprint, write_pdf
 from fitting.report.use import FAILED, FULFILLED, UNKNOWN, Delivered, beaufort, condition_rows, limit_rows, use_rows
 from fitting.result import read_fit, write_report
@@ -120,6 +121,29 @@ def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Deliv
     assert any("R = T F / B" in line for line in form.remarks)
     zigzag = rows["Zig-zag 20°/20°", "1st overshoot angle"]
     assert all(side.tested is None and side.corrected is None for side in zigzag.sides)
+
+
+def test_tested_figures_outside_of_the_models_intervals_are_the_first_line(known: Delivered, tmp_path: Path) -> None:
+    form = known.form
+    assert form is not None and form.contradiction == "" and form.rows[0].sides[0].contradicts is False
+    side = form.rows[0].sides[0]
+    assert side.tested is not None and side.model is not None and side.model.of_trial is not None
+    end, reading = side.model.of_trial[1], side.tested.reading
+    readable = replace(side, tested=replace(side.tested, value=end + 0.9 * reading))
+    outside = replace(side, tested=replace(side.tested, value=end + 1.1 * reading))
+    assert reading > 0 and outside.contradicts and readable.contradicts is False
+    assert replace(outside, tested=None).contradicts is None
+    wrong = replace(form, rows=(replace(form.rows[0], sides=(outside,)), *form.rows[1:]))
+    assert " 1 of 3 " in wrong.contradiction
+    fit = small_result()
+    page = build_page([(fit, fit.ship, tmp_path)], [replace(known, form=wrong)])
+    assert page.index(" 1 of 3 ") < page.index('class="headline"')
+    stated = {k: v for k, v in fit.ship.particulars.items() if k != "rudder_rate"}
+    by_rule, known_rate = (
+        likely_causes(replace(fit.ship, particulars=own), known.trials, JudgedFigures(imo_figures(fit.ship), {}), {})
+        for own in (stated, {**stated, "rudder_rate": 0.3})
+    )
+    assert len(known_rate) == len(by_rule) - 1
 
 
 def test_a_tested_stop_is_judged_where_that_of_the_model_is_the_priors(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,7 @@ def screw_trial() -> Trial:
     return coarse_runs()[0][0]
 
 
-@pytest.mark.parametrize("verb", ["score", "fit", "train", "diagnose", "simulate", "imo"])
+@pytest.mark.parametrize("verb", ["score", "predict", "fit", "train", "diagnose", "simulate", "imo"])
 def test_a_ship_none_of_whose_propulsors_is_in_the_file_is_refused(
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -46,6 +46,22 @@ def test_a_ship_none_of_whose_propulsors_is_in_the_file_is_refused(
     assert main([verb, *own.get(verb, words)]) == 2
     line = capsys.readouterr().err.strip().splitlines()[-1]
     assert "n_azimuth" in line and "n, delta" in line and not out.exists()
+
+
+def test_a_run_without_a_window_has_nothing_to_score_and_tables_are_whole(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trial = screw_trial()
+    gaps = np.where(np.arange(len(trial)) % 20 == 7, np.nan, trial["u"])
+    write_trial(trial, tmp_path / "whole.csv")
+    write_trial(trial.with_columns(u=gaps), tmp_path / "gaps.csv")
+    assert main(["score", "esso_osaka_3m", "esso_osaka_3m", *map(str, sorted(tmp_path.glob("*.csv")))]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert sum(line.split() == ["gaps", "nothing", "to", "score", "0"] for line in lines) == 1
+    assert sum(line.split() == ["gaps", "nothing", "to", "score"] for line in lines) == 1
+    assert not any("diverges" in line for line in lines)
+    tables = [line for line in lines if line and not line.startswith(("note:", "sigma from"))]
+    assert max(map(len, tables)) <= 80
 
 
 @pytest.mark.parametrize("idle", ["n", "delta"])

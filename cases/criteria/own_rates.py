@@ -1,0 +1,262 @@
+"""A ship's own rates from her trials: steering gear, revolutions, approach speed, rudder of a straight course.
+
+A steering gear that is at its limit moves the rudder along a straight line from one angle to the next, and at the same
+rate each time; a hand or an autopilot does neither. Each move is fitted by stand, ramp, stand (least squares), so that
+neither noise nor a sampling interval of half a move biases its rate. Held samples are means over their intervals.
+Moves of one rate are the limit; without any that agree, the fastest is a lower bound and says no more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from cases.criteria.measured_maneuvers import find_maneuvers, steering
+from cases.inputs import is_sampled
+from cases.maneuvers.definitions import Limits
+from cases.shipfiles.particulars import BY_RULE
+from cases.trial import Trial
+from mmg.errors import UserError
+from mmg.messages import Message
+from mmg.ship import Ship
+
+MEASURED = "measured in "
+"""How the source of a particular begins that was estimated from trials."""
+WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+"""Samples over which slopes are taken to find moves: the fewest that show the largest slope above the noise."""
+CLEAR, MOVING = 0.06, 0.3
+"""Shares of the largest slope: the most that the noise of a slope may have, and the least of a move."""
+VISIBLE = 8.0
+"""Least size of a move, by the noise."""
+MOST = 8
+"""Largest moves of a trial that are fitted. Set by hand: it bounds the time, a zigzag has five."""
+JUMP = 0.7
+"""Largest change from a sample to the next, by that of the move: more of it is one step, as in a log of orders."""
+RESOLVED, SURE, STRAIGHT = 1.5, 0.05, (1.5, 0.01)
+"""A ramp whose rate counts lasts so many sampling intervals, has this relative standard error at most, and leaves an
+rms error of so many times the noise and this share of its size: half a sine leaves 0.026."""
+FEW, AGREE, MOSTLY = 2, 0.1, 0.5
+"""A limit is shown by so many moves at least that agree to this share of their rate, and by this share of all moves of
+half the largest size."""
+FASTEST = 5.0
+"""Rates above so many times those by Froude's law are steps of orders."""
+NOTED = 0.1
+"""Share by which a rate that the ship file states differs from the one measured for that to be said."""
+ALIKE, APPROACH = 0.15, 1.0
+"""Speeds of approach are one speed where they differ by this share at most; ship times L/U of an approach that are
+looked at."""
+LEAST_NEUTRAL = math.radians(0.25)
+"""A smaller mean rudder of straight approaches is zero [rad]: rudders are logged to a tenth of a degree, with noise."""
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A move of an actuator: its rate and the standard error of that by it; size, duration [s], rms error; trial."""
+
+    rate: float
+    error: float
+    size: float
+    seconds: float
+    rms: float
+    straight: bool
+    resolved: bool
+    trial: str
+
+
+@dataclass(frozen=True)
+class SlewRate:
+    """Rate of an actuator by its fastest moves [its unit / s]; limit: moves agree in it, else it is a lower bound;
+    trials: names of those that show it."""
+
+    rate: float
+    limit: bool
+    trials: tuple[str, ...]
+
+
+def slew_rate(trials: Sequence[Trial], columns: Sequence[np.ndarray]) -> SlewRate | None:
+    """The rate of an actuator whose positions in each of the ``trials`` are its of ``columns`` (N,); None where no move
+    is resolved by the samples, as in a log of orders."""
+    ramps = [ramp for trial, column in zip(trials, columns, strict=True) for ramp in _ramps(trial, column)]
+    known = [ramp for ramp in ramps if ramp.resolved]
+    if not known:
+        return None
+    largest = max(ramp.size for ramp in ramps)
+    large = [ramp for ramp in ramps if ramp.size >= 0.5 * largest]
+    for fastest in sorted(known, key=lambda ramp: -ramp.rate):
+        alike = [ramp for ramp in known if ramp.straight and abs(ramp.rate / fastest.rate - 1) <= AGREE]
+        enough = len(alike) >= FEW and sum(ramp in alike for ramp in large) >= MOSTLY * len(large)
+        if fastest.straight and enough:
+            weights = np.array([ramp.error**2 + 0.01**2 for ramp in alike]) ** -1
+            rate = float(np.average([ramp.rate for ramp in alike], weights=weights))
+            return SlewRate(rate, True, tuple(dict.fromkeys(ramp.trial for ramp in alike)))
+    fastest = max(known, key=lambda ramp: ramp.rate * (1 - 2 * ramp.error))
+    return SlewRate(fastest.rate * (1 - 2 * fastest.error), False, (fastest.trial,))
+
+
+def _ramps(trial: Trial, values: np.ndarray) -> list[Ramp]:
+    """The largest moves in a column of ``values`` (N,) of a ``trial``, with the reading of its samples that fits."""
+    good = np.isfinite(values)
+    t, values = trial.t[good], values[good]
+    if len(t) < 6 or np.ptp(values) == 0:
+        return []
+    noise = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6)  # of 1, -2, 1
+    noise = max(noise, 1e-4 * float(np.ptp(values)))
+    moves = _moves(t, values, noise)
+    sampled = is_sampled(trial)
+    readings = [True, False] if sampled is None else [sampled]
+    found: list[tuple[float, list[Ramp]]] = []
+    for reading in readings:
+        ramps = [_fitted(trial, t, values, move, noise, not reading) for move in moves]
+        found.append((sum(ramp.rms**2 for ramp in ramps), ramps))
+    return min(found, key=lambda one: one[0])[1]
+
+
+def _moves(t: np.ndarray, values: np.ndarray, noise: float) -> list[tuple[int, int, int, int]]:
+    """The largest moves that samples resolve: first row of the stand before, first and last of the move, last of the
+    stand after."""
+    dt = float(np.median(np.diff(t)))
+    for window in (w for w in WINDOWS if w <= len(t) // 3):
+        times = sliding_window_view(t, window)
+        times = times - times.mean(axis=1, keepdims=True)
+        slopes = (times * sliding_window_view(values, window)).sum(axis=1) / (times**2).sum(axis=1)
+        largest = float(np.abs(slopes).max())
+        if noise / dt * math.sqrt(12 / (window * (window**2 - 1))) <= CLEAR * largest:
+            break
+    else:
+        return []
+    way = np.where(np.abs(slopes) > MOVING * largest, np.sign(slopes), 0.0)
+    edges, half = np.flatnonzero(np.diff(way, prepend=0.0, append=0.0)), (window - 1) // 2
+    spans = [(int(a) + half, int(b) - 1 + window - 1 - half) for a, b in pairwise(edges) if way[a]]
+    found = []
+    for k, (a, b) in enumerate(spans):
+        floor = spans[k - 1][1] if k else 0
+        ceiling = spans[k + 1][0] if k + 1 < len(spans) else len(t) - 1
+        stand = max(3, b - a)
+        first, last = max(min(floor, a), a - stand, 0), min(max(ceiling, b), b + stand)
+        if last - first >= 4:
+            size = abs(float(np.median(values[b : last + 1]) - np.median(values[first : a + 1])))
+            jump = float(np.abs(np.diff(values[first : last + 1])).max())
+            found += [(size, (first, a, b, last))] if jump < JUMP * size else []
+    found = sorted(found, key=lambda one: -one[0])[:MOST]
+    return [move for size, move in found if size > VISIBLE * noise]
+
+
+def _fitted(
+    trial: Trial, t: np.ndarray, values: np.ndarray, move: tuple[int, int, int, int], noise: float, held: bool
+) -> Ramp:
+    """The ramp of least squares in a ``move``, as of ``_moves``; held: samples are means over their intervals."""
+    from scipy.optimize import least_squares  # late: it is slow to import
+
+    first, a, b, last = move
+    a, b, t, y = a - first, b - first, t[first : last + 1], values[first : last + 1]
+    low, high = float(np.median(y[: a + 1])), float(np.median(y[b:]))
+    side, size, dt = math.copysign(1.0, high - low), abs(high - low), float(np.median(np.diff(t)))
+
+    def error(p: np.ndarray) -> np.ndarray:
+        return p[0] + side * _ramp(t, p[1], math.exp(p[2]), p[3], held) - y
+
+    best = None
+    for factor in (1.0, 1.6):  # what is read as a move is somewhat longer than the ramp in it
+        rate = factor * size / max(float(t[b] - t[a]), 0.5 * dt)
+        begin = 0.5 * (t[a] + t[b]) - 0.5 * size / rate - 0.5 * dt * held
+        bounds = [-np.inf, -np.inf, math.log(rate) - 3, 0.3 * size], [np.inf, np.inf, math.log(rate) + 3, 3 * size]
+        scale = [size, dt + size / rate, 1.0, size]
+        found = least_squares(error, [low, begin, math.log(rate), size], x_scale=scale, bounds=bounds, max_nfev=40)
+        best = found if best is None or found.cost < best.cost else best
+    assert best is not None
+    rate, size = math.exp(best.x[2]), float(best.x[3])
+    rms, J = math.sqrt(2 * best.cost / max(len(t) - 4, 1)), np.asarray(best.jac)
+    scaled = J * [1.0, dt + size / rate, 1.0, 1.0]  # seconds beside angles
+    determined = np.linalg.matrix_rank(scaled, tol=1e-6 * size) == 4
+    relative = float(np.linalg.norm(np.linalg.pinv(scaled)[2])) * max(noise, rms) if determined else math.inf
+    resolved = size / rate >= RESOLVED * dt and relative <= SURE
+    straight = rms <= math.hypot(STRAIGHT[0] * noise, STRAIGHT[1] * size)
+    return Ramp(rate, relative, size, size / rate, rms, straight, resolved, trial.name)
+
+
+def _ramp(t: np.ndarray, begin: float, rate: float, size: float, held: bool) -> np.ndarray:
+    """A ramp from 0 to ``size`` at the times ``t`` (N,) [s], or its means from each to the next."""
+    if not held:
+        return np.clip(rate * (t - begin), 0.0, size)
+    since = np.append(t, 2 * t[-1] - t[-2]) - begin
+    area = np.where(rate * since < size, 0.5 * rate * np.clip(since, 0, None) ** 2, size * (since - 0.5 * size / rate))
+    return np.diff(area) / np.diff(since)
+
+
+def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Message]]:
+    """The ``ship`` with what her ``trials`` show of her particulars ``rudder_rate``, ``propeller_rate``,
+    ``approach_speed`` and ``neutral_rudder``, and messages on them.
+
+    What the ship file states otherwise stays, and a difference is said. A ship whose model has actuators takes orders,
+    whose rates say nothing.
+    """
+    if "actuators" in ship.components:
+        return ship, []
+    found: dict[str, tuple[float, tuple[str, ...]]] = {}
+    messages = []
+    moved = [t for t in trials if np.isfinite(np.column_stack(steering(t))).any(axis=0).all()]
+    usual = Limits.for_length(ship.particulars["L"])
+    for k, (name, rule) in enumerate((("rudder_rate", usual.rudder_rate), ("propeller_rate", usual.propeller_rate))):
+        slew = slew_rate(moved, [steering(trial)[k] for trial in moved])
+        if slew and slew.limit and slew.rate <= FASTEST * rule:
+            found[name] = slew.rate, slew.trials
+        elif k == 0 and name not in ship.particulars and moved:
+            messages.append(Message(_by_rule(ship, slew), "rudder_rate_by_rule"))
+    found |= _approaches(trials, ship.particulars["L"])
+    particulars, sources = dict(ship.particulars), dict(ship.sources)
+    for name, (value, names) in found.items():
+        stated = name in particulars and not sources.get(name, "").startswith((MEASURED, BY_RULE))
+        if not stated:
+            particulars[name], sources[name] = value, f"{MEASURED}{_listed(names)}"
+        elif abs(particulars[name] / value - 1) > NOTED:
+            text = f"{name} is {particulars[name]:.3g} in the ship file, {value:.3g} by {_listed(names)}; it stays"
+            messages.append(Message(text, f"{name}_differs"))
+    return replace(ship, particulars=particulars, sources=sources), messages
+
+
+def _by_rule(ship: Ship, slew: SlewRate | None) -> str:
+    """What is said where the trials of ``ship`` do not show the rate of her rudder; slew: the fastest that they do."""
+    rule = math.degrees(Limits.for_length(ship.particulars["L"]).rudder_rate)
+    least = f", at least {math.degrees(slew.rate):.3g} deg/s in {slew.trials[0]}" if slew else ""
+    if slew and slew.rate > FASTEST * math.radians(rule):
+        least = f": it jumps in {slew.trials[0]}, as orders do"
+    return (
+        f"the trials do not show the rate of the rudder{least}; manoeuvres are simulated with {rule:.3g} deg/s by "
+        "Froude's law: give rudder_rate [rad/s] in the ship file where it is known"
+    )
+
+
+def _approaches(trials: Sequence[Trial], length: float) -> dict[str, tuple[float, tuple[str, ...]]]:
+    """Speed and mean rudder of the approaches of ``trials`` with a manoeuvre, where these have one speed."""
+    rows = []
+    for trial in trials:
+        try:
+            execute = find_maneuvers(trial, length)[0]
+        except UserError:
+            continue
+        since = trial.t - trial.t[0] - execute.order_time
+        if math.isfinite(execute.speed) and execute.speed > 0:
+            before = (since < 0) & (since > -APPROACH * length / execute.speed)
+            rudder = steering(trial)[0][before]
+            rows.append((execute.speed, float(np.nanmean(rudder)) if np.isfinite(rudder).any() else 0.0, trial.name))
+    if not rows:
+        return {}
+    speed = float(np.median([row[0] for row in rows]))
+    alike = [row for row in rows if abs(row[0] / speed - 1) <= ALIKE]
+    if len(alike) <= 0.5 * len(rows):
+        return {}
+    names = tuple(row[2] for row in alike)
+    neutral = float(np.median([row[1] for row in alike]))
+    return {"approach_speed": (float(np.median([row[0] for row in alike])), names)} | (
+        {"neutral_rudder": (neutral, names)} if abs(neutral) > LEAST_NEUTRAL else {}
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    """At most three ``names``, and how many more."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

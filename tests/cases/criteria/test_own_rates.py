@@ -1,0 +1,105 @@
+"""A ship's own rates from her trials: the truth comes back, and where the trials do not show it nothing is claimed."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cases.criteria.imo import imo_figures
+from cases.criteria.own_rates import MEASURED, slew_rate, with_own_rates
+from cases.maneuvers.definitions import Limits, parse_maneuver
+from cases.shipfiles.new_ship import new_ship
+from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
+from cases.shipfiles.ship_json import dump_ship_json, tables
+from cases.simulation.simulate import simulate
+from cases.trial import Trial
+from mmg.ship import Ship
+
+MANEUVERS = ("zigzag:20/20", "zigzag:10/10", "turning:35")
+
+
+def bare(name: str) -> Ship:
+    """A ship of the library whose file states no rate."""
+    ship = load_ship(name)
+    return replace(ship, particulars={k: v for k, v in ship.particulars.items() if k not in ("rudder_rate", "U_0")})
+
+
+def trials(ship: Ship, rate: float, dt: float, noise: float = 0.2) -> list[Trial]:
+    """Trials with a rudder of this ``rate`` [deg/s], logged every ``dt`` [s] with ``noise`` [deg]."""
+    rng, found = np.random.default_rng(3), []
+    for text in MANEUVERS:
+        plan = parse_maneuver(text, ship, speed=0.07 * math.sqrt(9.81 * ship.particulars["L"]),
+                              rudder_rate=math.radians(rate))  # fmt: skip
+        trial = simulate(ship, plan, dt)
+        noisy = trial["delta"] + math.radians(noise) * rng.standard_normal(len(trial))
+        found.append(replace(trial.with_columns(delta=noisy), name=text.replace(":", " ").replace("/", " ")))
+    return found
+
+
+@pytest.mark.parametrize("dt", [0.1, 1.0])
+@pytest.mark.parametrize(("name", "rate"), [("kvlcc2_full", 2.5), ("esso_osaka_3m", 20.0), ("esso_osaka_3m", 12.0)])
+def test_the_rate_of_the_rudder_comes_back_and_simulations_use_it(name: str, rate: float, dt: float) -> None:
+    ship = bare(name)
+    found, said = with_own_rates(ship, trials(ship, rate, dt))
+    assert math.degrees(found.particulars["rudder_rate"]) == pytest.approx(rate, rel=0.05)
+    assert found.particulars["approach_speed"] == pytest.approx(
+        0.07 * math.sqrt(9.81 * ship.particulars["L"]), rel=0.05
+    )
+    assert found.sources["rudder_rate"].startswith(MEASURED) and not said
+    assert Limits.for_ship(found).rudder_rate == found.particulars["rudder_rate"]
+    again = parse_ship(dump_ship(found))
+    assert again.sources == found.sources and again.particulars == found.particulars
+
+
+def test_the_rate_of_an_engine_and_a_rudder_that_is_not_midships_come_back() -> None:
+    ship = bare("esso_osaka_3m")
+    runs = trials(ship, 20.0, 0.1)
+    ramp = np.clip(2.0 * (runs[0].t[None, :] - np.array([[40.0], [60.0]])), 0, 6)  # [1/s], two moves at 2 1/s^2
+    still = [replace(r.with_columns(delta=r["delta"] + math.radians(1.5)), name=r.name) for r in runs]
+    revolving = runs[0].with_columns(n=10.0 - ramp[0] + ramp[1])
+    found, _ = with_own_rates(ship, [revolving, *still])
+    assert found.particulars["propeller_rate"] == pytest.approx(2.0, rel=0.05)
+    assert math.degrees(found.particulars["neutral_rudder"]) == pytest.approx(1.5, abs=0.2)
+
+
+@pytest.mark.parametrize("kind", ["slow helm", "orders", "held"])
+def test_trials_without_a_slew_at_the_limit_show_none(kind: str) -> None:
+    ship, t, rng = bare("esso_osaka_3m"), np.arange(0.0, 600.0, 0.5), np.random.default_rng(1)
+    delta = {
+        "slow helm": np.radians(10.0) * np.sin(2 * np.pi * t / 60) + 0.002 * rng.standard_normal(len(t)),
+        "orders": np.radians(20.0) * np.sign(np.sin(2 * np.pi * t / 60)),
+        "held": np.full(len(t), 0.1),
+    }[kind]
+    zero = np.zeros(len(t))
+    trial = Trial("run", {"t": t, "psi": zero, "u": zero + 1, "v": zero, "r": zero, "n": zero + 10, "delta": delta})
+    slew = slew_rate([trial], [delta])
+    assert (slew is not None and not slew.limit) if kind == "slow helm" else slew is None
+    found, said = with_own_rates(ship, [trial])
+    assert "rudder_rate" not in found.particulars and [m.code for m in said] == ["rudder_rate_by_rule"]
+
+
+def test_what_the_ship_file_states_stays_and_a_difference_is_said() -> None:
+    ship = bare("esso_osaka_3m")
+    stated = replace(ship, particulars={**ship.particulars, "rudder_rate": math.radians(20.0)})
+    found, said = with_own_rates(stated, trials(ship, 12.0, 0.1))
+    assert found.particulars["rudder_rate"] == math.radians(20.0) and "rudder_rate" not in found.sources
+    assert [m.code for m in said] == ["rudder_rate_differs"]
+    before, _ = with_own_rates(ship, trials(ship, 20.0, 0.1))
+    again, _ = with_own_rates(before, trials(ship, 12.0, 0.1))  # what was measured before is measured anew
+    assert math.degrees(again.particulars["rudder_rate"]) == pytest.approx(12.0, rel=0.05)
+
+
+def test_what_is_a_rule_of_thumb_stands_beside_the_figures_that_hang_on_it() -> None:
+    ship = new_ship("own", {"L": 120.0, "B": 20.0, "d": 7.0, "C_b": 0.75})
+    assert ship.sources["U_0"].startswith("rule") and parse_ship(dump_ship(ship)).sources == ship.sources
+    assert tables(json.loads(dump_ship_json(ship)), "ship.json")["sources"] == ship.sources
+    steered = [row for row in imo_figures(ship).rows if row.run.startswith(("turning", "zigzag"))]
+    assert steered and all("rudder rate" in row.why and "test speed" in row.why for row in steered)
+    known = new_ship("own", {"L": 120.0, "B": 20.0, "d": 7.0, "C_b": 0.75, "U_0": 7.0, "rudder_rate": 0.0436})
+    rows = imo_figures(known).rows
+    assert not any("rudder rate" in row.why or "test speed" in row.why for row in rows)
+    assert all("engine" in row.why for row in rows if row.run == "crash-stop")
