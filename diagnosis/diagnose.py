@@ -139,9 +139,8 @@ def _diagnosed(
     if faults := [sensors.form_of(c.effect) for c in found.effects if c.effect in FITTED_ALONG]:  # no cause
         return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, known, groups, progress)
     missing = estimated_force(result.free) if result.is_left or result.verdict == "unknown" else None
-    is_fitted = any(c.prior_std is not None for c in given.coefficients.values()) and not known.other
-    as_given = None if is_fitted else ready.full.ship.values
-    budget = budget_of(p, found, missing, options.seed, as_given)
+    is_fitted = not known.other and any(c.prior_std is not None for c in given.coefficients.values())
+    budget = budget_of(p, found, missing, options.seed, None if is_fitted else ready.full.ship.values)
     late, final, is_found = ready.reading.time_error, found.final, bool(found.effects)
     same = summary.equivalence_class(found) if is_found else ()
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
@@ -165,13 +164,11 @@ def _diagnosed(
         describe = partial(_unexplained, p, final, result.free.evidence, missing, after_all)
         unexplained = _unless_impossible(describe, "the unexplained force", None, reasons)
     between = _between(ready, sensors, groups, trials, reasons)
-    free = result.free
-    unnamed = {"all": free.mixture, "single": free.single, **free.by_kind}
     nearest = next((r.candidate.effect for s in found.searches[:1] for r in s.refitted), "")
     off = tuple(f for f in instruments if f.name in {c.effect for c in found.effects})
     sentence = sentence_of(result.verdict, effects, off, same, remainder, budget, nearest, unexplained)
     if unexplained is not None:
-        sentence += likeness(unnamed)
+        sentence += likeness(result.free.by_kind)
     sentence = next((f"No cause can be named: {m}." for m in reasons if m.code == "not_described"), sentence)
     return Diagnosis(
         verdict=result.verdict,
@@ -187,7 +184,7 @@ def _diagnosed(
         warnings=(*repairs, *ready.notices, *reasons, *sensors.warnings),
         not_screened=ready.full.left_out,
         noise=RandomSizes.of(found.null),
-        unnamed=unnamed,
+        unnamed={"all": result.free.mixture, "single": result.free.single, **result.free.by_kind},
         kinematics=_sensor_sentences(sensors, instruments),
         unexplained_force=unexplained,
         budget=budget,

@@ -439,8 +439,8 @@ def budget_parts(budget: Budget) -> list[dict[str, Any]]:
 
 
 def budget_lines(budget: Budget, is_named: bool) -> list[list[str]]:
-    """Lines of errors at the end of predictions: of the ship as given, fitted without any effect, with those named, and
-    of a complete model. Returns what, position, heading and squared error in words."""
+    """Lines of the errors in a ``budget``: of the ship as given, fitted without any effect, with those named if any
+    is (is_named), and of a complete model. Returns what, position, heading and squared error in words."""
     what = ("fitted to the training trials", "with what was found", "floor")
     errors = (budget.before, budget.after, budget.floor)
     lines = list(zip(what, budget.units["position_m"], budget.units["heading_deg"], errors, strict=True))
