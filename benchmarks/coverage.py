@@ -1,4 +1,4 @@
-"""Do intervals hold as much of the truth as they say? Coefficients, prediction bands and manoeuvring figures.
+"""Do intervals hold as much of the truth as they say? Coefficients, bands, manoeuvring figures, a diagnosis' budget.
 
 python -m benchmarks.coverage PART ... [--seeds N] [--workers N] [--record], PART being one or more of
 
@@ -8,7 +8,9 @@ python -m benchmarks.coverage PART ... [--seeds N] [--workers N] [--record], PAR
 * figures: 90 % intervals of the figures of a 3 m and a 7 m ship in turn, fitted to two zigzags and two turnings; a
   crash stop lies outside of them;
 * bands: 90 % prediction bands of manoeuvres of another kind: turnings predicted from zigzags and random runs (records),
-  and circles from zigzags alone (``benchmarks/file_faults/plant.py``, whose equations are not the package's).
+  and circles from zigzags alone (``benchmarks/file_faults/plant.py``, whose equations are not the package's);
+* budget: 90 % intervals of the unexplained share of a diagnosis, in cases of ``benchmarks/blind`` whose complete model
+  is known: that of the same trials with nothing hidden.
 
 Those of records left out are in benchmarks/accuracy.py. Each calibration is what ``mmg fit`` does by default.
 """
@@ -19,11 +21,16 @@ import argparse
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 import numpy as np
 
 from benchmarks.accuracy import SHIP, Fold, by_length, mean_bands, trials_of
+from benchmarks.blind.cases import folders, question
+from benchmarks.blind.generator.world import WORLDS
+from benchmarks.blind.generator.write import generate
 from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
 from benchmarks.measured import done
 from benchmarks.record import Figure, parser_of, report
@@ -53,10 +60,12 @@ DRAWS = 200
 """Of the interval of a figure."""
 RUNS = (("zigzag:20/20", 120.0), ("zigzag:-10/10", 110.0), ("turning:35", 140.0), ("turning:-20", 140.0))
 """Manoeuvres and durations [s] of a 3 m ship whose figures are judged."""
-R = TypeVar("R")
+BUDGET_WORLDS, BUDGET_KINDS, COUNT = ("pond", "sea", "kvlcc2"), ("library", "pair", "strangers"), 4
+"""Worlds and kinds of the cases whose budget is judged, and cases of each by seed."""
+R, T = TypeVar("R"), TypeVar("T")
 
 
-def spread(work: Callable[[int], R], seeds: Iterable[int], workers: int) -> list[R]:
+def spread(work: Callable[[T], R], seeds: Iterable[T], workers: int) -> list[R]:
     """What ``work`` makes of each of ``seeds``, on so many processes, in any order."""
     return [made for _, made in done(work, [(seed, (seed,)) for seed in seeds], workers)]
 
@@ -201,6 +210,39 @@ def manoeuvres() -> dict[str, Figure]:
     return made | mean_bands("circles of a plant from zigzags", "plant", plants)
 
 
+# Budget of a diagnosis
+
+
+def rest_inside(task: tuple[str, str, int]) -> list[bool]:
+    """Whether the true unexplained share lies in its interval, for COUNT cases of a world, kind and seed that have one.
+
+    The true floor is the error in the tests of the twins, without what is hidden, by the fit to their training trials.
+    """
+    world, kind, seed = task
+    inside = []
+    with TemporaryDirectory() as scratch:
+        hidden, twins = (Path(scratch) / name for name in ("hidden", "twins"))
+        for folder in (hidden, twins):
+            generate(folder, COUNT, seed, kind, "mixed", WORLDS[world], twins=folder == twins)
+        for case in folders(hidden):
+            budget, complete = (question(folder / case.name)().budget for folder in (hidden, twins))
+            if budget is None or complete is None or budget.unexplained is None:
+                continue
+            floor = min(complete.before, budget.after)
+            if budget.before > floor:
+                rest, (low, high) = (budget.after - floor) / (budget.before - floor), budget.unexplained.interval_90
+                inside.append(low - 1e-6 <= rest <= high + 1e-6)
+    return inside
+
+
+def budget(given: argparse.Namespace) -> dict[str, Figure]:
+    """Intervals of the unexplained shares."""
+    tasks = [(w, k, s) for s in range(FIRST, FIRST + given.seeds) for w in BUDGET_WORLDS for k in BUDGET_KINDS]
+    hits = [hit for found in spread(rest_inside, tasks, given.workers) for hit in found]
+    words = "true unexplained shares of a diagnosis inside their 90 % interval"
+    return {"coverage_budget": Figure(words, sum(hits), of=len(hits))}
+
+
 def main() -> None:
     """Measures the parts that are named."""
     parts: dict[str, Callable[[argparse.Namespace], dict[str, Figure]]] = {
@@ -208,6 +250,7 @@ def main() -> None:
         "clean": lambda given: intervals(clean_errors, "coverage_clean", "white noise", given),
         "figures": figures,
         "bands": lambda given: manoeuvres(),
+        "budget": budget,
     }
     parser = parser_of("coverage", __doc__)
     parser.add_argument("parts", nargs="+", choices=tuple(parts))

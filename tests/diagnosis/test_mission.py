@@ -6,6 +6,12 @@ import numpy as np
 import pytest
 
 from cases.evidence.kinematics import Kinematics
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.effects import with_effects
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.gusts import Wind
+from cases.simulation.sensors import SensorNoise, add_noise
+from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.result import Diagnosis
@@ -103,3 +109,32 @@ def test_a_filter_that_only_the_search_finds_is_no_cause_either(monkeypatch: pyt
     assert (found.verdict, found.effects) == ("none", ())
     assert "velocity_filter" in {fault.name for fault in found.instruments}
     assert "velocity_filter" not in {row.name for row in found.candidates}
+
+
+FOUR = ("shallow_water:d_h=0.45", "fouling:share=0.4", "rudder_backlash:b=0.05", "wind_force:X=1,Y=1,N=1")
+MANOEUVRES = ("zigzag:20/20", "zigzag:-10/10", "turning:35", "turning:-20", "random:11", "random:12", "berthing")
+TESTS = ("random:21", "zigzag:-15/15", "turning:-35")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 2])
+def test_four_causes_at_once_are_all_named_with_their_sizes(seed: int) -> None:
+    """Shallow water, fouling, a worn steering gear and wind on a 7 m KVLCC2 whose coefficients are known to 2 %."""
+    ship, rng = load_ship("kvlcc2_l7"), np.random.default_rng([20, seed])
+    rows = {s: ship.coefficients[s] for s in ship.free}
+    ship = ship.with_coefficients({s: c.with_(std=max(0.02 * abs(c.value), 1e-5)) for s, c in rows.items()})
+    drawn = {s: c.value * (1 + 0.02 * rng.standard_normal()) for s, c in rows.items()}
+    true, noise, trials = with_effects(ship.with_values(drawn), FOUR), SensorNoise.for_length(7.0), list[Trial]()
+    for number, text in enumerate((*MANOEUVRES, *TESTS)):
+        own = np.random.default_rng([21, seed, number])
+        wind = Wind(own.uniform(1.5, 4.0), own.uniform(0, 2 * np.pi), gusty=True)
+        maneuver = parse_maneuver(text, true, duration=180.0)
+        maneuver.start[2] = own.uniform(-np.pi, np.pi)
+        gusts, errors = own.integers(0, 2**31, 2).tolist()
+        trials.append(add_noise(simulate(true, maneuver, 0.5, wind, gusts, maneuver.start), noise, errors))
+    found = diagnose(ship, trials[: len(MANOEUVRES)], trials[len(MANOEUVRES) :])
+    truth = {name: true.parameters_of(name) for name in true.effects}
+    assert found.verdict == "named" and {e.name for e in found.effects} == set(truth) and not found.remainder
+    sizes = [(e.name, s, p) for e in found.effects for s, p in e.parameters.items() if p.std > 0]
+    assert len(sizes) >= 6
+    assert all(abs(p.value - getattr(truth[name], s)) < 3 * p.std for name, s, p in sizes)

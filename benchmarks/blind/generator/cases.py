@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,11 @@ class Case:
     training: int
     world: World
     conditions: dict[str, float]
+
+    @property
+    def twin(self) -> Case:
+        """The same with nothing hidden: what a complete model would have to explain."""
+        return replace(self, hand=Hand(self.hand.kind, ()), drawn=[])
 
     @classmethod
     def prepared(cls, hand: Hand, chosen: str, seed: np.random.SeedSequence, world: World = WORLDS["pond"]) -> Case:

@@ -21,9 +21,16 @@ BATCH = 50
 
 
 def generate(
-    out: Path, count: int, seed: int, kind: str = "mix", chosen: str = "mixed", world: World = WORLDS["pond"]
+    out: Path,
+    count: int,
+    seed: int,
+    kind: str = "mix",
+    chosen: str = "mixed",
+    world: World = WORLDS["pond"],
+    twins: bool = False,
 ) -> str:
-    """Writes ``count`` cases of a kind and a manoeuvre set in a ``world`` into ``out``; returns the SHA-256 of the key.
+    """Writes ``count`` cases of a kind and a manoeuvre set in a ``world`` into ``out``, or their ``twins`` that hide
+    nothing; returns the SHA-256 of the key.
 
     ``out`` must not exist yet or be empty (FileExistsError). Layout: case_0000/{train,test}/*.csv and perhaps
     site.toml; ship.json (the ship file, which is no secret); key.json (kinds, effects, parameters, strengths);
@@ -40,6 +47,8 @@ def generate(
     for first in range(0, count, batch):
         numbers = range(first, min(first + batch, count))
         cases = [Case.prepared(hands[i], chosen, seeds[i], world) for i in numbers]
+        if twins:
+            cases = [case.twin for case in cases]
         runs = run(cases)
         floor, without = floors(cases, runs), floors(cases, runs, with_effects=False)
         for j, i in enumerate(numbers):
