@@ -419,7 +419,7 @@ def amount(effect: NamedEffect | InstrumentFault) -> str:
 def share_words(part: BudgetShare) -> str:
     """A ``part`` of the budget in percent with its interval, cut to between none and all of the error."""
     low, best, high = (abs(min(max(x, 0.0), 1.0)) for x in (part.interval_90[0], part.share, part.interval_90[1]))
-    return f"{percent(best)} [{100 * low:.0f}, {100 * high:.0f}]"
+    return f"{100 * best:.0f} % [{100 * low:.0f}, {100 * high:.0f}]"
 
 
 def budget_parts(budget: Budget) -> list[dict[str, Any]]:
@@ -429,9 +429,9 @@ def budget_parts(budget: Budget) -> list[dict[str, Any]]:
     rows += [("rest", part.name, part) for part in [budget.unexplained] if part is not None]
     whole = max(budget.before, 1e-300)
     found = [
-        {"kind": kind, "name": name, "share": max(part.share, 0.0) * gap / whole, "short": percent(part.share),
+        {"kind": kind, "name": name, "share": part.share * gap / whole, "short": f"{100 * part.share:.0f} %",
          "words": f"{name} {share_words(part)} of the avoidable part"}
-        for kind, name, part in rows if part.share > 0
+        for kind, name, part in rows if part.share >= 0.005
     ]  # fmt: skip
     left = budget.floor / whole
     return [*found, {"kind": "floor", "name": "floor", "share": left, "short": percent(left),
