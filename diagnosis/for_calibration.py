@@ -1,4 +1,5 @@
-"""What a diagnosis tells a calibration: tests of the effects freed in it, and a second estimate by its filter.
+"""What a diagnosis tells a calibration: tests of the effects freed in it, a second estimate by its filter, and which
+of the usual suspects the trials speak for.
 
 A fit knows errors of what is measured only, however long they last. Whether an effect is there is a question to the
 likelihood ratio with and without it, in which a random force that wanders along each run may explain the same. The
@@ -23,9 +24,11 @@ from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
+from diagnosis.hypotheses.forward_selection import select_effects
 from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.inputs import diagnosable_trials
-from diagnosis.prepare import fit_as_read, fit_of_more, prepare, priors_before, with_sensor_faults
+from diagnosis.prepare import CLEAR, fit_as_read, fit_of_more, prepare, priors_before, with_sensor_faults
+from diagnosis.summary import parameters_of
 from fitting.nlp.windows import default_step
 from fitting.record import EffectTest, EffectValue, MessageRow
 from fitting.result import FitResult
@@ -49,10 +52,7 @@ def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] 
     sample tell; free faults of instruments are found anew by the kinematics of the trials. Priors are the values
     and standard deviations of the ship, as in a calibration.
     """
-    rows = {
-        s: c.with_(prior_value=None, prior_std=None) for s, c in ship.coefficients.items() if c.prior_std is not None
-    }
-    ship = ship.without_network().with_coefficients(rows)
+    ship = _as_stated(ship)
     for name in {s.partition(".")[0] for s in ship.free if "." in s}:
         ship = ship.without_effect(name)
     try:
@@ -70,6 +70,74 @@ def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] 
     return {s: values[s] for s in null.free.symbols if "." not in s}
 
 
+def _as_stated(ship: Ship) -> Ship:
+    """The ``ship`` whose values and standard deviations are her priors, without a network."""
+    rows = {s: c.with_(prior_value=None, prior_std=None) for s, c in ship.coefficients.items()}
+    return ship.without_network().with_coefficients({s: c for s, c in rows.items() if c != ship.coefficients[s]})
+
+
+SUSPECTS = {
+    "antenna_offset": 'say reference_point in trials.toml, or free it with "--with antenna_offset"',
+    "current": 'free it with "--with current", or --per-run current where each run has its own',
+    "log_scale": 'free it with "--with log_scale"',
+    "heading_bias": 'free it with "--with heading_bias"',
+    "tow": 'a steady outside force: free it with "--with tow"',
+}
+"""What is wrong with most campaigns where something is, and what to do: instruments and surroundings that coefficients
+make up for. Velocity filter, gyro and inputs held or sampled are found before any fit."""
+
+
+def usual_suspects(ship: Ship, trials: Sequence[Trial]) -> list[str]:
+    """A sentence for inputs that were sampled and not held, and for each of SUSPECTS, that ``trials`` of a ``ship``
+    speak for beside her free coefficients and random forces, with odds of more than 20 to 1.
+
+    Effects are selected as in a diagnosis. Raises UserError where nothing can be fitted.
+    """
+    kept, _ = diagnosable_trials(trials)
+    free = {s.partition(".")[0] for s in ship.free if "." in s}
+    ship, _ = with_sensor_faults(_as_stated(ship), consistency(kept, ship))
+    steps = _duration(kept) / default_step(kept, ship.particulars["L"])
+    few = _some(kept, max(1, int(steps // FEW)))
+    ready = prepare(ship, few, straight=_clear_reading(kept, ship))
+    mine = tuple(c for c in ready.problem.candidates if c.effect in SUSPECTS and c.effect not in free)
+    found, reading = select_effects(replace(ready.problem, candidates=mine), ready.null), ready.reading
+    rows = []
+    if reading.straight and reading.gain is not None and reading.gain > CLEAR:
+        rows.append(
+            "the trials speak for rudder and revolutions that move along straight lines between their samples (log "
+            f'likelihood +{reading.gain:.0f}), which the fit held: say inputs = "sampled" in trials.toml'
+        )
+    for c, evidence in zip(found.effects, found.evidence, strict=True):
+        sizes = [
+            f"{symbol} = {x.value:.3g} ± {x.std:.2g} {x.unit}".rstrip()
+            for symbol, x in parameters_of(ready.full, found.final, c).items()
+            if x.std > 0
+        ]
+        said = f"{c.effect} ({', '.join(sizes)}; log odds {evidence:.0f})"
+        rows.append(f"the trials speak for {said}, for which coefficients make up: {SUSPECTS[c.effect]}")
+    return rows
+
+
+def with_suspects(result: FitResult, ship: Ship) -> FitResult:
+    """``result`` of the calibration of a ``ship`` with a warning on each of the ``usual_suspects``."""
+    if result.objects is None or not result.converged:
+        return result
+    began = time.perf_counter()
+    try:
+        rows = [MessageRow("warning", "suspect", words) for words in usual_suspects(ship, result.objects.trials)]
+    except (UserError, BrokenModelError, np.linalg.LinAlgError) as error:
+        rows = [MessageRow("notice", "suspects_not_tested", f"the usual suspects were not tested: {error}")]
+    seconds = time.perf_counter() - began
+    timings = {**result.timings_s, "suspects": seconds, "wall": result.timings_s.get("wall", 0.0) + seconds}
+    return replace(result, messages=(*result.messages, *rows), timings_s=timings)
+
+
+def _clear_reading(trials: Sequence[Trial], ship: Ship) -> bool | None:
+    """How actuators are read where samples are so short that it hardly matters, None where it does."""
+    is_fine = max(t.dt for t in trials) <= FINE * default_step(trials, ship.particulars["L"])
+    return possible_readings(trials)[-1] if is_fine else None
+
+
 def _duration(trials: Sequence[Trial]) -> float:
     """Of all ``trials`` together [s]."""
     return sum(trial.duration for trial in trials)
@@ -85,10 +153,8 @@ def _some(trials: Sequence[Trial], every: int) -> Sequence[Trial]:
 def _fitted(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tuple[Ship, Estimate]:
     """The fit without effects to all ``trials``, begun at that to a ``few`` of them; and the ship whose coefficients it
     has."""
-    is_fine = max(t.dt for t in trials) <= FINE * default_step(trials, ship.particulars["L"])
-    straight = possible_readings(trials)[-1] if is_fine else None
     try:
-        ready = prepare(ship, few, straight=straight, tests_follow=False)
+        ready = prepare(ship, few, straight=_clear_reading(trials, ship), tests_follow=False)
     except UserError:
         if len(few) == len(trials):
             raise

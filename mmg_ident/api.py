@@ -192,8 +192,8 @@ def calibrate(
     options: uncertainty, instruments, next trial and more (``fitting.calibrate.FitOptions``); progress: called at each
     iteration; values: fields of the settings that differ from these, by name, such as ``window=20.0``. Returns the
     result, whose ``save(folder)`` writes the run folder; ``effects`` tests each effect that the ship has free, by the
-    likelihood of a diagnosis. Raises UserError for input from which nothing can be identified, and for values outside
-    their limits.
+    likelihood of a diagnosis, and warnings say which of the usual suspects the trials speak for. Raises UserError for
+    input from which nothing can be identified, and for values outside their limits.
     """
     from fitting import calibrate as pipeline
     from fitting.settings import Settings
@@ -205,11 +205,14 @@ def calibrate(
     start = _ship(ship)
     options = replace(options or pipeline.FitOptions(), second=_second_estimate)
     result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
-    if not start.effects:
-        return result
-    from diagnosis.for_calibration import with_effect_tests
+    from diagnosis.for_calibration import with_effect_tests, with_suspects
 
-    return unless_interrupted(lambda: with_effect_tests(result, start)) or result.without_parts("tests of effects")
+    if start.effects:
+        tested = unless_interrupted(lambda: with_effect_tests(result, start))
+        result = tested or result.without_parts("tests of effects")
+    if not options.asks_second(settings):
+        return result
+    return unless_interrupted(lambda: with_suspects(result, start)) or result.without_parts("usual suspects")
 
 
 def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnProgress | None = None) -> FitResult:

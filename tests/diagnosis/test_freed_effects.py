@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -14,7 +15,7 @@ from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from diagnosis import for_calibration
 from diagnosis.estimation.candidates import find
-from diagnosis.for_calibration import effect_tests, with_effect_tests
+from diagnosis.for_calibration import effect_tests, usual_suspects, with_effect_tests
 from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.prepare import prepare
 from fitting.calibrate import FitOptions
@@ -130,3 +131,25 @@ def test_the_folder_the_page_and_the_console_have_the_probability(
     fit_command("esso_osaka_3m", [tmp_path], tmp_path / "again", with_=["rudder_offset"])
     said = capsys.readouterr().err
     assert test.sentence in " ".join(said.split())
+
+
+@pytest.mark.parametrize(
+    ("hidden", "name"),
+    [
+        (None, ""),
+        ("antenna_offset:x=-0.9", "antenna_offset"),
+        ("current:x=0.02,y=0.01", "current"),
+        ("log_scale:share=0.03", "log_scale"),
+    ],
+)
+def test_a_usual_suspect_that_is_there_is_said_and_nothing_else(hidden: str | None, name: str) -> None:
+    found = usual_suspects(FEW, pushed_trials(4, [hidden] if hidden else [], RUNS))
+    assert [re.search(r"for (\w+) \(", words)[1] for words in found] == ([name] if name else [])  # type: ignore[index]
+
+
+def test_a_fit_says_its_suspects_unless_they_are_free() -> None:
+    hidden = pushed_trials(4, ["current:x=0.02,y=0.01"], RUNS)
+    options, settings = FitOptions(next_trial=False, instruments=("none",)), Settings(step=1.0)
+    result = mmg_ident.calibrate(FEW, hidden, (), settings, options)
+    assert [m.code for m in result.messages if m.code.startswith("suspect")] == ["suspect"]
+    assert usual_suspects(freeing_effects(FEW, ("current",)), hidden) == []
