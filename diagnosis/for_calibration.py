@@ -209,8 +209,8 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
     full = without if "tow" in without.effects else without.with_effect("tow", {})
     step = result.settings.step or default_step(trials, float(full.particulars["L"]))
     steps = TransitionModel(full, [*base.symbols, *symbols, *FORCE], step)
-    first = fit_as_read(steps, trials, full.values, base, initial_noise(full))[0]
-    data, null = first.data, first.null
+    ready = fit_as_read(steps, trials, full.values, base, initial_noise(full))[0]
+    data, null = ready.data, ready.null
     start = {Column(s): result.coefficients[s].value for s in symbols}
     every = refit(steps, data, base, null, candidates, start)
     tests = []

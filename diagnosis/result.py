@@ -12,10 +12,10 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import BeforeValidator, ValidationError
 
 from cases.io.files import decoded, read_bytes, read_json
 from cases.shipfiles.ship_file import dump_ship, load_ship
@@ -23,6 +23,7 @@ from diagnosis.findings import DiagnosisInputs, DiagnosisRecord, Findings
 from fitting.record import MessageRow
 from fitting.report.run_folder import (
     SCHEMA_VERSION,
+    Real,
     adapter,
     check_target,
     of_predictions,
@@ -194,12 +195,18 @@ def is_complete(folder: Path) -> bool:
     return content.get("complete") is True
 
 
+def _beside_what_stands(unnamed: Any) -> Any:
+    """Log Bayes factors of unnamed forms; version 0.1 had those without effects and with those named."""
+    return unnamed.get("after", unnamed) if isinstance(unnamed, dict) else unnamed
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Content(DiagnosisRecord):
     """The keys of ``diagnosis.json`` and what each must be."""
 
     schema_version: Literal[1]
     verdict: Literal["none", "named", "unknown"]
+    unnamed: Annotated[Mapping[str, Real], BeforeValidator(_beside_what_stands)]
     messages: tuple[MessageRow, ...]
 
 

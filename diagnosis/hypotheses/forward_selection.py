@@ -146,8 +146,8 @@ def search(
     alone = replace(p, tests=None)  # processes need no other trials
     tasks = [(alone, before, tuple(named), s, len(excited)) for s in chosen]
     refitted = run_all(refit_task, tasks, workers, note)
-    is_tested = p.tests is not None and any(r.delta_bic > 0 for r in refitted)  # of the others no test makes a name
-    nothing = filtered_along(p.steps, p.tests, before) if is_tested else None
+    is_supported = any(r.delta_bic > 0 for r in refitted)  # of the others no test makes a name
+    nothing = filtered_along(p.steps, p.tests, before) if p.tests is not None and is_supported else None
     judged = [
         replace(
             r,

@@ -247,17 +247,18 @@ def filtered_along(
     best, share, typical = None, 1.0, initial_noise(steps.ship)
     for _ in range(fits):
         here = linearised_if_finite(steps, data, replace(found.fixed(), path=path, noise=noise), active)
-        if here is None and best is None:
+        if best is None and here is None:
             return None if near is None else filtered_along(steps, data, found, fits=fits)
-        if here is None or (best is not None and here.nll > best.nll + SETTLED):
+        if best is not None and (here is None or here.nll > best.nll + SETTLED):
             share *= 0.3  # the step was too far
-        else:
+        elif here is not None:
             is_settled = best is not None and best.nll - here.nll < SETTLED
             best, share, start = here, 1.0, path
             if is_settled:
                 break
             mean, r, u = here.smoothed()
             following = updated_noise(here, r, u, typical)
+        assert best is not None
         noise = best.at.noise.towards(following, share)
         z = start.z.copy()
         z[..., active] += share * mean[..., : len(active)]
