@@ -81,10 +81,13 @@ SUSPECTS = {
     "current": 'free it with "--with current", or --per-run current where each run has its own',
     "log_scale": 'free it with "--with log_scale"',
     "heading_bias": 'free it with "--with heading_bias"',
-    "tow": 'a steady outside force: free it with "--with tow"',
 }
 """What is wrong with most campaigns where something is, and what to do: instruments and surroundings that coefficients
 make up for. Velocity filter, gyro and inputs held or sampled are found before any fit."""
+BESIDE = ("tow",)
+"""Tested beside them and not said: a steady force is what a resistance looks like that the priors have wrong."""
+LEAST = 0.1
+"""Share of its typical size from which a suspect matters, as of changes over months."""
 
 
 def usual_suspects(ship: Ship, trials: Sequence[Trial]) -> list[str]:
@@ -99,7 +102,8 @@ def usual_suspects(ship: Ship, trials: Sequence[Trial]) -> list[str]:
     steps = _duration(kept) / default_step(kept, ship.particulars["L"])
     few = _some(kept, max(1, int(steps // FEW)))
     ready = prepare(ship, few, straight=_clear_reading(kept, ship))
-    mine = tuple(c for c in ready.problem.candidates if c.effect in SUSPECTS and c.effect not in free)
+    tested = {*SUSPECTS, *BESIDE} - free
+    mine = tuple(c for c in ready.problem.candidates if c.effect in tested)
     found, reading = select_effects(replace(ready.problem, candidates=mine), ready.null), ready.reading
     rows = []
     if reading.straight and reading.gain is not None and reading.gain > CLEAR:
@@ -108,6 +112,9 @@ def usual_suspects(ship: Ship, trials: Sequence[Trial]) -> list[str]:
             f'likelihood +{reading.gain:.0f}), which the fit held: say inputs = "sampled" in trials.toml'
         )
     for c, evidence in zip(found.effects, found.evidence, strict=True):
+        off = [abs(found.final.value(s) - n) / t for s, n, t in zip(c.symbols, c.neutral, c.typical, strict=True)]
+        if c.effect in BESIDE or max(off) < LEAST:
+            continue
         sizes = [
             f"{symbol} = {x.value:.3g} ± {x.std:.2g} {x.unit}".rstrip()
             for symbol, x in parameters_of(ready.full, found.final, c).items()
