@@ -108,7 +108,7 @@ def test_slope_of_the_likelihood_is_that_of_finite_differences(effects: str) -> 
 
 
 def fit_to(
-    trials: Sequence[Trial], h: float = 0.5, iterations: int = 40
+    trials: Sequence[Trial], h: float = 1.0, iterations: int = 40
 ) -> tuple[TransitionModel, GriddedTrials, Estimate]:
     """A fit of all coefficients to trials."""
     full_model, base = ship_with_all_effects(SHIP, trials), priors_before(SHIP)
