@@ -80,7 +80,7 @@ def low_passed(trial: Trial, in_body_axes: bool) -> Trial:
 @pytest.mark.parametrize("in_body_axes", first_quick([True, False]))
 def test_filtered_velocities_are_a_fault_of_an_instrument_and_no_cause(in_body_axes: bool) -> None:
     trials = [low_passed(trial, in_body_axes) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]
-    found = diagnose(FEW, trials, options=DiagnosisOptions(step=0.5, learn=False))
+    found = diagnose(FEW, trials, options=DiagnosisOptions(step=1.0, learn=False))
     assert (found.verdict, found.effects) == ("none", ())
     faults = {fault.name: fault for fault in found.instruments}
     tau = faults["velocity_filter"].parameters["tau"]

@@ -123,7 +123,7 @@ def by_chance() -> list[tuple[Slopes, list[ScoreTest]]]:
     """Ships drawn from the prior, pushed by random forces, without any effect."""
     found = []
     for seed in range(SEEDS):
-        p, null = problem_of(pushed_trials(seed, ship=drawn_ship(FEW, seed)))
+        p, null = problem_of(pushed_trials(seed, ship=drawn_ship(FEW, seed)), 1.0)
         s = slopes(p.steps, p.data, null, p.candidates)
         found.append((s, score_tests(s, p.candidates)))
     return found

@@ -36,6 +36,8 @@ SWITCHED_ON = {
     "gyro": "gyro:share=-0.02,T=0.6",
     "current": "current:x=0.03,y=-0.02,x_rate=-0.0002",
 }
+QUICK = ("current", "wind_force", "bank", "hull_memory", "rudder_lag", "control_delay", "antenna_offset", "gyro")
+"""One of each kind for the default run: of place and time, of an input's record, with a state, of an instrument."""
 FREED = {"bank": "bank:distance=6,decay=3", "current": "current:x_rate", "gyro": "gyro:T"}
 
 
@@ -50,7 +52,8 @@ def trials(ship: Ship, runs: tuple = RUNS, duration: float = 70.0, dt: float = 0
     return made
 
 
-@pytest.mark.parametrize("name", sorted(EFFECTS))
+@pytest.mark.parametrize("name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow)
+                                  for name in sorted(EFFECTS)])  # fmt: skip
 def test_a_fit_with_the_effect_freed_recovers_its_parameters(name: str) -> None:
     """Within 4 standard errors, or 4 % of a typical size where the grid of 1 s and the all-pass delay set the limit."""
     truth = with_effects(ESSO, [SWITCHED_ON.get(name, name)])
