@@ -14,8 +14,6 @@ from mmg_ident.commands.main import main
 from tests.support.commands import shown
 from tests.support.operation_logs import sailed, write_log
 
-pytestmark = pytest.mark.usefixtures("blank_figures")
-
 HOURS, CHANGED = 6.0, 3.0
 OPTIONS = ["--ship", "esso_osaka_3m", "--no-fit", "--out"]
 

@@ -16,8 +16,6 @@ from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
 from tests.support.commands import shown
 
-pytestmark = pytest.mark.usefixtures("blank_figures")
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -30,8 +30,6 @@ from residual.settings import TrainSettings
 from tests.support import hybrids
 from tests.support.commands import interrupted, refused, shown
 
-pytestmark = pytest.mark.usefixtures("blank_figures")
-
 QUICK = ["--seeds", "2", "--epochs", "12", "--width", "8", "--rate", "1e-2", "--penalty", "0.001", "--step", "1"]
 
 

@@ -46,8 +46,6 @@ from residual.papers.comparison import (
 from tests.support import hybrids
 from tests.support.commands import refused
 
-pytestmark = pytest.mark.usefixtures("blank_figures")
-
 QUICK = ["--seeds", "2", "--epochs", "2", "--step", "1"]
 
 
