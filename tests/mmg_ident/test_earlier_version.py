@@ -15,6 +15,8 @@ from fitting.calibrate import FitOptions
 from mmg_ident import calibrate, load_run, load_ship, predict, read_trials, score, write_report
 from mmg_ident.commands.main import main
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 FOLDERS = Path(__file__).parents[1] / "fixtures" / "version_0_1"
 CALIBRATED = (
     "fit",

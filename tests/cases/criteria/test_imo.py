@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -162,6 +162,12 @@ def test_measured_values_stand_beside_the_two_kvlcc2_ships_only() -> None:
     assert assess(run, None, "esso_osaka_3m")[0].reference is None
 
 
+@cache
+def esso_run(text: str) -> Run:
+    """One manoeuvre of ESSO OSAKA at 0.5 m/s, simulated once."""
+    return simulated_run(ESSO, text, 0.5)
+
+
 def mmg(*arguments: str | Path) -> Result:
     return CliRunner().invoke(app, [str(a) for a in arguments])
 
@@ -181,7 +187,7 @@ def test_verb_prints_the_table_and_writes_figure_json_and_runs(tmp_path: Path) -
 
 def test_verb_reads_back_the_runs_it_wrote_with_the_same_figures(tmp_path: Path) -> None:
     texts = ("turning:35", "zigzag:20/20", "crash-stop")
-    runs = {text: simulated_run(ESSO, text, 0.5) for text in texts}
+    runs = {text: esso_run(text) for text in texts}
     for made in runs.values():
         write_trial(made.trial, tmp_path / f"{made.trial.name}.csv")
     result = mmg("imo", tmp_path, "--ship", "esso_osaka_3m", "--scale", "108.33", "--json")
@@ -233,7 +239,7 @@ def test_bad_input_is_one_clear_line(arguments: list[str], words: str) -> None:
 
 def test_figure_has_a_panel_per_run_and_marks_every_overshoot() -> None:
     texts = ("turning:35", "turning:-35", "crash-stop", "zigzag:20/20", "zigzag:10/10", "pull-out:20")
-    runs = [simulated_run(ESSO, text, 0.4) for text in texts]
+    runs = [esso_run(text) for text in texts]
     figure = maneuver_figure(runs, "ESSO OSAKA")
     assert [ax.get_title(loc="left") for ax in figure.axes] == [
         "Turning circles", "Stop: headway along the track", "zigzag:20/20", "zigzag:10/10", "pull-out:20",

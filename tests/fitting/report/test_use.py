@@ -268,7 +268,7 @@ def test_without_weasyprint_one_line_says_what_to_do_and_nothing_is_written(
 
 
 def test_the_report_of_a_run_makes_the_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(imo_form_module, "DRAWS", 30)
+    monkeypatch.setattr(imo_form_module, "DRAWS", 20)
     replace(small_result(), objects=None).save(tmp_path / "run")
     text = write_report([tmp_path / "run"], tmp_path / "page.html")
     assert "appendix 6" in text and "[90" in text and "starboard" in text

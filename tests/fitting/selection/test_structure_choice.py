@@ -25,6 +25,8 @@ from mmg.errors import Conflict, Unsupported, UserError
 from mmg_ident.commands.main import main
 from tests.fitting.selection.paper_problems import ESSO, harbour
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 
 def ahead_only() -> Trial:
     run = harbour(1, 200.0)[0]

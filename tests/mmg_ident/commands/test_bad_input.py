@@ -18,6 +18,8 @@ from tests.support.operation_logs import sailed, write_log
 from tests.support.synthetic_runs import coarse_runs
 from tests.support.trial_files import motion_columns, write_csv
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 INPUTS = "t [s],n [rps],delta [rad]\n{},10,0\n{},{},0\n"
 LONG = f"'{'n, ' * 2000}'"
 

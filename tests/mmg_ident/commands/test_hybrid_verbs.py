@@ -17,6 +17,8 @@ from tests.support import hybrids
 from tests.support.calibrated import small_result
 from tests.support.commands import shown
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 QUICK = ["--seeds", "1", "--epochs", "1", "--width", "4", "--step", "1", "--keep", "always"]
 
 

@@ -21,6 +21,8 @@ from mmg.errors import BadValue
 from mmg.ship import CalibrationMark
 from mmg_ident.commands.main import app
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 FEW = ["--only", "X_0F,Y_v,N_r", "--no-next-trial", "--window", "20"]
 
 

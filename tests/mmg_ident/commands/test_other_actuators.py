@@ -19,6 +19,8 @@ from mmg_ident.commands.main import main
 from tests.cases.shipfiles.test_new_ship import AZIMUTH
 from tests.support.synthetic_runs import coarse_runs
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 PODS = AZIMUTH.replace("y_az = 0.0", "y_az = 0.1\nx_az_2 = -1.4\ny_az_2 = -0.1")
 
 

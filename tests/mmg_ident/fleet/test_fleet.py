@@ -20,6 +20,8 @@ from mmg_ident.fleet.run import fit_alone
 from tests.support.dask_processes import scheduler, worker
 from tests.support.small_fleets import sister_of, small_ship, write_plan, write_runs, write_start
 
+pytestmark = pytest.mark.usefixtures("blank_figures")
+
 SISTERS = {"anna": 0.0, "berta": 1.0}
 
 
