@@ -56,18 +56,26 @@ def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] 
     for name in {s.partition(".")[0] for s in ship.free if "." in s}:
         ship = ship.without_effect(name)
     try:
-        kept, _ = diagnosable_trials(trials)
-        ship, _ = with_sensor_faults(ship, consistency(kept, ship))
-        step = default_step(kept, ship.particulars["L"])
-        steps = _duration(kept) / step
-        if steps > MOST:
-            return f"a filter of {steps:.0f} steps would take too much memory (at most {MOST})"
-        few = _some(kept, max(1, int(steps // FEW)))
-        found, null = _fitted(ship, kept, few if default_step(few, ship.particulars["L"]) == step else kept)
+        ship, kept, few = _for_filter(ship, trials)
+        found, null = _fitted(ship, kept, few)
     except (UserError, BrokenModelError, np.linalg.LinAlgError) as error:
         return f"a filter could not be fitted ({error})"
     values = dict(zip(found.symbols, null.theta.tolist(), strict=True))
     return {s: values[s] for s in null.free.symbols if "." not in s}
+
+
+def _for_filter(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, Sequence[Trial], Sequence[Trial]]:
+    """The ``ship`` with the faults of instruments that her ``trials`` show, those of them that can be diagnosed, and a
+    few of these for a first fit. Raises UserError where a filter would take too much memory."""
+    kept, _ = diagnosable_trials(trials)
+    ship, _ = with_sensor_faults(ship, consistency(kept, ship))
+    length = ship.particulars["L"]
+    step = default_step(kept, length)
+    steps = _duration(kept) / step
+    if steps > MOST:
+        raise Unsupported(f"a filter of {steps:.0f} steps would take too much memory (at most {MOST})")
+    few = _some(kept, max(1, int(steps // FEW)))
+    return ship, kept, few if default_step(few, length) == step else kept
 
 
 def _as_stated(ship: Ship) -> Ship:
@@ -96,11 +104,8 @@ def usual_suspects(ship: Ship, trials: Sequence[Trial]) -> list[str]:
 
     Effects are selected as in a diagnosis. Raises UserError where nothing can be fitted.
     """
-    kept, _ = diagnosable_trials(trials)
     free = {s.partition(".")[0] for s in ship.free if "." in s}
-    ship, _ = with_sensor_faults(_as_stated(ship), consistency(kept, ship))
-    steps = _duration(kept) / default_step(kept, ship.particulars["L"])
-    few = _some(kept, max(1, int(steps // FEW)))
+    ship, kept, few = _for_filter(_as_stated(ship), trials)
     ready = prepare(ship, few, straight=_clear_reading(kept, ship))
     tested = {*SUSPECTS, *BESIDE} - free
     mine = tuple(c for c in ready.problem.candidates if c.effect in tested)
@@ -132,8 +137,9 @@ def with_suspects(result: FitResult, ship: Ship) -> FitResult:
     began = time.perf_counter()
     try:
         rows = [MessageRow("warning", "suspect", words) for words in usual_suspects(ship, result.objects.trials)]
-    except (UserError, BrokenModelError, np.linalg.LinAlgError) as error:
-        rows = [MessageRow("notice", "suspects_not_tested", f"the usual suspects were not tested: {error}")]
+    except Exception as error:  # a finished fit is not lost by a test of it
+        why = f"the usual suspects were not tested: {error or type(error).__name__}"
+        rows = [MessageRow("notice", "suspects_not_tested", why)]
     seconds = time.perf_counter() - began
     timings = {**result.timings_s, "suspects": seconds, "wall": result.timings_s.get("wall", 0.0) + seconds}
     return replace(result, messages=(*result.messages, *rows), timings_s=timings)

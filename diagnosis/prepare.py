@@ -201,9 +201,8 @@ def prepare(
         notices = [*reading.notices, *finely.notices]
         return finely if reading.chosen is None else replace(finely, reading=reading, notices=tuple(notices))
     if gap > 1:
-        words = (
-            f"residuals of neighbouring samples are correlated ({first.correlation:.2f}), as of filtered instruments"
-        )
+        correlated = f"residuals of neighbouring samples are correlated ({first.correlation:.2f})"
+        words = f"{correlated}, as of filtered instruments"
         notices.append(Message(f"{words}: one sample every {gap * data.h:g} s is compared", "correlated_residuals"))
     LOGGER.info("fitted without any effect: %d runs, %d samples", len(data.trials), data.samples)
     notices += [Message(words, getattr(words, "code", "left_out")) for words in data.dropped]

@@ -205,13 +205,15 @@ def calibrate(
     start = _ship(ship)
     options = replace(options or pipeline.FitOptions(), second=_second_estimate)
     result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
-    from diagnosis.for_calibration import with_effect_tests, with_suspects
-
     if start.effects:
+        from diagnosis.for_calibration import with_effect_tests
+
         tested = unless_interrupted(lambda: with_effect_tests(result, start))
         result = tested or result.without_parts("tests of effects")
     if not options.asks_second(settings):
         return result
+    from diagnosis.for_calibration import with_suspects
+
     return unless_interrupted(lambda: with_suspects(result, start)) or result.without_parts("usual suspects")
 
 

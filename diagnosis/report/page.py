@@ -248,7 +248,7 @@ def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]])
         words=words,
         figures={f["name"]: f for f in figures_of(folder, listed)},
         budget=words.budget_parts(d.budget) if d.budget else [],
-        budget_lines=words.budget_lines(d.budget, d.verdict == "named") if d.budget else [],
+        budget_lines=words.budget_lines(d.budget) if d.budget else [],
         figures_moved=figures_moved(d),
         warnings=[*map(words.sentence, d.warnings)],
         between=table_rows(d.between) if d.between else [],

@@ -438,13 +438,13 @@ def budget_parts(budget: Budget) -> list[dict[str, Any]]:
                      "words": f"floor {percent(left)} of all"}]  # fmt: skip
 
 
-def budget_lines(budget: Budget, is_named: bool) -> list[list[str]]:
-    """Lines of the errors in a ``budget``: of the ship as given, fitted without any effect, with those named if any
-    is (is_named), and of a complete model. Returns what, position, heading and squared error in words."""
+def budget_lines(budget: Budget) -> list[list[str]]:
+    """Lines of the errors in a ``budget``: of the ship as given, fitted without any effect, with what was found if
+    anything was, and of a complete model. Returns what, position, heading and squared error in words."""
     what = ("fitted to the training trials", "with what was found", "floor")
     errors = (budget.before, budget.after, budget.floor)
     lines = list(zip(what, budget.units["position_m"], budget.units["heading_deg"], errors, strict=True))
-    if not is_named:
+    if budget.after == budget.before:
         del lines[1]
     if (given := budget.as_given) is not None:
         lines.insert(0, ("as given", given["position_m"], given["heading_deg"], given["error"]))
