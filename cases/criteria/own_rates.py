@@ -33,8 +33,8 @@ CLEAR, MOVING = 0.06, 0.3
 """Shares of the largest slope: the most that the noise of a slope may have, and the least of a move."""
 VISIBLE = 8.0
 """Least size of a move, by the noise."""
-MOST = 8
-"""Largest moves of a trial that are fitted. Set by hand: it bounds the time, a zigzag has five."""
+MOST = 5
+"""Largest moves of a trial that are fitted: a zigzag has five, and each costs some hundredths of a second."""
 JUMP = 0.7
 """Largest change from a sample to the next, by that of the move: more of it is one step, as in a log of orders."""
 RESOLVED, SURE, STRAIGHT = 1.5, 0.05, (1.5, 0.01)
@@ -168,9 +168,11 @@ def _fitted(
         scale = [size, dt + size / rate, 1.0, size]
         found = least_squares(error, [low, begin, math.log(rate), size], x_scale=scale, bounds=bounds, max_nfev=40)
         best = found if best is None or found.cost < best.cost else best
+        rms = math.sqrt(2 * best.cost / max(len(t) - 4, 1))
+        if rms <= math.hypot(STRAIGHT[0] * noise, STRAIGHT[1] * float(best.x[3])):
+            break
     assert best is not None
-    rate, size = math.exp(best.x[2]), float(best.x[3])
-    rms, J = math.sqrt(2 * best.cost / max(len(t) - 4, 1)), np.asarray(best.jac)
+    rate, size, J = math.exp(best.x[2]), float(best.x[3]), np.asarray(best.jac)
     scaled = J * [1.0, dt + size / rate, 1.0, 1.0]  # seconds beside angles
     determined = np.linalg.matrix_rank(scaled, tol=1e-6 * size) == 4
     relative = float(np.linalg.norm(np.linalg.pinv(scaled)[2])) * max(noise, rms) if determined else math.inf

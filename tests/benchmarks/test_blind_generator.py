@@ -247,6 +247,16 @@ def test_a_world_scales_the_size_of_a_stranger_and_of_nothing_else() -> None:
     assert set(WORLDS["vectwin"].sizes) <= known and not WORLDS["pond"].sizes and not WORLDS["basin"].sizes
 
 
+def test_a_twin_has_the_same_chance_and_hides_nothing() -> None:
+    limit = next(one for one in NEW if one.name == "rudder_rate_limit")
+    case = prepared(Hand("foreign", ((limit, "medium"),)))
+    twin = case.twin
+    assert case.drawn and not twin.drawn and not twin.hand.effects and twin.coefficients == case.coefficients
+    np.testing.assert_array_equal(twin.force, case.force)
+    np.testing.assert_array_equal(twin.noise, case.noise)
+    assert floors([twin], run([twin])) < floors([case], run([case]), with_effects=False)
+
+
 def test_the_mix_is_dealt_in_its_shares() -> None:
     hands = deal("mix", 100, np.random.default_rng(0))
     kinds = [hand.kind for hand in hands]

@@ -68,6 +68,19 @@ def test_a_force_without_a_name_is_unexplained() -> None:
     made = budget_of(replace(problem, steps=steps, data=data, tests=data), Selection((), null, null, ()), missing)
     assert made is not None and made.unexplained is not None
     assert made.unexplained.share == 1.0 and made.matters and made.floor < 0.8 * made.before
+    assert made.as_given is None
+
+
+def test_a_ship_that_is_not_fitted_yet_errs_more_as_given() -> None:
+    problem, null = pushed_problem(1)
+    symbol = null.free.columns[0].symbol
+    given = null.theta.copy()
+    given[problem.steps.ship.symbols.index(symbol)] *= 3.0
+    tests = replace(problem, tests=problem.data)
+    made, same = (budget_of(tests, Selection((), null, null, ()), None, 0, theta) for theta in (given, null.theta))
+    assert made is not None and made.as_given is not None and same is not None and same.as_given is not None
+    assert made.as_given["error"] > made.before and made.as_given["position_m"] > made.units["position_m"][0]
+    assert same.as_given["error"] == pytest.approx(same.before, rel=1e-12)
 
 
 def test_a_single_run_cannot_be_left_out() -> None:
