@@ -30,7 +30,7 @@ from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
 from diagnosis.estimation.parameters import Priors, get_values
 from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.inputs import CalibrationTrials
 from fitting.nlp.windows import default_step
 from mmg.errors import Missing

@@ -33,8 +33,7 @@ from fitting.report.run_folder import (
 )
 from mmg.effects import with_present_names
 from mmg.errors import BadValue, Missing
-from mmg.messages import has_code, messages_from
-from mmg.notebook import html_table
+from mmg.messages import has_code, html_table, messages_from
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -12,7 +12,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mmg.components import twin
 from mmg.components.catalogue import FORCES, module, twin_screw
 from mmg.components.coefficients import names
 from mmg.components.rigid_body import accelerations, inertia
@@ -77,7 +76,11 @@ def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoo
     """Force of each component by role, evaluated in the order in which they feed each other. ship: gives the models;
     flow, p, c, s: as in mmg/motion/flow.py."""
     result: dict[str, Force] = {}
-    flows: tuple[Flow, ...] = twin.mirrored_flows(flow, p) if twin_screw(ship.particulars) else (flow,)
+    flows: tuple[Flow, ...] = (flow,)
+    if twin_screw(ship.particulars):
+        from mmg.components import twin  # late: few ships have two screws
+
+        flows = twin.mirrored_flows(flow, p)
     for role in FORCES:
         if role not in ship.components:
             continue

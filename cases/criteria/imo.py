@@ -43,9 +43,8 @@ from cases.simulation.simulate import simulate
 from cases.trial import LEFT_OUT, Trial
 from cases.trial_set import TrialSet
 from mmg.errors import Missing, NoSolution, UnknownName, UserError
-from mmg.messages import Message, has_code
+from mmg.messages import Message, has_code, html_table
 from mmg.motion.froude import time_scale
-from mmg.notebook import html_table
 from mmg.ship import CalibrationMark, Ship
 
 FIRST, WHOLE = math.pi, 2 * math.pi

@@ -14,9 +14,8 @@ from cases.criteria.standard_runs import figures_of
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
 from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch
 from mmg.errors import Missing, NoSolution, OutOfRange
-from mmg.messages import Message
+from mmg.messages import Message, html_table
 from mmg.motion.froude import reference_speed, time_scale
-from mmg.notebook import html_table
 from mmg.ship import Ship
 
 STEP = 0.25

@@ -17,10 +17,9 @@ import numpy as np
 from scipy.linalg import expm
 
 from cases.evidence.tails import f_tail
-from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.filtering import filtered, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.kalman import Filtered, LinearSystem, NoiseModel, observations
+from diagnosis.estimation.kalman import DrivenColumns, Filtered, LinearSystem, NoiseModel, observations
 from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import active_states

@@ -9,14 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting, linearised, logdet_gradient
-from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.filtering import filtered, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import (
     Adjoint,
+    DrivenColumns,
     Filtered,
     LinearSystem,
     NoiseModel,
+    ProductColumns,
     adjoint,
     by_rates,
     linear_system,

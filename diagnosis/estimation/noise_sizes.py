@@ -13,10 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.filtering import whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.kalman import PRIOR_SAMPLES, NoiseModel
+from diagnosis.estimation.kalman import PRIOR_SAMPLES, DrivenColumns, NoiseModel
 from diagnosis.estimation.linearisation import Linearisation
 from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.ship import Ship

@@ -30,8 +30,7 @@ from diagnosis.estimation.parameters import PRIOR_WIDTH, Priors, active_states, 
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import Between, GroupDifference, GroupParameter, group_row, parameters_by_group
 from diagnosis.hypotheses.forward_selection import ODDS
-from diagnosis.hypotheses.refit import refit
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem, refit
 from diagnosis.report.words import shown_unit
 from fitting.report.sections import plus_minus
 from fitting.uncertainty.group_test import (

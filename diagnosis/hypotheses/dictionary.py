@@ -18,8 +18,8 @@ import casadi as ca
 import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting
-from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import DrivenColumns, ProductColumns
 from diagnosis.estimation.linearisation import DIFFERENCE, Linearisation, Point
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.force_forms import ForceForms, Forms, evaluated, of_unit_size, unit

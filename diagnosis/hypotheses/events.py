@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import DrivenColumns, ProductColumns
 from diagnosis.estimation.linearisation import Linearisation
 from diagnosis.estimation.transition_model import LinearModel
 from diagnosis.hypotheses.dictionary import DELAYS, WATER, Action, Dictionary
-from diagnosis.hypotheses.projection import projected
+from diagnosis.hypotheses.score_test import projected
 from mmg.motion.froude import time_scale
 
 STRETCH = 10.0

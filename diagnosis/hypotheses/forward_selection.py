@@ -17,10 +17,8 @@ from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.linearisation import Linearisation
 from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
-from diagnosis.hypotheses.refit import gained, refit
+from diagnosis.hypotheses.refit import SearchProblem, gained, refit
 from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, slopes
-from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.validation.held_out import filtered_along, likelihood_of
 from fitting.parallel import run_all
 from mmg.progress import OnProgress, Progress
 
@@ -147,7 +145,11 @@ def search(
     tasks = [(alone, before, tuple(named), s, len(excited)) for s in chosen]
     refitted = run_all(refit_task, tasks, workers, note)
     is_supported = any(r.delta_bic > 0 for r in refitted)  # of the others no test makes a name
-    nothing = filtered_along(p.steps, p.tests, before) if p.tests is not None and is_supported else None
+    nothing = None
+    if p.tests is not None and is_supported:
+        from diagnosis.validation.held_out import filtered_along  # late: a fit's trials have no tests
+
+        nothing = filtered_along(p.steps, p.tests, before)
     judged = [
         replace(
             r,
@@ -162,8 +164,12 @@ def search(
 def _predictive(p: SearchProblem, nothing: Linearisation | None, fit: Estimate) -> float:
     """Log likelihood that the problem's tests gain one step ahead by a ``fit``, over that along which they were
     followed with ``nothing`` more; 0 without any, and where the ship explodes."""
-    there = filtered_along(p.steps, p.tests, fit, nothing) if p.tests is not None and nothing is not None else None
-    return float((likelihood_of(nothing) - likelihood_of(there)).sum()) if nothing and there else 0.0
+    if p.tests is None or nothing is None:
+        return 0.0
+    from diagnosis.validation.held_out import filtered_along, likelihood_of
+
+    there = filtered_along(p.steps, p.tests, fit, nothing)
+    return float((likelihood_of(nothing) - likelihood_of(there)).sum()) if there else 0.0
 
 
 def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], ScoreTest, int]) -> RefittedEffect:

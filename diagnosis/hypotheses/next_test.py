@@ -16,14 +16,14 @@ import numpy as np
 from cases.trial import Trial
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.gusts import trials_in_gusts
+from diagnosis.estimation.kalman import DrivenColumns
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import get_values, priors_of_effects
 from diagnosis.estimation.transition_model import LinearModel
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from fitting.design.next_trial import Option, library, runs
 from mmg.motion.froude import time_scale

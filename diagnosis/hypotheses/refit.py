@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +15,30 @@ from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import Priors, active_states, get_values, priors_of_effects, set_values
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.errors import UserError
+
+
+@dataclass(frozen=True)
+class SearchProblem:
+    """What all hypotheses share: the transition model of the full ship, data, priors of its coefficients, candidates.
+
+    expected_unnamed: log Bayes factor of unnamed forms that the trials of the calibration show, for as many samples;
+    expected_unnamed_null: the same without the effects that are strong in those trials; tests: trials that take no part
+    in any fit, or None.
+    """
+
+    steps: TransitionModel
+    data: GriddedTrials
+    base: Priors
+    candidates: tuple[Candidate, ...]
+    expected_unnamed: float = 0.0
+    expected_unnamed_null: float = 0.0
+    tests: GriddedTrials | None = None
+
+    @property
+    def cost(self) -> float:
+        """ln N of the BIC."""
+        return float(np.log(self.data.samples))
+
 
 SHARES = (1.0, 0.3, 0.0)
 """Shares of the first values of new effects that a fit is begun from, one after the other while the ship explodes."""

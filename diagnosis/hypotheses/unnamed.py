@@ -13,16 +13,15 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from diagnosis.estimation.dispersion import dispersion, memory_steps
-from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import DrivenColumns, ProductColumns
 from diagnosis.estimation.linearisation import Point, linearise_and_filter, timing_columns
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import BY_PLACE, FORCES, Dictionary
 from diagnosis.hypotheses.events import Events, event_slopes, swing_backgrounds
 from diagnosis.hypotheses.force_forms import by_variables
-from diagnosis.hypotheses.projection import projected
+from diagnosis.hypotheses.score_test import dispersion, memory_steps, projected
 
 SENSOR = "sensor of "
 """Begin of the kinds that are errors of a sensor."""

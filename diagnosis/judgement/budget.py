@@ -22,7 +22,7 @@ from diagnosis.estimation.parameters import set_values
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import LEFT_OUT, TESTS, Budget, BudgetShare
 from diagnosis.hypotheses.forward_selection import Selection
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from diagnosis.validation.held_out import FEW, TOGETHER, WindowErrors, errors, window_length
 

@@ -22,7 +22,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.findings import TESTS, Budget, NamedEffect
 from diagnosis.hypotheses.forward_selection import MOST, ODDS, Selection, select_effects
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.prepare import Prepared
 from diagnosis.summary import parameters_of

@@ -34,9 +34,8 @@ from fitting.prediction.predict import (
 from fitting.prediction.stretches import Adaptation, default_past, wrapped_error
 from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError
-from mmg.messages import Message
+from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS
-from mmg.notebook import html_table
 from mmg.rollout import Simulator
 from mmg.states import STATES
 

@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 from cases.criteria.standard_runs import simulated_trial
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.sensors import wrap
-from cases.simulation.simulate import write_trial
+from cases.simulation.simulate import wrap, write_trial
 from cases.trial import Trial
 from fitting.prediction.predict import predict
 from fitting.prediction.score import (
