@@ -43,11 +43,12 @@ if TYPE_CHECKING:
     from diagnosis.hypotheses.score_test import ScoreTest
 
 CLEAR = 3.0
-"""Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20)."""
+"""Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20). Set
+by hand."""
 
 
 USUAL = 0.03
-"""Probability by chance below which an effect in the trials of the calibration is said to be usual."""
+"""Probability by chance below which an effect in the trials of the calibration is said to be usual. Set by hand."""
 
 
 @dataclass(frozen=True)

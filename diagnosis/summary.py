@@ -18,7 +18,7 @@ from mmg.effects import EFFECTS
 from mmg.ship import Ship
 
 SHOWN = 1e-3
-"""Probability by chance below which a fault of an instrument is reported."""
+"""Probability by chance below which a fault of an instrument is reported. Set by hand."""
 
 
 def fitted_ship(

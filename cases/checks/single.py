@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckReport, Found
+from cases.evidence.competition import COST
 from cases.evidence.shifts import SIGMAS
 from cases.evidence.signals import PIECES, independent
 from cases.inputs import is_sampled
@@ -231,8 +232,8 @@ def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Fou
 
 
 AHEAD = 0.5
-"""Share of the greatest speed from which a ship goes ahead, and share of the time that counts as most of it. Set by
-hand, as STRAIGHT and MOSTLY: they choose rows, and no verdict hangs on a row."""
+"""Share of the greatest speed from which a ship goes ahead, and share of the time that counts as most of it. Set
+by hand, as STRAIGHT and MOSTLY: they choose rows, and no verdict hangs on a row."""
 STRAIGHT = 0.2
 """Share of the greatest turn rate within which a ship goes straight."""
 APART = 0.1
@@ -252,8 +253,6 @@ LEAST_DRIFT = 0.02
 """Share of the surge that the sway of a ship in such a turn exceeds: a degree of drift, where 3 to 20 are usual."""
 OFFSET = math.radians(2.0)
 """A compass is right within it (IMO A.424: 1 deg times the secant of the latitude)."""
-COST = 8.0
-"""Nats by which another reading of the wind is likelier, as in competition.py."""
 WOULD = {
     "track": "a speed log, or a receiver of its own for course and speed over ground, and runs in both directions "
     "would check it; an offset of the heading or a late receiver would not show",

@@ -53,8 +53,9 @@ PAIRS_EVERY = math.radians(10.0)
 """Between the pairs of positions [rad]."""
 MOST_SCATTER = 0.5
 """Standard deviation of the velocities of a circle's pairs, as a share of their mean, above which they are no steady
-current; one that is less than LEAST_SCATTER of the ship's speed is never too much."""
+current; one that is less than LEAST_SCATTER of the ship's speed is never too much. Set by hand."""
 LEAST_SCATTER = 0.03
+"""Share of the ship's speed [-]. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -221,7 +222,7 @@ def corrected_runs(
 
 
 SMALLEST = 100.0
-"""Length from which the standard applies [m]."""
+"""Length from which the standard applies [m]. (IMO MSC.137(76), 2.2.)"""
 ASSUMED = "not checked: deep water, calm weather, full load on even keel, V at least 90 % of the speed at 85 % MCR"
 PASS, FAIL, OPEN, NONE = "pass", "fail", "not judged", "-"
 SOURCE = (
@@ -291,11 +292,12 @@ def second_overshoot_limit(ratio: float) -> float:
 
 
 ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING, TRACK_REACH, LONGEST_TRACK_REACH = 4.5, 5.0, 2.5, 15.0, 20.0
-"""Limits in L; the last is what an Administration may allow for ships of large displacement."""
+"""Limits in L; the last is what an Administration may allow for ships of large displacement. (IMO MSC.137(76), 5.3.1,
+5.3.2 and 5.3.4.)"""
 MAY_BE_LONG = f"an Administration may allow {LONGEST_TRACK_REACH:g} L for a ship of large displacement"
 STOPPING = "stopping"
 OVERSHOOT_20 = 25.0
-"""Limit of the first overshoot of the 20/20 zigzag [deg]."""
+"""Limit of the first overshoot of the 20/20 zigzag [deg]. (IMO MSC.137(76), 5.3.3.)"""
 LEAST_TURNING_RUDDER, SLACK = math.radians(33.0), math.radians(2.0)
 """A turning test with less rudder is not judged; the zigzags are recognised within 2 deg [rad]."""
 

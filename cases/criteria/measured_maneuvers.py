@@ -32,17 +32,19 @@ from mmg.states import STATES
 TOLERANCE = math.radians(1.0)
 """An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, what is more [rad]."""
 MEMORY = 0.25
-"""Ship times L/U over which the angle that is held may creep: a rudder that moves on faster is not held."""
+"""Ship times L/U over which the angle that is held may creep: a rudder that moves on faster is not held. Set
+by hand."""
 SHORTEST_HOLD = 0.1
-"""Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike."""
+"""Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike. Set by hand."""
 CORRECTION, CORRECTED, LEAST_CORRECTED = 0.2, (0.67, 2.0), math.radians(3.5)
 """A hold beside a longer one of this angle [rad] at least is a helm that corrects where it lasts at most this share of
 it, and its angle lies between these shares of the other one's."""
 SLOWEST = 0.3
 """Share of its largest rate below which the rudder's movement to an angle has not begun: a helm that wanders before is
-slower than the order's movement."""
+slower than the order's movement. Set by hand."""
 FIRST, LATER = 0.1, 0.5
-"""Shares of the way between two holds through which the line goes that tells when the rudder began to move."""
+"""Shares of the way between two holds through which the line goes that tells when the rudder began to move. Set
+by hand."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +175,8 @@ NAMED, SHARE = 0.6, 0.07
 RESOLUTION, HELM = math.radians(0.05), math.radians(0.25)
 """Least standard error of a heading, gyros are read to 0.1 deg, and by which a helm orders too early or late [rad]."""
 LIKELY = 2.5
-"""Standard errors by which what the reversals show may be off a usual heading."""
+"""Standard errors by which what the reversals show may be off a usual heading. Set by hand: 1.2 % of normal errors are
+larger."""
 
 
 def nominal(angle: float) -> float:
@@ -228,16 +231,19 @@ LEAST_CHANGE = math.radians(0.4)
 LARGEST_CHANGE = math.radians(60.0)
 """One that is reversed later than this is a turn to one side and a turn to the other [rad]."""
 LEAST_HOLDS = 3
-"""A zigzag has its second and third execute; with fewer it counts only where the run has no complete manoeuvre."""
+"""A zigzag has its second and third execute; with fewer it counts only where the run has no complete manoeuvre. Set
+by hand."""
 LEAST_SHARE = 0.4
-"""Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held."""
+"""Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held. Set
+by hand."""
 TURN_RATE = 0.35
-"""Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6."""
+"""Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6. Set by hand
+in that range."""
 LEAST_STEPS, SPIRAL_HOLD = 3, 2.0
-"""A spiral has at least so many equal steps to one side, each held for at least so many L/U."""
+"""A spiral has at least so many equal steps to one side, each held for at least so many L/U. Set by hand."""
 REACTION = 0.15
 """Ship times L/U from the heading at which the rudder is ordered over to its first movement, at most: the reaction of
-helmsman and steering gear. UNVERIFIED: 1.2 s of a 3 m model, 6 s of a 320 m tanker."""
+helmsman and steering gear. UNVERIFIED: 1.2 s of a 3 m model, 6 s of a 320 m tanker. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -545,11 +551,11 @@ def _nothing(trial: Trial, holds: Sequence[RudderStep], kind: str) -> str:
 
 
 STEADY_SPEED, STEADY_RATE = 0.05, 0.05
-"""An approach is steady when its speed changes by less than 5 % and r L / U stays below 0.05."""
+"""An approach is steady when its speed changes by less than 5 % and r L / U stays below 0.05. Set by hand."""
 APPROACH_LENGTHS = 2.0
-"""Ship lengths before the execute over which the test speed is taken."""
+"""Ship lengths before the execute over which the test speed is taken. Set by hand."""
 TURNING_RATE = 0.15
-"""A record that begins at r L / U above this begins in a manoeuvre."""
+"""A record that begins at r L / U above this begins in a manoeuvre. Set by hand."""
 
 
 def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple[float, list[str], list[str]]:

@@ -28,15 +28,18 @@ from mmg.ship import Ship
 MEASURED = "measured in "
 """How the source of a particular begins that was estimated from trials."""
 WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
-"""Samples over which slopes are taken to find moves: the fewest that show the largest slope above the noise."""
+"""Samples over which slopes are taken to find moves: the fewest that show the largest slope above the noise. Set
+by hand: steps by a half at most."""
 CLEAR, MOVING = 0.06, 0.3
-"""Shares of the largest slope: the most that the noise of a slope may have, and the least of a move."""
+"""Shares of the largest slope: the most that the noise of a slope may have, and the least of a move. Set by hand."""
 VISIBLE = 8.0
-"""Least size of a move, by the noise."""
+"""Least size of a move, by the noise. Set by hand."""
 MOST = 5
-"""Largest moves of a trial that are fitted: a zigzag has five, and each costs some hundredths of a second."""
+"""Largest moves of a trial that are fitted: a zigzag has five, and each costs some hundredths of a second. Set
+by hand."""
 JUMP = 0.7
-"""Largest change from a sample to the next, by that of the move: more of it is one step, as in a log of orders."""
+"""Largest change from a sample to the next, by that of the move: more of it is one step, as in a log of orders. Set
+by hand."""
 RESOLVED, SURE, STRAIGHT = 1.5, 0.05, (1.5, 0.01)
 """A ramp whose rate counts lasts so many sampling intervals, has this relative standard error at most, and leaves an
 rms error of so many times the noise and this share of its size: half a sine leaves 0.026."""
@@ -44,12 +47,12 @@ FEW, AGREE, MOSTLY = 2, 0.1, 0.5
 """A limit is shown by so many moves at least that agree to this share of their rate, and by this share of all moves of
 half the largest size."""
 FASTEST = 5.0
-"""Rates above so many times those by Froude's law are steps of orders."""
+"""Rates above so many times those by Froude's law are steps of orders. Set by hand."""
 NOTED = 0.1
 """Share by which a rate that the ship file states differs from the one measured for that to be said."""
 ALIKE, APPROACH = 0.15, 1.0
 """Speeds of approach are one speed where they differ by this share at most; ship times L/U of an approach that are
-looked at."""
+looked at. Set by hand."""
 LEAST_NEUTRAL = math.radians(0.25)
 """A smaller mean rudder of straight approaches is zero [rad]: rudders are logged to a tenth of a degree, with noise."""
 

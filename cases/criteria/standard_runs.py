@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from cases.simulation.simulate_batch import SimulatedRuns
 
 STEP = 0.05
-"""Sampling and integration step [s] for a 3 m model; Froude scaled."""
+"""Sampling and integration step [s] for a 3 m model; Froude scaled. Set by hand."""
 ZIGZAGS = ("zigzag:10/10", "zigzag:-10/10", "zigzag:20/20", "zigzag:-20/20")
 STANDARD = ("turning:35", "turning:-35", *ZIGZAGS, "crash-stop")
 """What the criteria of MSC.137(76) need."""

@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cases.evidence.competition import APART, COST
 from cases.evidence.signals import (
     PIECES,
     Signals,
@@ -164,10 +165,6 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     return values / size, std / size
 
 
-COST = 8.0
-"""Nats by which a lag or an arm has to be better than none."""
-APART = 10.0
-"""What a trial pays that differs from its folder."""
 CLOSE = 6.0
 """Explanations that are closer than so many nats cannot be told apart."""
 RARE = 6.0

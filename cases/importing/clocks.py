@@ -17,7 +17,7 @@ from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName, Use
 from mmg.messages import Message
 
 DAY, WEEK = 86400.0, 604800.0
-"""s."""
+"""s. (SI brochure of 2019, table 8.)"""
 EPOCHS = (
     ("s", 1e8, 2.6e9, 1.0, 0.0, "s since 1970"),
     ("s", 3.0e9, 4.7e9, 1.0, -2082844800.0, "s since 1904"),
@@ -48,13 +48,14 @@ JUMPS = {
 }
 """Jumps of clocks [s] and what makes them."""
 SAMPLED = 0.1
-"""Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies."""
+"""Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies. Set
+by hand."""
 ZONE = r"[:T]\d{2}\S*\s*(?:Z|[+-]\d{2}(?::?\d{2})?)$"
 """The end of a stamp with a zone."""
 LAST_STAMP = 253402300800.0
 """s from 1970 to the year 10000."""
 LATEST = 1e21
-"""No clock of any unit shows a larger number: nanoseconds of 30,000 years."""
+"""No clock of any unit shows a larger number: nanoseconds of 30,000 years. Set by hand."""
 
 
 def clock_of(
@@ -288,7 +289,8 @@ def _padded(written: Callable[[], Any], t: np.ndarray) -> np.ndarray:
 
 
 UNEVEN = 0.3
-"""Unevenness of steps from which digits behind the point are looked at, and that another reading has to leave of it."""
+"""Unevenness of steps from which digits behind the point are looked at, and that another reading has to leave of it.
+Set by hand."""
 
 
 def _unevenness(t: np.ndarray) -> float:

@@ -49,7 +49,7 @@ DIRECTION = (
 PLACE = r"(.*_)?(lat|lon|hemi|ns|n_s|n_or_s|ew|e_w|e_or_w).*"
 """A title of a hemisphere."""
 MOST_WORDS = 8
-"""Columns with more different cells hold no directions."""
+"""Columns with more different cells hold no directions. Set by hand."""
 
 
 def sign_columns(

@@ -42,7 +42,7 @@ from mmg.errors import BadValue, Conflict, Missing, TooFewData, UserError
 from mmg.messages import has_code
 
 BEGIN = 65536
-"""Bytes by which the format of a file is known."""
+"""Bytes by which the format of a file is known. Set by hand: more than the preamble of any format that is read."""
 JSON = (".json", ".jsonl", ".ndjson")
 BAGS = (".bag", ".db3", ".mcap")
 ARRAYS = (".mat", ".h5", ".hdf5", ".nc")
@@ -214,7 +214,7 @@ def _with_own_names(runs: Sequence[ImportedRun]) -> list[ImportedRun]:
 
 
 OVERLAP = 0.5
-"""Least share of the shorter of two logs in which both run."""
+"""Least share of the shorter of two logs in which both run. Set by hand."""
 HEADING, WHERE, ROTATION = (
     {"psi"},
     {"x", "latitude", "sog", "u"},

@@ -9,10 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.maneuvers.definitions import FromLead, Maneuver, Orders, StopOrders, Zigzag
-
-TINY = 1e-9
-"""Slack in comparisons of times [s]."""
+from cases.maneuvers.definitions import TINY, FromLead, Maneuver, Orders, StopOrders, Zigzag
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,11 @@ PAIRS = (("surge force", "sway force"), ("surge force", "yaw moment"), ("sway fo
 """Channels of the latent force, two by two."""
 DRAWS, TOGETHER, STEP = 100, 25, 0.1
 """Simulated campaigns for the law of the scores, how many are filtered at a time, and the step of their differences
-[angle over a memory of the force, rad]."""
+[angle over a memory of the force, rad]. Set by hand."""
 
 LEVEL_OF_ORDER = 0.003
-"""Probability by chance below which channels that follow each other are no random force."""
+"""Probability by chance below which channels that follow each other are no random force. Set by hand; without the test
+3 of 400 open cases lose their answer and none gains (row ``force order`` of benchmarks/ablation.md)."""
 
 
 @dataclass(frozen=True)

@@ -179,7 +179,8 @@ def initial_trajectory(steps: TransitionModel, data: GriddedTrials, theta: np.nd
 
 
 SETTLED = 0.03
-"""Standard deviation of a memory state about its settled value at the start of a window, in typical sizes."""
+"""Standard deviation of a memory state about its settled value at the start of a window, in typical sizes. Set
+by hand."""
 
 
 def initial_covariance(
@@ -289,7 +290,7 @@ def _residual(
 
 
 TIMING = 0.1
-"""Standard deviation of the time of an input, in intervals of its samples: no two clocks are the same."""
+"""Standard deviation of the time of an input, in intervals of its samples: no two clocks are the same. Set by hand."""
 DIFFERENCE = {"rad": 1e-3, "rps": 1e-2}
 """Change of an input of each unit by which its action is differentiated."""
 

@@ -52,7 +52,8 @@ from mmg.ship import Ship
 
 Of = TypeVar("Of", Candidate, SensorFault)
 COMMON = 3.0
-"""Prior standard deviation of what an effect beside the fit may have in all runs alike, in typical sizes."""
+"""Prior standard deviation of what an effect beside the fit may have in all runs alike, in typical sizes. Set
+by hand."""
 
 
 @dataclass(frozen=True)
@@ -165,23 +166,25 @@ def imitated(s: RunSlopes, c: Candidate, other: Candidate) -> float:
 
 
 SHARE = 0.1
-"""Typical difference of a coefficient between groups, as a share of its value, if its prior is not narrower."""
+"""Typical difference of a coefficient between groups, as a share of its value, if its prior is not narrower. Set
+by hand."""
 WIDE = 3.0
-"""Prior standard deviation of a difference in a refit, in typical sizes."""
+"""Prior standard deviation of a difference in a refit, in typical sizes. Set by hand."""
 MOST = 3
-"""Differences that the dynamics name at the most."""
+"""Differences that the dynamics name at the most. Set by hand."""
 IMITATES = 0.9
-"""Share of a difference that another parameter must imitate to be the same by another name."""
+"""Share of a difference that another parameter must imitate to be the same by another name. Set by hand."""
 SCATTERED = 1.5
-"""Typical sizes by which surroundings may differ from run to run for anything else to be told from them."""
+"""Typical sizes by which surroundings may differ from run to run for anything else to be told from them. Set
+by hand."""
 ALIKE_BY = ODDS
 """Log Bayes factors within this of each other are alike."""
 LEVEL = 0.03
-"""Largest probability by chance, corrected for the number of tests, of a difference that is named."""
+"""Largest probability by chance, corrected for the number of tests, of a difference that is named. Set by hand."""
 Z90 = 1.645
-"""Half width of a 90 % interval, in standard errors."""
+"""Half width of a 90 % interval, in standard errors. (Abramowitz & Stegun 1964, chapter 26.)"""
 SHOWN = 12
-"""Tests in the table of the report."""
+"""Tests in the table of the report. Set by hand: display."""
 
 
 def compare_groups(

@@ -27,7 +27,7 @@ from mmg.motion.flow import INPUTS
 from mmg.motion.froude import time_scale
 
 DELAYS = (0.5, 1.0, 2.0, 4.0)
-"""Times [s of a 3 m model] by which inputs may act late."""
+"""Times [s of a 3 m model] by which inputs may act late. Set by hand: factors of two."""
 SHAPES = ("1", "u", "v", "r", "|r|", "delta", "n")
 """Forms by which the action of an input is scaled."""
 AXES = ("surge", "sway", "yaw")
@@ -40,7 +40,7 @@ AFTER_RUDDER = "force that swings after the rudder"
 WATER = {"stream to the north": "current.x", "stream to the east": "current.y"}
 """Velocity of the water by its coefficient in the model."""
 SMALL = 1e-3
-"""Change of the water [m/s] and of the wind [its share] by which their action is differentiated."""
+"""Change of the water [m/s] and of the wind [its share] by which their action is differentiated. Set by hand."""
 Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 """States, inputs and coefficients of steps."""
 

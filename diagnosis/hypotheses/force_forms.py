@@ -105,13 +105,14 @@ class SmoothBasis:
 
 
 OF_ONE, FINE = 8, 0.35
-"""Functions of each variable alone that are kept, and the length over which they change, in standard deviations."""
+"""Functions of each variable alone that are kept, and the length over which they change, in standard deviations. Set
+by hand."""
 OF_PLACE, PLACE = 12, 2.0
-"""Functions of the place that are kept, and the length over which they change [lengths of the ship]."""
+"""Functions of the place that are kept, and the length over which they change [lengths of the ship]. Set by hand."""
 SWINGS = tuple(round(2.2 * 1.18**i, 1) for i in range(10))
 """Periods [s of a 3 m model] of what swings after the rudder, as roll does."""
 DAMPING = 0.07
-"""Its share of the critical damping."""
+"""Its share of the critical damping. Set by hand."""
 
 
 HULL = (

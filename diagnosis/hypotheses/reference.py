@@ -15,6 +15,7 @@ import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
+from diagnosis.estimation.first_fit import MAX_FITS
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Point, linearise_and_filter
@@ -24,14 +25,14 @@ from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.unnamed import unnamed_forms
 
 LEAST, ROUNDS = 0.1, 20
-"""Least standard deviation of an effect between runs, in typical sizes; rounds of expectation-maximisation."""
-MAX_FITS = 12
-"""Linearisations of the fit."""
+"""Least standard deviation of an effect between runs, in typical sizes; rounds of expectation-maximisation. Set
+by hand."""
 USUAL = 4.0
 """Standard deviations within which an effect is the usual misfit in other trials. Without this limit trials with hardly
 any random force had a current fitted 79 of them off before it was looked for."""
 STRONG = 2.0
-"""Typical sizes from which an effect in the trials of the calibration is a gap there already, no usual misfit."""
+"""Typical sizes from which an effect in the trials of the calibration is a gap there already, no usual misfit. Set
+by hand."""
 
 
 @dataclass(frozen=True)

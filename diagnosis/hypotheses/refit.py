@@ -41,7 +41,8 @@ class SearchProblem:
 
 
 SHARES = (1.0, 0.3, 0.0)
-"""Shares of the first values of new effects that a fit is begun from, one after the other while the ship explodes."""
+"""Shares of the first values of new effects that a fit is begun from, one after the other while the ship explodes. Set
+by hand."""
 
 
 def gained(fewer: Estimate, kept: int, more: Estimate, every: int) -> float:

@@ -27,13 +27,14 @@ from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from diagnosis.validation.held_out import FEW, TOGETHER, WindowErrors, errors, window_length
 
 SIMULATED = 16
-"""Simulated campaigns behind the floor. Its own scatter is part of the intervals."""
+"""Simulated campaigns behind the floor. Its own scatter is part of the intervals. Set by hand."""
 DRAWS = 2000
-"""Draws of runs and floors for the intervals."""
+"""Draws of runs and floors for the intervals. Set by hand."""
 UNITS = ("position_m", "heading_deg")
 """What the errors at the end of a window are said in."""
 SURE = 0.05
-"""Probability that the error is not above the floor up to which there is a gap to account for."""
+"""Probability that the error is not above the floor up to which there is a gap to account for. Set by hand: a usual
+level."""
 
 
 def budget_of(

@@ -29,9 +29,9 @@ from residual.system import TrainableSystem
 from residual.train import restored, tasks_of, train_seeds
 
 SEEDS = 3
-"""Trainings. They are judged on three fifths of the runs; the five of ``mmg train`` cover all runs."""
+"""Trainings. They are judged on three fifths of the runs; the five of ``mmg train`` cover all runs. Set by hand."""
 NOTHING = 0.005
-"""Share of the error up to which a reduction or growth is called none."""
+"""Share of the error up to which a reduction or growth is called none. Set by hand."""
 
 
 class SteppedHybrid(TrainableSystem):

@@ -26,17 +26,16 @@ from mmg.messages import Message
 from mmg.ship import Ship
 
 DETERMINED, PARTLY = 0.1, 0.7
-"""Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it. Set by
-hand: they name a class and change no estimate."""
+"""Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it. Set
+by hand: they name a class and change no estimate."""
 
 WORSE = 1.2
 """Ratio of posterior to prior variance above which correlated residuals made the estimate worse. Set by hand: a
 class."""
 
 STRAINED = 2.0
-"""Prior standard deviations from the prior beyond which an estimate that the trials hardly tell contradicts it.
-
-A share of PARTLY leaves the estimate sqrt(1 - PARTLY) = 0.55 prior standard deviations of chance."""
+"""Prior standard deviations from the prior beyond which an estimate that the trials hardly tell contradicts it. A share
+of PARTLY leaves the estimate sqrt(1 - PARTLY) = 0.55 prior standard deviations of chance. Set by hand."""
 
 SILENT = 0.1
 """Information of the data, by the prior's, below which a coefficient is not excited at all. Set by hand: a class."""
@@ -327,7 +326,7 @@ Engineering judgement for merchant ships; public fits of the ESSO OSAKA records 
 """
 ADDED_MASSES = ("m_x", "m_y", "I_J_z")
 WITHIN_PRIOR = 2.0
-"""Prior standard deviations within which the estimate of an added mass must lie: 95 % of the prior."""
+"""Prior standard deviations within which the estimate of an added mass must lie: 95 % of the prior. Set by hand."""
 HIDDEN = (
     "see what the trials may hide: an antenna off midship, a current, inputs logged at samples but taken as held "
     "(mmg diagnose)"

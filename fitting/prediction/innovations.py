@@ -39,10 +39,11 @@ LENGTHS = 5.0
 """Ship lengths travelled in a stretch at the usual speed. Set by hand."""
 
 QUARTERS = 4
+"""Parts of a stretch over each of which its errors are averaged. Set by hand."""
 CHANNELS = ("along", "across", "psi", "u", "v", "r")
 FREEDOM, PASSES = 4.0, 20
 """Degrees of freedom of Student's t that the errors of stretches are taken to follow, and passes of its estimate. The
-first is that of ``student`` (fitting/nlp/loss.py)."""
+first is that of ``student`` (fitting/nlp/loss.py). Passes were set by hand."""
 
 SIZE = 0.5
 """Share of its typical size at which the sensitivity to a candidate is taken. Set by hand."""

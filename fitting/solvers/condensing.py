@@ -173,7 +173,7 @@ def within_bounds(H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.nda
 
 
 CUTS = 10
-"""Halvings of a step before it counts as failed. 2^-10 of a step gains nothing."""
+"""Halvings of a step before it counts as failed. 2^-10 of a step gains nothing. Set by hand."""
 CORRECTIONS = 3
 """Corrections of a trial point towards where the intervals join. Set by hand."""
 

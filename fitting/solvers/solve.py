@@ -224,9 +224,10 @@ STEPS = 30
 ROUGH_CHANGE = 3e-4
 """Predicted relative change of the objective at which a rough solve ends. Set by hand, with the next two."""
 ROUGH_GAIN = 3e-4
-"""Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone."""
+"""Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone. Set
+by hand, as that of IPOPT below."""
 FEASIBLE = 1e-2
-"""Largest violation with which a rough solve may end."""
+"""Largest violation with which a rough solve may end. Set by hand."""
 NEAR = 1e-7
 """Predicted relative change at which IPOPT takes over. Set by hand: IPOPT certifies what it finds."""
 

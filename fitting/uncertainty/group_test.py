@@ -20,7 +20,7 @@ SIZES = (0.3, 1.0, 3.0)
 SEEN = 1e-3
 """Information on a difference [typical sizes^-2] below which the trials do not show it: it bounds a division."""
 FLAT = 1e-6
-"""Precision of a prior that says nothing. It keeps a matrix regular."""
+"""Precision of a prior that says nothing. It keeps a matrix regular. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,12 @@ from mmg.compile.stages import Program, divided_code, units_of
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
 
 TILE = 4
-"""Rows and columns of the products that are kept in registers; columns are padded to whole tiles."""
+"""Rows and columns of the products that are kept in registers; columns are padded to whole tiles. Set by hand: speed
+alone."""
 
 
 STACK = 4
-"""Stages, and samples, whose rows are multiplied at once."""
+"""Stages, and samples, whose rows are multiplied at once. Set by hand: speed alone."""
 
 NEWLINE = "\n  "
 _AT = "const V* q, const V* c, const V* p, const V* u, const V* K, const V* H, V* d"

@@ -42,8 +42,7 @@ MODELS = ("captive", "calibrated", "hybrid", *KINDS)
 HORIZONS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
 """Seconds after a start at which the growth of the error is read: up to the restarts of Wakita et al. (2022)."""
 BLOCK = 65.0
-"""Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``. Set by
-hand."""
+"""Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``. Set by hand."""
 MINIMUM_SECONDS = 10.0
 """Seconds that have to be left of a time limit for something to be started. Set by hand."""
 
