@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cases.evidence.competition import APART, COST
+from cases.evidence.competition import APART, COST, OFF
 from cases.evidence.signals import (
     PIECES,
     Signals,
@@ -84,11 +84,11 @@ def scale(trials: Sequence[Trial], names: Sequence[str]) -> Scale | None:
     values, std = np.array(found).transpose(1, 2, 0)  # (names, windows) each
     least = std.min(axis=1, keepdims=True)
     spread = np.where(std <= 3 * least, values, np.nan)
-    values = np.take_along_axis(values, np.argmin(std, axis=1)[:, None], 1)[:, 0]
-    std = np.hypot(least[:, 0], np.nanstd(spread, axis=1))
+    values = np.take_along_axis(values, np.argmin(std, axis=1)[:, None], 1)[:, 0]  # of the windows that know it best
+    std = np.hypot(least[:, 0], np.nanstd(spread, axis=1))  # windows that disagree make it wider
     size = [max(float(np.sqrt(np.nanmean(trial[column] ** 2))), 1e-12) for trial in use]
     share = float(np.median([white_noise([trial.states])[place] / each for trial, each in zip(use, size, strict=True)]))
-    values = values - [name in "uvr" for name in names]
+    values = values - [name in "uvr" for name in names]  # gains less one
     value_of, std_of = (dict(zip(names, each.tolist(), strict=True)) for each in (values, std))
     return Scale(value_of, std_of, share, -student_quantile(normal_tail(SIGMAS), PIECES * len(use) - 1))
 
@@ -111,7 +111,7 @@ def _rows(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> Iterat
             totals += [turn, 1j * turn, u + v, trial.t + 0j, 1j * trial.t]
         A = np.stack([total[rows:] - total[:-rows] for total in totals[:count]], axis=1)
         bad = np.concatenate([[0], np.cumsum(~known)])
-        A[bad[rows + 1 :] > bad[: -rows - 1]] = np.nan
+        A[bad[rows + 1 :] > bad[: -rows - 1]] = np.nan  # a count of bad rows that grows within a window
         some = slice(None, None, max(1, rows // 4, len(A) // MOST_ROWS))  # windows that overlap more say nothing new
         yield A[some], (measured[rows:] - measured[:-rows])[some]
 
@@ -129,9 +129,9 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     power = np.abs(made) ** 2
     if len(y) < 4 * PIECES or not power.sum() > 0:
         return None
-    strong = power >= np.median(power)
+    strong = power >= np.median(power)  # where the ship hardly moves, a ratio is noise
     values = np.array([densest(np.real(y[strong] * np.conj(made[strong])) / np.maximum(power[strong], 1e-300))] * count)
-    values[2:] = 0.0
+    values[2:] = 0.0  # angle, arms, lag and drift begin at none
     size = np.sqrt(np.mean(np.abs(A) ** 2, axis=0)) + 1e-12 * np.sqrt(power.mean())
     A, values = A / size, values * size
     of = [np.real, np.imag] if np.iscomplexobj(A) else [np.real]
@@ -139,7 +139,7 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     flat = 1e-9 * np.eye(count)
     for _ in range(STEPS):
         error = np.sqrt(sum((b - a @ values) ** 2 for a, b in zip(rows_of, wanted, strict=True)))
-        weight = 1.0 / (1.0 + (error / max(float(np.median(error)), 1e-12)) ** 2)
+        weight = 1.0 / (1.0 + (error / max(float(np.median(error)), 1e-12)) ** 2)  # Cauchy's: outliers lose their say
         normal = flat * weight.sum() + sum((a.T * weight) @ a for a in rows_of)
         before = values
         values = np.linalg.solve(normal, sum(a.T @ (weight * b) for a, b in zip(rows_of, wanted, strict=True)))
@@ -160,6 +160,7 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     std = np.abs(noisy)
     for group in groups:
         each = [np.flatnonzero(group == one) for one in np.unique(group)]
+        # jackknife
         without = [np.linalg.solve(total - N[some].sum(axis=0), (h.sum(axis=0) - h[some].sum(axis=0))) for some in each]
         std = np.maximum(std, np.hypot(noisy, np.sqrt((len(each) - 1) * np.var(without, axis=0))))
     return values / size, std / size
@@ -266,7 +267,7 @@ def _logged(stats: Stats, turns: bool) -> np.ndarray:
     gain = np.clip(np.abs(factor), 0.9, 1.1)
     angle = np.clip(np.angle(factor), -0.05, 0.05) if turns else np.zeros(np.shape(factor))
     misfit = relative(stats, gain * np.exp(1j * angle) if turns else gain)
-    usual = 0.5 * (np.log(gain) / 0.03) ** 2 + 0.5 * (angle / 0.035) ** 2
+    usual = 0.5 * (np.log(gain) / OFF[1]) ** 2 + 0.5 * (angle / OFF[0]) ** 2
     return np.asarray(np.where(total > 0, evidence(misfit, LEAST) + usual, 0.0))
 
 
@@ -301,7 +302,7 @@ def _lag(some: Sequence[Signals], name: str, longest: float) -> Explanation:
         more = np.array(sorted({round(c + k * step / FINER, 9) for c in centres for k in range(-FINER, FINER + 1)}))
         more = more[np.abs(more) <= longest]
         grid, table = np.concatenate([grid, more]), np.concatenate([table, over_none(more)], axis=1)
-    inner = np.abs(np.abs(grid) - longest) > 1e-9
+    inner = np.abs(np.abs(grid) - longest) > 1e-9  # at the end of the grid a lag may be longer yet: no evidence for it
     costs = np.where(inner, table, np.maximum(table, 0.0))
     chosen, total = _together(costs)
     alone = [float(grid[np.argmin(row)]) if row.min() < -COST else None for row in costs]

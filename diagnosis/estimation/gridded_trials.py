@@ -96,7 +96,7 @@ class GriddedTrials:
     @property
     def steps_of_sample(self) -> int:
         """Steps from one sample to the next, 1 where a step holds one or more."""
-        return max(1, round(self.sample / self.h))
+        return max(1, round(self.sample / self.h))  # never 0, where a step holds several samples
 
     def windows(self, chosen: np.ndarray) -> GriddedTrials:
         """Those of the R windows that are ``chosen`` (R,), of trials whose inputs are as they were logged."""
@@ -125,6 +125,7 @@ def grid_trials(
     before = math.ceil(BEFORE * time_scale(length) / h)
     means, C = with_changes(straight_means if straight else step_means), len(inputs)
     long = [piece for piece in pieces_of(trials, h, inputs, means) if piece.steps >= SHORTEST]
+    # -(-a // b): rounded up
     pieces = [part for piece in long for part in piece.evenly(max(1, -(-piece.steps // LONGEST)))]
     dropped = []
     for number, trial in enumerate(trials):
@@ -147,7 +148,7 @@ def grid_trials(
         y[: n + 1, i] = _at_samples(p.t, p.logged, trials[p.run], h)
     measured = np.isfinite(y)
     good = measured.copy()
-    good[: round(RUN_IN * time_scale(length) / h)] = False
+    good[: round(RUN_IN * time_scale(length) / h)] = False  # delays have no past there
     return GriddedTrials(
         h=h,
         t=t,
@@ -177,7 +178,7 @@ def _at_samples(times: np.ndarray, states: np.ndarray, trial: Trial, h: float) -
     """The ``states`` (N + 1, 6) on the grid ``times`` [s] of step h [s], NaN between samples of the ``trial``."""
     if h > 0.9 * trial.dt:
         return states
-    at = np.clip(np.searchsorted(trial.t, times), 1, len(trial.t) - 1)
+    at = np.clip(np.searchsorted(trial.t, times), 1, len(trial.t) - 1)  # the sample behind; that before is at - 1
     away = np.minimum(np.abs(trial.t[at] - times), np.abs(times - trial.t[at - 1]))
     return np.where((away < EVEN * trial.dt)[:, None], states, np.nan)
 

@@ -188,6 +188,7 @@ def linear_system(
     coloured = np.flatnonzero(noise.coloured > 0)
     gust = noise.gust[: 0 if gusts is None else 2]
     n = S + 3 + len(gust) + len(coloured)
+    # of one size, after a step
     left, left_b, left_g = (float(np.exp(-h / tau)) for tau in (noise.tau, noise.colour_tau, noise.gust_tau))
     decay = np.concatenate([np.full(3, left), np.full(len(gust), left_g), np.full(len(coloured), left_b)])
     at, seen = np.arange(S, n), n - len(coloured)
@@ -196,16 +197,16 @@ def linear_system(
     if gusts is not None:
         T[..., :S, S + 3 : seen] = linear.force @ gusts
     T[..., at, at] = decay
-    T[~inside] = np.eye(n)
+    T[~inside] = np.eye(n)  # behind its end a window stands still
     Z = np.zeros((K + 1, R, 6, n))
     Z[..., :S] = linear.H
     Z[..., coloured, seen + np.arange(len(coloured))] = 1.0
     Z[~good] = 0.0
     own = np.concatenate([noise.force, gust, noise.coloured[coloured]]) ** 2
-    Q = np.concatenate([np.zeros(S), own * (1 - decay**2)])
+    Q = np.concatenate([np.zeros(S), own * (1 - decay**2)])  # so their variances stay what they are at the start
     start = np.zeros((R, n, n))
     start[:, :S, :S] = first
-    start[:, at, at] = own
+    start[:, at, at] = own  # they began long before the window
     return LinearSystem(T, Z, Q, noise.white**2, start, good, inside, S)
 
 
@@ -228,7 +229,7 @@ def filtered(s: LinearSystem) -> Filtered:
     inverse, root = np.empty((K + 1, R, 6, 6)), np.empty((K + 1, R, 6, 6))
     log_det = np.zeros(R)
     now, at = s.first, np.arange(n)
-    white = np.where(s.good, s.R, 1.0)
+    white = np.where(s.good, s.R, 1.0)  # what is not compared has unit variance and no observation: its log is 0
     q = s.inside[..., None] * s.Q
     for k in range(K + 1):
         P[k] = now
@@ -243,9 +244,9 @@ def filtered(s: LinearSystem) -> Filtered:
         if k == K:
             break
         T = s.T[k]
-        gain[k] = T @ PZ @ inverse[k]
+        gain[k] = T @ PZ @ inverse[k]  # from what is predicted to what is predicted next: T is in it
         now = (T - gain[k] @ Z) @ now @ T.swapaxes(1, 2)
-        now = 0.5 * (now + now.swapaxes(1, 2))
+        now = 0.5 * (now + now.swapaxes(1, 2))  # rounding would grow until no root exists
         now[:, at, at] += q[k]
     return Filtered(gain, P, inverse, root, log_det)
 
@@ -262,7 +263,7 @@ def responses(
     K, R, m, c = forcing.shape
     n = s.T.shape[2]
     states, white = np.zeros((K + 1, R, n, c)), np.empty((K + 1, R, 6, c))
-    masked = np.where(s.good[..., None], observed, 0.0)
+    masked = np.where(s.good[..., None], observed, 0.0)  # rows that are not compared say nothing
     forcing = np.where(s.inside[..., None, None], forcing, 0.0)
     if start is not None:
         states[0] = start
@@ -287,7 +288,7 @@ def smoothed(
     rs, r = np.empty((K + 1, R, n, 1)), np.zeros((R, n, 1))  # rs: also with what is seen at the same time
     for k in range(K, -1, -1):
         if k < K:
-            us[k] -= f.gain[k].swapaxes(1, 2) @ r
+            us[k] -= f.gain[k].swapaxes(1, 2) @ r  # backwards: what follows speaks of this sample
             r = s.T[k].swapaxes(1, 2) @ r
         rs[k] = r = r + s.Z[k].swapaxes(1, 2) @ us[k]
     mean = states + (f.P @ rs)[..., 0]
@@ -320,7 +321,7 @@ def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
         now += last[k]
     by_T = NL @ f.P[:-1]
     by_Z = ZF.swapaxes(2, 3) @ f.P
-    by_Z[:-1] -= f.gain.swapaxes(2, 3) @ by_T
+    by_Z[:-1] -= f.gain.swapaxes(2, 3) @ by_T  # through the gain to the next step; the last has none
     Ds = np.einsum("krii->kri", f.inverse).copy()
     Ds[:-1] += np.einsum("krij,krij->krj", f.gain, N @ f.gain)
     return Adjoint(by_T, by_Z, np.einsum("krii->kri", N).copy(), Ds)
@@ -336,7 +337,7 @@ def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float, gusts: np.ndarra
     by_T = found.by_T[:, :, :A, : A + 3]
     if gusts is not None:
         pushed = found.by_T[:, :, :A, A + 3 : A + 5] @ gusts.swapaxes(2, 3)
-        by_T = np.concatenate([by_T[..., :A], by_T[..., A:] + pushed], axis=3)
+        by_T = np.concatenate([by_T[..., :A], by_T[..., A:] + pushed], axis=3)  # gusts act by the columns of the force
     weight = np.where(s.inside[..., None, None], by_T, 0.0)
     through = s.T[:, :, :A, : A + 3]
     ahead = np.concatenate([weight @ through.swapaxes(2, 3), weight[..., A:]], axis=3)
@@ -349,7 +350,7 @@ def observations(s: LinearSystem, f: Filtered, white: np.ndarray) -> np.ndarray:
     K, R, n = s.T.shape[:3]
     y, state = np.empty(white.shape), np.zeros((R, n, white.shape[3]))
     for k in range(K + 1):
-        innovation = np.linalg.solve(f.root[k], white[k])
+        innovation = np.linalg.solve(f.root[k], white[k])  # whitening undone
         y[k] = s.Z[k] @ state + innovation
         if k < K:
             state = s.T[k] @ state + f.gain[k] @ innovation

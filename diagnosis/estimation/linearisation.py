@@ -198,6 +198,7 @@ def initial_covariance(
     if len(active) > 6:
         start = np.repeat(z[:, :6].T, 7, axis=1).reshape(6, R, 7)
         for j in range(6):
+            # forward differences: a standard deviation needs no more digits
             start[j, :, j + 1] += 1e-4 * six[j]
         controls = np.repeat(data.inputs[0].T, 7, axis=1)
         every = np.repeat(theta, 7, axis=1) if theta.ndim > 1 else theta
@@ -205,7 +206,7 @@ def initial_covariance(
         slope[:, 6:] = np.moveaxis((tried[6:, :, 1:] - tried[6:, :, :1]) / 1e-4, 0, 1)
     P = slope @ slope.swapaxes(1, 2)
     at = np.arange(6, steps.S)
-    P[:, at, at] += (SETTLED * steps.model.sizes) ** 2
+    P[:, at, at] += (SETTLED * steps.model.sizes) ** 2  # else the covariance has no inverse
     return P[:, active[:, None], active[None]]
 
 
@@ -242,7 +243,8 @@ def linearise_and_filter(
     for block in (block for part in parts for block in part.blocks()):
         begin, end = end, end + block.width
         whitened(system, filter_run, block, white[..., begin:end], rows=rows)
-    white[..., -1] = last
+    white[..., -1] = last  # the residual stands last, so that products with it are the last row
+    # of white numbers
     nll = 0.5 * float(filter_run.log_det.sum() + (left**2).sum() + at.p @ at.p) + noise.neg_log_prior
     return Linearisation(
         steps, data, at, active, linear, system, filter_run, white, left, states, residual, size, nll, rows
@@ -277,9 +279,10 @@ def _residual(
     own = A + 3 + (0 if data.gusts is None else 2)
     pushed = np.zeros((K, R, own, 1))
     pushed[:, :, :A, 0] = (linear.end - z[1:])[..., active]
+    # what the path's force adds to its decay
     pushed[:, :, A : A + 3, 0] = np.exp(-data.h / at.noise.tau) * force[:-1] - force[1:]
     start = np.zeros((R, own + int((at.noise.coloured > 0).sum()), 1))
-    start[:, A : A + 3, 0] = -force[0]
+    start[:, A : A + 3, 0] = -force[0]  # the column is where the model should be less where it is
     if data.gusts is not None and gust is not None:
         pushed[:, :, A + 3 :, 0] = np.exp(-data.h / at.noise.gust_tau) * gust[:-1] - gust[1:]
         start[:, A + 3 : own, 0] = -gust[0]

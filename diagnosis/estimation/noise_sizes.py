@@ -138,10 +138,12 @@ def updated_noise(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: No
     """
     noise, (sizes, lower, upper) = here.at.noise, _sizes_and_bounds(here, typical)
     (own, known), (made, expected) = _prior_share(noise, sizes), _squares(here, r, u)
+    # share of the force that is new in a step
     fresh = np.where(np.arange(len(sizes)) < 3, 1 - np.exp(-2 * here.data.h / noise.tau), 1.0)
     count = PRIOR_SAMPLES / (fresh[own] * sizes[own] ** 2)
     made[own] += count * known
     expected[own] += count
+    # far off it overshoots
     ratio = np.clip(np.where(expected > 0, made / np.maximum(expected, 1e-300), 1.0), 0.1, 10.0)
     return _with_sizes(here, np.clip(sizes * np.sqrt(ratio), lower, upper))
 
@@ -156,13 +158,14 @@ def noise_step(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: Noise
     own, known = _prior_share(noise, sizes)
     slope[own] += 0.5 * PRIOR_SAMPLES * (1 - known)
     information[own, own] += 0.5 * PRIOR_SAMPLES * known
-    free = ~((sizes <= lower) & (slope > 0)) & ~((sizes >= upper) & (slope < 0))
+    free = ~((sizes <= lower) & (slope > 0)) & ~((sizes >= upper) & (slope < 0))  # at a bound and pushed against it
     own_information = information[np.ix_(free, free)]
     own_information += np.diag(RIDGE[0] * np.diag(own_information) + RIDGE[1])
     step = np.zeros(len(sizes))
     step[free] = np.clip(-np.linalg.solve(own_information, slope[free]), SHORTEST, LONGEST)
     gain = -float(slope @ step + 0.5 * step @ information @ step)
     new = _with_sizes(here, np.clip(sizes * np.exp(0.5 * step), lower, upper))
+    # its bound moved with the gusts
     return new.with_(force=np.maximum(new.force, least_force(new, here.data, typical))), gain
 
 
@@ -175,6 +178,7 @@ def slope_and_information(here: Linearisation, r: np.ndarray, u: np.ndarray) -> 
     system, A = here.system, len(here.active)
     (K, R, n), random = system.T.shape[:3], system.T.shape[2] - A
     made, expected = _squares(here, r, u)
+    # by logarithms: variance times derivative
     slope = 0.5 * np.concatenate([system.Q[A:], system.R]) * (expected - made)
     forcing, observed = np.zeros((K, R, n, random + 6)), np.zeros((K + 1, R, 6, 6))
     at, each = np.arange(random), np.arange(6)

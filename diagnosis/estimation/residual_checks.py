@@ -47,12 +47,14 @@ def finer_step(
     """
     active = active_states(steps, found.free.symbols, found.theta)
     force = linearise_and_filter(steps, data, found.fixed(), active).linear.force[:, :, 3:6]
+
     moved = force * found.noise.force * np.sqrt(data.h / (6 * found.noise.tau))
     if data.gusts is not None:
         blown = force @ data.gusts * found.noise.gust * np.sqrt(data.h / (6 * found.noise.gust_tau))
         moved = np.concatenate([moved, blown], axis=3)
     error = np.sqrt((moved[data.inside] ** 2).sum(axis=2).mean(axis=0)) / found.noise.white[3:]
     worst = float(error.max())
+    # the error goes with h^(3/2): h of the force, sqrt(h) of its change
     share = max((HELD / max(worst, 1e-9)) ** (2 / 3), 1 / FINEST)
     samples = max(1, int(data.h * share / sample + 1e-6))
     parts = int(np.ceil(sample / (data.h * share) - 1e-6)) if divisible and samples == 1 else 1
@@ -90,11 +92,11 @@ def _better_correlation_time(
     a, b = _parabola(
         steps, data, found, 0.6, lambda x: now.with_(tau=float(now.tau * np.exp(x)), force=now.force * np.exp(0.25 * x))
     )
-    if not a > 0 or b**2 / (4 * a) <= least:
+    if not a > 0 or b**2 / (4 * a) <= least:  # not >: nan; a top that opens downwards is none
         return found, True
     shift = float(np.clip(-b / (2 * a), -FURTHEST, FURTHEST))
     tau = float(now.tau * np.exp(shift))
-    if not 2 * data.h <= tau <= 60 * data.h:
+    if not 2 * data.h <= tau <= 60 * data.h:  # shorter is white, longer is constant
         return found, True
     better = estimate(steps, data, replace(found, noise=now.with_(tau=tau)), iterations=6)
     return better, shift > -FURTHEST or not better.nll < found.nll
@@ -147,7 +149,7 @@ def residuals(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> n
 
 def lag_correlation(data: GriddedTrials, w: np.ndarray) -> float:
     """Largest correlation of whitened residuals w (K + 1, R, 6) of ``data`` one or two samples apart, over sensors."""
-    w = w[data.good.any(axis=(1, 2))][4:]
+    w = w[data.good.any(axis=(1, 2))][4:]  # the first samples of a filter hardly say anything
     square = (w**2).sum(axis=(0, 1))
     pairs = [np.abs((w[lag:] * w[:-lag]).sum(axis=(0, 1))) / np.maximum(square, 1e-300) for lag in (1, 2)]
     return float(np.max(pairs)) if len(w) > 4 else 0.0

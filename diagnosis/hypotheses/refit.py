@@ -48,7 +48,7 @@ by hand."""
 def gained(fewer: Estimate, kept: int, more: Estimate, every: int) -> float:
     """Log likelihood that the fit ``more`` gains over ``fewer``, without the priors of their last ``kept`` and
     ``every`` columns, which are of effects."""
-    of_effects = [found.p[len(found.p) - own :] for found, own in ((fewer, kept), (more, every))]
+    of_effects = [found.p[len(found.p) - own :] for found, own in ((fewer, kept), (more, every))]  # effects come last
     return fewer.nll - more.nll - 0.5 * float(of_effects[0] @ of_effects[0] - of_effects[1] @ of_effects[1])
 
 

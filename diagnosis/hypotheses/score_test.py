@@ -43,19 +43,19 @@ def dispersion(
     which are zero at all others. The variance is that of Newey & West (1987), about what the columns
     explain.
     """
-    values, vectors = np.linalg.eigh(0.5 * (S + S.T))
+    values, vectors = np.linalg.eigh(0.5 * (S + S.T))  # rounding
     kept = values > 1e-6 * max(values.max(), 1e-300)
     if not kept.any():
         return 1.0
     root = vectors[:, kept] / np.sqrt(values[kept])
     along = columns @ root
-    size = (root.T @ g) * values[kept] / (1 + values[kept])
+    size = (root.T @ g) * values[kept] / (1 + values[kept])  # shrunk as by a prior of unit variance: g is noisy
     each = np.einsum("krca,krc->kra", along, white + along @ size)
     if rows is not None:
         given, each = each, np.zeros((rows[-1] + 1, *each.shape[1:]))
         each[rows] = given
     lags = min(lags, len(each) - 1)
-    weight = 1 - np.arange(1, lags + 1) / (lags + 1)
+    weight = 1 - np.arange(1, lags + 1) / (lags + 1)  # Bartlett's, which keeps the sum positive
     covariances = [(each[lag:] * each[:-lag]).sum() for lag in range(1, lags + 1)]
     return max(1.0, float(((each**2).sum() + 2 * weight @ covariances) / kept.sum()))
 
@@ -80,7 +80,7 @@ def projected(gram: np.ndarray, logdet: np.ndarray, p: np.ndarray, known: np.nda
     P = len(p)
     prior = np.eye(P) if known is None else known
     slope = -(gram[:-1, -1] + logdet)
-    slope[:P] -= prior @ p
+    slope[:P] -= prior @ p  # the prior pulls, too: at the optimum both vanish together
     taken = np.linalg.solve(gram[:P, :P] + prior, gram[:P, P:-1])
     return Projected(slope[P:] - taken.T @ slope[:P], gram[P:-1, P:-1] - gram[P:-1, :P] @ taken, taken)
 
@@ -183,7 +183,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
         if EFFECTS[candidate.effect].measures:
             ratio = dispersion(apart[..., i], every[..., -1], rest.g[i], rest.S[i, i], lags, linearised.rows)
         with_timing = rest.S[i, :c]  # what errors in the time of the inputs add to the variance of the slopes
-        inverse = np.linalg.pinv(rest.S[i, i], rcond=1e-8, hermitian=True)
+        inverse = np.linalg.pinv(rest.S[i, i], rcond=1e-8, hermitian=True)  # two parameters may look alike
         ratio += float(np.trace(inverse @ with_timing @ with_timing.T)) / len(inverse)
         if ratio > 1.0:
             ratios[candidate] = ratio
@@ -195,6 +195,7 @@ def score_tests(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> li
     largest."""
     rng = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(s.S)
+    # rounding: a little below 0
     draws = rng.standard_normal((DRAWS, len(values))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     tests = [_test(s, c, draws) for c in candidates]
     least = np.min([null for _, null in tests], axis=0)

@@ -100,13 +100,14 @@ class UnnamedSlopes:
         (``by_variables``)."""
         kinds, allowed = np.array(self.kinds), self.allowed
         ratio = np.array([self.dispersion.get(k, 1.0) for k in self.kinds])
-        g, S = g / ratio, self.S / ratio
+        g, S = g / ratio, self.S / ratio  # an overdispersed kind says less, slopes and information alike
         single = np.isin(kinds, FORCES)
         own = {name: kinds == name for name in sorted(set(self.kinds))} | self._of_few_variables
         logs = {
             name: log_bayes(g, S, at, allowed[at].max(), self._sizes(name), MULTIPLES if single[at].all() else ())
             for name, at in own.items()
         }
+        # each kind as likely before
         mixture = np.logaddexp.reduce(np.stack(list(logs.values())), axis=0) - np.log(len(logs))
         alone = _logs_of(g[..., single, None], np.diag(S)[single, None], 0.0, SIZES)
         each = np.logaddexp.reduce(alone, axis=0) - np.log(len(alone))
@@ -148,6 +149,7 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
 
     def columns_of(linear: LinearModel) -> list[ProductColumns | DrivenColumns]:
         events.append(Events.of(data, forms, linear, length))
+        # timing first: projected out with p
         return [DrivenColumns.pushing(timing), *forms.columns(linear), *events[0].columns]
 
     linearised = linearise_and_filter(steps, data, found, active, columns_of, is_brief=True)
@@ -199,7 +201,7 @@ def log_bayes(
     g, S = g[..., chosen], S[np.ix_(chosen, chosen)]
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
     seen = values > SEEN
-    along = np.where(seen, g @ vectors, 0.0)
+    along = np.where(seen, g @ vectors, 0.0)  # rounding along what the trials do not see
     logs = _logs_of(along, np.maximum(values, 0.0), tolerance, sizes)
     squared = along**2 / np.where(seen, values, 1.0)
     for m in (np.where(seen, np.minimum(multiple, max(SIZES) ** 2 * values), 0.0) for multiple in multiples):
