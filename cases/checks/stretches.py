@@ -142,12 +142,12 @@ def _drifting(trial: Trial, signals: Mapping[str, np.ndarray], known: Sequence[B
             explained += found
 
 
-def _tight(found: Break, signals: Mapping[str, np.ndarray], margin: int) -> Break:
+def _tight(broken: Break, signals: Mapping[str, np.ndarray], margin: int) -> Break:
     """A step of heading or position without the sound rows around, beyond a ``margin``, which its sides take in."""
-    first, last, what, channels = found
+    first, last, what, channels = broken
     name = next((n for n in signals if WORDS[n][0] == what), None)
     if name is None:
-        return found
+        return broken
     begin, end = tightened(signals[name], first, last)
     return max(begin - margin, first), min(end + margin, last), what, channels
 

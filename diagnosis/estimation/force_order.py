@@ -60,11 +60,11 @@ class ForceOrder:
 
 
 @np.errstate(all="ignore")
-def force_order(steps: TransitionModel, data: GriddedTrials, found: Estimate, seed: int = 0) -> ForceOrder:
-    """Test a fit ``found`` of ``steps`` to ``data``; seed: of the simulated campaigns. Returns the test."""
-    active = active_states(steps, found.free.symbols, found.theta)
-    here = linearise_and_filter(steps, data, found.fixed(), active)
-    return order_of(here.system, here.filter, here.left, found.noise, data.h, seed)
+def force_order(steps: TransitionModel, data: GriddedTrials, fit: Estimate, seed: int = 0) -> ForceOrder:
+    """Test a ``fit`` of ``steps`` to ``data``; seed: of the simulated campaigns. Returns the test."""
+    active = active_states(steps, fit.free.symbols, fit.theta)
+    here = linearise_and_filter(steps, data, fit.fixed(), active)
+    return order_of(here.system, here.filter, here.left, fit.noise, data.h, seed)
 
 
 def order_of(

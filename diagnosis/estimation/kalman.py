@@ -327,16 +327,16 @@ def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
     return Adjoint(by_T, by_Z, np.einsum("krii->kri", N).copy(), Ds)
 
 
-def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float, gusts: np.ndarray | None = None) -> np.ndarray:
+def by_rates(s: LinearSystem, gradients: Adjoint, A: int, h: float, gusts: np.ndarray | None = None) -> np.ndarray:
     """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates of the first A states by themselves and
     the latent force, times the step h [s].
 
-    s: the system; found: its adjoint; gusts: as of ``GriddedTrials``, which push as the latent force does. T is the
+    s: the system; gradients: its adjoint; gusts: as of ``GriddedTrials``, which push as the latent force does. T is the
     exponential of the generator: a change of the generator acts equally on either side of the step.
     """
-    by_T = found.by_T[:, :, :A, : A + 3]
+    by_T = gradients.by_T[:, :, :A, : A + 3]
     if gusts is not None:
-        pushed = found.by_T[:, :, :A, A + 3 : A + 5] @ gusts.swapaxes(2, 3)
+        pushed = gradients.by_T[:, :, :A, A + 3 : A + 5] @ gusts.swapaxes(2, 3)
         by_T = np.concatenate([by_T[..., :A], by_T[..., A:] + pushed], axis=3)  # gusts act by the columns of the force
     weight = np.where(s.inside[..., None, None], by_T, 0.0)
     through = s.T[:, :, :A, : A + 3]

@@ -36,23 +36,23 @@ Parts into which a step is divided at most. Set by hand."""
 
 
 def finer_step(
-    steps: TransitionModel, data: GriddedTrials, found: Estimate, sample: float, divisible: bool = False
+    steps: TransitionModel, data: GriddedTrials, fit: Estimate, sample: float, divisible: bool = False
 ) -> float | None:
-    """The step [s] at which the fit ``found`` of ``steps`` to ``data`` should be repeated, or None.
+    """The step [s] at which the ``fit`` of ``steps`` to ``data`` should be repeated, or None.
 
     sample: sampling time of the trials [s], of which the step stays a multiple; divisible: or becomes a part. The mean
     over a step h of a process of first order is off the line through its ends by its size times sqrt(h / (6 tau)),
     which moves a velocity by that share of its response to the force. Beyond the noise of quiet sensors it would pass
     for an effect with memory.
     """
-    active = active_states(steps, found.free.symbols, found.theta)
-    force = linearise_and_filter(steps, data, found.fixed(), active).linear.force[:, :, 3:6]
+    active = active_states(steps, fit.free.symbols, fit.theta)
+    force = linearise_and_filter(steps, data, fit.fixed(), active).linear.force[:, :, 3:6]
 
-    moved = force * found.noise.force * np.sqrt(data.h / (6 * found.noise.tau))
+    moved = force * fit.noise.force * np.sqrt(data.h / (6 * fit.noise.tau))
     if data.gusts is not None:
-        blown = force @ data.gusts * found.noise.gust * np.sqrt(data.h / (6 * found.noise.gust_tau))
+        blown = force @ data.gusts * fit.noise.gust * np.sqrt(data.h / (6 * fit.noise.gust_tau))
         moved = np.concatenate([moved, blown], axis=3)
-    error = np.sqrt((moved[data.inside] ** 2).sum(axis=2).mean(axis=0)) / found.noise.white[3:]
+    error = np.sqrt((moved[data.inside] ** 2).sum(axis=2).mean(axis=0)) / fit.noise.white[3:]
     worst = float(error.max())
     # the error goes with h^(3/2): h of the force, sqrt(h) of its change
     share = max((HELD / max(worst, 1e-9)) ** (2 / 3), 1 / FINEST)
@@ -67,8 +67,8 @@ FURTHEST, SHORTER = 0.7, 4
 
 
 @np.errstate(all="ignore")
-def with_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Estimate, least: float = 0.0) -> Estimate:
-    """The fit ``found`` of the model ``steps`` to ``data`` with the most likely correlation time of the latent force.
+def with_correlation_time(steps: TransitionModel, data: GriddedTrials, fit: Estimate, least: float = 0.0) -> Estimate:
+    """The ``fit`` of the model ``steps`` to ``data`` with the most likely correlation time of the latent force.
 
     The likelihood is taken as a parabola through three values of the logarithm of the time. Where its top lies at a
     shorter time than the parabola can tell, it is sought again from there: a force taken to remember for too long
@@ -76,39 +76,39 @@ def with_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Es
     stays as it is where the parabola promises a gain in log likelihood of no more than ``least``.
     """
     for _ in range(SHORTER):
-        better, ends = _better_correlation_time(steps, data, found, least)
+        better, ends = _better_correlation_time(steps, data, fit, least)
         if ends:
             return better
-        found = better
-    return found
+        fit = better
+    return fit
 
 
 def _better_correlation_time(
-    steps: TransitionModel, data: GriddedTrials, found: Estimate, least: float
+    steps: TransitionModel, data: GriddedTrials, fit: Estimate, least: float
 ) -> tuple[Estimate, bool]:
     """One step of ``with_correlation_time``, and whether it was the last."""
-    now = found.noise
+    now = fit.noise
     # between equal size and equal change over a second
     a, b = _parabola(
-        steps, data, found, 0.6, lambda x: now.with_(tau=float(now.tau * np.exp(x)), force=now.force * np.exp(0.25 * x))
+        steps, data, fit, 0.6, lambda x: now.with_(tau=float(now.tau * np.exp(x)), force=now.force * np.exp(0.25 * x))
     )
     if not a > 0 or b**2 / (4 * a) <= least:  # not >: nan; a top that opens downwards is none
-        return found, True
+        return fit, True
     shift = float(np.clip(-b / (2 * a), -FURTHEST, FURTHEST))
     tau = float(now.tau * np.exp(shift))
     if not 2 * data.h <= tau <= 60 * data.h:  # shorter is white, longer is constant
-        return found, True
-    better = estimate(steps, data, replace(found, noise=now.with_(tau=tau)), iterations=6)
-    return better, shift > -FURTHEST or not better.nll < found.nll
+        return fit, True
+    better = estimate(steps, data, replace(fit, noise=now.with_(tau=tau)), iterations=6)
+    return better, shift > -FURTHEST or not better.nll < fit.nll
 
 
 def _parabola(
-    steps: TransitionModel, data: GriddedTrials, found: Estimate, apart: float, changed: Callable[[float], NoiseModel]
+    steps: TransitionModel, data: GriddedTrials, fit: Estimate, apart: float, changed: Callable[[float], NoiseModel]
 ) -> tuple[float, float]:
-    """Curvature a and slope b of the negative log likelihood a x^2 + b x + c of ``found`` through three points, x being
+    """Curvature a and slope b of the negative log likelihood a x^2 + b x + c of ``fit`` through three points, x being
     0 and ``apart`` on either side, with the noise that is ``changed`` by x."""
-    active, at = active_states(steps, found.free.symbols, found.theta), (-apart, 0.0, apart)
-    points = (replace(found.fixed(), noise=changed(x)) for x in at)
+    active, at = active_states(steps, fit.free.symbols, fit.theta), (-apart, 0.0, apart)
+    points = (replace(fit.fixed(), noise=changed(x)) for x in at)
     a, b, _ = np.polyfit(at, [linearise_and_filter(steps, data, point, active).nll for point in points], 2)
     return float(a), float(b)
 
@@ -119,32 +119,32 @@ of the wind; and the gain in log likelihood for which it pays to fit with anothe
 
 
 @np.errstate(all="ignore")
-def with_gust_memory(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Estimate:
-    """The fit ``found`` of the model ``steps`` to ``data`` with the most likely memory of gusts, where there are any.
+def with_gust_memory(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> Estimate:
+    """The ``fit`` of the model ``steps`` to ``data`` with the most likely memory of gusts, where there are any.
 
     As ``with_correlation_time``, by one parabola.
     """
     if data.gusts is None:
-        return found
-    now = found.noise
+        return fit
+    now = fit.noise
     # the longer they last, the smaller they are
     a, b = _parabola(
-        steps, data, found, 0.7,
+        steps, data, fit, 0.7,
         lambda x: now.with_(gust_tau=float(now.gust_tau * np.exp(x)), gust=now.gust * np.exp(-0.25 * x)),
     )  # fmt: skip
     if not a > 0 or b**2 / (4 * a) < WORTH:
-        return found
+        return fit
     low, high = (factor * time_scale(float(steps.ship.particulars["L"])) for factor in GUST_MEMORY)
     tau = float(np.clip(now.gust_tau * np.exp(np.clip(-b / (2 * a), -2 * FURTHEST, 2 * FURTHEST)), low, high))
-    better = estimate(steps, data, replace(found, noise=now.with_(gust_tau=tau)), iterations=6)
-    return better if better.nll < found.nll else found
+    better = estimate(steps, data, replace(fit, noise=now.with_(gust_tau=tau)), iterations=6)
+    return better if better.nll < fit.nll else fit
 
 
 @np.errstate(all="ignore")
-def residuals(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> np.ndarray:
-    """Whitened residuals (K + 1, R, 6) of the fit ``found`` of ``steps`` to ``data``, 0 where nothing is compared."""
-    active = active_states(steps, found.free.symbols, found.theta)
-    return np.where(data.good, linearise_and_filter(steps, data, found.fixed(), active).left, 0.0)
+def residuals(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> np.ndarray:
+    """Whitened residuals (K + 1, R, 6) of the ``fit`` of ``steps`` to ``data``, 0 where nothing is compared."""
+    active = active_states(steps, fit.free.symbols, fit.theta)
+    return np.where(data.good, linearise_and_filter(steps, data, fit.fixed(), active).left, 0.0)
 
 
 def lag_correlation(data: GriddedTrials, w: np.ndarray) -> float:

@@ -77,24 +77,24 @@ class RunSlopes:
 
 
 def run_slopes(
-    steps: TransitionModel, data: GriddedTrials, runs: np.ndarray, found: Estimate, candidates: Sequence[Candidate]
+    steps: TransitionModel, data: GriddedTrials, runs: np.ndarray, fit: Estimate, candidates: Sequence[Candidate]
 ) -> RunSlopes:
     """Linearise about a fit.
 
     steps: the transition model; data: the trials, whose ``run`` is the number of the group; runs: (R,) run of each
-    window; found: the fit; candidates: those to be tested. Returns the slopes of each run.
+    window; fit: the fit; candidates: those to be tested. Returns the slopes of each run.
     """
-    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
-    z = found.path.z
+    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, fit.free.symbols, fit.theta))
+    z = fit.path.z
     if len(passive):
-        controls = acting(steps, data, found.theta).controls
-        z = steps.with_passive_states(z, controls, found.theta, found.path.push, passive)
+        controls = acting(steps, data, fit.theta).controls
+        z = steps.with_passive_states(z, controls, fit.theta, fit.path.push, passive)
     sizes = {x: size for c in candidates for x, size in zip(c.columns, c.typical, strict=True)}
-    more = [x for x in sizes if x not in found.free.columns]
+    more = [x for x in sizes if x not in fit.free.columns]
     n, typical = len(more), np.array([sizes[x] for x in more])
-    free = found.free + Priors(tuple(more), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
-    p = np.concatenate([found.p, np.zeros(n)])
-    point = Point(found.theta, free, p, found.path.along(z), found.noise)
+    free = fit.free + Priors(tuple(more), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
+    p = np.concatenate([fit.p, np.zeros(n)])
+    point = Point(fit.theta, free, p, fit.path.along(z), fit.noise)
     here = linearise_and_filter(steps, data, point, np.arange(steps.S))
     grams = np.einsum("krca,krcb->rab", here.white, here.white, optimize=True)
     slopes = -(grams[:, :-1, -1] + here.logdet_gradient)
@@ -103,7 +103,7 @@ def run_slopes(
     g = np.array([slopes[runs == r].sum(axis=0) for r in names]) * unit
     G = np.array([grams[runs == r, :-1, :-1].sum(axis=0) for r in names]) * np.outer(unit, unit)
     group = np.array([data.run[runs == r][0] for r in names])
-    precision = np.concatenate([unit[: len(found.p)] ** 2, np.full(n, COMMON**-2.0)])
+    precision = np.concatenate([unit[: len(fit.p)] ** 2, np.full(n, COMMON**-2.0)])
     return RunSlopes(free.columns, g, G, -p * unit, precision, group)
 
 

@@ -65,15 +65,15 @@ class Dictionary:
     labels: kind and form of each of C columns; kinds: the kind alone.
     """
 
-    def __init__(self, steps: TransitionModel, data: GriddedTrials, found: Point, active: np.ndarray) -> None:
-        data = acting(steps, data, found.theta)
-        self.data, self.noise, self.active, self.path = data, found.noise, active, found.path
-        z = found.path.z
+    def __init__(self, steps: TransitionModel, data: GriddedTrials, point: Point, active: np.ndarray) -> None:
+        data = acting(steps, data, point.theta)
+        self.data, self.noise, self.active, self.path = data, point.noise, active, point.path
+        z = point.path.z
         K, R = data.inputs.shape[:2]
         middle = 0.5 * (z[:-1] + z[1:])
         self.force_forms = ForceForms(steps, data, middle)
         self.forces = self.force_forms.own
-        every = steps.coefficients(found.theta, found.path.push[:-1].reshape(-1, 3).T)
+        every = steps.coefficients(point.theta, point.path.push[:-1].reshape(-1, 3).T)
         points = middle.reshape(K * R, -1).T, data.inputs.reshape(K * R, -1).T, every
         wanted = np.concatenate([active, steps.S + np.arange(3)])
         _, J = steps.rates(*points)
@@ -88,7 +88,7 @@ class Dictionary:
         self.place = self.force_forms.by_place(data, middle)
         self.by_place = _of_places(steps, data, points, begin, active, wanted) if len(self.place.names) else {}
         held = np.concatenate([data.inputs, data.inputs[-1:]]).reshape((K + 1) * R, -1).T
-        all_theta = steps.coefficients(found.theta, found.path.push.reshape(-1, 3).T)
+        all_theta = steps.coefficients(point.theta, point.path.push.reshape(-1, 3).T)
         rate, J = steps.rates(z.reshape((K + 1) * R, -1).T, held, all_theta)
         self.rate = rate[:, active].reshape(K + 1, R, -1)
         self.rate_jacobian = J[:, active][:, :, wanted].reshape(K + 1, R, len(active), -1)

@@ -70,8 +70,8 @@ def next_test(problem: SearchProblem, first: Estimate, candidates: Sequence[Cand
     return words + f", about {np.ceil(times):.0f} times (one is expected to bring {worst[best]:.1f} of 6.6)."
 
 
-def telling_test(problem: SearchProblem, fit: Estimate, found: ForceEstimate, ship: Ship) -> str:
-    """The manoeuvre in which the unexplained force ``found`` would show most, in a sentence.
+def telling_test(problem: SearchProblem, fit: Estimate, force: ForceEstimate, ship: Ship) -> str:
+    """The manoeuvre in which the unexplained ``force`` would show most, in a sentence.
 
     problem: the search; fit: at which the force was estimated; ship: as fitted there. The misfit of a ship without the
     force is what is left of its whitened response when the free coefficients have taken what they can.
@@ -79,7 +79,7 @@ def telling_test(problem: SearchProblem, fit: Estimate, found: ForceEstimate, sh
     options, trials = _simulated(problem, ship)
     if not options:
         return ""
-    misfits = np.concatenate([_shown(problem, fit, found, some) for some in _together(trials)])
+    misfits = np.concatenate([_shown(problem, fit, force, some) for some in _together(trials)])
     best = int(np.argmax(misfits))
     seconds = SECONDS * time_scale(ship.particulars["L"])
     words = f"To know more of it: {_order(options[best])} of {seconds:.0f} s, in which it would show most"

@@ -123,18 +123,18 @@ def _with_likeliest_noise(steps: TransitionModel, data: GriddedTrials, start: Po
     return min(fits, key=lambda fit: fit.nll - 0.5 * float(np.linalg.slogdet(fit.covariance)[1]))
 
 
-def _without(steps: TransitionModel, data: GriddedTrials, found: Estimate, effects: Sequence[Candidate]) -> Estimate:
+def _without(steps: TransitionModel, data: GriddedTrials, fit: Estimate, effects: Sequence[Candidate]) -> Estimate:
     """The fit with these effects at their neutral values."""
-    theta, gone = found.theta.copy(), [s for c in effects for s in c.symbols]
+    theta, gone = fit.theta.copy(), [s for c in effects for s in c.symbols]
     theta[[steps.ship.symbols.index(s) for s in gone]] = np.concatenate([c.neutral for c in effects])
-    kept = [s not in gone for s in found.free.symbols]
-    start = Point(theta, found.free.only(kept), found.p[kept], found.path, found.noise)
+    kept = [s not in gone for s in fit.free.symbols]
+    start = Point(theta, fit.free.only(kept), fit.p[kept], fit.path, fit.noise)
     return estimate(steps, data, start, MAX_FITS)
 
 
-def _scatter(steps: TransitionModel, data: GriddedTrials, found: Estimate, first: int) -> np.ndarray:
+def _scatter(steps: TransitionModel, data: GriddedTrials, fit: Estimate, first: int) -> np.ndarray:
     """Standard deviation between runs of the columns from ``first`` on, in their prior std, by EM."""
-    linearised = linearise_and_filter(steps, data, found)
+    linearised = linearise_and_filter(steps, data, fit)
     grams = np.einsum("krca,krcb->rab", linearised.white, linearised.white, optimize=True)
     slopes = -(grams[:, :-1, -1] + linearised.logdet_gradient)
     runs = np.unique(data.run)

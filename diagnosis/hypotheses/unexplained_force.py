@@ -119,31 +119,31 @@ def unexplained_force(
     )
 
 
-def _net_forms(found: ForceEstimate, data: GriddedTrials, fit: Point) -> np.ndarray:
+def _net_forms(force: ForceEstimate, data: GriddedTrials, fit: Point) -> np.ndarray:
     """Force (3 m, K, R, 3) of a unit of each form, less that of the coefficients that would change with it."""
-    values, sizes = found.dictionary.forces.values, found.dictionary.noise.force
+    values, sizes = force.dictionary.forces.values, force.dictionary.noise.force
     forms = np.zeros((3, *values.shape, 3))
     for c in range(3):
         forms[c, ..., c] = values * sizes[c]
     forms = forms.reshape(-1, *values.shape[1:], 3)
-    linear = linearise_and_filter(found.dictionary.force_forms.steps, data, fit).linear
+    linear = linearise_and_filter(force.dictionary.force_forms.steps, data, fit).linear
     velocities = np.where(data.inside[..., None, None], linear.force[:, :, 3:6], np.eye(3))
     unit = fit.free.std * active_in_window(fit.free.columns, data)
     by_free = np.linalg.solve(velocities, linear.G[:, :, 3:6] * unit[None, :, None])
-    return forms - np.einsum("krcp,pn->nkrc", by_free, found.taken, optimize=True)
+    return forms - np.einsum("krcp,pn->nkrc", by_free, force.taken, optimize=True)
 
 
-def _channels(found: ForceEstimate, forms: np.ndarray, mass: np.ndarray) -> dict[str, UnexplainedChannel]:
+def _channels(force: ForceEstimate, forms: np.ndarray, mass: np.ndarray) -> dict[str, UnexplainedChannel]:
     """Median and 90 % interval of the rms by channel, and its share of the energy, from draws of the posterior; forms:
     (3 m, M, 3) net force of each by sample; mass: (3,) of each channel."""
-    spread, along = np.linalg.eigh(found.covariance)
+    spread, along = np.linalg.eigh(force.covariance)
     draws = np.random.default_rng(0).standard_normal((DRAWS, len(spread))) * np.sqrt(np.maximum(spread, 0.0)) @ along.T
-    every = found.mean.ravel() + draws
+    every = force.mean.ravel() + draws
     grams = np.einsum("nmc,pmc->cnp", forms, forms, optimize=True) / forms.shape[1]
     sizes = np.sqrt(np.maximum(np.einsum("dn,cnp,dp->dc", every, grams, every, optimize=True), 0.0))
     low, rms, high = np.quantile(sizes, [0.05, 0.5, 0.95], axis=0)
     energy = rms**2 / mass
-    means = found.mean.ravel() @ forms.mean(axis=1)
+    means = force.mean.ravel() @ forms.mean(axis=1)
     share = energy / max(energy.sum(), 1e-300)
     return {
         name: UnexplainedChannel(

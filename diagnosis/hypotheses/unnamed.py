@@ -130,21 +130,21 @@ class UnnamedForms:
         return max(self.mixture, self.single)
 
 
-def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Point) -> UnnamedForms:
-    """Test the unnamed forms at the fitted hypothesis ``found`` of ``steps`` to ``data``."""
-    slopes = unnamed_slopes(steps, data, found)
+def unnamed_forms(steps: TransitionModel, data: GriddedTrials, point: Point) -> UnnamedForms:
+    """Test the unnamed forms at the fitted hypothesis ``point`` of ``steps`` to ``data``."""
+    slopes = unnamed_slopes(steps, data, point)
     mixture, single, by_kind = slopes.statistics(slopes.g)
     return UnnamedForms(float(mixture), {kind: float(log) for kind, log in by_kind.items()}, float(single), slopes)
 
 
-def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) -> UnnamedSlopes:
+def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, point: Point) -> UnnamedSlopes:
     """The slopes along all columns of the dictionary at a fit.
 
-    steps: the transition model; data: the trials; found: the fit.
+    steps: the transition model; data: the trials; point: the fit.
     """
-    active = active_states(steps, found.free.symbols, found.theta)
-    forms = Dictionary(steps, data, found, active)
-    timing = timing_columns(steps, data, found, active)
+    active = active_states(steps, point.free.symbols, point.theta)
+    forms = Dictionary(steps, data, point, active)
+    timing = timing_columns(steps, data, point, active)
     length, events = float(steps.ship.particulars["L"]), []
 
     def columns_of(linear: LinearModel) -> list[ProductColumns | DrivenColumns]:
@@ -152,8 +152,8 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
         # timing first: projected out with p
         return [DrivenColumns.pushing(timing), *forms.columns(linear), *events[0].columns]
 
-    linearised = linearise_and_filter(steps, data, found, active, columns_of, is_brief=True)
-    p = np.concatenate([found.p, np.zeros(timing.shape[3])])  # the time of the inputs is projected out, too
+    linearised = linearise_and_filter(steps, data, point, active, columns_of, is_brief=True)
+    p = np.concatenate([point.p, np.zeros(timing.shape[3])])  # the time of the inputs is projected out, too
     P, C = len(p), len(p) + len(forms.kinds)
     by_free = linearised.logdet_gradient.sum(axis=0)[:P]
     white = linearised.white
@@ -180,7 +180,7 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
         zip(forms.by_place, (size for _, size in forms.scaled(linearised.linear, forms.by_place)), strict=True)
     )
     return UnnamedSlopes(
-        g, S, forms, ratios, rest.taken[: len(found.p)], kinds, units.get("wind", 1.0), events[0].allowed
+        g, S, forms, ratios, rest.taken[: len(point.p)], kinds, units.get("wind", 1.0), events[0].allowed
     )
 
 

@@ -39,7 +39,7 @@ level."""
 
 def budget_of(
     problem: SearchProblem,
-    found: Selection,
+    selection: Selection,
     missing: ForceEstimate | None = None,
     seed: int = 0,
     given: np.ndarray | None = None,
@@ -47,13 +47,13 @@ def budget_of(
     """Where the 30 s error of trials that took no part comes from.
 
     problem: model, training trials, and tests, trials that took no part (None: then each training run is predicted by
-    coefficients without it); found: the effects, with the fits as each was added; missing: the force without a name
+    coefficients without it); selection: the effects, with the fits as each was added; missing: the force without a name
     that is left, None: nothing is; seed: of all draws; given: coefficients (all,) before any fit to these trials, None
     where there was one. Returns None where no whole window can be predicted, and where
     there is a single run that would have to be left out.
     """
-    steps, data, tests, fits = problem.steps, problem.data, problem.tests, found.fits
-    names = [c.effect for c in found.effects]
+    steps, data, tests, fits = problem.steps, problem.data, problem.tests, selection.fits
+    names = [c.effect for c in selection.effects]
     if tests is None and len(np.unique(data.run)) < 2:
         return None
     seen, final, rng = data if tests is None else tests, fits[-1], np.random.default_rng(seed)

@@ -135,9 +135,9 @@ def another_ship(fit: Estimate, ship: Ship, is_named: bool) -> Message | None:
     return Message(f"{said}, so that no cause can be named: {advice}", "not_described")
 
 
-def _acts_like(full: FullModel, found: Selection) -> list[Message]:
+def _acts_like(full: FullModel, selection: Selection) -> list[Message]:
     """A sentence on the best candidate of the last search where its size cannot be: what is left acts like it."""
-    first = found.searches[-1].refitted[:1] if found.searches else ()
+    first = selection.searches[-1].refitted[:1] if selection.searches else ()
     rows = [impossible_size(full, r.fit, r.candidate) for r in first if not r.is_possible and r.evidence > ODDS]
     return [Message(f"what is left acts like {size}", "impossible_size") for size in rows]
 
@@ -205,17 +205,17 @@ def beyond_reported(effects: Sequence[NamedEffect], ship: Ship) -> list[Message]
 
 def limits(
     ready: Prepared,
-    found: Selection,
+    selection: Selection,
     trials: Sequence[Trial],
     tests: Sequence[Trial],
     budget: Budget | None,
     named: Estimate | None = None,
 ) -> list[Message]:
-    """What cannot be concluded from this input; ready: its fit without effects, found: the selection, trials: for
+    """What cannot be concluded from this input; ready: its fit without effects, selection: the selection, trials: for
     training, tests: to check on, budget: of their errors, named: the fit with what was named, None: nothing was.
     Returns one sentence for each reason."""
     rows: list[tuple[str, str]] = []
-    every = [s for s in found.searches[0].scores if not s.candidate.form]
+    every = [s for s in selection.searches[0].scores if not s.candidate.form]
     quiet = [s.candidate.effect for s in every if not s.excited]
     if quiet:
         rows.append(("not_excited", f"not excited by these trials, so neither found nor excluded: {', '.join(quiet)}"))

@@ -389,12 +389,12 @@ def held_words(h: HeldOut | None, verdict: str) -> str:
     return words
 
 
-def learned_words(found: LearnedResidual) -> str:
-    """Numbers behind what the learned residual ``found`` closes."""
-    each = ", ".join(f"{signed(100 * r, '.1f')} %" for r in found.reductions)
+def learned_words(learned: LearnedResidual) -> str:
+    """Numbers behind what the learned residual ``learned`` closes."""
+    each = ", ".join(f"{signed(100 * r, '.1f')} %" for r in learned.reductions)
     return (
-        f"Reductions by training: {each}; with the mean of their networks {signed(100 * found.together, '.1f')} %. By "
-        f"parts of the training trials alone, as mmg train decides: {sentence(found.decision)}"
+        f"Reductions by training: {each}; with the mean of their networks {signed(100 * learned.together, '.1f')} %. "
+        f"By parts of the training trials alone, as mmg train decides: {sentence(learned.decision)}"
     )
 
 

@@ -384,12 +384,12 @@ def listed(names: Sequence[str], last: str = " and ") -> str:
 
 
 def calibrated_ship(
-    ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, found: Identifiability, converged: bool
+    ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, identifiability: Identifiability, converged: bool
 ) -> Ship:
     """The ``ship`` with estimates, standard errors, priors and verdicts.
 
     prior: of the P free coefficients; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations;
-    found: what decided each coefficient; converged: an estimate that did not says so.
+    identifiability: what decided each coefficient; converged: an estimate that did not says so.
     """
     own, changed = "calibrated by mmg fit", {}
     for symbol, mean, std in zip(prior.symbols, prior.mean.tolist(), prior.std.tolist(), strict=True):
@@ -397,18 +397,18 @@ def calibrated_ship(
         source = own if own in source or not source else f"{own}; prior: {source}"
         changed[symbol] = ship.coefficients[symbol].with_(prior_value=mean, prior_std=std, source=source)
     known = replace(ship.with_coefficients(changed), notices=())
-    return with_estimates(known, prior, p, covariance, found, converged)
+    return with_estimates(known, prior, p, covariance, identifiability, converged)
 
 
 def with_estimates(
-    ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, found: Identifiability, converged: bool
+    ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, identifiability: Identifiability, converged: bool
 ) -> Ship:
     """A calibrated ``ship`` with other estimates, standard errors and verdicts.
 
-    prior, p (P,), covariance (P, P), found, converged: as of ``calibrated_ship``.
+    prior, p (P,), covariance (P, P), identifiability, converged: as of ``calibrated_ship``.
     """
     changed = {}
-    for i, finding in enumerate(found.findings):
+    for i, finding in enumerate(identifiability.findings):
         words = verdict(finding)
         c, share = ship.coefficients[finding.symbol], float(covariance[i, i])
         changed[c.symbol] = c.with_(

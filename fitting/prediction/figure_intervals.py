@@ -116,7 +116,7 @@ class JudgedFigures:
 
 
 def with_intervals(
-    found: Assessment,
+    assessment: Assessment,
     ship: Ship,
     content: Mapping[str, Any],
     count: int,
@@ -126,7 +126,7 @@ def with_intervals(
 ) -> JudgedFigures:
     """An assessment of simulated runs with median, 90 % interval and probability of meeting the criterion.
 
-    found: of ``cases.criteria.imo.imo_figures``, with the same rudder_rate [rad/s]; ship: as it was given there;
+    assessment: of ``cases.criteria.imo.imo_figures``, with the same rudder_rate [rad/s]; ship: as it was given there;
     content: of the result.json of a calibration, {}: the standard deviations of the ship file stand alone, and are
     independent; count, seed: of the draws; workers: processes over which the manoeuvres are spread. Raises UserError
     for a count that makes no sense, and for a ship without standard deviations.
@@ -134,12 +134,12 @@ def with_intervals(
     if not 20 <= count <= MOST:
         raise OutOfRange(f"--scatter {count}: give 20 to {MOST} draws, or 0 for none")
     calm = calm_and_deep(ship)[0]
-    correlation, notices = correlation_in(content), list(found.notices)
+    correlation, notices = correlation_in(content), list(assessment.notices)
     drawn = draw_coefficients(calm, count, seed, correlation)
     if correlation is None:
         words = "coefficients are drawn independently of each other: no correlation is known"
         notices.append(Message(words, "independent_draws"))
-    shared, judged = Shared((Simulator(calm), drawn, content)), [run for run in found.runs if run.kind in JUDGED]
+    shared, judged = Shared((Simulator(calm), drawn, content)), [run for run in assessment.runs if run.kind in JUDGED]
     plans = [parse_maneuver(run.name, calm, speed=run.speed, rudder_rate=rudder_rate) for run in judged]
     made = run_all(_drawn_plan, [(shared, plan, seed) for plan in plans], workers, name="manoeuvres")
     scatter = {run.name: one for run, one in zip(judged, made, strict=True)}
@@ -148,11 +148,13 @@ def with_intervals(
         if one.lost:
             words = f"{run.name}: {one.lost} of {count} drawn ships run away, and count as never reaching a figure"
             notices.append(Message(words, "diverging_draws"))
-    runs = {run.name: run for run in found.runs}
-    rows = tuple(judged_row(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in found.rows)
+    runs = {run.name: run for run in assessment.runs}
+    rows = tuple(
+        judged_row(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in assessment.rows
+    )
     priors = [run.name for run in judged if untried(run.kind, scatter[run.name].outside or ())]
     basis = _basis(rows, scatter, priors, bool(content))
-    return JudgedFigures(replace(found, rows=rows, notices=tuple(notices), basis=basis), scatter)
+    return JudgedFigures(replace(assessment, rows=rows, notices=tuple(notices), basis=basis), scatter)
 
 
 def _basis(
