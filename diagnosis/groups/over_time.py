@@ -167,7 +167,7 @@ class ChangeTest:
                 lower = np.linalg.cholesky(np.diag(variance / typical) + ratio * np.exp(-apart / time))
                 whiten = np.linalg.inv(lower)
                 level = whiten.sum(axis=1) / np.linalg.norm(whiten.sum(axis=1))
-                whiten -= np.outer(level, level @ whiten)
+                whiten -= np.outer(level, level @ whiten)  # the level is free: nothing along it counts
                 profiles = self.shape @ whiten.T
                 lengths = np.linalg.norm(profiles, axis=1)
                 usable = np.where(lengths > 1e-6, lengths, np.inf)
@@ -181,7 +181,7 @@ class ChangeTest:
             z = noise.whiten @ y
             rest = (z**2).sum(axis=0)
             most = ((noise.profiles @ z) ** 2).max(axis=0)
-            none.append(-0.5 * (B * np.log(rest / B) + noise.log_det))
+            none.append(-0.5 * (B * np.log(rest / B) + noise.log_det))  # the size of the noise is at its likeliest
             best.append(-0.5 * (B * np.log(np.maximum(rest - most, 1e-12 * rest) / B) + noise.log_det))
         return np.array(none), np.array(best)
 
@@ -195,12 +195,14 @@ class ChangeTest:
         along = noise.profiles @ z
         rest = np.maximum((z**2).sum() - along**2, 1e-300)
         log = -0.5 * B * np.log(rest / B)
+        # a ramp that ends has a parameter more
         log = log - SIMPLER * ((self.end > self.begin) & (self.end < self.end.max()))
         is_step = self.end == self.begin
-        log = np.where(is_step == is_step[log.argmax()], log, -np.inf)
+        log = np.where(is_step == is_step[log.argmax()], log, -np.inf)  # intervals are of changes of the same kind
         at = int(log.argmax())
         weight = np.exp(log - log.max())
         weight /= weight.sum()
+        # by the noise with and without it
         p_value = max(self._chance(y, gain, k, rng) for k in {chosen, int(none[:, 0].argmax())})
         return DatedChange(
             name,
@@ -224,11 +226,11 @@ class ChangeTest:
         z = noise.whiten @ y
         along = noise.profiles @ z
         best = int(np.abs(along).argmax())
-        z = z - along[best] * noise.profiles[best]
+        z = z - along[best] * noise.profiles[best]  # what is left is the noise, whether there was a change or not
         none, with_change = self.likelihoods(noise.colour @ rng.choice(z - z.mean(), size=(len(y), DRAWS)))
         gains = with_change.max(axis=0) - none.max(axis=0)
         mean, spread = float(gains.mean()), float(gains.std()) + 1e-12
-        shape = (mean / spread) ** 2
+        shape = (mean / spread) ** 2  # a gamma law with their mean and spread reaches beyond DRAWS
         return gamma_tail(gain, shape, mean / shape)
 
 
@@ -261,6 +263,7 @@ def find_changes(log: Innovations, begin: float, end: float, seed: int = 0) -> C
         every = [at.change_of(j, score[:, j], last, draws[j], log.candidates[j]) for j in range(J)]
         rows = [row for row in every if row]
         tested = tested or tuple(rows)
+        # Bonferroni: J were tried
         sure = [row for row in rows if row.p_value * J <= LEVEL and abs(row.size) >= least[row.name]]
         alone = sure
         for k, other in enumerate(named):
@@ -270,6 +273,7 @@ def find_changes(log: Innovations, begin: float, end: float, seed: int = 0) -> C
         if not alone:
             break
         best = max(alone, key=lambda row: row.gain)
+        # what it makes of all others
         score -= at.information[:, :, log.candidates.index(best.name)] * best.at(at.day)[:, None]
         named.append(best)
     for k, row in enumerate(named):

@@ -61,7 +61,7 @@ class Action:
 class Dictionary:
     """The columns of all unnamed forms at a fitted hypothesis.
 
-    steps: the transition model; data: the trials; found: the fit; active: (A,) positions of the states that take part.
+    steps: the transition model; data: the trials; point: the fit; active: (A,) positions of the states that take part.
     labels: kind and form of each of C columns; kinds: the kind alone.
     """
 
@@ -70,7 +70,7 @@ class Dictionary:
         self.data, self.noise, self.active, self.path = data, point.noise, active, point.path
         z = point.path.z
         K, R = data.inputs.shape[:2]
-        middle = 0.5 * (z[:-1] + z[1:])
+        middle = 0.5 * (z[:-1] + z[1:])  # where forces are asked for: the midpoint rule
         self.force_forms = ForceForms(steps, data, middle)
         self.forces = self.force_forms.own
         every = steps.coefficients(point.theta, point.path.push[:-1].reshape(-1, 3).T)
@@ -224,7 +224,7 @@ def _action(
     delayed, per_second = [], []
     for delay in DELAYS:
         late = max(1, round(delay * k / data.h))
-        values = x[np.maximum(np.arange(len(x)) - late, 0)] - x
+        values = x[np.maximum(np.arange(len(x)) - late, 0)] - x  # before the window the input is held
         factor = unit(values, data.inside)
         delayed.append(factor * values)
         per_second.append(1 / (factor * late * data.h) if factor else 0.0)

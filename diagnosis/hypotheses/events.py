@@ -69,6 +69,7 @@ class Events:
     def of(cls, data: GriddedTrials, forms: Dictionary, linear: LinearModel, length: float) -> Events:
         """The events of trials ``data`` of a ship of this ``length`` [m]; forms, linear: dictionary and model there."""
         K, R = data.inputs.shape[:2]
+        # -(-a // b): rounded up
         steps = max(1, round(STRETCH * time_scale(length) / data.h), -(-int(data.steps.sum()) // MOST))
         own = np.arange(K)[:, None] // steps == np.arange(-(-K // steps))
         W = own.shape[1]
@@ -82,7 +83,7 @@ class Events:
             parts = UNKNOWN * data.sample * action.per_second / (size or np.inf)
             allowed[kinds[-1]] = float(parts[DELAYS.index(LATE)])
             allowed[f"delay of {name}"] = float(parts.max()) / len(parts) ** 0.5  # they are alike, and add up
-        seen = np.concatenate([own[:1], own])
+        seen = np.concatenate([own[:1], own])  # a grid time belongs to the step that ends there, the first to its own
         for channel in POSITION:
             off = np.zeros((K + 1, R, 6, W))
             off[:, :, channel] = forms.noise.white[channel] * seen[:, None, :]
@@ -118,7 +119,7 @@ def _swinging(data: GriddedTrials, forms: Dictionary, linear: LinearModel, lengt
     (K, R, A, 4 x 12)."""
     z = forms.path.z
     speed = np.hypot(z[:-1, :, 3] + z[1:, :, 3], z[:-1, :, 4] + z[1:, :, 4]) / 2
-    phase = 2 * np.pi * np.cumsum(speed * data.h, axis=0) / length
+    phase = 2 * np.pi * np.cumsum(speed * data.h, axis=0) / length  # by the way, not the time: vortices shed so
     waves = _waves(phase[..., None], np.array(SWINGS))
     pushes = linear.force[..., 1:] * forms.noise.force[1:]
     return np.einsum("krac,krw->krawc", pushes, waves).reshape(*pushes.shape[:3], -1)
@@ -188,6 +189,7 @@ def event_slopes(
         cross = np.einsum("krce,krcq->req", own, white[..., known], optimize=True)[run, number]
         gram[P : P + n, order], gram[np.ix_(order, range(P, P + n))] = cross, cross.T
         same = run[:, None] == run
+        # runs do not touch each other
         gram[P : P + n, P : P + n] = np.where(same, squares[run[:, None], number[:, None], number], 0.0)
         left = projected(gram, np.concatenate([logdet, along[:, at][run, number]]), p)
         found[kind] = EventSlopes(left.g, left.S)
