@@ -39,13 +39,13 @@ from cases.inputs import integral
 from cases.trial import Trial
 
 WINDOWS = (1, 8, 64)
-"""Rows of a window; the longest is at most a piece of the record."""
+"""Rows of a window; the longest is at most a piece of the record. Set by hand (2, 2)."""
 STEPS = 30
-"""Of the iteration, which converges linearly."""
+"""Of the iteration, which converges linearly. Set by hand (0, 0)."""
 MOST_ROWS = 3000
-"""Windows of a record that are looked at."""
+"""Windows of a record that are looked at. Set by hand (0, 0)."""
 SIGMAS = 4.0
-"""Standard errors beyond which a value is no chance: the best of several windows is taken."""
+"""Standard errors beyond which a value is no chance: the best of several windows is taken. Set by hand (3, 5)."""
 MATTERS = {"u": 0.005, "v": 0.03, "r": 0.03}
 """Gains below are a note: u by what it is of the way, v as sway is a tenth of it, r as each fit finds that of its gyro
 (usual deviation as in competition.py)."""
@@ -167,20 +167,21 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
 
 
 CLOSE = 6.0
-"""Explanations that are closer than so many nats cannot be told apart."""
+"""Explanations that are closer than so many nats cannot be told apart. Set by hand (0, 0)."""
 RARE = 6.0
 """What an explanation costs beside, that supposes the rare: a channel that is early, which needs all the others to be
-late, or compass and gyro late together. A lever arm forward, or velocities that are late, look much like these."""
+late, or compass and gyro late together. A lever arm forward, or velocities that are late, look much like these. Set
+by hand (1, 1)."""
 LEAST = 0.004
-"""Relative misfit below which nothing is compared: rounding."""
+"""Relative misfit below which nothing is compared: rounding. Set by hand (0, 0)."""
 LAGS = {"w": ("w",), "place": ("place",), "psi": ("psi",), "psi, r": ("psi", "r"), "r": ("r",)}
 """Name -> signals that are late together."""
 MOST_CENTRES = 4
-"""Of so many trials the grid is refined around their own best lag."""
+"""Of so many trials the grid is refined around their own best lag. Set by hand (0, 0)."""
 ROOM = 400_000
-"""So many rows of a record that is moved by several lags are looked at at once."""
+"""So many rows of a record that is moved by several lags are looked at at once. Set by hand (0, 0)."""
 TRIED, FINER = 12, 3
-"""Steps of the grid of lags on each side of zero, and of its refinement."""
+"""Steps of the grid of lags on each side of zero, and of its refinement. Set by hand (0, 0 and 1, 0)."""
 Value = complex | float
 
 

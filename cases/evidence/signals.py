@@ -14,23 +14,25 @@ from cases.inputs import integral
 from cases.trial import Trial, unwrapped
 
 PIECES = 12
-"""A record speaks once in each of so many pieces, however many samples it has: neighbours say the same."""
+"""A record speaks once in each of so many pieces, however many samples it has: neighbours say the same. Set by hand (4,
+2)."""
 WINDOW_ROWS, WINDOW_S = 5, 1.1
-"""Least length of a window in rows of the record and in seconds."""
+"""Least length of a window in rows of the record and in seconds. Set by hand (1, 0 and 0, 1)."""
 NOISE = 0.01
-"""A window is so long that the noise of two positions is at most this share of the way made in it."""
+"""A window is so long that the noise of two positions is at most this share of the way made in it. Set by hand (1,
+1)."""
 LONGEST = 40
-"""At most this part of the record is one window."""
+"""At most this part of the record is one window. Set by hand (0, 0)."""
 FLOOR = 0.02
-"""Relative error that instruments leave in any case: compass, log and clocks are no better."""
+"""Relative error that instruments leave in any case: compass, log and clocks are no better. Set by hand (0, 0)."""
 AT_REST = 0.01
-"""Share of the mean square of a record that counts as motion in each piece."""
+"""Share of the mean square of a record that counts as motion in each piece. Set by hand (0, 0)."""
 STEPS = 4
-"""Steps of the coarse clock in a window."""
+"""Steps of the coarse clock in a window. Set by hand (1, 0)."""
 MARGIN = 32
-"""Rows beyond the ends of a record by which it goes on where it is shifted."""
+"""Rows beyond the ends of a record by which it goes on where it is shifted. Set by hand (0, 0)."""
 FEW = 0.3
-"""A piece with fewer windows than this share of the fullest one says nothing by itself."""
+"""A piece with fewer windows than this share of the fullest one says nothing by itself. Set by hand (0, 0)."""
 
 
 class Stats(NamedTuple):

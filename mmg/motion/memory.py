@@ -66,10 +66,8 @@ def delayed(memory: Memory, name: str, x: Any, T: Any, least: float, size: float
 
 SHARP, SHARPER = 4, 5
 """Doublings of the power q = 2^k of the clip x b / (|x|^q + b^q)^(1/q), 16 and 32: of a play, and of what draws the
-remembered position along.
-
-The second must be sharper, or the remembered position would creep back inside the play.
-"""
+remembered position along. Set by hand; the second must be sharper, or the remembered position would creep back inside
+the play."""
 
 
 def clip(x: Any, b: Any, softest: float, doublings: int = SHARP) -> Any:
