@@ -135,8 +135,8 @@ class Diagnosis(Findings):
     def told_by(self, content: Mapping[str, Any]) -> Diagnosis:
         """The same with what the result of a calibration tells of predictions, where nothing is known of them yet;
         content: of its result.json."""
-        told = self.inputs.of_predictions or of_predictions(content)
-        return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, of_predictions=told))
+        predictions = self.inputs.of_predictions or of_predictions(content)
+        return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, of_predictions=predictions))
 
     def save(self, folder: Path | str, replace: bool = False, report: bool = True) -> None:
         """Write diagnosis.json, result.json, ship.toml and, where the fit is known, missing_force.csv to ``folder``,

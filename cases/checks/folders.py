@@ -559,8 +559,8 @@ def mended(trial: Trial, wanted: Mapping[str, Any], keys: Keys) -> Trial | None:
             columns[name] = trial[other]
         for name, factor in keys.get("units", {}).items():
             columns[name] = columns[name] * factor
-        told = {key: value for key, value in wanted.items() if key not in ("columns", "units")}
-        return replace(trial, columns=converted(columns, SidecarEntry(**told), []))
+        entries = {key: value for key, value in wanted.items() if key not in ("columns", "units")}
+        return replace(trial, columns=converted(columns, SidecarEntry(**entries), []))
     except UserError:
         return None
 

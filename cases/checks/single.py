@@ -48,8 +48,8 @@ def spikes(values: np.ndarray) -> int:
     moved = off[off > 0]
     usual = 1.4826 * float(np.nanmedian(moved)) if len(moved) else 0.0
     low, high = np.nanquantile(values, (0.05, 0.95))
-    beside = np.abs(values[2:] - values[:-2])
-    return int(np.sum((off > SPIKE * usual) & (off > SPIKE_RANGE * (high - low)) & (beside < 0.5 * off)))
+    neighbour_difference = np.abs(values[2:] - values[:-2])
+    return int(np.sum((off > SPIKE * usual) & (off > SPIKE_RANGE * (high - low)) & (neighbour_difference < 0.5 * off)))
 
 
 def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
@@ -508,9 +508,9 @@ def _missing(seconds: dict[str, float], total: float, ship: Ship | None = None) 
     """Never excited: one sentence per group; hardly excited: one sentence for all of them."""
     free = list(ship.free) if ship else []
     symbols = {name: [s for s in free if re.fullmatch(pattern, s)] for name, (_, pattern) in GROUPS.items()}
-    asked = [name for name in seconds if ship is None or symbols[name]]
-    never = [name for name in asked if seconds[name] <= 0]
-    few = [name for name in asked if 0 < seconds[name] < max(ENOUGH, 0.02 * min(total, 2000.0))]
+    wanted_inputs = [name for name in seconds if ship is None or symbols[name]]
+    never = [name for name in wanted_inputs if seconds[name] <= 0]
+    few = [name for name in wanted_inputs if 0 < seconds[name] < max(ENOUGH, 0.02 * min(total, 2000.0))]
     listed = {name: ", ".join(found) for name, found in symbols.items()}
     behind = {name: f": {found} cannot be determined" if found else "" for name, found in listed.items()}
     sentences = [f"Never {GROUPS[name][0]}{behind[name]}." for name in never]

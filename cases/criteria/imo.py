@@ -305,9 +305,9 @@ LEAST_TURNING_RUDDER, SLACK = math.radians(33.0), math.radians(2.0)
 def assess(run: Run, scale: float | None = None, ship: str = "") -> list[Row]:
     """Rows of one run. scale: of a model, ship length over model length; ship: name for the reference values."""
     rows = _zigzag(run, scale) if run.kind == "zigzag" else _turning(run) if run.kind == "turning" else _others(run)
-    why, told = _not_applicable(run, scale), "; ".join(run.caveats)
+    why, caveats = _not_applicable(run, scale), "; ".join(run.caveats)
     judged = [replace(row, verdict=OPEN, why=why) if why and row.verdict in (PASS, FAIL) else row for row in rows]
-    judged = [replace(row, why="; ".join(filter(None, (row.why, told)))) if told else row for row in judged]
+    judged = [replace(row, why="; ".join(filter(None, (row.why, caveats)))) if caveats else row for row in judged]
     return [replace(row, reference=REFERENCES.get(ship, {}).get((run.name, row.figure))) for row in judged]
 
 
@@ -353,8 +353,8 @@ def with_value(row: Row, value: float | None) -> Row:
 
 def _turning(run: Run) -> list[Row]:
     degrees = abs(math.degrees(run.rudder))
-    asked = f"rudder {degrees:.0f} deg; the standard asks for 35 deg of rudder or the largest"
-    open_ = "" if abs(run.rudder) >= LEAST_TURNING_RUDDER else asked
+    requirement = f"rudder {degrees:.0f} deg; the standard asks for 35 deg of rudder or the largest"
+    open_ = "" if abs(run.rudder) >= LEAST_TURNING_RUDDER else requirement
     return [
         _row(run, "turning", "advance", "L", ADVANCE, open_=open_),
         _row(run, "turning", "transfer", "L", None),

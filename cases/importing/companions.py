@@ -147,12 +147,12 @@ def _targets(
     title, at = plain_words(header), table.headers.index(header)
     own, both_ways = _stems(title), (table.headers[:at][::-1], table.headers[at + 1 :])
     neighbours = {next((h for h in way if h not in signs), "") for way in both_ways}
-    beside = any(mapped[q].header in neighbours for q in ("latitude", "longitude") if q in mapped)
+    by_position = any(mapped[q].header in neighbours for q in ("latitude", "longitude") if q in mapped)
     fit = {q: column.header for q, column in mapped.items() if re.fullmatch(kind.quantities, q)}
     shared = {q: len(own & _stems(plain_words(title))) for q, title in fit.items()}
     best = max(shared.values(), default=0)
-    told = {"": True, "title": best > 0, "place": beside or re.fullmatch(PLACE, title) is not None}[kind.told_by]
-    return [q for q in fit if told and shared[q] == best and _positive(table, fit[q], chosen)]
+    is_shown = {"": True, "title": best > 0, "place": by_position or bool(re.fullmatch(PLACE, title))}[kind.told_by]
+    return [q for q in fit if is_shown and shared[q] == best and _positive(table, fit[q], chosen)]
 
 
 def _stems(title: str) -> set[str]:

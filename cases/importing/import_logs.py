@@ -82,11 +82,11 @@ def import_logs(
         raise Missing("no logs given")
     logs: list[Log] = []
     problems: list[str] = []
-    asked: list[Question] = []
+    questions: list[Question] = []
 
     def refused(error: UserError) -> None:
         problems.append(str(error))
-        asked.extend([error.question] if isinstance(error, OpenQuestion) else [])
+        questions.extend([error.question] if isinstance(error, OpenQuestion) else [])
 
     for file in each(list(dict.fromkeys(files))):
         try:
@@ -110,16 +110,16 @@ def import_logs(
             runs.append(assembled(run_name(group, chosen), group, chosen, origin))
         except UserError as error:
             refused(error)
-    asked += [question for log in logs for question in _questions(with_units_of_size(log))]
+    questions += [question for log in logs for question in _questions(with_units_of_size(log))]
     if chosen.reference_point is None and any(has_code(run.notices, "reference_point_unknown") for run in runs):
         words = "where was the position measured, in m from midship: forward and to starboard, such as 12.0 0.0?"
-        asked.append(Question(Path(), words, {POINT: {}, "unknown": {"reference_point": "unknown"}}))
+        questions.append(Question(Path(), words, {POINT: {}, "unknown": {"reference_point": "unknown"}}))
     skipped = tuple(file for file in all_files if file not in files)
     return Imported(
         tuple(_with_own_names(runs)),
         tuple(dict.fromkeys(problems)),
         origin,
-        tuple(asked),
+        tuple(questions),
         skipped,
         names_apart(all_files),
     )

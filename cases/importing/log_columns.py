@@ -235,8 +235,8 @@ def _scales(
 
 
 def _clock(piece: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap) -> Clock:
-    beside = {name: column.header for name, column in mapped.items() if name == "date" or name.startswith("t_")}
-    return clock_of(piece, mapped["t"].header, mapped["t"].unit, beside, chosen.zone_hours)
+    time_columns = {name: column.header for name, column in mapped.items() if name == "date" or name.startswith("t_")}
+    return clock_of(piece, mapped["t"].header, mapped["t"].unit, time_columns, chosen.zone_hours)
 
 
 def _true_heading(

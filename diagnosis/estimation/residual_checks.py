@@ -241,8 +241,8 @@ def _band_probabilities(
         count += np.bincount(at, minlength=bands)
     away = np.abs(np.subtract.outer(np.arange(bands), np.arange(bands)))
     near = np.argsort(np.where(away < 2, bands, away), axis=1, kind="stable")[:, : 2 * NEIGHBOURS]
-    beside, size = total[near].sum(axis=1), count[near].sum(axis=1)
-    ratio = (total * size[:, None]) / np.maximum(beside * count[:, None], 1e-300)
+    neighbour_power, size = total[near].sum(axis=1), count[near].sum(axis=1)
+    ratio = (total * size[:, None]) / np.maximum(neighbour_power * count[:, None], 1e-300)
     p = np.asarray(fdtrc(2 * np.maximum(count, 1)[:, None], 2 * np.maximum(size, 1)[:, None], ratio))
     p = np.where(ratio < TWICE, np.maximum(p, RARE), p)
     p[:SLOWEST] = 1.0

@@ -99,12 +99,13 @@ def run_slopes(
     grams = np.einsum("krca,krcb->rab", here.white, here.white, optimize=True)
     slopes = -(grams[:, :-1, -1] + here.logdet_gradient)
     names = np.unique(runs)
+    # to typical sizes
     unit = np.array([sizes.get(x, std) / std for x, std in zip(free.columns, free.std, strict=True)])
     g = np.array([slopes[runs == r].sum(axis=0) for r in names]) * unit
     G = np.array([grams[runs == r, :-1, :-1].sum(axis=0) for r in names]) * np.outer(unit, unit)
     group = np.array([data.run[runs == r][0] for r in names])
     precision = np.concatenate([unit[: len(fit.p)] ** 2, np.full(n, COMMON**-2.0)])
-    return RunSlopes(free.columns, g, G, -p * unit, precision, group)
+    return RunSlopes(free.columns, g, G, -p * unit, precision, group)  # the prior pulls each p back to 0
 
 
 def with_scatter(s: RunSlopes, scatter: Mapping[Column, float], but: Sequence[Column] = ()) -> RunSlopes:
@@ -141,10 +142,10 @@ def own_values(s: RunSlopes, at: Sequence[int]) -> tuple[np.ndarray, np.ndarray]
     rows = s.G[:, at].reshape(n * p, -1)
     total = s.G.sum(axis=0) + np.diag(s.precision)
     solved = np.linalg.solve(total, np.column_stack([rows.T, s.g.sum(axis=0) + s.pull]))
-    S = -rows @ solved[:, :-1]
+    S = -rows @ solved[:, :-1]  # through what runs share they speak of each other
     for r in range(n):
         k = slice(r * p, (r + 1) * p)
-        S[k, k] += s.G[r][np.ix_(at, at)]
+        S[k, k] += s.G[r][np.ix_(at, at)]  # a run speaks of its own values directly
     return s.g[:, at].ravel() - rows @ solved[:, -1], 0.5 * (S + S.T)
 
 
@@ -158,7 +159,7 @@ def imitated(s: RunSlopes, c: Candidate, other: Candidate) -> float:
     g, S = own_values(s, at)
     members = members_of(s.group, len(at))
     score, J, _ = contrasts(*by_group(g, S, members, np.full(len(at), LEAST)), len(at))
-    first = np.tile(np.arange(len(at)) < own, len(J) // len(at))
+    first = np.tile(np.arange(len(at)) < own, len(J) // len(at))  # contrasts repeat the parameters, in their order
     J11, J12, J22 = J[np.ix_(first, first)], J[np.ix_(first, ~first)], J[np.ix_(~first, ~first)]
     size = np.linalg.lstsq(J11, score[first], rcond=1e-9)[0]
     whole = float(size @ J11 @ size)
@@ -278,6 +279,7 @@ def group_candidates(problem: SearchProblem) -> tuple[Candidate, ...]:
     more = {}
     for s, *sizes in zip(base.symbols, base.mean, base.std, base.lower, base.upper, strict=True):
         mean, std, lower, upper = sizes
+        # effects may well be absent
         more[s] = (mean, min(std, SHARE * abs(mean)) if mean and "." not in s else std, lower, upper)
     for name in (e for e in FITTED_ALONG if e in ship.effects):
         for x in (x for x in parameters(ship, name) if not x.choice):

@@ -292,10 +292,10 @@ def _sized(
     log: innovations from a begin to an end [s], ``span``; rng: draws the bootstrap.
     """
     day, j = (log.t - span[0]) / DAY, log.candidates.index(best.name)
-    beside = [(log.candidates.index(row.name), row) for row in others]
+    other_changes = [(log.candidates.index(row.name), row) for row in others]
     for _ in range(AGAIN):
-        made = sum(log.gains[:, :, i] * row.at(day)[:, None] for i, row in [(j, best), *beside])
+        made = sum(log.gains[:, :, i] * row.at(day)[:, None] for i, row in [(j, best), *other_changes])
         at = spells(log, *span, made)
-        score = at.score[:, j] - sum(at.information[:, j, i] * row.at(at.day) for i, row in beside)
+        score = at.score[:, j] - sum(at.information[:, j, i] * row.at(at.day) for i, row in other_changes)
         best = at.change_of(j, score, (span[1] - span[0]) / DAY, rng, best.name) or best
     return best

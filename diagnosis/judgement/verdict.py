@@ -250,10 +250,10 @@ def _doubts(ready: Prepared, named: Estimate | None) -> list[tuple[str, str]]:
     that are off are those of the fit with what was ``named``: that it brings back the others speaks for it."""
     null, data, steps = ready.null, ready.problem.data, ready.problem.steps
     rows: list[tuple[str, str]] = []
-    fit, beside = (null, "without any effect") if named is None else (named, "with what was named")
+    fit, context = (null, "without any effect") if named is None else (named, "with what was named")
     far = [f"{s} ({p:+.1f})" for s, p in zip(fit.free.symbols, fit.p, strict=True) if abs(p) > FAR and "." not in s]
     if far:
-        words = f"more than {FAR:g} prior standard deviations off {beside}: {', '.join(far)}"
+        words = f"more than {FAR:g} prior standard deviations off {context}: {', '.join(far)}"
         advice = "is it this ship, and are units and frames right (mmg check)? An effect may make up for what is not"
         rows.append(("far_from_prior", f"{words}: {advice}"))
     seen = np.asarray(data.good.any(axis=(0, 1)))

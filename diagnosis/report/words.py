@@ -402,9 +402,9 @@ def unnamed_words(d: Findings) -> str:
     """What the tests of unnamed forms in ``d`` found."""
     if "all" not in d.unnamed:
         return ""
-    beside = "beside what was named" if d.verdict == "named" else "without any effect"
+    context = "beside what was named" if d.verdict == "named" else "without any effect"
     words = "Unnamed forms (functions of state, inputs, wind, place) have a log Bayes factor of "
-    return f"{words}{signed(d.unnamed['all'], '.1f')} {beside}."
+    return f"{words}{signed(d.unnamed['all'], '.1f')} {context}."
 
 
 def amount(effect: NamedEffect | InstrumentFault) -> str:

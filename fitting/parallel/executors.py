@@ -160,10 +160,10 @@ def _handed_over(
                     finished()
             yield done.pop(number)
     except BaseException as error:
-        told = workers.explained(error)
-        if told is error:
+        reason = workers.explained(error)
+        if reason is error:
             raise
-        raise told from None
+        raise reason from None
     finally:
         for future in running:
             future.cancel()

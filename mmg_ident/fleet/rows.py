@@ -142,7 +142,7 @@ def ship_row(
     files; group, alone: her sisters, and what her fit without them gave. Returns plain values."""
     coefficients = _coefficients(ship, result)
     moved = [s for s, c in coefficients.items() if c["beyond_chance"] and abs(c["moved"]) >= MOVED]
-    told = result.campaigns or {}
+    by_campaign = result.campaigns or {}
     row = _row(
         ship,
         status="done" if result.converged else "not converged",
@@ -152,11 +152,11 @@ def ship_row(
         seconds_used=result.seconds_used,
         loss=result.settings.loss,
         weight=result.settings.weight,
-        campaigns=list(told.get("runs", {})),
+        campaigns=list(by_campaign.get("runs", {})),
         scores={key: _scores(result.scores[name]) for key, name in SETS.items() if name in result.scores},
         coefficients=coefficients,
         moved=sorted(moved, key=lambda s: -abs(coefficients[s]["moved"])),
-        instruments=[*left_out, *told.get("sentences", [])],
+        instruments=[*left_out, *by_campaign.get("sentences", [])],
         warnings=list(result.warnings),
     )
     if diagnosis:
