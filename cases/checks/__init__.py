@@ -3,8 +3,8 @@
 ``check(trials)`` gives one ``CheckReport`` per trial; ``pooled(reports)`` says what they excite together.
 
 In brackets behind a constant that was set by hand: how many of 22 answers get other codes when it is halved, and when
-it is doubled (shares above a half: when what they lack of one is). The answers are those to 19 faults of
-``benchmarks.file_faults`` and two sound sets (seed 1), and to eight records of Train-TZRB. Measured in November 2026.
+it is doubled (shares above a half: what they lack of one); without brackets none does. The answers are those to 19
+faults of ``benchmarks.file_faults`` and two sound sets (seed 1), and to eight records of Train-TZRB (November 2026).
 """
 
 from cases.checks.folders import check

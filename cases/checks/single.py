@@ -35,9 +35,9 @@ GAP = 3.0
 VELOCITIES = ("u", "v", "r")
 SPIKE, SPIKE_RANGE = 12.0, 0.5
 """A spike differs from the mean of its neighbours by so many times the usual difference, and by this share of the range
-of the column (5 to 95 %); its neighbours agree with each other. Set by hand (0, 0)."""
+of the column (5 to 95 %); its neighbours agree with each other. Set by hand."""
 COARSE = 0.2
-"""More than this [rad] a ship does not turn between samples that show how she turns. Set by hand (0, 0)."""
+"""More than this [rad] a ship does not turn between samples that show how she turns. Set by hand."""
 
 
 def spikes(values: np.ndarray) -> int:
@@ -234,25 +234,25 @@ def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Fou
 
 AHEAD = 0.5
 """Share of the greatest speed from which a ship goes ahead, and share of the time that counts as most of it. Set
-by hand, as STRAIGHT and MOSTLY: they choose rows, and no verdict hangs on a row. (0, 0)."""
+by hand, as STRAIGHT and MOSTLY: they choose rows, and no verdict hangs on a row."""
 STRAIGHT = 0.2
-"""Share of the greatest turn rate within which a ship goes straight. Set by hand (0, 0)."""
+"""Share of the greatest turn rate within which a ship goes straight. Set by hand."""
 APART = 0.1
 """Least eigenvalue of the correlations of surge, turn and heading, from which an offset is no current: about that of
-legs in directions a quarter turn apart. Set by hand (0, 0)."""
+legs in directions a quarter turn apart. Set by hand."""
 MOSTLY = 0.9
-"""Share of the rows at speed, with revolutions ahead, in which sternway is no manoeuvre. Set by hand (0, 0)."""
+"""Share of the rows at speed, with revolutions ahead, in which sternway is no manoeuvre. Set by hand."""
 FAST = 0.8
 """Share of the greatest speed (95 %) from which a ship is at speed: what she has left when she is stopped is none. Set
-by hand, as SLOW, which leaves out speeds at which a drift angle is noise. (0, 0)."""
+by hand, as SLOW, which leaves out speeds at which a drift angle is noise."""
 TURNING = math.radians(90.0)
 """Turn of the heading, ahead, from which the sway tells where the pivot point lies: a wind alone turns no ship as far,
 and where it turns her, her bow drifts off."""
 SLOW = 0.1
-"""Share of the greatest speed from which a drift angle is one of a ship that goes ahead. Set by hand (0, 0)."""
+"""Share of the greatest speed from which a drift angle is one of a ship that goes ahead. Set by hand."""
 LEAST_DRIFT = 0.02
 """Share of the surge that the sway of a ship in such a turn exceeds: a degree of drift, where 3 to 20 are usual. Set
-by hand (0, 0)."""
+by hand."""
 OFFSET = math.radians(2.0)
 """A compass is right within it (IMO A.424: 1 deg times the secant of the latitude)."""
 WOULD = {
@@ -534,11 +534,10 @@ STRAIGHT_RUDDER, STRAIGHT_TURN = math.radians(5.0), 0.1
 """Rudder angle and yaw rate, made dimensionless by speed and length, within which a ship goes about straight ahead."""
 FASTEST, STEADY, LEAST = 0.5, 0.03, 0.5
 """Share of her greatest speed from which she is under way; share by which speed and revolutions may change over half a
-ship length; ship lengths that must be made so. Set by hand (0, 0)."""
+ship length; ship lengths that must be made so. Set by hand."""
 TWICE = 1.6
 """Ratio of the revolutions that the ship needs to those that were logged, or the other way round, from which they do
-not fit: wider than fouling, wind and a poor guess of the resistance make it. Set by hand, to find a gear or a unit. (0,
-0)."""
+not fit: wider than fouling, wind and a poor guess of the resistance make it. Set by hand, to find a gear or a unit."""
 
 
 def steady_ahead(trial: Trial, length: float) -> tuple[float, float] | None:

@@ -41,7 +41,7 @@ from cases.trial import Trial
 STEP = 10
 """Samples on each side of a step, at the record's own rate, but at least ``LEAST`` seconds. Set by hand (1, 1)."""
 LEAST = 0.5
-"""s; the shortest side of a step: below it the noise of satellite positions rules. Set by hand (0, 0)."""
+"""s; the shortest side of a step: below it the noise of satellite positions rules. Set by hand."""
 SURE = {"psi": 8.0, "position": 45.0, "sharp position": 45.0, "u, v": 30.0, "sharp u, v": 45.0, "sharp r": 60.0}
 """Innovation over the usual one of the record from which a channel is broken by itself.
 
@@ -68,15 +68,15 @@ DRIFTING = {
 LARGEST_SHARE = {"psi": 0.7, "position": 0.25}
 """Share of the record beyond which drifts are no stretches of it: the frame, sign or unit of a column is wrong."""
 BACK = 20.0
-"""s; drifts that undo each other within this time are one stretch. Set by hand (0, 0)."""
+"""s; drifts that undo each other within this time are one stretch. Set by hand."""
 PAIR = 15
 """A jump and one that undoes it, so many sides of a step apart or less, are one stretch. Set by hand (0, 1)."""
 TOGETHER = {"psi": 7.0, "u, v": 10.0}
 """The same for a heading and velocities that break within a second of each other."""
 ALIKE = 0.35
-"""The stretch reaches as far as the innovation stays above this share of what it was found by. Set by hand (0, 0)."""
+"""The stretch reaches as far as the innovation stays above this share of what it was found by. Set by hand."""
 MUCH = 0.1
-"""Share of a record from which a channel that stands still is a doubt about all of it. Set by hand (0, 0)."""
+"""Share of a record from which a channel that stands still is a doubt about all of it. Set by hand."""
 JOIN = 3.0
 """s, or so many sides of a step: breaks closer together are one stretch. Set by hand (0, 1)."""
 
@@ -303,15 +303,15 @@ AS_MEDIAN = (1.486, 1.268)
 """What makes that share the median of a normal law, of headings and of positions in the plane. Ratios of the quantiles
 .5 and DENSE of half a normal law and of Rayleigh's law, not set by hand."""
 LEAST_TURN = 0.1
-"""rad; a heading that is off by less is not broken. Set by hand (0, 0)."""
+"""rad; a heading that is off by less is not broken. Set by hand."""
 LEAST_WAY = 0.1
-"""A position that is off by less than this share of the way is not broken. Set by hand (0, 0)."""
+"""A position that is off by less than this share of the way is not broken. Set by hand."""
 CORE = 0.08
 """Share of the change that may lie outside the stretch at each end. Set by hand (1, 1)."""
 MOST = 12
-"""Stretches of one channel in a record; one with more has no sound part to compare with. Set by hand (0, 0)."""
+"""Stretches of one channel in a record; one with more has no sound part to compare with. Set by hand."""
 MANY = 50000
-"""Of more rows than this some are enough to know what is usual. Set by hand (0, 0)."""
+"""Of more rows than this some are enough to know what is usual. Set by hand."""
 Drift = tuple[int, int, complex]
 """First and last row, and the change."""
 

@@ -22,17 +22,17 @@ NOISE = 0.01
 """A window is so long that the noise of two positions is at most this share of the way made in it. Set by hand (1,
 1)."""
 LONGEST = 40
-"""At most this part of the record is one window. Set by hand (0, 0)."""
+"""At most this part of the record is one window. Set by hand."""
 FLOOR = 0.02
-"""Relative error that instruments leave in any case: compass, log and clocks are no better. Set by hand (0, 0)."""
+"""Relative error that instruments leave in any case: compass, log and clocks are no better. Set by hand."""
 AT_REST = 0.01
-"""Share of the mean square of a record that counts as motion in each piece. Set by hand (0, 0)."""
+"""Share of the mean square of a record that counts as motion in each piece. Set by hand."""
 STEPS = 4
 """Steps of the coarse clock in a window. Set by hand (1, 0)."""
 MARGIN = 32
-"""Rows beyond the ends of a record by which it goes on where it is shifted. Set by hand (0, 0)."""
+"""Rows beyond the ends of a record by which it goes on where it is shifted. Set by hand."""
 FEW = 0.3
-"""A piece with fewer windows than this share of the fullest one says nothing by itself. Set by hand (0, 0)."""
+"""A piece with fewer windows than this share of the fullest one says nothing by itself. Set by hand."""
 
 
 class Stats(NamedTuple):
