@@ -402,17 +402,36 @@ def _unsure(best: Solution, solved: int, settings: Settings, condition: float) -
     return found + ([Message(singular, "ill_conditioned")] if condition > 1e12 else [])
 
 
-Second = Callable[[Ship, Sequence[Trial]], "Mapping[str, float] | str"]
-"""Another estimator: of a ship on trials, values of free coefficients by symbol, or why there are none."""
+@dataclass(frozen=True)
+class SecondEstimate:
+    """What another estimator of the same coefficients finds.
+
+    values: of free coefficients, and of the suspects, by symbol, or why there are none; suspects: symbols of parameters
+    of effects that the trials speak for beside the coefficients, as "current.x", to be fitted along; is_sampled:
+    whether their actuators are taken as joined by straight lines; messages: on both.
+    """
+
+    values: Mapping[str, float] | str
+    suspects: tuple[str, ...] = ()
+    is_sampled: bool = False
+    messages: tuple[Message, ...] = ()
+
+    def of_suspects(self) -> dict[str, float]:
+        """Values of the suspects by symbol."""
+        return {} if isinstance(self.values, str) else {s: self.values[s] for s in self.suspects}
+
+
+Second = Callable[[Ship, Sequence[Trial], bool], SecondEstimate]
+"""Another estimator: of a ship on trials; the last says whether the suspects that it finds are fitted along."""
 SHARE = 0.5
 """Share [-] of the second estimate: the plain mean of both."""
 
 
-def answers(second: Second | None, ship: Ship) -> bool:
-    """Whether a ``second`` estimator is there and knows ``ship``: nothing is free but coefficients and faults of
+def averages(ship: Ship) -> bool:
+    """Whether estimates of ``ship`` are averaged with a second one: nothing is free but coefficients and faults of
     instruments."""
     own = {s.partition(".")[0] for s in ship.free if "." in s}
-    return second is not None and all(name in EFFECTS and EFFECTS[name].measures for name in own)
+    return all(name in EFFECTS and EFFECTS[name].measures for name in own)
 
 
 def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibration:

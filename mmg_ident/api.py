@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from diagnosis.inputs import DiagnosisOptions
     from diagnosis.result import Diagnosis
     from fitting.calibrate import FitOptions
+    from fitting.calibration import SecondEstimate
     from fitting.prediction.predict import Forecaster, Window
     from fitting.prediction.score import Score
     from fitting.result import FitResult
@@ -192,7 +193,8 @@ def calibrate(
     options: uncertainty, instruments, next trial and more (``fitting.calibrate.FitOptions``); progress: called at each
     iteration; values: fields of the settings that differ from these, by name, such as ``window=20.0``. Returns the
     result, whose ``save(folder)`` writes the run folder; ``effects`` tests each effect that the ship has free, by the
-    likelihood of a diagnosis, and warnings say which of the usual suspects the trials speak for. Raises UserError for
+    likelihood of a diagnosis, and warnings say which of the usual suspects the trials speak for, which are fitted
+    along. Raises UserError for
     input from which nothing can be identified, and for values outside their limits.
     """
     from fitting import calibrate as pipeline
@@ -209,12 +211,8 @@ def calibrate(
         from diagnosis.for_calibration import with_effect_tests
 
         tested = unless_interrupted(lambda: with_effect_tests(result, start))
-        result = tested or result.without_parts("tests of effects")
-    if not options.asks_second(settings):
-        return result
-    from diagnosis.for_calibration import with_suspects
-
-    return unless_interrupted(lambda: with_suspects(result, start)) or result.without_parts("usual suspects")
+        return tested or result.without_parts("tests of effects")
+    return result
 
 
 def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnProgress | None = None) -> FitResult:
@@ -231,11 +229,11 @@ def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnP
     return solved_again(fit, hold or {}, progress)
 
 
-def _second_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] | str:
-    """As ``filter_estimate``, whose modules are read only where one is asked for."""
-    from diagnosis.for_calibration import filter_estimate
+def _second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool) -> SecondEstimate:
+    """As ``second_estimate``, whose modules are read only where one is asked for."""
+    from diagnosis.for_calibration import second_estimate
 
-    return filter_estimate(ship, trials)
+    return second_estimate(ship, trials, frees)
 
 
 def score(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,7 @@ import pytest
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from fitting.calibrate import FitOptions, calibrate
-from fitting.calibration import Calibration, answers, with_second
+from fitting.calibration import Calibration, SecondEstimate, averages, with_second
 from fitting.identifiability.analysis import verdict
 from fitting.result import FitResult
 from fitting.settings import Settings
@@ -70,8 +70,8 @@ def test_what_a_fit_says_it_says_of_the_mean() -> None:
     """Also where the second estimate lies nine prior standard deviations from the prior, in all coefficients."""
     ship, train = small_result().start, coarse_runs()[0][:1]
 
-    def second(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float]:
-        return {s: ship.coefficients[s].value + 9 * ship.coefficients[s].std for s in ship.free}
+    def second(ship: Ship, trials: Sequence[Trial], frees: bool) -> SecondEstimate:
+        return SecondEstimate({s: ship.coefficients[s].value + 9 * ship.coefficients[s].std for s in ship.free})
 
     settings = Settings(passes=2, compiled=False)
     result = calibrate(ship, train, (), settings, FitOptions(next_trial=False, instruments=(), second=second))
@@ -113,16 +113,11 @@ def test_why_there_is_no_second_estimate_is_said() -> None:
     assert with_second(unknown, {"X_0F": 1.0}) is unknown
 
 
-def nothing(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float]:
-    """An estimator of no coefficient."""
-    return {}
-
-
-def test_the_second_estimator_is_asked_of_coefficients_alone() -> None:
+def test_estimates_of_coefficients_and_instruments_alone_are_averaged() -> None:
     ship = small_result().start
-    assert answers(nothing, ship) and not answers(None, ship)
-    assert not answers(nothing, freeing_effects(ship, ["current"]))
-    assert answers(nothing, freeing_effects(ship, ["velocity_filter"]))  # an instrument
+    assert averages(ship)
+    assert not averages(freeing_effects(ship, ["current"]))
+    assert averages(freeing_effects(ship, ["velocity_filter"]))  # an instrument
 
 
 @pytest.mark.parametrize(
