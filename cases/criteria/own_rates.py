@@ -260,9 +260,9 @@ def _approach(trials: Sequence[Trial], length: float) -> Approach | None:
         since = trial.t - trial.t[0] - execute.order_time
         if math.isfinite(execute.speed) and execute.speed > 0:
             before = (since < 0) & (since > -APPROACH * length / execute.speed)
-            rudder, n = (x[before][np.isfinite(x[before])] for x in steering(trial))
-            means = [float(np.mean(x)) if len(x) else 0.0 for x in (rudder, n)]
-            rows.append(Approach(execute.speed, *means, (trial.name,)))
+            known = (x[before][np.isfinite(x[before])] for x in steering(trial))
+            rudder, n = (float(np.mean(x)) if len(x) else 0.0 for x in known)
+            rows.append(Approach(execute.speed, rudder, n, (trial.name,)))
     if not rows:
         return None
     speed = float(np.median([row.speed for row in rows]))
