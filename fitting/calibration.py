@@ -43,6 +43,7 @@ from fitting.parallel import with_one_thread
 from fitting.settings import Settings, Start
 from fitting.solvers.control import Control
 from fitting.solvers.noise import ResidualNoise, Resumption, noise_of, solve_row, solve_with_noise_estimation
+from fitting.solvers.reduced import ReducedProblem
 from fitting.solvers.solve import Solution, solve, solve_starts
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.effects import EFFECTS
@@ -435,9 +436,12 @@ def averages(ship: Ship) -> bool:
 
 
 def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibration:
-    """The calibration ``found`` with the means of its estimates and those of a ``second`` estimator. Its covariance has
-    the square of half their difference added: so far each may be off by its own way of seeing what the model lacks. As
-    it is, with a notice, where ``second`` says why it has none."""
+    """The calibration ``found`` with the means of its estimates and those of a ``second`` estimator.
+
+    Its covariance has the square of half their difference added: so far each may be off by its own way of seeing what
+    the model lacks. As it is, with a notice, where ``second`` says why it has none, and where the mean is worse than
+    the second estimate by the objective of ``found``, as no point between two minima of one valley is.
+    """
     if isinstance(second, str):
         return _noted(found, f"the estimate is that of multiple shooting alone: {second}")
     if not np.isfinite(found.covariance).all():
@@ -448,6 +452,16 @@ def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibr
     p = np.clip(found.p + SHARE * apart, *prior.scaled_bounds)
     ratio = apart / np.sqrt(np.diag(found.covariance))
     farthest = ", ".join(f"{prior.symbols[i]} ({ratio[i]:+.1f})" for i in np.argsort(-np.abs(ratio))[:3])
+    reduced = ReducedProblem(found.problem, found.solution.x)
+    costs = [
+        reduced.objective(dict(zip(prior.symbols, (prior.mean + prior.std * at).tolist(), strict=True)))[0]
+        for at in (p, found.p + apart)
+    ]
+    if not costs[0] < costs[1]:
+        words = "the estimate is that of multiple shooting alone: a Kalman filter finds another, and predictions "
+        return _noted(
+            found, f"{words}between both are worse than by either; they differ most in {farthest} standard errors"
+        )
     words = "coefficients are the mean of two estimates, by multiple shooting and by a Kalman filter, which differ most"
     words += f" in {farthest} standard errors of the former; half of that is part of the errors given"
     return _noted(found.with_estimate(p, SHARE**2 * np.outer(apart, apart)), words)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +15,7 @@ from fitting.calibration import Calibration, SecondEstimate, averages, with_seco
 from fitting.identifiability.analysis import verdict
 from fitting.result import FitResult
 from fitting.settings import Settings
+from fitting.solvers.reduced import ReducedProblem
 from mmg.errors import UserError
 from mmg.ship import Ship
 from tests.support.calibrated import small_result
@@ -99,6 +100,25 @@ def test_a_mean_stays_within_the_bounds() -> None:
     mean = with_second(found, far)
     for i in np.flatnonzero(finite):
         assert mean.ship.coefficients[found.prior.symbols[i]].value <= found.prior.upper[i] + 1e-12
+
+
+def test_a_mean_that_is_worse_than_the_second_estimate_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As between two minima: the objective of the problem is replaced by one that has its ridge halfway."""
+    found = calibration()
+    prior, end = found.prior, found.p[found.prior.symbols.index("N_r")]
+    other = {"N_r": prior.mean[prior.symbols.index("N_r")] + (end + 1.0) * prior.std[prior.symbols.index("N_r")]}
+
+    def ridge(_: ReducedProblem, p: Mapping[str, float]) -> tuple[float, np.ndarray]:
+        i = prior.symbols.index("N_r")
+        way = (p["N_r"] - prior.mean[i]) / prior.std[i] - end
+        return way * (1 - way), np.zeros(0)
+
+    assert with_second(found, other).p[prior.symbols.index("N_r")] == pytest.approx(end + 0.5)
+    monkeypatch.setattr(ReducedProblem, "objective", ridge)
+    alone = with_second(found, other)
+    np.testing.assert_array_equal(alone.p, found.p)
+    np.testing.assert_array_equal(alone.covariance, found.covariance)
+    assert sum(m.code == "two_estimates" for m in alone.notices) == 1
 
 
 def test_why_there_is_no_second_estimate_is_said() -> None:
