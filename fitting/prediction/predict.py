@@ -112,7 +112,7 @@ def record_of(trial: Trial, inputs: Sequence[str], values: np.ndarray | None = N
     return Record(trial.t, states, controls, good, trial.has_position, values)
 
 
-def _plan(
+def planned_windows(
     trial: Trial,
     inputs: Sequence[str],
     length: float,
@@ -120,7 +120,11 @@ def _plan(
     short_last: bool,
     values: np.ndarray | None = None,
 ) -> tuple[dict[int, Stretch], list[Message]]:
-    """Windows of one trial by number before simulation, and a note on those left out."""
+    """Windows of a ``trial`` by number before simulation, and a note on those left out.
+
+    inputs: of the model, as of ``Ship.inputs``; length, stride [s], short_last: as of ``window_rows``; values: all
+    coefficients (P,) of the ship in this trial, where they are not the simulator's.
+    """
     record = record_of(trial, inputs, values)
     gap = np.diff(trial.t) > LONGEST_GAP + 2 * trial.dt
     rows = window_rows(trial.t, length, stride, short_last)
@@ -137,7 +141,7 @@ def _plan(
 def whole_windows(trial: Trial, length: float, stride: float, inputs: Sequence[str] = STANDARD) -> int:
     """How many whole windows of ``length`` [s] every ``stride`` [s] of ``trial`` can be predicted by a model with these
     ``inputs``."""
-    return len(_plan(trial, inputs, length, stride, False)[0])
+    return len(planned_windows(trial, inputs, length, stride, False)[0])
 
 
 Predicted = list[tuple[list[Window], list[Message]]]
@@ -167,7 +171,9 @@ def predict_all(
         own = list(simulator.own)
     elif isinstance(simulator, Simulator):
         own = [values_of(simulator.ship, trial) for trial in trials]
-    plans = [_plan(t, simulator.inputs, length, stride, short_last, o) for t, o in zip(trials, own, strict=True)]
+    plans = [
+        planned_windows(t, simulator.inputs, length, stride, short_last, o) for t, o in zip(trials, own, strict=True)
+    ]
     flat = [stretch for kept, _ in plans for stretch in kept.values()]
     if not flat:
         return [([], notes) for _, notes in plans]
