@@ -78,6 +78,22 @@ def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -
     return result
 
 
+def change_over(trials: Sequence[Trial], length: float, stride: float) -> np.ndarray:
+    """What each state changes by since the first row of windows of ``length`` [s] every ``stride`` [s] of ``trials``
+    (rms, (6,)): the unit of an error of a prediction. A heading is wrapped, so that its unit does not grow with every
+    turn, as a standard deviation does; inf of a state that is not measured or does not change.
+    """
+    squares, count = np.zeros(6), np.zeros(6)
+    for trial in trials:
+        states = trial.states
+        for first, last in window_rows(trial.t, length, stride, False):
+            change = wrapped_error(states[first + 1 : last + 1], states[first])
+            squares += np.nansum(change**2, axis=0)
+            count += np.isfinite(change).sum(axis=0)
+    mean = squares / np.maximum(count, 1)
+    return np.where(mean > 0, np.sqrt(mean), np.inf)
+
+
 class ShipsByTrial(Simulator):
     """A simulator of trials in which the ship has coefficients of her own each: ``own`` (trials, P), all of them, in
     the order of the trials that it is to predict."""

@@ -17,9 +17,17 @@ from pydantic_core.core_schema import no_info_plain_validator_function
 
 from cases.inputs import assumed
 from cases.trial import Trial, inside, spans_left_out
-from fitting.prediction.predict import Forecaster, ShipsByTrial, Window, predict_all, record_of, whole_windows
+from fitting.prediction.predict import (
+    Forecaster,
+    ShipsByTrial,
+    Window,
+    change_over,
+    predict_all,
+    record_of,
+    whole_windows,
+)
 from fitting.prediction.stretches import Adaptation, default_past
-from fitting.prediction.unit_errors import UnitErrors, errors_in_units, is_worse, window_for
+from fitting.prediction.unit_errors import STATE_ERRORS, UnitErrors, errors_in_units, is_worse
 from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError
 from mmg.messages import Message
@@ -141,17 +149,14 @@ def scores_by_set(model: Simulator | Forecaster, sets: Mapping[str, Sequence[Tri
     Trials without positions are left out, and so is a set in which one state never changes, as it gives no sigma, and
     one in which no whole window of 30 s is measured.
     """
-    placed = {name: [t for t in trials if t.has_position] for name, trials in sets.items()}
-    every = [t for trials in placed.values() for t in trials]
-    # of all together, so that their errors in units compare
-    length = model.ship.particulars["L"] if isinstance(model, Simulator) else None
-    window, scores = window_for(every, length) if every else 0.0, {}
-    for name, located in placed.items():
+    scores = {}
+    for name, trials in sets.items():
+        located = [t for t in trials if t.has_position]
         try:
             sigma = pooled_sigma(located)
         except UserError:
             continue
-        found = score(model, located, sigma, f"the {name} trials", units=window)
+        found = score(model, located, sigma, f"the {name} trials", units=0.0)
         if any(t.windows for t in found.trials):
             scores[name] = found
     return scores
@@ -272,32 +277,29 @@ class ScorePair:
     after: Score
 
     def worse(self, name: str) -> list[Message]:
-        """Messages on metrics that became worse; name: of the set of trials, such as "validation"."""
-        windows = ("30 s windows", self.before.window, self.after.window)
-        restarts = ("100 s restarts", self.before.paper, self.after.paper)
-        return [
-            Message(f"{label} of the {name} trials became worse: {before:.4f} -> {in_words(after)}", "worse_after")
-            for label, before, after in (windows, restarts)
-            if is_worse(before, after)
-        ]
+        """A message on the states that are predicted worse; name: of the set of trials, such as "validation"."""
+        old, new = self.before.units, self.after.units
+        if not (old and new):
+            return []
+        words = []
+        for key, (state, unit) in STATE_ERRORS.items():
+            before, after = getattr(old.pooled, key), getattr(new.pooled, key)
+            words += [f"{state} {before:.3g} -> {after:.3g} {unit}"] if is_worse(before, after) else []
+        text = f"rms errors of the {name} trials over {new.window_s:g} s windows became worse: {', '.join(words)}"
+        return [Message(text, "worse_after")] if words else []
 
     @property
     def worse_runs(self) -> tuple[str, ...]:
-        """Runs that became worse, with their errors in units before and after, in words.
-
-        Judged by 30 s windows, and by the share of change where the windows that suit the ship are longer.
-        """
-        units, found = (self.before.units, self.after.units), []
-        for k, (before, after) in enumerate(zip(self.before.trials, self.after.trials, strict=True)):
-            numbers, words = (before.window, after.window), f"{in_words(before.window)} -> {in_words(after.window)}"
-            if units[0] and units[1]:
-                b, a = units[0].runs[k], units[1].runs[k]
-                numbers = (b.share_of_change, a.share_of_change) if units[1].window_s > WINDOW else numbers
-                words = f"position {b.position_m:.3g} -> {a.position_m:.3g} m, "
-                words += f"heading {b.heading_deg:.3g} -> {a.heading_deg:.3g} deg"
-            if is_worse(*numbers):
-                found.append(f"{after.name} ({words})")
-        return tuple(found)
+        """Runs that became worse as a share of what the states change by, with their errors in units, in words."""
+        if not (self.before.units and self.after.units):
+            return ()
+        pairs = zip(self.before.units.runs, self.after.units.runs, strict=True)
+        return tuple(
+            f"{after.name} (position {before.position_m:.3g} -> {after.position_m:.3g} m, "
+            f"heading {before.heading_deg:.3g} -> {after.heading_deg:.3g} deg)"
+            for before, after in pairs
+            if is_worse(before.share_of_change, after.share_of_change)
+        )
 
     def worse_by_run(self, name: str) -> list[Message]:
         """A message that lists the runs that became worse; name: of the set of trials, such as "validation"."""
@@ -345,7 +347,8 @@ def score_pairs(before: Mapping[str, Score], after: Mapping[str, Score]) -> dict
 def adaptation_worth(
     simulator: Simulator, held_out: Sequence[Trial], without: np.ndarray | None = None
 ) -> dict[str, Any] | None:
-    """Both metrics on ``held_out`` trials without and with the past of each window, as plain values.
+    """Both metrics on ``held_out`` trials without and with the past of each window, as plain values: errors divided by
+    what the states change by over 30 s.
 
     simulator: of the calibrated ship; without: (R, P) coefficients by which each trial is predicted where they are
     those of the calibration, each without its trial. Adapting is worthwhile when 30 s windows become better and 100 s
@@ -357,11 +360,9 @@ def adaptation_worth(
     if without is not None:
         own = np.where(np.isfinite(without).all(axis=1)[:, None], without, simulator.ship.values)
         simulator = ShipsByTrial(simulator.ship, own[kept], simulator.compiled)
-    past = default_past(simulator.ship)
-    try:
-        sigma = pooled_sigma(located)
-        bare, adapted = (score(simulator, located, sigma, adapt=seconds) for seconds in (None, past))
-    except UserError:
+    past, unit = default_past(simulator.ship), change_over(located, WINDOW, STRIDE)
+    bare, adapted = (score(simulator, located, unit, adapt=seconds) for seconds in (None, past))
+    if math.isnan(bare.window):
         return None
     good = adapted.window < GAIN * bare.window and not adapted.paper > HARM * bare.paper
     return {
@@ -385,12 +386,12 @@ def past_to_use(result: Mapping[str, Any], wanted: float | None) -> tuple[float,
         return 0.0, []
     try:
         pays, default = bool(known["worthwhile"]), float(known["past_s"])
-        before, after = known["without"], known["with"]
+        changes = [known["with"][metric] / known["without"][metric] - 1 for metric in ("window", "paper")]
         told = (
-            f"on the {SETS.get(known['trials'], known['trials'])} 30 s windows {before['window']:.4f} -> "
-            f"{after['window']:.4f}, 100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}"
+            f"on the {SETS.get(known['trials'], known['trials'])} mean squared errors of 30 s windows "
+            f"change by {changes[0]:+.0%}, of 100 s restarts by {changes[1]:+.0%}"
         )
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
         words = "whether the past of a window pays with this model is not known: calibrate it with mmg fit to find out"
         words += "" if wanted else "; it is not used, --adapt 30 uses it"
         return wanted or 0.0, [Message(words, "adaptation_untested")]
