@@ -27,7 +27,7 @@ from fitting.prediction.predict import (
     whole_windows,
 )
 from fitting.prediction.stretches import Adaptation, default_past
-from fitting.prediction.unit_errors import STATE_ERRORS, UnitErrors, errors_in_units, is_worse
+from fitting.prediction.unit_errors import REFERENCES, STATE_ERRORS, RunErrors, UnitErrors, errors_in_units, is_worse
 from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError
 from mmg.messages import Message
@@ -121,20 +121,35 @@ class Score:
         return TypeAdapter(cls).validate_python(row)
 
     def to_pandas(self) -> Any:
-        """A DataFrame with a row per trial: both metrics, the number of windows, the 30 s metric by state."""
+        """A DataFrame with a row per trial: errors in units where they are known, both metrics, the number of windows,
+        the 30 s metric by state."""
         import pandas as pd
 
+        units = [_units_of(run) for run in self.units.runs] if self.units else [{} for _ in self.trials]
         rows = [
-            {"paper": t.paper, "window": t.window, "windows": t.windows}
+            {**own, "paper": t.paper, "window": t.window, "windows": t.windows}
             | {f"window_{s}": value for s, value in t.window_by_state.items()}
-            for t in self.trials
+            for t, own in zip(self.trials, units, strict=True)
         ]
         return pd.DataFrame(rows, index=pd.Index([t.name for t in self.trials], name="trial"))
 
     def _repr_html_(self) -> str:
         rows = [(t.name, t.window, t.paper, t.windows) for t in self.trials]
         header = ("trial", "30 s windows", "100 s restarts", "windows")
-        return html_table("Mean squared normalised error", header, [*rows, ("all rows", self.window, self.paper, None)])
+        every = [*rows, ("all rows", self.window, self.paper, None)]
+        normalised = html_table("Mean squared normalised error (Eq. 25)", header, every)
+        if self.units is None:
+            return normalised
+        by_run = [(run.name, *_units_of(run).values()) for run in (*self.units.runs, self.units.pooled)]
+        for name, errors in self.units.references.items():
+            by_run.append((REFERENCES[name], *_units_of(errors.pooled).values()))
+        title = f"rms errors over {self.units.window_s:g} s windows"
+        return html_table(title, ("trial", *STATE_ERRORS), by_run) + normalised
+
+
+def _units_of(run: RunErrors) -> dict[str, float]:
+    """Errors of a ``run`` by key of STATE_ERRORS."""
+    return {key: getattr(run, key) for key in STATE_ERRORS}
 
 
 NOTHING = "nothing to score"
