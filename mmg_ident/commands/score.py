@@ -208,7 +208,7 @@ def _print_units(units: Mapping[str, UnitErrors]) -> None:
         rows.append((run.name if run.windows else f"{run.name}: {NOTHING}", *[""] * 6))
         for name, scored in every.items() if run.windows else ():
             own = [*scored.runs, scored.pooled][i]
-            rows.append((f"  {name}", *_numbers(own), f"{100 * own.share_of_change:.3g}" if own.scored else ""))
+            rows.append((f"  {name}", *_numbers(own), f"{100 * own.share_of_change:.1f}" if own.scored else ""))
     times = f", {first.ship_times:.1f} L/U" if first.ship_times else ""
     title = f"\nover {first.window_s:g} s windows{times} (share: of what the states change by)"
     cli.print_table(("rms errors", *heads, "share|n"), rows, title)

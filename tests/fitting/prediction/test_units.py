@@ -115,7 +115,10 @@ def test_runs_that_became_worse_are_listed_with_their_errors(ship: Ship, trials:
     assert len(pair.worse_runs) == 2 and "position" in pair.worse_runs[0] and " deg" in pair.worse_runs[0]
     (message,) = pair.worse_by_run("validation")
     assert "turning_35" in message
-    assert ScorePair(bad, good).worse_by_run("validation") == []
+    assert [m.code for m in pair.worse("validation")] == ["worse_after"] and pair.unbeaten("validation") == []
+    assert ScorePair(bad, good).worse_by_run("validation") == ScorePair(bad, good).worse("validation") == []
+    braked = score(Simulator(ship.with_values({"X_0F": -0.09})), trials, sigma, units=0.0)
+    assert [m.code for m in ScorePair(good, braked).unbeaten("validation")] == ["worse_than_persistence"]
 
 
 def stretch_of(states: np.ndarray, controls: np.ndarray, dt: float) -> Stretch:
