@@ -269,9 +269,7 @@ def score(
     for size, each in ((PAPER_WINDOW, [r.restarts for r in rows]), (WINDOW, [r.windows for r in rows])):
         if names := ", ".join(row.name for row, count in zip(rows, each, strict=True) if not count):
             notes.append(Message(f"{names}: nothing to score over {size:g} s", NOTHING_SCORED))
-    errors, known = None, (WINDOW, STRIDE, short)
-    if units is not None:
-        errors = errors_in_units(simulator, trials, units or None, method, past, known, baseline)
+    errors = None if units is None else errors_in_units(simulator, trials, units or None, method, past, baseline)
     used = past.seconds if past else 0.0
     said = tuple(dict.fromkeys(notes))
     return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, said, errors, used)

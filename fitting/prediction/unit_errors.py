@@ -207,22 +207,18 @@ def errors_in_units(
     window: float | None = None,
     method: str = "rk4",
     adaptation: Adaptation | None = None,
-    known: tuple[float, float, Predicted] | None = None,
     baseline: Forecaster | None = None,
 ) -> UnitErrors:
     """Errors of ``simulator`` on ``trials`` in units, over windows of ``window`` [s], None: as of ``window_for``.
 
-    method: "rk4" or "euler"; adaptation: use the past of each window; known: length and stride [s] of whole windows
-    that are predicted already, and what ``predict_all`` gave; baseline: what the model must beat beside persistence.
-    Manoeuvres are predicted from their order on with the measured inputs, of a ship and without adaptation only.
+    method: "rk4" or "euler"; adaptation: use the past of each window; baseline: what the model must beat beside
+    persistence. Manoeuvres are predicted from their order on with the measured inputs, of a ship and without adaptation
+    only.
     """
     length = simulator.ship.particulars["L"] if isinstance(simulator, Simulator) else None
     size = window or window_for(trials, length)
     unit = ship_time(trials, length) if length else math.nan
-    if known and known[:2] == (size, 0.5 * size):
-        found = known[2]
-    else:
-        found = predict_all(simulator, trials, size, 0.5 * size, False, method, adaptation=adaptation)
+    found = predict_all(simulator, trials, size, 0.5 * size, False, method, adaptation=adaptation)
     own = _summed(trials, found, size, unit)
     if isinstance(simulator, Simulator) and length and adaptation is None:
         held = zip(own.runs, _maneuvers(simulator, trials, length, method), strict=True)
