@@ -149,17 +149,22 @@ class UnitErrors:
         return {**early, END: self.window_s}
 
     def defeats(self, by_run: bool = True) -> list[str]:
-        """A sentence for each reference that is better in a state over all runs, and ``by_run`` in one of them."""
+        """A sentence for each reference that is better over all runs, at one of the times that errors are told, or
+        ``by_run`` over the windows of one of them."""
         told = []
         for name, reference in self.references.items():
-            pooled = [words for _, words in _defeats(self.pooled, reference.pooled)]
-            parts = [f"over all runs {', '.join(pooled)}"] if pooled else []
-            pairs = zip(self.runs, reference.runs, strict=True) if by_run else ()
-            lost = {own.name: rows[0] for own, other in pairs if (rows := _defeats(own, other))}
-            if lost and len(self.runs) > 1:
-                worst = max(lost, key=lambda run: lost[run][0])
-                count = f"on {len(lost)} of {len(self.runs)} runs, most " if len(lost) > 1 else ""
-                parts.append(f"{count}on {worst} {lost[worst][1]}")
+            parts = []
+            for key, seconds in self.seconds.items():
+                own, other = (errors.pooled.after.get(key, StateErrors()) for errors in (self, reference))
+                if lost := _defeats(own, other):
+                    first, *rest = lost
+                    parts.append(f"after {seconds:.3g} s in {', '.join([f'{first} ({lost[first][1]})', *rest])}")
+            pairs = zip(self.runs, reference.runs, strict=True) if by_run and len(self.runs) > 1 else ()
+            worst = {own.name: next(iter(lost.items())) for own, other in pairs if (lost := _defeats(own, other))}
+            if worst:
+                run, (state, (_, words)) = max(worst.items(), key=lambda row: row[1][1][0])
+                count = f"on {len(worst)} of {len(self.runs)} runs, most " if len(worst) > 1 else ""
+                parts.append(f"{count}on {run} in {state} ({words})")
             if parts:
                 told.append(f"worse than {REFERENCES[name]} {'; '.join(parts)}")
         return told
@@ -170,14 +175,14 @@ def is_worse(before: float, after: float) -> bool:
     return after > (1 + NOTED) * before + 1e-6
 
 
-def _defeats(own: RunErrors, reference: RunErrors) -> list[tuple[float, str]]:
-    """States in which the ``reference`` is better, the worst first: ratio of the errors, and words on both."""
-    found = []
+def _defeats(own: RunErrors | StateErrors, reference: RunErrors | StateErrors) -> dict[str, tuple[float, str]]:
+    """States in which the ``reference`` is better, the worst first, each with the ratio of the errors and both."""
+    found = {}
     for key, (state, unit) in STATE_ERRORS.items():
         mine, other = getattr(own, key), getattr(reference, key)
-        if own.scored and reference.scored and is_worse(other, mine):
-            found.append((mine / max(other, 1e-9), f"in {state}: {mine:.3g} against {other:.3g} {unit}"))
-    return sorted(found, reverse=True)
+        if is_worse(other, mine) and math.isfinite(mine):
+            found[state] = (mine / max(other, 1e-9), f"{mine:.3g} against {other:.3g} {unit}")
+    return dict(sorted(found.items(), key=lambda row: row[1][0], reverse=True))
 
 
 def ship_time(trials: Sequence[Trial], length: float) -> float:
