@@ -249,7 +249,8 @@ def hybrid_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial]
         # of the ship, not of the measurement: differences of noisy velocities would make the scale too large
         rates = physics.rates(physics.start(logged, controls), controls)[3:6].numpy()
     output = OUTPUT * np.sqrt((rates**2).mean(axis=1)) + LEAST_SCALE
-    return replace(scales, output=output, score=change_over(trials, WINDOW, STRIDE))
+    change = change_over(trials, WINDOW, STRIDE)
+    return replace(scales, output=output, score=np.where(np.isfinite(change), change, scales.sigma))
 
 
 HYBRID_KIND = ModelKind(build_hybrid, hybrid_scales, lambda s: s.inputs, lambda s: Physics(s).logged_features)
