@@ -19,6 +19,7 @@ from cases.checks import CheckReport, check
 from cases.checks.folders import duplicates
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, Found
 from cases.checks.stretches import BrokenStretch, broken_stretches
+from cases.inputs import SAMPLED
 from cases.io.campaigns import Campaigns, Groups, campaign_labels, campaigns_of, group_trials, ship_of_campaign
 from cases.io.read import read_trials
 from cases.io.sidecar import line_for
@@ -107,6 +108,11 @@ class TrialSet(Sequence[Trial]):
             return self
         ship_of_campaign(ship, name)
         return TrialSet(tuple(replace(trial, meta={**trial.meta, "campaign": name}) for trial in self))
+
+    @property
+    def sampled(self) -> TrialSet:
+        """The trials with actuators that move along straight lines from sample to sample, whatever trials.toml says."""
+        return TrialSet(tuple(replace(trial, meta={**trial.meta, "inputs": SAMPLED}) for trial in self))
 
     @property
     def remarks(self) -> list[Message]:

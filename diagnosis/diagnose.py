@@ -19,7 +19,7 @@ from cases.evidence.kinematics import Kinematics
 from cases.inputs import assumed
 from cases.io.campaigns import Groups, ship_in
 from cases.io.site import Site, read_site
-from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.effects import freeing_effects, without_suspects
 from cases.trial import Trial
 from cases.trial_set import TrialSet
 from diagnosis import summary
@@ -102,6 +102,7 @@ def diagnose(
         place = site if isinstance(site, Site) else read_site(trials, ship, site)
         kept, shared = independent_tests(trials, tests)
         known = calibration_trials(ship, trials, calibrated_on)
+        ship = without_suspects(ship, surroundings_only=known.other)
         remarks += [*TrialSet((*trials, *kept)).remarks, *by_role, *copies, *shared, *known.remarks, *place.notices]
         remarks += assumed((*trials, *kept), ship.inputs)
         told = told_of_predictions(ship, calibrated_on)

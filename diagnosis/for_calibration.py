@@ -10,29 +10,42 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from cases.criteria.standard_runs import approach_speed, simulated_run
 from cases.evidence.kinematics import consistency
 from cases.evidence.tails import chi2_tail
+from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column, parameters
 from diagnosis.estimation.gridded_trials import possible_readings
-from diagnosis.estimation.map_estimate import BrokenModelError, Estimate
+from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
-from diagnosis.estimation.parameters import set_values
+from diagnosis.estimation.parameters import priors_of_effects, set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
-from diagnosis.hypotheses.forward_selection import select_effects
+from diagnosis.hypotheses.forward_selection import Selection, select_effects
 from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.inputs import diagnosable_trials
-from diagnosis.prepare import CLEAR, fit_as_read, fit_of_more, prepare, priors_before, with_sensor_faults
+from diagnosis.prepare import (
+    CLEAR,
+    InputReading,
+    Prepared,
+    fit_as_read,
+    fit_of_more,
+    prepare,
+    priors_before,
+    with_sensor_faults,
+)
 from diagnosis.summary import parameters_of
+from fitting.calibration import SecondEstimate
 from fitting.nlp.windows import default_step
 from fitting.record import EffectTest, EffectValue, MessageRow
 from fitting.result import FitResult
 from mmg.errors import NotCalibrated, Unsupported, UserError
+from mmg.messages import Message
 from mmg.ship import Ship
 
 MOST = 40_000
@@ -45,23 +58,94 @@ FINE = 0.25
 one reading is fitted then, not both."""
 
 
-def filter_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] | str:
-    """Values of the free coefficients of ``ship`` by symbol, from ``trials``, or why there are none.
+SUSPECTS = {
+    "antenna_offset": "if it is known, say reference_point in trials.toml",
+    "current": "--per-run current gives each run its own",
+    "log_scale": "correct the log, or leave it to the fit",
+    "heading_bias": "correct the heading, or leave it to the fit",
+}
+"""What is wrong with most campaigns where something is, and what to do: instruments and surroundings that coefficients
+make up for. Velocity filter, gyro and inputs held or sampled are found before any fit."""
+FREE_IT = 'free it with "--with {}"'
+BESIDE = ("tow",)
+"""Tested beside them and not said: a steady force is what a resistance looks like that the priors have wrong."""
 
-    The most likely ones with random forces, gusts and sensor noise of estimated sizes, as predictions of the next
-    sample tell; free faults of instruments are found anew by the kinematics of the trials. Priors are the values
-    and standard deviations of the ship, as in a calibration.
+
+def second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool = True) -> SecondEstimate:
+    """Values of the free coefficients of ``ship`` from ``trials``, and the usual suspects that these speak for.
+
+    The values are the most likely ones with random forces, gusts and sensor noise of estimated sizes, as predictions of
+    the next sample tell; faults of instruments that the kinematics of the trials show are in the model. Priors are the
+    values and standard deviations of the ship, as in a calibration. Suspects are selected as a diagnosis selects
+    effects, beside coefficients and random forces, with odds of more than 20 to 1; frees: whether they are fitted along
+    from then on. A message says of each its size and what it moves, or why there is no estimate.
     """
-    ship = _as_stated(ship)
-    for name in {s.partition(".")[0] for s in ship.free if "." in s}:
-        ship = ship.without_effect(name)
+    own = {s.partition(".")[0] for s in ship.free if "." in s}
     try:
-        ship, kept, few = _for_filter(ship, trials)
-        found, null = _fitted(ship, kept, few)
-    except (UserError, BrokenModelError, np.linalg.LinAlgError) as error:
-        return f"a filter could not be fitted ({error})"
-    values = dict(zip(found.symbols, null.theta.tolist(), strict=True))
-    return {s: values[s] for s in null.free.symbols if "." not in s}
+        full, kept, few = _for_filter(_as_stated(ship), trials)
+        ready, few = _prepared(full, kept, few)
+        mine = tuple(c for c in ready.problem.candidates if c.effect not in own)
+        found = select_effects(replace(ready.problem, candidates=mine), ready.null)
+        rows = [(k, c) for k, c in enumerate(found.effects) if c.effect not in BESIDE]
+        read = _of_reading(ready.reading, frees)
+        messages = (*read, *(_of_suspect(ship, ready, found, k, frees) for k, _ in rows))
+        suspects = [c for _, c in rows] if frees else []
+        final, free = found.null, ready.problem.base + priors_of_effects(suspects)
+        if suspects or len(few) < len(kept):
+            final = fit_of_more(ready, kept, free, found.final)
+    except Exception as error:  # a fit is not lost by what it is compared with
+        return SecondEstimate(f"a filter could not be fitted ({error or type(error).__name__})")
+    symbols = tuple(s for c in suspects for s in c.symbols)
+    values = {s: final.value(s) for s in free.symbols if "." not in s or s in symbols}
+    return SecondEstimate(values, symbols, frees and bool(read), messages)
+
+
+def _prepared(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tuple[Prepared, Sequence[Trial]]:
+    """The fit without effects to a ``few`` of the ``trials``, or to all where those cannot be fitted; and to which."""
+    try:
+        return prepare(ship, few, straight=_clear_reading(trials, ship), effects=(*SUSPECTS, *BESIDE)), few
+    except UserError:
+        if len(few) == len(trials):
+            raise
+        return _prepared(ship, trials, trials)
+
+
+def _of_reading(reading: InputReading, frees: bool) -> list[Message]:
+    """That inputs were sampled, where the trials speak for it; frees: whether they are taken as such from then on."""
+    if not (reading.straight and reading.gain is not None and reading.gain > CLEAR):
+        return []
+    words = "the trials speak for rudder and revolutions that move along straight lines between their samples (log "
+    words += f"likelihood +{reading.gain:.0f}), "
+    words += "as which they are taken" if frees else "which the fit holds from sample to sample"
+    return [Message(f'{words}; say inputs = "sampled" in trials.toml, for other commands too', "suspect")]
+
+
+def _of_suspect(ship: Ship, ready: Prepared, found: Selection, number: int, frees: bool) -> Message:
+    """The effect of this ``number`` in the selection ``found``: its size, what it moved, and what to do."""
+    c = found.effects[number]
+    sizes = [
+        f"{symbol} = {x.value:.3g} ± {x.std:.2g} {x.unit}".rstrip()
+        for symbol, x in parameters_of(ready.full, found.final, c).items()
+        if x.std > 0
+    ]
+    words = f"the trials speak for {c.effect} ({', '.join(sizes)}; log odds {found.evidence[number]:.0f})"
+    words += ", which is fitted along" if frees else ", for which coefficients make up"
+    before, after = (_tactical_diameter(ship, fit) for fit in found.fits[number : number + 2])
+    if before and after:
+        words += f": it moves the tactical diameter from {before:.3g} to {after:.3g} L"
+    return Message(f"{words}; {SUSPECTS[c.effect] if frees else FREE_IT.format(c.effect)}", "suspect")
+
+
+def _tactical_diameter(ship: Ship, fit: Estimate) -> float | None:
+    """Of the ``ship`` with the coefficients of a ``fit`` and 35 deg of rudder [L], None where she does not turn."""
+    calm, _ = calm_and_deep(
+        ship.with_values({s: fit.value(s) for s in fit.free.symbols if s in ship.free and "." not in s})
+    )
+    try:
+        run = simulated_run(calm, "turning:35", approach_speed(calm)[0])
+    except UserError:
+        return None
+    return run.figures["tactical_diameter"] / run.length if "tactical_diameter" in run.figures else None
 
 
 def _for_filter(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, Sequence[Trial], Sequence[Trial]]:
@@ -84,67 +168,6 @@ def _as_stated(ship: Ship) -> Ship:
     return ship.without_network().with_coefficients({s: c for s, c in rows.items() if c != ship.coefficients[s]})
 
 
-SUSPECTS = {
-    "antenna_offset": 'say reference_point in trials.toml, or free it with "--with antenna_offset"',
-    "current": 'free it with "--with current", or --per-run current where each run has its own',
-    "log_scale": 'free it with "--with log_scale"',
-    "heading_bias": 'free it with "--with heading_bias"',
-}
-"""What is wrong with most campaigns where something is, and what to do: instruments and surroundings that coefficients
-make up for. Velocity filter, gyro and inputs held or sampled are found before any fit."""
-BESIDE = ("tow",)
-"""Tested beside them and not said: a steady force is what a resistance looks like that the priors have wrong."""
-LEAST = 0.1
-"""Share of its typical size from which a suspect matters, as of changes over months."""
-
-
-def usual_suspects(ship: Ship, trials: Sequence[Trial]) -> list[str]:
-    """A sentence for inputs that were sampled and not held, and for each of SUSPECTS, that ``trials`` of a ``ship``
-    speak for beside her free coefficients and random forces, with odds of more than 20 to 1.
-
-    Effects are selected as in a diagnosis. Raises UserError where nothing can be fitted.
-    """
-    free = {s.partition(".")[0] for s in ship.free if "." in s}
-    ship, kept, few = _for_filter(_as_stated(ship), trials)
-    ready = prepare(ship, few, straight=_clear_reading(kept, ship))
-    tested = {*SUSPECTS, *BESIDE} - free
-    mine = tuple(c for c in ready.problem.candidates if c.effect in tested)
-    found, reading = select_effects(replace(ready.problem, candidates=mine), ready.null), ready.reading
-    rows = []
-    if reading.straight and reading.gain is not None and reading.gain > CLEAR:
-        rows.append(
-            "the trials speak for rudder and revolutions that move along straight lines between their samples (log "
-            f'likelihood +{reading.gain:.0f}), which the fit held: say inputs = "sampled" in trials.toml'
-        )
-    for c, evidence in zip(found.effects, found.evidence, strict=True):
-        off = [abs(found.final.value(s) - n) / t for s, n, t in zip(c.symbols, c.neutral, c.typical, strict=True)]
-        if c.effect in BESIDE or max(off) < LEAST:
-            continue
-        sizes = [
-            f"{symbol} = {x.value:.3g} ± {x.std:.2g} {x.unit}".rstrip()
-            for symbol, x in parameters_of(ready.full, found.final, c).items()
-            if x.std > 0
-        ]
-        said = f"{c.effect} ({', '.join(sizes)}; log odds {evidence:.0f})"
-        rows.append(f"the trials speak for {said}, for which coefficients make up: {SUSPECTS[c.effect]}")
-    return rows
-
-
-def with_suspects(result: FitResult, ship: Ship) -> FitResult:
-    """``result`` of the calibration of a ``ship`` with a warning on each of the ``usual_suspects``."""
-    if result.objects is None or not result.converged:
-        return result
-    began = time.perf_counter()
-    try:
-        rows = [MessageRow("warning", "suspect", words) for words in usual_suspects(ship, result.objects.trials)]
-    except Exception as error:  # a finished fit is not lost by a test of it
-        why = f"the usual suspects were not tested: {error or type(error).__name__}"
-        rows = [MessageRow("notice", "suspects_not_tested", why)]
-    seconds = time.perf_counter() - began
-    timings = {**result.timings_s, "suspects": seconds, "wall": result.timings_s.get("wall", 0.0) + seconds}
-    return replace(result, messages=(*result.messages, *rows), timings_s=timings)
-
-
 def _clear_reading(trials: Sequence[Trial], ship: Ship) -> bool | None:
     """How actuators are read where samples are so short that it hardly matters, None where it does."""
     is_fine = max(t.dt for t in trials) <= FINE * default_step(trials, ship.particulars["L"])
@@ -161,18 +184,6 @@ def _some(trials: Sequence[Trial], every: int) -> Sequence[Trial]:
     share = _duration(trials) / every
     each = [trials[first::every] for first in range(min(every, len(trials)))]
     return min(each, key=lambda some: abs(_duration(some) - share))
-
-
-def _fitted(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tuple[Ship, Estimate]:
-    """The fit without effects to all ``trials``, begun at that to a ``few`` of them; and the ship whose coefficients it
-    has."""
-    try:
-        ready = prepare(ship, few, straight=_clear_reading(trials, ship), tests_follow=False)
-    except UserError:
-        if len(few) == len(trials):
-            raise
-        return _fitted(ship, trials, trials)
-    return ready.full.ship, ready.null if len(few) == len(trials) else fit_of_more(ready, ship, trials)
 
 
 LEVEL = 0.05

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,6 @@ from diagnosis.estimation.candidates import (
     Column,
     FullModel,
     ship_with_all_effects,
-    ship_with_latent_force,
 )
 from diagnosis.estimation.first_fit import MAX_FITS, FirstFit, fit_without_effects
 from diagnosis.estimation.gridded_trials import COARSE, can_divide, possible_readings
@@ -27,7 +26,7 @@ from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
-from diagnosis.estimation.parameters import Priors, get_values
+from diagnosis.estimation.parameters import Priors, set_values
 from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.refit import SearchProblem
@@ -151,19 +150,18 @@ def prepare(
     other_trials: bool = False,
     reference: Sequence[Trial] = (),
     straight: bool | None = None,
-    tests_follow: bool = True,
+    effects: Collection[str] | None = None,
 ) -> Prepared:
     """Put the trials on a grid, choose how inputs are interpolated, and fit without any effect.
 
     ship: with its priors; trials: to diagnose; site: what is known of the place; step: of the grid [s]; other_trials:
     the ship was calibrated on others; reference: those trials, beyond whose usual misfit an effect must go; straight:
-    whether the actuators of ``trials`` are joined, where it is known; tests_follow: whether effects are tested after
-    the fit; else the model has none but those of the ship. Returns the problem with its first fit. Raises UserError
-    where every coefficient is fixed, or all trials are too short.
+    whether the actuators of ``trials`` are joined, where it is known; effects: those that the model has at most, beside
+    the ship's own, None for all that can be tested. Returns the problem with its first fit. Raises UserError where
+    every coefficient is fixed, or all trials are too short.
     """
     place = site or Site({}, {})
-    every = [*trials, *reference] if tests_follow else None
-    full = ship_with_all_effects(ship, every, place.held, place.start) if every else ship_with_latent_force(ship)
+    full = ship_with_all_effects(ship, [*trials, *reference], place.held, place.start, effects)
     base = priors_before(ship, other_trials and not reference)
     if {c.symbol.partition(".")[0] for c in base.columns} <= set(FITTED_ALONG):
         raise Missing(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
@@ -198,7 +196,7 @@ def prepare(
         finer = finer_step(steps, data, null, sample, can_divide(trials, sample))
     if finer is not None:
         LOGGER.info(f"the random force changes too much over {data.h:g} s for sensors as quiet as these: {finer:g} s")
-        finely = prepare(ship, trials, site, finer, other_trials, straight=reading.chosen, tests_follow=tests_follow)
+        finely = prepare(ship, trials, site, finer, other_trials, straight=reading.chosen, effects=effects)
         notices = [*reading.notices, *finely.notices]
         return finely if reading.chosen is None else replace(finely, reading=reading, notices=tuple(notices))
     if gap > 1:
@@ -265,19 +263,21 @@ def fit_as_read(
     return better.finished(steps), InputReading(gain > 0, abs(gain), sample, length)
 
 
-def fit_of_more(few: Prepared, ship: Ship, trials: Sequence[Trial]) -> Estimate:
-    """The fit without effects of ``trials`` of a ``ship`` that begins where that of a ``few`` of them ended: at its
-    coefficients, sizes of the noise and correlation times, with samples as far apart and inputs read alike. Raises
-    BrokenModelError."""
-    steps, base = few.problem.steps, priors_before(ship)
+def fit_of_more(few: Prepared, trials: Sequence[Trial], free: Priors, begin: Estimate) -> Estimate:
+    """The fit of what is ``free`` to ``trials``, of which a ``few`` were fitted before.
+
+    It begins at the values, sizes of the noise and correlation times of ``begin``, with samples as far apart and inputs
+    read as in that fit; other coefficients stay where the ``few`` began. Raises BrokenModelError.
+    """
+    steps, ship = few.problem.steps, few.full.ship
     data = trials_in_gusts(steps, trials, few.reading.straight).thinned(few.gap)
-    theta = few.null.theta
-    p = (get_values(steps.ship, data, theta, base.columns) - base.mean) / base.std
-    noise = wider(few.null.noise, ship).with_(prior=None)
-    null = estimate(steps, data, initial_point(steps, data, theta, base, noise, p), MAX_FITS)
-    if not null.converged:
-        null = estimate(steps, data, null, MAX_FITS)
-    return null
+    values = np.array([begin.value(*c) for c in free.columns])
+    theta = set_values(steps.ship, data, few.null.theta, free.columns, values)
+    noise = wider(begin.noise, ship).with_(prior=None)
+    found = estimate(
+        steps, data, initial_point(steps, data, theta, free, noise, (values - free.mean) / free.std), MAX_FITS
+    )
+    return found if found.converged else estimate(steps, data, found, MAX_FITS)
 
 
 def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Message]]:

@@ -11,14 +11,15 @@ import numpy as np
 
 from cases.checks.single import doubtful_revolutions
 from cases.criteria.own_rates import with_own_rates
-from cases.shipfiles.effects import varying_effects
+from cases.shipfiles.effects import suspects_in, varying_effects, with_suspects
 from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
 from cases.trial_set import TrialSet, shared_rows
 from fitting.calibration import (
     Calibration,
     Second,
-    answers,
+    SecondEstimate,
+    averages,
     estimate_coefficients,
     finished,
     solve_again,
@@ -65,14 +66,14 @@ class FitOptions:
     bootstrap: refits to runs drawn with replacement; profile: coefficients whose likelihood is profiled; next_trial:
     whether trials are named that would determine what is left open; per_run: effects of which each run has its own
     constants ("NAME" or "NAME:parameter=prior"); per_campaign: instruments that may differ between campaigns, () for
-    the usual ones, ("none",) for none; instruments: as of ``with_instruments``; captive: points of captive tests that
-    are fitted too; start: values from which the solver begins, by symbol; hold: these stay, and
-    only what else is free and the noise is estimated; resume: an interrupted run of the same data and ship, from whose
-    iterate to go on; command: what is stored as the command that made the result; name: of the ship and her
-    calibration, "": the ship keeps hers, and the calibration takes that of the run folder; prior_mean: how uncertain
-    the mean of the prior is, where other ships told it. estimator: "both" takes the mean with a ``second`` estimator of
-    the same coefficients, where there is one and nothing else is fitted than coefficients to trials, "windows" what
-    multiple shooting gives.
+    the usual ones, ("none",) for none; instruments: as of ``with_instruments``, and with ("none",) suspects of the
+    second estimate are not fitted along; captive: points of captive tests that are fitted too; start: values from which
+    the solver begins, by symbol; hold: these stay, and only what else is free and the noise is estimated; resume: an
+    interrupted run of the same data and ship, from whose iterate to go on; command: what is stored as the command that
+    made the result; name: of the ship and her calibration, "": the ship keeps hers, and the calibration takes that of
+    the run folder; prior_mean: how uncertain the mean of the prior is, where other ships told it. estimator: "both"
+    fits the suspects of a ``second`` estimator along, where there is one, and takes the mean of both where nothing else
+    is free than coefficients and instruments; "windows" what multiple shooting gives.
     """
 
     bootstrap: int = 0
@@ -118,20 +119,27 @@ def calibrate(
     began = time.perf_counter()
     settings, options = settings or Settings(), options or FitOptions()
     trials, remarks = TrialSet.of(trials).training(validation)
-    given = ship
-    ship, rates = with_own_rates(with_instruments(ship, options.instruments, trials), trials)
+    given, rates = with_own_rates(ship, trials)
+    ship = with_instruments(given, options.instruments, trials)
     _check_options(ship, trials, options)
     made = Made()
+    beside = None
+    if (second := options.second) and options.asks_second(settings):
+        frees = tuple(options.instruments) != ("none",)
+        make_in_turn({"second estimate": lambda: second(given, trials, frees)}, made)
+        beside = made.get("second estimate", SecondEstimate("interrupted"))
+        ship, remarks = with_suspects(ship, beside.suspects), [*remarks, *beside.messages]
+        if beside.is_sampled:
+            trials, validation = trials.sampled, TrialSet.of(validation).sampled
+        options = replace(options, start={**beside.of_suspects(), **options.start})
     fit = _estimated(ship, trials, settings, options, made, progress)
     found = fit.calibration
     if options.prior_mean is not None:
         from fitting.selection.sisters import with_uncertain_mean  # late: only the ships of a fleet have sisters
 
         found = with_uncertain_mean(found, options.prior_mean)
-    second = options.second if options.asks_second(settings) and answers(options.second, given) else None
-    if second and found.converged:
-        make_in_turn({"second estimate": lambda: with_second(found, second(given, trials))}, made)
-        found = made.get("second estimate", found)
+    if beside and averages(given) and found.converged:
+        found = with_second(found, beside.values)
 
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
     sets = {"validation": validation, "training": trials}
@@ -243,8 +251,8 @@ def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], con
 
     constants: symbols of which each run has its own.
     """
-    where = earlier.folder
-    if set(earlier.coefficients) != set(ship.free) - _by_campaign(earlier):
+    where, suspects = earlier.folder, set(suspects_in(ship))  # unknown where it was interrupted before they were
+    if set(earlier.coefficients) - suspects != set(ship.free) - _by_campaign(earlier) - suspects:
         raise Conflict(f"{where}: --resume needs the same --without, --fix and --only as the interrupted run")
     if {symbol for rows in (earlier.per_run or {}).values() for symbol in rows} != set(constants):
         raise Conflict(f"{where}: --resume needs the same --per-run as the interrupted run")
@@ -256,6 +264,8 @@ def iterate_of(earlier: FitResult, model: Ship) -> dict[str, np.ndarray] | None:
     """Where the interrupted run ``earlier`` goes on: at its iterate; with values by campaign at the coefficients that
     all runs of ``model`` share, "p" (P,), from which these values are found again; None where it begins anew."""
     own = _by_campaign(earlier)
+    if set(earlier.coefficients) != set(model.free) - own:  # of suspects
+        return None
     if earlier.iterate is None or not own:
         return earlier.iterate
     return None if own & set(model.free) else {"p": np.asarray(earlier.iterate["p"])[: len(model.free)]}
@@ -306,6 +316,7 @@ def _of_scores(scores: Mapping[str, ScorePair]) -> list[Message]:
     failed = [message for name, pair in scores.items() for message in pair.failed(name)]
     worse = [message for name, pair in scores.items() for message in pair.worse(name)]
     worse += [message for name, pair in scores.items() for message in pair.worse_by_run(name)]
+    worse += [message for name, pair in scores.items() for message in pair.unbeaten(name)]
     return failed + worse + (scores["training"].undescribed() if "training" in scores else [])
 
 

@@ -43,6 +43,7 @@ from fitting.parallel import with_one_thread
 from fitting.settings import Settings, Start
 from fitting.solvers.control import Control
 from fitting.solvers.noise import ResidualNoise, Resumption, noise_of, solve_row, solve_with_noise_estimation
+from fitting.solvers.reduced import ReducedProblem
 from fitting.solvers.solve import Solution, solve, solve_starts
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.effects import EFFECTS
@@ -402,23 +403,45 @@ def _unsure(best: Solution, solved: int, settings: Settings, condition: float) -
     return found + ([Message(singular, "ill_conditioned")] if condition > 1e12 else [])
 
 
-Second = Callable[[Ship, Sequence[Trial]], "Mapping[str, float] | str"]
-"""Another estimator: of a ship on trials, values of free coefficients by symbol, or why there are none."""
+@dataclass(frozen=True)
+class SecondEstimate:
+    """What another estimator of the same coefficients finds.
+
+    values: of free coefficients, and of the suspects, by symbol, or why there are none; suspects: symbols of parameters
+    of effects that the trials speak for beside the coefficients, as "current.x", to be fitted along; is_sampled:
+    whether their actuators are taken as joined by straight lines; messages: on both.
+    """
+
+    values: Mapping[str, float] | str
+    suspects: tuple[str, ...] = ()
+    is_sampled: bool = False
+    messages: tuple[Message, ...] = ()
+
+    def of_suspects(self) -> dict[str, float]:
+        """Values of the suspects by symbol."""
+        return {} if isinstance(self.values, str) else {s: self.values[s] for s in self.suspects}
+
+
+Second = Callable[[Ship, Sequence[Trial], bool], SecondEstimate]
+"""Another estimator: of a ship on trials; the last says whether the suspects that it finds are fitted along."""
 SHARE = 0.5
 """Share [-] of the second estimate: the plain mean of both."""
 
 
-def answers(second: Second | None, ship: Ship) -> bool:
-    """Whether a ``second`` estimator is there and knows ``ship``: nothing is free but coefficients and faults of
+def averages(ship: Ship) -> bool:
+    """Whether estimates of ``ship`` are averaged with a second one: nothing is free but coefficients and faults of
     instruments."""
     own = {s.partition(".")[0] for s in ship.free if "." in s}
-    return second is not None and all(name in EFFECTS and EFFECTS[name].measures for name in own)
+    return all(name in EFFECTS and EFFECTS[name].measures for name in own)
 
 
 def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibration:
-    """The calibration ``found`` with the means of its estimates and those of a ``second`` estimator. Its covariance has
-    the square of half their difference added: so far each may be off by its own way of seeing what the model lacks. As
-    it is, with a notice, where ``second`` says why it has none."""
+    """The calibration ``found`` with the means of its estimates and those of a ``second`` estimator.
+
+    Its covariance has the square of half their difference added: so far each may be off by its own way of seeing what
+    the model lacks. As it is, with a notice, where ``second`` says why it has none, and where the mean is worse than
+    the second estimate by the objective of ``found``, as no point between two minima of one valley is.
+    """
     if isinstance(second, str):
         return _noted(found, f"the estimate is that of multiple shooting alone: {second}")
     if not np.isfinite(found.covariance).all():
@@ -429,6 +452,16 @@ def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibr
     p = np.clip(found.p + SHARE * apart, *prior.scaled_bounds)
     ratio = apart / np.sqrt(np.diag(found.covariance))
     farthest = ", ".join(f"{prior.symbols[i]} ({ratio[i]:+.1f})" for i in np.argsort(-np.abs(ratio))[:3])
+    reduced = ReducedProblem(found.problem, found.solution.x)
+    costs = [
+        reduced.objective(dict(zip(prior.symbols, (prior.mean + prior.std * at).tolist(), strict=True)))[0]
+        for at in (p, found.p + apart)
+    ]
+    if not costs[0] < costs[1]:
+        words = "the estimate is that of multiple shooting alone: a Kalman filter finds another, and predictions "
+        return _noted(
+            found, f"{words}between both are worse than by either; they differ most in {farthest} standard errors"
+        )
     words = "coefficients are the mean of two estimates, by multiple shooting and by a Kalman filter, which differ most"
     words += f" in {farthest} standard errors of the former; half of that is part of the errors given"
     return _noted(found.with_estimate(p, SHARE**2 * np.outer(apart, apart)), words)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from diagnosis.inputs import DiagnosisOptions
     from diagnosis.result import Diagnosis
     from fitting.calibrate import FitOptions
+    from fitting.calibration import SecondEstimate
     from fitting.prediction.predict import Forecaster, Window
     from fitting.prediction.score import Score
     from fitting.result import FitResult
@@ -192,7 +193,8 @@ def calibrate(
     options: uncertainty, instruments, next trial and more (``fitting.calibrate.FitOptions``); progress: called at each
     iteration; values: fields of the settings that differ from these, by name, such as ``window=20.0``. Returns the
     result, whose ``save(folder)`` writes the run folder; ``effects`` tests each effect that the ship has free, by the
-    likelihood of a diagnosis, and warnings say which of the usual suspects the trials speak for. Raises UserError for
+    likelihood of a diagnosis, and warnings say which of the usual suspects the trials speak for, which are fitted
+    along. Raises UserError for
     input from which nothing can be identified, and for values outside their limits.
     """
     from fitting import calibrate as pipeline
@@ -209,12 +211,8 @@ def calibrate(
         from diagnosis.for_calibration import with_effect_tests
 
         tested = unless_interrupted(lambda: with_effect_tests(result, start))
-        result = tested or result.without_parts("tests of effects")
-    if not options.asks_second(settings):
-        return result
-    from diagnosis.for_calibration import with_suspects
-
-    return unless_interrupted(lambda: with_suspects(result, start)) or result.without_parts("usual suspects")
+        return tested or result.without_parts("tests of effects")
+    return result
 
 
 def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnProgress | None = None) -> FitResult:
@@ -231,29 +229,42 @@ def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnP
     return solved_again(fit, hold or {}, progress)
 
 
-def _second_estimate(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float] | str:
-    """As ``filter_estimate``, whose modules are read only where one is asked for."""
-    from diagnosis.for_calibration import filter_estimate
+def _second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool) -> SecondEstimate:
+    """As ``second_estimate``, whose modules are read only where one is asked for."""
+    from diagnosis.for_calibration import second_estimate
 
-    return filter_estimate(ship, trials)
+    return second_estimate(ship, trials, frees)
 
 
 def score(
-    model: Model, trials: Trials, sigma: Sequence[float] | np.ndarray | None = None, adapt: float | None = None
+    model: Model,
+    trials: Trials,
+    sigma: Sequence[float] | np.ndarray | None = None,
+    adapt: float | None = None,
+    baseline: Trials = (),
 ) -> Score:
-    """Both metrics of ``model`` on ``trials``: 30 s windows every 15 s; 100 s restarts (Wakita et al. 2022, Eq. 25).
+    """Errors of ``model`` on ``trials`` in units (``units``), and the normalised metric (Wakita et al. 2022, Eq. 25).
 
-    sigma: (6,) of x, y [m], psi [rad], u, v [m/s], r [rad/s] by which errors are divided, default pooled over the
-    trials; adapt: seconds before each window from which the disturbance of the run is estimated. Returns the scores,
-    pooled and by trial; lower is better. Raises UserError for trials without positions.
+    sigma: (6,) of x, y [m], psi [rad], u, v [m/s], r [rad/s] by which errors of the normalised metric are divided,
+    default pooled over the trials; adapt: seconds before each window from which the disturbance of the run is
+    estimated; baseline: trials to which a plain grey box is fitted that the model must beat, as it must beat
+    velocities that are kept (``units.ratio``). Returns the scores, pooled and by trial; lower is better. Raises
+    UserError for trials without positions.
     """
     import numpy as np
 
+    from fitting.prediction.baselines import fit_grey_box
     from fitting.prediction.score import score as scored
+    from fitting.prediction.unit_errors import window_for
+    from mmg.rollout import Simulator
 
     origin = "the scored trials" if sigma is None else "the caller"
     given = None if sigma is None else np.asarray(sigma, dtype=float)
-    return scored(predictor(model), _sound(trials), given, origin, adapt=adapt)
+    runs, fitted, simulator = _sound(trials), _sound(baseline), predictor(model)
+    particulars = simulator.ship.particulars if isinstance(simulator, Simulator) else {}
+    window = window_for(runs, particulars.get("L")) if runs else 0.0
+    box = fit_grey_box(fitted, simulator.inputs, particulars, window) if fitted else None
+    return scored(simulator, runs, given, origin, adapt=adapt, units=window, baseline=box)
 
 
 def predict(

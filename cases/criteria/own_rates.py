@@ -19,7 +19,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from cases.criteria.measured_maneuvers import find_maneuvers, steering
 from cases.inputs import is_sampled
 from cases.maneuvers.definitions import Limits
-from cases.shipfiles.particulars import BY_RULE
+from cases.maneuvers.self_propulsion import surge_balance
+from cases.shipfiles.particulars import BY_RULE, RATIOS
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.messages import Message
@@ -53,6 +54,10 @@ NOTED = 0.1
 ALIKE, APPROACH = 0.15, 1.0
 """Speeds of approach are one speed where they differ by this share at most; ship times L/U of an approach that are
 looked at. Set by hand."""
+USUAL_DIAMETER = next(usual for words, *_, usual in RATIOS if words == "D_P / d")
+"""Least and largest usual diameter of a propeller by the draught [-]."""
+HALVINGS = 10
+"""Of that range: they leave a thousandth of it. Set by hand."""
 LEAST_NEUTRAL = math.radians(0.25)
 """A smaller mean rudder of straight approaches is zero [rad]: rudders are logged to a tenth of a degree, with noise."""
 
@@ -195,7 +200,7 @@ def _ramp(t: np.ndarray, begin: float, rate: float, size: float, held: bool) -> 
 
 def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Message]]:
     """The ``ship`` with what her ``trials`` show of her particulars ``rudder_rate``, ``propeller_rate``,
-    ``approach_speed`` and ``neutral_rudder``, and messages on them.
+    ``approach_speed``, ``neutral_rudder`` and, where only a rule of thumb says it, ``D_P``, and messages on them.
 
     What the ship file states otherwise stays, and a difference is said. A ship whose model has actuators takes orders,
     whose rates say nothing.
@@ -212,7 +217,8 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
             found[name] = slew.rate, slew.trials
         elif k == 0 and name not in ship.particulars and moved:
             messages.append(Message(_by_rule(ship, slew), "rudder_rate_by_rule"))
-    found |= _approaches(trials, ship.particulars["L"])
+    if approach := _approach(trials, ship.particulars["L"]):
+        found |= _of_approach(ship, approach)
     particulars, sources = dict(ship.particulars), dict(ship.sources)
     for name, (value, names) in found.items():
         stated = name in particulars and not sources.get(name, "").startswith((MEASURED, BY_RULE))
@@ -221,7 +227,9 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
         elif abs(particulars[name] / value - 1) > NOTED:
             text = f"{name} is {particulars[name]:.3g} in the ship file, {value:.3g} by {_listed(names)}; it stays"
             messages.append(Message(text, f"{name}_differs"))
-    return replace(ship, particulars=particulars, sources=sources), messages
+    rules = tuple(f"{name} = " for name in found)  # of a starting ship, that the trials replace
+    notices = tuple(note for note in ship.notices if not str(note).startswith(rules))
+    return replace(ship, particulars=particulars, sources=sources, notices=notices), messages
 
 
 def _by_rule(ship: Ship, slew: SlewRate | None) -> str:
@@ -236,8 +244,18 @@ def _by_rule(ship: Ship, slew: SlewRate | None) -> str:
     )
 
 
-def _approaches(trials: Sequence[Trial], length: float) -> dict[str, tuple[float, tuple[str, ...]]]:
-    """Speed and mean rudder of the approaches of ``trials`` with a manoeuvre, where these have one speed."""
+@dataclass(frozen=True)
+class Approach:
+    """The steady run before the manoeuvres of ``trials`` (names): speed [m/s], mean rudder [rad], mean n [1/s]."""
+
+    speed: float
+    rudder: float
+    n: float
+    trials: tuple[str, ...]
+
+
+def _approach(trials: Sequence[Trial], length: float) -> Approach | None:
+    """That of ``trials`` with a manoeuvre, where most of these have one speed."""
     rows = []
     for trial in trials:
         try:
@@ -247,19 +265,45 @@ def _approaches(trials: Sequence[Trial], length: float) -> dict[str, tuple[float
         since = trial.t - trial.t[0] - execute.order_time
         if math.isfinite(execute.speed) and execute.speed > 0:
             before = (since < 0) & (since > -APPROACH * length / execute.speed)
-            rudder = steering(trial)[0][before]
-            rows.append((execute.speed, float(np.nanmean(rudder)) if np.isfinite(rudder).any() else 0.0, trial.name))
+            known = (x[before][np.isfinite(x[before])] for x in steering(trial))
+            rudder, n = (float(np.mean(x)) if len(x) else 0.0 for x in known)
+            rows.append(Approach(execute.speed, rudder, n, (trial.name,)))
     if not rows:
-        return {}
-    speed = float(np.median([row[0] for row in rows]))
-    alike = [row for row in rows if abs(row[0] / speed - 1) <= ALIKE]
+        return None
+    speed = float(np.median([row.speed for row in rows]))
+    alike = [row for row in rows if abs(row.speed / speed - 1) <= ALIKE]
     if len(alike) <= 0.5 * len(rows):
-        return {}
-    names = tuple(row[2] for row in alike)
-    neutral = float(np.median([row[1] for row in alike]))
-    return {"approach_speed": (float(np.median([row[0] for row in alike])), names)} | (
-        {"neutral_rudder": (neutral, names)} if abs(neutral) > LEAST_NEUTRAL else {}
-    )
+        return None
+    speed, rudder, n = (float(np.median([getattr(row, name) for row in alike])) for name in ("speed", "rudder", "n"))
+    return Approach(speed, rudder, n, tuple(name for row in alike for name in row.trials))
+
+
+def _of_approach(ship: Ship, approach: Approach) -> dict[str, tuple[float, tuple[str, ...]]]:
+    """Particulars of the ``ship`` that an ``approach`` shows, and in which trials."""
+    found = {"approach_speed": approach.speed}
+    if abs(approach.rudder) > LEAST_NEUTRAL:
+        found["neutral_rudder"] = approach.rudder
+    by_rule = ship.sources.get("D_P", "").startswith((BY_RULE, MEASURED))
+    if by_rule and approach.n > 0 and (diameter := _diameter(ship, approach)):
+        found["D_P"] = diameter
+    return {name: (value, approach.trials) for name, value in found.items()}
+
+
+def _diameter(ship: Ship, approach: Approach) -> float | None:
+    """Diameter of the propeller [m] with which the ``ship`` keeps the speed of the ``approach`` at its revolutions;
+    None where no usual one does, as where those are of the engine before a gear."""
+    low, high = (share * ship.particulars["d"] for share in USUAL_DIAMETER)
+
+    def surge(diameter: float) -> float:
+        other = replace(ship, particulars={**ship.particulars, "D_P": diameter})
+        return surge_balance(other)(approach.speed, approach.n)
+
+    if surge(low) > 0 or surge(high) < 0:
+        return None
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if surge(middle) > 0 else (middle, high)
+    return float(f"{0.5 * (low + high):.4g}")
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -128,3 +128,35 @@ def calm_and_deep(ship: Ship) -> tuple[Ship, list[str]]:
     for name in left_out:
         ship = ship.without_effect(name)
     return ship, left_out
+
+
+SUSPECT = "the trials speak for it, put in by mmg fit"
+"""What the source of a parameter says that a calibration freed by itself."""
+
+
+def with_suspects(ship: Ship, symbols: Iterable[str]) -> Ship:
+    """The ``ship`` with nuisance parameters that her trials speak for, which a diagnosis judges anew.
+
+    symbols: of parameters of effects that she lacks, such as "current.x"; they are free, and SUSPECT is their source.
+    """
+    chosen = tuple(symbols)
+    for name in dict.fromkeys(s.partition(".")[0] for s in chosen):
+        ship = ship.with_effect(name)
+        own = (f"{name}.{p.symbol}" for p in parameters(ship, name))
+        rows = {s: ship.coefficients[s].with_(fixed=s not in chosen, source=SUSPECT) for s in own}
+        ship = ship.with_coefficients(rows)
+    return ship
+
+
+def suspects_in(ship: Ship) -> tuple[str, ...]:
+    """Symbols of the free parameters that ``with_suspects`` put into the ``ship``."""
+    return tuple(s for s in ship.free if SUSPECT in ship.coefficients[s].source)
+
+
+def without_suspects(ship: Ship, surroundings_only: bool = False) -> Ship:
+    """The ``ship`` without the effects that ``with_suspects`` put in; surroundings_only: faults of her instruments
+    stay."""
+    for name in dict.fromkeys(s.partition(".")[0] for s in suspects_in(ship)):
+        if EFFECTS[name].surroundings or not surroundings_only:
+            ship = ship.without_effect(name)
+    return ship

@@ -213,6 +213,10 @@ def check_plausible(p: Mapping[str, float]) -> None:
         raise OutOfRange(f"--new: {sentence}")
 
 
+RULES = {"U_0": "service speed typical of C_b", "D_P": "usual share of the draught"}
+"""Rules of thumb of particulars that trials replace by what they show."""
+
+
 def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
     """All particulars [SI] of a ship from those ``given``, and sentences on the rules that filled the gaps."""
     v, notices = dict(given), []
@@ -224,13 +228,13 @@ def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
 
     L, B, d, C_b = (v[name] for name in LEAST)
     default("rho", 1025.0 if L > 20 else 1000.0, "sea water" if L > 20 else "fresh water, as it is a model")
-    default("U_0", (0.15 + 0.5 * max(0.81 - C_b, 0.0)) * reference_speed(L), "service speed typical of C_b")
+    default("U_0", (0.15 + 0.5 * max(0.81 - C_b, 0.0)) * reference_speed(L), RULES["U_0"])
     froude = v["U_0"] / reference_speed(L)
     default(
         "x_G", L * min(max(8.80 - 38.9 * froude, -3.0), 3.5) / 100, "usual centre of buoyancy at this Froude number"
     )
     default("m", v["rho"] * L * B * d * C_b, "rho L B d C_b")
-    default("D_P", 0.45 * d if "y_P" not in v else 0.35 * d, "usual share of the draught")
+    default("D_P", 0.45 * d if "y_P" not in v else 0.35 * d, RULES["D_P"])
     default("pitch_ratio", 0.75, "usual for slow merchant ships")
     rudders = 2 if v.get("y_P", 0.0) > 0 else 1
     default("A_R", 0.01 * L * d * (1 + 25 * (B / L) ** 2) / rudders, "class rule on the rudder area")
@@ -280,7 +284,7 @@ def new_ship(name: str, given: Mapping[str, float], hull: str = "unified") -> Sh
         table,
         description=words,
         notices=(*warnings, *notices, Message(trust(p, hull), "starting_ship")),
-        sources={} if "U_0" in given else {"U_0": f"{BY_RULE}service speed typical of C_b"},
+        sources={name: BY_RULE + rule for name, rule in RULES.items() if name not in given},
     )
     rows = {}
     for symbol, (value, share, source) in estimates(p, hull).items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -114,19 +114,21 @@ def ship_with_all_effects(
     trials: Sequence[Trial] | None = None,
     site: Mapping[str, Mapping[str, float]] | None = None,
     start: Mapping[str, Mapping[str, float]] | None = None,
+    names: Collection[str] | None = None,
 ) -> FullModel:
     """The ``ship`` with all effects it lacks, and the candidates among them: those that its force models and the
     ``trials`` allow (None: trials with all columns).
 
     site: known parameters of effects of the place, by effect and parameter (cases.io.site); start: roughly known ones,
-    from which a refit starts. Both [unit of the parameter].
+    from which a refit starts. Both [unit of the parameter]. names: of the effects that are put in, None for all; with
+    few of them the equations are a fraction.
     """
     candidates: list[Candidate] = []
     left_out, full = {}, ship
     has_wind = trials is None or any(t.has_wind for t in trials)
     known = site or {}
     for name, e in EFFECTS.items():
-        if name in ship.effects:
+        if name in ship.effects or (names is not None and name not in names):
             continue
         missing = [role for role in e.needs if role not in ship.components]
         if missing:
@@ -145,9 +147,3 @@ def ship_with_all_effects(
         for form in dict.fromkeys(p.form for p in rows if p.form):
             candidates.append(_candidate(name, form, [p for p in rows if p.form == form]))
     return FullModel(full, tuple(candidates), left_out)
-
-
-def ship_with_latent_force(ship: Ship) -> FullModel:
-    """The ``ship`` with the effect that the latent force acts by, and without candidates: for a fit after which no
-    effect is tested. Its equations are a fraction of those with all effects."""
-    return FullModel(ship if "tow" in ship.effects else ship.with_effect("tow"), (), {})

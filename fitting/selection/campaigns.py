@@ -27,7 +27,8 @@ from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.loss import Loss
 from fitting.nlp.prior import ByCampaign, Prior, RunConstants, prior_with
 from fitting.nlp.problem import Problem
-from fitting.prediction.score import pooled_sigma
+from fitting.prediction.predict import change_over
+from fitting.prediction.score import STRIDE, WINDOW
 from fitting.selection.left_out_runs import estimates_without, leave_out, relative_change
 from fitting.solvers.control import Control
 from fitting.uncertainty.group_test import group_test, holm
@@ -259,7 +260,7 @@ def _with_constants(
     if not new.converged or new.constants is None:
         return same, widths
     info = readings_as_rows(new.information, new.problem.prior, own, readings)
-    folds, unit = trials.apart, pooled_sigma(trials)
+    folds, unit = trials.apart, change_over(trials, WINDOW, STRIDE)
     scores = leave_out(fit, trials, folds, unit), leave_out(new, trials, folds, unit, info=info)
     if not gains(*scores):
         return replace(same, left_out=scores), widths

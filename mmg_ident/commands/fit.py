@@ -37,7 +37,9 @@ def fit(
     without: o.Without = None,
     only: Annotated[list[str] | None, Option(help="Free only these coefficients: Y_v,N_v.")] = None,
     fix: Annotated[list[str] | None, Option(help="Coefficients to leave alone: Y_v,N_v.")] = None,
-    measurement: Annotated[str, Option(help="Instruments to fit, or none.")] = "shown",
+    measurement: Annotated[
+        str, Option(help="Instruments to fit along, or none; default those the trials show.")
+    ] = "shown",
     per_run: Annotated[list[str] | None, Option(help="Effect whose constants differ by run: current.")] = None,
     per_campaign: Annotated[list[str] | None, Option(help="Instruments to fit by campaign, or none.")] = None,
     captive: Annotated[Path | None, Option(help="Table of captive tests u,v,r,n,delta,X,Y,N.")] = None,

@@ -40,7 +40,7 @@ def import_(
     written while a file has a problem: all problems are said at once.
     """
     from cases.checks import check
-    from cases.importing.import_logs import import_logs, write_import
+    from cases.importing.import_logs import write_import
     from cases.importing.import_map import ImportMap, read_map
     from cases.io.read import read_trials
 
@@ -48,18 +48,7 @@ def import_(
     given: dict[str, Any] = {"rudder_positive": rudder_positive, "wind_direction": wind_direction}
     given |= {"velocity_frame": velocity_frame, "zone_hours": zone_hours, "separate": separate or None}
     chosen = _with(chosen, {key: value for key, value in given.items() if value is not None})
-    found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
-    asked: set[tuple[Path, str]] = set()
-    while not json and sys.stdin.isatty() and sys.stderr.isatty():
-        answered = _answered(found, chosen, asked)
-        if answered is chosen:
-            break
-        chosen = answered  # an answer may leave a unit open
-        found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
-    if found.problems:
-        raise together(
-            [BadValue(text) for text in found.problems], f"{len(found.problems)} problems; nothing is written"
-        )
+    found, chosen = imported(logs, chosen, ask=not json)
     with cli.working("writing trials"):
         files = write_import(found, chosen, out, force)
     checks = check(read_trials(files))
@@ -69,6 +58,29 @@ def import_(
     else:
         _print(found, files, checks)
         cli.say(f"next: mmg check {out}, then mmg fit SHIP {out} --out runs/first")
+
+
+def imported(logs: list[Path], chosen: ImportMap, ask: bool) -> tuple[Imported, ImportMap]:
+    """The import of ``logs`` by a map.
+
+    chosen: the map to begin with; ask: a person at the terminal, where there is one. Returns the import and the map
+    with the answers. Raises UserError for all that is open.
+    """
+    from cases.importing.import_logs import import_logs
+
+    found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
+    asked: set[tuple[Path, str]] = set()
+    while ask and sys.stdin.isatty() and sys.stderr.isatty():
+        answered = _answered(found, chosen, asked)
+        if answered is chosen:
+            break
+        chosen = answered  # an answer may leave a unit open
+        found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
+    if found.problems:
+        raise together(
+            [BadValue(text) for text in found.problems], f"{len(found.problems)} problems; nothing is written"
+        )
+    return found, chosen
 
 
 def _with(chosen: ImportMap, changes: dict[str, Any]) -> ImportMap:

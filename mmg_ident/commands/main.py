@@ -90,10 +90,10 @@ from typer.core import TyperGroup
 
 from mmg_ident import shadowing_mmg
 
-HEAVY, LEAST_MEMORY = ("demo", "fit", "fleet", "months", "train", "compare", "diagnose", "select"), 1.5 * 2**30
+HEAVY, LEAST_MEMORY = ("start", "demo", "fit", "fleet", "months", "train", "compare", "diagnose", "select"), 1.5 * 2**30
 """Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C. Set by
 hand, from runs below ulimit -v."""
-MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials")
+MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials", "--baseline")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
 
 
@@ -130,6 +130,7 @@ def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
 
 PANELS = {
     "Start": {
+        "start": "From logs to a calibrated ship, a report and an FMU, in one go.",
         "demo": "The whole story on embedded synthetic trials, in about a minute.",
         "import": "Turn raw logs (text, Excel, NMEA; any units, clocks) into trial files.",
         "cut": "Find the manoeuvres in long records, write them as trials.",

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,14 +15,16 @@ from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from diagnosis import for_calibration
 from diagnosis.estimation.candidates import find
-from diagnosis.for_calibration import effect_tests, usual_suspects, with_effect_tests
+from diagnosis.for_calibration import effect_tests, second_estimate, with_effect_tests
 from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.prepare import prepare
 from fitting.calibrate import FitOptions
 from fitting.record import EffectTest
 from fitting.report.page import build_page
-from fitting.result import FitResult
+from fitting.result import FitResult, read_fit
 from fitting.settings import Settings
+from fitting.solvers.control import INTERRUPTED, interrupts_noted
+from mmg.ship import Ship
 from mmg_ident.commands.fit import fit as fit_command
 from tests.support.diagnosis_cases import FEW, pushed_trials
 
@@ -142,14 +144,60 @@ def test_the_folder_the_page_and_the_console_have_the_probability(
         ("log_scale:share=0.03", "log_scale"),
     ],
 )
-def test_a_usual_suspect_that_is_there_is_said_and_nothing_else(hidden: str | None, name: str) -> None:
-    found = usual_suspects(FEW, pushed_trials(4, [hidden] if hidden else [], RUNS))
-    assert [re.search(r"for (\w+) \(", words)[1] for words in found] == ([name] if name else [])  # type: ignore[index]
+def test_a_usual_suspect_that_is_there_is_fitted_along_and_nothing_else(hidden: str | None, name: str) -> None:
+    found = second_estimate(FEW, pushed_trials(4, [hidden] if hidden else [], RUNS))
+    assert {s.partition(".")[0] for s in found.suspects} == ({name} if name else set())
+    assert len(found.messages) == bool(name)
+    assert set(found.values) == {*FEW.free, *found.suspects}
 
 
-def test_a_fit_says_its_suspects_unless_they_are_free() -> None:
-    hidden = pushed_trials(4, ["current:x=0.02,y=0.01"], RUNS)
-    options, settings = FitOptions(next_trial=False, instruments=("none",)), Settings(step=1.0)
-    result = mmg_ident.calibrate(FEW, hidden, (), settings, options)
-    assert [m.code for m in result.messages if m.code.startswith("suspect")] == ["suspect"]
-    assert usual_suspects(freeing_effects(FEW, ("current",)), hidden) == []
+CURRENT = {"x": 0.02, "y": 0.01}
+"""[m/s]"""
+
+
+@cache
+def with_current() -> tuple[Trial, ...]:
+    """Trials in a CURRENT."""
+    return tuple(pushed_trials(4, [f"current:x={CURRENT['x']},y={CURRENT['y']}"], RUNS))
+
+
+def suspects_said(result: FitResult) -> list[str]:
+    """Levels of the messages on suspects."""
+    return [m.level for m in result.messages if m.code == "suspect"]
+
+
+def calibrated(ship: Ship, **options: Any) -> FitResult:
+    """A calibration of ``ship`` on the trials ``with_current``."""
+    return mmg_ident.calibrate(ship, with_current(), (), Settings(step=1.0), FitOptions(next_trial=False, **options))
+
+
+def test_a_fit_fits_its_suspects_along_and_a_diagnosis_judges_them_anew(tmp_path: Path) -> None:
+    result = calibrated(FEW)
+    assert suspects_said(result) == ["warning"]
+    for name, value in CURRENT.items():
+        row = result.coefficients[f"current.{name}"]
+        assert abs(row.value - value) < 2 * row.std and row.std < 0.01
+    result.save(tmp_path / "run")
+    found = mmg_ident.diagnose(tmp_path / "run", with_current())
+    assert [e.name for e in found.effects] == ["current"]
+
+
+def test_suspects_are_said_only_where_they_may_not_be_fitted_or_are_free() -> None:
+    said = calibrated(FEW, instruments=("none",))
+    assert suspects_said(said) == ["warning"]
+    assert set(said.coefficients) == set(FEW.free)
+    assert second_estimate(freeing_effects(FEW, ("current",)), with_current()).suspects == ()
+
+
+def test_a_fit_that_was_interrupted_before_its_suspects_were_known_goes_on(tmp_path: Path) -> None:
+    """Ctrl-C while the filter runs leaves a folder, of a ship without suspects; resumed, it ends where another does."""
+    whole, run = calibrated(FEW), tmp_path / "run"
+    with interrupts_noted():
+        INTERRUPTED.requested = True
+        stopped = calibrated(FEW)
+    assert not stopped.converged and set(stopped.coefficients) == set(FEW.free)
+    stopped.save(run)
+    resumed = calibrated(FEW, resume=read_fit(run))
+    assert resumed.converged
+    for s, row in whole.coefficients.items():
+        assert resumed.coefficients[s].value == pytest.approx(row.value, abs=0.02 * row.std)

@@ -13,6 +13,7 @@ import pytest
 from cases.criteria.imo import imo_figures
 from cases.criteria.own_rates import MEASURED, slew_rate, with_own_rates
 from cases.maneuvers.definitions import Limits, parse_maneuver
+from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json, tables
@@ -109,3 +110,21 @@ def test_what_is_a_rule_of_thumb_stands_beside_the_figures_that_hang_on_it(monke
     rows = imo_figures(known).rows
     assert not any("rudder rate" in row.why or "test speed" in row.why for row in rows)
     assert all("engine" in row.why for row in rows if row.run == "crash-stop")
+
+
+@pytest.mark.parametrize("gear", [1.0, 6.0])
+def test_a_propeller_by_rule_becomes_the_one_that_keeps_the_approach(gear: float) -> None:
+    """Revolutions of an engine before a gear tell no diameter, nor does a trial of a ship that states hers."""
+    sizes = {"L": 120.0, "B": 20.0, "d": 7.0, "C_b": 0.75, "U_0": 7.0}
+    true, start = new_ship("true", {**sizes, "D_P": 4.6}), new_ship("start", sizes)
+    plan = parse_maneuver("zigzag:20/20", true, speed=7.0)
+    trial = simulate(true, plan, 1.0)
+    logged = replace(trial.with_columns(n=gear * trial["n"]), name="zigzag")
+    found, _ = with_own_rates(start, [logged])
+    if gear != 1.0:
+        assert found.particulars["D_P"] == start.particulars["D_P"] and found.sources["D_P"].startswith("rule")
+        return
+    assert found.particulars["D_P"] == pytest.approx(4.6, rel=0.01) and found.sources["D_P"].startswith(MEASURED)
+    assert revolutions_for(found, found.particulars["approach_speed"]) == pytest.approx(trial["n"][0], rel=2e-3)
+    stated, _ = with_own_rates(new_ship("stated", {**sizes, "D_P": 3.9}), [logged])
+    assert stated.particulars["D_P"] == 3.9 and "D_P" not in stated.sources

@@ -11,10 +11,11 @@ import pytest
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from fitting.calibrate import FitOptions, calibrate
-from fitting.calibration import Calibration, answers, with_second
+from fitting.calibration import Calibration, SecondEstimate, averages, with_second
 from fitting.identifiability.analysis import verdict
 from fitting.result import FitResult
 from fitting.settings import Settings
+from fitting.solvers.reduced import ReducedProblem
 from mmg.errors import UserError
 from mmg.ship import Ship
 from tests.support.calibrated import small_result
@@ -70,8 +71,8 @@ def test_what_a_fit_says_it_says_of_the_mean() -> None:
     """Also where the second estimate lies nine prior standard deviations from the prior, in all coefficients."""
     ship, train = small_result().start, coarse_runs()[0][:1]
 
-    def second(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float]:
-        return {s: ship.coefficients[s].value + 9 * ship.coefficients[s].std for s in ship.free}
+    def second(ship: Ship, trials: Sequence[Trial], frees: bool) -> SecondEstimate:
+        return SecondEstimate({s: ship.coefficients[s].value + 9 * ship.coefficients[s].std for s in ship.free})
 
     settings = Settings(passes=2, compiled=False)
     result = calibrate(ship, train, (), settings, FitOptions(next_trial=False, instruments=(), second=second))
@@ -101,6 +102,25 @@ def test_a_mean_stays_within_the_bounds() -> None:
         assert mean.ship.coefficients[found.prior.symbols[i]].value <= found.prior.upper[i] + 1e-12
 
 
+def test_a_mean_that_is_worse_than_the_second_estimate_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As between two minima: the objective of the problem is replaced by one that has its ridge halfway."""
+    found = calibration()
+    prior, end = found.prior, found.p[found.prior.symbols.index("N_r")]
+    other = {"N_r": prior.mean[prior.symbols.index("N_r")] + (end + 1.0) * prior.std[prior.symbols.index("N_r")]}
+
+    def ridge(_: ReducedProblem, p: Mapping[str, float]) -> tuple[float, np.ndarray]:
+        i = prior.symbols.index("N_r")
+        way = (p["N_r"] - prior.mean[i]) / prior.std[i] - end
+        return way * (1 - way), np.zeros(0)
+
+    assert with_second(found, other).p[prior.symbols.index("N_r")] == pytest.approx(end + 0.5)
+    monkeypatch.setattr(ReducedProblem, "objective", ridge)
+    alone = with_second(found, other)
+    np.testing.assert_array_equal(alone.p, found.p)
+    np.testing.assert_array_equal(alone.covariance, found.covariance)
+    assert sum(m.code == "two_estimates" for m in alone.notices) == 1
+
+
 def test_why_there_is_no_second_estimate_is_said() -> None:
     found = calibration()
     why = "no filter (singular)"
@@ -113,16 +133,11 @@ def test_why_there_is_no_second_estimate_is_said() -> None:
     assert with_second(unknown, {"X_0F": 1.0}) is unknown
 
 
-def nothing(ship: Ship, trials: Sequence[Trial]) -> Mapping[str, float]:
-    """An estimator of no coefficient."""
-    return {}
-
-
-def test_the_second_estimator_is_asked_of_coefficients_alone() -> None:
+def test_estimates_of_coefficients_and_instruments_alone_are_averaged() -> None:
     ship = small_result().start
-    assert answers(nothing, ship) and not answers(None, ship)
-    assert not answers(nothing, freeing_effects(ship, ["current"]))
-    assert answers(nothing, freeing_effects(ship, ["velocity_filter"]))  # an instrument
+    assert averages(ship)
+    assert not averages(freeing_effects(ship, ["current"]))
+    assert averages(freeing_effects(ship, ["velocity_filter"]))  # an instrument
 
 
 @pytest.mark.parametrize(

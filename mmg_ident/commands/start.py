@@ -1,0 +1,193 @@
+"""``mmg start``: from raw logs to a calibrated ship, her figures, a report and an FMU."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from typer import Argument, Option
+
+from mmg_ident.commands import options as o
+from mmg_ident.commands import output as cli
+
+if TYPE_CHECKING:
+    from fitting.report.imo_form import FormSide, FormValue
+    from fitting.report.use import Delivered
+    from fitting.result import FitResult
+    from mmg_ident.start import StartedRun
+
+
+def start(
+    logs: Annotated[list[Path], Argument(help="Raw logs or trial files, or folders of them.", metavar="LOGS...")],
+    out: Annotated[Path, Option(help="Folder for trials, run, answers.toml and ship.fmu.")],
+    ship: Annotated[str | None, Option(help="Library ship, ship file or run folder.")] = None,
+    particulars: Annotated[str | None, Option(help="L,B,d,C_b[,NAME=VALUE], SI, instead of --ship.")] = None,
+    yes: Annotated[bool, Option("--yes", help="Ask nothing: what nobody says is unknown.")] = False,
+    answers: Annotated[Path | None, Option(help="File with answers, as answers.toml of another call.")] = None,
+    resume: Annotated[bool, Option("--resume", help="Go on in --out; the same call without it does so too.")] = False,
+    json: o.Json = False,
+) -> int:
+    """Import logs, check them, calibrate a ship, judge her by IMO, write report and FMU: one call, nothing edited.
+
+    Example: mmg start logs/ --particulars 120,19,7,0.72,D_P=4.8 --out ship_120
+
+    On a terminal it asks at most five questions, on what the data do not tell: antenna, draught, depth, current, rudder
+    rate. The same call again goes on where one ended.
+    """
+    from cases.trial_set import ready
+    from fitting.report.use import delivered
+    from fitting.solvers.control import LEFT_OUT, interrupts_noted
+    from mmg.errors import Missing
+    from mmg.messages import has_code
+    from mmg_ident import start as steps
+    from mmg_ident.api import write_report
+
+    known = steps.read_answers(answers) if answers else steps.Answers()
+    first = steps.starting_ship(ship, particulars, known.draught)
+    missing = next((path for path in logs if not path.exists()), None)
+    if missing is not None:
+        raise Missing(f"{missing}: no such file or folder")
+    mark = steps.digest(logs, steps.starting_ship(ship, particulars))
+    before = steps.check_folder(out, mark)
+    if resume and before is None:
+        raise Missing(f"--out {out}: nothing to resume there")
+    if not (out / steps.TRIALS).is_dir():
+        _import(logs, out / steps.TRIALS, ask=not (yes or json))
+    if before is None:
+        started = _begin(out, first, known, particulars, answers is not None, ask=not (yes or json))
+        steps.write_answers(started, mark, cli.command_line())
+    else:
+        started = steps.prepared_run(out, steps.starting_ship(ship, particulars, before.draught), before)
+    (trials,) = ready([out / steps.TRIALS])
+    words = "interrupted: stopping at the next iterate; the same call goes on"
+    with interrupts_noted(lambda: cli.say(words)):
+        result = steps.fitted(replace(started, trials=tuple(trials.sound)), cli.command_line(), cli.progress())
+    if has_code(result.warnings, LEFT_OUT) or result.status == "User_Requested_Stop":
+        return 130
+    cli.refuse_no_score(result.warnings, out / steps.RUN)
+    with cli.working("simulating the standard manoeuvres"):
+        known_of = delivered(result.to_dict(), result.ship)
+        write_report(out / steps.RUN, out / steps.RUN / "report.html")
+    if result.converged and not (out / steps.FMU).exists():
+        with cli.working("exporting the FMU"):
+            steps.exported(out)
+    if json:
+        cli.print_json(_content(result, known_of, out))
+    else:
+        _print(result, known_of, started, out)
+    return 0 if result.converged else 1
+
+
+def _import(logs: list[Path], folder: Path, ask: bool) -> None:
+    """The trials of the ``logs`` in a new ``folder``."""
+    from cases.importing.import_logs import write_import
+    from cases.importing.import_map import ImportMap
+    from mmg_ident import start as steps
+    from mmg_ident.commands.import_ import imported
+
+    if steps.are_trials(logs):
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        steps.copy_trials(logs, folder)
+        return
+    found, chosen = imported(logs, ImportMap(), ask)
+    with cli.working("writing trials"):
+        files = write_import(found, chosen, folder)
+    cli.say(f"imported: {len(files)} runs, {folder}")
+
+
+def _begin(folder: Path, ship: Any, known: Any, particulars: str | None, given: bool, ask: bool) -> StartedRun:
+    """What a person answers, where there is one to ``ask``, and what the trials show."""
+    import typer
+
+    from cases.io.read import read_trials
+    from mmg.errors import UserError
+    from mmg_ident import start as steps
+
+    trials, place = read_trials([folder / steps.TRIALS]), folder / steps.TRIALS
+    asked = [name for name, value in known.given.items() if given and value != getattr(steps.Answers(), name)]
+    if ask and sys.stdin.isatty() and sys.stderr.isatty():
+        for question in steps.questions(ship, trials, particulars is not None, steps.antenna_is_known(place)):
+            while question.name not in asked:
+                text = str(typer.prompt(question.words, default=question.default, err=True))
+                try:
+                    known = steps.answered(known, question.name, text)
+                    asked.append(question.name)
+                except UserError as error:
+                    cli.say(f"  {error}")
+        if known.draught:
+            ship = steps.starting_ship(None, particulars, known.draught)
+    if not isinstance(known.antenna, str):
+        x, y = known.antenna
+        steps.write_sidecars(place, {"reference_point": {"x": x, "y": y, "applies_to": "both"}})
+    if not isinstance(known.depth, str):
+        steps.write_depth(place, known.depth)
+    return replace(steps.prepared_run(folder, ship, known), asked=tuple(asked))
+
+
+def _print(result: FitResult, known: Delivered, started: StartedRun, out: Path) -> None:
+    """The first screen of the report: tested and model's figures, what the trials speak for, what hangs on a rule."""
+    from cases.shipfiles.particulars import BY_RULE
+    from fitting.report.use import use_rows
+    from mmg_ident import start as steps
+
+    print(f"{result.ship.title}: {len(started.trials) or len(result.data)} trials, {result.seconds_used:.0f} s")
+    form = known.form
+    if form is not None:
+        if form.contradiction:
+            cli.print_wrapped("! ", form.contradiction)
+        rows = []
+        for row in form.rows:
+            names = ("port", "starboard") if len(row.sides) == 2 else ("",)
+            for name, side in zip(names, row.sides, strict=True):
+                rows.append(
+                    (f"{row.group.split(',')[0]} {name}".strip(), row.name, *_cells(side, row.unit), side.verdict)
+                )
+        cli.print_table(("manoeuvre", "figure", "tested|n", "model|n", "90 %|n", "IMO"), rows)
+    else:
+        cli.print_wrapped("no figures: ", known.no_form)
+    for message in result.messages:
+        if message.code == "suspect":
+            cli.print_wrapped("! ", message.text)
+    good, bad = use_rows(result.envelope or {}, result.ship, any(trial.has_wind for trial in known.trials))
+    for words in good:
+        cli.print_wrapped("use it for: ", words)
+    for words in bad[:-1]:  # the last is on single coefficients
+        cli.print_wrapped("not for: ", words)
+    if by_rule := [name for name, source in result.ship.sources.items() if source.startswith(BY_RULE)]:
+        cli.print_wrapped("by rule of thumb: ", ", ".join(by_rule))
+    for name, words in started.measured.items():
+        cli.print_wrapped("measured: ", f"{name} {words}")
+    place = {"report": out / steps.RUN / "report.html", "ship": out / steps.RUN / "ship.toml"}
+    place |= {"FMU": out / steps.FMU} if (out / steps.FMU).exists() else {}
+    for name, path in {**place, "answers": out / steps.ANSWERS}.items():
+        print(f"{name}: {path}")
+
+
+def _cells(side: FormSide, unit: str) -> tuple[str, str, str]:
+    """Tested, model and interval of a side of the form."""
+    digits = 1 if unit == "deg" else 2
+
+    def number(value: FormValue | None) -> str:
+        return "-" if value is None else f"{value.value:.{digits}f} {unit}"
+
+    ends = side.model.interval if side.model else None
+    return number(side.tested), number(side.model), f"{ends[0]:.{digits}f} .. {ends[1]:.{digits}f}" if ends else "-"
+
+
+def _content(result: FitResult, known: Delivered, out: Path) -> dict[str, Any]:
+    """What --json prints."""
+    from mmg_ident import start as steps
+
+    rows = known.form.rows if known.form else ()
+    figures = [
+        {"manoeuvre": row.group, "figure": row.name, "unit": row.unit, "side": name, "verdict": side.verdict,
+         "tested": side.tested and side.tested.value, "model": side.model and side.model.value,
+         "interval_90": side.model and side.model.interval}
+        for row in rows
+        for name, side in zip(("port", "starboard") if len(row.sides) == 2 else ("",), row.sides, strict=True)
+    ]  # fmt: skip
+    fmu = str(out / steps.FMU) if (out / steps.FMU).exists() else None
+    messages = [vars(m) for m in result.messages]
+    return {"out": str(out), "converged": result.converged, "figures": figures, "fmu": fmu, "messages": messages}
