@@ -39,7 +39,6 @@ from diagnosis.prepare import (
     priors_before,
     with_sensor_faults,
 )
-from diagnosis.summary import parameters_of
 from fitting.calibration import SecondEstimate
 from fitting.nlp.windows import default_step
 from fitting.record import EffectTest, EffectValue, MessageRow
@@ -122,6 +121,8 @@ def _of_reading(reading: InputReading, frees: bool) -> list[Message]:
 
 def _of_suspect(ship: Ship, ready: Prepared, found: Selection, number: int, frees: bool) -> Message:
     """The effect of this ``number`` in the selection ``found``: its size, what it moved, and what to do."""
+    from diagnosis.summary import parameters_of  # late: most campaigns have no suspect
+
     c = found.effects[number]
     sizes = [
         f"{symbol} = {x.value:.3g} ± {x.std:.2g} {x.unit}".rstrip()

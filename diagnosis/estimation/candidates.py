@@ -127,10 +127,10 @@ def ship_with_all_effects(
     left_out, full = {}, ship
     has_wind = trials is None or any(t.has_wind for t in trials)
     known = site or {}
-    for name, e in EFFECTS.items():
+    for name in EFFECTS:  # not items(): the file of an effect is read when it is looked up
         if name in ship.effects or (names is not None and name not in names):
             continue
-        missing = [role for role in e.needs if role not in ship.components]
+        missing = [role for role in EFFECTS[name].needs if role not in ship.components]
         if missing:
             left_out[name] = f"the ship has no {' or '.join(missing)} model"
             continue
