@@ -48,13 +48,15 @@ from mmg.messages import Message
 from mmg.ship import Ship
 
 MOST = 40_000
-"""Steps of a filter that take 2 GB (13,460 s of a 3 m model: 0.6 GB)."""
+"""Steps of a filter that take 2 GB (13,460 s of a 3 m model: 0.6 GB). So it was measured; set by hand: it bounds
+memory."""
 FEW = 3_000
 """Steps of trials that are fitted first where there are at least twice as many: sizes of the noise and how far apart
-samples are compared hardly depend on the rest. On 35 records 20 linearisations of all trials become seven."""
+samples are compared hardly depend on the rest. On 35 records 20 linearisations of all trials become seven. So it was
+measured; set by hand."""
 FINE = 0.25
 """Samples so short, in steps of the filter, that it hardly matters whether actuators are held or joined between them:
-one reading is fitted then, not both."""
+one reading is fitted then, not both. Set by hand."""
 
 
 SUSPECTS = {
@@ -188,9 +190,9 @@ def _some(trials: Sequence[Trial], every: int) -> Sequence[Trial]:
 
 
 LEVEL = 0.05
-"""Probability below which an effect is more than chance."""
+"""Probability below which an effect is more than chance. Set by hand: a usual level."""
 APART = 3.0
-"""Standard errors of their difference from which two estimates are said to differ."""
+"""Standard errors of their difference from which two estimates are said to differ. Set by hand."""
 
 
 def with_effect_tests(result: FitResult, ship: Ship) -> FitResult:

@@ -41,9 +41,8 @@ from mmg.ship import Ship
 if TYPE_CHECKING:
     from diagnosis.hypotheses.score_test import ScoreTest
 
-CLEAR = 3.0
-"""Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20). Set
-by hand."""
+CLEAR = 3.0  # set by hand
+"""Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20)."""
 
 
 USUAL = 0.03

@@ -425,7 +425,8 @@ class SecondEstimate:
 Second = Callable[[Ship, Sequence[Trial], bool], SecondEstimate]
 """Another estimator: of a ship on trials; the last says whether the suspects that it finds are fitted along."""
 SHARE = 0.5
-"""Share [-] of the second estimate: the plain mean of both."""
+"""Share [-] of the second estimate: the plain mean of both. Set by hand; the row ``filter alone`` of
+benchmarks/ablation.md has the other end."""
 
 
 def averages(ship: Ship) -> bool:

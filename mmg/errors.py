@@ -18,9 +18,8 @@ DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT")
 """What files cannot be called on Windows, whatever follows after a dot."""
 WINDOWS = os.name == "nt"
 
-LONGEST = 4000
-"""Most characters of the text of an error; of a longer one the middle is left out. Set by hand: fifty lines of a
-terminal."""
+LONGEST = 4000  # set by hand: fifty lines of a terminal
+"""Most characters of the text of an error; of a longer one the middle is left out."""
 
 
 class UserError(Exception):

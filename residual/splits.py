@@ -29,9 +29,8 @@ FOLDS = 5
 """Parts into which the runs are split, or the blocks of fewer runs. Set by hand."""
 WHOLE = 3
 """Fewest runs of which whole ones judge. Set by hand."""
-GAP = 30.0
-"""Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind. Set
-by hand: one window of the scores."""
+GAP = 30.0  # set by hand: one window of the scores
+"""Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind."""
 SHORTER = (120.0, 90.0, 75.0)
 """Lengths of blocks [s] tried where longer ones are fewer than FOLDS. Set by hand."""
 

@@ -66,9 +66,8 @@ def runs(flags: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.diff(np.concatenate([[0], flags, [0]]).astype(int))).reshape(-1, 2)
 
 
-LONGEST = 4.0
-"""A value is frozen when it is repeated this many times as often as the longest repetition that is usual. Set
-by hand."""
+LONGEST = 4.0  # set by hand
+"""A value is frozen when it is repeated this many times as often as the longest repetition that is usual."""
 USUAL = 0.8
 """Share of the samples that lie in repetitions of usual length. Set by hand."""
 LEAST_ROWS, LEAST_S = 5, 1.2
@@ -80,9 +79,8 @@ NOISY = 0.25
 """Share of changes from row to row against the one before, from which a channel has noise (white noise: 2/3), so that
 it never repeats itself for long. Set by hand."""
 GROUPS = (("psi",), ("x", "y"), ("u", "v"), ("r",))
-WANDER = 4.0
-"""Standard deviations of the integral of white noise that say nothing: one in 16,000 is larger by chance. Set
-by hand."""
+WANDER = 4.0  # set by hand
+"""Standard deviations of the integral of white noise that say nothing: one in 16,000 is larger by chance."""
 
 
 def frozen(trial: Trial, signals: Mapping[str, np.ndarray]) -> Iterator[Break]:
@@ -168,9 +166,8 @@ def _others_move(trial: Trial, group: tuple[str, ...], first: int, last: int) ->
 NAMES = ("x", "y", "psi", "u", "v", "r")
 MANY = 20
 """Rows before by which a jump is known: their median has a standard error of a quarter of the noise. Set by hand."""
-CHANGES = 0.5
-"""Share of the rows of a replayed part that differ from the row before: a ship at rest has the same row for long. Set
-by hand."""
+CHANGES = 0.5  # set by hand
+"""Share of the rows of a replayed part that differ from the row before: a ship at rest has the same row for long."""
 
 
 def repeated(trial: Trial) -> Iterator[Break]:
@@ -278,9 +275,8 @@ BEYOND_NOISE = 6.0
 STOPPED = 0.15
 """It does so faster than 95 % of the record, or by this factor where the propeller is stopped as well: nothing of the
 ship's own is left that turns her. Set by hand."""
-SHORTER = 0.4
-"""So it is only in spells up to this share of the record: one that lies stopped in swell swings all the time. Set
-by hand."""
+SHORTER = 0.4  # set by hand
+"""So it is only in spells up to this share of the record: one that lies stopped in swell swings all the time."""
 AGREED = 0.5
 """The heading turns with it, by at least this share: else the gyro swings, not the ship. Set by hand."""
 PROPELLERS = ("n", "n_2", "n_3", "n_4")

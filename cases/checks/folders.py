@@ -133,12 +133,10 @@ TURNED, LEAST_ARM = math.radians(2.0), 0.05
 secant of the latitude), and for a lever arm [m]."""
 LEAST_SHARE = 0.001
 """Gains [1] and angles [rad] below it are not worth a note: a metre in a kilometre. Set by hand (1, 1)."""
-DISAGREE = 0.8
-"""Relative misfit of the track beyond which positions and velocities have nothing to do with each other. Set
-by hand."""
-SURE = 20.0
-"""Nats from which one file refutes its labels although all others of its folder bear theirs out. Set by hand: below it
-one file is doubted, and a fit goes on."""
+DISAGREE = 0.8  # set by hand
+"""Relative misfit of the track beyond which positions and velocities have nothing to do with each other."""
+SURE = 20.0  # set by hand: below it one file is doubted, and a fit goes on
+"""Nats from which one file refutes its labels although all others of its folder bear theirs out."""
 LOOKS = {
     "sampling": sampling,
     "stretches": stretch_findings,

@@ -29,9 +29,8 @@ from mmg.motion.flow import INPUTS
 from mmg.motion.frames import apparent_wind
 from mmg.ship import Ship
 
-GAP = 3.0
-"""A stretch without complete required columns that is longer than this many median steps is a gap. Set by hand (0,
-1)."""
+GAP = 3.0  # set by hand (0, 1)
+"""A stretch without complete required columns that is longer than this many median steps is a gap."""
 VELOCITIES = ("u", "v", "r")
 SPIKE, SPIKE_RANGE = 12.0, 0.5
 """A spike differs from the mean of its neighbours by so many times the usual difference, and by this share of the range
@@ -250,9 +249,8 @@ TURNING = math.radians(90.0)
 and where it turns her, her bow drifts off."""
 SLOW = 0.1
 """Share of the greatest speed from which a drift angle is one of a ship that goes ahead. Set by hand."""
-LEAST_DRIFT = 0.02
-"""Share of the surge that the sway of a ship in such a turn exceeds: a degree of drift, where 3 to 20 are usual. Set
-by hand."""
+LEAST_DRIFT = 0.02  # set by hand
+"""Share of the surge that the sway of a ship in such a turn exceeds: a degree of drift, where 3 to 20 are usual."""
 OFFSET = math.radians(2.0)
 """A compass is right within it (IMO A.424: 1 deg times the secant of the latitude)."""
 WOULD = {

@@ -283,9 +283,8 @@ def _level(values: np.ndarray, m: int) -> np.ndarray:
 
 SECONDS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 50.0, 60.0, 75.0, 95.0)
 """Lengths that are compared. Set by hand (1, 0)."""
-SHORT = 5.0
-"""Longer times are judged by what is usual over this, as a drift of a minute may be half of the record. Set by hand (1,
-2)."""
+SHORT = 5.0  # set by hand (1, 2)
+"""Longer times are judged by what is usual over this, as a drift of a minute may be half of the record."""
 GROWTH = {"psi": 0.5, "position": 0.8}
 """Power of the time by which the usual change grows beyond SHORT."""
 LIMIT = {

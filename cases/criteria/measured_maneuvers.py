@@ -31,9 +31,8 @@ from mmg.states import STATES
 
 TOLERANCE = math.radians(1.0)
 """An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, what is more [rad]."""
-MEMORY = 0.25
-"""Ship times L/U over which the angle that is held may creep: a rudder that moves on faster is not held. Set
-by hand."""
+MEMORY = 0.25  # set by hand
+"""Ship times L/U over which the angle that is held may creep: a rudder that moves on faster is not held."""
 SHORTEST_HOLD = 0.1
 """Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike. Set by hand."""
 CORRECTION, CORRECTED, LEAST_CORRECTED = 0.2, (0.67, 2.0), math.radians(3.5)
@@ -42,9 +41,8 @@ it, and its angle lies between these shares of the other one's."""
 SLOWEST = 0.3
 """Share of its largest rate below which the rudder's movement to an angle has not begun: a helm that wanders before is
 slower than the order's movement. Set by hand."""
-FIRST, LATER = 0.1, 0.5
-"""Shares of the way between two holds through which the line goes that tells when the rudder began to move. Set
-by hand."""
+FIRST, LATER = 0.1, 0.5  # set by hand
+"""Shares of the way between two holds through which the line goes that tells when the rudder began to move."""
 
 
 @dataclass(frozen=True)
@@ -233,12 +231,10 @@ LEAST_CHANGE = math.radians(0.4)
 """A rudder that is reversed before the heading has changed by this is no zigzag [rad]."""
 LARGEST_CHANGE = math.radians(60.0)
 """One that is reversed later than this is a turn to one side and a turn to the other [rad]."""
-LEAST_HOLDS = 3
-"""A zigzag has its second and third execute; with fewer it counts only where the run has no complete manoeuvre. Set
-by hand."""
-LEAST_SHARE = 0.4
-"""Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held. Set
-by hand."""
+LEAST_HOLDS = 3  # set by hand
+"""A zigzag has its second and third execute; with fewer it counts only where the run has no complete manoeuvre."""
+LEAST_SHARE = 0.4  # set by hand
+"""Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held."""
 TURN_RATE = 0.35
 """Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6. Set by hand
 in that range."""

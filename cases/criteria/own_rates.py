@@ -28,19 +28,16 @@ from mmg.ship import Ship
 
 MEASURED = "measured in "
 """How the source of a particular begins that was estimated from trials."""
-WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
-"""Samples over which slopes are taken to find moves: the fewest that show the largest slope above the noise. Set
-by hand: steps by a half at most."""
+WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # set by hand: steps by a half at most
+"""Samples over which slopes are taken to find moves: the fewest that show the largest slope above the noise."""
 CLEAR, MOVING = 0.06, 0.3
 """Shares of the largest slope: the most that the noise of a slope may have, and the least of a move. Set by hand."""
 VISIBLE = 8.0
 """Least size of a move, by the noise. Set by hand."""
-MOST = 5
-"""Largest moves of a trial that are fitted: a zigzag has five, and each costs some hundredths of a second. Set
-by hand."""
-JUMP = 0.7
-"""Largest change from a sample to the next, by that of the move: more of it is one step, as in a log of orders. Set
-by hand."""
+MOST = 5  # set by hand
+"""Largest moves of a trial that are fitted: a zigzag has five, and each costs some hundredths of a second."""
+JUMP = 0.7  # set by hand
+"""Largest change from a sample to the next, by that of the move: more of it is one step, as in a log of orders."""
 RESOLVED, SURE, STRAIGHT = 1.5, 0.05, (1.5, 0.01)
 """A ramp whose rate counts lasts so many sampling intervals, has this relative standard error at most, and leaves an
 rms error of so many times the noise and this share of its size: half a sine leaves 0.026."""

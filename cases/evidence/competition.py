@@ -29,16 +29,14 @@ from cases.quantities import DEG, KNOT, quantity, to_si, unit_by_factor
 from cases.trial import Trial
 from mmg.motion.flow import RUDDERS
 
-TURNED = 0.1
-"""rad; a heading turns at least so far before its own column, or that of the turn rate, must have shown it. Set
-by hand."""
+TURNED = 0.1  # set by hand
+"""rad; a heading turns at least so far before its own column, or that of the turn rate, must have shown it."""
 QUARTER = math.pi / 2
 """rad; turn of a track that no ship makes on one heading."""
 MERIDIANS = 1e-3
 """rad; within it a frozen heading changes where it is made one of a local frame, over some kilometres. Set by hand."""
-VARIED = 0.05
-"""Share of the speed by which the velocity of the track varies before u must have shown it; half of it for v. Set
-by hand."""
+VARIED = 0.05  # set by hand
+"""Share of the speed by which the velocity of the track varies before u must have shown it; half of it for v."""
 STANDS = 0.98
 """Share of the rows with one value, from which a column stands still. Set by hand."""
 
@@ -325,14 +323,12 @@ def readings() -> list[ColumnReading]:
     return [r for r in some if FRAMES[r.frame].r == 1 or r.rate != -1]
 
 
-COST = 8.0
-"""Nats by which another reading has to be better than that of the headers, for each choice that differs. Set
-by hand."""
+COST = 8.0  # set by hand
+"""Nats by which another reading has to be better than that of the headers, for each choice that differs."""
 CLOSE = 4.0
 """Readings that are closer than so many nats cannot be told apart. Set by hand."""
-OFF = (0.035, 0.03)
-"""Usual standard deviations of a heading's offset [rad] and of the logarithm of a log's gain, which are left free. Set
-by hand."""
+OFF = (0.035, 0.03)  # set by hand
+"""Usual standard deviations of a heading's offset [rad] and of the logarithm of a log's gain, which are left free."""
 MOST_OFF = (0.09, 0.1)
 """And the most that they are believed to be. Set by hand."""
 GYRO = 0.03

@@ -31,9 +31,8 @@ SIGMAS = 3.0
 """Standard errors that a found value must exceed; more (by Student's t) with few blocks. Set by hand."""
 RUNS = 10
 """From so many runs on, standard errors are those between runs. Set by hand."""
-CLIP = 1.5
-"""Standard deviations from which an error counts by its size, not by its square (Huber 1964: between 1 and 2). Set
-by hand."""
+CLIP = 1.5  # set by hand
+"""Standard deviations from which an error counts by its size, not by its square (Huber 1964: between 1 and 2)."""
 ITERATIONS, MOST = 8, 5
 """Of a fit, and faults at most. Set by hand."""
 CLOSE, SHARE = 6.0, 0.8
@@ -329,12 +328,10 @@ def _shown(value: float, unit: str) -> str:
 SMOOTHING = 1.1
 """s; moving average over the measured and the derived velocities (at least 5 samples): below it the differentiated
 satellite position is noise. Set by hand."""
-WINDOW, STRIDE, BLOCK = 8.0, 2.0, 30.0
-"""s: length of a window, distance of windows, and block that a jackknife leaves out (a twelfth of a short run). Set
-by hand."""
-CORRELATION = 0.9
-"""A displacement or turn that correlates less with the integral of the velocities is a fault of the data. Set
-by hand."""
+WINDOW, STRIDE, BLOCK = 8.0, 2.0, 30.0  # set by hand
+"""s: length of a window, distance of windows, and block that a jackknife leaves out (a twelfth of a short run)."""
+CORRELATION = 0.9  # set by hand
+"""A displacement or turn that correlates less with the integral of the velocities is a fault of the data."""
 MOVED, TURNED = 0.3, 0.03
 """m and rad, RMS over the windows: a run that moves or turns less says nothing about it. Set by hand."""
 FRAMES = ("earth", "body")

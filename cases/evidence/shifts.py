@@ -168,10 +168,9 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
 
 CLOSE = 6.0
 """Explanations that are closer than so many nats cannot be told apart. Set by hand."""
-RARE = 6.0
+RARE = 6.0  # set by hand (1, 1)
 """What an explanation costs beside, that supposes the rare: a channel that is early, which needs all the others to be
-late, or compass and gyro late together. A lever arm forward, or velocities that are late, look much like these. Set
-by hand (1, 1)."""
+late, or compass and gyro late together. A lever arm forward, or velocities that are late, look much like these."""
 LEAST = 0.004
 """Relative misfit below which nothing is compared: rounding. Set by hand."""
 LAGS = {"w": ("w",), "place": ("place",), "psi": ("psi",), "psi, r": ("psi", "r"), "r": ("r",)}

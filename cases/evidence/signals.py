@@ -13,14 +13,12 @@ import numpy as np
 from cases.inputs import integral
 from cases.trial import Trial, unwrapped
 
-PIECES = 12
-"""A record speaks once in each of so many pieces, however many samples it has: neighbours say the same. Set by hand (4,
-2)."""
+PIECES = 12  # set by hand (4, 2)
+"""A record speaks once in each of so many pieces, however many samples it has: neighbours say the same."""
 WINDOW_ROWS, WINDOW_S = 5, 1.1
 """Least length of a window in rows of the record and in seconds. Set by hand (1, 0 and 0, 1)."""
-NOISE = 0.01
-"""A window is so long that the noise of two positions is at most this share of the way made in it. Set by hand (1,
-1)."""
+NOISE = 0.01  # set by hand (1, 1)
+"""A window is so long that the noise of two positions is at most this share of the way made in it."""
 LONGEST = 40
 """At most this part of the record is one window. Set by hand."""
 FLOOR = 0.02

@@ -40,9 +40,8 @@ GAP = 2.5
 """Gaps of a column beyond so many of its steps stay gaps. Set by hand."""
 LEAST_ROWS = 20
 """Least rows of a run, and numbers of a column. Set by hand."""
-LARGE = 1e5
-"""Eastings and northings beyond are counted from the first position. Set by hand: metres; a UTM northing is larger, a
-trial's area smaller."""
+LARGE = 1e5  # set by hand: metres; a UTM northing is larger, a trial's area smaller
+"""Eastings and northings beyond are counted from the first position."""
 
 
 @dataclass(frozen=True)

@@ -47,9 +47,8 @@ JUMPS = {
     1024 * WEEK: "1024 weeks: the receiver's count of weeks rolled over",
 }
 """Jumps of clocks [s] and what makes them."""
-SAMPLED = 0.1
-"""Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies. Set
-by hand."""
+SAMPLED = 0.1  # set by hand
+"""Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies."""
 ZONE = r"[:T]\d{2}\S*\s*(?:Z|[+-]\d{2}(?::?\d{2})?)$"
 """The end of a stamp with a zone."""
 LAST_STAMP = 253402300800.0
@@ -289,9 +288,8 @@ def _padded(written: Callable[[], Any], t: np.ndarray) -> np.ndarray:
     return mended if _unevenness(mended) < UNEVEN * uneven else t
 
 
-UNEVEN = 0.3
-"""Unevenness of steps from which digits behind the point are looked at, and that another reading has to leave of it.
-Set by hand."""
+UNEVEN = 0.3  # set by hand
+"""Unevenness of steps from which digits behind the point are looked at, and that another reading has to leave of it."""
 
 
 def _unevenness(t: np.ndarray) -> float:

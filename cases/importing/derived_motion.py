@@ -44,12 +44,10 @@ SLENDER = 6.0
 """Length over breadth of a usual ship. Set by hand."""
 COARSE = 0.01
 """Share of the extent of a track to which its positions may be rounded before it is said. Set by hand."""
-FINEST = 1e-4
-"""m, rad, m/s; resolution of a column that shows none because it never changes: that of the finest instruments. Set
-by hand."""
-PLACES = 9
-"""Places along the record at which the standard error is taken; their median is said. Set by hand: a median needs no
-more."""
+FINEST = 1e-4  # set by hand
+"""m, rad, m/s; resolution of a column that shows none because it never changes: that of the finest instruments."""
+PLACES = 9  # set by hand: a median needs no more
+"""Places along the record at which the standard error is taken; their median is said."""
 LONGEST_GAP = 5.0
 """Gap in the positions [s] over which no velocity is derived. Set by hand."""
 

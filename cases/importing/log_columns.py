@@ -484,9 +484,8 @@ def _rows(
 
 BY_CHANCE = 1e-9
 """Probability of a row of equal values below which a channel stands still. Set by hand."""
-FROZEN_S, FROZEN_ROWS, JUMP = 2.0, 10, 3.0
-"""Least time and rows that a channel stands still, and its jump afterwards, in its larger changes from row to row. Set
-by hand."""
+FROZEN_S, FROZEN_ROWS, JUMP = 2.0, 10, 3.0  # set by hand
+"""Least time and rows that a channel stands still, and its jump afterwards, in its larger changes from row to row."""
 LARGEST = 1e15
 """No measurement in any unit is larger. Set by hand."""
 STATES = ("latitude", "longitude", "x", "y", "psi", "sog", "cog", "u", "v", "r")

@@ -25,9 +25,8 @@ UNSET = 30 * DAY
 """A clock that jumps so far [s] was not set before, or is not after."""
 COLD = 0.1
 """Share of a log in which a receiver may still set its clock. Set by hand."""
-BACK = 2.0
-"""Steps by which times of a source go back at most: two receivers behind one talker are late against each other. Set
-by hand."""
+BACK = 2.0  # set by hand
+"""Steps by which times of a source go back at most: two receivers behind one talker are late against each other."""
 LATE = 0.5
 """Seconds by which sentences of a receiver come after their fix at most; the zone of a logger's clock is a multiple of
 QUARTER [s]. Set by hand."""

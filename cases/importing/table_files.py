@@ -43,9 +43,8 @@ LOOKED_AT, PREAMBLE = 400, 60
 """Lines by which separator and header are found, and most lines before the header. Set by hand."""
 PLACES, SAMPLE = 40, 2**15
 """Places at which a log whose rows are averaged is looked at before, and bytes at each."""
-ROUGHER = 3.0
-"""A reading of numbers is refuted where neighbours written in two ways then differ so many times more than others. Set
-by hand."""
+ROUGHER = 3.0  # set by hand
+"""A reading of numbers is refuted where neighbours written in two ways then differ so many times more than others."""
 NUMBER = re.compile(rf"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|{GROUPED.format(mark=',.' + BLANKS, decimal='.,')}")
 DATE_FORMAT = r"[dhmsyt:./°'\" _\-]*(?:[dhmsy]{2}|[hmsd]:)[dhmsyt:./°'\" _\-]*"
 """A cell such as "hh:mm:ss" or "ddmm.mmmm", in lower case."""

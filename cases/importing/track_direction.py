@@ -23,9 +23,8 @@ from cases.trial import unwrapped
 from mmg.messages import Message
 
 PAIRS = (("latitude", "longitude"), ("x", "y"))
-SPANS = (100, 30, 12)
-"""Displacements over these parts of a run are looked at: long ones stand out of noise, short ones follow turns. Set
-by hand."""
+SPANS = (100, 30, 12)  # set by hand
+"""Displacements over these parts of a run are looked at: long ones stand out of noise, short ones follow turns."""
 FITS, WORSE = 0.05, 8.0
 """Most that the mean cosine between displacement and direction lacks of one where a reading fits, and so many times
 this of the labels where they are refuted. Set by hand."""
@@ -99,9 +98,8 @@ def _along(a: np.ndarray, b: np.ndarray, direction: np.ndarray, span: int, globe
     return complex(np.conj(ahead[good]) @ moved[good]) / size if size > 0 else 0j
 
 
-CLOSE, APART = 0.10, 0.25
-"""Relative difference of a unit that fits, and least one of all others. Set by hand: knots and m/s, feet and metres
-differ by more."""
+CLOSE, APART = 0.10, 0.25  # set by hand: knots and m/s, feet and metres differ by more
+"""Relative difference of a unit that fits, and least one of all others."""
 PARTS = 30
 """Of a run, over which distances and turns are compared. Set by hand."""
 RARE = ("rad/min", "mrad/s", "ft/s", "cm/s", "mm/s")
@@ -186,14 +184,12 @@ def times_as_much(quantity: str, values: np.ndarray, t: np.ndarray, columns: Map
     return both / float(said @ said) if size > 0 and both**2 > 0.8 * size else np.nan
 
 
-LATE, USUAL = 0.10, 0.05
-"""Times by which the course of a ship may be late, and usually is, in periods of its swinging; it is never early. Set
-by hand."""
+LATE, USUAL = 0.10, 0.05  # set by hand
+"""Times by which the course of a ship may be late, and usually is, in periods of its swinging; it is never early."""
 CHANGE = 0.10
 """Most that this time changes along a run with the speed of the ship, in periods. Set by hand."""
-SIGMAS, SIGMAS_DRIFT = 2.0, 4.0
-"""Standard errors beyond which a difference, and a drift, is no chance. Set by hand: 5 % and 1 in 16,000 of normal
-errors are larger."""
+SIGMAS, SIGMAS_DRIFT = 2.0, 4.0  # set by hand: 5 % and 1 in 16,000 of normal errors are larger
+"""Standard errors beyond which a difference, and a drift, is no chance."""
 LEAST_SWING = 0.1
 """rad; heading that swings less tells nothing of clocks. Set by hand."""
 STEPS = 4000

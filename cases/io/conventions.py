@@ -32,9 +32,8 @@ WELL_KNOWN = (
     *(32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 1e30, -1e30, 181.0, 91.0, 511.0, 102.3, 360.1),
 )
 """Numbers that loggers write where they have none; those of AIS are among them."""
-JUMP = 20.0
-"""Such a number stands for none where the column jumps there by so many times its larger changes from row to row. Set
-by hand."""
+JUMP = 20.0  # set by hand
+"""Such a number stands for none where the column jumps there by so many times its larger changes from row to row."""
 STEP_OF_INPUT = 1.0
 """The same of a zero of an actuator in a row in which a state jumped to zero. Set by hand."""
 LARGER = 0.95
@@ -134,9 +133,8 @@ def _dropouts(name: str, values: np.ndarray, jump: float) -> np.ndarray:
 
 MOST = 20
 """False samples of a crossing at most: a record resampled by more is no interpolation. Set by hand."""
-QUICK = 8.0
-"""A step from sample to sample that is so many times the greater ones of the record is none of the ship. Set
-by hand."""
+QUICK = 8.0  # set by hand
+"""A step from sample to sample that is so many times the greater ones of the record is none of the ship."""
 NEAR = 0.15
 """rad; the short way between both ends of a crossing, less the integrated turn rate, is no more. Set by hand."""
 
@@ -177,9 +175,8 @@ def through_north(t: np.ndarray, psi: np.ndarray, r: np.ndarray | None) -> tuple
     return out, count
 
 
-STEADIER = 0.2
-"""Difference of the steadiness of wind, length of its mean over its mean length, that tells one unit from another. Set
-by hand."""
+STEADIER = 0.2  # set by hand
+"""Difference of the steadiness of wind, length of its mean over its mean length, that tells one unit from another."""
 _DIRECTIONS = tuple(name for name in UNITS if wraps(name) and "wind" in name)
 _CAUSES = {
     (DEG, 1.0): "psi holds degrees but is labelled rad (or r holds rad/s but is labelled deg/s)",

@@ -39,9 +39,8 @@ from mmg.ship import Ship
 Orders = Callable[[float, np.ndarray], "tuple[float, float] | None"]
 FULL_TURN = 3 * math.pi
 """Change of heading after which a turning test ends [rad]: 540 degrees (IMO MSC/Circ.1053)."""
-TINY = 1e-9
-"""Slack in comparisons of times [s] and angles [rad], so that 0.1 + 0.2 is not later than 0.3. Set by hand: above
-rounding, below any order."""
+TINY = 1e-9  # set by hand: above rounding, below any order
+"""Slack in comparisons of times [s] and angles [rad], so that 0.1 + 0.2 is not later than 0.3."""
 
 
 def constant(n: float) -> Orders:
@@ -544,12 +543,10 @@ def _coasting(s: _Setup) -> Maneuver:
     return s.maneuver(2000.0, stop, order_time=s.lead, least=least)
 
 
-STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002
-"""The turn rate is steady when r L / U changes by no more than 0.0002 over three ship lengths (U of the approach). Set
-by hand."""
-_LONGEST_HOLD = 100.0
-"""Ship lengths that one rudder angle of a spiral or pull-out may take to become steady. Set by hand: it bounds a run
-that never becomes steady."""
+STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002  # set by hand
+"""The turn rate is steady when r L / U changes by no more than 0.0002 over three ship lengths (U of the approach)."""
+_LONGEST_HOLD = 100.0  # set by hand: it bounds a run that never becomes steady
+"""Ship lengths that one rudder angle of a spiral or pull-out may take to become steady."""
 
 
 def _steps(s: _Setup, angles: tuple[float, ...], **parameters: float) -> Maneuver:

@@ -31,15 +31,13 @@ from mmg.model import assemble
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
-SMALLEST = 50.0
-"""Length [m] from which a ship is taken to have a diesel engine; shorter ones are models with an electric motor. Set
-by hand."""
+SMALLEST = 50.0  # set by hand
+"""Length [m] from which a ship is taken to have a diesel engine; shorter ones are models with an electric motor."""
 MCR = 0.965
 """Revolutions at U_0 by n_MCR where the ship file gives none: 90 % of the power, by the propeller law. Set by hand:
 .9^(1/3)."""
-FRICTION, AIR, GAIN = 0.05, 0.4, 8.0
-"""Of the shaft line and the starting air, in Q_MCR; of the governor, in Q_MCR by n_MCR: estimates of this library. Set
-by hand."""
+FRICTION, AIR, GAIN = 0.05, 0.4, 8.0  # set by hand
+"""Of the shaft line and the starting air, in Q_MCR; of the governor, in Q_MCR by n_MCR: estimates of this library."""
 STEP = 0.25
 """Integration step of the shaft [s]. Set by hand."""
 USUAL: Mapping[str, tuple[float, float, float, float]] = {

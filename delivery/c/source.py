@@ -26,9 +26,8 @@ from mmg.errors import Unsupported, UserError
 from mmg.model import INVERSIONS
 from mmg.network import Layers, Network
 
-BLOCK = 8
-"""Rows of a block whose sums a compiler keeps in registers: one AVX-512 register, two AVX2 ones. Set by hand: speed
-alone."""
+BLOCK = 8  # set by hand: speed alone
+"""Rows of a block whose sums a compiler keeps in registers: one AVX-512 register, two AVX2 ones."""
 TERMS, DOUBLINGS = 15, 6
 """With |y| <= 0.625 a series of 15 terms is exact to rounding; doubled six times it serves |2 x| <= 40. Taylor's
 remainder bounds the error: 0.625^16 / 16! is 3e-17."""
@@ -199,9 +198,8 @@ EVERY = RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z,
 first six, features (F,); derivatives of rates and features by state (S) and inputs (C)."""
 RUDDER = 0.3
 """Rudder angle [rad] of the turn in an example. Set by hand."""
-MOST_VALUES = 1500
-"""Ships with more values than this are stepped one by one: their arrays would not fit into a small stack. Set by hand:
-12 kB an array of them."""
+MOST_VALUES = 1500  # set by hand: 12 kB an array of them
+"""Ships with more values than this are stepped one by one: their arrays would not fit into a small stack."""
 
 
 def equations(product: Product) -> Program:

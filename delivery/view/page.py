@@ -232,9 +232,8 @@ NETWORK = "learned residual"
 """Role under which the accelerations of a network, times the masses, are shown."""
 BUDGET = 10e6
 """Bytes of all runs of a page together, about. Set by hand: what a browser opens at once."""
-FEWEST, MOST = 120, 1000
-"""Rows of a run: fewer are not shown than the first, and more than the second no screen resolves. Set
-by hand."""
+FEWEST, MOST = 120, 1000  # set by hand
+"""Rows of a run: fewer are not shown than the first, and more than the second no screen resolves."""
 
 
 def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:

@@ -14,21 +14,18 @@ from fitting.nlp.windows import default_step, pieces_of
 from mmg.errors import TooFewData
 from mmg.motion.froude import time_scale
 
-LONGEST, SHORTEST = 600, 20
-"""Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out. Set by hand: windows side by
-side are what the filter is fast at."""
+LONGEST, SHORTEST = 600, 20  # set by hand: windows side by side are what the filter is fast at
+"""Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out."""
 COARSE = 0.2
 """Sampling time [s of a 3 m model] beyond which half a sample of the actuators is as long as a delay. Set by hand."""
 PARTS = 8
 """Parts of a step whose means give the change of an input over it. Set by hand."""
 EVEN = 0.02
 """Share of the sampling time by which a sample may be off a grid that parts of it make. Set by hand."""
-RUN_IN = 3.0
-"""Seconds [of a 3 m model] at the start of a window that are simulated but not compared: delays have no past there. Set
-by hand."""
-BEFORE = 20.0
-"""Seconds [of a 3 m model] before a window of which the inputs are kept: twice the longest delay or lag. Set
-by hand."""
+RUN_IN = 3.0  # set by hand
+"""Seconds [of a 3 m model] at the start of a window that are simulated but not compared: delays have no past there."""
+BEFORE = 20.0  # set by hand
+"""Seconds [of a 3 m model] before a window of which the inputs are kept: twice the longest delay or lag."""
 
 
 @dataclass(frozen=True)

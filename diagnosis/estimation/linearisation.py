@@ -178,9 +178,8 @@ def initial_trajectory(steps: TransitionModel, data: GriddedTrials, theta: np.nd
     return Trajectory(z.T.reshape(K1, R, -1), np.zeros((K1, R, 3)))
 
 
-SETTLED = 0.03
-"""Standard deviation of a memory state about its settled value at the start of a window, in typical sizes. Set
-by hand."""
+SETTLED = 0.03  # set by hand
+"""Standard deviation of a memory state about its settled value at the start of a window, in typical sizes."""
 
 
 def initial_covariance(

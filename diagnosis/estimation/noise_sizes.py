@@ -84,9 +84,8 @@ def least_force(noise: NoiseModel, data: GriddedTrials, typical: NoiseModel) -> 
 
 SHORTEST, LONGEST = -3.0, 1.4
 """Least and largest change of the logarithm of a variance in one step. Set by hand: factors of 20 down and 4 up."""
-RIDGE = 1e-3, 1e-6
-"""Share of each information that is added to it, and as much again: sources that look alike are not told apart. Set
-by hand."""
+RIDGE = 1e-3, 1e-6  # set by hand
+"""Share of each information that is added to it, and as much again: sources that look alike are not told apart."""
 
 
 def _sizes_and_bounds(here: Linearisation, typical: NoiseModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

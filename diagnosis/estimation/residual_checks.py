@@ -16,10 +16,9 @@ from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.motion.froude import time_scale
 
-LEAST_ROWS, BINS, NEIGHBOURS, SLOWEST = 24, 30, 3, 4
+LEAST_ROWS, BINS, NEIGHBOURS, SLOWEST = 24, 30, 3, 4  # set by hand
 """Samples that a piece of a window needs for a spectrum, bands of the spectrum at most, bands on either side that a
-line is compared with (those next to it are left out), and bands of the longest periods that are not looked at. Set
-by hand."""
+line is compared with (those next to it are left out), and bands of the longest periods that are not looked at."""
 
 
 IN_ANOTHER = 1e-3
@@ -27,9 +26,8 @@ IN_ANOTHER = 1e-3
 TWICE, RARE = 2.0, 1e-6
 """Power of a line over that beside it, and probability that one with less has at least: many samples show surely what a
 sensor or a random force of another shape makes, a hill of the spectrum, which is not as high. Set by hand."""
-COARSER = 4.0
-"""Ratio of the shortest periods of spectra that follow each other; each begins to look at SLOWEST times its own. Set
-by hand."""
+COARSER = 4.0  # set by hand
+"""Ratio of the shortest periods of spectra that follow each other; each begins to look at SLOWEST times its own."""
 HELD, FINEST = 0.3, 4
 """Error of a velocity over a step, in the noise of its sensor, that the latent force may make by being held over it.
 Parts into which a step is divided at most. Set by hand."""

@@ -51,9 +51,8 @@ from mmg.progress import LOGGER
 from mmg.ship import Ship
 
 Of = TypeVar("Of", Candidate, SensorFault)
-COMMON = 3.0
-"""Prior standard deviation of what an effect beside the fit may have in all runs alike, in typical sizes. Set
-by hand."""
+COMMON = 3.0  # set by hand
+"""Prior standard deviation of what an effect beside the fit may have in all runs alike, in typical sizes."""
 
 
 @dataclass(frozen=True)
@@ -166,18 +165,16 @@ def imitated(s: RunSlopes, c: Candidate, other: Candidate) -> float:
     return float(size @ J12 @ np.linalg.pinv(J22, rcond=1e-9) @ J12.T @ size) / whole if whole > 0 else 0.0
 
 
-SHARE = 0.1
-"""Typical difference of a coefficient between groups, as a share of its value, if its prior is not narrower. Set
-by hand."""
+SHARE = 0.1  # set by hand
+"""Typical difference of a coefficient between groups, as a share of its value, if its prior is not narrower."""
 WIDE = 3.0
 """Prior standard deviation of a difference in a refit, in typical sizes. Set by hand."""
 MOST = 3
 """Differences that the dynamics name at the most. Set by hand."""
 IMITATES = 0.9
 """Share of a difference that another parameter must imitate to be the same by another name. Set by hand."""
-SCATTERED = 1.5
-"""Typical sizes by which surroundings may differ from run to run for anything else to be told from them. Set
-by hand."""
+SCATTERED = 1.5  # set by hand
+"""Typical sizes by which surroundings may differ from run to run for anything else to be told from them."""
 ALIKE_BY = ODDS
 """Log Bayes factors within this of each other are alike."""
 LEVEL = 0.03

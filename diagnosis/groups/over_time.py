@@ -23,9 +23,8 @@ SPELL, PARTS = 0.25, 100
 """Longest spell [days]; one of a log shorter than 25 days is this part of it. Set by hand."""
 DAY, MONTH = 86400.0, 30.0
 """Seconds of a day, days of a month. (SI brochure of 2019, table 8; a month by hand.)"""
-INFORMED, FEWEST = 0.05, 8
-"""Share of the median information below which a spell is left out; spells without which no change can be told. Set
-by hand."""
+INFORMED, FEWEST = 0.05, 8  # set by hand
+"""Share of the median information below which a spell is left out; spells without which no change can be told."""
 TIMES = (0.3, 1.0)
 """Durations of the error that lasts [days], in a log of MONTH days or more; in proportion in a shorter one. An error of
 three days would make slow growth over a month look like chance; without it chances are right for errors of up to a day

@@ -25,16 +25,14 @@ STRETCH = 10.0
 """Length [s of a 3 m model] of a stretch; longer where there would be more than MOST of them. Set by hand."""
 MOST = 150
 """Stretches of all runs together. Set by hand: bounds time."""
-LATE = 4.0
-"""Delay [s of a 3 m model], of those in the dictionary, of an actuator that stops or limps for a while. Set by hand:
-the longest there."""
+LATE = 4.0  # set by hand: the longest there
+"""Delay [s of a 3 m model], of those in the dictionary, of an actuator that stops or limps for a while."""
 UNKNOWN = 12**-0.5
 """Standard deviation of the time at which an actuator moves between two samples, in their interval: any is alike."""
 SWINGS = tuple(round(0.2 + 0.15 * i, 2) for i in range(12))
 """Swings of a force on a way of one length of the ship (the Strouhal number)."""
-TURNS = (24.0, 34.0, 48.0, 68.0, 96.0)
-"""Periods [s of a 3 m model] in which a stream turns; shorter ones are waves, longer ones the mean of a run. Set
-by hand: factors of root two."""
+TURNS = (24.0, 34.0, 48.0, 68.0, 96.0)  # set by hand: factors of root two
+"""Periods [s of a 3 m model] in which a stream turns; shorter ones are waves, longer ones the mean of a run."""
 MEDIAN = 0.454936423119572
 """Median of chi-squared of one degree of freedom. (Abramowitz & Stegun 1964, chapter 26.)"""
 SEEN = 1e-9

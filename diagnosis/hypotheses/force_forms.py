@@ -106,9 +106,8 @@ class SmoothBasis:
         return Forms(tuple(f"{name} {i + 1}" for i in range(len(found))), values, gradients)
 
 
-OF_ONE, FINE = 8, 0.35
-"""Functions of each variable alone that are kept, and the length over which they change, in standard deviations. Set
-by hand."""
+OF_ONE, FINE = 8, 0.35  # set by hand
+"""Functions of each variable alone that are kept, and the length over which they change, in standard deviations."""
 OF_PLACE, PLACE = 12, 2.0
 """Functions of the place that are kept, and the length over which they change [lengths of the ship]. Set by hand."""
 SWINGS = tuple(round(2.2 * 1.18**i, 1) for i in range(10))

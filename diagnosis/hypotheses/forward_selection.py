@@ -33,9 +33,8 @@ ODDS = float(np.log(20.0))
 MOST = 6
 """Effects named at the most. Four together are found with their sizes in the trials of a 7 m KVLCC2. Set by hand; with
 one at most 2 of 400 answers change (row ``further effects`` of benchmarks/ablation.md)."""
-TRIES = 3
-"""Better places without a new effect from which a search begins anew, before one more effect is selected. Set
-by hand."""
+TRIES = 3  # set by hand
+"""Better places without a new effect from which a search begins anew, before one more effect is selected."""
 IsPossible = Callable[[Estimate, Candidate], bool]
 """Of a fit with a candidate: whether that has a size which it can have."""
 

@@ -24,15 +24,13 @@ from diagnosis.estimation.parameters import Priors, active_states, priors_of_eff
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.unnamed import unnamed_forms
 
-LEAST, ROUNDS = 0.1, 20
-"""Least standard deviation of an effect between runs, in typical sizes; rounds of expectation-maximisation. Set
-by hand."""
+LEAST, ROUNDS = 0.1, 20  # set by hand
+"""Least standard deviation of an effect between runs, in typical sizes; rounds of expectation-maximisation."""
 USUAL = 4.0
 """Standard deviations within which an effect is the usual misfit in other trials. Without this limit trials with hardly
 any random force had a current fitted 79 of them off before it was looked for."""
-STRONG = 2.0
-"""Typical sizes from which an effect in the trials of the calibration is a gap there already, no usual misfit. Set
-by hand."""
+STRONG = 2.0  # set by hand
+"""Typical sizes from which an effect in the trials of the calibration is a gap there already, no usual misfit."""
 
 
 @dataclass(frozen=True)

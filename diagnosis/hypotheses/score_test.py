@@ -88,9 +88,8 @@ def projected(gram: np.ndarray, logdet: np.ndarray, p: np.ndarray, known: np.nda
 DRAWS = 4000
 """Draws of the joint law of all slopes, for the probability of the largest. Set by hand: a probability of 1 % is known
 to 0.16 %."""
-EXCITED = 1e-3
-"""Information on a parameter, in its typical sizes to the power -2, below which the trials do not move it. Set
-by hand."""
+EXCITED = 1e-3  # set by hand
+"""Information on a parameter, in its typical sizes to the power -2, below which the trials do not move it."""
 SHOWS = 3.0
 """Standard errors from which an effect would show. Set by hand."""
 

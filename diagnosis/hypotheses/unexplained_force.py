@@ -29,9 +29,8 @@ from mmg.ship import Ship
 
 SIZES = (0.0, *np.geomspace(0.02, 20.0, 13).tolist())
 """Sizes that are tried, in those of the latent force."""
-SEEN = 0.1
-"""Information on a sum of forms of the size of the latent force, from which the trials say anything of it. Set
-by hand."""
+SEEN = 0.1  # set by hand
+"""Information on a sum of forms of the size of the latent force, from which the trials say anything of it."""
 SWEEPS = 3
 """Rounds over the channels in which the sizes are improved one by one. Set by hand."""
 DRAWS = 400

@@ -32,9 +32,8 @@ DRAWS = 2000
 """Draws of runs and floors for the intervals. Set by hand."""
 UNITS = ("position_m", "heading_deg")
 """What the errors at the end of a window are said in."""
-SURE = 0.05
-"""Probability that the error is not above the floor up to which there is a gap to account for. Set by hand: a usual
-level."""
+SURE = 0.05  # set by hand: a usual level
+"""Probability that the error is not above the floor up to which there is a gap to account for."""
 
 
 def budget_of(

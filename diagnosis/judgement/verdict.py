@@ -240,9 +240,8 @@ def limits(
     return [Message(words, code) for code, words in rows]
 
 
-FAR, LONG = 3.0, 3.0
-"""Prior standard deviations from which a coefficient is far off; memories of the random force that a run lasts. Set
-by hand."""
+FAR, LONG = 3.0, 3.0  # set by hand
+"""Prior standard deviations from which a coefficient is far off; memories of the random force that a run lasts."""
 
 
 def _doubts(ready: Prepared, named: Estimate | None) -> list[tuple[str, str]]:

@@ -33,12 +33,10 @@ STEADY, CHANGING = "steady turning", "entering a turn / yaw changing"
 STRAIGHT, ACCELERATING = "straight ahead", "accelerating"
 STOPPING, SLOW = "stopping / astern (n<0)", "drifting slow"
 PHASES = (STRAIGHT, ACCELERATING, CHANGING, STEADY, STOPPING, SLOW)
-SLOW_SHARE, ASTERN_SHARE = 0.25, 0.05
-"""Shares of the usual speed of the trials: below the first a ship is slow; faster astern than the second, it backs. Set
-by hand: they name bins."""
-TURNING, TURN_CHANGE, SPEED_CHANGE = 0.1, 0.1, 0.03
-"""r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed. Set by hand: they name
-bins."""
+SLOW_SHARE, ASTERN_SHARE = 0.25, 0.05  # set by hand: they name bins
+"""Shares of the usual speed of the trials: below the first a ship is slow; faster astern than the second, it backs."""
+TURNING, TURN_CHANGE, SPEED_CHANGE = 0.1, 0.1, 0.03  # set by hand: they name bins
+"""r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed."""
 FEW = 12
 """An input with no more different values than this has a bin for each of them. Set by hand: display."""
 

@@ -508,6 +508,5 @@ def _cause(found: NamedEffect | InstrumentFault, part: BudgetShare | None, same:
 
 OVER_GROUND = ("current", "wind_sensor_bias", "wave_drift")
 """Effects whose parameters x and y are a vector over the ground."""
-HALF = 0.5
-"""Share of the avoidable error that a name must be able to cause to head the sentence. Set by hand: words alone hang on
-it."""
+HALF = 0.5  # set by hand: words alone hang on it
+"""Share of the avoidable error that a name must be able to cause to head the sentence."""

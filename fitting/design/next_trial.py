@@ -131,7 +131,7 @@ HELPS, MANY = 0.1, 10
 set by hand: they decide what is advised, not what is computed."""
 
 NEARLY = 0.9
-"""Of trials that gain at least this part of the best one's the library's first, a simple one, is named. By hand."""
+"""Of trials that gain at least this part of the best one's the library's first, a simple one, is named. Set by hand."""
 
 
 @dataclass(frozen=True)

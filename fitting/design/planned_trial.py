@@ -31,9 +31,8 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES
 
-DRAWS = 8
-"""Draws of the coefficients whose tracks must stay inside the area. Set by hand: of eight all inside says about 75 %
-with 90 % confidence."""
+DRAWS = 8  # set by hand: of eight all inside says about 75 % with 90 % confidence
+"""Draws of the coefficients whose tracks must stay inside the area."""
 STEEPEST = 60.0
 """Largest rudder angle that may be asked for [deg]. Set by hand."""
 
@@ -49,9 +48,8 @@ FIGURES = {
 }
 """Figures that may be asked for: the manoeuvre, and its figure there."""
 
-STEP, SAMPLE = 0.1, 0.25
-"""Change of a coefficient [prior standard deviations] for a slope, and sampling of a manoeuvre [s of a 3 m model]. Set
-by hand: the slope bounds no estimate, only what a plan is expected to gain."""
+STEP, SAMPLE = 0.1, 0.25  # set by hand: the slope bounds no estimate, only what a plan is expected to gain
+"""Change of a coefficient [prior standard deviations] for a slope, and sampling of a manoeuvre [s of a 3 m model]."""
 
 
 def coefficients_wanted(ship: Ship, free: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:

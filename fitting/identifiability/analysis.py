@@ -25,13 +25,11 @@ from fitting.solvers.solve import Solution, disagreement
 from mmg.messages import Message
 from mmg.ship import Ship
 
-DETERMINED, PARTLY = 0.1, 0.7
-"""Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it. Set
-by hand: they name a class and change no estimate."""
+DETERMINED, PARTLY = 0.1, 0.7  # set by hand: they name a class and change no estimate
+"""Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it."""
 
-WORSE = 1.2
-"""Ratio of posterior to prior variance above which correlated residuals made the estimate worse. Set by hand: a
-class."""
+WORSE = 1.2  # set by hand: a class
+"""Ratio of posterior to prior variance above which correlated residuals made the estimate worse."""
 
 STRAINED = 2.0
 """Prior standard deviations from the prior beyond which an estimate that the trials hardly tell contradicts it. A share

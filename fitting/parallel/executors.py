@@ -34,9 +34,8 @@ Value = TypeVar("Value")
 P = ParamSpec("P")
 R = TypeVar("R")
 
-AHEAD = 2
-"""Tasks handed over for each worker: one that it does, and one that waits there. More would only take memory. Set
-by hand."""
+AHEAD = 2  # set by hand
+"""Tasks handed over for each worker: one that it does, and one that waits there. More would only take memory."""
 KEPT = 4
 """Shared values that a process keeps. Set by hand: it bounds memory."""
 PROCESS = 300e6

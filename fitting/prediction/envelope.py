@@ -32,9 +32,8 @@ DRIFT = "beta"
 """Drift angle atan2(-v, u) [rad], beside the features of a ship."""
 SLOW = 0.1
 """Below this share of the greatest speed ahead or astern a drift angle has no meaning. Set by hand."""
-BEYOND = 0.05
-"""Share of the range of the trials, and of its greatest value, by which a manoeuvre may leave it. Set by hand: it
-decides what is said to be outside."""
+BEYOND = 0.05  # set by hand: it decides what is said to be outside
+"""Share of the range of the trials, and of its greatest value, by which a manoeuvre may leave it."""
 ANGLE = math.radians(2.0)
 """Least excess of a rudder or drift angle that is said [rad]. Set by hand: what is less is no news."""
 DEGREES = math.degrees(1.0)

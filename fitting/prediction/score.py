@@ -36,14 +36,14 @@ from mmg.rollout import Simulator
 from mmg.states import STATES
 
 MOST_NAMED = 5
-"""Of trials in one message."""
+"""Of trials in one message. Set by hand: display."""
 PAPER_WINDOW = 100.0
 """Length of the restarts [s] of Wakita et al. (2022), Eq. 25."""
 WINDOW, STRIDE = 30.0, 15.0
-"""Length of the shorter windows [s] and the time between their starts: less of a run is one drift."""
+"""Length of the shorter windows [s] and the time between their starts: less of a run is one drift. Set by hand."""
 UNDESCRIBED = 0.5
-"""A mean squared error of 30 s windows, summed over six states in units of their variance, above which a
-calibrated ship does not follow the trials; real ships of good trials have 0.1."""
+"""A mean squared error of 30 s windows, summed over six states in units of their variance, above which a calibrated
+ship does not follow the trials; real ships of good trials have 0.1. Set by hand above them."""
 GAIN, HARM = 0.99, 1.01
 """Most of the error of 30 s windows, and of 100 s restarts, that may remain for the past to be used. Set by hand."""
 HYBRID = "hybrid"

@@ -27,8 +27,8 @@ from mmg.rollout import Simulator
 from mmg.states import STATES
 
 SHORTEST, LEAST, MOST = 30.0, 2.5, 4.0
-"""Window [s] of the paper's metric for a 3 m model; ship times L/U below which it is too short; those of a longer
-one."""
+"""Window [s] of the paper's metric for a 3 m model; ship times L/U below which it is too short; those of a longer one.
+Set by hand."""
 
 TOLD = ("advance", "transfer", "tactical_diameter", "overshoot_1", "overshoot_2", "track_reach")
 """Figures whose errors are told of a manoeuvre."""

@@ -85,7 +85,8 @@ def delivery_sections(result: Mapping[str, Any], ship: Ship, known: Delivered) -
 
 FULFILLED, FAILED, UNKNOWN = "fulfilled", "not fulfilled", "unknown"
 DEEP, STRONGEST_WIND, DRAUGHT = 4.0, 5, 0.05
-"""Depth over draught, Beaufort number, and deviation from the full-load draught that MSC/Circ.1053, 2.2.1.2, allows."""
+"""Depth over draught, Beaufort number, and deviation from the full-load draught that MSC/Circ.1053, 2.2.1.2, allows.
+(IMO MSC/Circ.1053, 2002.)"""
 
 
 @dataclass(frozen=True)

@@ -59,9 +59,8 @@ THINNED = "-thinned"
 SEQUENCES, SECONDS = 1000, 400.0
 """Number of sequences and their length [s of a 3 m model]. Set by hand; the requirement is 7 of Miyauchi et al.
 (2023)."""
-MOST = 4.0
-"""Largest speed, and yaw rate times L/2, by 0.1 sqrt(g L), that is still a ship in a harbour (Froude number 0.4). Set
-by hand."""
+MOST = 4.0  # set by hand
+"""Largest speed, and yaw rate times L/2, by 0.1 sqrt(g L), that is still a ship in a harbour (Froude number 0.4)."""
 LEAST = 20
 """Fewest samples in a sub-model from which anything is fitted. Set by hand."""
 

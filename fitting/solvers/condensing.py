@@ -180,9 +180,8 @@ CORRECTIONS = 3
 """Corrections of a trial point towards where the intervals join. Set by hand."""
 
 
-SLOW = 0.03
-"""Share of the merit that a step of Gauss and Newton must gain for another one to follow. Set by hand: it decides how a
-solve gets there, not where."""
+SLOW = 0.03  # set by hand: it decides how a solve gets there, not where
+"""Share of the merit that a step of Gauss and Newton must gain for another one to follow."""
 SHORT = 0.25
 """Length of a Newton step below which one of Gauss and Newton follows. Set by hand, as SLOW."""
 STALLS = 2

@@ -25,9 +25,8 @@ FEASIBLE = 1e-9
 """Largest scaled gap [-] between the end of an interval and the next node there. Set by hand."""
 MOST_STEPS = 50
 """Steps of that minimisation; a few suffice near the calibration. Set by hand."""
-JOINED = 1e-3
-"""The same gap up to which states that are not optimal after so many steps still count. Set by hand: a line search that
-went too far needs a number, not an exact one."""
+JOINED = 1e-3  # set by hand: a line search that went too far needs a number, not an exact one
+"""The same gap up to which states that are not optimal after so many steps still count."""
 
 
 class ReducedProblem:

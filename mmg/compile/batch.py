@@ -169,9 +169,8 @@ def _faults(functions: Sequence[ca.Function], library: ctypes.CDLL) -> str:
     return ""
 
 
-SHORT = 2
-"""Parts of a function that are compiled as code that loops go through often; of more parts are second derivatives. Set
-by hand: speed alone."""
+SHORT = 2  # set by hand: speed alone
+"""Parts of a function that are compiled as code that loops go through often; of more parts are second derivatives."""
 _MACROS = """
 #define EACH(i, name) for (long long e = 0, k; (k = name##_of##i[e]) >= 0; e++)
 #define READ(i, name) EACH(i, name) x##i[k] = load(arg[i] + k * ld[i] + at);

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import casadi as ca
 
-LANES = 8
-"""Points per vector: 8 doubles fill an AVX-512 register, two AVX2 ones, four NEON ones. Set by hand: speed, and
-rounding."""
+LANES = 8  # set by hand: speed, and rounding
+"""Points per vector: 8 doubles fill an AVX-512 register, two AVX2 ones, four NEON ones."""
 
 OF_ONE: tuple[str, ...] = ("sqrt", "exp", "log", "expm1", "log1p", "erf", "fabs", "floor", "ceil")
 OF_ONE += ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")

@@ -22,9 +22,8 @@ from mmg.compile.codegen import HIDDEN, c_file, prelude
 from mmg.compile.stages import Program, divided_code, units_of
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
 
-TILE = 4
-"""Rows and columns of the products that are kept in registers; columns are padded to whole tiles. Set by hand: speed
-alone."""
+TILE = 4  # set by hand: speed alone
+"""Rows and columns of the products that are kept in registers; columns are padded to whole tiles."""
 
 
 STACK = 4

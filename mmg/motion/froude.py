@@ -13,9 +13,8 @@ import numpy as np
 GRAVITY = 9.80665
 """m/s^2 (standard). Standard acceleration of free fall (CGPM 1901)."""
 
-MODEL_LENGTH = 3.0
-"""m; constants of this product that depend on the size of a ship are written for a model of this length. Set by hand:
-that of the Esso Osaka model whose trials were the first."""
+MODEL_LENGTH = 3.0  # set by hand: that of the Esso Osaka model whose trials were the first
+"""m; constants of this product that depend on the size of a ship are written for a model of this length."""
 
 
 def length_scale(length: float) -> float:

@@ -13,10 +13,9 @@ import select
 import signal
 import time
 
-ANSWER, END = 1.5, 3.0
+ANSWER, END = 1.5, 3.0  # set by hand: half a second less, and a second more, than the rule
 """Seconds within which a signal is answered, and within which a command that has nothing to keep must have ended: by
-the rule that Ctrl-C is answered within two seconds. Set by hand: half a second less, and a second more, than the
-rule."""
+the rule that Ctrl-C is answered within two seconds."""
 WORDS = {"held": 200, "released": 201, "noted": 202, "ending": 203}
 """What the first process tells, as a byte that no signal has."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)

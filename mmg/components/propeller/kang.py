@@ -26,9 +26,8 @@ from mmg.motion.smooth import Smoothing
 PARTICULARS = ("L", "rho", "D_P")
 INPUTS = ("n",)
 
-LIMIT = 1.5
-"""Largest advance ratio [-] for which smooth wake, thrust deduction and rudder polynomials are evaluated. Set by
-hand."""
+LIMIT = 1.5  # set by hand
+"""Largest advance ratio [-] for which smooth wake, thrust deduction and rudder polynomials are evaluated."""
 
 COEFFICIENTS = table(
     "default of Kang's propeller model: cement carrier with VecTwin rudders, single public lineage",

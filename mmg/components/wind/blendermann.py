@@ -41,9 +41,8 @@ TYPES = {
 }
 """Ship type -> CD_t, CD_lAF of bow and stern, delta, kappa (Blendermann 1994, as in MSS)."""
 
-BEAM_WIDTH = 0.05
-"""Width of the blend of bow and stern values, in the cosine of the wind angle: 3 deg about the beam. Set by hand: it
-rounds a step of the published law."""
+BEAM_WIDTH = 0.05  # set by hand: it rounds a step of the published law
+"""Width of the blend of bow and stern values, in the cosine of the wind angle: 3 deg about the beam."""
 
 
 def coefficients_of(ship_type: str) -> tuple[Coefficient, ...]:

@@ -36,7 +36,7 @@ COEFFICIENTS = (
 )
 
 ORDER = 7
-"""Highest multiple of the wind angle in the refit."""
+"""Highest multiple of the wind angle in the refit. Set by hand: what it leaves of the table is stated above."""
 
 _ROWS = """
 0 2.152 -5 0.243 -0.164 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0
