@@ -1,7 +1,7 @@
-"""Open water of Wageningen B-screws: K_T and K_Q as polynomials of J, P/D, A_E/A_O and Z at Re = 2e6.
+"""Open water of Wageningen B-screws: K_T as a polynomial of J, P/D, A_E/A_O and Z at Re = 2e6.
 
-K = sum C J^s (P/D)^t (A_E/A_O)^u Z^v, 39 terms for K_T and 47 for K_Q (Oosterveld & van Oossanen 1975, Int. Shipb.
-Progress 22:251-262). Valid for 2 <= Z <= 7, A_E/A_O 0.3 to 1.05, P/D 0.5 to 1.4, J >= 0. Table as in several
+K_T = sum C J^s (P/D)^t (A_E/A_O)^u Z^v, 39 terms (Oosterveld & van Oossanen 1975, Int. Shipb. Progress 22:251-262).
+Valid for 2 <= Z <= 7, A_E/A_O 0.3 to 1.05, P/D 0.5 to 1.4, J >= 0. Table as in several
 public codes; check value Z = 4, A_E/A_O = 0.70, P/D = 0.7151: K_T(0, 0.4, 0.8) = 0.3100, 0.1688, -0.0149.
 """
 
@@ -18,32 +18,13 @@ _K_T = """
 -0.0049819 1 0 0 2; 0.0025983 2 0 0 2; -0.000560528 3 0 0 2; -0.00163652 1 2 0 2; -0.000328787 1 6 0 2;
 0.000116502 2 6 0 2; 0.000690904 0 0 1 2; 0.00421749 0 3 1 2; 0.0000565229 3 6 1 2; -0.00146564 0 3 2 2
 """
-
-_K_Q = """
-0.00379368 0 0 0 0; 0.00886523 2 0 0 0; -0.032241 1 1 0 0; 0.00344778 0 2 0 0; -0.0408811 0 1 1 0; -0.108009 1 1 1 0;
--0.0885381 2 1 1 0; 0.188561 0 2 1 0; -0.00370871 1 0 0 1; 0.00513696 0 1 0 1; 0.0209449 1 1 0 1; 0.00474319 2 1 0 1;
--0.00723408 2 0 1 1; 0.00438388 1 1 1 1; -0.0269403 0 2 1 1; 0.0558082 3 0 1 0; 0.0161886 0 3 1 0;
-0.00318086 1 3 1 0; 0.015896 0 0 2 0; 0.0471729 1 0 2 0; 0.0196283 3 0 2 0; -0.0502782 0 1 2 0; -0.030055 3 1 2 0;
-0.0417122 2 2 2 0; -0.0397722 0 3 2 0; -0.00350024 0 6 2 0; -0.0106854 3 0 0 1; 0.00110903 3 3 0 1;
--0.000313912 0 6 0 1; 0.0035985 3 0 1 1; -0.00142121 0 6 1 1; -0.00383637 1 0 2 1; 0.0126803 0 2 2 1;
--0.00318278 2 3 2 1; 0.00334268 0 6 2 1; -0.00183491 1 1 0 2; 0.000112451 3 2 0 2; -0.0000297228 3 6 0 2;
-0.000269551 1 0 1 2; 0.00083265 2 0 1 2; 0.00155334 0 2 1 2; 0.000302683 0 6 1 2; -0.0001843 0 0 2 2;
--0.000425399 0 3 2 2; 0.0000869243 3 3 2 2; -0.0004659 0 6 2 2; 0.0000554194 1 6 2 2
-"""
+TERMS = np.array([row.split() for row in _K_T.split(";")], dtype=float)
+"""Rows (C, s, t, u, v), (39, 5)."""
 
 
-def _terms(text: str) -> np.ndarray:
-    return np.array([row.split() for row in text.split(";")], dtype=float)
-
-
-K_T_TERMS, K_Q_TERMS = _terms(_K_T), _terms(_K_Q)
-"""Rows (C, s, t, u, v), (39, 5) and (47, 5)."""
-
-
-def open_water(terms: np.ndarray, J: np.ndarray, pitch_ratio: float, area_ratio: float, blades: int) -> np.ndarray:
-    """K_T or K_Q at advance ratios J (N,) for P/D, A_E/A_O and Z, (N,). terms: the table; pitch_ratio, area_ratio,
-    blades in this order."""
-    C, s, t, u, v = terms.T
+def thrust_coefficient(J: np.ndarray, pitch_ratio: float, area_ratio: float, blades: int) -> np.ndarray:
+    """K_T at advance ratios J (N,) for P/D, A_E/A_O and Z, (N,): pitch_ratio, area_ratio, blades in this order."""
+    C, s, t, u, v = TERMS.T
     return (C * pitch_ratio**t * area_ratio**u * float(blades) ** v) @ np.asarray(J, dtype=float)[None] ** s[:, None]
 
 
@@ -51,5 +32,5 @@ def thrust_parabola(pitch_ratio: float, area_ratio: float = 0.6, blades: int = 4
     """k_0, k_1, k_2 of K_T = k_0 + k_1 J + k_2 J^2, least squares over 0 <= J <= P/D. pitch_ratio P/D, area_ratio
     A_E/A_O, blades Z."""
     J = np.linspace(0.0, pitch_ratio, 50)
-    k_2, k_1, k_0 = np.polyfit(J, open_water(K_T_TERMS, J, pitch_ratio, area_ratio, blades), 2)
+    k_2, k_1, k_0 = np.polyfit(J, thrust_coefficient(J, pitch_ratio, area_ratio, blades), 2)
     return float(k_0), float(k_1), float(k_2)
