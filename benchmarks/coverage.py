@@ -39,7 +39,7 @@ from cases.shipfiles.effects import freeing_effects, with_effects
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN
-from cases.simulation.sensors import SensorNoise
+from cases.simulation.simulate import SensorNoise
 from cases.trial import Trial
 from fitting.calibrate import FitOptions
 from fitting.calibration import estimate_coefficients

@@ -28,7 +28,7 @@ from fitting.report import run_folder
 from fitting.report.plot_style import FigureFolder
 from fitting.solvers.control import left_out_message, unless_interrupted
 from mmg.errors import Missing, UserError, name_fault
-from mmg.notebook import html_table
+from mmg.messages import html_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 

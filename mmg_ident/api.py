@@ -81,7 +81,7 @@ class Prediction:
         return pd.DataFrame(rows, columns=names).astype({"window": int})
 
     def _repr_html_(self) -> str:
-        from mmg.notebook import html_table
+        from mmg.messages import html_table
 
         last = [(w.number, *self.trial.t[[w.first, w.last]].tolist(), *w.states[-1].tolist()) for w in self.windows]
         header = ("window", "from [s]", "to [s]", "x [m]", "y [m]", "psi [rad]", "u [m/s]", "v [m/s]", "r [rad/s]")

@@ -30,9 +30,8 @@ from fitting.prediction.stretches import Adaptation, default_past
 from fitting.prediction.unit_errors import REFERENCES, STATE_ERRORS, RunErrors, UnitErrors, errors_in_units, is_worse
 from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError
-from mmg.messages import Message
+from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS
-from mmg.notebook import html_table
 from mmg.rollout import Simulator
 from mmg.states import STATES
 

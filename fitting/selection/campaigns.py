@@ -46,7 +46,7 @@ left-out runs decide after it."""
 WIDTHS = np.geomspace(0.02, 12.0, 33)
 """Standard deviations of the values of campaigns that are tried, in the typical size of the constant."""
 SHARED = 3.0
-"""Standard deviation of the mean of all campaigns, in the same size: that of an effect that is freed."""
+"""Standard deviation of the mean of all campaigns, in the same size: that of an effect that is freed. Set by hand."""
 UNINFORMATIVE = 0.9
 """Standard error, by the width, from which the runs of a campaign tell nothing of a constant. Set by hand."""
 

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 ANSWER = ("verdict", "effects", "equivalence_class", "sentence", "held_out")
 """Keys of a diagnosis that --json prints."""
 STEP = 1.0
-"""Step of the diagnosis [s], twice that of ``mmg diagnose``: half the time, and the same verdict for seeds 1 to 4."""
+"""Step of the diagnosis [s], twice that of ``mmg diagnose``: half the time, and the same verdict for seeds 1 to 4. So
+it was measured."""
 
 
 def demo(

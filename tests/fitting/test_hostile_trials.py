@@ -11,8 +11,7 @@ import pytest
 from cases.checks import check
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate_controls
+from cases.simulation.simulate import SensorNoise, add_noise, simulate_controls
 from cases.trial import Trial
 from fitting.calibrate import FitOptions, calibrate
 from fitting.settings import Settings

@@ -14,8 +14,7 @@ from typer.testing import CliRunner
 from cases.criteria.standard_runs import simulated_trial
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship, load_ship
-from cases.simulation.sensors import wrap
-from cases.simulation.simulate import write_trial
+from cases.simulation.simulate import wrap, write_trial
 from cases.trial import Trial
 from fitting.nlp.windows import Record, Stretch
 from fitting.prediction.baselines import GreyBox, Persistence, fit_grey_box
