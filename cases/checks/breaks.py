@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cases.evidence.signals import independent, white_noise
+from cases.evidence.signals import MAD, independent, white_noise
 from cases.inputs import integral
 from cases.trial import Trial
 from mmg.motion.flow import RUDDERS
@@ -249,7 +249,7 @@ def spike_trains(trial: Trial) -> Iterator[Break]:
             continue
         rms = float(np.sqrt(np.mean(values**2 if name == "r" else speed)))
         off = np.abs(values - np.median(around(values, REACH), axis=1))
-        usual = max(1.4826 * float(np.median(off)), float(np.quantile(off, 0.9)) / 1.645, 0.5 * grain(values))
+        usual = max(MAD * float(np.median(off)), float(np.quantile(off, 0.9)) / 1.645, 0.5 * grain(values))
         rows = np.flatnonzero(off > max(SURE * usual, LEAST_SPIKE[name] * rms))
         if len(rows) > RARE * len(values):
             continue

@@ -20,7 +20,7 @@ import numpy as np
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckReport, Found
 from cases.evidence.competition import COST
 from cases.evidence.shifts import SIGMAS
-from cases.evidence.signals import PIECES, independent
+from cases.evidence.signals import MAD, PIECES, independent
 from cases.inputs import is_sampled
 from cases.trial import REQUIRED, Trial
 from mmg.errors import UserError
@@ -45,7 +45,7 @@ def spikes(values: np.ndarray) -> int:
     if np.isfinite(off).sum() < 10:
         return 0
     moved = off[off > 0]
-    usual = 1.4826 * float(np.nanmedian(moved)) if len(moved) else 0.0
+    usual = MAD * float(np.nanmedian(moved)) if len(moved) else 0.0
     low, high = np.nanquantile(values, (0.05, 0.95))
     neighbour_difference = np.abs(values[2:] - values[:-2])
     return int(np.sum((off > SPIKE * usual) & (off > SPIKE_RANGE * (high - low)) & (neighbour_difference < 0.5 * off)))

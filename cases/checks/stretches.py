@@ -34,7 +34,7 @@ from cases.checks.breaks import (
     without_cause,
 )
 from cases.checks.report import DOUBTFUL, INFO, Found
-from cases.evidence.signals import densest
+from cases.evidence.signals import MAD, densest
 from cases.inputs import integral
 from cases.trial import Trial
 
@@ -198,7 +198,7 @@ def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
         step = _level(signal, rows) if name == "psi" else _step(signal, rows)
         inner = np.abs(step)[2 * rows : -2 * rows]
         usual = max(
-            1.4826 * float(np.median(inner)),
+            MAD * float(np.median(inner)),
             float(np.quantile(inner, 0.9)) / 1.645,
             max(0.5 * max(grain(trial[column]) for column in WORDS[name][1]), 1e-9),
         )

@@ -23,6 +23,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from cases.evidence.signals import MAD
 from cases.io.sidecar import line_for
 from cases.trial import Trial, bridged, inside, spans_left_out
 from mmg.errors import BadValue, Missing, UnknownName
@@ -84,8 +85,7 @@ def held_stretches(
     dt = float(np.median(np.diff(t)))
     delta = without_spikes(delta, dt, ship_time)
     steps = np.diff(delta)
-    # a normal law's standard deviation by its median
-    noise = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
+    noise = MAD * float(np.median(np.abs(steps - np.median(steps))))
     keep = math.exp(-dt / max(MEMORY * ship_time, 2 * dt))
     runs, first, level, count = [], 0, float(delta[0]), 1
     for k in range(1, len(t) + 1):
@@ -504,9 +504,7 @@ def _interval_and_noise(trial: Trial) -> tuple[float, float]:
         steps = np.diff(values)
         samples = np.flatnonzero(np.abs(np.diff(steps)) > 1e-6 * np.abs(steps[1:]))
         longest += [float(np.quantile(np.diff(samples), 0.9))] if len(samples) > 1 else []
-    noise = (
-        1.4826 * float(np.median(np.abs(np.diff(psi, 3)))) / math.sqrt(20) if len(psi) > 3 else 0.0
-    )  # of 1, -3, 3, -1
+    noise = MAD * float(np.median(np.abs(np.diff(psi, 3)))) / math.sqrt(20) if len(psi) > 3 else 0.0  # of 1, -3, 3, -1
     return trial.dt * min(longest, default=1.0), noise
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from cases.criteria.measured_maneuvers import find_maneuvers, steering
+from cases.evidence.signals import MAD
 from cases.inputs import is_sampled
 from cases.maneuvers.definitions import Limits
 from cases.maneuvers.self_propulsion import surge_balance
@@ -109,7 +110,7 @@ def _ramps(trial: Trial, values: np.ndarray) -> list[Ramp]:
     t, values = trial.t[good], values[good]
     if len(t) < 6 or np.ptp(values) == 0:
         return []
-    noise = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6)  # of 1, -2, 1
+    noise = MAD * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6)  # of 1, -2, 1
     noise = max(noise, 1e-4 * float(np.ptp(values)))  # a log without noise is rounded, too
     moves = _moves(t, values, noise)
     sampled = is_sampled(trial)

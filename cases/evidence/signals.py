@@ -31,6 +31,8 @@ MARGIN = 32
 """Rows beyond the ends of a record by which it goes on where it is shifted. Set by hand."""
 FEW = 0.3
 """A piece with fewer windows than this share of the fullest one says nothing by itself. Set by hand."""
+MAD = 1.4826
+"""Standard deviation of a normal law over its median absolute deviation (Hampel 1974)."""
 
 
 class Stats(NamedTuple):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.importing.clocks import check_forward, clock_of, within_stamps
+from cases.importing.clocks import DAY, check_forward, clock_of, within_stamps
 from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion
 from cases.importing.raw_table import Account, Clock, RawTable
 from cases.importing.vocabulary import Meaning, meaning, plain_words, turn_in
@@ -120,7 +120,7 @@ def seconds_of(match: re.Match[str]) -> float:
     *day, hour, minute, second, zone = match.groups()
     t = 3600.0 * int(hour) + 60.0 * int(minute) + float(second.replace(",", "."))
     if match[1]:
-        t += 86400.0 * (datetime.date(*map(int, day)).toordinal() - datetime.date(1970, 1, 1).toordinal())
+        t += DAY * (datetime.date(*map(int, day)).toordinal() - datetime.date(1970, 1, 1).toordinal())
     if zone and zone not in "Zz":
         t -= float(f"{zone[0]}1") * (3600.0 * int(zone[1:3]) + 60.0 * int(zone[-2:] if len(zone) > 3 else 0))
     return t

@@ -28,7 +28,7 @@ from fitting.result import FitResult, read_fit
 from fitting.settings import Settings
 from mmg.components.friction import ROUGHNESS
 from mmg.errors import UserError
-from mmg.motion.froude import reference_speed, time_scale
+from mmg.motion.froude import GRAVITY, reference_speed, time_scale
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
@@ -318,7 +318,7 @@ def _draw(ax: Axes, ship: Ship, text: str, speed: float, drawn: dict[str, np.nda
     first = next(iter(ship.symbols))
     given = values or {first: np.array([ship.coefficients[first].value])}
     runs = simulate_batch(ship, plan, given, STEP * time_scale(L))
-    time = np.arange(runs.states.shape[0]) * STEP * time_scale(L) * math.sqrt(9.80665 / L)
+    time = np.arange(runs.states.shape[0]) * STEP * time_scale(L) * math.sqrt(GRAVITY / L)
     for k in reversed(range(runs.states.shape[2])):
         rows = slice(0, int(runs.last[k]) + 1)
         x, y, psi = (runs.states[rows, i, k] for i in range(3))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
+from cases.evidence.signals import MAD
 from cases.trial import Trial
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import Segments
@@ -68,7 +69,7 @@ def _scatter(trial: Trial, name: str, step: float) -> float:
     x = x[:: max(1, round(step / trial.dt))]
     second = np.diff(x, 2)
     second = second[np.isfinite(second)]
-    return float(1.4826 * np.median(np.abs(second))) if len(second) > 10 else float("nan")
+    return float(MAD * np.median(np.abs(second))) if len(second) > 10 else float("nan")
 
 
 def outlying_runs(problem: Problem, x: np.ndarray, moves: np.ndarray) -> list[Message]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cases.evidence.signals import MAD
 from fitting.settings import LOSSES
 
 THRESHOLD = 1.5
@@ -80,5 +81,5 @@ def without_outliers(residuals: list[np.ndarray], most: float = 4.0) -> list[np.
     """
     everything = np.abs(np.concatenate(residuals)) if residuals else np.zeros(0)
     everything = everything[np.isfinite(everything)]
-    limit = most * 1.4826 * float(np.median(everything)) if len(everything) else 0.0
+    limit = most * MAD * float(np.median(everything)) if len(everything) else 0.0
     return [np.where(np.abs(e) > limit, np.nan, e) for e in residuals] if limit > 0 else residuals

@@ -18,6 +18,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from cases.evidence.signals import MAD
 from cases.inputs import model_inputs
 from cases.operation.log import USUAL
 from cases.shipfiles.effects import parameters, with_effects
@@ -210,7 +211,7 @@ def scatter(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Covariance (F, F) and squared distances (S,) of ``errors`` (S, F) under Student's t about their
     median (Lange, Little and Taylor 1989, J Am Stat Assoc 84:881-896)."""
     centred = errors - np.median(errors, axis=0)
-    size = 1.4826 * np.median(np.abs(centred), axis=0) + 1e-300
+    size = MAD * np.median(np.abs(centred), axis=0) + 1e-300
     z, F = centred / size, errors.shape[1]
     cov = np.eye(F)
     for _ in range(PASSES):
