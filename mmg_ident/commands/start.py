@@ -137,7 +137,7 @@ def _print(result: FitResult, known: Delivered, begun: Begun, out: Path) -> None
     form = known.form
     if form is not None:
         if form.contradiction:
-            cli.print_wrapped("! ", form.contradiction)
+            cli.print_wrapped("! ", f"{form.contradiction} Look first at: {'; '.join(form.causes)}")
         rows = []
         for row in form.rows:
             names = ("port", "starboard") if len(row.sides) == 2 else ("",)
