@@ -224,7 +224,9 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
         elif abs(particulars[name] / value - 1) > NOTED:
             text = f"{name} is {particulars[name]:.3g} in the ship file, {value:.3g} by {_listed(names)}; it stays"
             messages.append(Message(text, f"{name}_differs"))
-    return replace(ship, particulars=particulars, sources=sources), messages
+    rules = tuple(f"{name} = " for name in found)  # of a starting ship, that the trials replace
+    notices = tuple(note for note in ship.notices if not str(note).startswith(rules))
+    return replace(ship, particulars=particulars, sources=sources, notices=notices), messages
 
 
 def _by_rule(ship: Ship, slew: SlewRate | None) -> str:

@@ -61,8 +61,11 @@ def import_(
 
 
 def imported(logs: list[Path], chosen: ImportMap, ask: bool) -> tuple[Imported, ImportMap]:
-    """The import of ``logs`` by a map, and the map with the answers of a person, where there is one to ``ask``. Raises
-    UserError for all that is open."""
+    """The import of ``logs`` by a map.
+
+    chosen: the map to begin with; ask: a person at the terminal, where there is one. Returns the import and the map
+    with the answers. Raises UserError for all that is open.
+    """
     from cases.importing.import_logs import import_logs
 
     found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
