@@ -66,7 +66,7 @@ FORM = (
     ("Zig-zag 10°/10°", "zigzag:10/10",
      (("overshoot_1", "1st overshoot angle"), ("overshoot_2", "2nd overshoot angle"))),
     ("Zig-zag 20°/20°", "zigzag:20/20", (("overshoot_1", "1st overshoot angle"),)),
-    ("Initial turning", "zigzag:10/10", (("initial_turning_track", "Distance to turn 10° with 10° rudder"),)),
+    ("Initial turning, 10° rudder", "zigzag:10/10", (("initial_turning_track", "Track to turn 10°"),)),
     ("Stopping", "crash-stop", (("track_reach", "Track reach"),)),
 )  # fmt: skip
 """Groups of the form: title, manoeuvre to starboard, figures with their words."""
@@ -207,13 +207,12 @@ def imo_form(
     remarks += [f"the model's figures alone: {found.verdict} ({found.basis})"] if found.basis else []
     remarks += [str(note) for note in found.notices if not has_code([note], "not_checked")]
     causes = likely_causes(ship, trials, model, result or {}) if tested else ()
-    rules: dict[str, list[str]] = {}
-    for group, text, figures in FORM:
-        for run in found.runs:
-            for rule in filter(follows_rule, run.caveats if run.name == text else ()):
-                rules.setdefault(rule, []).append(group)
-    hanging = {rule: tuple(dict.fromkeys(groups)) for rule, groups in rules.items()}
-    return ImoForm(found.heading, tuple(rows), tuple(dict.fromkeys(remarks)), bool(model.scatter), causes, hanging)
+    caveats = {run.name: [words for words in run.caveats if follows_rule(words)] for run in found.runs}
+    rules: dict[str, tuple[str, ...]] = {}
+    for group, text, _ in FORM:
+        for rule in caveats.get(text, ()):
+            rules[rule] = (*rules.get(rule, ()), group)
+    return ImoForm(found.heading, tuple(rows), tuple(dict.fromkeys(remarks)), bool(model.scatter), causes, rules)
 
 
 def likely_causes(
