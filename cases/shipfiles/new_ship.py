@@ -41,7 +41,7 @@ WIDENING = {"unified": 0.65, "polynomial": 1.0}
 """Hull -> factor on the standard deviations of the literature and of experience. With those of the unified hull, 90 %
 intervals hold nine in ten figures of ships left out; the polynomial's are wider, so that captive tests lie within."""
 FULL = 0.7
-"""Block coefficient from which a ship counts as full."""
+"""Block coefficient from which a ship counts as full. Set by hand."""
 ERRORS = {
     ("unified", True): (26, 39, 4),
     ("unified", False): (25, 39, 2),
