@@ -46,6 +46,18 @@ class FirstScreen:
     bad: tuple[str, ...]
     rules: tuple[str, ...]
 
+    @property
+    def by_side(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """Columns and rows of the table with a row for each side, as narrow as a terminal."""
+        if not self.groups:
+            return self.columns, list(self.rows)
+        rows = []
+        for name, *cells in self.rows:
+            for number, side in enumerate(SIDES):
+                if any(cells[number::2]):
+                    rows.append((name, side if any(cells[1::2]) else "", *cells[number::2]))
+        return (*self.columns, "side", *(f"{title}|n" for title, _ in self.groups)), rows
+
 
 def first_screen(
     result: Mapping[str, Any], ship: Ship, known: Delivered, good: Sequence[str], bad: Sequence[str]
@@ -54,19 +66,18 @@ def first_screen(
 
     known: trials and form at hand; good, bad: as of ``fitting.report.use.use_rows``.
     """
-    form, measured = known.form, _measured(result)
+    form = known.form
     doubtful = bool(form and form.contradiction)
     rules = [f"{rule} ({_hanging(names, form)})" for rule, names in form.rules.items()] if form else []
     particulars = [name for name, source in ship.sources.items() if source.startswith(BY_RULE)]
     rules += [f"particulars {', '.join(particulars)}"] if particulars else []
     columns: tuple[str, ...] = ("figure",)
-    if form and (form.tested or not measured):
+    if form:
         groups, rows, note = _form_table(form)
     else:
-        columns, groups, rows, note = ("run", "figure", "measured|n", "predicted|n"), (), measured, ""
-        if measured:
-            note = "Predicted from the order on, with the measured rudder and revolutions."
-        note += f" Standard manoeuvres of the model: {known.no_form}" if form is None else ""
+        columns, groups, rows = ("run", "figure", "measured|n", "predicted|n"), (), _measured(result)
+        note = "Predicted from the order on, with the measured rudder and revolutions. " * bool(rows)
+        note += f"Standard manoeuvres of the model: {known.no_form}"
     return FirstScreen(
         verdict=_verdict(result, form),
         doubtful=doubtful,
@@ -75,7 +86,7 @@ def first_screen(
         columns=columns,
         groups=groups,
         rows=tuple(rows),
-        note=note.strip(),
+        note=note,
         good=tuple(_briefly(good)),
         bad=tuple(_briefly(bad)),
         rules=tuple(rules),

@@ -175,8 +175,8 @@ def test_the_first_screen_compares_tested_and_model_figures_and_says_what_hangs_
     assert len(screen.rules) == 1 and screen.rules[0].startswith("rate by rule")
     untested = replace(side, tested=None)
     alone = replace(form, rows=(replace(form.rows[0], sides=(untested,)),))
-    unscored = {**given[0], "scores": {}}
-    assert len(first_screen(unscored, fit.ship, replace(known, form=alone), [], []).groups) == 1
+    screen = first_screen(*given, replace(known, form=alone), [], [])
+    assert len(screen.groups) == 1 and [row[1:2] for row in screen.by_side[1]] == [("",)]
 
 
 def test_without_a_form_the_first_screen_has_the_measured_runs_and_the_errors_in_units() -> None:
