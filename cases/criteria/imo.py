@@ -521,7 +521,7 @@ def helm_words(ship: Ship, rudder_rate: float | None = None) -> str:
     return f"rudder rate {degrees:.3g} deg/s, {origin}"
 
 
-def _follows_rule(words: str) -> bool:
+def follows_rule(words: str) -> bool:
     """Whether ``words`` on where a value is from say that a rule of thumb gave it; they may name trials."""
     return BY_RULE in words or " by rule" in words
 
@@ -529,9 +529,9 @@ def _follows_rule(words: str) -> bool:
 def by_rule(ship: Ship, run: Run, origin: str, rudder_rate: float | None) -> list[str]:
     """What of a simulated ``run`` of ``ship`` hangs on rules of thumb: words. origin: of the test speed; rudder_rate:
     [rad/s] where it was given."""
-    found = [f"test speed: {origin}"] if _follows_rule(origin) else []
+    found = [f"test speed: {origin}"] if follows_rule(origin) else []
     helm = helm_words(ship, rudder_rate)
-    if run.kind not in STOPS and _follows_rule(helm):
+    if run.kind not in STOPS and follows_rule(helm):
         found.append(helm)
     if has_code(run.trial.notices, STOPPING_CODES[0]):
         found.append("engine by rule: its particulars are not in the ship file")

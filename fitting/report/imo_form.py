@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from cases.criteria.imo import FAIL, OPEN, PASS, Row, helm_words, imo_figures, imo_figures_of_trials
+from cases.criteria.imo import FAIL, OPEN, PASS, Row, follows_rule, helm_words, imo_figures, imo_figures_of_trials
 from cases.criteria.standard_runs import Run
 from cases.inputs import is_sampled
 from cases.maneuvers.definitions import Limits
@@ -66,7 +66,7 @@ FORM = (
     ("Zig-zag 10°/10°", "zigzag:10/10",
      (("overshoot_1", "1st overshoot angle"), ("overshoot_2", "2nd overshoot angle"))),
     ("Zig-zag 20°/20°", "zigzag:20/20", (("overshoot_1", "1st overshoot angle"),)),
-    ("Initial turning", "zigzag:10/10", (("initial_turning_track", "Distance to turn 10° with 10° rudder"),)),
+    ("Initial turning, 10° rudder", "zigzag:10/10", (("initial_turning_track", "Track to turn 10°"),)),
     ("Stopping", "crash-stop", (("track_reach", "Track reach"),)),
 )  # fmt: skip
 """Groups of the form: title, manoeuvre to starboard, figures with their words."""
@@ -89,6 +89,16 @@ class FormValue:
     count: int = 1
     of_trial: tuple[float, ...] | None = None
     reading: float = 0.0
+
+    def words(self, unit: str, of_trial: bool = False) -> str:
+        """The value in ``unit`` with its interval, that of a single trial where wanted and known, to the figures that
+        the form asks for."""
+        digits = 1 if unit == "deg" else 2
+        words, ends = f"{self.value:.{digits}f}", (of_trial and self.of_trial) or self.interval
+        if ends:
+            high = f"{ends[1]:.{digits}f}" if math.isfinite(ends[1]) else "never"
+            words += f" [{ends[0]:.{digits}f}, {high}]"
+        return words + (f" ({self.count} runs)" if self.count > 1 else "")
 
 
 @dataclass(frozen=True)
@@ -126,30 +136,31 @@ class FormRow:
 @dataclass(frozen=True)
 class ImoForm:
     """The form. heading: of the model's runs; rows; remarks: what is to be known of it; intervals: whether the model's
-    figures have any; causes: likely ones of tested figures that the model's intervals exclude."""
+    figures have any; causes: likely ones of tested figures that the model's intervals exclude; rules: rules of thumb,
+    and the figures of the model that hang on each."""
 
     heading: str
     rows: tuple[FormRow, ...]
     remarks: tuple[str, ...]
     intervals: bool = False
     causes: tuple[str, ...] = ()
+    rules: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def contradiction(self) -> str:
-        """Sentence on tested figures outside of the model's intervals, with the likely causes; "" where none is."""
+        """Sentence on tested figures outside of the model's intervals; "" where none is."""
         judged = [(row, side.contradicts) for row in self.rows for side in row.sides if side.contradicts is not None]
         outside = [row.name for row, excluded in judged if excluded]
         if not outside:
             return ""
         words = f"The model contradicts its trials: {len(outside)} of {len(judged)} tested figures lie outside of its "
         words += f"90 % intervals of a single trial, where {0.1 * len(judged):.1f} are expected by chance "
-        words += f"({', '.join(dict.fromkeys(outside))})."
-        return words + (f" Look first at: {'; '.join(self.causes)}." if self.causes else "")
+        return words + f"({', '.join(dict.fromkeys(outside))})."
 
     @property
-    def tested(self) -> bool:
-        """Whether any figure was tested."""
-        return any(side.tested for row in self.rows for side in row.sides)
+    def tested(self) -> int:
+        """How many figures were tested."""
+        return sum(side.tested is not None for row in self.rows for side in row.sides)
 
     @property
     def corrected(self) -> bool:
@@ -196,7 +207,12 @@ def imo_form(
     remarks += [f"the model's figures alone: {found.verdict} ({found.basis})"] if found.basis else []
     remarks += [str(note) for note in found.notices if not has_code([note], "not_checked")]
     causes = likely_causes(ship, trials, model, result or {}) if tested else ()
-    return ImoForm(found.heading, tuple(rows), tuple(dict.fromkeys(remarks)), bool(model.scatter), causes)
+    caveats = {run.name: [words for words in run.caveats if follows_rule(words)] for run in found.runs}
+    rules: dict[str, tuple[str, ...]] = {}
+    for group, text, _ in FORM:
+        for rule in caveats.get(text, ()):
+            rules[rule] = (*rules.get(rule, ()), group)
+    return ImoForm(found.heading, tuple(rows), tuple(dict.fromkeys(remarks)), bool(model.scatter), causes, rules)
 
 
 def likely_causes(

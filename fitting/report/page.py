@@ -19,6 +19,7 @@ from cases.quantities import UNITS
 from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
 from fitting.report import sections
+from fitting.report.first_screen import first_screen
 from fitting.report.plan_section import plan_section
 from fitting.report.plot_style import figures_of
 from fitting.report.run_folder import versions
@@ -48,6 +49,8 @@ DATA_SOURCES = (
 
 PLACES = ("error_growth", "track", "identifiability", "scaling")
 """How the names of figures begin that have their place on the page; the others follow section 4."""
+AT_PRIOR = ("prior", "silent")
+"""Kinds of findings on coefficients that the trials did not move."""
 SETS = {"validation": "Held-out trials", "training": "Training trials"}
 """Sets of trials that are scored, in words."""
 
@@ -69,6 +72,7 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
     result = record.to_dict()
     groups = sections.coefficient_groups(result, ship)
     kinds = [row["kind"] for group in groups for row in group["rows"]]
+    use = delivery_sections(result, ship, known)
     figures: dict[str, list[dict[str, Any]]] = {place: [] for place in (*PLACES, "other")}
     for figure in figures_of(folder, result["figures"]):
         figures[next((place for place in PLACES if figure["name"].startswith(place)), "other")].append(figure)
@@ -82,6 +86,7 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
         "headline": sections.headline(result),
         "warnings": sections.report_warnings(result),
         "groups": groups,
+        "at_prior": AT_PRIOR,
         "counts": [(KINDS[kind], kinds.count(kind)) for kind in KINDS if kind in kinds],
         "identifiability": sections.identifiability_section(result),
         "particulars": [(k, v, *PARTICULARS.get(k, ("", ""))) for k, v in ship.particulars.items()],
@@ -96,7 +101,8 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
         "first": 11,
         "numbered": True,
         "usable": bool(result["converged"]),
-        **delivery_sections(result, ship, known),
+        "first_screen": first_screen(result, ship, known, use["good"], use["bad"]),
+        **use,
     }
 
 

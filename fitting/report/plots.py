@@ -271,11 +271,16 @@ def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "
     return figure
 
 
+WHOLE = ("turning", "zigzag")
+"""Kinds of trials that are drawn first, and predicted from their begin to their end."""
+
+
 def _shown(trials: Sequence[Trial], validation: Sequence[Trial]) -> list[tuple[Trial, bool]]:
-    """(trial, held out) of those whose track is drawn: the longest of each kind, held-out ones first."""
+    """(trial, held out) of those whose track is drawn: the longest of each kind, held-out ones and turning circles or
+    zigzags first."""
     chosen: dict[str, tuple[Trial, bool]] = {}
     for held_out, pool in ((True, validation), (False, trials)):
-        for trial in sorted(pool, key=lambda t: -t.duration):
+        for trial in sorted(pool, key=lambda t: (t.kind not in WHOLE, -t.duration)):
             chosen.setdefault(trial.kind or trial.name, (trial, held_out))
     return list(chosen.values())[:4]  # one of each kind of manoeuvre in the usual campaign
 
@@ -297,9 +302,9 @@ def write_figures(
         which = "held-out" if validation else "training (none was held out)"
         write_error_growth(written, {"before": before, "after": after}, judged, which)
     shown = _shown(trials, validation)
-    windows = [predict_all(model, [trial for trial, _ in shown], PAPER_WINDOW, PAPER_WINDOW) for model in models]
     for number, (trial, held_out) in enumerate(shown):
-        earlier, later = (side[number][0] for side in windows)
+        length = trial.duration if trial.kind in WHOLE else PAPER_WINDOW
+        earlier, later = (predict_all(model, [trial], length, length)[0][0] for model in models)
         words = ""
         if earlier and later and trial.has_position:
             errors = (np.vstack([w.error(trial.states)[:, :2] for w in some]) for some in (earlier, later))
@@ -308,8 +313,8 @@ def write_figures(
         written.write(
             f"track_{number + 1}", partial(trajectory_plot, trial, earlier, later, after.ship.particulars["L"]),
             f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
-            "Black: measured; orange and dashed: before; blue: after the calibration. Predictions restart from the "
-            f"measured state every {PAPER_WINDOW:g} s (dots and ship outlines; dotted lines). North is up. {words}",
+            "Black: measured; orange and dashed: predicted before, blue: after the calibration, from measured states "
+            f"(dots and ship outlines; dotted lines) over {length:.0f} s. North is up. {words}",
         )  # fmt: skip
     for row in record.profiles or ():
         known = record.coefficients[row["symbol"]]

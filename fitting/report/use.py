@@ -196,32 +196,39 @@ def use_rows(envelope: Mapping[str, Sequence[float]], ship: Ship, windy: bool = 
     the force models and the effects alone.
     """
     speeds = "at u from {:.3g} to {:.3g} m/s ".format(*envelope["u"]) if "u" in envelope else ""
-    good = [f"manoeuvres {speeds}within the limits of use above, in deep, open water"]
+    excited, unseen = _excited(envelope)
+    good = [f"manoeuvres {speeds}in deep, open water: within the limits of use above", *excited]
+    single = "reading a single coefficient as physics: only the whole is calibrated"
+    bad = [*unseen, *_not_modelled(ship, windy), f"{single}, where section 3 says shared, prior or not excited"]
     if ship.particulars["L"] < MODEL:
-        good.append(
-            "the model itself; the full-scale ship only after mmg scale: Froude's law, and other friction and wake"
+        bad.append("the full-scale ship: only after mmg scale, Froude's law with other friction and wake")
+    return good, bad
+
+
+def _excited(envelope: Mapping[str, Sequence[float]]) -> tuple[list[str], list[str]]:
+    """Uses that the ranges of the trials support, and those that they rule out."""
+    largest = {name: max(map(abs, pair)) for name, pair in envelope.items()}
+    judged: list[tuple[bool, str, str]] = []
+    if "u" in envelope:
+        unseen = "stopping, going astern and manoeuvring near rest: the ship never did it in the trials"
+        judged.append((envelope["u"][0] <= 0.05 * envelope["u"][1], "manoeuvring near rest", unseen))
+    if "n" in envelope:
+        low, high = envelope["n"]
+        unseen = "reversed propeller: n was never below 0, so crash stops rest on the prior alone"
+        judged.append((low < 0, f"reversed propeller: n down to {low:.2g} 1/s", unseen))
+        unseen = "other revolutions: n hardly changed, so thrust and resistance are not told apart"
+        judged.append(
+            (high - low >= 0.05 * largest["n"], f"changes of revolutions: n from {low:.2g} to {high:.2g} 1/s", unseen)
         )
-    single = (
-        "reading a single coefficient as physics where the calibration's report says shared, prior or not excited: "
-    )
-    return good, [*_unseen(envelope), *_not_modelled(ship, windy), f"{single}only the whole is calibrated"]
-
-
-def _unseen(envelope: Mapping[str, Sequence[float]]) -> list[str]:
-    """Uses that the ranges of the trials rule out."""
-    bad, largest = [], {name: max(map(abs, pair)) for name, pair in envelope.items()}
-    if "u" in envelope and envelope["u"][0] > 0.05 * envelope["u"][1]:
-        bad.append("stopping, going astern and manoeuvring near rest: the ship never did it in the trials")
-    if "n" in envelope and envelope["n"][0] >= 0:
-        bad.append("reversed propeller: n was never below 0, so crash stops rest on the prior alone")
-    if "n" in envelope and envelope["n"][1] - envelope["n"][0] < 0.05 * largest["n"]:
-        bad.append("other revolutions: n hardly changed, so thrust and resistance are not told apart")
-    if DRIFT in envelope and largest[DRIFT] < np.radians(30):
-        bad.append(f"berthing and cross flow: drift angles beyond {DEGREES * largest[DRIFT]:.0f} deg were not seen")
-    for name in RUDDERS:
-        if name in envelope and largest[name] < np.radians(34):
-            bad.append(f"hard-over rudder: {name} stayed within {DEGREES * largest[name]:.0f} deg, without stall")
-    return bad
+    if DRIFT in envelope:
+        angle = f"{DEGREES * largest[DRIFT]:.0f} deg"
+        unseen = f"berthing and cross flow: drift angles beyond {angle} were not seen"
+        judged.append((largest[DRIFT] >= np.radians(30), f"berthing and cross flow: drift angles to {angle}", unseen))
+    for name in set(RUDDERS) & set(envelope):
+        angle = f"{DEGREES * largest[name]:.0f} deg"
+        unseen = f"hard-over rudder: {name} stayed within {angle}, without stall"
+        judged.append((largest[name] >= np.radians(34), f"hard-over rudder: {name} to {angle}", unseen))
+    return [yes for seen, yes, _ in judged if seen], [no for seen, _, no in judged if not seen]
 
 
 def _not_modelled(ship: Ship, windy: bool) -> list[str]:

@@ -13,7 +13,6 @@ from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
-    from fitting.report.imo_form import FormSide, FormValue
     from fitting.report.use import Delivered
     from fitting.result import FitResult
     from mmg_ident.start import StartedRun
@@ -127,53 +126,33 @@ def _begin(folder: Path, ship: Any, known: Any, particulars: str | None, given: 
 
 
 def _print(result: FitResult, known: Delivered, started: StartedRun, out: Path) -> None:
-    """The first screen of the report: tested and model's figures, what the trials speak for, what hangs on a rule."""
-    from cases.shipfiles.particulars import BY_RULE
+    """The first screen of the report, what was measured, and where everything lies."""
+    from fitting.report.first_screen import first_screen
     from fitting.report.use import use_rows
     from mmg_ident import start as steps
 
     print(f"{result.ship.title}: {len(started.trials) or len(result.data)} trials, {result.seconds_used:.0f} s")
-    form = known.form
-    if form is not None:
-        if form.contradiction:
-            cli.print_wrapped("! ", form.contradiction)
-        rows = []
-        for row in form.rows:
-            names = ("port", "starboard") if len(row.sides) == 2 else ("",)
-            for name, side in zip(names, row.sides, strict=True):
-                rows.append(
-                    (f"{row.group.split(',')[0]} {name}".strip(), row.name, *_cells(side, row.unit), side.verdict)
-                )
-        cli.print_table(("manoeuvre", "figure", "tested|n", "model|n", "90 %|n", "IMO"), rows)
-    else:
-        cli.print_wrapped("no figures: ", known.no_form)
+    use = use_rows(result.envelope or {}, result.ship, any(trial.has_wind for trial in known.trials))
+    screen = first_screen(result.to_dict(), result.ship, known, *use)
+    cli.print_wrapped("! " if screen.doubtful else "", f"{screen.verdict} {screen.errors}")
+    for cause in screen.causes:
+        cli.print_wrapped("  look first at: ", cause)
+    if screen.rows:
+        cli.print_table(*screen.by_side)
+    cli.print_wrapped("", screen.note)
     for message in result.messages:
         if message.code == "suspect":
             cli.print_wrapped("! ", message.text)
-    good, bad = use_rows(result.envelope or {}, result.ship, any(trial.has_wind for trial in known.trials))
-    for words in good:
-        cli.print_wrapped("use it for: ", words)
-    for words in bad[:-1]:  # the last is on single coefficients
-        cli.print_wrapped("not for: ", words)
-    if by_rule := [name for name, source in result.ship.sources.items() if source.startswith(BY_RULE)]:
-        cli.print_wrapped("by rule of thumb: ", ", ".join(by_rule))
+    said = {"use her for": screen.good, "not for": screen.bad, "by rule of thumb": screen.rules}
+    for title, sentences in said.items():
+        if sentences:
+            cli.print_wrapped(f"{title}: ", "; ".join(sentences))
     for name, words in started.measured.items():
         cli.print_wrapped("measured: ", f"{name} {words}")
     place = {"report": out / steps.RUN / "report.html", "ship": out / steps.RUN / "ship.toml"}
     place |= {"FMU": out / steps.FMU} if (out / steps.FMU).exists() else {}
     for name, path in {**place, "answers": out / steps.ANSWERS}.items():
         print(f"{name}: {path}")
-
-
-def _cells(side: FormSide, unit: str) -> tuple[str, str, str]:
-    """Tested, model and interval of a side of the form."""
-    digits = 1 if unit == "deg" else 2
-
-    def number(value: FormValue | None) -> str:
-        return "-" if value is None else f"{value.value:.{digits}f} {unit}"
-
-    ends = side.model.interval if side.model else None
-    return number(side.tested), number(side.model), f"{ends[0]:.{digits}f} .. {ends[1]:.{digits}f}" if ends else "-"
 
 
 def _content(result: FitResult, known: Delivered, out: Path) -> dict[str, Any]:

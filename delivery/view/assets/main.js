@@ -245,5 +245,5 @@ controls();
 chooseForces(Chosen.forceModel);
 Track.build(() => { if (run()) drawTrack(); });
 document.addEventListener("keydown", onKey);
-showRun(0, false);
+showRun(Math.max(0, VIEW.runs.findIndex((facts) => facts.role === "held out")), false);
 document.documentElement.dataset.ready = performance.now().toFixed(1);

@@ -20,9 +20,20 @@ from cases.trial import Trial
 from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.figure_intervals import JudgedFigures
 from fitting.report import imo_form as imo_form_module
+from fitting.report.first_screen import first_screen
 from fitting.report.imo_form import drawn_maneuvers, imo_form, likely_causes, standard_figures
 from fitting.report.page import build_page, needs_weasyprint, write_pdf
-from fitting.report.use import FAILED, FULFILLED, UNKNOWN, Delivered, beaufort, condition_rows, limit_rows, use_rows
+from fitting.report.use import (
+    FAILED,
+    FULFILLED,
+    LATER,
+    UNKNOWN,
+    Delivered,
+    beaufort,
+    condition_rows,
+    limit_rows,
+    use_rows,
+)
 from fitting.result import read_fit, write_report
 from mmg.errors import UserError
 from mmg_ident.api import simulate
@@ -142,6 +153,58 @@ def test_tested_figures_outside_of_the_models_intervals_are_the_first_line(
         for own in (stated, {**stated, "rudder_rate": 0.3})
     )
     assert len(known_rate) == len(by_rule) - 1
+
+
+def test_the_first_screen_compares_tested_and_model_figures_and_says_what_hangs_on_a_rule(known: Delivered) -> None:
+    fit, form = small_result(), known.form
+    assert form is not None
+    given = fit.to_dict(), fit.ship
+    screen = first_screen(*given, known, ["turns: to 35 deg"], ["waves: none"])
+    assert (screen.good, screen.bad, screen.doubtful, screen.causes) == (("turns",), ("waves",), False, ())
+    assert len(screen.rows) == 7 and {len(row) for row in screen.rows} == {5}
+    side = form.rows[0].sides[0]
+    assert side.tested is not None and side.model is not None and side.model.of_trial is not None
+    assert screen.rows[0][1] == f"{side.tested.value:.2f}"
+    assert screen.rows[0][3] == f"{side.model.value:.2f} [{side.model.of_trial[0]:.2f}, {side.model.of_trial[1]:.2f}]"
+    far = replace(side, tested=replace(side.tested, value=2 * side.tested.value))
+    wrong = replace(
+        form, rows=(replace(form.rows[0], sides=(far,)),), causes=("a",), rules={"rate by rule": ("Turn,",)}
+    )
+    screen = first_screen(*given, replace(known, form=wrong), [], [])
+    assert screen.doubtful and screen.causes == ("a",) and screen.rows[0][1].endswith("(!)")
+    assert len(screen.rules) == 1 and screen.rules[0].startswith("rate by rule")
+    untested = replace(side, tested=None)
+    alone = replace(form, rows=(replace(form.rows[0], sides=(untested,)),))
+    screen = first_screen(*given, replace(known, form=alone), [], [])
+    assert len(screen.groups) == 1 and [row[1:2] for row in screen.by_side[1]] == [("",)]
+
+
+def test_without_a_form_the_first_screen_has_the_measured_runs_and_the_errors_in_units() -> None:
+    fit = small_result()
+    result = fit.to_dict()
+    runs = [{"name": "turn", "windows": 2, "maneuvers": [{"title": "turning 20", "figures": [
+        {"figure": "advance", "unit": "m", "measured": 10.0, "predicted": None}]}]}]  # fmt: skip
+    pooled = {"position_end_m": 0.5 * fit.ship.particulars["L"], "heading_end_deg": 3.0}
+    units = {"units": {"runs": runs, "pooled": pooled, "window_s": 40.0}}
+    held_out = first_screen({**result, "scores": {"validation": {"after": units}}}, fit.ship, Delivered(), [], [])
+    assert held_out.rows == (("turn", "turning 20: advance [m]", "10", ""),) and LATER in held_out.note
+    assert "1 held-out trial " in held_out.errors and "(0.5 L)" in held_out.errors and "40 s" in held_out.errors
+    nothing = first_screen({**result, "scores": {}}, fit.ship, Delivered(), [], [])
+    assert nothing.errors == "" and nothing.rows == () and nothing.verdict != held_out.verdict
+
+
+def test_coefficients_at_their_prior_are_one_line_until_it_is_opened(tmp_path: Path) -> None:
+    fit = small_result()
+    findings = fit.identifiability["coefficients"]
+    symbols = list(findings)
+    known = zip(symbols, ("silent", "prior", *["determined"] * len(symbols)), strict=False)
+    kinds = {symbol: {**findings[symbol], "kind": kind} for symbol, kind in known}
+    still = replace(fit, identifiability={**fit.identifiability, "coefficients": kinds})
+    page = build_page([(still, fit.ship, tmp_path)])
+    line = page.index("2 coefficients ")
+    assert f"{symbols[0]}, {symbols[1]}</summary>" in page[line:]
+    for number, symbol in enumerate(symbols):
+        assert (page.index(f'id="run1-{symbol}"') > line) == (number < 2)
 
 
 def test_a_tested_stop_is_judged_where_that_of_the_model_is_the_priors(monkeypatch: pytest.MonkeyPatch) -> None:
