@@ -33,6 +33,7 @@ from fitting.nlp.fisher_information import information
 from fitting.nlp.prior import group_sums
 from fitting.nlp.problem import Problem
 from fitting.nlp.windows import Segments, cut
+from mmg.components.friction import MODEL
 from mmg.errors import NoSolution, UserError
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
@@ -45,9 +46,17 @@ WIND_SPEED, WIND_FROM = 1.5, 60.0
 
 MANEUVERS = (
     "turning:35", "turning:-35", "turning:15", "zigzag:10/10", "zigzag:20/20", "zigzag:35/20", "spiral:15/5",
-    "pull-out:20", "crash-stop", "acceleration", "random:1", "berthing",
+    "pull-out:20", "crash-stop", "acceleration", "berthing",
 )  # fmt: skip
-IN_WIND = ("straight", "turning:35", "zigzag:20/20", "random:1", "berthing")
+IN_WIND = ("straight", "turning:35", "zigzag:20/20", "berthing")
+OF_SHIPS = ("turning:35", "turning:-35", "zigzag:10/10", "zigzag:20/20", "spiral:15/5", "pull-out:20", "crash-stop")
+"""Trials that a full-scale ship can be ordered to do: those of ITTC 7.5-04-02-01 and IMO MSC.137(76)."""
+MEASURED_OTHERWISE = {
+    "antenna_offset": "measure it on the drawing",
+    "heading_bias": "compare the compass with the course over ground of a straight run, or with a bearing",
+    "log_scale": "run the measured mile both ways",
+}
+"""Effect of an instrument -> how to know it better than by a manoeuvre."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +86,14 @@ def library(ship: Ship, wind: bool = True) -> tuple[Option, ...]:
     """The trials to choose from, simple ones first: manoeuvres at full and half speed, some astern, some in wind.
 
     wind: whether there may be wind where trials are run: not in a towing tank, whose records have no wind. In wind only
-    where the ship has wind forces, astern only where her propeller can be reversed.
+    where the ship has wind forces, astern only where her propeller can be reversed. A full-scale ship is given standard
+    trials alone.
     """
     full = own_speed(ship)
+    if ship.particulars["L"] >= MODEL:
+        slow = ("zigzag:10/10", "zigzag:20/20", "turning:35", "turning:-35")
+        ordered = [Option(name, name) for name in OF_SHIPS]
+        return (*ordered, *(Option(f"{name} at half speed", name, speed=full / 2) for name in slow))
     options = [Option(name, name) for name in MANEUVERS]
     options += [Option(f"{name} at half speed", name, speed=full / 2) for name in MANEUVERS if name != "acceleration"]
     if "n" in ship.actuators and "pitch" not in ship.actuators:
@@ -309,6 +323,8 @@ def advice(i: int, finding: CoefficientFinding, trial: NextTrial | None) -> str:
     """Which ``trial`` would help coefficient ``i``; "" when its ``finding`` needs none, or none was scored."""
     if trial is None or finding.kind in ("determined", "unknown") or not trial.options:
         return ""
+    if instead := MEASURED_OTHERWISE.get(finding.symbol.partition(".")[0]):
+        return instead
     if best := trial.best(i):
         option, left = best
         after = trial.before[i] * left

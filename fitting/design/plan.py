@@ -3,7 +3,8 @@
 The trial's Fisher information, by the right-hand side, noise and windows of the calibration, is added to her present
 precision; the mean log variance of what is wanted is minimised (Bayesian design, Chaloner & Verdinelli 1995). The
 search goes on from the best manoeuvre of the library that fits into the area, from the best two of these one after the
-other, and from a random sequence. Tracks of draws of the coefficients must stay inside the area too.
+other, and from a random sequence. Two standard deviations of the track, by draws of the coefficients, must stay inside
+the area too.
 """
 
 from __future__ import annotations
@@ -93,7 +94,8 @@ class Area:
         """Where ``tracks`` (N, 3, D, K) of x, y [m], psi [rad] begin, K of them with D draws each, all from 0, 0, 0.
 
         start: x, y, psi if they are given, else the heading with most room is taken and the track is put into the
-        middle. turned: the heading may be chosen. Draws that are not finite do not count. ship: whose hull it is.
+        middle. turned: the heading may be chosen. Of draws the hull of the first, the ship herself, and two standard
+        deviations of all to each side count; draws that are not finite do not. ship: whose hull it is.
         """
         px, py = corners(tracks, ship)
         headings = np.array([start[2]]) if start else HEADINGS if turned else HEADINGS[:1]
@@ -103,8 +105,9 @@ class Area:
             c, s = math.cos(psi), math.sin(psi)
             low, high = [], []
             for along in (c * px - s * py, s * px + c * py):
-                low.append(np.fmin.reduce(along, axis=(0, 1, 2)))
-                high.append(np.fmax.reduce(along, axis=(0, 1, 2)))
+                spread = 2 * np.std(along, axis=2, where=np.isfinite(along)) if along.shape[2] > 1 else 0.0
+                low.append(np.fmin.reduce(along[:, :, 0] - spread, axis=(0, 1)))
+                high.append(np.fmax.reduce(along[:, :, 0] + spread, axis=(0, 1)))
             lows, highs = np.array(low), np.array(high)
             if start:
                 begin = np.repeat(np.array(start[:2])[:, None], lows.shape[1], axis=1)

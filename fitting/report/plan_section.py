@@ -128,18 +128,17 @@ def plan_map(planned: PlannedTrial) -> Figure:
         f"Planned trial of {planned.task.wish.seconds:g} s: {ship.title}"[:110], fontsize=10, x=0.01, ha="left"
     )
     ax, *others = figure.subplots(3, 1, height_ratios=(3.6, 1, 1))
-    dress(ax, "x, north [m]", "y, east [m]", "Track, hull, 2 standard deviations")
-    ax.add_patch(Rectangle((0, 0), area.length, area.width, fill=False, ec="black", lw=1.5))
-    ax.add_patch(Rectangle((m, m), area.length - 2 * m, area.width - 2 * m, fill=False, ec=GREY, lw=0.8, ls="--"))
+    dress(ax, "y, east [m]", "x, north [m]", "Track, hull, 2 standard deviations")
+    ax.add_patch(Rectangle((0, 0), area.width, area.length, fill=False, ec="black", lw=1.5))
+    ax.add_patch(Rectangle((m, m), area.width - 2 * m, area.length - 2 * m, fill=False, ec=GREY, lw=0.8, ls="--"))
     x, y = f.states[:, 0], f.states[:, 1]
     for k in range(0, len(x), max(1, len(x) // 12)):
-        outline = np.array(corners(f.states[k : k + 1, :3, None], ship))[:, (0, 1, 3, 2), 0, 0].T
+        outline = np.array(corners(f.states[k : k + 1, :3, None], ship))[::-1, (0, 1, 3, 2), 0, 0].T
         ax.add_patch(Polygon(outline, closed=True, fill=k == 0, fc=BEFORE, ec=BEFORE, lw=0.8, alpha=0.8))
-        size = 4 * np.minimum(f.std[k, :2], 1e3)
-        ax.add_patch(Ellipse((x[k], y[k]), *size, fc=AFTER, ec="none", alpha=0.15))
-    ax.plot(x, y, color=AFTER, lw=1.6)
+        size = 4 * np.minimum(f.std[k, 1::-1], 1e3)
+        ax.add_patch(Ellipse((y[k], x[k]), *size, fc=AFTER, ec="none", alpha=0.15))
+    ax.plot(y, x, color=AFTER, lw=1.6)
     ax.set_aspect("equal")
-    ax.invert_yaxis()  # north to the right, east down: starboard is to the right of the track
     orders = {"rudder [deg]": np.degrees(f.orders[:, 1]), "revolutions [1/s]": f.orders[:, 0]}
     for ax, (words, values) in zip(others, orders.items(), strict=True):
         dress(ax, "t [s]" if ax is others[-1] else "", words)
