@@ -4,7 +4,6 @@ python -m benchmarks.coverage PART ... [--seeds N] [--workers N] [--record], PAR
 
 * intervals: 95 % intervals of the coefficients of ships drawn from the prior, on trials as bad as real ones
   (tests/support/disturbed_trials.py): those that ``mmg fit`` reports, those of the model alone;
-* clean: the same of the hidden ship of the demo, white noise alone;
 * figures: 90 % intervals of the figures of a 3 m and a 7 m ship in turn, fitted to two zigzags and two turnings; a
   crash stop lies outside of them;
 * bands: 90 % prediction bands of manoeuvres of another kind: turnings predicted from zigzags and random runs (records),
@@ -39,8 +38,8 @@ from cases.io import published_splits as splits
 from cases.shipfiles.effects import freeing_effects, with_effects
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.demo_trials import TRAIN, demo_trials, hidden_ship
-from cases.simulation.sensors import SensorNoise
+from cases.simulation.demo_trials import TRAIN
+from cases.simulation.simulate import SensorNoise
 from cases.trial import Trial
 from fitting.calibrate import FitOptions
 from fitting.calibration import estimate_coefficients
@@ -100,15 +99,6 @@ def disturbed_errors(seed: int) -> Errors:
     several = (found.covariance_model, found.covariance)
     errors = np.array([(found.p - p) / np.sqrt(np.diag(covariance)) for covariance in several])
     return Errors(prior.symbols, errors, found.converged)
-
-
-def clean_errors(seed: int) -> Errors:
-    """Of a fit of the trials of the demo, whose hidden ship is the truth."""
-    found = estimate_coefficients(load_ship(SHIP), demo_trials(seed)[0], Settings())
-    truth, symbols = hidden_ship().coefficients, found.prior.symbols
-    rows = [found.ship.coefficients[s] for s in symbols]
-    errors = [(c.value - truth[s].value) / c.std for s, c in zip(symbols, rows, strict=True)]
-    return Errors(symbols, np.array([errors]), found.converged)
 
 
 def intervals(work: Callable[[int], Errors], name: str, words: str, given: argparse.Namespace) -> dict[str, Figure]:
@@ -247,7 +237,6 @@ def main() -> None:
     """Measures the parts that are named."""
     parts: dict[str, Callable[[argparse.Namespace], dict[str, Figure]]] = {
         "intervals": lambda given: intervals(disturbed_errors, "coverage_disturbed", "disturbed trials", given),
-        "clean": lambda given: intervals(clean_errors, "coverage_clean", "white noise", given),
         "figures": figures,
         "bands": lambda given: manoeuvres(),
         "budget": budget,

@@ -120,13 +120,16 @@ class Quantity:
 
 
 RUDDER_LIMIT = 2.0
-"""rad; VecTwin rudders reach 105 deg = 1.83 rad, nothing that steers reaches 115 deg."""
+"""rad; VecTwin rudders reach 105 deg = 1.83 rad, nothing that steers reaches 115 deg. The limit was set by hand between
+them."""
 SPIN_LIMIT = 1.5
-"""rad/s; a ship or a metre-long model does not turn by 86 deg every second for most of a run."""
+"""rad/s; a ship or a metre-long model does not turn by 86 deg every second for most of a run. The limit was set
+by hand."""
 REVOLUTIONS_LIMIT = 60.0
-"""rps; propellers of models of a metre or more, and of ships, turn more slowly."""
+"""rps; propellers of models of a metre or more, and of ships, turn more slowly. The limit was set by hand."""
 SPEED_LIMIT = 60.0
-"""m/s; the fastest boats reach 50, a hurricane's mean wind 60 (Beaufort 12 begins at 33)."""
+"""m/s; the fastest boats reach 50, a hurricane's mean wind 60 (Beaufort 12 begins at 33). The limit was set by hand
+between them."""
 _FIX = r"(gps|gnss|fix|position|nav)?_?(fix|quality|qual|status|mode|valid|validity|ok)(_indicator|_flag|_type)?"
 _direction = partial(Quantity, unit="rad", period=TURN, mirror=-1)
 _speed = partial(Quantity, unit="m/s", limits=(-SPEED_LIMIT, SPEED_LIMIT))

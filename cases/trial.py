@@ -13,9 +13,8 @@ import numpy as np
 
 from cases.quantities import UNITS
 from mmg.errors import check_name
-from mmg.messages import Message
+from mmg.messages import Message, html_table
 from mmg.motion.flow import RUDDERS
-from mmg.notebook import html_table
 from mmg.states import STATES
 
 LEFT_OUT = "left_out"

@@ -33,7 +33,7 @@ Given: TypeAlias = "str | Path | Trial | Sequence[str | Path | Trial]"
 DOUBT = "doubtful"
 """Code of the notice on what mmg check doubts of a trial."""
 MOST_LISTED = 5
-"""Of names and pairs in one message."""
+"""Of names and pairs in one message. Set by hand: display."""
 
 
 @dataclass(frozen=True, eq=False)

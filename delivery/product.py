@@ -36,7 +36,7 @@ NAME_CHANGED, UNCALIBRATED, NOT_CONVERGED = "name_changed", "uncalibrated", "not
 PLACE, LEFT_OUT, NO_RANGE, UNEXCITED = "belongs_to_the_place", "left_out", "range_unknown", "not_excited"
 """Codes of what is said of a product."""
 SHOWN = 12
-"""Digits of a hash that a sentence shows."""
+"""Digits of a hash that a sentence shows. Set by hand: display."""
 QUANTITIES = {
     "x": ("position of midship, north", "m"),
     "y": ("position of midship, east", "m"),

@@ -38,7 +38,7 @@ from diagnosis.findings import (
 from diagnosis.groups.between import compare_groups
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.next_test import next_test, telling_test
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
 from diagnosis.inputs import (
     CalibrationTrials,

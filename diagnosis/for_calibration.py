@@ -69,8 +69,6 @@ make up for. Velocity filter, gyro and inputs held or sampled are found before a
 FREE_IT = 'free it with "--with {}"'
 BESIDE = ("tow",)
 """Tested beside them and not said: a steady force is what a resistance looks like that the priors have wrong."""
-LEAST = 0.1
-"""Share of its typical size from which a suspect matters, as of changes over months."""
 
 
 def second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool = True) -> SecondEstimate:
@@ -88,7 +86,7 @@ def second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool = True) -> 
         ready, few = _prepared(full, kept, few)
         mine = tuple(c for c in ready.problem.candidates if c.effect not in own)
         found = select_effects(replace(ready.problem, candidates=mine), ready.null)
-        rows = [(k, c) for k, c in enumerate(found.effects) if c.effect not in BESIDE and _matters(found.final, c)]
+        rows = [(k, c) for k, c in enumerate(found.effects) if c.effect not in BESIDE]
         read = _of_reading(ready.reading, frees)
         messages = (*read, *(_of_suspect(ship, ready, found, k, frees) for k, _ in rows))
         suspects = [c for _, c in rows] if frees else []
@@ -110,12 +108,6 @@ def _prepared(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tupl
         if len(few) == len(trials):
             raise
         return _prepared(ship, trials, trials)
-
-
-def _matters(fit: Estimate, c: Candidate) -> bool:
-    """Whether the effect ``c`` has more than LEAST of its typical size in a ``fit``."""
-    off = (abs(fit.value(*column) - n) / t for column, n, t in zip(c.columns, c.neutral, c.typical, strict=True))
-    return max(off) >= LEAST
 
 
 def _of_reading(reading: InputReading, frees: bool) -> list[Message]:

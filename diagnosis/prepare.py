@@ -29,7 +29,7 @@ from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
 from diagnosis.estimation.parameters import Priors, set_values
 from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.inputs import CalibrationTrials
 from fitting.nlp.windows import default_step
 from mmg.errors import Missing
@@ -42,11 +42,12 @@ if TYPE_CHECKING:
     from diagnosis.hypotheses.score_test import ScoreTest
 
 CLEAR = 3.0
-"""Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20)."""
+"""Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20). Set
+by hand."""
 
 
 USUAL = 0.03
-"""Probability by chance below which an effect in the trials of the calibration is said to be usual."""
+"""Probability by chance below which an effect in the trials of the calibration is said to be usual. Set by hand."""
 
 
 @dataclass(frozen=True)

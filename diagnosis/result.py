@@ -33,8 +33,7 @@ from fitting.report.run_folder import (
 )
 from mmg.effects import with_present_names
 from mmg.errors import BadValue, Missing
-from mmg.messages import has_code, messages_from
-from mmg.notebook import html_table
+from mmg.messages import has_code, html_table, messages_from
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
 MISSING_FORCE = "missing_force.csv"
 FORCE_HEADER = ("run", "t [s]", "X [N]", "Y [N]", "N [N m]")
 MOST_ROWS = 400
-"""Rows of a run at most: the force changes over seconds."""
+"""Rows of a run at most: the force changes over seconds. Set by hand: it bounds the size of a file."""
 
 
 @dataclass(frozen=True)
@@ -136,8 +135,8 @@ class Diagnosis(Findings):
     def told_by(self, content: Mapping[str, Any]) -> Diagnosis:
         """The same with what the result of a calibration tells of predictions, where nothing is known of them yet;
         content: of its result.json."""
-        told = self.inputs.of_predictions or of_predictions(content)
-        return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, of_predictions=told))
+        predictions = self.inputs.of_predictions or of_predictions(content)
+        return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, of_predictions=predictions))
 
     def save(self, folder: Path | str, replace: bool = False, report: bool = True) -> None:
         """Write diagnosis.json, result.json, ship.toml and, where the fit is known, missing_force.csv to ``folder``,

@@ -18,7 +18,7 @@ from mmg.effects import EFFECTS
 from mmg.ship import Ship
 
 SHOWN = 1e-3
-"""Probability by chance below which a fault of an instrument is reported."""
+"""Probability by chance below which a fault of an instrument is reported. Set by hand."""
 
 
 def fitted_ship(
@@ -66,23 +66,23 @@ def _with_form(ship: Ship, symbol: str, by_trials: EstimatedParameter, time_erro
     return replace(by_trials, std=math.hypot(by_trials.std, EFFECTS[name].form_error * off, late))
 
 
-def _named_in(found: Selection, candidate: Candidate) -> tuple[Search, RefittedEffect]:
+def _named_in(selection: Selection, candidate: Candidate) -> tuple[Search, RefittedEffect]:
     """The search in which an effect was named."""
-    return next((s, s.best) for s in found.searches if s.best is not None and s.best.candidate == candidate)
+    return next((s, s.best) for s in selection.searches if s.best is not None and s.best.candidate == candidate)
 
 
-def fit_with(found: Selection, candidate: Candidate) -> Estimate:
-    """The fit in which ``found`` first refitted an effect in the form of ``candidate``."""
+def fit_with(selection: Selection, candidate: Candidate) -> Estimate:
+    """The fit in which ``selection`` first refitted an effect in the form of ``candidate``."""
     wanted = candidate.effect, candidate.form
-    every = (r for s in found.searches for r in s.refitted)
+    every = (r for s in selection.searches for r in s.refitted)
     return next(r.fit for r in every if (r.candidate.effect, r.candidate.form) == wanted)
 
 
-def named_effect(full: FullModel, found: Selection, candidate: Candidate, time_error: float = 0.0) -> NamedEffect:
-    """The result on a named effect: ``candidate`` of the selection ``found`` with the ``full`` model; time_error: as of
+def named_effect(full: FullModel, selection: Selection, candidate: Candidate, time_error: float = 0.0) -> NamedEffect:
+    """The result on a named effect: ``candidate`` of the ``selection`` with the ``full`` model; time_error: as of
     ``parameters_of``."""
-    search, refitted = _named_in(found, candidate)
-    sizes = parameters_of(full, found.final, candidate, time_error)
+    search, refitted = _named_in(selection, candidate)
+    sizes = parameters_of(full, selection.final, candidate, time_error)
     absorbed = search.score(candidate).absorbed
     return NamedEffect(candidate.effect, sizes, refitted.p_value, refitted.delta_bic, absorbed, refitted.evidence)
 
@@ -109,10 +109,10 @@ def instrument_faults(full: FullModel, fit: Estimate) -> tuple[InstrumentFault, 
     return tuple(faults)
 
 
-def equivalence_class(found: Selection) -> tuple[str, ...]:
-    """Effects that the data cannot tell from the first one selected in ``found``."""
-    near = dict.fromkeys(c.effect for c in _named_in(found, found.effects[0])[0].indistinguishable)
-    named = {c.effect for c in found.effects}
+def equivalence_class(selection: Selection) -> tuple[str, ...]:
+    """Effects that the data cannot tell from the first one selected in ``selection``."""
+    near = dict.fromkeys(c.effect for c in _named_in(selection, selection.effects[0])[0].indistinguishable)
+    named = {c.effect for c in selection.effects}
     return tuple(n for n in near if n not in named)
 
 

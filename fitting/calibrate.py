@@ -316,6 +316,7 @@ def _of_scores(scores: Mapping[str, ScorePair]) -> list[Message]:
     failed = [message for name, pair in scores.items() for message in pair.failed(name)]
     worse = [message for name, pair in scores.items() for message in pair.worse(name)]
     worse += [message for name, pair in scores.items() for message in pair.worse_by_run(name)]
+    worse += [message for name, pair in scores.items() for message in pair.unbeaten(name)]
     return failed + worse + (scores["training"].undescribed() if "training" in scores else [])
 
 

@@ -28,7 +28,7 @@ from fitting.report import run_folder
 from fitting.report.plot_style import FigureFolder
 from fitting.solvers.control import left_out_message, unless_interrupted
 from mmg.errors import Missing, UserError, name_fault
-from mmg.notebook import html_table
+from mmg.messages import html_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
@@ -91,8 +91,9 @@ class FitResult(FitRecord):
     def _repr_html_(self) -> str:
         state = "converged" if self.converged else f"NOT CONVERGED ({self.status})"
         scores = "".join(
-            f"; {name}: 30 s windows {pair.before.window:.4g} → {pair.after.window:.4g}"
+            f"; {name}: position {pair.before.units.pooled.position_m:.3g} → {pair.after.units.pooled.position_m:.3g} m"
             for name, pair in self.scores.items()
+            if pair.before.units and pair.after.units
         )
         rows = [(s, c.value, c.std, c.unit, c.prior_value, c.verdict) for s, c in self.coefficients.items()]
         header = ("coefficient", "value", "std", "unit", "prior", "verdict")

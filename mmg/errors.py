@@ -11,7 +11,7 @@ from pathlib import PureWindowsPath
 from mmg.messages import printable
 
 LONGEST_NAME = 200
-"""Most bytes of a name: file systems take 255, and suffixes are added."""
+"""Most bytes of a name: file systems take 255, and suffixes are added. The limit is that of ext4 and NTFS."""
 
 
 DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT") for i in range(1, 10))}
@@ -19,7 +19,8 @@ DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT")
 WINDOWS = os.name == "nt"
 
 LONGEST = 4000
-"""Most characters of the text of an error; of a longer one the middle is left out."""
+"""Most characters of the text of an error; of a longer one the middle is left out. Set by hand: fifty lines of a
+terminal."""
 
 
 class UserError(Exception):

@@ -1,8 +1,9 @@
-"""Notices and warnings: a sentence for a person, and a code by which programs tell one from another."""
+"""What results say: notices and warnings as sentences with a code for programs, and tables for a notebook."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from html import escape
 
 
 def printable(text: str) -> str:
@@ -50,3 +51,22 @@ def message_rows(messages: Iterable[str]) -> list[dict[str, str]]:
 def messages_from(rows: Iterable[dict[str, str]]) -> tuple[Message, ...]:
     """The messages behind ``rows``, as ``message_rows`` wrote them."""
     return tuple(Message(row["text"], row["code"]) for row in rows)
+
+
+def html_table(caption: str, header: Sequence[str], rows: Iterable[Sequence[object]], most: int = 60) -> str:
+    """A table as HTML.
+
+    caption: above the table; header: (C,) names of the columns; rows: of C cells each, floats shown with four digits;
+    most: rows shown, the number of those left out is said.
+    """
+
+    def cell(value: object) -> str:
+        return escape("" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value))
+
+    every = list(rows)
+    body = "".join("<tr>" + "".join(f"<td>{cell(v)}</td>" for v in row) + "</tr>" for row in every[:most])
+    more = f"<p>{len(every) - most} more rows</p>" if len(every) > most else ""
+    names = "".join(f"<th>{cell(name)}</th>" for name in header)
+    return (
+        f"<table><caption>{cell(caption)}</caption><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>{more}"
+    )

@@ -12,7 +12,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from mmg.components import twin
 from mmg.components.catalogue import FORCES, module, twin_screw
 from mmg.components.coefficients import names
 from mmg.components.rigid_body import accelerations, inertia
@@ -77,7 +76,11 @@ def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoo
     """Force of each component by role, evaluated in the order in which they feed each other. ship: gives the models;
     flow, p, c, s: as in mmg/motion/flow.py."""
     result: dict[str, Force] = {}
-    flows: tuple[Flow, ...] = twin.mirrored_flows(flow, p) if twin_screw(ship.particulars) else (flow,)
+    flows: tuple[Flow, ...] = (flow,)
+    if twin_screw(ship.particulars):
+        from mmg.components import twin  # late: few ships have two screws
+
+        flows = twin.mirrored_flows(flow, p)
     for role in FORCES:
         if role not in ship.components:
             continue
@@ -242,11 +245,13 @@ def _settled(memory: Memory) -> list[Any]:
 
 
 POINTS = 50_000
-"""Points at which logged columns are asked for in one call: a call costs as much as a thousand of them."""
+"""Points at which logged columns are asked for in one call: a call costs as much as a thousand of them. Set by hand: it
+bounds memory, to some MB."""
 INVERSIONS = 30
 """Most fixed-point steps from logged columns to the state behind them. Set by hand."""
 CLOSE = 1e-12
-"""Error of a logged column [its unit] at which they end: rounding of positions of a kilometre."""
+"""Error of a logged column [its unit] at which they end: rounding of positions of a kilometre. Set by hand: 2e-16 of a
+kilometre is 2e-13 m."""
 
 
 def settled(model: Model, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:

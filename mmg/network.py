@@ -20,7 +20,8 @@ from mmg.errors import BadValue, Conflict
 MOTION, RELATIVE_AIR = ("u", "v", "r"), ("a_x", "a_y")
 """Features besides the actuators: velocities through the water, air relative to the hull; body axes [m/s, rad/s]."""
 LARGEST = 1e6
-"""No weight and no output scale of a trained network is larger: weights are of the order of 1."""
+"""No weight and no output scale of a trained network is larger: weights are of the order of 1. Set by hand: it bounds
+what a damaged file can do."""
 OTHER = "network file for another ship or another input set"
 """How every refusal of a network begins."""
 

@@ -12,12 +12,11 @@ import numpy as np
 
 from mmg.components.catalogue import actuators
 from mmg.components.coefficients import Coefficient
-from mmg.components.expansion.words import parse_monomial
 from mmg.effects import EFFECTS, effect
 from mmg.errors import check_name
+from mmg.messages import html_table
 from mmg.motion.flow import INPUTS
 from mmg.network import Network, features_of
-from mmg.notebook import html_table
 
 AIR = ("wind_north", "wind_east")
 """Inputs of every right-hand side after the actuators: velocity of the air over ground, earth frame [m/s]."""
@@ -115,7 +114,10 @@ class Ship:
     def actuators(self) -> tuple[str, ...]:
         """Actuators that its force models listen to: names of mmg.motion.flow.INPUTS, in that order."""
         needed = {*actuators(self.components, self.particulars)}
-        needed = needed.union(*(parse_monomial(text).inputs for text in self.monomials.values()))
+        if self.monomials:
+            from mmg.components.expansion.words import parse_monomial  # late: few ships are polynomials
+
+            needed = needed.union(*(parse_monomial(text).inputs for text in self.monomials.values()))
         return tuple(name for name in INPUTS if name in needed)
 
     @property

@@ -81,7 +81,7 @@ class Prediction:
         return pd.DataFrame(rows, columns=names).astype({"window": int})
 
     def _repr_html_(self) -> str:
-        from mmg.notebook import html_table
+        from mmg.messages import html_table
 
         last = [(w.number, *self.trial.t[[w.first, w.last]].tolist(), *w.states[-1].tolist()) for w in self.windows]
         header = ("window", "from [s]", "to [s]", "x [m]", "y [m]", "psi [rad]", "u [m/s]", "v [m/s]", "r [rad/s]")
@@ -237,21 +237,34 @@ def _second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool) -> Second
 
 
 def score(
-    model: Model, trials: Trials, sigma: Sequence[float] | np.ndarray | None = None, adapt: float | None = None
+    model: Model,
+    trials: Trials,
+    sigma: Sequence[float] | np.ndarray | None = None,
+    adapt: float | None = None,
+    baseline: Trials = (),
 ) -> Score:
-    """Both metrics of ``model`` on ``trials``: 30 s windows every 15 s; 100 s restarts (Wakita et al. 2022, Eq. 25).
+    """Errors of ``model`` on ``trials`` in units (``units``), and the normalised metric (Wakita et al. 2022, Eq. 25).
 
-    sigma: (6,) of x, y [m], psi [rad], u, v [m/s], r [rad/s] by which errors are divided, default pooled over the
-    trials; adapt: seconds before each window from which the disturbance of the run is estimated. Returns the scores,
-    pooled and by trial; lower is better. Raises UserError for trials without positions.
+    sigma: (6,) of x, y [m], psi [rad], u, v [m/s], r [rad/s] by which errors of the normalised metric are divided,
+    default pooled over the trials; adapt: seconds before each window from which the disturbance of the run is
+    estimated; baseline: trials to which a plain grey box is fitted that the model must beat, as it must beat
+    velocities that are kept (``units.ratio``). Returns the scores, pooled and by trial; lower is better. Raises
+    UserError for trials without positions.
     """
     import numpy as np
 
+    from fitting.prediction.baselines import fit_grey_box
     from fitting.prediction.score import score as scored
+    from fitting.prediction.unit_errors import window_for
+    from mmg.rollout import Simulator
 
     origin = "the scored trials" if sigma is None else "the caller"
     given = None if sigma is None else np.asarray(sigma, dtype=float)
-    return scored(predictor(model), _sound(trials), given, origin, adapt=adapt)
+    runs, fitted, simulator = _sound(trials), _sound(baseline), predictor(model)
+    particulars = simulator.ship.particulars if isinstance(simulator, Simulator) else {}
+    window = window_for(runs, particulars.get("L")) if runs else 0.0
+    box = fit_grey_box(fitted, simulator.inputs, particulars, window) if fitted else None
+    return scored(simulator, runs, given, origin, adapt=adapt, units=window, baseline=box)
 
 
 def predict(

@@ -74,7 +74,7 @@ class Answers(Section):
 
 
 @dataclass(frozen=True)
-class Question:
+class TrialQuestion:
     """A question to a person: the field of the answers, its words, and what an empty line stands for."""
 
     name: str
@@ -83,7 +83,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Begun:
+class StartedRun:
     """What there is before the fit. folder; ship: as the answers make her; trials; answers; asked: names of those that
     a person gave."""
 
@@ -96,7 +96,7 @@ class Begun:
 
 
 def read_answers(path: Path) -> Answers:
-    """The answers in a file. Raises UserError for a file that is none."""
+    """The answers in the file at ``path``. Raises UserError for a file that is none."""
     return validated(Answers, read_toml(path), str(path))
 
 
@@ -121,7 +121,8 @@ def are_trials(logs: Sequence[Path]) -> bool:
 
 
 def copy_trials(logs: Sequence[Path], folder: Path) -> None:
-    """Copies trial files and the sidecars beside them into a new ``folder``, by the folders that they come from."""
+    """Copies the trial files ``logs`` and the sidecars beside them into a new ``folder``, by the folders that they come
+    from."""
     files = trial_files(logs)
     parents = list(dict.fromkeys(path.parent for path in files))
     names = [parent.name or "trials" for parent in parents]
@@ -158,18 +159,22 @@ def check_folder(folder: Path, mark: str) -> Answers | None:
     return answers
 
 
-def questions(ship: Ship, trials: Sequence[Trial], by_particulars: bool, antenna_known: bool) -> list[Question]:
-    """What data do not answer, at most five; by_particulars: the ``ship`` is from main particulars."""
+def questions(ship: Ship, trials: Sequence[Trial], by_particulars: bool, antenna_known: bool) -> list[TrialQuestion]:
+    """What data do not answer, at most five.
+
+    by_particulars: the ``ship`` is from main particulars; trials: of which the rudder's rate is looked for;
+    antenna_known: a sidecar says where the antenna is.
+    """
     found = []
     if not antenna_known:
         words = "Where is the antenna: metres ahead and to starboard of midship, such as '-42 0'?"
-        found.append(Question("antenna", words, "unknown"))
+        found.append(TrialQuestion("antenna", words, "unknown"))
     if by_particulars:
-        found.append(Question("draught", "Draught at the trials [m]?", f"{ship.particulars['d']:g}"))
-    found.append(Question("depth", "Depth of the water [m]?", "deep"))
-    found.append(Question("current", "Is a current likely: none, steady, 'per run'?", "unknown"))
+        found.append(TrialQuestion("draught", "Draught at the trials [m]?", f"{ship.particulars['d']:g}"))
+    found.append(TrialQuestion("depth", "Depth of the water [m]?", "deep"))
+    found.append(TrialQuestion("current", "Is a current likely: none, steady, 'per run'?", "unknown"))
     if rate := measured_rates(ship, trials).get("rudder_rate"):
-        found.append(Question("rudder_rate", f"Rudder rate {rate}: use it, or a number [deg/s]?", "measured"))
+        found.append(TrialQuestion("rudder_rate", f"Rudder rate {rate}: use it, or a number [deg/s]?", "measured"))
     return found
 
 
@@ -187,7 +192,8 @@ def measured_rates(ship: Ship, trials: Sequence[Trial]) -> dict[str, str]:
 
 
 def answered(known: Answers, name: str, text: str) -> Answers:
-    """The answers with one that a person typed. Raises UserError for a text that is none."""
+    """The ``known`` answers with that of a ``name``, as a person typed the ``text``. Raises UserError for another
+    text."""
     words = text.strip().strip("'\"")
     value: Any = words
     if name == "antenna" and words != "unknown":
@@ -205,7 +211,8 @@ def _number(word: str, text: str) -> float:
 
 
 def with_answers(ship: Ship, answers: Answers) -> Ship:
-    """The ``ship`` in water of this depth, with a rudder of this rate and a current that is fitted."""
+    """The ``ship`` in water of the depth of the ``answers``, with a rudder of their rate and a current that is fitted.
+    Raises UserError for water in which she is aground."""
     if not isinstance(answers.rudder_rate, str):
         particulars = {**ship.particulars, "rudder_rate": math.radians(answers.rudder_rate)}
         sources = {name: source for name, source in ship.sources.items() if name != "rudder_rate"}
@@ -238,18 +245,19 @@ def antenna_is_known(folder: Path) -> bool:
     return any("reference_point" in path.read_text(encoding="utf-8") for path in folder.rglob(SIDECAR))
 
 
-def write_answers(begun: Begun, mark: str, command: str) -> None:
-    """Writes what was asked, answered, assumed and measured."""
+def write_answers(started: StartedRun, mark: str, command: str) -> None:
+    """Writes what was asked, answered, assumed and measured of a ``started`` run; mark: as of ``digest``; command: that
+    made it."""
     import tomlkit
 
-    given = begun.answers.given
+    given = started.answers.given
     record: dict[str, Any] = {
         "digest": mark,
         "command": command,
-        "asked": list(begun.asked),
-        "assumed": [name for name in given if name not in begun.asked],
-        "measured": dict(begun.measured),
-        "rules": [str(notice) for notice in begun.ship.notices],
+        "asked": list(started.asked),
+        "assumed": [name for name in given if name not in started.asked],
+        "measured": dict(started.measured),
+        "rules": [str(notice) for notice in started.ship.notices],
     }
     document = tomlkit.document()
     for line in TOML_HEAD.splitlines():
@@ -258,17 +266,17 @@ def write_answers(begun: Begun, mark: str, command: str) -> None:
         if value is not None:
             document.add(name, value)
     document.add("record", record)
-    begun.folder.mkdir(parents=True, exist_ok=True)
-    with writing(begun.folder / ANSWERS):
-        replace_text(begun.folder / ANSWERS, tomlkit.dumps(document))
+    started.folder.mkdir(parents=True, exist_ok=True)
+    with writing(started.folder / ANSWERS):
+        replace_text(started.folder / ANSWERS, tomlkit.dumps(document))
 
 
-def begin(folder: Path, ship: Ship, answers: Answers) -> Begun:
+def prepared_run(folder: Path, ship: Ship, answers: Answers) -> StartedRun:
     """What there is before the fit in a ``folder`` with trials: the ``ship`` by the ``answers``, and what her trials
     show."""
     trials = read_trials([folder / TRIALS])
     whole = with_answers(ship, answers)
-    return Begun(folder, whole, tuple(trials), answers, measured=measured_rates(whole, trials))
+    return StartedRun(folder, whole, tuple(trials), answers, measured=measured_rates(whole, trials))
 
 
 def write_depth(folder: Path, depth: float) -> None:
@@ -286,18 +294,21 @@ def exported(folder: Path) -> None:
     export(product_of(folder / RUN), "fmu", folder / FMU)
 
 
-def fitted(begun: Begun, command: str, progress: OnProgress | None = None) -> FitResult:
-    """The calibration in the folder, made, resumed or read. Where the trials show inputs that were sampled, their
-    sidecar says so from then on."""
+def fitted(started: StartedRun, command: str, progress: OnProgress | None = None) -> FitResult:
+    """The calibration in the folder of a ``started`` run, made, resumed or read.
+
+    Where the trials show inputs that were sampled, their sidecar says so from then on. command: that is stored;
+    progress: called at each iteration. Raises UserError as ``calibrate``.
+    """
     from mmg_ident.api import calibrate
 
-    run = begun.folder / RUN
+    run = started.folder / RUN
     earlier = read_fit(run) if (run / "result.json").exists() else None
     if earlier and earlier.converged:
         return earlier
-    own = ("current",) if begun.answers.current == "per run" else ()
+    own = ("current",) if started.answers.current == "per run" else ()
     options = FitOptions(command=command, resume=earlier, per_run=own, next_trial=True)
-    result = calibrate(earlier.start if earlier else begun.ship, begun.trials, (), None, options, progress)
+    result = calibrate(earlier.start if earlier else started.ship, started.trials, (), None, options, progress)
     if any(m.code == "suspect" and 'inputs = "sampled"' in m.text for m in result.messages):
-        write_sidecars(begun.folder / TRIALS, {"inputs": "sampled"})
+        write_sidecars(started.folder / TRIALS, {"inputs": "sampled"})
     return result.save(run, replace=earlier is not None)

@@ -16,13 +16,15 @@ from torch import nn
 
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
+from fitting.prediction.predict import change_over
 from mmg.network import Layers, Network, features_of
 from mmg.ship import Ship
 from residual.physics import FusedRollout, Physics
 from residual.settings import TrainSettings
+from residual.splits import WINDOW
 from residual.system import Past, TrainableSystem
 from residual.train import ModelKind, Outcome, Task, restored
-from residual.windows import LEAST_SCALE, Scales, training_scales, windows
+from residual.windows import LEAST_SCALE, STRIDE, Scales, training_scales, windows
 
 SWAPPED = {"delta_port": "delta_starboard", "delta_starboard": "delta_port", "n": "n_2", "n_2": "n"}
 """Features that change places when port becomes starboard, where a ship has both."""
@@ -246,7 +248,9 @@ def hybrid_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial]
     with torch.no_grad():
         # of the ship, not of the measurement: differences of noisy velocities would make the scale too large
         rates = physics.rates(physics.start(logged, controls), controls)[3:6].numpy()
-    return replace(scales, output=OUTPUT * np.sqrt((rates**2).mean(axis=1)) + LEAST_SCALE)
+    output = OUTPUT * np.sqrt((rates**2).mean(axis=1)) + LEAST_SCALE
+    change = change_over(trials, WINDOW, STRIDE)
+    return replace(scales, output=output, score=np.where(np.isfinite(change), change, scales.sigma))
 
 
 HYBRID_KIND = ModelKind(build_hybrid, hybrid_scales, lambda s: s.inputs, lambda s: Physics(s).logged_features)

@@ -30,9 +30,8 @@ from fitting.report.plot_style import figures_of
 from fitting.report.use import Delivered, delivered, delivery_sections, shown_quantity
 from fitting.solvers.control import LEFT_OUT
 from mmg.errors import BadValue
-from mmg.messages import Message, has_code, message_rows, messages_from
+from mmg.messages import Message, has_code, html_table, message_rows, messages_from
 from mmg.network import Network
-from mmg.notebook import html_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.decide import Decision, percent

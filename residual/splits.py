@@ -15,6 +15,7 @@ from itertools import accumulate
 from typing import NamedTuple
 
 from fitting.nlp.windows import Stretch
+from fitting.prediction.score import WINDOW
 from mmg.errors import TooFewData
 from residual.settings import BlackBoxSettings, TrainSettings
 
@@ -24,14 +25,13 @@ def blocks(pieces: Sequence[Stretch], seconds: float, h: float) -> list[Stretch]
     return [part for piece in pieces for part in piece.evenly(max(1, round(piece.steps * h / seconds)))]
 
 
-WINDOW = 30.0
-"""Windows by which trainings are stopped and judged [s]. That of the scores (fitting/prediction/score.py)."""
 FOLDS = 5
 """Parts into which the runs are split, or the blocks of fewer runs. Set by hand."""
 WHOLE = 3
 """Fewest runs of which whole ones judge. Set by hand."""
 GAP = 30.0
-"""Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind."""
+"""Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind. Set
+by hand: one window of the scores."""
 SHORTER = (120.0, 90.0, 75.0)
 """Lengths of blocks [s] tried where longer ones are fewer than FOLDS. Set by hand."""
 

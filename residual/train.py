@@ -27,12 +27,13 @@ from cases.inputs import step_means
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch, default_step, pieces_of
 from fitting.parallel import run_all, width
+from fitting.prediction.score import WINDOW
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
 from fitting.solvers.control import Control, interrupts_noted
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.ship import Ship
 from residual.settings import TrainSettings
-from residual.splits import WINDOW, Split, splits_of
+from residual.splits import Split, splits_of
 from residual.system import RolloutBatch, TrainableSystem, acceleration_loss, state_loss
 from residual.windows import STRIDE, Scales, augmented, compare_errors, jittered, window_errors, windows
 

@@ -15,12 +15,11 @@ import torch
 from cases.evidence.signals import white_noise
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
-from fitting.prediction.score import pooled_sigma
+from fitting.prediction.score import PAPER_WINDOW, STRIDE, WINDOW, pooled_sigma
 from mmg.errors import TooFewData
 from mmg.motion.froude import length_scale
 from mmg.ship import Ship
 from residual.settings import SETS
-from residual.splits import WINDOW
 from residual.system import Past, RolloutBatch, TrainableSystem, measured_accelerations, rollout, squares
 
 
@@ -84,11 +83,6 @@ def augmented(
     return jittered(copied, velocities, torch.Generator().manual_seed(seed))
 
 
-STRIDE, RESTART = 15.0, 100.0
-"""Seconds between the starts of stop and judged windows; length of the restarts of the second metric. Those of the
-scores (fitting/prediction/score.py)."""
-
-
 def compare_errors(
     systems: tuple[TrainableSystem, TrainableSystem],
     pieces: Sequence[Stretch],
@@ -105,7 +99,7 @@ def compare_errors(
     past, scale = systems[0].past, torch.as_tensor(sigma)
     errors = []
     # overlapping windows, and restarts side by side, as the scores have them
-    for length, stride in ((WINDOW, STRIDE), (RESTART, RESTART)):
+    for length, stride in ((WINDOW, STRIDE), (PAPER_WINDOW, PAPER_WINDOW)):
         batch = windows(pieces, h, round(length / h), round(stride / h), past)
         errors.append(np.array([window_errors(s, batch, scale, method) if batch else [] for s in systems]))
     # as ``windows`` counts them, so that each error finds its run again

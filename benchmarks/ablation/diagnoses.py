@@ -119,7 +119,7 @@ RARE = (
     Switch("sensor faults", "faults of sensors that the columns show are not modelled",
            {"diagnosis.prepare:with_sensor_faults": lambda ship, sensors: (ship, [])}, inside=FIRST),
     Switch("dispersion", "residuals count as independent",
-           {"diagnosis.estimation.dispersion:dispersion": constantly(1.0)}, inside=("slopes", *ONCE, "unnamed_slopes")),
+           {"diagnosis.hypotheses.score_test:dispersion": constantly(1.0)}, inside=("slopes", *ONCE, "unnamed_slopes")),
 )  # fmt: skip
 
 

@@ -2,7 +2,9 @@
 
 ``check(trials)`` gives one ``CheckReport`` per trial; ``pooled(reports)`` says what they excite together.
 
-Constants of this room that name no source are set by hand; ``benchmarks.file_faults`` measures what they do together.
+In brackets behind a constant that was set by hand: how many of 22 answers get other codes when it is halved, and when
+it is doubled (shares above a half: what they lack of one); without brackets none does. The answers are those to 19
+faults of ``benchmarks.file_faults`` and two sound sets (seed 1), and to eight records of Train-TZRB (November 2026).
 """
 
 from cases.checks.folders import check

@@ -40,12 +40,13 @@ from mmg.messages import Message, message_rows
 COLUMNS = ("psi", "u", "v", "r")
 """Required of every trial and noisy, so that rows of different runs never agree in all of them."""
 GRIDS = (1e-7, 1e-3)
-"""Values are compared on these grids (rad, m/s, rad/s); the coarse one finds copies with fewer digits."""
+"""Values are compared on these grids (rad, m/s, rad/s); the coarse one finds copies with fewer digits. Set by hand."""
 MULTIPLIERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93)
-"""One large odd multiplier per column, to mix its bits; a join of pandas would take a third of a second to import."""
+"""One large odd multiplier per column, to mix its bits; a join of pandas would take a third of a second to import. Set
+by hand: any odd numbers do."""
 VERBS = {"copy": "Is a copy of", "inside": "Is contained in", "contains": "Contains", "overlaps": "Overlaps"}
 SHARE = 0.05
-"""Overlaps below this share of the shorter file are not reported: a matter of display."""
+"""Overlaps below this share of the shorter file are not reported: a matter of display. Set by hand."""
 Pair = tuple[int, int]
 
 
@@ -126,17 +127,18 @@ def _overlap(
 
 
 LATE = 1.5
-"""Lag [s] of a channel beyond which the verdict is no longer "ok"."""
+"""Lag [s] of a channel beyond which the verdict is no longer "ok". Set by hand (1, 1)."""
 TURNED, LEAST_ARM = math.radians(2.0), 0.05
 """The same for the angle between track and heading [rad], within which a compass is right (IMO A.424: 1 deg times the
 secant of the latitude), and for a lever arm [m]."""
 LEAST_SHARE = 0.001
-"""Gains [1] and angles [rad] below it are not worth a note: a metre in a kilometre."""
+"""Gains [1] and angles [rad] below it are not worth a note: a metre in a kilometre. Set by hand (1, 1)."""
 DISAGREE = 0.8
-"""Relative misfit of the track beyond which positions and velocities have nothing to do with each other."""
+"""Relative misfit of the track beyond which positions and velocities have nothing to do with each other. Set
+by hand."""
 SURE = 20.0
-"""Nats from which one file refutes its labels although all others of its folder bear theirs out. Set by hand: below
-it one file is doubted, and a fit goes on."""
+"""Nats from which one file refutes its labels although all others of its folder bear theirs out. Set by hand: below it
+one file is doubted, and a fit goes on."""
 LOOKS = {
     "sampling": sampling,
     "stretches": stretch_findings,
@@ -556,8 +558,8 @@ def mended(trial: Trial, wanted: Mapping[str, Any], keys: Keys) -> Trial | None:
             columns[name] = trial[other]
         for name, factor in keys.get("units", {}).items():
             columns[name] = columns[name] * factor
-        told = {key: value for key, value in wanted.items() if key not in ("columns", "units")}
-        return replace(trial, columns=converted(columns, SidecarEntry(**told), []))
+        entries = {key: value for key, value in wanted.items() if key not in ("columns", "units")}
+        return replace(trial, columns=converted(columns, SidecarEntry(**entries), []))
     except UserError:
         return None
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckReport, Found
+from cases.evidence.competition import COST
 from cases.evidence.shifts import SIGMAS
 from cases.evidence.signals import PIECES, independent
 from cases.inputs import is_sampled
@@ -29,13 +30,14 @@ from mmg.motion.frames import apparent_wind
 from mmg.ship import Ship
 
 GAP = 3.0
-"""A stretch without complete required columns that is longer than this many median steps is a gap."""
+"""A stretch without complete required columns that is longer than this many median steps is a gap. Set by hand (0,
+1)."""
 VELOCITIES = ("u", "v", "r")
 SPIKE, SPIKE_RANGE = 12.0, 0.5
 """A spike differs from the mean of its neighbours by so many times the usual difference, and by this share of the range
-of the column (5 to 95 %); its neighbours agree with each other."""
+of the column (5 to 95 %); its neighbours agree with each other. Set by hand."""
 COARSE = 0.2
-"""More than this [rad] a ship does not turn between samples that show how she turns."""
+"""More than this [rad] a ship does not turn between samples that show how she turns. Set by hand."""
 
 
 def spikes(values: np.ndarray) -> int:
@@ -46,8 +48,8 @@ def spikes(values: np.ndarray) -> int:
     moved = off[off > 0]
     usual = 1.4826 * float(np.nanmedian(moved)) if len(moved) else 0.0
     low, high = np.nanquantile(values, (0.05, 0.95))
-    beside = np.abs(values[2:] - values[:-2])
-    return int(np.sum((off > SPIKE * usual) & (off > SPIKE_RANGE * (high - low)) & (beside < 0.5 * off)))
+    neighbour_difference = np.abs(values[2:] - values[:-2])
+    return int(np.sum((off > SPIKE * usual) & (off > SPIKE_RANGE * (high - low)) & (neighbour_difference < 0.5 * off)))
 
 
 def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
@@ -231,15 +233,15 @@ def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Fou
 
 
 AHEAD = 0.5
-"""Share of the greatest speed from which a ship goes ahead, and share of the time that counts as most of it. Set by
-hand, as STRAIGHT and MOSTLY: they choose rows, and no verdict hangs on a row."""
+"""Share of the greatest speed from which a ship goes ahead, and share of the time that counts as most of it. Set
+by hand, as STRAIGHT and MOSTLY: they choose rows, and no verdict hangs on a row."""
 STRAIGHT = 0.2
-"""Share of the greatest turn rate within which a ship goes straight."""
+"""Share of the greatest turn rate within which a ship goes straight. Set by hand."""
 APART = 0.1
 """Least eigenvalue of the correlations of surge, turn and heading, from which an offset is no current: about that of
-legs in directions a quarter turn apart."""
+legs in directions a quarter turn apart. Set by hand."""
 MOSTLY = 0.9
-"""Share of the rows at speed, with revolutions ahead, in which sternway is no manoeuvre."""
+"""Share of the rows at speed, with revolutions ahead, in which sternway is no manoeuvre. Set by hand."""
 FAST = 0.8
 """Share of the greatest speed (95 %) from which a ship is at speed: what she has left when she is stopped is none. Set
 by hand, as SLOW, which leaves out speeds at which a drift angle is noise."""
@@ -247,13 +249,12 @@ TURNING = math.radians(90.0)
 """Turn of the heading, ahead, from which the sway tells where the pivot point lies: a wind alone turns no ship as far,
 and where it turns her, her bow drifts off."""
 SLOW = 0.1
-"""Share of the greatest speed from which a drift angle is one of a ship that goes ahead."""
+"""Share of the greatest speed from which a drift angle is one of a ship that goes ahead. Set by hand."""
 LEAST_DRIFT = 0.02
-"""Share of the surge that the sway of a ship in such a turn exceeds: a degree of drift, where 3 to 20 are usual."""
+"""Share of the surge that the sway of a ship in such a turn exceeds: a degree of drift, where 3 to 20 are usual. Set
+by hand."""
 OFFSET = math.radians(2.0)
 """A compass is right within it (IMO A.424: 1 deg times the secant of the latitude)."""
-COST = 8.0
-"""Nats by which another reading of the wind is likelier, as in competition.py."""
 WOULD = {
     "track": "a speed log, or a receiver of its own for course and speed over ground, and runs in both directions "
     "would check it; an offset of the heading or a late receiver would not show",
@@ -408,7 +409,8 @@ def turning_wind(trial: Trial) -> list[Found]:
 
 
 ENOUGH = 20.0
-"""s; a group excited for less than this is weakly excited (or 2 % of the trial, if that is longer). Set by hand."""
+"""s; a group excited for less than this is weakly excited (or 2 % of the trial, if that is longer). Set by hand. (1,
+1)."""
 GROUPS = {
     "hull_ahead": ("headway (u > 0)", r"X_0F?|R_0"),
     "hull_astern": ("sternway (u < 0)", r"X_0A"),
@@ -506,9 +508,9 @@ def _missing(seconds: dict[str, float], total: float, ship: Ship | None = None) 
     """Never excited: one sentence per group; hardly excited: one sentence for all of them."""
     free = list(ship.free) if ship else []
     symbols = {name: [s for s in free if re.fullmatch(pattern, s)] for name, (_, pattern) in GROUPS.items()}
-    asked = [name for name in seconds if ship is None or symbols[name]]
-    never = [name for name in asked if seconds[name] <= 0]
-    few = [name for name in asked if 0 < seconds[name] < max(ENOUGH, 0.02 * min(total, 2000.0))]
+    wanted_inputs = [name for name in seconds if ship is None or symbols[name]]
+    never = [name for name in wanted_inputs if seconds[name] <= 0]
+    few = [name for name in wanted_inputs if 0 < seconds[name] < max(ENOUGH, 0.02 * min(total, 2000.0))]
     listed = {name: ", ".join(found) for name, found in symbols.items()}
     behind = {name: f": {found} cannot be determined" if found else "" for name, found in listed.items()}
     sentences = [f"Never {GROUPS[name][0]}{behind[name]}." for name in never]
@@ -532,7 +534,7 @@ STRAIGHT_RUDDER, STRAIGHT_TURN = math.radians(5.0), 0.1
 """Rudder angle and yaw rate, made dimensionless by speed and length, within which a ship goes about straight ahead."""
 FASTEST, STEADY, LEAST = 0.5, 0.03, 0.5
 """Share of her greatest speed from which she is under way; share by which speed and revolutions may change over half a
-ship length; ship lengths that must be made so."""
+ship length; ship lengths that must be made so. Set by hand."""
 TWICE = 1.6
 """Ratio of the revolutions that the ship needs to those that were logged, or the other way round, from which they do
 not fit: wider than fouling, wind and a poor guess of the resistance make it. Set by hand, to find a gear or a unit."""

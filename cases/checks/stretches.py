@@ -39,9 +39,9 @@ from cases.inputs import integral
 from cases.trial import Trial
 
 STEP = 10
-"""Samples on each side of a step, at the record's own rate, but at least ``LEAST`` seconds."""
+"""Samples on each side of a step, at the record's own rate, but at least ``LEAST`` seconds. Set by hand (1, 1)."""
 LEAST = 0.5
-"""s; the shortest side of a step: below it the noise of satellite positions rules."""
+"""s; the shortest side of a step: below it the noise of satellite positions rules. Set by hand."""
 SURE = {"psi": 8.0, "position": 45.0, "sharp position": 45.0, "u, v": 30.0, "sharp u, v": 45.0, "sharp r": 60.0}
 """Innovation over the usual one of the record from which a channel is broken by itself.
 
@@ -68,17 +68,17 @@ DRIFTING = {
 LARGEST_SHARE = {"psi": 0.7, "position": 0.25}
 """Share of the record beyond which drifts are no stretches of it: the frame, sign or unit of a column is wrong."""
 BACK = 20.0
-"""s; drifts that undo each other within this time are one stretch."""
+"""s; drifts that undo each other within this time are one stretch. Set by hand."""
 PAIR = 15
-"""A jump and one that undoes it, so many sides of a step apart or less, are one stretch."""
+"""A jump and one that undoes it, so many sides of a step apart or less, are one stretch. Set by hand (0, 1)."""
 TOGETHER = {"psi": 7.0, "u, v": 10.0}
 """The same for a heading and velocities that break within a second of each other."""
 ALIKE = 0.35
-"""The stretch reaches as far as the innovation stays above this share of what it was found by."""
+"""The stretch reaches as far as the innovation stays above this share of what it was found by. Set by hand."""
 MUCH = 0.1
-"""Share of a record from which a channel that stands still is a doubt about all of it."""
+"""Share of a record from which a channel that stands still is a doubt about all of it. Set by hand."""
 JOIN = 3.0
-"""s, or so many sides of a step: breaks closer together are one stretch."""
+"""s, or so many sides of a step: breaks closer together are one stretch. Set by hand (0, 1)."""
 
 
 @dataclass(frozen=True)
@@ -142,12 +142,12 @@ def _drifting(trial: Trial, signals: Mapping[str, np.ndarray], known: Sequence[B
             explained += found
 
 
-def _tight(found: Break, signals: Mapping[str, np.ndarray], margin: int) -> Break:
+def _tight(broken: Break, signals: Mapping[str, np.ndarray], margin: int) -> Break:
     """A step of heading or position without the sound rows around, beyond a ``margin``, which its sides take in."""
-    first, last, what, channels = found
+    first, last, what, channels = broken
     name = next((n for n in signals if WORDS[n][0] == what), None)
     if name is None:
-        return found
+        return broken
     begin, end = tightened(signals[name], first, last)
     return max(begin - margin, first), min(end + margin, last), what, channels
 
@@ -282,9 +282,10 @@ def _level(values: np.ndarray, m: int) -> np.ndarray:
 
 
 SECONDS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 50.0, 60.0, 75.0, 95.0)
-"""Lengths that are compared."""
+"""Lengths that are compared. Set by hand (1, 0)."""
 SHORT = 5.0
-"""Longer times are judged by what is usual over this, as a drift of a minute may be half of the record."""
+"""Longer times are judged by what is usual over this, as a drift of a minute may be half of the record. Set by hand (1,
+2)."""
 GROWTH = {"psi": 0.5, "position": 0.8}
 """Power of the time by which the usual change grows beyond SHORT."""
 LIMIT = {
@@ -297,19 +298,20 @@ The sound parts of real records of a model reach 17, 14, 13 and 9 in heading ove
 in position, by the tails of satellite positions.
 """
 DENSE = 0.35
-"""Share of the changes by which the usual one is known: most of them may lie in a drift."""
+"""Share of the changes by which the usual one is known: most of them may lie in a drift. Set by hand (8, 1)."""
 AS_MEDIAN = (1.486, 1.268)
-"""What makes that share the median of a normal law, of headings and of positions in the plane."""
+"""What makes that share the median of a normal law, of headings and of positions in the plane. Ratios of the quantiles
+.5 and DENSE of half a normal law and of Rayleigh's law, not set by hand."""
 LEAST_TURN = 0.1
-"""rad; a heading that is off by less is not broken."""
+"""rad; a heading that is off by less is not broken. Set by hand."""
 LEAST_WAY = 0.1
-"""A position that is off by less than this share of the way is not broken."""
+"""A position that is off by less than this share of the way is not broken. Set by hand."""
 CORE = 0.08
-"""Share of the change that may lie outside the stretch at each end."""
+"""Share of the change that may lie outside the stretch at each end. Set by hand (1, 1)."""
 MOST = 12
-"""Stretches of one channel in a record; one with more has no sound part to compare with."""
+"""Stretches of one channel in a record; one with more has no sound part to compare with. Set by hand."""
 MANY = 50000
-"""Of more rows than this some are enough to know what is usual."""
+"""Of more rows than this some are enough to know what is usual. Set by hand."""
 Drift = tuple[int, int, complex]
 """First and last row, and the change."""
 

@@ -1,4 +1,1 @@
-"""Figures of manoeuvres (advance, overshoot, stopping distance, ...) and the IMO criteria they are judged by.
-
-Constants of this room that name no source are set by hand.
-"""
+"""Figures of manoeuvres (advance, overshoot, stopping distance, ...) and the IMO criteria they are judged by."""

@@ -43,9 +43,8 @@ from cases.simulation.simulate import simulate
 from cases.trial import LEFT_OUT, Trial
 from cases.trial_set import TrialSet
 from mmg.errors import Missing, NoSolution, UnknownName, UserError
-from mmg.messages import Message, has_code
+from mmg.messages import Message, has_code, html_table
 from mmg.motion.froude import time_scale
-from mmg.notebook import html_table
 from mmg.ship import CalibrationMark, Ship
 
 FIRST, WHOLE = math.pi, 2 * math.pi
@@ -54,8 +53,9 @@ PAIRS_EVERY = math.radians(10.0)
 """Between the pairs of positions [rad]."""
 MOST_SCATTER = 0.5
 """Standard deviation of the velocities of a circle's pairs, as a share of their mean, above which they are no steady
-current; one that is less than LEAST_SCATTER of the ship's speed is never too much."""
+current; one that is less than LEAST_SCATTER of the ship's speed is never too much. Set by hand."""
 LEAST_SCATTER = 0.03
+"""Share of the ship's speed [-]. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ def corrected_runs(
 
 
 SMALLEST = 100.0
-"""Length from which the standard applies [m]."""
+"""Length from which the standard applies [m]. (IMO MSC.137(76), 2.2.)"""
 ASSUMED = "not checked: deep water, calm weather, full load on even keel, V at least 90 % of the speed at 85 % MCR"
 PASS, FAIL, OPEN, NONE = "pass", "fail", "not judged", "-"
 SOURCE = (
@@ -292,11 +292,12 @@ def second_overshoot_limit(ratio: float) -> float:
 
 
 ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING, TRACK_REACH, LONGEST_TRACK_REACH = 4.5, 5.0, 2.5, 15.0, 20.0
-"""Limits in L; the last is what an Administration may allow for ships of large displacement."""
+"""Limits in L; the last is what an Administration may allow for ships of large displacement. (IMO MSC.137(76), 5.3.1,
+5.3.2 and 5.3.4.)"""
 MAY_BE_LONG = f"an Administration may allow {LONGEST_TRACK_REACH:g} L for a ship of large displacement"
 STOPPING = "stopping"
 OVERSHOOT_20 = 25.0
-"""Limit of the first overshoot of the 20/20 zigzag [deg]."""
+"""Limit of the first overshoot of the 20/20 zigzag [deg]. (IMO MSC.137(76), 5.3.3.)"""
 LEAST_TURNING_RUDDER, SLACK = math.radians(33.0), math.radians(2.0)
 """A turning test with less rudder is not judged; the zigzags are recognised within 2 deg [rad]."""
 
@@ -304,9 +305,9 @@ LEAST_TURNING_RUDDER, SLACK = math.radians(33.0), math.radians(2.0)
 def assess(run: Run, scale: float | None = None, ship: str = "") -> list[Row]:
     """Rows of one run. scale: of a model, ship length over model length; ship: name for the reference values."""
     rows = _zigzag(run, scale) if run.kind == "zigzag" else _turning(run) if run.kind == "turning" else _others(run)
-    why, told = _not_applicable(run, scale), "; ".join(run.caveats)
+    why, caveats = _not_applicable(run, scale), "; ".join(run.caveats)
     judged = [replace(row, verdict=OPEN, why=why) if why and row.verdict in (PASS, FAIL) else row for row in rows]
-    judged = [replace(row, why="; ".join(filter(None, (row.why, told)))) if told else row for row in judged]
+    judged = [replace(row, why="; ".join(filter(None, (row.why, caveats)))) if caveats else row for row in judged]
     return [replace(row, reference=REFERENCES.get(ship, {}).get((run.name, row.figure))) for row in judged]
 
 
@@ -352,8 +353,8 @@ def with_value(row: Row, value: float | None) -> Row:
 
 def _turning(run: Run) -> list[Row]:
     degrees = abs(math.degrees(run.rudder))
-    asked = f"rudder {degrees:.0f} deg; the standard asks for 35 deg of rudder or the largest"
-    open_ = "" if abs(run.rudder) >= LEAST_TURNING_RUDDER else asked
+    requirement = f"rudder {degrees:.0f} deg; the standard asks for 35 deg of rudder or the largest"
+    open_ = "" if abs(run.rudder) >= LEAST_TURNING_RUDDER else requirement
     return [
         _row(run, "turning", "advance", "L", ADVANCE, open_=open_),
         _row(run, "turning", "transfer", "L", None),

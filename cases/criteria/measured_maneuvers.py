@@ -32,17 +32,19 @@ from mmg.states import STATES
 TOLERANCE = math.radians(1.0)
 """An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, what is more [rad]."""
 MEMORY = 0.25
-"""Ship times L/U over which the angle that is held may creep: a rudder that moves on faster is not held."""
+"""Ship times L/U over which the angle that is held may creep: a rudder that moves on faster is not held. Set
+by hand."""
 SHORTEST_HOLD = 0.1
-"""Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike."""
+"""Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike. Set by hand."""
 CORRECTION, CORRECTED, LEAST_CORRECTED = 0.2, (0.67, 2.0), math.radians(3.5)
 """A hold beside a longer one of this angle [rad] at least is a helm that corrects where it lasts at most this share of
 it, and its angle lies between these shares of the other one's."""
 SLOWEST = 0.3
 """Share of its largest rate below which the rudder's movement to an angle has not begun: a helm that wanders before is
-slower than the order's movement."""
+slower than the order's movement. Set by hand."""
 FIRST, LATER = 0.1, 0.5
-"""Shares of the way between two holds through which the line goes that tells when the rudder began to move."""
+"""Shares of the way between two holds through which the line goes that tells when the rudder began to move. Set
+by hand."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class RudderStep:
 def without_spikes(delta: np.ndarray, dt: float, ship_time: float) -> np.ndarray:
     """``delta`` (N,) without single samples that are off: a running median over a fortieth of the ship_time L/U [s], of
     three samples at least and nine at most; dt: sampling interval [s]."""
-    size = 2 * min(max(round(0.0125 * ship_time / dt), 1), 4) + 1
+    size = 2 * min(max(round(0.0125 * ship_time / dt), 1), 4) + 1  # odd, so that the median has a middle
     return np.median(sliding_window_view(np.pad(delta, size // 2, mode="edge"), size), axis=1)
 
 
@@ -84,6 +86,7 @@ def held_stretches(
     dt = float(np.median(np.diff(t)))
     delta = without_spikes(delta, dt, ship_time)
     steps = np.diff(delta)
+    # a normal law's standard deviation by its median
     noise = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
     keep = math.exp(-dt / max(MEMORY * ship_time, 2 * dt))
     runs, first, level, count = [], 0, float(delta[0]), 1
@@ -96,8 +99,9 @@ def held_stretches(
             first, level, count = k, float(delta[k]), 1
             continue
         count += 1
-        level += max(1.0 / count, 1 - keep) * (float(delta[k]) - level)
+        level += max(1.0 / count, 1 - keep) * (float(delta[k]) - level)  # a mean at first, then one that forgets
     shortest = max(2.5 * dt, 0.15 * ship_time)
+    # without its first quarter, in which the rudder settles
     found = [(a, b, float(np.median(delta[a + (b - a) // 4 : b]))) for a, b in runs if t[b - 1] - t[a] + dt >= shortest]
     begins = {
         a: _movement(t, delta, found[k - 1][1] - 1 if k else 0, a, angle) for k, (a, _, angle) in enumerate(found)
@@ -126,7 +130,7 @@ def _joined(
             share = short / long if abs(long) >= LEAST_CORRECTED else 0.0
             if not spike and not (brief and CORRECTED[0] <= share <= CORRECTED[1]):
                 break
-            joined[-2:] = [(a, d, long)]
+            joined[-2:] = [(a, d, long)]  # and looks back again: three may be one
     return joined
 
 
@@ -155,7 +159,7 @@ def _movement(t: np.ndarray, delta: np.ndarray, floor: int, held: int, angle: fl
     first, later = (_crossing(t[start:], path[start:], low + share * way) for share in (FIRST, LATER))
     if later <= first:
         return first
-    return max(float(t[0]), first - (later - first) * FIRST / (LATER - FIRST))
+    return max(float(t[0]), first - (later - first) * FIRST / (LATER - FIRST))  # the line carried back to no movement
 
 
 def _crossing(t: np.ndarray, values: np.ndarray, level: float) -> float:
@@ -173,7 +177,8 @@ NAMED, SHARE = 0.6, 0.07
 RESOLUTION, HELM = math.radians(0.05), math.radians(0.25)
 """Least standard error of a heading, gyros are read to 0.1 deg, and by which a helm orders too early or late [rad]."""
 LIKELY = 2.5
-"""Standard errors by which what the reversals show may be off a usual heading."""
+"""Standard errors by which what the reversals show may be off a usual heading. Set by hand: 1.2 % of normal errors are
+larger."""
 
 
 def nominal(angle: float) -> float:
@@ -203,6 +208,7 @@ def ordered_heading(
         off = base - (base @ weights / weights.sum())[:, None] if len(signs) > 1 else base
         squares = off**2 @ weights
         best = int(np.argmin(squares))
+        # of either sign
         return float(squares[best]), float(max(delays[best] / delays.max(), delays[best] / delays.min()))
 
     fits = {float(degrees): fit(degrees) for degrees in range(1, 90)}
@@ -228,16 +234,19 @@ LEAST_CHANGE = math.radians(0.4)
 LARGEST_CHANGE = math.radians(60.0)
 """One that is reversed later than this is a turn to one side and a turn to the other [rad]."""
 LEAST_HOLDS = 3
-"""A zigzag has its second and third execute; with fewer it counts only where the run has no complete manoeuvre."""
+"""A zigzag has its second and third execute; with fewer it counts only where the run has no complete manoeuvre. Set
+by hand."""
 LEAST_SHARE = 0.4
-"""Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held."""
+"""Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held. Set
+by hand."""
 TURN_RATE = 0.35
-"""Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6."""
+"""Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6. Set by hand
+in that range."""
 LEAST_STEPS, SPIRAL_HOLD = 3, 2.0
-"""A spiral has at least so many equal steps to one side, each held for at least so many L/U."""
+"""A spiral has at least so many equal steps to one side, each held for at least so many L/U. Set by hand."""
 REACTION = 0.15
 """Ship times L/U from the heading at which the rudder is ordered over to its first movement, at most: the reaction of
-helmsman and steering gear. UNVERIFIED: 1.2 s of a 3 m model, 6 s of a 320 m tanker."""
+helmsman and steering gear. UNVERIFIED: 1.2 s of a 3 m model, 6 s of a 320 m tanker. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -319,6 +328,7 @@ def steering(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
     """Rudder angle [rad] and revolutions [1/s] of a ``trial``, (N,) each; of a ship that is steered by azimuth
     thrusters aft the angle that turns her alike."""
     pods = [trial.unwrapped(name) for name in trial.columns if name.startswith("azimuth")]
+    # to starboard it turns her to port
     rudder = -np.mean(pods, axis=0) if pods and not any(map(trial.measured, RUDDERS)) else trial.rudder
     driven = [trial[name] for name in trial.columns if name.startswith("n_azimuth")]
     return rudder, np.mean(driven, axis=0) if driven and not trial.measured("n") else trial["n"]
@@ -374,7 +384,7 @@ def _in_steps(holds: Sequence[RudderStep], unit: float) -> int:
         return 1
     count = back = 0
     for step, hold in zip(steps, holds[1:], strict=True):
-        back += bool(step * steps[0] < 0) != bool(back)
+        back += bool(step * steps[0] < 0) != bool(back)  # counts changes of the direction: one is the way back
         equal = abs(abs(step) - abs(steps[0])) <= max(math.radians(1.0), 0.2 * abs(steps[0]))
         if not equal or hold.seconds < SPIRAL_HOLD * unit or (back and count < LEAST_STEPS) or back > 1:
             break
@@ -520,11 +530,11 @@ def _heading_series(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
 
 def _approached(trial: Trial, length: float, execute: Execute, earliest: float) -> Execute:
     """``execute`` with its test speed and what is to be said of the approach and of the trial's own name."""
-    speed, blocking, told = approach(trial, length, execute.order_time, earliest)
+    speed, blocking, caveats = approach(trial, length, execute.order_time, earliest)
     notes = [*blocking, *execute.notes]
     if trial.kind in KINDS and trial.kind != execute.kind:
         notes.append(f"the run is called {trial.kind}, its data show a {execute.kind}")
-    return replace(execute, speed=speed, notes=tuple(notes), caveats=(*told, *execute.caveats))
+    return replace(execute, speed=speed, notes=tuple(notes), caveats=(*caveats, *execute.caveats))
 
 
 def _nothing(trial: Trial, holds: Sequence[RudderStep], kind: str) -> str:
@@ -545,11 +555,11 @@ def _nothing(trial: Trial, holds: Sequence[RudderStep], kind: str) -> str:
 
 
 STEADY_SPEED, STEADY_RATE = 0.05, 0.05
-"""An approach is steady when its speed changes by less than 5 % and r L / U stays below 0.05."""
+"""An approach is steady when its speed changes by less than 5 % and r L / U stays below 0.05. Set by hand."""
 APPROACH_LENGTHS = 2.0
-"""Ship lengths before the execute over which the test speed is taken."""
+"""Ship lengths before the execute over which the test speed is taken. Set by hand."""
 TURNING_RATE = 0.15
-"""A record that begins at r L / U above this begins in a manoeuvre."""
+"""A record that begins at r L / U above this begins in a manoeuvre. Set by hand."""
 
 
 def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple[float, list[str], list[str]]:
@@ -575,9 +585,9 @@ def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple
         unrecorded = f"no approach is recorded: V {now:.4g} m/s is the first speed of the record"
         return (now, [begun], []) if abs(turn) > TURNING_RATE else (now, [], [unrecorded])
     mean, seconds = float(speed[rows].mean()), float(np.ptp(t[rows]))
-    blocking, told = [], []
+    blocking, caveats = [], []
     if seconds < 0.5 * stretch:
-        told.append(f"only {seconds:.3g} s of approach are recorded, two ship lengths take {stretch:.3g} s")
+        caveats.append(f"only {seconds:.3g} s of approach are recorded, two ship lengths take {stretch:.3g} s")
     change = float(np.polyfit(t[rows], speed[rows], 1)[0]) * seconds / mean
     turn = float(np.abs(r[rows]).mean()) * length / mean
     if abs(change) > STEADY_SPEED and seconds >= 0.1 * stretch:
@@ -585,7 +595,7 @@ def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple
         blocking.append(f"approach not steady: {words}")
     if turn > STEADY_RATE and seconds >= 0.1 * stretch:
         blocking.append(f"approach not straight: mean |r| L/V = {turn:.2g} in the last {seconds:.3g} s")
-    return mean, blocking, told
+    return mean, blocking, caveats
 
 
 @dataclass(frozen=True)

@@ -29,15 +29,18 @@ from mmg.ship import Ship
 MEASURED = "measured in "
 """How the source of a particular begins that was estimated from trials."""
 WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
-"""Samples over which slopes are taken to find moves: the fewest that show the largest slope above the noise."""
+"""Samples over which slopes are taken to find moves: the fewest that show the largest slope above the noise. Set
+by hand: steps by a half at most."""
 CLEAR, MOVING = 0.06, 0.3
-"""Shares of the largest slope: the most that the noise of a slope may have, and the least of a move."""
+"""Shares of the largest slope: the most that the noise of a slope may have, and the least of a move. Set by hand."""
 VISIBLE = 8.0
-"""Least size of a move, by the noise."""
+"""Least size of a move, by the noise. Set by hand."""
 MOST = 5
-"""Largest moves of a trial that are fitted: a zigzag has five, and each costs some hundredths of a second."""
+"""Largest moves of a trial that are fitted: a zigzag has five, and each costs some hundredths of a second. Set
+by hand."""
 JUMP = 0.7
-"""Largest change from a sample to the next, by that of the move: more of it is one step, as in a log of orders."""
+"""Largest change from a sample to the next, by that of the move: more of it is one step, as in a log of orders. Set
+by hand."""
 RESOLVED, SURE, STRAIGHT = 1.5, 0.05, (1.5, 0.01)
 """A ramp whose rate counts lasts so many sampling intervals, has this relative standard error at most, and leaves an
 rms error of so many times the noise and this share of its size: half a sine leaves 0.026."""
@@ -45,12 +48,12 @@ FEW, AGREE, MOSTLY = 2, 0.1, 0.5
 """A limit is shown by so many moves at least that agree to this share of their rate, and by this share of all moves of
 half the largest size."""
 FASTEST = 5.0
-"""Rates above so many times those by Froude's law are steps of orders."""
+"""Rates above so many times those by Froude's law are steps of orders. Set by hand."""
 NOTED = 0.1
 """Share by which a rate that the ship file states differs from the one measured for that to be said."""
 ALIKE, APPROACH = 0.15, 1.0
 """Speeds of approach are one speed where they differ by this share at most; ship times L/U of an approach that are
-looked at."""
+looked at. Set by hand."""
 USUAL_DIAMETER = next(usual for words, *_, usual in RATIOS if words == "D_P / d")
 """Least and largest usual diameter of a propeller by the draught [-]."""
 HALVINGS = 10
@@ -96,11 +99,11 @@ def slew_rate(trials: Sequence[Trial], columns: Sequence[np.ndarray]) -> SlewRat
         alike = [ramp for ramp in known if ramp.straight and abs(ramp.rate / fastest.rate - 1) <= AGREE]
         enough = len(alike) >= FEW and sum(ramp in alike for ramp in large) >= MOSTLY * len(large)
         if fastest.straight and enough:
-            weights = np.array([ramp.error**2 + 0.01**2 for ramp in alike]) ** -1
+            weights = np.array([ramp.error**2 + 0.01**2 for ramp in alike]) ** -1  # 1 %: no move alone decides
             rate = float(np.average([ramp.rate for ramp in alike], weights=weights))
             return SlewRate(rate, True, tuple(dict.fromkeys(ramp.trial for ramp in alike)))
     fastest = max(known, key=lambda ramp: ramp.rate * (1 - 2 * ramp.error))
-    return SlewRate(fastest.rate * (1 - 2 * fastest.error), False, (fastest.trial,))
+    return SlewRate(fastest.rate * (1 - 2 * fastest.error), False, (fastest.trial,))  # what it surely is
 
 
 def _ramps(trial: Trial, values: np.ndarray) -> list[Ramp]:
@@ -110,7 +113,7 @@ def _ramps(trial: Trial, values: np.ndarray) -> list[Ramp]:
     if len(t) < 6 or np.ptp(values) == 0:
         return []
     noise = 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6)  # of 1, -2, 1
-    noise = max(noise, 1e-4 * float(np.ptp(values)))
+    noise = max(noise, 1e-4 * float(np.ptp(values)))  # a log without noise is rounded, too
     moves = _moves(t, values, noise)
     sampled = is_sampled(trial)
     readings = [True, False] if sampled is None else [sampled]
@@ -130,7 +133,7 @@ def _moves(t: np.ndarray, values: np.ndarray, noise: float) -> list[tuple[int, i
         times = times - times.mean(axis=1, keepdims=True)
         slopes = (times * sliding_window_view(values, window)).sum(axis=1) / (times**2).sum(axis=1)
         largest = float(np.abs(slopes).max())
-        if noise / dt * math.sqrt(12 / (window * (window**2 - 1))) <= CLEAR * largest:
+        if noise / dt * math.sqrt(12 / (window * (window**2 - 1))) <= CLEAR * largest:  # standard error of a slope
             break
     else:
         return []
@@ -168,7 +171,7 @@ def _fitted(
     best = None
     for factor in (1.0, 1.6):  # what is read as a move is somewhat longer than the ramp in it
         rate = factor * size / max(float(t[b] - t[a]), 0.5 * dt)
-        begin = 0.5 * (t[a] + t[b]) - 0.5 * size / rate - 0.5 * dt * held
+        begin = 0.5 * (t[a] + t[b]) - 0.5 * size / rate - 0.5 * dt * held  # means lie half a sample later
         bounds = [-np.inf, -np.inf, math.log(rate) - 3, 0.3 * size], [np.inf, np.inf, math.log(rate) + 3, 3 * size]
         scale = [size, dt + size / rate, 1.0, size]
         found = least_squares(error, [low, begin, math.log(rate), size], x_scale=scale, bounds=bounds, max_nfev=40)
@@ -190,7 +193,7 @@ def _ramp(t: np.ndarray, begin: float, rate: float, size: float, held: bool) -> 
     """A ramp from 0 to ``size`` at the times ``t`` (N,) [s], or its means from each to the next."""
     if not held:
         return np.clip(rate * (t - begin), 0.0, size)
-    since = np.append(t, 2 * t[-1] - t[-2]) - begin
+    since = np.append(t, 2 * t[-1] - t[-2]) - begin  # the last mean needs an end, too
     area = np.where(rate * since < size, 0.5 * rate * np.clip(since, 0, None) ** 2, size * (since - 0.5 * size / rate))
     return np.diff(area) / np.diff(since)
 
@@ -224,7 +227,9 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
         elif abs(particulars[name] / value - 1) > NOTED:
             text = f"{name} is {particulars[name]:.3g} in the ship file, {value:.3g} by {_listed(names)}; it stays"
             messages.append(Message(text, f"{name}_differs"))
-    return replace(ship, particulars=particulars, sources=sources), messages
+    rules = tuple(f"{name} = " for name in found)  # of a starting ship, that the trials replace
+    notices = tuple(note for note in ship.notices if not str(note).startswith(rules))
+    return replace(ship, particulars=particulars, sources=sources, notices=notices), messages
 
 
 def _by_rule(ship: Ship, slew: SlewRate | None) -> str:

@@ -18,8 +18,7 @@ from cases.io.read import read_controls
 from cases.maneuvers.definitions import STEADY_CHANGE, STOPS, Maneuver, parse_maneuver
 from cases.maneuvers.self_propulsion import TEST_FROUDE, known_speed
 from cases.simulation.gusts import Wind, parse_wind
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate, simulate_controls
+from cases.simulation.simulate import SensorNoise, add_noise, simulate, simulate_controls
 from cases.trial import Trial
 from mmg.errors import Conflict, OutOfRange, TooFewData, UserError
 from mmg.messages import Message
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from cases.simulation.simulate_batch import SimulatedRuns
 
 STEP = 0.05
-"""Sampling and integration step [s] for a 3 m model; Froude scaled."""
+"""Sampling and integration step [s] for a 3 m model; Froude scaled. Set by hand."""
 ZIGZAGS = ("zigzag:10/10", "zigzag:-10/10", "zigzag:20/20", "zigzag:-20/20")
 STANDARD = ("turning:35", "turning:-35", *ZIGZAGS, "crash-stop")
 """What the criteria of MSC.137(76) need."""

@@ -30,15 +30,17 @@ from cases.trial import Trial
 from mmg.motion.flow import RUDDERS
 
 TURNED = 0.1
-"""rad; a heading turns at least so far before its own column, or that of the turn rate, must have shown it."""
+"""rad; a heading turns at least so far before its own column, or that of the turn rate, must have shown it. Set
+by hand."""
 QUARTER = math.pi / 2
 """rad; turn of a track that no ship makes on one heading."""
 MERIDIANS = 1e-3
-"""rad; within it a frozen heading changes where it is made one of a local frame, over some kilometres."""
+"""rad; within it a frozen heading changes where it is made one of a local frame, over some kilometres. Set by hand."""
 VARIED = 0.05
-"""Share of the speed by which the velocity of the track varies before u must have shown it; half of it for v."""
+"""Share of the speed by which the velocity of the track varies before u must have shown it; half of it for v. Set
+by hand."""
 STANDS = 0.98
-"""Share of the rows with one value, from which a column stands still."""
+"""Share of the rows with one value, from which a column stands still. Set by hand."""
 
 
 def standing(trial: Trial) -> dict[str, str]:
@@ -93,13 +95,13 @@ def _track(trial: Trial) -> np.ndarray:
 
 
 REVOLUTIONS = (3.0, 600.0)
-"""Least and greatest n tau of rightly labelled revolutions."""
+"""Least and greatest n tau of rightly labelled revolutions. Set by hand."""
 RESPONSE = (0.025, 6.0)
-"""Least and greatest r tau / delta of a rightly labelled rudder, of a ship that follows her rudder."""
+"""Least and greatest r tau / delta of a rightly labelled rudder, of a ship that follows her rudder. Set by hand."""
 FOLLOWS = 0.7
-"""Correlation of turn rate and rudder from which a ship follows it."""
+"""Correlation of turn rate and rudder from which a ship follows it. Set by hand."""
 TURNS = 0.05
-"""rad; a heading that varies less says nothing of how quickly the ship turns."""
+"""rad; a heading that varies less says nothing of how quickly the ship turns. Set by hand."""
 
 
 def wrong_inputs(trial: Trial, turning: float | None) -> list[tuple[str, float, str]]:
@@ -324,28 +326,30 @@ def readings() -> list[ColumnReading]:
 
 
 COST = 8.0
-"""Nats by which another reading has to be better than that of the headers, for each choice that differs."""
+"""Nats by which another reading has to be better than that of the headers, for each choice that differs. Set
+by hand."""
 CLOSE = 4.0
-"""Readings that are closer than so many nats cannot be told apart."""
+"""Readings that are closer than so many nats cannot be told apart. Set by hand."""
 OFF = (0.035, 0.03)
-"""Usual standard deviations of a heading's offset [rad] and of the logarithm of a log's gain, which are left free."""
+"""Usual standard deviations of a heading's offset [rad] and of the logarithm of a log's gain, which are left free. Set
+by hand."""
 MOST_OFF = (0.09, 0.1)
-"""And the most that they are believed to be."""
+"""And the most that they are believed to be. Set by hand."""
 GYRO = 0.03
-"""Usual deviation of a gyro's gain from one."""
+"""Usual deviation of a gyro's gain from one. Set by hand."""
 APART = 10.0
-"""What a trial pays for each choice in which it differs from its folder."""
+"""What a trial pays for each choice in which it differs from its folder. Set by hand."""
 STRANGE = 6.0
-"""What a unit costs beside, that no header could have hidden behind the one that is written."""
+"""What a unit costs beside, that no header could have hidden behind the one that is written. Set by hand."""
 UNTOLD = 100.0
-"""What a reading costs of columns that were derived from those it would be wrong against."""
+"""What a reading costs of columns that were derived from those it would be wrong against. Set by hand."""
 ORDERS = 2
-"""Rudder orders that a turn rate answers in each piece of a record."""
+"""Rudder orders that a turn rate answers in each piece of a record. Set by hand."""
 FLOOR_RUDDER = 0.05
-"""Of a turn rate a rudder explains no more than all but this share of the mean square."""
+"""Of a turn rate a rudder explains no more than all but this share of the mean square. Set by hand."""
 RIGHT = 0.25
 """Relative misfit of the track, with the units of the headers, below which these are right: any other unit misses by
-more than half."""
+more than half. Set by hand."""
 
 
 @dataclass(frozen=True)

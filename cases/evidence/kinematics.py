@@ -28,16 +28,17 @@ from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
 SIGMAS = 3.0
-"""Standard errors that a found value must exceed; more (by Student's t) with few blocks."""
+"""Standard errors that a found value must exceed; more (by Student's t) with few blocks. Set by hand."""
 RUNS = 10
-"""From so many runs on, standard errors are those between runs."""
+"""From so many runs on, standard errors are those between runs. Set by hand."""
 CLIP = 1.5
-"""Standard deviations from which an error counts by its size, not by its square (Huber 1964: between 1 and 2)."""
+"""Standard deviations from which an error counts by its size, not by its square (Huber 1964: between 1 and 2). Set
+by hand."""
 ITERATIONS, MOST = 8, 5
-"""Of a fit, and faults at most."""
+"""Of a fit, and faults at most. Set by hand."""
 CLOSE, SHARE = 6.0, 0.8
 """A rival is named if it explains less by at most CLOSE in chi-squared, or SHARE of it; of two such faults the one that
-an effect of the library repeats comes first."""
+an effect of the library repeats comes first. Set by hand."""
 Rows = Callable[[float], tuple[np.ndarray, np.ndarray]]
 """lag [s] -> (A (M, P), y (M,)), linear about it."""
 
@@ -163,7 +164,7 @@ def _rivals(system: Normal, active: Sequence[int]) -> dict[int, list[tuple[int, 
 
 
 SOME = 0.1
-"""Share of the runs (and at least two) whose own value is reported where all together have none."""
+"""Share of the runs (and at least two) whose own value is reported where all together have none. Set by hand."""
 ALIKE: tuple[Set[str], ...] = (
     {"lag", "gain_v", "arm_x"},
     {"heading", "bias_v"},
@@ -326,14 +327,16 @@ def _shown(value: float, unit: str) -> str:
 
 
 SMOOTHING = 1.1
-"""s; moving average over the measured and the derived velocities (at least 5 samples): below it the
-differentiated satellite position is noise."""
+"""s; moving average over the measured and the derived velocities (at least 5 samples): below it the differentiated
+satellite position is noise. Set by hand."""
 WINDOW, STRIDE, BLOCK = 8.0, 2.0, 30.0
-"""s: length of a window, distance of windows, and block that a jackknife leaves out (a twelfth of a short run)."""
+"""s: length of a window, distance of windows, and block that a jackknife leaves out (a twelfth of a short run). Set
+by hand."""
 CORRELATION = 0.9
-"""A displacement or turn that correlates less with the integral of the velocities is a fault of the data."""
+"""A displacement or turn that correlates less with the integral of the velocities is a fault of the data. Set
+by hand."""
 MOVED, TURNED = 0.3, 0.03
-"""m and rad, RMS over the windows: a run that moves or turns less says nothing about it."""
+"""m and rad, RMS over the windows: a run that moves or turns less says nothing about it. Set by hand."""
 FRAMES = ("earth", "body")
 FAULT = 0.5 * SIGMAS**2
 """Gain in log likelihood that a further fault must bring, or axes of the lag that are not those of the earth."""

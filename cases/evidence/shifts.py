@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cases.evidence.competition import APART, COST, OFF
 from cases.evidence.signals import (
     PIECES,
     Signals,
@@ -38,13 +39,13 @@ from cases.inputs import integral
 from cases.trial import Trial
 
 WINDOWS = (1, 8, 64)
-"""Rows of a window; the longest is at most a piece of the record."""
+"""Rows of a window; the longest is at most a piece of the record. Set by hand (2, 2)."""
 STEPS = 30
-"""Of the iteration, which converges linearly."""
+"""Of the iteration, which converges linearly. Set by hand."""
 MOST_ROWS = 3000
-"""Windows of a record that are looked at."""
+"""Windows of a record that are looked at. Set by hand."""
 SIGMAS = 4.0
-"""Standard errors beyond which a value is no chance: the best of several windows is taken."""
+"""Standard errors beyond which a value is no chance: the best of several windows is taken. Set by hand (3, 5)."""
 MATTERS = {"u": 0.005, "v": 0.03, "r": 0.03}
 """Gains below are a note: u by what it is of the way, v as sway is a tenth of it, r as each fit finds that of its gyro
 (usual deviation as in competition.py)."""
@@ -83,11 +84,11 @@ def scale(trials: Sequence[Trial], names: Sequence[str]) -> Scale | None:
     values, std = np.array(found).transpose(1, 2, 0)  # (names, windows) each
     least = std.min(axis=1, keepdims=True)
     spread = np.where(std <= 3 * least, values, np.nan)
-    values = np.take_along_axis(values, np.argmin(std, axis=1)[:, None], 1)[:, 0]
-    std = np.hypot(least[:, 0], np.nanstd(spread, axis=1))
+    values = np.take_along_axis(values, np.argmin(std, axis=1)[:, None], 1)[:, 0]  # of the windows that know it best
+    std = np.hypot(least[:, 0], np.nanstd(spread, axis=1))  # windows that disagree make it wider
     size = [max(float(np.sqrt(np.nanmean(trial[column] ** 2))), 1e-12) for trial in use]
     share = float(np.median([white_noise([trial.states])[place] / each for trial, each in zip(use, size, strict=True)]))
-    values = values - [name in "uvr" for name in names]
+    values = values - [name in "uvr" for name in names]  # gains less one
     value_of, std_of = (dict(zip(names, each.tolist(), strict=True)) for each in (values, std))
     return Scale(value_of, std_of, share, -student_quantile(normal_tail(SIGMAS), PIECES * len(use) - 1))
 
@@ -110,7 +111,7 @@ def _rows(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> Iterat
             totals += [turn, 1j * turn, u + v, trial.t + 0j, 1j * trial.t]
         A = np.stack([total[rows:] - total[:-rows] for total in totals[:count]], axis=1)
         bad = np.concatenate([[0], np.cumsum(~known)])
-        A[bad[rows + 1 :] > bad[: -rows - 1]] = np.nan
+        A[bad[rows + 1 :] > bad[: -rows - 1]] = np.nan  # a count of bad rows that grows within a window
         some = slice(None, None, max(1, rows // 4, len(A) // MOST_ROWS))  # windows that overlap more say nothing new
         yield A[some], (measured[rows:] - measured[:-rows])[some]
 
@@ -128,9 +129,9 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     power = np.abs(made) ** 2
     if len(y) < 4 * PIECES or not power.sum() > 0:
         return None
-    strong = power >= np.median(power)
+    strong = power >= np.median(power)  # where the ship hardly moves, a ratio is noise
     values = np.array([densest(np.real(y[strong] * np.conj(made[strong])) / np.maximum(power[strong], 1e-300))] * count)
-    values[2:] = 0.0
+    values[2:] = 0.0  # angle, arms, lag and drift begin at none
     size = np.sqrt(np.mean(np.abs(A) ** 2, axis=0)) + 1e-12 * np.sqrt(power.mean())
     A, values = A / size, values * size
     of = [np.real, np.imag] if np.iscomplexobj(A) else [np.real]
@@ -138,7 +139,7 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     flat = 1e-9 * np.eye(count)
     for _ in range(STEPS):
         error = np.sqrt(sum((b - a @ values) ** 2 for a, b in zip(rows_of, wanted, strict=True)))
-        weight = 1.0 / (1.0 + (error / max(float(np.median(error)), 1e-12)) ** 2)
+        weight = 1.0 / (1.0 + (error / max(float(np.median(error)), 1e-12)) ** 2)  # Cauchy's: outliers lose their say
         normal = flat * weight.sum() + sum((a.T * weight) @ a for a in rows_of)
         before = values
         values = np.linalg.solve(normal, sum(a.T @ (weight * b) for a, b in zip(rows_of, wanted, strict=True)))
@@ -159,30 +160,28 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     std = np.abs(noisy)
     for group in groups:
         each = [np.flatnonzero(group == one) for one in np.unique(group)]
+        # jackknife
         without = [np.linalg.solve(total - N[some].sum(axis=0), (h.sum(axis=0) - h[some].sum(axis=0))) for some in each]
         std = np.maximum(std, np.hypot(noisy, np.sqrt((len(each) - 1) * np.var(without, axis=0))))
     return values / size, std / size
 
 
-COST = 8.0
-"""Nats by which a lag or an arm has to be better than none."""
-APART = 10.0
-"""What a trial pays that differs from its folder."""
 CLOSE = 6.0
-"""Explanations that are closer than so many nats cannot be told apart."""
+"""Explanations that are closer than so many nats cannot be told apart. Set by hand."""
 RARE = 6.0
 """What an explanation costs beside, that supposes the rare: a channel that is early, which needs all the others to be
-late, or compass and gyro late together. A lever arm forward, or velocities that are late, look much like these."""
+late, or compass and gyro late together. A lever arm forward, or velocities that are late, look much like these. Set
+by hand (1, 1)."""
 LEAST = 0.004
-"""Relative misfit below which nothing is compared: rounding."""
+"""Relative misfit below which nothing is compared: rounding. Set by hand."""
 LAGS = {"w": ("w",), "place": ("place",), "psi": ("psi",), "psi, r": ("psi", "r"), "r": ("r",)}
 """Name -> signals that are late together."""
 MOST_CENTRES = 4
-"""Of so many trials the grid is refined around their own best lag."""
+"""Of so many trials the grid is refined around their own best lag. Set by hand."""
 ROOM = 400_000
-"""So many rows of a record that is moved by several lags are looked at at once."""
+"""So many rows of a record that is moved by several lags are looked at at once. Set by hand."""
 TRIED, FINER = 12, 3
-"""Steps of the grid of lags on each side of zero, and of its refinement."""
+"""Steps of the grid of lags on each side of zero, and of its refinement. Set by hand (0, 0 and 1, 0)."""
 Value = complex | float
 
 
@@ -269,7 +268,7 @@ def _logged(stats: Stats, turns: bool) -> np.ndarray:
     gain = np.clip(np.abs(factor), 0.9, 1.1)
     angle = np.clip(np.angle(factor), -0.05, 0.05) if turns else np.zeros(np.shape(factor))
     misfit = relative(stats, gain * np.exp(1j * angle) if turns else gain)
-    usual = 0.5 * (np.log(gain) / 0.03) ** 2 + 0.5 * (angle / 0.035) ** 2
+    usual = 0.5 * (np.log(gain) / OFF[1]) ** 2 + 0.5 * (angle / OFF[0]) ** 2
     return np.asarray(np.where(total > 0, evidence(misfit, LEAST) + usual, 0.0))
 
 
@@ -304,7 +303,7 @@ def _lag(some: Sequence[Signals], name: str, longest: float) -> Explanation:
         more = np.array(sorted({round(c + k * step / FINER, 9) for c in centres for k in range(-FINER, FINER + 1)}))
         more = more[np.abs(more) <= longest]
         grid, table = np.concatenate([grid, more]), np.concatenate([table, over_none(more)], axis=1)
-    inner = np.abs(np.abs(grid) - longest) > 1e-9
+    inner = np.abs(np.abs(grid) - longest) > 1e-9  # at the end of the grid a lag may be longer yet: no evidence for it
     costs = np.where(inner, table, np.maximum(table, 0.0))
     chosen, total = _together(costs)
     alone = [float(grid[np.argmin(row)]) if row.min() < -COST else None for row in costs]

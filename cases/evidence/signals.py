@@ -14,23 +14,25 @@ from cases.inputs import integral
 from cases.trial import Trial, unwrapped
 
 PIECES = 12
-"""A record speaks once in each of so many pieces, however many samples it has: neighbours say the same."""
+"""A record speaks once in each of so many pieces, however many samples it has: neighbours say the same. Set by hand (4,
+2)."""
 WINDOW_ROWS, WINDOW_S = 5, 1.1
-"""Least length of a window in rows of the record and in seconds."""
+"""Least length of a window in rows of the record and in seconds. Set by hand (1, 0 and 0, 1)."""
 NOISE = 0.01
-"""A window is so long that the noise of two positions is at most this share of the way made in it."""
+"""A window is so long that the noise of two positions is at most this share of the way made in it. Set by hand (1,
+1)."""
 LONGEST = 40
-"""At most this part of the record is one window."""
+"""At most this part of the record is one window. Set by hand."""
 FLOOR = 0.02
-"""Relative error that instruments leave in any case: compass, log and clocks are no better."""
+"""Relative error that instruments leave in any case: compass, log and clocks are no better. Set by hand."""
 AT_REST = 0.01
-"""Share of the mean square of a record that counts as motion in each piece."""
+"""Share of the mean square of a record that counts as motion in each piece. Set by hand."""
 STEPS = 4
-"""Steps of the coarse clock in a window."""
+"""Steps of the coarse clock in a window. Set by hand (1, 0)."""
 MARGIN = 32
-"""Rows beyond the ends of a record by which it goes on where it is shifted."""
+"""Rows beyond the ends of a record by which it goes on where it is shifted. Set by hand."""
 FEW = 0.3
-"""A piece with fewer windows than this share of the fullest one says nothing by itself."""
+"""A piece with fewer windows than this share of the fullest one says nothing by itself. Set by hand."""
 
 
 class Stats(NamedTuple):
@@ -73,7 +75,7 @@ class Signals:
     def summed(self, rate: np.ndarray) -> np.ndarray:
         """Integral of a ``rate`` (..., M) over each window (..., M - STEPS)."""
         total = np.zeros(rate.shape, dtype=np.result_type(rate, float))
-        np.cumsum(0.5 * (rate[..., 1:] + rate[..., :-1]), axis=-1, out=total[..., 1:])
+        np.cumsum(0.5 * (rate[..., 1:] + rate[..., :-1]), axis=-1, out=total[..., 1:])  # trapezoids, 0 at the first row
         total *= self.step
         return over_windows(total)
 
@@ -90,7 +92,7 @@ class Signals:
         """Windows without missing rows (..., M - STEPS), where the pieces begin, and how many such windows each has."""
         bad = np.zeros((*self.good.shape[:-1], self.good.shape[-1] + 1), dtype=int)
         np.cumsum(~self.good, axis=-1, out=bad[..., 1:])
-        use = bad[..., STEPS + 1 :] == bad[..., : -STEPS - 1]
+        use = bad[..., STEPS + 1 :] == bad[..., : -STEPS - 1]  # no bad row was counted between both ends
         edges = np.linspace(0, use.shape[-1], PIECES + 1).astype(int)[:-1]
         return use, edges, np.add.reduceat(use.astype(float), edges, axis=-1)
 
@@ -129,10 +131,11 @@ def _advanced(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
     point-symmetrically at both ends. Straight lines between rows would damp noise by up to a half, most between two
     rows: a record whose noise is what misfits then fits best with a lag of half a row."""
     pad = min(len(values) - 1, MARGIN + math.ceil(np.abs(rows).max()))
+    # mirrored at its ends
     before, after = 2 * values[0] - values[pad:0:-1], 2 * values[-1] - values[-2 : -pad - 2 : -1]
     whole = np.concatenate([before, values, after])
     count = np.arange(len(whole))
-    slope = (whole[-1] - whole[0]) / (len(whole) - 1)
+    slope = (whole[-1] - whole[0]) / (len(whole) - 1)  # a straight line is taken off: Fourier's series repeats itself
     line = slope * (count + rows)
     if np.iscomplexobj(values):
         turn = np.exp(2j * np.pi * rows * np.fft.fftfreq(len(whole)))
@@ -187,10 +190,12 @@ def window(trial: Trial) -> float:
         return min(least, longest)
     rows = max(len(place) // LONGEST, 1)
     speed = float(np.median(np.abs(place[rows:] - place[:-rows]))) / (rows * trial.dt)
-    thirds = np.abs(np.diff(place, n=3))
+    thirds = np.abs(np.diff(place, n=3))  # the motion leaves little in third differences
+    # Rayleigh's median: sqrt(2 ln 2); variance 1 + 9 + 9 + 1
     noise = float(np.median(thirds)) / math.sqrt(40 * math.log(2))
     steps = np.abs(np.diff(trial["x"]))
     steps = steps[steps > 0]
+    # uniform
     grain = float(np.quantile(steps, 0.01)) / math.sqrt(12) if len(steps) and len(np.unique(steps)) < 50 else 0.0
     wanted = math.sqrt(2) * max(noise, grain) / (NOISE * speed) if speed > 0 else least
     return min(max(least, wanted), longest)
@@ -224,7 +229,7 @@ def _coarse(t: np.ndarray, values: np.ndarray, clock: np.ndarray, step: float) -
     t, values = t[good], values[good]
     total = integral(t, values)
     low, high = np.clip(clock - step / 2, t[0], t[-1]), np.clip(clock + step / 2, t[0], t[-1])
-    inside = high - low > 0.25 * step
+    inside = high - low > 0.25 * step  # at the ends less than a step is left to be averaged
     mean = (np.interp(high, t, total) - np.interp(low, t, total)) / np.where(inside, high - low, 1.0)
     return np.where(inside, mean, np.interp(clock, t, values))
 

@@ -23,22 +23,24 @@ import numpy as np
 
 from cases.importing.clocks import clock_of
 from cases.importing.import_map import ImportMap
-from cases.importing.raw_table import MOST_CELLS, Account, RawTable, raw_table
+from cases.importing.raw_table import Account, RawTable, raw_table
 from cases.importing.series import SourceSeries, table_of_series
 from cases.importing.vocabulary import meaning
 from cases.io.files import LARGEST, read_bytes
+from cases.io.trial_table import MOST_CELLS
 from mmg.errors import BadValue, NotInstalled, OutOfRange, TooFewData, Unreadable, UserError
 from mmg.messages import Message
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 HDF5_AT = (0, 512, 1024, 2048)
-"""Bytes at which its signature may lie: MATLAB writes 512 of its own before."""
+"""Bytes at which its signature may lie: MATLAB writes 512 of its own before. Set by hand: the first of the places that
+the HDF5 File Format Specification 3.0 names (II.A)."""
 MATLAB = b"MATLAB 5.0 MAT-file"
 COMPRESSED, MATRIX = 15, 14
 ELEMENTS = {*range(1, 8), 9, *range(12, 19)}
 """Types of the elements of a MATLAB file (MAT-file format, table 1-1)."""
 DEEPEST, MOST_NODES = 20, 20_000
-"""Levels and names of a file that are looked at."""
+"""Levels and names of a file that are looked at. Set by hand: bounds time on a damaged file."""
 OBJECTS = "a table, timetable, datetime or timeseries, which only MATLAB reads; save its columns as vectors of a struct"
 VALUES = ("values", "data", "value", "signals")
 """Names of the values in a struct with a time."""

@@ -37,11 +37,12 @@ REFERENCE_POINT = (
 )
 """What the map says of the antenna."""
 GAP = 2.5
-"""Gaps of a column beyond so many of its steps stay gaps."""
+"""Gaps of a column beyond so many of its steps stay gaps. Set by hand."""
 LEAST_ROWS = 20
-"""Least rows of a run, and numbers of a column."""
+"""Least rows of a run, and numbers of a column. Set by hand."""
 LARGE = 1e5
-"""Eastings and northings beyond are counted from the first position."""
+"""Eastings and northings beyond are counted from the first position. Set by hand: metres; a UTM northing is larger, a
+trial's area smaller."""
 
 
 @dataclass(frozen=True)
@@ -261,9 +262,9 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
 
 
 STOPPED = 0.05
-"""Share of her speed below which a ship is not slowed down by her rudder alone."""
+"""Share of her speed below which a ship is not slowed down by her rudder alone. Set by hand."""
 SIDEWAYS = 0.05
-"""Share of the rows of a ship at speed in which she may go more sideways than ahead."""
+"""Share of the rows of a ship at speed in which she may go more sideways than ahead. Set by hand."""
 
 
 def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap) -> None:
@@ -308,9 +309,9 @@ def with_units_of_size(log: Log) -> Log:
 
 
 NORTHERNMOST = 89.9
-"""deg; nearer to a pole, meridians converge along the track of a ship."""
+"""deg; nearer to a pole, meridians converge along the track of a ship. Set by hand."""
 FURTHEST = 200e3
-"""Metres from the origin beyond which north and east of the frame are not those of the ship any more."""
+"""Metres from the origin beyond which north and east of the frame are not those of the ship any more. Set by hand."""
 
 
 def local_positions(

@@ -17,7 +17,7 @@ from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName, Use
 from mmg.messages import Message
 
 DAY, WEEK = 86400.0, 604800.0
-"""s."""
+"""s. (SI brochure of 2019, table 8.)"""
 EPOCHS = (
     ("s", 1e8, 2.6e9, 1.0, 0.0, "s since 1970"),
     ("s", 3.0e9, 4.7e9, 1.0, -2082844800.0, "s since 1904"),
@@ -48,43 +48,45 @@ JUMPS = {
 }
 """Jumps of clocks [s] and what makes them."""
 SAMPLED = 0.1
-"""Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies."""
+"""Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies. Set
+by hand."""
 ZONE = r"[:T]\d{2}\S*\s*(?:Z|[+-]\d{2}(?::?\d{2})?)$"
 """The end of a stamp with a zone."""
 LAST_STAMP = 253402300800.0
 """s from 1970 to the year 10000."""
 LATEST = 1e21
-"""No clock of any unit shows a larger number: nanoseconds of 30,000 years."""
+"""No clock of any unit shows a larger number: nanoseconds of 30,000 years. Set by hand."""
 
 
 def clock_of(
     table: RawTable,
     header: str,
     unit: str = "",
-    beside: Mapping[str, str] | None = None,
+    time_columns: Mapping[str, str] | None = None,
     zone_hours: float | None = None,
 ) -> Clock:
     """The clock of ``table`` in the column ``header``.
 
-    unit: of its numbers, if known; beside: headers of columns that complete it: "date", "t_week" (of GPS), "t_part"
-    (parts of a second), and "t_year", "t_month", "t_day", "t_hour", "t_minute"; zone_hours: of stamps without a zone,
-    ahead of UTC, None where nobody said it: they are UTC. Raises UserError, which names the first row, for text that is
-    no time, for numbers of which it is not known what they count, and for stamps of which only some have a zone.
+    unit: of its numbers, if known; time_columns: headers of columns that complete it: "date", "t_week" (of GPS),
+    "t_part" (parts of a second), and "t_year", "t_month", "t_day", "t_hour", "t_minute"; zone_hours: of stamps without
+    a zone, ahead of UTC, None where nobody said it: they are UTC. Raises UserError, which names the first row, for text
+    that is no time, for numbers of which it is not known what they count, and for stamps of which only some have a
+    zone.
     """
     import pandas as pd
 
-    beside, where = beside or {}, f"{table.name}: column '{header}'"
-    if "t_minute" in beside:
-        return _of_parts(table, header, beside, zone_hours)
+    time_columns, where = time_columns or {}, f"{table.name}: column '{header}'"
+    if "t_minute" in time_columns:
+        return _of_parts(table, header, time_columns, zone_hours)
     clock = Clock(np.zeros(0), True, header, "dates and times")
-    cells, date = table.cells(header), beside.get("date")
+    cells, date = table.cells(header), time_columns.get("date")
     first = next((value for value in cells if value is not None and value == value), None)
     if getattr(cells.dtype, "kind", "O") in "mM" or isinstance(first, datetime.datetime):
         return _stamps(cells, where, zone_hours, table.before, clock)
     if isinstance(first, datetime.time):
         cells = cells.map(lambda value: None if value is None else str(value))
     elif table.numeric(header):
-        return _numbers(table, header, unit or _unit_of(table, header), beside)
+        return _numbers(table, header, unit or _unit_of(table, header), time_columns)
     text = cells.astype(object).where(cells.notna(), None)
     sample = "" if first is None else str(first).strip()
     of_hour = re.fullmatch(r"\d{1,2}:\d{2}[.,]\d+", sample)
@@ -110,17 +112,17 @@ def _day(value: Any) -> Any:
     return f"{text[:4]}-{text[4:6]}-{text[6:]}" if re.fullmatch(r"(19|20)\d{6}", text) else text
 
 
-def _of_parts(table: RawTable, header: str, beside: Mapping[str, str], zone_hours: float | None) -> Clock:
+def _of_parts(table: RawTable, header: str, time_columns: Mapping[str, str], zone_hours: float | None) -> Clock:
     """The clock of columns of hours, minutes and seconds, and of days where they are there."""
     import pandas as pd
 
-    second, minute, hour = (table.numbers(h) for h in (header, beside["t_minute"], beside["t_hour"]))
+    second, minute, hour = (table.numbers(h) for h in (header, time_columns["t_minute"], time_columns["t_hour"]))
     t = second + 60.0 * minute + 3600.0 * hour
     names = ["t_year", "t_month", "t_day"]
     words = "columns of hours, minutes and seconds"
-    if not set(names) <= set(beside):
+    if not set(names) <= set(time_columns):
         return _going_on(Clock(t, False, header, words, period=DAY))
-    day = pd.DataFrame({name[2:]: table.numbers(beside[name]) for name in names})
+    day = pd.DataFrame({name[2:]: table.numbers(time_columns[name]) for name in names})
     day["year"] += np.where(day["year"] < 100, 2000, 0)
     since = (pd.to_datetime(day, errors="coerce") - pd.Timestamp(0)).dt.total_seconds().to_numpy(dtype=float)
     return Clock(since + t - 3600.0 * (zone_hours or 0.0), True, header, words)
@@ -222,7 +224,7 @@ def check_forward(clock: Clock, where: str, before: int = 0, end: float = -np.in
         )
 
 
-def _numbers(table: RawTable, header: str, unit: str, beside: Mapping[str, str]) -> Clock:
+def _numbers(table: RawTable, header: str, unit: str, time_columns: Mapping[str, str]) -> Clock:
     """A clock of numbers: by its unit, or by EPOCHS where the size of the numbers says what they count."""
     where = f"{table.name}: column '{header}'"
     values = table.numbers(header)
@@ -230,15 +232,15 @@ def _numbers(table: RawTable, header: str, unit: str, beside: Mapping[str, str])
     if not len(known) or np.abs(known).max() > LATEST:
         raise BadValue(f"{where}: column holds no times, or some that no clock shows")
     part = np.zeros(len(values))
-    if "t_part" in beside:
-        part = table.numbers(beside["t_part"]) * _part_unit(table, beside["t_part"])
+    if "t_part" in time_columns:
+        part = table.numbers(time_columns["t_part"]) * _part_unit(table, time_columns["t_part"])
     middle, name = float(np.median(known)), unit.lower().replace("sec", "s")
     if re.fullmatch(OF_WEEK, plain_words(header)):
         of_week = 1e-3 if name == "ms" or known.max() > WEEK else 1.0
         clock = _going_on(Clock(values * of_week + part, False, header, "seconds of the week", period=WEEK))
-        if "t_week" not in beside:
+        if "t_week" not in time_columns:
             return clock
-        weeks = table.numbers(beside["t_week"])
+        weeks = table.numbers(time_columns["t_week"])
         first = float(weeks[np.isfinite(weeks)][0]) if np.isfinite(weeks).any() else 0.0
         zero = GPS_ZERO - GPS_AHEAD + WEEK * (first + (2048.0 if first < 1024 else 0.0))  # third era, since 2019
         return replace(clock, t=clock.t + zero, absolute=True, words="GPS weeks and seconds, as UTC")
@@ -288,7 +290,8 @@ def _padded(written: Callable[[], Any], t: np.ndarray) -> np.ndarray:
 
 
 UNEVEN = 0.3
-"""Unevenness of steps from which digits behind the point are looked at, and that another reading has to leave of it."""
+"""Unevenness of steps from which digits behind the point are looked at, and that another reading has to leave of it.
+Set by hand."""
 
 
 def _unevenness(t: np.ndarray) -> float:

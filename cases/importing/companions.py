@@ -49,7 +49,7 @@ DIRECTION = (
 PLACE = r"(.*_)?(lat|lon|hemi|ns|n_s|n_or_s|ew|e_w|e_or_w).*"
 """A title of a hemisphere."""
 MOST_WORDS = 8
-"""Columns with more different cells hold no directions."""
+"""Columns with more different cells hold no directions. Set by hand."""
 
 
 def sign_columns(
@@ -147,12 +147,12 @@ def _targets(
     title, at = plain_words(header), table.headers.index(header)
     own, both_ways = _stems(title), (table.headers[:at][::-1], table.headers[at + 1 :])
     neighbours = {next((h for h in way if h not in signs), "") for way in both_ways}
-    beside = any(mapped[q].header in neighbours for q in ("latitude", "longitude") if q in mapped)
+    by_position = any(mapped[q].header in neighbours for q in ("latitude", "longitude") if q in mapped)
     fit = {q: column.header for q, column in mapped.items() if re.fullmatch(kind.quantities, q)}
     shared = {q: len(own & _stems(plain_words(title))) for q, title in fit.items()}
     best = max(shared.values(), default=0)
-    told = {"": True, "title": best > 0, "place": beside or re.fullmatch(PLACE, title) is not None}[kind.told_by]
-    return [q for q in fit if told and shared[q] == best and _positive(table, fit[q], chosen)]
+    is_shown = {"": True, "title": best > 0, "place": by_position or bool(re.fullmatch(PLACE, title))}[kind.told_by]
+    return [q for q in fit if is_shown and shared[q] == best and _positive(table, fit[q], chosen)]
 
 
 def _stems(title: str) -> set[str]:
@@ -286,7 +286,7 @@ def _referred(table: RawTable, header: str, title: str, mapped: Mapping[str, Col
 
 
 def _refer(
-    table: RawTable, header: str, words: set[str], targets: Sequence[str], mapped: dict[str, ColumnMap], found: Masks
+    table: RawTable, header: str, words: set[str], targets: Sequence[str], mapped: dict[str, ColumnMap], masks: Masks
 ) -> None:
     """Move quantities to what the words of a reference say that they are."""
     of = {column.header: quantity for quantity, column in mapped.items()}
@@ -302,18 +302,18 @@ def _refer(
         else:
             continue
         column = mapped.pop(now, None) or ColumnMap.model_validate({"from": target})
-        found.account[target] = ((), f"'{header}' says {', '.join(sorted(words))}")
+        masks.account[target] = ((), f"'{header}' says {', '.join(sorted(words))}")
         for kind, name in names:
             if (own := words & kind) and mapped.get(name, column).header == target:
                 mapped[name] = column
-                found.of.setdefault(name, []).append((header, own))
+                masks.of.setdefault(name, []).append((header, own))
                 used.append(name)
     if used:
-        found.account[header] = (tuple(used), "says what they are counted from")
+        masks.account[header] = (tuple(used), "says what they are counted from")
 
 
 def _status(
-    table: RawTable, header: str, title: str, words: set[str], mapped: Mapping[str, ColumnMap], found: Masks
+    table: RawTable, header: str, title: str, words: set[str], mapped: Mapping[str, ColumnMap], masks: Masks
 ) -> None:
     """Mask quantities where their status does not hold."""
     targets = [q for q, row in QUANTITIES.items() if q in mapped and row.valid and re.fullmatch(row.valid, title)]
@@ -332,7 +332,7 @@ def _status(
     good, bad = ({word for word, sound in says.items() if sound is answer} for answer in (True, False))
     shown, codes = ", ".join(sorted(words)[:6]), all(len(word) < 3 for word in words - good - bad)
     if words == good or (len(words) == 1 and not bad) or not (bad or (targets and codes)):
-        found.account[header] = ((), f"says {shown}" + " in all rows" * (len(words) == 1))
+        masks.account[header] = ((), f"says {shown}" + " in all rows" * (len(words) == 1))
     elif words == bad or not targets or words - good - bad:
         choices = {f"where it is {word}": {"rows": {header: [word]}} for word in sorted(words - bad)[:4]}
         which = f"when do {', '.join(targets)} hold" if targets else "which rows hold"
@@ -340,8 +340,8 @@ def _status(
         raise OpenQuestion(table.path, f"column '{header}' says {shown}; {which}", choices | anyhow)
     else:
         for quantity in targets:
-            found.of.setdefault(quantity, []).append((header, good))
-        found.account[header] = (tuple(targets), f"they hold where it says {', '.join(sorted(good))}")
+            masks.of.setdefault(quantity, []).append((header, good))
+        masks.account[header] = (tuple(targets), f"they hold where it says {', '.join(sorted(good))}")
 
 
 def _says(word: str, title: str, words: set[str]) -> bool | None:
@@ -358,7 +358,7 @@ def _says(word: str, title: str, words: set[str]) -> bool | None:
     return not fault if re.fullmatch(GOOD, word) else fault if re.fullmatch(BAD, word) else None
 
 
-def _sources(table: RawTable, header: str, mapped: Mapping[str, ColumnMap], found: Masks) -> None:
+def _sources(table: RawTable, header: str, mapped: Mapping[str, ColumnMap], masks: Masks) -> None:
     """Raises OpenQuestion where several sensors that a column names measured the same quantity."""
     cells = table.cells(header).map(_word)
     names = [name for name, share in cells.value_counts(normalize=True).items() if name and share > SHARE]
@@ -369,4 +369,4 @@ def _sources(table: RawTable, header: str, mapped: Mapping[str, ColumnMap], foun
             words = f"column '{header}' names several sensors, which all give {quantity}: {', '.join(several[:6])}"
             choices: dict[str, Any] = {f"that of {name}": {"rows": {header: [name]}} for name in several[:4]}
             raise OpenQuestion(table.path, words, {**choices, "all": {"ignore": [header]}})
-    found.account[header] = ((), f"names {', '.join(names[:4])}, which measured other columns")
+    masks.account[header] = ((), f"names {', '.join(names[:4])}, which measured other columns")

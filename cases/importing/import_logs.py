@@ -42,7 +42,7 @@ from mmg.errors import BadValue, Conflict, Missing, TooFewData, UserError
 from mmg.messages import has_code
 
 BEGIN = 65536
-"""Bytes by which the format of a file is known."""
+"""Bytes by which the format of a file is known. Set by hand: more than the preamble of any format that is read."""
 JSON = (".json", ".jsonl", ".ndjson")
 BAGS = (".bag", ".db3", ".mcap")
 ARRAYS = (".mat", ".h5", ".hdf5", ".nc")
@@ -82,11 +82,11 @@ def import_logs(
         raise Missing("no logs given")
     logs: list[Log] = []
     problems: list[str] = []
-    asked: list[Question] = []
+    questions: list[Question] = []
 
     def refused(error: UserError) -> None:
         problems.append(str(error))
-        asked.extend([error.question] if isinstance(error, OpenQuestion) else [])
+        questions.extend([error.question] if isinstance(error, OpenQuestion) else [])
 
     for file in each(list(dict.fromkeys(files))):
         try:
@@ -110,16 +110,16 @@ def import_logs(
             runs.append(assembled(run_name(group, chosen), group, chosen, origin))
         except UserError as error:
             refused(error)
-    asked += [question for log in logs for question in _questions(with_units_of_size(log))]
+    questions += [question for log in logs for question in _questions(with_units_of_size(log))]
     if chosen.reference_point is None and any(has_code(run.notices, "reference_point_unknown") for run in runs):
         words = "where was the position measured, in m from midship: forward and to starboard, such as 12.0 0.0?"
-        asked.append(Question(Path(), words, {POINT: {}, "unknown": {"reference_point": "unknown"}}))
+        questions.append(Question(Path(), words, {POINT: {}, "unknown": {"reference_point": "unknown"}}))
     skipped = tuple(file for file in all_files if file not in files)
     return Imported(
         tuple(_with_own_names(runs)),
         tuple(dict.fromkeys(problems)),
         origin,
-        tuple(asked),
+        tuple(questions),
         skipped,
         names_apart(all_files),
     )
@@ -214,7 +214,7 @@ def _with_own_names(runs: Sequence[ImportedRun]) -> list[ImportedRun]:
 
 
 OVERLAP = 0.5
-"""Least share of the shorter of two logs in which both run."""
+"""Least share of the shorter of two logs in which both run. Set by hand."""
 HEADING, WHERE, ROTATION = (
     {"psi"},
     {"x", "latitude", "sog", "u"},
@@ -272,36 +272,36 @@ def _completes(log: Log, run: Sequence[Log]) -> bool:
     return bool(both > OVERLAP * min(b - a, log.t[-1] - log.t[0]))
 
 
-def write_import(found: Imported, chosen: ImportMap, folder: Path, force: bool = False) -> list[Path]:
-    """Write the runs of ``found`` into ``folder``; returns the trial files.
+def write_import(imported: Imported, chosen: ImportMap, folder: Path, force: bool = False) -> list[Path]:
+    """Write the runs of ``imported`` into ``folder``; returns the trial files.
 
     chosen: the map that was used; force: files of the same names in a folder that exists are replaced, of its sidecar
     what an import wrote. The folder appears whole or not at all. Raises UserError where it holds something and
     ``force`` is false, where it cannot be written, and as ``sidecar_text`` does.
     """
-    names = [f"{run.name}.csv" for run in found.runs]
-    sidecar = sidecar_text(found, chosen, folder)
+    names = [f"{run.name}.csv" for run in imported.runs]
+    sidecar = sidecar_text(imported, chosen, folder)
     with filled(folder, force) as scratch:
-        for run, name in zip(found.runs, names, strict=True):
+        for run, name in zip(imported.runs, names, strict=True):
             write_trial(Trial(run.name, run.columns), scratch / name)
         (scratch / SIDECAR).write_text(sidecar, encoding="utf-8")
-        (scratch / MAP).write_text(map_text(found, chosen), encoding="utf-8")
+        (scratch / MAP).write_text(map_text(imported, chosen), encoding="utf-8")
     return [folder / name for name in names]
 
 
-def map_text(found: Imported, chosen: ImportMap) -> str:
+def map_text(imported: Imported, chosen: ImportMap) -> str:
     """The map, as TOML, that repeats an import without any question: every column of every file that was used.
 
-    found: the import; chosen: the map that it began with.
+    imported: the import; chosen: the map that it began with.
     """
     import tomlkit
 
     document = chosen.model_dump(exclude_defaults=True, exclude={"columns", "origin", "files"})
-    if found.origin is not None:
-        document["origin"] = list(found.origin)
+    if imported.origin is not None:
+        document["origin"] = list(imported.origin)
     files: dict[str, dict[str, Any]] = {}
-    named = names_apart([*(log.table.path for run in found.runs for log in run.logs), *found.skipped])
-    for run, log in [(one, log) for one in found.runs for log in one.logs]:
+    named = names_apart([*(log.table.path for run in imported.runs for log in run.logs), *imported.skipped])
+    for run, log in [(one, log) for one in imported.runs for log in one.logs]:
         table, own = files.setdefault(named[log.table.path], {}), chosen.of(log.table.path)
         table |= own.model_dump(exclude_unset=True, include={"clock_offset", "clock_drift", "rows", "decimal"})
         if unused := [*own.ignore, *log.unsure]:
@@ -313,15 +313,15 @@ def map_text(found: Imported, chosen: ImportMap) -> str:
             row.update({"from": column.header} | ({"unit": column.unit} if column.unit else {}))
             row.update({"sign": -1} if column.sign == -1 else {})
             table.setdefault("columns", {})[quantity] = row
-    files |= {named[path]: {"skip": True} for path in found.skipped}
+    files |= {named[path]: {"skip": True} for path in imported.skipped}
     words = "# What mmg import did; mmg import FILE... --map import.toml --out DIR does it again.\n"
-    account = [f"# {log.table.path.name}: {row}\n" for run in found.runs for log in run.logs for row in log.accounts]
+    account = [f"# {log.table.path.name}: {row}\n" for run in imported.runs for log in run.logs for row in log.accounts]
     return words + "".join(dict.fromkeys(account)) + tomlkit.dumps({**document, "files": files})
 
 
-def sidecar_text(found: Imported, chosen: ImportMap, folder: Path) -> str:
-    """The sidecar of the runs ``found``: what samples of actuators are, the day of each, what was derived from what and
-    with which standard errors. What a person wrote into the one that ``folder`` has stays.
+def sidecar_text(imported: Imported, chosen: ImportMap, folder: Path) -> str:
+    """The sidecar of the runs ``imported``: what samples of actuators are, the day of each, what was derived from what
+    and with which standard errors. What a person wrote into the one that ``folder`` has stays.
 
     chosen: the map. What is written here carries a MARK with a checksum of its value: only that is replaced. Raises
     UserError for a sidecar that is wrong, and where it and the map both say how to turn or move columns.
@@ -336,7 +336,7 @@ def sidecar_text(found: Imported, chosen: ImportMap, folder: Path) -> str:
         document = tomlkit.parse(decoded(read_bytes(path), path))
     every = document["all"] if "all" in document else document.setdefault("default", tomlkit.table())
     files = document.setdefault("files", tomlkit.table(is_super_table=True))
-    names = {f"{run.name}.csv": run for run in found.runs}
+    names = {f"{run.name}.csv": run for run in imported.runs}
     for name in list(files):
         there = any((folder / f"{name}{suffix}").is_file() for suffix in ("", ".csv", ".parquet"))
         if not there and name not in names and f"{name}.csv" not in names:

@@ -235,8 +235,8 @@ def _scales(
 
 
 def _clock(piece: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap) -> Clock:
-    beside = {name: column.header for name, column in mapped.items() if name == "date" or name.startswith("t_")}
-    return clock_of(piece, mapped["t"].header, mapped["t"].unit, beside, chosen.zone_hours)
+    time_columns = {name: column.header for name, column in mapped.items() if name == "date" or name.startswith("t_")}
+    return clock_of(piece, mapped["t"].header, mapped["t"].unit, time_columns, chosen.zone_hours)
 
 
 def _true_heading(
@@ -483,11 +483,12 @@ def _rows(
 
 
 BY_CHANCE = 1e-9
-"""Probability of a row of equal values below which a channel stands still."""
+"""Probability of a row of equal values below which a channel stands still. Set by hand."""
 FROZEN_S, FROZEN_ROWS, JUMP = 2.0, 10, 3.0
-"""Least time and rows that a channel stands still, and its jump afterwards, in its larger changes from row to row."""
+"""Least time and rows that a channel stands still, and its jump afterwards, in its larger changes from row to row. Set
+by hand."""
 LARGEST = 1e15
-"""No measurement in any unit is larger."""
+"""No measurement in any unit is larger. Set by hand."""
 STATES = ("latitude", "longitude", "x", "y", "psi", "sog", "cog", "u", "v", "r")
 """Channels that never stand still while the ship moves."""
 

@@ -24,22 +24,24 @@ FIRST_DAY = 14610
 UNSET = 30 * DAY
 """A clock that jumps so far [s] was not set before, or is not after."""
 COLD = 0.1
-"""Share of a log in which a receiver may still set its clock."""
+"""Share of a log in which a receiver may still set its clock. Set by hand."""
 BACK = 2.0
-"""Steps by which times of a source go back at most: two receivers behind one talker are late against each other."""
+"""Steps by which times of a source go back at most: two receivers behind one talker are late against each other. Set
+by hand."""
 LATE = 0.5
 """Seconds by which sentences of a receiver come after their fix at most; the zone of a logger's clock is a multiple of
-QUARTER [s]."""
+QUARTER [s]. Set by hand."""
 QUARTER = 900.0
+"""Zones differ from UTC by multiples of it [s] (IANA time zone database, 2025)."""
 JITTER = 0.1
-"""Scatter of delays, in the step of a source, above which they scatter."""
+"""Scatter of delays, in the step of a source, above which they scatter. Set by hand."""
 UNSTEADY = 0.2
-"""Share of delays that scatter from which all do."""
+"""Share of delays that scatter from which all do. Set by hand."""
 EARLY = 80
-"""Percentile of the delays of fixes, from late to early, at which one counts as not late."""
+"""Percentile of the delays of fixes, from late to early, at which one counts as not late. Set by hand."""
 FIXES, STAMPS, LAG = 21, 21, 10
 """Fixes and stamps over which delays are compared, and fixes over which the step of a source is taken: rather too small
-than too large by the sentences that were lost, since delays grow with each of them then and only grow."""
+than too large by the sentences that were lost, since delays grow with each of them then and only grow. Set by hand."""
 EPOCH = re.compile(r"(?<![\d.])(\d{10}|\d{13}|\d{16}|\d{19})(?:\.\d+)?(?![\d:])")
 """A number that may count since 1970, in seconds or parts of them."""
 

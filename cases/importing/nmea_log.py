@@ -253,15 +253,15 @@ DECODERS: dict[str, Callable[[Fields], Decoded]] = {
 }  # fmt: skip
 """Sentences that are read."""
 M_PER_DEG = 111.2e3
-"""Metres of a degree of latitude, within 0.6 %."""
+"""Metres of a degree of latitude, within 0.6 %. pi/180 of the mean radius of 6371 km (IUGG 1980)."""
 NEAR = 3.0
 """Metres within which fixes of one receiver by different satellites agree (horizontal error of GNSS, GPS SPS 2020)."""
 STEADY = 0.1
-"""Scatter of a distance, in itself, below which it is that of two antennas."""
+"""Scatter of a distance, in itself, below which it is that of two antennas. Set by hand."""
 ALIKE = 0.9
-"""Least share of the fixes of the one most heard with which another is heard equally often."""
+"""Least share of the fixes of the one most heard with which another is heard equally often. Set by hand."""
 PAIRED = 0.9
-"""Least cosine of the turn from the distance of one pair of fixes to that of the next, of two antennas."""
+"""Least cosine of the turn from the distance of one pair of fixes to that of the next, of two antennas. Set by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -436,7 +436,8 @@ CODES = (
 )  # fmt: skip
 """Codes of messages, and the first words of why sentences are not used."""
 MOVES = 1.0
-"""Per cent of the largest pitch by which blades move at least: the least step that RPM says."""
+"""Per cent of the largest pitch by which blades move at least: the least step that RPM says. Set by hand at that
+step."""
 Samples = tuple[np.ndarray, np.ndarray]
 """Times [s] and values (M,)."""
 

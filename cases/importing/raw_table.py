@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from cases.io.text_table import TextTable, floats_of_cells
+from cases.io.trial_table import MOST_COLUMNS
 from mmg.errors import Conflict, OutOfRange, TooFewData
 from mmg.messages import Message
 
-MOST_COLUMNS, MOST_CELLS = 5000, 30_000_000
-"""Most columns and cells of a raw table."""
 NUMBERED = "column"
 """Word before the number of a column without a header, from 1."""
 NOT_READ = "says nothing that is used"

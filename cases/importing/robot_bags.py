@@ -32,11 +32,11 @@ RANKS = {
 """Types of messages that are read; of two that say the same, that of the lower number is taken."""
 NUMBERS = re.compile(r"u?int\d+|float\d+")
 MOST_FIELDS = 20
-"""Numbers of a message of another type up to which they are read."""
+"""Numbers of a message of another type up to which they are read. Set by hand."""
 DOWN = r"ned|frd"
 """Names of frames whose z axis points down."""
 SINCE_1970 = 1e8
-"""Seconds: later stamps are no simulation time."""
+"""Seconds: later stamps are no simulation time. Set by hand: three years."""
 
 
 def bag_of(path: Path) -> Path:

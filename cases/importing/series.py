@@ -14,9 +14,10 @@ import numpy as np
 
 from cases.importing.clocks import check_forward, clock_of, within_stamps
 from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion
-from cases.importing.raw_table import MOST_CELLS, Account, Clock, RawTable
+from cases.importing.raw_table import Account, Clock, RawTable
 from cases.importing.vocabulary import Meaning, meaning, plain_words, turn_in
 from cases.io.text_table import floats_of_cells
+from cases.io.trial_table import MOST_CELLS
 from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData
 from mmg.messages import Message
 
@@ -36,9 +37,9 @@ ALIKE = {
 }  # fmt: skip
 """What says the same in another way."""
 FEW = 20
-"""Times from which a clock is said to jump."""
+"""Times from which a clock is said to jump. Set by hand."""
 MOST_OF_LOG = 0.5
-"""Share of a log over which a series runs whose begin and end are those of the table."""
+"""Share of a log over which a series runs whose begin and end are those of the table. Set by hand."""
 
 
 @dataclass(frozen=True)

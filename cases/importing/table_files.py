@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cases.importing.import_map import OpenQuestion
-from cases.importing.raw_table import MOST_CELLS, NUMBERED, RawTable, raw_table, split_unit
+from cases.importing.raw_table import NUMBERED, RawTable, raw_table, split_unit
 from cases.importing.vocabulary import GIVEN_UNITS, factor, is_order, meaning
 from cases.io.files import LARGEST, lines_and_hash, opened, read_bytes
 from cases.io.text_table import (
@@ -32,6 +32,7 @@ from cases.io.text_table import (
     is_comment,
     rows_together,
 )
+from cases.io.trial_table import MOST_CELLS
 from cases.quantities import QUANTITIES, as_number
 from mmg.errors import BadValue, NotInstalled, OutOfRange, TooFewData, Unreadable, UserError
 from mmg.messages import Message
@@ -39,11 +40,12 @@ from mmg.messages import Message
 LARGEST_LOG, SMALL = 8 * 2**30, 2**25
 """Most bytes of a log of text, and of one of which all columns are held."""
 LOOKED_AT, PREAMBLE = 400, 60
-"""Lines by which separator and header are found, and most lines before the header."""
+"""Lines by which separator and header are found, and most lines before the header. Set by hand."""
 PLACES, SAMPLE = 40, 2**15
 """Places at which a log whose rows are averaged is looked at before, and bytes at each."""
 ROUGHER = 3.0
-"""A reading of numbers is refuted where neighbours written in two ways then differ so many times more than others."""
+"""A reading of numbers is refuted where neighbours written in two ways then differ so many times more than others. Set
+by hand."""
 NUMBER = re.compile(rf"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|{GROUPED.format(mark=',.' + BLANKS, decimal='.,')}")
 DATE_FORMAT = r"[dhmsyt:./°'\" _\-]*(?:[dhmsy]{2}|[hmsd]:)[dhmsyt:./°'\" _\-]*"
 """A cell such as "hh:mm:ss" or "ddmm.mmmm", in lower case."""

@@ -35,7 +35,7 @@ GIVEN_UNITS = {
 }  # fmt: skip
 """Cells of a line of units, in lower case; some are units of no quantity of a manoeuvre."""
 BEYOND_A_TURN = 6.6
-"""No direction in radians is larger."""
+"""No direction in radians is larger. Set by hand: 2 pi and a margin for noise."""
 SIDES = dict.fromkeys(("port", "ps", "bb"), "port")
 SIDES |= dict.fromkeys(("stbd", "starboard", "sb", "stb", "strb"), "starboard")
 UNSURE = {

@@ -131,7 +131,7 @@ UNKNOWN = "no campaign"
 TAKEN, MEAN = "campaign", "campaign_mean"
 """Codes of messages: instruments as in a campaign, as in the mean of all."""
 MOST_LISTED = 3
-"""Trials named in one message."""
+"""Trials named in one message. Set by hand: display."""
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ REQUIRED = ("t", "psi", "u", "v", "r", "n")
 THRUSTERS = tuple(name for name, (_, unit) in INPUTS.items() if unit == "rps" and name not in PROPELLERS)
 """Columns that make a craft without propeller and rudder: it then needs neither n nor delta."""
 MOST_SHOWN = 40
-"""Most headers that a message lists."""
+"""Most headers that a message lists. Set by hand: display."""
 
 
 def match_headers(
@@ -148,7 +148,7 @@ def _require(path: Path, header: list[str], taken: dict[str, tuple[int, str]]) -
 
 SUFFIXES = (".csv", ".parquet")
 LEAST_STEP = 1e-6
-"""No clock is finer [s]."""
+"""No clock is finer [s]. Set by hand: bounds what is taken for a clock."""
 
 
 def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -> list[Trial]:

@@ -21,7 +21,7 @@ from mmg.errors import BadValue, OutOfRange, UserError
 from mmg.messages import Message
 
 MOST_KEPT = 400_000
-"""Most rows of a trial that are kept; 11 hours at 10 Hz."""
+"""Most rows of a trial that are kept; 11 hours at 10 Hz. Set by hand: bounds memory."""
 
 
 def rows_together(rows: int) -> int:

@@ -24,13 +24,15 @@ from mmg.messages import Message, printable
 LARGEST_CSV = 8 * 2**30
 """Most bytes of a CSV file."""
 MOST_COLUMNS, MOST_ROWS, MOST_CELLS = 5000, 2_500_000, 30_000_000
-"""Most columns of a table, and most rows and cells of one whose rows are not averaged."""
+"""Most columns of a table, and most rows and cells of one whose rows are not averaged. Set by hand: it bounds memory,
+to 240 MB."""
 MOST_UNPACKED = 2 * LARGEST_FILE
 """Most bytes of a Parquet file as it would be without compression."""
 LONGEST_CELL = 400
-"""Most characters of a text in Parquet; a file of a few kB can name a long one millions of times."""
+"""Most characters of a text in Parquet; a file of a few kB can name a long one millions of times. Set by hand: bounds
+memory."""
 LARGEST = 1e13
-"""No number of a trial is larger, in any unit."""
+"""No number of a trial is larger, in any unit. Set by hand: milliseconds since 1970 are below it."""
 Wanted = Mapping[str, tuple[int, float]]
 """Canonical name -> number of the column and factor to SI."""
 Columns = dict[str, np.ndarray]

@@ -39,8 +39,9 @@ from mmg.ship import Ship
 Orders = Callable[[float, np.ndarray], "tuple[float, float] | None"]
 FULL_TURN = 3 * math.pi
 """Change of heading after which a turning test ends [rad]: 540 degrees (IMO MSC/Circ.1053)."""
-_TINY = 1e-9
-"""Slack in comparisons of times [s] and angles [rad], so that 0.1 + 0.2 is not later than 0.3."""
+TINY = 1e-9
+"""Slack in comparisons of times [s] and angles [rad], so that 0.1 + 0.2 is not later than 0.3. Set by hand: above
+rounding, below any order."""
 
 
 def constant(n: float) -> Orders:
@@ -57,7 +58,7 @@ class FromLead(ABC):
     origin: float | None = field(default=None, init=False)
 
     def __call__(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
-        if t < self.lead - _TINY:
+        if t < self.lead - TINY:
             return self.n, 0.0
         if self.origin is None:
             self.origin = float(state[2])
@@ -75,8 +76,8 @@ class FromLead(ABC):
         """Fraction of the step from t0 to t1 [s], states ``before`` and ``after``, at which the execute or a switch
         falls, so that the orders must be asked again; None if they stand until t1.
         """
-        if t0 < self.lead - _TINY:
-            return (self.lead - t0) / (t1 - t0) if self.lead < t1 - _TINY else None
+        if t0 < self.lead - TINY:
+            return (self.lead - t0) / (t1 - t0) if self.lead < t1 - TINY else None
         return self.switch(before, after)
 
     def switch(self, before: np.ndarray, after: np.ndarray) -> float | None:
@@ -116,7 +117,7 @@ class Zigzag(FromLead):
         return float(self.side * (state[2] - self.origin) - self.heading)
 
     def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
-        if self._beyond(state) >= -_TINY:
+        if self._beyond(state) >= -TINY:
             self.side, self.count = -self.side, self.count + 1
         over = self.last_execute is not None and self.count >= self.last_execute
         return None if over else (self.n, self.side * self.rudder)
@@ -165,9 +166,9 @@ class StepOrders(FromLead):
 
     def _steady(self, t: float, r: float) -> bool:
         self.rates.append((t, r))
-        if t - self.rates[0][0] < self.window - _TINY:
+        if t - self.rates[0][0] < self.window - TINY:
             return False
-        while len(self.rates) > 1 and self.rates[1][0] <= t - self.window + _TINY:
+        while len(self.rates) > 1 and self.rates[1][0] <= t - self.window + TINY:
             self.rates.popleft()
         values = [rate for _, rate in self.rates]
         return max(values) - min(values) <= self.tolerance
@@ -184,8 +185,8 @@ def schedule(n_times: np.ndarray, n: np.ndarray, delta_times: np.ndarray, delta:
     """Orders held from n_times (A,), delta_times (B,) [s], the first 0, to the next: n (A,) [1/s], delta (B,) [rad]."""
 
     def orders(t: float, state: np.ndarray) -> tuple[float, float]:
-        i = np.searchsorted(n_times, t + _TINY, side="right") - 1
-        j = np.searchsorted(delta_times, t + _TINY, side="right") - 1
+        i = np.searchsorted(n_times, t + TINY, side="right") - 1
+        j = np.searchsorted(delta_times, t + TINY, side="right") - 1
         return float(n[i]), float(delta[j])
 
     return orders
@@ -212,12 +213,13 @@ def _switches(rng: np.random.Generator, shortest: float, longest: float, duratio
     """Times of orders, 0 first, until ``duration`` [s]."""
     gaps = rng.uniform(shortest, longest, math.ceil(duration / shortest) + 1)
     times = np.concatenate([[0.0], np.cumsum(gaps)])
-    return times[times < max(duration, _TINY)]
+    return times[times < max(duration, TINY)]
 
 
 BERTHING_SPEED = 0.6
-"""Share of the approach speed and revolutions with which berthing begins."""
+"""Share of the approach speed and revolutions with which berthing begins. Set by hand."""
 _BERTHING_PERIOD = 150.0
+"""After which the orders of berthing begin again [s of the 3 m model]. Set by hand."""
 _BERTHING_N = ((0, BERTHING_SPEED), (30, 0.0), (36, -1.0), (88, 0.6), (105, -0.8), (130, 0.5))
 _BERTHING_DELTA = ((0, 0), (8, 15), (20, -20), (34, 10), (50, -35), (70, 0), (88, 35), (97, -35), (112, 20), (130, -25))
 """(time [s of the 3 m model], share of n) and (time, rudder [deg]): slow ahead, reversals, kicks ahead."""
@@ -228,7 +230,7 @@ def berthing(n: float, scale: float) -> Orders:
     n_times, shares = np.array(_BERTHING_N, dtype=float).T
     delta_times, degrees = np.array(_BERTHING_DELTA, dtype=float).T
     orders = schedule(n_times, n * shares, delta_times, np.radians(degrees))
-    return lambda t, state: orders(math.fmod(t / scale + _TINY, _BERTHING_PERIOD), state)
+    return lambda t, state: orders(math.fmod(t / scale + TINY, _BERTHING_PERIOD), state)
 
 
 @dataclass(frozen=True)
@@ -445,7 +447,7 @@ def parse_maneuver(
 
 
 LEAST_ANGLE = 1e-3
-"""No order is smaller [deg]."""
+"""No order is smaller [deg]. Set by hand: bounds what is taken for a typing error."""
 
 
 @dataclass(frozen=True)
@@ -506,7 +508,7 @@ class _Setup:
 
 
 _LEAD = 5.0
-"""Straight approach before the first order [s of the 3 m model]."""
+"""Straight approach before the first order [s of the 3 m model]. Set by hand."""
 
 
 def _turning(s: _Setup) -> Maneuver:
@@ -543,9 +545,11 @@ def _coasting(s: _Setup) -> Maneuver:
 
 
 STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002
-"""The turn rate is steady when r L / U changes by no more than 0.0002 over three ship lengths (U of the approach)."""
+"""The turn rate is steady when r L / U changes by no more than 0.0002 over three ship lengths (U of the approach). Set
+by hand."""
 _LONGEST_HOLD = 100.0
-"""Ship lengths that one rudder angle of a spiral or pull-out may take to become steady."""
+"""Ship lengths that one rudder angle of a spiral or pull-out may take to become steady. Set by hand: it bounds a run
+that never becomes steady."""
 
 
 def _steps(s: _Setup, angles: tuple[float, ...], **parameters: float) -> Maneuver:
@@ -572,7 +576,7 @@ def _pull_out(s: _Setup) -> Maneuver:
 
 
 MOST_DIGITS = 15
-"""Of a seed: more would be lost where it is kept as a number."""
+"""Of a seed: more would be lost where it is kept as a number. A double has 15.95 (IEEE 754, 2019)."""
 
 
 def _random(s: _Setup) -> Maneuver:

@@ -32,13 +32,16 @@ from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
 SMALLEST = 50.0
-"""Length [m] from which a ship is taken to have a diesel engine; shorter ones are models with an electric motor."""
+"""Length [m] from which a ship is taken to have a diesel engine; shorter ones are models with an electric motor. Set
+by hand."""
 MCR = 0.965
-"""Revolutions at U_0 by n_MCR where the ship file gives none: 90 % of the power, by the propeller law."""
+"""Revolutions at U_0 by n_MCR where the ship file gives none: 90 % of the power, by the propeller law. Set by hand:
+.9^(1/3)."""
 FRICTION, AIR, GAIN = 0.05, 0.4, 8.0
-"""Of the shaft line and the starting air, in Q_MCR; of the governor, in Q_MCR by n_MCR: estimates of this library."""
+"""Of the shaft line and the starting air, in Q_MCR; of the governor, in Q_MCR by n_MCR: estimates of this library. Set
+by hand."""
 STEP = 0.25
-"""Integration step of the shaft [s]."""
+"""Integration step of the shaft [s]. Set by hand."""
 USUAL: Mapping[str, tuple[float, float, float, float]] = {
     "engine_delay": (10.0, 5.0, 0.0, 600.0),
     "restart": (0.30, 0.06, 0.01, 1.0),
@@ -224,9 +227,10 @@ def _zero_thrust(ship: Ship, c: Mapping[str, float]) -> float:
 
 
 FROUDE = 0.07
-"""Froude number of the default approach: harbour speed, 7.7 kn for 320 m, 0.38 m/s for 3 m."""
+"""Froude number of the default approach: harbour speed, 7.7 kn for 320 m, 0.38 m/s for 3 m. Set by hand."""
 TEST_FROUDE = 0.142
-"""Froude number of the test speed of a ship whose file gives none: 15.5 kn for 320 m."""
+"""Froude number of the test speed of a ship whose file gives none: 15.5 kn for 320 m. That of KVLCC2 at design speed
+(SIMMAN 2008)."""
 DESIGN_PITCH = math.radians(20.0)
 """Blade angle [rad] of a controllable-pitch propeller ahead, where the ship file gives no particular ``pitch``."""
 

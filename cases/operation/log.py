@@ -38,7 +38,7 @@ from mmg.motion.flow import RUDDERS
 from mmg.motion.froude import reference_speed
 
 PIECE = 100_000
-"""Most rows that are held at a time."""
+"""Most rows that are held at a time. Set by hand: it bounds memory."""
 
 
 @dataclass
@@ -185,13 +185,14 @@ def _short(error: object) -> str:
 
 
 WINDOW = 15.0
-"""Length of a window in ship lengths travelled at the usual speed."""
+"""Length of a window in ship lengths travelled at the usual speed. Set by hand."""
 USUAL = 0.15
-"""Usual speed of a ship as a Froude number."""
+"""Usual speed of a ship as a Froude number. Set by hand: 16 kn of a ship of 320 m."""
 STOPPED = 0.012
-"""A ship slower than this Froude number, u / sqrt(g L), for half a window is moored, at anchor or adrift."""
+"""A ship slower than this Froude number, u / sqrt(g L), for half a window is moored, at anchor or adrift. Set by hand:
+1.3 kn of a ship of 320 m."""
 GAP = 2.5
-"""A step in time so many usual steps long is a gap."""
+"""A step in time so many usual steps long is a gap. Set by hand."""
 MOVED = {"rudder": 0.07, "n": 0.08, "turn": 0.1}
 """A window is manoeuvring where the rudder moves by this angle [rad] between its 5 % and 95 % quantiles, the
 revolutions by this share of their largest value in the log, or the heading by this angle [rad]."""
@@ -364,7 +365,7 @@ def window_rows(
 
 
 AT_REST, UNDER_WAY = 0.1, 0.9
-"""Shares of her highest speed below which a ship lies at rest, and above which she has accelerated."""
+"""Shares of her highest speed below which a ship lies at rest, and above which she has accelerated. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ TUNNELS = {"n_bow": "bow_thruster", "n_stern": "stern_thruster"}
 KEPT = ("C_b", "U_0", *RATES, "scale", "delta_stall", *PODS_OF)
 """Particulars that stay though no force needs them."""
 OFFSET_SHARE = 0.3
-"""Prior of terms on top of physical models, as a share of that of terms instead of them."""
+"""Prior of terms on top of physical models, as a share of that of terms instead of them. Set by hand."""
 
 
 def structure_of(

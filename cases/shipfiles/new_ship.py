@@ -44,7 +44,7 @@ WIDENING = {"unified": 0.65, "polynomial": 1.0, "harbour": 1.5}
 intervals hold nine in ten figures of ships left out; the polynomial's are wider, so that captive tests lie within. Of
 ferries and other craft with pods (harbour) the regressions have seen none: set by hand."""
 FULL = 0.7
-"""Block coefficient from which a ship counts as full."""
+"""Block coefficient from which a ship counts as full. Set by hand."""
 ERRORS = {
     ("unified", True): (26, 39, 4),
     ("unified", False): (25, 39, 2),

@@ -23,9 +23,10 @@ PLACES = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "x_az_2", "x_az_3",
 SIGNED = (*PLACES, *PODS_ASIDE, "neutral_rudder")
 """Particulars that may be zero or negative: places relative to midship, and an angle."""
 LONGEST = 600.0
-"""m; the longest ship built has 458."""
+"""m; the longest ship built has 458. Seawise Giant (1979); the limit was set by hand."""
 LARGEST = 1e12
-"""Size in SI units that no particular of a ship reaches, and the inverse of the smallest."""
+"""Size in SI units that no particular of a ship reaches, and the inverse of the smallest. Set by hand: bounds what a
+typing error can do."""
 RATIOS: tuple[tuple[str, tuple[str, ...], tuple[str, ...], tuple[float, float], tuple[float, float]], ...] = (
     ("C_b", ("C_b",), (), (0.3, 1.0), (0.4, 0.9)),
     ("L / B", ("L",), ("B",), (1.5, 15.0), (3.5, 10.0)),

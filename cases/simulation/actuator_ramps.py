@@ -9,10 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.maneuvers.definitions import FromLead, Maneuver, Orders, StopOrders, Zigzag
-
-TINY = 1e-9
-"""Slack in comparisons of times [s]."""
+from cases.maneuvers.definitions import TINY, FromLead, Maneuver, Orders, StopOrders, Zigzag
 
 
 @dataclass(frozen=True)
@@ -59,8 +56,8 @@ def ramps(maneuver: Maneuver, orders: Orders, t: np.ndarray) -> Ramps:
     if isinstance(orders, FromLead):
         changes = [(orders.lead, orders(orders.lead, maneuver.start))]
     else:
-        asked = [orders(float(when), maneuver.start) for when in t[:-1]]
-        changes = [(float(t[k]), asked[k]) for k in range(len(asked)) if k == 0 or asked[k] != asked[k - 1]]
+        ordered = [orders(float(when), maneuver.start) for when in t[:-1]]
+        changes = [(float(t[k]), ordered[k]) for k in range(len(ordered)) if k == 0 or ordered[k] != ordered[k - 1]]
     actuators = ((maneuver.n, maneuver.limits.propeller_rate), (0.0, maneuver.limits.rudder_rate))
     end = float(t[-1])
     moves = [

@@ -12,8 +12,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.gusts import Wind
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate
+from cases.simulation.simulate import SensorNoise, add_noise, simulate
 from cases.trial import Trial
 from mmg.ship import Ship
 

@@ -16,7 +16,7 @@ from cases.quantities import as_number
 from mmg.errors import BadValue, OutOfRange
 
 REFERENCE_FREQUENCY = 0.5
-"""Hz at which filter and spectrum agree, besides zero."""
+"""Hz at which filter and spectrum agree, besides zero. Set by hand."""
 
 STRONGEST = 115.0
 """m/s; the strongest gust ever measured has 113."""

@@ -33,7 +33,8 @@ HELD = {"rad": (4.0, 20.0), "rps": (10.0, 30.0)}
 """Shortest and longest time [s of a 3 m model] for which an order stands, by unit of the actuator."""
 
 PHASES = (60.0, 180.0)
-"""Shortest and longest phase [s of a 3 m model] in which VecTwin rudders stay near midships, outward, or anywhere."""
+"""Shortest and longest phase [s of a 3 m model] in which VecTwin rudders stay near midships, outward, or anywhere. Set
+by hand."""
 
 
 def ranges_of(ship: Ship) -> dict[str, tuple[float, float]]:

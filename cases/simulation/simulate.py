@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import astuple, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,23 +18,75 @@ from cases.maneuvers.definitions import Maneuver, stopping_notices
 from cases.maneuvers.self_propulsion import actuator_positions
 from cases.quantities import UNITS
 from cases.simulation.gusts import Wind
-from cases.simulation.sensors import logged, wrap
 from cases.trial import Trial
 from mmg.components.catalogue import module
 from mmg.effects import effect
 from mmg.errors import BadValue, Missing, NoSolution, NotWritable, OutOfRange
 from mmg.messages import Message
 from mmg.model import Model, assemble
+from mmg.motion.flow import Flow
 from mmg.motion.frames import earth_to_body, wind_vector
-from mmg.motion.froude import GRAVITY, reference_speed, time_scale
+from mmg.motion.froude import GRAVITY, reference_speed, state_scale, time_scale
 from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship
 from mmg.states import STATES
 
+
+def logged(ship: Ship, t: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Columns x, y, psi, u, v, r (N, 6) as the ship's measurement effects make them of the true ones (N, 6) at t.
+
+    Delays and lags are exact here, on the samples, where the model of a fit approximates them.
+    states (N, 6), t (N,) [s].
+    """
+    columns = list(np.asarray(states, dtype=float).T)
+    flow = Flow(u=columns[3], v=columns[4], r=columns[5], psi=columns[2])
+    for name in ship.effects:
+        e = effect(name)
+        if e.measures:
+            columns = e.samples(t, columns, flow, ship.parameters_of(name), ship.namespace)
+    return np.column_stack(columns)
+
+
+def wrap(psi: np.ndarray) -> np.ndarray:
+    """Angles [rad] in (-pi, pi]; those already there are left to the last digit. psi (N,) [rad]."""
+    inside = (psi > -math.pi) & (psi <= math.pi)
+    return np.where(inside, psi, math.pi - np.mod(math.pi - psi, 2 * math.pi))
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of white noise: m, rad, m/s, rad/s; the defaults are those of a 3 m model."""
+
+    x: float = 0.01
+    y: float = 0.01
+    psi: float = 0.0015
+    u: float = 0.004
+    v: float = 0.004
+    r: float = 0.0006
+
+    @classmethod
+    def for_length(cls, length: float) -> SensorNoise:
+        """Noise for a length [m]: positions scale with L, velocities with sqrt(L), rates with 1 / sqrt(L)."""
+        return cls(*(np.array(astuple(cls())) * state_scale(length)).tolist())
+
+
+def add_noise(trial: Trial, noise: SensorNoise, seed: int = 0) -> Trial:
+    """A copy of ``trial`` with white noise on the states it has, by ``seed``. Inputs and wind stay as they are."""
+    draws = np.random.default_rng([2, seed]).standard_normal((len(STATES), len(trial)))
+    noisy = {
+        name: trial[name] + sd * draw
+        for name, sd, draw in zip(STATES, astuple(noise), draws, strict=True)
+        if name in trial
+    }
+    noisy["psi"] = wrap(noisy["psi"])
+    return replace(trial, columns={**trial.columns, **noisy})
+
+
 LONGEST_STEP = 0.5
-"""Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L)."""
+"""Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L). Set by hand."""
 
 MOST_STEPS = 5_000_000
+"""Most Runge-Kutta steps of a run. Set by hand: it bounds time, to some minutes, and memory."""
 
 
 def _plant(ship: Ship) -> tuple[ca.Function, Model, float]:

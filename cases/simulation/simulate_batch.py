@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cases.maneuvers.definitions import FULL_TURN, Maneuver, Orders, StepOrders, StopOrders, Turning, Zigzag
+from cases.maneuvers.definitions import FULL_TURN, TINY, Maneuver, Orders, StepOrders, StopOrders, Turning, Zigzag
 from cases.maneuvers.self_propulsion import actuator_positions
-from cases.simulation.actuator_ramps import TINY, EngineRevolutions, ZigzagRudders, ramps
+from cases.simulation.actuator_ramps import EngineRevolutions, ZigzagRudders, ramps
 from cases.simulation.simulate import integration_steps, longest_step
 from cases.trial import Trial
 from mmg.errors import OutOfRange, Unsupported
@@ -27,7 +27,8 @@ from mmg.states import STATES
 HALF_TURN = math.radians(190.0)
 """Change of heading behind which no figure of a turning circle is read but its steady turn [rad]."""
 READ = 4
-"""Executes of the rudder of a zigzag after which its first two overshoots are over."""
+"""Executes of the rudder of a zigzag after which its first two overshoots are over: the second one begins at the third
+(IMO MSC.137(76))."""
 
 Push = Callable[[int, np.ndarray], np.ndarray]
 """Accelerations (3, M) of u, v [m/s^2] and r [rad/s^2] over the sample that follows, from its number and the states (6,

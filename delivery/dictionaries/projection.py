@@ -40,12 +40,12 @@ RUNS, SAMPLES, KEPT = 8, 500, 1500
 LIMITED = ("u", "v", "r", "n", "delta", "beta")
 """Quantities of the trials' range by which motions are left out."""
 MARGIN = 0.02
-"""Share [-] of a range by which a motion may exceed it: judgement, rounding of the range aside."""
+"""Share [-] of a range by which a motion may exceed it: judgement, rounding of the range aside. Set by hand."""
 WORST = 0.5
-"""Share [-] of a channel's force (RMS) beyond which a projection is refused: judgement."""
+"""Share [-] of a channel's force (RMS) beyond which a projection is refused: judgement. Set by hand."""
 PULL = 0.1
 """Weight [-] with which a parameter is drawn to where it starts, by that of an error as large as the force: judgement,
-little enough to leave what the motions determine."""
+little enough to leave what the motions determine. Set by hand."""
 EXACT = "export the ship as c, casadi or fmu, which hold it exactly"
 """What to do instead of a projection."""
 Rates = Callable[[np.ndarray, float, float], np.ndarray]

@@ -14,8 +14,7 @@ from functools import cache
 import numpy as np
 
 from diagnosis.estimation import kalman
-from diagnosis.estimation.driven_columns import DrivenColumns
-from diagnosis.estimation.kalman import Filtered, LinearSystem
+from diagnosis.estimation.kalman import DrivenColumns, Filtered, LinearSystem
 from mmg.compile.batch import LOOP_FLAGS, differences
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import c_file, prelude

@@ -15,17 +15,20 @@ from mmg.errors import TooFewData
 from mmg.motion.froude import time_scale
 
 LONGEST, SHORTEST = 600, 20
-"""Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out."""
+"""Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out. Set by hand: windows side by
+side are what the filter is fast at."""
 COARSE = 0.2
-"""Sampling time [s of a 3 m model] beyond which half a sample of the actuators is as long as a delay."""
+"""Sampling time [s of a 3 m model] beyond which half a sample of the actuators is as long as a delay. Set by hand."""
 PARTS = 8
-"""Parts of a step whose means give the change of an input over it."""
+"""Parts of a step whose means give the change of an input over it. Set by hand."""
 EVEN = 0.02
-"""Share of the sampling time by which a sample may be off a grid that parts of it make."""
+"""Share of the sampling time by which a sample may be off a grid that parts of it make. Set by hand."""
 RUN_IN = 3.0
-"""Seconds [of a 3 m model] at the start of a window that are simulated but not compared: delays have no past there."""
+"""Seconds [of a 3 m model] at the start of a window that are simulated but not compared: delays have no past there. Set
+by hand."""
 BEFORE = 20.0
-"""Seconds [of a 3 m model] before a window of which the inputs are kept: twice the longest delay or lag."""
+"""Seconds [of a 3 m model] before a window of which the inputs are kept: twice the longest delay or lag. Set
+by hand."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +96,7 @@ class GriddedTrials:
     @property
     def steps_of_sample(self) -> int:
         """Steps from one sample to the next, 1 where a step holds one or more."""
-        return max(1, round(self.sample / self.h))
+        return max(1, round(self.sample / self.h))  # never 0, where a step holds several samples
 
     def windows(self, chosen: np.ndarray) -> GriddedTrials:
         """Those of the R windows that are ``chosen`` (R,), of trials whose inputs are as they were logged."""
@@ -122,6 +125,7 @@ def grid_trials(
     before = math.ceil(BEFORE * time_scale(length) / h)
     means, C = with_changes(straight_means if straight else step_means), len(inputs)
     long = [piece for piece in pieces_of(trials, h, inputs, means) if piece.steps >= SHORTEST]
+    # -(-a // b): rounded up
     pieces = [part for piece in long for part in piece.evenly(max(1, -(-piece.steps // LONGEST)))]
     dropped = []
     for number, trial in enumerate(trials):
@@ -144,7 +148,7 @@ def grid_trials(
         y[: n + 1, i] = _at_samples(p.t, p.logged, trials[p.run], h)
     measured = np.isfinite(y)
     good = measured.copy()
-    good[: round(RUN_IN * time_scale(length) / h)] = False
+    good[: round(RUN_IN * time_scale(length) / h)] = False  # delays have no past there
     return GriddedTrials(
         h=h,
         t=t,
@@ -174,7 +178,7 @@ def _at_samples(times: np.ndarray, states: np.ndarray, trial: Trial, h: float) -
     """The ``states`` (N + 1, 6) on the grid ``times`` [s] of step h [s], NaN between samples of the ``trial``."""
     if h > 0.9 * trial.dt:
         return states
-    at = np.clip(np.searchsorted(trial.t, times), 1, len(trial.t) - 1)
+    at = np.clip(np.searchsorted(trial.t, times), 1, len(trial.t) - 1)  # the sample behind; that before is at - 1
     away = np.minimum(np.abs(trial.t[at] - times), np.abs(times - trial.t[at - 1]))
     return np.where((away < EVEN * trial.dt)[:, None], states, np.nan)
 

@@ -21,7 +21,7 @@ from diagnosis.estimation.transition_model import TransitionModel
 from mmg.ship import AIR
 
 SHARE = 0.1
-"""Gust at which the slope of the wind force is taken, on either side, as a share of the wind's speed."""
+"""Gust at which the slope of the wind force is taken, on either side, as a share of the wind's speed. Set by hand."""
 
 
 def trials_in_gusts(steps: TransitionModel, trials: Sequence[Trial], straight: bool = False) -> GriddedTrials:

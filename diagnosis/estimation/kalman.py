@@ -7,6 +7,7 @@ first state of a window is given so wide a covariance that it is as good as unkn
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -14,8 +15,85 @@ import numpy as np
 
 from diagnosis.estimation.transition_model import LinearModel
 
+BLOCK = 2_000_000
+"""Numbers in a block: 16 MB, of memory that the next block uses again. Set by hand: bounds memory."""
+
+
+@dataclass(frozen=True)
+class DrivenColumns:
+    """c columns whose responses are wanted.
+
+    forcing: (K, R, m, c) what a column adds over a step to the first m states; observed: (K + 1, R, 6, d) what the
+    columns ``observing`` (d,) add to the logged columns, the others add nothing; scale: (R, c) by which forcing and
+    observed are multiplied (None: 1); start: (R, n, c) first states (None: 0).
+    """
+
+    forcing: np.ndarray
+    observed: np.ndarray
+    observing: np.ndarray
+    scale: np.ndarray | None = None
+    start: np.ndarray | None = None
+
+    @classmethod
+    def dense(cls, forcing: np.ndarray, observed: np.ndarray, start: np.ndarray | None = None) -> DrivenColumns:
+        """DrivenColumns that may all act on what is logged. forcing, observed, start: as of the class, with d = c."""
+        return cls(forcing, observed, np.arange(observed.shape[3]), None, start)
+
+    @classmethod
+    def pushing(cls, forcing: np.ndarray) -> DrivenColumns:
+        """DrivenColumns that act on the states alone. forcing: as of the class."""
+        K, R = forcing.shape[:2]
+        return cls(forcing, np.zeros((K + 1, R, 6, 0)), np.zeros(0, dtype=int))
+
+    @classmethod
+    def misread(cls, observed: np.ndarray) -> DrivenColumns:
+        """DrivenColumns that act on what is logged alone. observed: as of the class, with d = c."""
+        K1, R, _, c = observed.shape
+        return cls(np.zeros((K1 - 1, R, 0, c)), observed, np.arange(c))
+
+    @property
+    def width(self) -> int:
+        """How many columns they are."""
+        return self.forcing.shape[3]
+
+    def blocks(self) -> Iterator[DrivenColumns]:
+        """These columns, at once."""
+        yield self
+
+    @property
+    def dense_observed(self) -> np.ndarray:
+        """What every column adds to the logged columns, (K + 1, R, 6, c)."""
+        out = np.zeros((*self.observed.shape[:3], self.forcing.shape[3]))
+        out[..., self.observing] = self.observed
+        return out
+
+
+@dataclass(frozen=True)
+class ProductColumns:
+    """f times v columns that act on the states: pushes (K, R, m, f), what each adds over a step to the first m states,
+    times each of the ``values`` (v, K, R), or (v, K, 1) that are the same in all windows. Those of one value are
+    side by side."""
+
+    pushes: np.ndarray
+    values: np.ndarray
+
+    @property
+    def width(self) -> int:
+        """How many columns they are."""
+        return len(self.values) * self.pushes.shape[3]
+
+    def blocks(self) -> Iterator[DrivenColumns]:
+        """The columns in their order, some at a time."""
+        K, R, m, f = self.pushes.shape
+        count = max(1, BLOCK // max(K * R * m * f, 1))
+        for begin in range(0, len(self.values), count):
+            some = np.moveaxis(self.values[begin : begin + count], 0, -1)
+            made = self.pushes[:, :, :, None] * some[:, :, None, :, None]
+            yield DrivenColumns.pushing(made.reshape(K, R, m, -1))
+
+
 PRIOR_SAMPLES = 30.0
-"""Samples that a prior of the noise counts as."""
+"""Samples that a prior of the noise counts as. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +188,7 @@ def linear_system(
     coloured = np.flatnonzero(noise.coloured > 0)
     gust = noise.gust[: 0 if gusts is None else 2]
     n = S + 3 + len(gust) + len(coloured)
+    # of one size, after a step
     left, left_b, left_g = (float(np.exp(-h / tau)) for tau in (noise.tau, noise.colour_tau, noise.gust_tau))
     decay = np.concatenate([np.full(3, left), np.full(len(gust), left_g), np.full(len(coloured), left_b)])
     at, seen = np.arange(S, n), n - len(coloured)
@@ -118,16 +197,16 @@ def linear_system(
     if gusts is not None:
         T[..., :S, S + 3 : seen] = linear.force @ gusts
     T[..., at, at] = decay
-    T[~inside] = np.eye(n)
+    T[~inside] = np.eye(n)  # behind its end a window stands still
     Z = np.zeros((K + 1, R, 6, n))
     Z[..., :S] = linear.H
     Z[..., coloured, seen + np.arange(len(coloured))] = 1.0
     Z[~good] = 0.0
     own = np.concatenate([noise.force, gust, noise.coloured[coloured]]) ** 2
-    Q = np.concatenate([np.zeros(S), own * (1 - decay**2)])
+    Q = np.concatenate([np.zeros(S), own * (1 - decay**2)])  # so their variances stay what they are at the start
     start = np.zeros((R, n, n))
     start[:, :S, :S] = first
-    start[:, at, at] = own
+    start[:, at, at] = own  # they began long before the window
     return LinearSystem(T, Z, Q, noise.white**2, start, good, inside, S)
 
 
@@ -150,7 +229,7 @@ def filtered(s: LinearSystem) -> Filtered:
     inverse, root = np.empty((K + 1, R, 6, 6)), np.empty((K + 1, R, 6, 6))
     log_det = np.zeros(R)
     now, at = s.first, np.arange(n)
-    white = np.where(s.good, s.R, 1.0)
+    white = np.where(s.good, s.R, 1.0)  # what is not compared has unit variance and no observation: its log is 0
     q = s.inside[..., None] * s.Q
     for k in range(K + 1):
         P[k] = now
@@ -165,9 +244,9 @@ def filtered(s: LinearSystem) -> Filtered:
         if k == K:
             break
         T = s.T[k]
-        gain[k] = T @ PZ @ inverse[k]
+        gain[k] = T @ PZ @ inverse[k]  # from what is predicted to what is predicted next: T is in it
         now = (T - gain[k] @ Z) @ now @ T.swapaxes(1, 2)
-        now = 0.5 * (now + now.swapaxes(1, 2))
+        now = 0.5 * (now + now.swapaxes(1, 2))  # rounding would grow until no root exists
         now[:, at, at] += q[k]
     return Filtered(gain, P, inverse, root, log_det)
 
@@ -184,7 +263,7 @@ def responses(
     K, R, m, c = forcing.shape
     n = s.T.shape[2]
     states, white = np.zeros((K + 1, R, n, c)), np.empty((K + 1, R, 6, c))
-    masked = np.where(s.good[..., None], observed, 0.0)
+    masked = np.where(s.good[..., None], observed, 0.0)  # rows that are not compared say nothing
     forcing = np.where(s.inside[..., None, None], forcing, 0.0)
     if start is not None:
         states[0] = start
@@ -209,7 +288,7 @@ def smoothed(
     rs, r = np.empty((K + 1, R, n, 1)), np.zeros((R, n, 1))  # rs: also with what is seen at the same time
     for k in range(K, -1, -1):
         if k < K:
-            us[k] -= f.gain[k].swapaxes(1, 2) @ r
+            us[k] -= f.gain[k].swapaxes(1, 2) @ r  # backwards: what follows speaks of this sample
             r = s.T[k].swapaxes(1, 2) @ r
         rs[k] = r = r + s.Z[k].swapaxes(1, 2) @ us[k]
     mean = states + (f.P @ rs)[..., 0]
@@ -242,23 +321,23 @@ def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
         now += last[k]
     by_T = NL @ f.P[:-1]
     by_Z = ZF.swapaxes(2, 3) @ f.P
-    by_Z[:-1] -= f.gain.swapaxes(2, 3) @ by_T
+    by_Z[:-1] -= f.gain.swapaxes(2, 3) @ by_T  # through the gain to the next step; the last has none
     Ds = np.einsum("krii->kri", f.inverse).copy()
     Ds[:-1] += np.einsum("krij,krij->krj", f.gain, N @ f.gain)
     return Adjoint(by_T, by_Z, np.einsum("krii->kri", N).copy(), Ds)
 
 
-def by_rates(s: LinearSystem, found: Adjoint, A: int, h: float, gusts: np.ndarray | None = None) -> np.ndarray:
+def by_rates(s: LinearSystem, gradients: Adjoint, A: int, h: float, gusts: np.ndarray | None = None) -> np.ndarray:
     """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates of the first A states by themselves and
     the latent force, times the step h [s].
 
-    s: the system; found: its adjoint; gusts: as of ``GriddedTrials``, which push as the latent force does. T is the
+    s: the system; gradients: its adjoint; gusts: as of ``GriddedTrials``, which push as the latent force does. T is the
     exponential of the generator: a change of the generator acts equally on either side of the step.
     """
-    by_T = found.by_T[:, :, :A, : A + 3]
+    by_T = gradients.by_T[:, :, :A, : A + 3]
     if gusts is not None:
-        pushed = found.by_T[:, :, :A, A + 3 : A + 5] @ gusts.swapaxes(2, 3)
-        by_T = np.concatenate([by_T[..., :A], by_T[..., A:] + pushed], axis=3)
+        pushed = gradients.by_T[:, :, :A, A + 3 : A + 5] @ gusts.swapaxes(2, 3)
+        by_T = np.concatenate([by_T[..., :A], by_T[..., A:] + pushed], axis=3)  # gusts act by the columns of the force
     weight = np.where(s.inside[..., None, None], by_T, 0.0)
     through = s.T[:, :, :A, : A + 3]
     ahead = np.concatenate([weight @ through.swapaxes(2, 3), weight[..., A:]], axis=3)
@@ -271,7 +350,7 @@ def observations(s: LinearSystem, f: Filtered, white: np.ndarray) -> np.ndarray:
     K, R, n = s.T.shape[:3]
     y, state = np.empty(white.shape), np.zeros((R, n, white.shape[3]))
     for k in range(K + 1):
-        innovation = np.linalg.solve(f.root[k], white[k])
+        innovation = np.linalg.solve(f.root[k], white[k])  # whitening undone
         y[k] = s.Z[k] @ state + innovation
         if k < K:
             state = s.T[k] @ state + f.gain[k] @ innovation

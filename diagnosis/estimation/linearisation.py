@@ -9,14 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting, linearised, logdet_gradient
-from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.filtering import filtered, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import (
     Adjoint,
+    DrivenColumns,
     Filtered,
     LinearSystem,
     NoiseModel,
+    ProductColumns,
     adjoint,
     by_rates,
     linear_system,
@@ -178,7 +179,8 @@ def initial_trajectory(steps: TransitionModel, data: GriddedTrials, theta: np.nd
 
 
 SETTLED = 0.03
-"""Standard deviation of a memory state about its settled value at the start of a window, in typical sizes."""
+"""Standard deviation of a memory state about its settled value at the start of a window, in typical sizes. Set
+by hand."""
 
 
 def initial_covariance(
@@ -196,6 +198,7 @@ def initial_covariance(
     if len(active) > 6:
         start = np.repeat(z[:, :6].T, 7, axis=1).reshape(6, R, 7)
         for j in range(6):
+            # forward differences: a standard deviation needs no more digits
             start[j, :, j + 1] += 1e-4 * six[j]
         controls = np.repeat(data.inputs[0].T, 7, axis=1)
         every = np.repeat(theta, 7, axis=1) if theta.ndim > 1 else theta
@@ -203,7 +206,7 @@ def initial_covariance(
         slope[:, 6:] = np.moveaxis((tried[6:, :, 1:] - tried[6:, :, :1]) / 1e-4, 0, 1)
     P = slope @ slope.swapaxes(1, 2)
     at = np.arange(6, steps.S)
-    P[:, at, at] += (SETTLED * steps.model.sizes) ** 2
+    P[:, at, at] += (SETTLED * steps.model.sizes) ** 2  # else the covariance has no inverse
     return P[:, active[:, None], active[None]]
 
 
@@ -240,7 +243,8 @@ def linearise_and_filter(
     for block in (block for part in parts for block in part.blocks()):
         begin, end = end, end + block.width
         whitened(system, filter_run, block, white[..., begin:end], rows=rows)
-    white[..., -1] = last
+    white[..., -1] = last  # the residual stands last, so that products with it are the last row
+    # of white numbers
     nll = 0.5 * float(filter_run.log_det.sum() + (left**2).sum() + at.p @ at.p) + noise.neg_log_prior
     return Linearisation(
         steps, data, at, active, linear, system, filter_run, white, left, states, residual, size, nll, rows
@@ -275,9 +279,10 @@ def _residual(
     own = A + 3 + (0 if data.gusts is None else 2)
     pushed = np.zeros((K, R, own, 1))
     pushed[:, :, :A, 0] = (linear.end - z[1:])[..., active]
+    # what the path's force adds to its decay
     pushed[:, :, A : A + 3, 0] = np.exp(-data.h / at.noise.tau) * force[:-1] - force[1:]
     start = np.zeros((R, own + int((at.noise.coloured > 0).sum()), 1))
-    start[:, A : A + 3, 0] = -force[0]
+    start[:, A : A + 3, 0] = -force[0]  # the column is where the model should be less where it is
     if data.gusts is not None and gust is not None:
         pushed[:, :, A + 3 :, 0] = np.exp(-data.h / at.noise.gust_tau) * gust[:-1] - gust[1:]
         start[:, A + 3 : own, 0] = -gust[0]
@@ -288,7 +293,7 @@ def _residual(
 
 
 TIMING = 0.1
-"""Standard deviation of the time of an input, in intervals of its samples: no two clocks are the same."""
+"""Standard deviation of the time of an input, in intervals of its samples: no two clocks are the same. Set by hand."""
 DIFFERENCE = {"rad": 1e-3, "rps": 1e-2}
 """Change of an input of each unit by which its action is differentiated."""
 

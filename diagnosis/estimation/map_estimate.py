@@ -36,11 +36,13 @@ BREAKS_DOWN = (
 
 STALLED, ROUGH = 0.5, 0.15
 """Expected gain of log likelihood up to which a rough fit that gains nothing ends, and any rough fit: hypotheses differ
-by more."""
+by more. Set by hand."""
 NEAR = 30.0
-"""Expected gain of log likelihood by the parameters up to which the noise goes by its average information."""
+"""Expected gain of log likelihood by the parameters up to which the noise goes by its average information. Set
+by hand."""
 IN_VAIN = 3
-"""Iterations without a gain after which a fit ends: the slope does not hold along the step, as at a bend."""
+"""Iterations without a gain after which a fit ends: the slope does not hold along the step, as at a bend. Set
+by hand."""
 IsEnough = Callable[[Linearisation, float], bool]
 """Of a linearisation and the gain that is expected from it: whether a fit may end there, not converged."""
 
@@ -127,7 +129,7 @@ def _iteration(here: Linearisation, typical: NoiseModel | None) -> _Iteration:
     at, active = here.at, here.active
     flat = here.white.reshape(-1, len(at.p) + 1)
     gram = flat.T @ flat
-    A = gram[:-1, :-1] + np.eye(len(at.p))
+    A = gram[:-1, :-1] + np.eye(len(at.p))  # p is in prior standard deviations
     slope = gram[:-1, -1] + at.p + here.logdet_gradient.sum(axis=0)
     dp = bounded_step(A, slope, at.p, *at.free.scaled_bounds)
     mean, r, u = here.smoothed(dp)
@@ -135,7 +137,7 @@ def _iteration(here: Linearisation, typical: NoiseModel | None) -> _Iteration:
     dz[..., active] = mean[..., :count]
     gain = -float(slope @ dp + 0.5 * dp @ A @ dp)
     noise, more = at.noise, 0.0
-    if typical is not None and gain < NEAR:
+    if typical is not None and gain < NEAR:  # average information holds near the optimum alone
         noise, more = noise_step(here, r, u, typical)
     elif typical is not None:
         noise, more = updated_noise(here, r, u, typical), np.inf
@@ -177,11 +179,12 @@ def estimate(
         if here is None and best is None:
             raise BrokenModelError(f"{steps.ship.name}: {BREAKS_DOWN}")
         if best is not None and (
+            # not <: nan is worse
             here is None or (not here.nll < best.nll + 0.5 * tolerance + 0.05 * best.gain and reductions < 2)
         ):
             if is_rough and best.gain < STALLED:
                 break
-            reductions, share = reductions + 1, 0.3 * share
+            reductions, share = reductions + 1, 0.3 * share  # after two, a worse point is taken: the valley may bend
             now = best.moved(steps.ship, data, share, best.at.noise.towards(best.noise, share))
             continue
         assert here is not None

@@ -13,23 +13,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.filtering import whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.kalman import PRIOR_SAMPLES, NoiseModel
+from diagnosis.estimation.kalman import PRIOR_SAMPLES, DrivenColumns, NoiseModel
 from diagnosis.estimation.linearisation import Linearisation
 from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.ship import Ship
 
 LEAST, MOST = 0.02, 15.0
 """Least size of a sensor's errors and largest of the latent force, in those of ``initial_noise``. A larger force, which
-would swallow all that moves the ship, is none of chance."""
+would swallow all that moves the ship, is none of chance. Set by hand."""
 GUST = (1e-3, 0.5)
-"""Least and largest size of gusts, in the speed of the wind."""
+"""Least and largest size of gusts, in the speed of the wind. Set by hand."""
 LEAST_FORCE = 1e-3
 """Least size of the latent force, in that of ``initial_noise``. One that is larger than the truth makes the residuals
 smaller than the filter expects, and then the likelihood grows with the masses, which such a force moves less: in trials
-without any random force 0.02 named ``draft``."""
+without any random force 0.02 named ``draft``. So it was measured."""
 
 
 def initial_noise(ship: Ship) -> NoiseModel:
@@ -69,7 +68,7 @@ def swallows(noise: NoiseModel, ship: Ship) -> bool:
 BESIDE_GUSTS = 0.2
 """Least size of the latent force, in the force of the gusts: they are not the same all along a ship, and wind
 coefficients are not exact. In a single run gusts would leave nothing of it, and a model that is sure of that sees
-effects."""
+effects. Set by hand."""
 
 
 def least_force(noise: NoiseModel, data: GriddedTrials, typical: NoiseModel) -> np.ndarray:
@@ -84,9 +83,10 @@ def least_force(noise: NoiseModel, data: GriddedTrials, typical: NoiseModel) -> 
 
 
 SHORTEST, LONGEST = -3.0, 1.4
-"""Least and largest change of the logarithm of a variance in one step."""
+"""Least and largest change of the logarithm of a variance in one step. Set by hand: factors of 20 down and 4 up."""
 RIDGE = 1e-3, 1e-6
-"""Share of each information that is added to it, and as much again: sources that look alike are not told apart."""
+"""Share of each information that is added to it, and as much again: sources that look alike are not told apart. Set
+by hand."""
 
 
 def _sizes_and_bounds(here: Linearisation, typical: NoiseModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -138,10 +138,12 @@ def updated_noise(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: No
     """
     noise, (sizes, lower, upper) = here.at.noise, _sizes_and_bounds(here, typical)
     (own, known), (made, expected) = _prior_share(noise, sizes), _squares(here, r, u)
+    # share of the force that is new in a step
     fresh = np.where(np.arange(len(sizes)) < 3, 1 - np.exp(-2 * here.data.h / noise.tau), 1.0)
     count = PRIOR_SAMPLES / (fresh[own] * sizes[own] ** 2)
     made[own] += count * known
     expected[own] += count
+    # far off it overshoots
     ratio = np.clip(np.where(expected > 0, made / np.maximum(expected, 1e-300), 1.0), 0.1, 10.0)
     return _with_sizes(here, np.clip(sizes * np.sqrt(ratio), lower, upper))
 
@@ -156,13 +158,14 @@ def noise_step(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: Noise
     own, known = _prior_share(noise, sizes)
     slope[own] += 0.5 * PRIOR_SAMPLES * (1 - known)
     information[own, own] += 0.5 * PRIOR_SAMPLES * known
-    free = ~((sizes <= lower) & (slope > 0)) & ~((sizes >= upper) & (slope < 0))
+    free = ~((sizes <= lower) & (slope > 0)) & ~((sizes >= upper) & (slope < 0))  # at a bound and pushed against it
     own_information = information[np.ix_(free, free)]
     own_information += np.diag(RIDGE[0] * np.diag(own_information) + RIDGE[1])
     step = np.zeros(len(sizes))
     step[free] = np.clip(-np.linalg.solve(own_information, slope[free]), SHORTEST, LONGEST)
     gain = -float(slope @ step + 0.5 * step @ information @ step)
     new = _with_sizes(here, np.clip(sizes * np.exp(0.5 * step), lower, upper))
+    # its bound moved with the gusts
     return new.with_(force=np.maximum(new.force, least_force(new, here.data, typical))), gain
 
 
@@ -175,6 +178,7 @@ def slope_and_information(here: Linearisation, r: np.ndarray, u: np.ndarray) -> 
     system, A = here.system, len(here.active)
     (K, R, n), random = system.T.shape[:3], system.T.shape[2] - A
     made, expected = _squares(here, r, u)
+    # by logarithms: variance times derivative
     slope = 0.5 * np.concatenate([system.Q[A:], system.R]) * (expected - made)
     forcing, observed = np.zeros((K, R, n, random + 6)), np.zeros((K + 1, R, 6, 6))
     at, each = np.arange(random), np.arange(6)

@@ -13,7 +13,7 @@ from diagnosis.estimation.transition_model import TransitionModel
 from mmg.ship import Ship
 
 PRIOR_WIDTH = 10.0
-"""Prior standard deviation of an effect's parameter, in typical sizes of it."""
+"""Prior standard deviation of an effect's parameter, in typical sizes of it. Set by hand: wide."""
 
 
 @dataclass(frozen=True)

@@ -18,39 +18,43 @@ from mmg.motion.froude import time_scale
 
 LEAST_ROWS, BINS, NEIGHBOURS, SLOWEST = 24, 30, 3, 4
 """Samples that a piece of a window needs for a spectrum, bands of the spectrum at most, bands on either side that a
-line is compared with (those next to it are left out), and bands of the longest periods that are not looked at."""
+line is compared with (those next to it are left out), and bands of the longest periods that are not looked at. Set
+by hand."""
 
 
 IN_ANOTHER = 1e-3
-"""Probability of a line in a second sensor below which it is none of one sensor alone."""
+"""Probability of a line in a second sensor below which it is none of one sensor alone. Set by hand."""
 TWICE, RARE = 2.0, 1e-6
 """Power of a line over that beside it, and probability that one with less has at least: many samples show surely what a
-sensor or a random force of another shape makes, a hill of the spectrum, which is not as high."""
+sensor or a random force of another shape makes, a hill of the spectrum, which is not as high. Set by hand."""
 COARSER = 4.0
-"""Ratio of the shortest periods of spectra that follow each other; each begins to look at SLOWEST times its own."""
+"""Ratio of the shortest periods of spectra that follow each other; each begins to look at SLOWEST times its own. Set
+by hand."""
 HELD, FINEST = 0.3, 4
 """Error of a velocity over a step, in the noise of its sensor, that the latent force may make by being held over it.
-Parts into which a step is divided at most."""
+Parts into which a step is divided at most. Set by hand."""
 
 
 def finer_step(
-    steps: TransitionModel, data: GriddedTrials, found: Estimate, sample: float, divisible: bool = False
+    steps: TransitionModel, data: GriddedTrials, fit: Estimate, sample: float, divisible: bool = False
 ) -> float | None:
-    """The step [s] at which the fit ``found`` of ``steps`` to ``data`` should be repeated, or None.
+    """The step [s] at which the ``fit`` of ``steps`` to ``data`` should be repeated, or None.
 
     sample: sampling time of the trials [s], of which the step stays a multiple; divisible: or becomes a part. The mean
     over a step h of a process of first order is off the line through its ends by its size times sqrt(h / (6 tau)),
     which moves a velocity by that share of its response to the force. Beyond the noise of quiet sensors it would pass
     for an effect with memory.
     """
-    active = active_states(steps, found.free.symbols, found.theta)
-    force = linearise_and_filter(steps, data, found.fixed(), active).linear.force[:, :, 3:6]
-    moved = force * found.noise.force * np.sqrt(data.h / (6 * found.noise.tau))
+    active = active_states(steps, fit.free.symbols, fit.theta)
+    force = linearise_and_filter(steps, data, fit.fixed(), active).linear.force[:, :, 3:6]
+
+    moved = force * fit.noise.force * np.sqrt(data.h / (6 * fit.noise.tau))
     if data.gusts is not None:
-        blown = force @ data.gusts * found.noise.gust * np.sqrt(data.h / (6 * found.noise.gust_tau))
+        blown = force @ data.gusts * fit.noise.gust * np.sqrt(data.h / (6 * fit.noise.gust_tau))
         moved = np.concatenate([moved, blown], axis=3)
-    error = np.sqrt((moved[data.inside] ** 2).sum(axis=2).mean(axis=0)) / found.noise.white[3:]
+    error = np.sqrt((moved[data.inside] ** 2).sum(axis=2).mean(axis=0)) / fit.noise.white[3:]
     worst = float(error.max())
+    # the error goes with h^(3/2): h of the force, sqrt(h) of its change
     share = max((HELD / max(worst, 1e-9)) ** (2 / 3), 1 / FINEST)
     samples = max(1, int(data.h * share / sample + 1e-6))
     parts = int(np.ceil(sample / (data.h * share) - 1e-6)) if divisible and samples == 1 else 1
@@ -59,12 +63,12 @@ def finer_step(
 
 
 FURTHEST, SHORTER = 0.7, 4
-"""Most that a parabola changes the logarithm of the correlation time, and most parabolas."""
+"""Most that a parabola changes the logarithm of the correlation time, and most parabolas. Set by hand."""
 
 
 @np.errstate(all="ignore")
-def with_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Estimate, least: float = 0.0) -> Estimate:
-    """The fit ``found`` of the model ``steps`` to ``data`` with the most likely correlation time of the latent force.
+def with_correlation_time(steps: TransitionModel, data: GriddedTrials, fit: Estimate, least: float = 0.0) -> Estimate:
+    """The ``fit`` of the model ``steps`` to ``data`` with the most likely correlation time of the latent force.
 
     The likelihood is taken as a parabola through three values of the logarithm of the time. Where its top lies at a
     shorter time than the parabola can tell, it is sought again from there: a force taken to remember for too long
@@ -72,39 +76,39 @@ def with_correlation_time(steps: TransitionModel, data: GriddedTrials, found: Es
     stays as it is where the parabola promises a gain in log likelihood of no more than ``least``.
     """
     for _ in range(SHORTER):
-        better, ends = _better_correlation_time(steps, data, found, least)
+        better, ends = _better_correlation_time(steps, data, fit, least)
         if ends:
             return better
-        found = better
-    return found
+        fit = better
+    return fit
 
 
 def _better_correlation_time(
-    steps: TransitionModel, data: GriddedTrials, found: Estimate, least: float
+    steps: TransitionModel, data: GriddedTrials, fit: Estimate, least: float
 ) -> tuple[Estimate, bool]:
     """One step of ``with_correlation_time``, and whether it was the last."""
-    now = found.noise
+    now = fit.noise
     # between equal size and equal change over a second
     a, b = _parabola(
-        steps, data, found, 0.6, lambda x: now.with_(tau=float(now.tau * np.exp(x)), force=now.force * np.exp(0.25 * x))
+        steps, data, fit, 0.6, lambda x: now.with_(tau=float(now.tau * np.exp(x)), force=now.force * np.exp(0.25 * x))
     )
-    if not a > 0 or b**2 / (4 * a) <= least:
-        return found, True
+    if not a > 0 or b**2 / (4 * a) <= least:  # not >: nan; a top that opens downwards is none
+        return fit, True
     shift = float(np.clip(-b / (2 * a), -FURTHEST, FURTHEST))
     tau = float(now.tau * np.exp(shift))
-    if not 2 * data.h <= tau <= 60 * data.h:
-        return found, True
-    better = estimate(steps, data, replace(found, noise=now.with_(tau=tau)), iterations=6)
-    return better, shift > -FURTHEST or not better.nll < found.nll
+    if not 2 * data.h <= tau <= 60 * data.h:  # shorter is white, longer is constant
+        return fit, True
+    better = estimate(steps, data, replace(fit, noise=now.with_(tau=tau)), iterations=6)
+    return better, shift > -FURTHEST or not better.nll < fit.nll
 
 
 def _parabola(
-    steps: TransitionModel, data: GriddedTrials, found: Estimate, apart: float, changed: Callable[[float], NoiseModel]
+    steps: TransitionModel, data: GriddedTrials, fit: Estimate, apart: float, changed: Callable[[float], NoiseModel]
 ) -> tuple[float, float]:
-    """Curvature a and slope b of the negative log likelihood a x^2 + b x + c of ``found`` through three points, x being
+    """Curvature a and slope b of the negative log likelihood a x^2 + b x + c of ``fit`` through three points, x being
     0 and ``apart`` on either side, with the noise that is ``changed`` by x."""
-    active, at = active_states(steps, found.free.symbols, found.theta), (-apart, 0.0, apart)
-    points = (replace(found.fixed(), noise=changed(x)) for x in at)
+    active, at = active_states(steps, fit.free.symbols, fit.theta), (-apart, 0.0, apart)
+    points = (replace(fit.fixed(), noise=changed(x)) for x in at)
     a, b, _ = np.polyfit(at, [linearise_and_filter(steps, data, point, active).nll for point in points], 2)
     return float(a), float(b)
 
@@ -115,37 +119,37 @@ of the wind; and the gain in log likelihood for which it pays to fit with anothe
 
 
 @np.errstate(all="ignore")
-def with_gust_memory(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> Estimate:
-    """The fit ``found`` of the model ``steps`` to ``data`` with the most likely memory of gusts, where there are any.
+def with_gust_memory(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> Estimate:
+    """The ``fit`` of the model ``steps`` to ``data`` with the most likely memory of gusts, where there are any.
 
     As ``with_correlation_time``, by one parabola.
     """
     if data.gusts is None:
-        return found
-    now = found.noise
+        return fit
+    now = fit.noise
     # the longer they last, the smaller they are
     a, b = _parabola(
-        steps, data, found, 0.7,
+        steps, data, fit, 0.7,
         lambda x: now.with_(gust_tau=float(now.gust_tau * np.exp(x)), gust=now.gust * np.exp(-0.25 * x)),
     )  # fmt: skip
     if not a > 0 or b**2 / (4 * a) < WORTH:
-        return found
+        return fit
     low, high = (factor * time_scale(float(steps.ship.particulars["L"])) for factor in GUST_MEMORY)
     tau = float(np.clip(now.gust_tau * np.exp(np.clip(-b / (2 * a), -2 * FURTHEST, 2 * FURTHEST)), low, high))
-    better = estimate(steps, data, replace(found, noise=now.with_(gust_tau=tau)), iterations=6)
-    return better if better.nll < found.nll else found
+    better = estimate(steps, data, replace(fit, noise=now.with_(gust_tau=tau)), iterations=6)
+    return better if better.nll < fit.nll else fit
 
 
 @np.errstate(all="ignore")
-def residuals(steps: TransitionModel, data: GriddedTrials, found: Estimate) -> np.ndarray:
-    """Whitened residuals (K + 1, R, 6) of the fit ``found`` of ``steps`` to ``data``, 0 where nothing is compared."""
-    active = active_states(steps, found.free.symbols, found.theta)
-    return np.where(data.good, linearise_and_filter(steps, data, found.fixed(), active).left, 0.0)
+def residuals(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> np.ndarray:
+    """Whitened residuals (K + 1, R, 6) of the ``fit`` of ``steps`` to ``data``, 0 where nothing is compared."""
+    active = active_states(steps, fit.free.symbols, fit.theta)
+    return np.where(data.good, linearise_and_filter(steps, data, fit.fixed(), active).left, 0.0)
 
 
 def lag_correlation(data: GriddedTrials, w: np.ndarray) -> float:
     """Largest correlation of whitened residuals w (K + 1, R, 6) of ``data`` one or two samples apart, over sensors."""
-    w = w[data.good.any(axis=(1, 2))][4:]
+    w = w[data.good.any(axis=(1, 2))][4:]  # the first samples of a filter hardly say anything
     square = (w**2).sum(axis=(0, 1))
     pairs = [np.abs((w[lag:] * w[:-lag]).sum(axis=(0, 1))) / np.maximum(square, 1e-300) for lag in (1, 2)]
     return float(np.max(pairs)) if len(w) > 4 else 0.0
@@ -237,8 +241,8 @@ def _band_probabilities(
         count += np.bincount(at, minlength=bands)
     away = np.abs(np.subtract.outer(np.arange(bands), np.arange(bands)))
     near = np.argsort(np.where(away < 2, bands, away), axis=1, kind="stable")[:, : 2 * NEIGHBOURS]
-    beside, size = total[near].sum(axis=1), count[near].sum(axis=1)
-    ratio = (total * size[:, None]) / np.maximum(beside * count[:, None], 1e-300)
+    neighbour_power, size = total[near].sum(axis=1), count[near].sum(axis=1)
+    ratio = (total * size[:, None]) / np.maximum(neighbour_power * count[:, None], 1e-300)
     p = np.asarray(fdtrc(2 * np.maximum(count, 1)[:, None], 2 * np.maximum(size, 1)[:, None], ratio))
     p = np.where(ratio < TWICE, np.maximum(p, RARE), p)
     p[:SLOWEST] = 1.0

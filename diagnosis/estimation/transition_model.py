@@ -72,7 +72,7 @@ class TransitionModel:
         self._force_columns = np.array([self.symbols.index(s) for s in FORCE])
         every = ca.SX.sym("theta", len(ship.symbols))
         q, c, force = (ca.SX.sym(name, n) for name, n in (("q", self.S), ("c", self.C), ("force", len(FORCE))))
-        pushed = ca.SX(every)
+        pushed = ca.SX(every)  # a copy: += would change the symbols themselves
         pushed[self.force.tolist()] += force
         what = f"the equations of {ship.name} with all effects"
         whole = derivatives(
@@ -186,7 +186,7 @@ class TransitionModel:
             calculated[..., carried] = True
             if whole is not None:
                 calculated[whole] = True
-            given = np.where(calculated, np.nan, z[1:]).swapaxes(1, 2)
+            given = np.where(calculated, np.nan, z[1:]).swapaxes(1, 2)  # nan: the kernel takes what it has simulated
         push = np.zeros((K, 3, R)) if force is None else force.swapaxes(1, 2)
         lanes = self._lanes(inputs.swapaxes(1, 2), push, _groups(theta, np.arange(R)))
         end, interior = self._intervals.values(lanes, z[0].T, np.atleast_2d(theta.T), given)
@@ -264,9 +264,9 @@ class TransitionModel:
         weight_logged: (K + 1, R, 6, A); z, inputs, theta, force, active: as of ``linearise``.
         """
         (K, R), A, S = inputs.shape[:2], len(active), self.S
-        place = np.full(S + self.P, -1)
+        place = np.full(S + self.P, -1)  # -1: a place that is not wanted
         place[active], place[S : S + 3] = np.arange(A), A + np.arange(3)
-        middle = (0.5 * (z[:-1] + z[1:])).reshape(K * R, S).T
+        middle = (0.5 * (z[:-1] + z[1:])).reshape(K * R, S).T  # the midpoint rule, as the weights are per step
         held, push = inputs.reshape(K * R, -1).T[: self.C], force.reshape(K * R, 3).T
         rows, places = self._rates_at
         of_rates = _weights(weight, place[rows], place[places])
@@ -306,7 +306,7 @@ def _faults(whole: ca.Function, kernel: IntervalKernel) -> str:
     controls = np.repeat(np.vstack([c, 0.1 * c])[None], 2, axis=0)
     lanes = Lanes.of(np.full(M, 2), controls, 1e-3, np.arange(M), np.zeros(M, dtype=int), True)
     given = np.full((2, S, M), np.nan)
-    given[0, 0] = q[0]
+    given[0, 0] = q[0]  # one state is given, so that both ways are tried
     pull = np.random.default_rng(0).standard_normal((1, S, M))
     found = [
         [*way.values(lanes, q, theta.T, given), *way.linearise(lanes, q, theta.T, pull)]

@@ -30,8 +30,7 @@ from diagnosis.estimation.parameters import PRIOR_WIDTH, Priors, active_states, 
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import Between, GroupDifference, GroupParameter, group_row, parameters_by_group
 from diagnosis.hypotheses.forward_selection import ODDS
-from diagnosis.hypotheses.refit import refit
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem, refit
 from diagnosis.report.words import shown_unit
 from fitting.report.sections import plus_minus
 from fitting.uncertainty.group_test import (
@@ -53,7 +52,8 @@ from mmg.ship import Ship
 
 Of = TypeVar("Of", Candidate, SensorFault)
 COMMON = 3.0
-"""Prior standard deviation of what an effect beside the fit may have in all runs alike, in typical sizes."""
+"""Prior standard deviation of what an effect beside the fit may have in all runs alike, in typical sizes. Set
+by hand."""
 
 
 @dataclass(frozen=True)
@@ -77,34 +77,35 @@ class RunSlopes:
 
 
 def run_slopes(
-    steps: TransitionModel, data: GriddedTrials, runs: np.ndarray, found: Estimate, candidates: Sequence[Candidate]
+    steps: TransitionModel, data: GriddedTrials, runs: np.ndarray, fit: Estimate, candidates: Sequence[Candidate]
 ) -> RunSlopes:
     """Linearise about a fit.
 
     steps: the transition model; data: the trials, whose ``run`` is the number of the group; runs: (R,) run of each
-    window; found: the fit; candidates: those to be tested. Returns the slopes of each run.
+    window; fit: the fit; candidates: those to be tested. Returns the slopes of each run.
     """
-    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
-    z = found.path.z
+    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, fit.free.symbols, fit.theta))
+    z = fit.path.z
     if len(passive):
-        controls = acting(steps, data, found.theta).controls
-        z = steps.with_passive_states(z, controls, found.theta, found.path.push, passive)
+        controls = acting(steps, data, fit.theta).controls
+        z = steps.with_passive_states(z, controls, fit.theta, fit.path.push, passive)
     sizes = {x: size for c in candidates for x, size in zip(c.columns, c.typical, strict=True)}
-    more = [x for x in sizes if x not in found.free.columns]
+    more = [x for x in sizes if x not in fit.free.columns]
     n, typical = len(more), np.array([sizes[x] for x in more])
-    free = found.free + Priors(tuple(more), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
-    p = np.concatenate([found.p, np.zeros(n)])
-    point = Point(found.theta, free, p, found.path.along(z), found.noise)
+    free = fit.free + Priors(tuple(more), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
+    p = np.concatenate([fit.p, np.zeros(n)])
+    point = Point(fit.theta, free, p, fit.path.along(z), fit.noise)
     here = linearise_and_filter(steps, data, point, np.arange(steps.S))
     grams = np.einsum("krca,krcb->rab", here.white, here.white, optimize=True)
     slopes = -(grams[:, :-1, -1] + here.logdet_gradient)
     names = np.unique(runs)
+    # to typical sizes
     unit = np.array([sizes.get(x, std) / std for x, std in zip(free.columns, free.std, strict=True)])
     g = np.array([slopes[runs == r].sum(axis=0) for r in names]) * unit
     G = np.array([grams[runs == r, :-1, :-1].sum(axis=0) for r in names]) * np.outer(unit, unit)
     group = np.array([data.run[runs == r][0] for r in names])
-    precision = np.concatenate([unit[: len(found.p)] ** 2, np.full(n, COMMON**-2.0)])
-    return RunSlopes(free.columns, g, G, -p * unit, precision, group)
+    precision = np.concatenate([unit[: len(fit.p)] ** 2, np.full(n, COMMON**-2.0)])
+    return RunSlopes(free.columns, g, G, -p * unit, precision, group)  # the prior pulls each p back to 0
 
 
 def with_scatter(s: RunSlopes, scatter: Mapping[Column, float], but: Sequence[Column] = ()) -> RunSlopes:
@@ -141,10 +142,10 @@ def own_values(s: RunSlopes, at: Sequence[int]) -> tuple[np.ndarray, np.ndarray]
     rows = s.G[:, at].reshape(n * p, -1)
     total = s.G.sum(axis=0) + np.diag(s.precision)
     solved = np.linalg.solve(total, np.column_stack([rows.T, s.g.sum(axis=0) + s.pull]))
-    S = -rows @ solved[:, :-1]
+    S = -rows @ solved[:, :-1]  # through what runs share they speak of each other
     for r in range(n):
         k = slice(r * p, (r + 1) * p)
-        S[k, k] += s.G[r][np.ix_(at, at)]
+        S[k, k] += s.G[r][np.ix_(at, at)]  # a run speaks of its own values directly
     return s.g[:, at].ravel() - rows @ solved[:, -1], 0.5 * (S + S.T)
 
 
@@ -158,7 +159,7 @@ def imitated(s: RunSlopes, c: Candidate, other: Candidate) -> float:
     g, S = own_values(s, at)
     members = members_of(s.group, len(at))
     score, J, _ = contrasts(*by_group(g, S, members, np.full(len(at), LEAST)), len(at))
-    first = np.tile(np.arange(len(at)) < own, len(J) // len(at))
+    first = np.tile(np.arange(len(at)) < own, len(J) // len(at))  # contrasts repeat the parameters, in their order
     J11, J12, J22 = J[np.ix_(first, first)], J[np.ix_(first, ~first)], J[np.ix_(~first, ~first)]
     size = np.linalg.lstsq(J11, score[first], rcond=1e-9)[0]
     whole = float(size @ J11 @ size)
@@ -166,23 +167,25 @@ def imitated(s: RunSlopes, c: Candidate, other: Candidate) -> float:
 
 
 SHARE = 0.1
-"""Typical difference of a coefficient between groups, as a share of its value, if its prior is not narrower."""
+"""Typical difference of a coefficient between groups, as a share of its value, if its prior is not narrower. Set
+by hand."""
 WIDE = 3.0
-"""Prior standard deviation of a difference in a refit, in typical sizes."""
+"""Prior standard deviation of a difference in a refit, in typical sizes. Set by hand."""
 MOST = 3
-"""Differences that the dynamics name at the most."""
+"""Differences that the dynamics name at the most. Set by hand."""
 IMITATES = 0.9
-"""Share of a difference that another parameter must imitate to be the same by another name."""
+"""Share of a difference that another parameter must imitate to be the same by another name. Set by hand."""
 SCATTERED = 1.5
-"""Typical sizes by which surroundings may differ from run to run for anything else to be told from them."""
+"""Typical sizes by which surroundings may differ from run to run for anything else to be told from them. Set
+by hand."""
 ALIKE_BY = ODDS
 """Log Bayes factors within this of each other are alike."""
 LEVEL = 0.03
-"""Largest probability by chance, corrected for the number of tests, of a difference that is named."""
+"""Largest probability by chance, corrected for the number of tests, of a difference that is named. Set by hand."""
 Z90 = 1.645
-"""Half width of a 90 % interval, in standard errors."""
+"""Half width of a 90 % interval, in standard errors. (Abramowitz & Stegun 1964, chapter 26.)"""
 SHOWN = 12
-"""Tests in the table of the report."""
+"""Tests in the table of the report. Set by hand: display."""
 
 
 def compare_groups(
@@ -276,6 +279,7 @@ def group_candidates(problem: SearchProblem) -> tuple[Candidate, ...]:
     more = {}
     for s, *sizes in zip(base.symbols, base.mean, base.std, base.lower, base.upper, strict=True):
         mean, std, lower, upper = sizes
+        # effects may well be absent
         more[s] = (mean, min(std, SHARE * abs(mean)) if mean and "." not in s else std, lower, upper)
     for name in (e for e in FITTED_ALONG if e in ship.effects):
         for x in (x for x in parameters(ship, name) if not x.choice):

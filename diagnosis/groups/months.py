@@ -28,7 +28,7 @@ from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
 
 WHOLE = 13.0
-"""Ship lengths of the prediction by which windows are chosen: nearly a whole window."""
+"""Ship lengths of the prediction by which windows are chosen: nearly a whole window. Set by hand."""
 
 SINCE_1970 = 3e8
 """A clock that shows more seconds than this counts from 1970."""
@@ -230,18 +230,18 @@ def _subset(log: OperationLog, cut: Cut, ship: Ship, most: int) -> tuple[ChosenW
     return found, [Trial(f"window_{k:05d}", columns) for k, (_, columns) in zip(chosen, cuts, strict=True)]
 
 
-def window_scores(found: Innovations, count: int, distance: np.ndarray) -> dict[str, np.ndarray]:
-    """Root mean square errors of each of ``count`` windows at the end of its stretches, from innovations ``found``, NaN
+def window_scores(innovations: Innovations, count: int, distance: np.ndarray) -> dict[str, np.ndarray]:
+    """Root mean square errors of each of ``count`` windows at the end of its stretches, from ``innovations``, NaN
     for one without: name of the channel -> (count,); "unexplained": whether one of its stretches was moved by something
     else, by the ``distance`` (S,) of each over the usual one."""
     out = {}
-    number = np.bincount(found.window, minlength=count)
+    number = np.bincount(innovations.window, minlength=count)
     for k, name in enumerate(CHANNELS):
-        own = np.flatnonzero(found.channels == k)
+        own = np.flatnonzero(innovations.channels == k)
         if len(own):
-            total = np.bincount(found.window, found.errors[:, own[-1]] ** 2, minlength=count)
+            total = np.bincount(innovations.window, innovations.errors[:, own[-1]] ** 2, minlength=count)
             out[name] = np.sqrt(np.where(number > 0, total / np.maximum(number, 1), np.nan))
-    out["unexplained"] = np.bincount(found.window, distance > UNEXPLAINED, minlength=count) > 0
+    out["unexplained"] = np.bincount(innovations.window, distance > UNEXPLAINED, minlength=count) > 0
     return out
 
 

@@ -20,36 +20,37 @@ from fitting.nlp.prior import group_sums
 from fitting.prediction.innovations import UNEXPLAINED, Innovations, information_of
 
 SPELL, PARTS = 0.25, 100
-"""Longest spell [days]; one of a log shorter than 25 days is this part of it."""
+"""Longest spell [days]; one of a log shorter than 25 days is this part of it. Set by hand."""
 DAY, MONTH = 86400.0, 30.0
-"""Seconds of a day, days of a month."""
+"""Seconds of a day, days of a month. (SI brochure of 2019, table 8; a month by hand.)"""
 INFORMED, FEWEST = 0.05, 8
-"""Share of the median information below which a spell is left out; spells without which no change can be told."""
+"""Share of the median information below which a spell is left out; spells without which no change can be told. Set
+by hand."""
 TIMES = (0.3, 1.0)
 """Durations of the error that lasts [days], in a log of MONTH days or more; in proportion in a shorter one. An error of
 three days would make slow growth over a month look like chance; without it chances are right for errors of up to a day
-and a half."""
+and a half. Set by hand."""
 RATIOS = (0.0, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0)
-"""Its variance over the median variance of a spell."""
+"""Its variance over the median variance of a spell. Set by hand: factors of four."""
 EDGES = 31
-"""Possible first and last days of a ramp."""
+"""Possible first and last days of a ramp. Set by hand: bounds time."""
 SIMPLER = 2.0
 """A change is a step, or a ramp that lasts until the end of the log, unless a ramp that ends before has a log
-likelihood larger by more than this."""
+likelihood larger by more than this. Set by hand: as AIC counts a parameter twice."""
 DRAWS = 200
-"""Draws of the bootstrap."""
+"""Draws of the bootstrap. Set by hand."""
 LEVEL = 0.0005
 """Chance of any change that is invented in a log. With an error that lasts for a day and is larger than that of a
-spell, small chances come out up to three times too small, so that it is 0.15 % at most."""
+spell, small chances come out up to three times too small, so that it is 0.15 % at most. Set by hand."""
 LEAST = 0.1
-"""Share of a candidate's typical size below which a change does not matter."""
+"""Share of a candidate's typical size below which a change does not matter. Set by hand."""
 MOST = 3
-"""Changes that are looked for in one log."""
+"""Changes that are looked for in one log. Set by hand."""
 APART = 1.0
-"""Days, in a month, between changes of several candidates that are one event: the strongest is named, the
-others are its company."""
+"""Days, in a month, between changes of several candidates that are one event: the strongest is named, the others are
+its company. Set by hand."""
 AGAIN = 3
-"""How often a named change is estimated again, with weights by what it leaves."""
+"""How often a named change is estimated again, with weights by what it leaves. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ class ChangeTest:
                 lower = np.linalg.cholesky(np.diag(variance / typical) + ratio * np.exp(-apart / time))
                 whiten = np.linalg.inv(lower)
                 level = whiten.sum(axis=1) / np.linalg.norm(whiten.sum(axis=1))
-                whiten -= np.outer(level, level @ whiten)
+                whiten -= np.outer(level, level @ whiten)  # the level is free: nothing along it counts
                 profiles = self.shape @ whiten.T
                 lengths = np.linalg.norm(profiles, axis=1)
                 usable = np.where(lengths > 1e-6, lengths, np.inf)
@@ -180,7 +181,7 @@ class ChangeTest:
             z = noise.whiten @ y
             rest = (z**2).sum(axis=0)
             most = ((noise.profiles @ z) ** 2).max(axis=0)
-            none.append(-0.5 * (B * np.log(rest / B) + noise.log_det))
+            none.append(-0.5 * (B * np.log(rest / B) + noise.log_det))  # the size of the noise is at its likeliest
             best.append(-0.5 * (B * np.log(np.maximum(rest - most, 1e-12 * rest) / B) + noise.log_det))
         return np.array(none), np.array(best)
 
@@ -194,12 +195,14 @@ class ChangeTest:
         along = noise.profiles @ z
         rest = np.maximum((z**2).sum() - along**2, 1e-300)
         log = -0.5 * B * np.log(rest / B)
+        # a ramp that ends has a parameter more
         log = log - SIMPLER * ((self.end > self.begin) & (self.end < self.end.max()))
         is_step = self.end == self.begin
-        log = np.where(is_step == is_step[log.argmax()], log, -np.inf)
+        log = np.where(is_step == is_step[log.argmax()], log, -np.inf)  # intervals are of changes of the same kind
         at = int(log.argmax())
         weight = np.exp(log - log.max())
         weight /= weight.sum()
+        # by the noise with and without it
         p_value = max(self._chance(y, gain, k, rng) for k in {chosen, int(none[:, 0].argmax())})
         return DatedChange(
             name,
@@ -223,11 +226,11 @@ class ChangeTest:
         z = noise.whiten @ y
         along = noise.profiles @ z
         best = int(np.abs(along).argmax())
-        z = z - along[best] * noise.profiles[best]
+        z = z - along[best] * noise.profiles[best]  # what is left is the noise, whether there was a change or not
         none, with_change = self.likelihoods(noise.colour @ rng.choice(z - z.mean(), size=(len(y), DRAWS)))
         gains = with_change.max(axis=0) - none.max(axis=0)
         mean, spread = float(gains.mean()), float(gains.std()) + 1e-12
-        shape = (mean / spread) ** 2
+        shape = (mean / spread) ** 2  # a gamma law with their mean and spread reaches beyond DRAWS
         return gamma_tail(gain, shape, mean / shape)
 
 
@@ -260,6 +263,7 @@ def find_changes(log: Innovations, begin: float, end: float, seed: int = 0) -> C
         every = [at.change_of(j, score[:, j], last, draws[j], log.candidates[j]) for j in range(J)]
         rows = [row for row in every if row]
         tested = tested or tuple(rows)
+        # Bonferroni: J were tried
         sure = [row for row in rows if row.p_value * J <= LEVEL and abs(row.size) >= least[row.name]]
         alone = sure
         for k, other in enumerate(named):
@@ -269,6 +273,7 @@ def find_changes(log: Innovations, begin: float, end: float, seed: int = 0) -> C
         if not alone:
             break
         best = max(alone, key=lambda row: row.gain)
+        # what it makes of all others
         score -= at.information[:, :, log.candidates.index(best.name)] * best.at(at.day)[:, None]
         named.append(best)
     for k, row in enumerate(named):
@@ -287,10 +292,10 @@ def _sized(
     log: innovations from a begin to an end [s], ``span``; rng: draws the bootstrap.
     """
     day, j = (log.t - span[0]) / DAY, log.candidates.index(best.name)
-    beside = [(log.candidates.index(row.name), row) for row in others]
+    other_changes = [(log.candidates.index(row.name), row) for row in others]
     for _ in range(AGAIN):
-        made = sum(log.gains[:, :, i] * row.at(day)[:, None] for i, row in [(j, best), *beside])
+        made = sum(log.gains[:, :, i] * row.at(day)[:, None] for i, row in [(j, best), *other_changes])
         at = spells(log, *span, made)
-        score = at.score[:, j] - sum(at.information[:, j, i] * row.at(at.day) for i, row in beside)
+        score = at.score[:, j] - sum(at.information[:, j, i] * row.at(at.day) for i, row in other_changes)
         best = at.change_of(j, score, (span[1] - span[0]) / DAY, rng, best.name) or best
     return best

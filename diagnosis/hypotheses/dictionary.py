@@ -18,8 +18,8 @@ import casadi as ca
 import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting
-from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import DrivenColumns, ProductColumns
 from diagnosis.estimation.linearisation import DIFFERENCE, Linearisation, Point
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.force_forms import ForceForms, Forms, evaluated, of_unit_size, unit
@@ -27,7 +27,7 @@ from mmg.motion.flow import INPUTS
 from mmg.motion.froude import time_scale
 
 DELAYS = (0.5, 1.0, 2.0, 4.0)
-"""Times [s of a 3 m model] by which inputs may act late."""
+"""Times [s of a 3 m model] by which inputs may act late. Set by hand: factors of two."""
 SHAPES = ("1", "u", "v", "r", "|r|", "delta", "n")
 """Forms by which the action of an input is scaled."""
 AXES = ("surge", "sway", "yaw")
@@ -40,7 +40,7 @@ AFTER_RUDDER = "force that swings after the rudder"
 WATER = {"stream to the north": "current.x", "stream to the east": "current.y"}
 """Velocity of the water by its coefficient in the model."""
 SMALL = 1e-3
-"""Change of the water [m/s] and of the wind [its share] by which their action is differentiated."""
+"""Change of the water [m/s] and of the wind [its share] by which their action is differentiated. Set by hand."""
 Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 """States, inputs and coefficients of steps."""
 
@@ -61,19 +61,19 @@ class Action:
 class Dictionary:
     """The columns of all unnamed forms at a fitted hypothesis.
 
-    steps: the transition model; data: the trials; found: the fit; active: (A,) positions of the states that take part.
+    steps: the transition model; data: the trials; point: the fit; active: (A,) positions of the states that take part.
     labels: kind and form of each of C columns; kinds: the kind alone.
     """
 
-    def __init__(self, steps: TransitionModel, data: GriddedTrials, found: Point, active: np.ndarray) -> None:
-        data = acting(steps, data, found.theta)
-        self.data, self.noise, self.active, self.path = data, found.noise, active, found.path
-        z = found.path.z
+    def __init__(self, steps: TransitionModel, data: GriddedTrials, point: Point, active: np.ndarray) -> None:
+        data = acting(steps, data, point.theta)
+        self.data, self.noise, self.active, self.path = data, point.noise, active, point.path
+        z = point.path.z
         K, R = data.inputs.shape[:2]
-        middle = 0.5 * (z[:-1] + z[1:])
+        middle = 0.5 * (z[:-1] + z[1:])  # where forces are asked for: the midpoint rule
         self.force_forms = ForceForms(steps, data, middle)
         self.forces = self.force_forms.own
-        every = steps.coefficients(found.theta, found.path.push[:-1].reshape(-1, 3).T)
+        every = steps.coefficients(point.theta, point.path.push[:-1].reshape(-1, 3).T)
         points = middle.reshape(K * R, -1).T, data.inputs.reshape(K * R, -1).T, every
         wanted = np.concatenate([active, steps.S + np.arange(3)])
         _, J = steps.rates(*points)
@@ -88,7 +88,7 @@ class Dictionary:
         self.place = self.force_forms.by_place(data, middle)
         self.by_place = _of_places(steps, data, points, begin, active, wanted) if len(self.place.names) else {}
         held = np.concatenate([data.inputs, data.inputs[-1:]]).reshape((K + 1) * R, -1).T
-        all_theta = steps.coefficients(found.theta, found.path.push.reshape(-1, 3).T)
+        all_theta = steps.coefficients(point.theta, point.path.push.reshape(-1, 3).T)
         rate, J = steps.rates(z.reshape((K + 1) * R, -1).T, held, all_theta)
         self.rate = rate[:, active].reshape(K + 1, R, -1)
         self.rate_jacobian = J[:, active][:, :, wanted].reshape(K + 1, R, len(active), -1)
@@ -224,7 +224,7 @@ def _action(
     delayed, per_second = [], []
     for delay in DELAYS:
         late = max(1, round(delay * k / data.h))
-        values = x[np.maximum(np.arange(len(x)) - late, 0)] - x
+        values = x[np.maximum(np.arange(len(x)) - late, 0)] - x  # before the window the input is held
         factor = unit(values, data.inside)
         delayed.append(factor * values)
         per_second.append(1 / (factor * late * data.h) if factor else 0.0)

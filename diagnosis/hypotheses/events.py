@@ -13,30 +13,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import DrivenColumns, ProductColumns
 from diagnosis.estimation.linearisation import Linearisation
 from diagnosis.estimation.transition_model import LinearModel
 from diagnosis.hypotheses.dictionary import DELAYS, WATER, Action, Dictionary
-from diagnosis.hypotheses.projection import projected
+from diagnosis.hypotheses.score_test import projected
 from mmg.motion.froude import time_scale
 
 STRETCH = 10.0
-"""Length [s of a 3 m model] of a stretch; longer where there would be more than MOST of them."""
+"""Length [s of a 3 m model] of a stretch; longer where there would be more than MOST of them. Set by hand."""
 MOST = 150
-"""Stretches of all runs together."""
+"""Stretches of all runs together. Set by hand: bounds time."""
 LATE = 4.0
-"""Delay [s of a 3 m model], of those in the dictionary, of an actuator that stops or limps for a while."""
+"""Delay [s of a 3 m model], of those in the dictionary, of an actuator that stops or limps for a while. Set by hand:
+the longest there."""
 UNKNOWN = 12**-0.5
 """Standard deviation of the time at which an actuator moves between two samples, in their interval: any is alike."""
 SWINGS = tuple(round(0.2 + 0.15 * i, 2) for i in range(12))
 """Swings of a force on a way of one length of the ship (the Strouhal number)."""
 TURNS = (24.0, 34.0, 48.0, 68.0, 96.0)
-"""Periods [s of a 3 m model] in which a stream turns; shorter ones are waves, longer ones the mean of a run."""
+"""Periods [s of a 3 m model] in which a stream turns; shorter ones are waves, longer ones the mean of a run. Set
+by hand: factors of root two."""
 MEDIAN = 0.454936423119572
-"""Median of chi-squared of one degree of freedom."""
+"""Median of chi-squared of one degree of freedom. (Abramowitz & Stegun 1964, chapter 26.)"""
 SEEN = 1e-9
-"""Information from which a column is seen at all."""
+"""Information from which a column is seen at all. Set by hand: bounds rounding."""
 AT_TIMES = " at times"
 """End of the kinds of what is wrong for a while."""
 SWINGING = "force that swings"
@@ -67,6 +69,7 @@ class Events:
     def of(cls, data: GriddedTrials, forms: Dictionary, linear: LinearModel, length: float) -> Events:
         """The events of trials ``data`` of a ship of this ``length`` [m]; forms, linear: dictionary and model there."""
         K, R = data.inputs.shape[:2]
+        # -(-a // b): rounded up
         steps = max(1, round(STRETCH * time_scale(length) / data.h), -(-int(data.steps.sum()) // MOST))
         own = np.arange(K)[:, None] // steps == np.arange(-(-K // steps))
         W = own.shape[1]
@@ -80,7 +83,7 @@ class Events:
             parts = UNKNOWN * data.sample * action.per_second / (size or np.inf)
             allowed[kinds[-1]] = float(parts[DELAYS.index(LATE)])
             allowed[f"delay of {name}"] = float(parts.max()) / len(parts) ** 0.5  # they are alike, and add up
-        seen = np.concatenate([own[:1], own])
+        seen = np.concatenate([own[:1], own])  # a grid time belongs to the step that ends there, the first to its own
         for channel in POSITION:
             off = np.zeros((K + 1, R, 6, W))
             off[:, :, channel] = forms.noise.white[channel] * seen[:, None, :]
@@ -116,7 +119,7 @@ def _swinging(data: GriddedTrials, forms: Dictionary, linear: LinearModel, lengt
     (K, R, A, 4 x 12)."""
     z = forms.path.z
     speed = np.hypot(z[:-1, :, 3] + z[1:, :, 3], z[:-1, :, 4] + z[1:, :, 4]) / 2
-    phase = 2 * np.pi * np.cumsum(speed * data.h, axis=0) / length
+    phase = 2 * np.pi * np.cumsum(speed * data.h, axis=0) / length  # by the way, not the time: vortices shed so
     waves = _waves(phase[..., None], np.array(SWINGS))
     pushes = linear.force[..., 1:] * forms.noise.force[1:]
     return np.einsum("krac,krw->krawc", pushes, waves).reshape(*pushes.shape[:3], -1)
@@ -186,6 +189,7 @@ def event_slopes(
         cross = np.einsum("krce,krcq->req", own, white[..., known], optimize=True)[run, number]
         gram[P : P + n, order], gram[np.ix_(order, range(P, P + n))] = cross, cross.T
         same = run[:, None] == run
+        # runs do not touch each other
         gram[P : P + n, P : P + n] = np.where(same, squares[run[:, None], number[:, None], number], 0.0)
         left = projected(gram, np.concatenate([logdet, along[:, at][run, number]]), p)
         found[kind] = EventSlopes(left.g, left.S)

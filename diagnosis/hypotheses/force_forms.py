@@ -83,12 +83,14 @@ class SmoothBasis:
         self._centre = values.mean(axis=1)
         self._weight = rng.standard_normal((FEATURES, len(values))) / scale
         self._phase = rng.uniform(0, 2 * np.pi, FEATURES)
+        # random Fourier features (Rahimi & Recht 2007)
         features = np.cos(self._weight @ (values - self._centre[:, None]) + self._phase[:, None])
         self._mean = features.mean(axis=1)
         features -= self._mean[:, None]
         sizes, vectors = np.linalg.eigh(features @ features.T / features.shape[1])
         kept = np.argsort(-sizes)[:components]
         kept = kept[sizes[kept] > 1e-9]
+        # one factor for all: rougher ones stay smaller
         self._mix = vectors[:, kept].T / np.sqrt(sizes[kept].max(initial=1e-300))
 
     def on(self, known: Forms, name: str, mask: np.ndarray) -> Forms:
@@ -105,13 +107,14 @@ class SmoothBasis:
 
 
 OF_ONE, FINE = 8, 0.35
-"""Functions of each variable alone that are kept, and the length over which they change, in standard deviations."""
+"""Functions of each variable alone that are kept, and the length over which they change, in standard deviations. Set
+by hand."""
 OF_PLACE, PLACE = 12, 2.0
-"""Functions of the place that are kept, and the length over which they change [lengths of the ship]."""
+"""Functions of the place that are kept, and the length over which they change [lengths of the ship]. Set by hand."""
 SWINGS = tuple(round(2.2 * 1.18**i, 1) for i in range(10))
 """Periods [s of a 3 m model] of what swings after the rudder, as roll does."""
 DAMPING = 0.07
-"""Its share of the critical damping."""
+"""Its share of the critical damping. Set by hand."""
 
 
 HULL = (
@@ -199,7 +202,7 @@ class ForceForms:
         swing = np.zeros((*moved.shape, len(omega), 2))  # about where it would come to rest
         for k in range(1, len(moved)):
             begin = swing[k - 1].copy()
-            begin[..., 0] += (moved[k - 1] - moved[k])[:, None]
+            begin[..., 0] += (moved[k - 1] - moved[k])[:, None]  # its resting place moves with the rudder
             swing[k] = np.einsum("wij,rwj->rwi", step, begin)
         values = np.moveaxis(swing.reshape(*moved.shape, -1), 2, 0)
         names = tuple(f"{period:g} s {part}" for period in SWINGS for part in ("deflection", "speed"))

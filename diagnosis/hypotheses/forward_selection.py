@@ -14,29 +14,28 @@ import numpy as np
 
 from cases.evidence.tails import chi2_tail
 from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.first_fit import MAX_FITS
 from diagnosis.estimation.linearisation import Linearisation
 from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
-from diagnosis.hypotheses.refit import gained, refit
+from diagnosis.hypotheses.refit import SearchProblem, gained, refit
 from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, slopes
-from diagnosis.hypotheses.search_problem import SearchProblem
-from diagnosis.validation.held_out import filtered_along, likelihood_of
 from fitting.parallel import run_all
 from mmg.progress import OnProgress, Progress
 
 SHORT, SCREEN = 6, 0.05
 """Candidates refitted, the best by the score test: twice the three that held 93 % of the true effects of a prototype,
-of those that it shows at this level; those in CURVED are refitted whatever it says."""
+of those that it shows at this level; those in CURVED are refitted whatever it says. So it was measured."""
 CURVED = ("rudder_backlash",)
 """Effects whose slope at the neutral value says little: a dead band acts only when it is as large as the motion."""
 ODDS = float(np.log(20.0))
 """The one threshold of the verdict, in log units: odds of 20 to 1 (strong evidence, Kass & Raftery 1995)."""
 MOST = 6
-"""Effects named at the most. Four together are found with their sizes in the trials of a 7 m KVLCC2."""
-MAX_FITS = 12
-"""Further linearisations of the fit with the effects selected, where it has not converged."""
+"""Effects named at the most. Four together are found with their sizes in the trials of a 7 m KVLCC2. Set by hand; with
+one at most 2 of 400 answers change (row ``further effects`` of benchmarks/ablation.md)."""
 TRIES = 3
-"""Better places without a new effect from which a search begins anew, before one more effect is selected."""
+"""Better places without a new effect from which a search begins anew, before one more effect is selected. Set
+by hand."""
 IsPossible = Callable[[Estimate, Candidate], bool]
 """Of a fit with a candidate: whether that has a size which it can have."""
 
@@ -147,7 +146,11 @@ def search(
     tasks = [(alone, before, tuple(named), s, len(excited)) for s in chosen]
     refitted = run_all(refit_task, tasks, workers, note)
     is_supported = any(r.delta_bic > 0 for r in refitted)  # of the others no test makes a name
-    nothing = filtered_along(p.steps, p.tests, before) if p.tests is not None and is_supported else None
+    nothing = None
+    if p.tests is not None and is_supported:
+        from diagnosis.validation.held_out import filtered_along  # late: a fit's trials have no tests
+
+        nothing = filtered_along(p.steps, p.tests, before)
     judged = [
         replace(
             r,
@@ -162,8 +165,12 @@ def search(
 def _predictive(p: SearchProblem, nothing: Linearisation | None, fit: Estimate) -> float:
     """Log likelihood that the problem's tests gain one step ahead by a ``fit``, over that along which they were
     followed with ``nothing`` more; 0 without any, and where the ship explodes."""
-    there = filtered_along(p.steps, p.tests, fit, nothing) if p.tests is not None and nothing is not None else None
-    return float((likelihood_of(nothing) - likelihood_of(there)).sum()) if nothing and there else 0.0
+    if p.tests is None or nothing is None:
+        return 0.0
+    from diagnosis.validation.held_out import filtered_along, likelihood_of
+
+    there = filtered_along(p.steps, p.tests, fit, nothing)
+    return float((likelihood_of(nothing) - likelihood_of(there)).sum()) if there else 0.0
 
 
 def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], ScoreTest, int]) -> RefittedEffect:

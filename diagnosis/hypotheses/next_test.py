@@ -16,27 +16,28 @@ import numpy as np
 from cases.trial import Trial
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.gusts import trials_in_gusts
+from diagnosis.estimation.kalman import DrivenColumns
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import get_values, priors_of_effects
 from diagnosis.estimation.transition_model import LinearModel
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from fitting.design.next_trial import Option, library, runs
 from mmg.motion.froude import time_scale
 from mmg.ship import AIR, Ship
 
 SECONDS = 150.0
-"""Time at sea of each manoeuvre [s of a 3 m model]."""
+"""Time at sea of each manoeuvre [s of a 3 m model]. Set by hand."""
 AIM = 10.0
-"""Standard error of a size that is good to have [% of it]."""
+"""Standard error of a size that is good to have [% of it]. Set by hand."""
 TOGETHER = 8
-"""Manoeuvres that are linearised together."""
+"""Manoeuvres that are linearised together. Set by hand: bounds memory."""
 TELLS_APART, MANY = 6.6, 50
-"""Misfit that tells two explanations apart at 1 %, and repetitions of a manoeuvre that nobody would run."""
+"""Misfit that tells two explanations apart at 1 %, and repetitions of a manoeuvre that nobody would run. The 99 %
+quantile of chi-squared of one degree of freedom, 6.63; repetitions by hand."""
 
 
 def next_test(problem: SearchProblem, first: Estimate, candidates: Sequence[Candidate], ship: Ship) -> str:
@@ -69,8 +70,8 @@ def next_test(problem: SearchProblem, first: Estimate, candidates: Sequence[Cand
     return words + f", about {np.ceil(times):.0f} times (one is expected to bring {worst[best]:.1f} of 6.6)."
 
 
-def telling_test(problem: SearchProblem, fit: Estimate, found: ForceEstimate, ship: Ship) -> str:
-    """The manoeuvre in which the unexplained force ``found`` would show most, in a sentence.
+def telling_test(problem: SearchProblem, fit: Estimate, force: ForceEstimate, ship: Ship) -> str:
+    """The manoeuvre in which the unexplained ``force`` would show most, in a sentence.
 
     problem: the search; fit: at which the force was estimated; ship: as fitted there. The misfit of a ship without the
     force is what is left of its whitened response when the free coefficients have taken what they can.
@@ -78,7 +79,7 @@ def telling_test(problem: SearchProblem, fit: Estimate, found: ForceEstimate, sh
     options, trials = _simulated(problem, ship)
     if not options:
         return ""
-    misfits = np.concatenate([_shown(problem, fit, found, some) for some in _together(trials)])
+    misfits = np.concatenate([_shown(problem, fit, force, some) for some in _together(trials)])
     best = int(np.argmax(misfits))
     seconds = SECONDS * time_scale(ship.particulars["L"])
     words = f"To know more of it: {_order(options[best])} of {seconds:.0f} s, in which it would show most"

@@ -15,6 +15,7 @@ import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
+from diagnosis.estimation.first_fit import MAX_FITS
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Point, linearise_and_filter
@@ -24,14 +25,14 @@ from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.unnamed import unnamed_forms
 
 LEAST, ROUNDS = 0.1, 20
-"""Least standard deviation of an effect between runs, in typical sizes; rounds of expectation-maximisation."""
-MAX_FITS = 12
-"""Linearisations of the fit."""
+"""Least standard deviation of an effect between runs, in typical sizes; rounds of expectation-maximisation. Set
+by hand."""
 USUAL = 4.0
 """Standard deviations within which an effect is the usual misfit in other trials. Without this limit trials with hardly
 any random force had a current fitted 79 of them off before it was looked for."""
 STRONG = 2.0
-"""Typical sizes from which an effect in the trials of the calibration is a gap there already, no usual misfit."""
+"""Typical sizes from which an effect in the trials of the calibration is a gap there already, no usual misfit. Set
+by hand."""
 
 
 @dataclass(frozen=True)
@@ -122,18 +123,18 @@ def _with_likeliest_noise(steps: TransitionModel, data: GriddedTrials, start: Po
     return min(fits, key=lambda fit: fit.nll - 0.5 * float(np.linalg.slogdet(fit.covariance)[1]))
 
 
-def _without(steps: TransitionModel, data: GriddedTrials, found: Estimate, effects: Sequence[Candidate]) -> Estimate:
+def _without(steps: TransitionModel, data: GriddedTrials, fit: Estimate, effects: Sequence[Candidate]) -> Estimate:
     """The fit with these effects at their neutral values."""
-    theta, gone = found.theta.copy(), [s for c in effects for s in c.symbols]
+    theta, gone = fit.theta.copy(), [s for c in effects for s in c.symbols]
     theta[[steps.ship.symbols.index(s) for s in gone]] = np.concatenate([c.neutral for c in effects])
-    kept = [s not in gone for s in found.free.symbols]
-    start = Point(theta, found.free.only(kept), found.p[kept], found.path, found.noise)
+    kept = [s not in gone for s in fit.free.symbols]
+    start = Point(theta, fit.free.only(kept), fit.p[kept], fit.path, fit.noise)
     return estimate(steps, data, start, MAX_FITS)
 
 
-def _scatter(steps: TransitionModel, data: GriddedTrials, found: Estimate, first: int) -> np.ndarray:
+def _scatter(steps: TransitionModel, data: GriddedTrials, fit: Estimate, first: int) -> np.ndarray:
     """Standard deviation between runs of the columns from ``first`` on, in their prior std, by EM."""
-    linearised = linearise_and_filter(steps, data, found)
+    linearised = linearise_and_filter(steps, data, fit)
     grams = np.einsum("krca,krcb->rab", linearised.white, linearised.white, optimize=True)
     slopes = -(grams[:, :-1, -1] + linearised.logdet_gradient)
     runs = np.unique(data.run)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,14 +16,39 @@ from diagnosis.estimation.parameters import Priors, active_states, get_values, p
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.errors import UserError
 
+
+@dataclass(frozen=True)
+class SearchProblem:
+    """What all hypotheses share: the transition model of the full ship, data, priors of its coefficients, candidates.
+
+    expected_unnamed: log Bayes factor of unnamed forms that the trials of the calibration show, for as many samples;
+    expected_unnamed_null: the same without the effects that are strong in those trials; tests: trials that take no part
+    in any fit, or None.
+    """
+
+    steps: TransitionModel
+    data: GriddedTrials
+    base: Priors
+    candidates: tuple[Candidate, ...]
+    expected_unnamed: float = 0.0
+    expected_unnamed_null: float = 0.0
+    tests: GriddedTrials | None = None
+
+    @property
+    def cost(self) -> float:
+        """ln N of the BIC."""
+        return float(np.log(self.data.samples))
+
+
 SHARES = (1.0, 0.3, 0.0)
-"""Shares of the first values of new effects that a fit is begun from, one after the other while the ship explodes."""
+"""Shares of the first values of new effects that a fit is begun from, one after the other while the ship explodes. Set
+by hand."""
 
 
 def gained(fewer: Estimate, kept: int, more: Estimate, every: int) -> float:
     """Log likelihood that the fit ``more`` gains over ``fewer``, without the priors of their last ``kept`` and
     ``every`` columns, which are of effects."""
-    of_effects = [found.p[len(found.p) - own :] for found, own in ((fewer, kept), (more, every))]
+    of_effects = [found.p[len(found.p) - own :] for found, own in ((fewer, kept), (more, every))]  # effects come last
     return fewer.nll - more.nll - 0.5 * float(of_effects[0] @ of_effects[0] - of_effects[1] @ of_effects[1])
 
 

@@ -16,21 +16,83 @@ from scipy.special import chdtrc
 
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
-from diagnosis.estimation.dispersion import dispersion, memory_steps
-from diagnosis.estimation.driven_columns import DrivenColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import DrivenColumns
 from diagnosis.estimation.linearisation import Point, linearise_and_filter, timing_columns
 from diagnosis.estimation.parameters import Priors, active_in_window, active_states
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.projection import projected
 from mmg.effects import EFFECTS
+from mmg.motion.froude import time_scale
+
+MEMORY = 5.0
+"""Time [s of a 3 m model] over which residuals may be correlated. Set by hand."""
+
+
+def memory_steps(length: float, h: float) -> int:
+    """Steps of h [s] of that time for a ship of this ``length`` [m]."""
+    return max(1, round(MEMORY * time_scale(length) / h))
+
+
+def dispersion(
+    columns: np.ndarray, white: np.ndarray, g: np.ndarray, S: np.ndarray, lags: int, rows: np.ndarray | None = None
+) -> float:
+    """Variance of the slopes g (c,) of some columns over their information S (c, c), in the mean, at least 1.
+
+    columns: (K + 1, R, 6, c) whitened, free parameters projected out; white: (K + 1, R, 6) negative residual; lags:
+    steps over which residuals may be correlated; rows: (k,) grid times of which alone columns and residual are given,
+    which are zero at all others. The variance is that of Newey & West (1987), about what the columns
+    explain.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (S + S.T))  # rounding
+    kept = values > 1e-6 * max(values.max(), 1e-300)
+    if not kept.any():
+        return 1.0
+    root = vectors[:, kept] / np.sqrt(values[kept])
+    along = columns @ root
+    size = (root.T @ g) * values[kept] / (1 + values[kept])  # shrunk as by a prior of unit variance: g is noisy
+    each = np.einsum("krca,krc->kra", along, white + along @ size)
+    if rows is not None:
+        given, each = each, np.zeros((rows[-1] + 1, *each.shape[1:]))
+        each[rows] = given
+    lags = min(lags, len(each) - 1)
+    weight = 1 - np.arange(1, lags + 1) / (lags + 1)  # Bartlett's, which keeps the sum positive
+    covariances = [(each[lag:] * each[:-lag]).sum() for lag in range(1, lags + 1)]
+    return max(1.0, float(((each**2).sum() + 2 * weight @ covariances) / kept.sum()))
+
+
+@dataclass(frozen=True)
+class Projected:
+    """C columns with P free parameters projected out: slopes g (C,) of the log likelihood, their information S (C, C),
+    and the multiples (P, C) of the free parameters' columns that were taken off."""
+
+    g: np.ndarray
+    S: np.ndarray
+    taken: np.ndarray
+
+
+def projected(gram: np.ndarray, logdet: np.ndarray, p: np.ndarray, known: np.ndarray | None = None) -> Projected:
+    """The columns after the first P of a linearisation without what these could imitate.
+
+    gram: (P + C + 1, P + C + 1) products of the whitened columns, the negative residual last; logdet: (P + C,) slopes
+    of half the log determinant; p: (P,) free parameters, in prior standard deviations; known: (P, P) inverse covariance
+    of the prior (default: one of each).
+    """
+    P = len(p)
+    prior = np.eye(P) if known is None else known
+    slope = -(gram[:-1, -1] + logdet)
+    slope[:P] -= prior @ p  # the prior pulls, too: at the optimum both vanish together
+    taken = np.linalg.solve(gram[:P, :P] + prior, gram[:P, P:-1])
+    return Projected(slope[P:] - taken.T @ slope[:P], gram[P:-1, P:-1] - gram[P:-1, :P] @ taken, taken)
+
 
 DRAWS = 4000
-"""Draws of the joint law of all slopes, for the probability of the largest."""
+"""Draws of the joint law of all slopes, for the probability of the largest. Set by hand: a probability of 1 % is known
+to 0.16 %."""
 EXCITED = 1e-3
-"""Information on a parameter, in its typical sizes to the power -2, below which the trials do not move it."""
+"""Information on a parameter, in its typical sizes to the power -2, below which the trials do not move it. Set
+by hand."""
 SHOWS = 3.0
-"""Standard errors from which an effect would show."""
+"""Standard errors from which an effect would show. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +183,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
         if EFFECTS[candidate.effect].measures:
             ratio = dispersion(apart[..., i], every[..., -1], rest.g[i], rest.S[i, i], lags, linearised.rows)
         with_timing = rest.S[i, :c]  # what errors in the time of the inputs add to the variance of the slopes
-        inverse = np.linalg.pinv(rest.S[i, i], rcond=1e-8, hermitian=True)
+        inverse = np.linalg.pinv(rest.S[i, i], rcond=1e-8, hermitian=True)  # two parameters may look alike
         ratio += float(np.trace(inverse @ with_timing @ with_timing.T)) / len(inverse)
         if ratio > 1.0:
             ratios[candidate] = ratio
@@ -133,6 +195,7 @@ def score_tests(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> li
     largest."""
     rng = np.random.default_rng(seed)
     values, vectors = np.linalg.eigh(s.S)
+    # rounding: a little below 0
     draws = rng.standard_normal((DRAWS, len(values))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     tests = [_test(s, c, draws) for c in candidates]
     least = np.min([null for _, null in tests], axis=0)

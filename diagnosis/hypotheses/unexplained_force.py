@@ -30,17 +30,18 @@ from mmg.ship import Ship
 SIZES = (0.0, *np.geomspace(0.02, 20.0, 13).tolist())
 """Sizes that are tried, in those of the latent force."""
 SEEN = 0.1
-"""Information on a sum of forms of the size of the latent force, from which the trials say anything of it."""
+"""Information on a sum of forms of the size of the latent force, from which the trials say anything of it. Set
+by hand."""
 SWEEPS = 3
-"""Rounds over the channels in which the sizes are improved one by one."""
+"""Rounds over the channels in which the sizes are improved one by one. Set by hand."""
 DRAWS = 400
-"""Draws of the posterior, for intervals."""
+"""Draws of the posterior, for intervals. Set by hand."""
 STRETCH = 20.0
-"""Time [s of a 3 m model] of a stretch in which the force acts most."""
+"""Time [s of a 3 m model] of a stretch in which the force acts most. Set by hand."""
 MOST = 3
-"""Stretches listed, one of each trial at the most."""
+"""Stretches listed, one of each trial at the most. Set by hand: display."""
 FOLLOWED = 0.05
-"""Share of a channel that a variable must explain to be listed."""
+"""Share of a channel that a variable must explain to be listed. Set by hand: display."""
 
 
 @dataclass(frozen=True)
@@ -118,31 +119,31 @@ def unexplained_force(
     )
 
 
-def _net_forms(found: ForceEstimate, data: GriddedTrials, fit: Point) -> np.ndarray:
+def _net_forms(force: ForceEstimate, data: GriddedTrials, fit: Point) -> np.ndarray:
     """Force (3 m, K, R, 3) of a unit of each form, less that of the coefficients that would change with it."""
-    values, sizes = found.dictionary.forces.values, found.dictionary.noise.force
+    values, sizes = force.dictionary.forces.values, force.dictionary.noise.force
     forms = np.zeros((3, *values.shape, 3))
     for c in range(3):
         forms[c, ..., c] = values * sizes[c]
     forms = forms.reshape(-1, *values.shape[1:], 3)
-    linear = linearise_and_filter(found.dictionary.force_forms.steps, data, fit).linear
+    linear = linearise_and_filter(force.dictionary.force_forms.steps, data, fit).linear
     velocities = np.where(data.inside[..., None, None], linear.force[:, :, 3:6], np.eye(3))
     unit = fit.free.std * active_in_window(fit.free.columns, data)
     by_free = np.linalg.solve(velocities, linear.G[:, :, 3:6] * unit[None, :, None])
-    return forms - np.einsum("krcp,pn->nkrc", by_free, found.taken, optimize=True)
+    return forms - np.einsum("krcp,pn->nkrc", by_free, force.taken, optimize=True)
 
 
-def _channels(found: ForceEstimate, forms: np.ndarray, mass: np.ndarray) -> dict[str, UnexplainedChannel]:
+def _channels(force: ForceEstimate, forms: np.ndarray, mass: np.ndarray) -> dict[str, UnexplainedChannel]:
     """Median and 90 % interval of the rms by channel, and its share of the energy, from draws of the posterior; forms:
     (3 m, M, 3) net force of each by sample; mass: (3,) of each channel."""
-    spread, along = np.linalg.eigh(found.covariance)
+    spread, along = np.linalg.eigh(force.covariance)
     draws = np.random.default_rng(0).standard_normal((DRAWS, len(spread))) * np.sqrt(np.maximum(spread, 0.0)) @ along.T
-    every = found.mean.ravel() + draws
+    every = force.mean.ravel() + draws
     grams = np.einsum("nmc,pmc->cnp", forms, forms, optimize=True) / forms.shape[1]
     sizes = np.sqrt(np.maximum(np.einsum("dn,cnp,dp->dc", every, grams, every, optimize=True), 0.0))
     low, rms, high = np.quantile(sizes, [0.05, 0.5, 0.95], axis=0)
     energy = rms**2 / mass
-    means = found.mean.ravel() @ forms.mean(axis=1)
+    means = force.mean.ravel() @ forms.mean(axis=1)
     share = energy / max(energy.sum(), 1e-300)
     return {
         name: UnexplainedChannel(

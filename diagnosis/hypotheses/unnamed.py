@@ -13,35 +13,37 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import block_diag
 
-from diagnosis.estimation.dispersion import dispersion, memory_steps
-from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
 from diagnosis.estimation.gridded_trials import GriddedTrials
+from diagnosis.estimation.kalman import DrivenColumns, ProductColumns
 from diagnosis.estimation.linearisation import Point, linearise_and_filter, timing_columns
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import BY_PLACE, FORCES, Dictionary
 from diagnosis.hypotheses.events import Events, event_slopes, swing_backgrounds
 from diagnosis.hypotheses.force_forms import by_variables
-from diagnosis.hypotheses.projection import projected
+from diagnosis.hypotheses.score_test import dispersion, memory_steps, projected
 
 SENSOR = "sensor of "
 """Begin of the kinds that are errors of a sensor."""
 UNLOGGED = f"wind{BY_PLACE}"
 """Kind of the share of the logged wind: gusts that are not logged make it vary from second to second."""
 SIZES = (0.03, 0.1, 0.3, 1.0)
-"""Prior standard deviations of a column's coefficient, in the sizes of what is random."""
+"""Prior standard deviations of a column's coefficient, in the sizes of what is random. Set by hand: factors of
+three."""
 MULTIPLES = (0.25, 1.0, 4.0)
 """Prior variances of a force along each direction of its kind, in squared standard errors of what the trials say of it
 (Zellner 1986; Liang et al. 2008), but no more than the largest of SIZES. A force whose parts are small in each column
 alone, as a step made of polynomials is, gains by that."""
 TOLERANCE = 0.05
-"""Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact."""
+"""Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact. Set
+by hand."""
 WIND_TOLERANCE, WIND_SIZES = 0.05, (0.1, 0.3, 1.0)
 """Share of the logged wind's force that may be missing at a place where nothing is wrong, and prior standard deviations
 of what may be wrong there. Of anemometers mean speeds within 10 % are required (WMO No. 8, 2023, annex 1.A), which is
 20 % of the force; gusts between the samples of 10 % of the speed with a memory of 1 s leave 6 % in a mean of 20 s."""
 SEEN = 0.01
-"""Information from which a direction is seen: forms that add up to nothing on the trials may have a slope yet."""
+"""Information from which a direction is seen: forms that add up to nothing on the trials may have a slope yet. Set
+by hand."""
 
 
 @dataclass(frozen=True)
@@ -98,13 +100,14 @@ class UnnamedSlopes:
         (``by_variables``)."""
         kinds, allowed = np.array(self.kinds), self.allowed
         ratio = np.array([self.dispersion.get(k, 1.0) for k in self.kinds])
-        g, S = g / ratio, self.S / ratio
+        g, S = g / ratio, self.S / ratio  # an overdispersed kind says less, slopes and information alike
         single = np.isin(kinds, FORCES)
         own = {name: kinds == name for name in sorted(set(self.kinds))} | self._of_few_variables
         logs = {
             name: log_bayes(g, S, at, allowed[at].max(), self._sizes(name), MULTIPLES if single[at].all() else ())
             for name, at in own.items()
         }
+        # each kind as likely before
         mixture = np.logaddexp.reduce(np.stack(list(logs.values())), axis=0) - np.log(len(logs))
         alone = _logs_of(g[..., single, None], np.diag(S)[single, None], 0.0, SIZES)
         each = np.logaddexp.reduce(alone, axis=0) - np.log(len(alone))
@@ -127,29 +130,30 @@ class UnnamedForms:
         return max(self.mixture, self.single)
 
 
-def unnamed_forms(steps: TransitionModel, data: GriddedTrials, found: Point) -> UnnamedForms:
-    """Test the unnamed forms at the fitted hypothesis ``found`` of ``steps`` to ``data``."""
-    slopes = unnamed_slopes(steps, data, found)
+def unnamed_forms(steps: TransitionModel, data: GriddedTrials, point: Point) -> UnnamedForms:
+    """Test the unnamed forms at the fitted hypothesis ``point`` of ``steps`` to ``data``."""
+    slopes = unnamed_slopes(steps, data, point)
     mixture, single, by_kind = slopes.statistics(slopes.g)
     return UnnamedForms(float(mixture), {kind: float(log) for kind, log in by_kind.items()}, float(single), slopes)
 
 
-def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) -> UnnamedSlopes:
+def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, point: Point) -> UnnamedSlopes:
     """The slopes along all columns of the dictionary at a fit.
 
-    steps: the transition model; data: the trials; found: the fit.
+    steps: the transition model; data: the trials; point: the fit.
     """
-    active = active_states(steps, found.free.symbols, found.theta)
-    forms = Dictionary(steps, data, found, active)
-    timing = timing_columns(steps, data, found, active)
+    active = active_states(steps, point.free.symbols, point.theta)
+    forms = Dictionary(steps, data, point, active)
+    timing = timing_columns(steps, data, point, active)
     length, events = float(steps.ship.particulars["L"]), []
 
     def columns_of(linear: LinearModel) -> list[ProductColumns | DrivenColumns]:
         events.append(Events.of(data, forms, linear, length))
+        # timing first: projected out with p
         return [DrivenColumns.pushing(timing), *forms.columns(linear), *events[0].columns]
 
-    linearised = linearise_and_filter(steps, data, found, active, columns_of, is_brief=True)
-    p = np.concatenate([found.p, np.zeros(timing.shape[3])])  # the time of the inputs is projected out, too
+    linearised = linearise_and_filter(steps, data, point, active, columns_of, is_brief=True)
+    p = np.concatenate([point.p, np.zeros(timing.shape[3])])  # the time of the inputs is projected out, too
     P, C = len(p), len(p) + len(forms.kinds)
     by_free = linearised.logdet_gradient.sum(axis=0)[:P]
     white = linearised.white
@@ -176,7 +180,7 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, found: Point) ->
         zip(forms.by_place, (size for _, size in forms.scaled(linearised.linear, forms.by_place)), strict=True)
     )
     return UnnamedSlopes(
-        g, S, forms, ratios, rest.taken[: len(found.p)], kinds, units.get("wind", 1.0), events[0].allowed
+        g, S, forms, ratios, rest.taken[: len(point.p)], kinds, units.get("wind", 1.0), events[0].allowed
     )
 
 
@@ -197,7 +201,7 @@ def log_bayes(
     g, S = g[..., chosen], S[np.ix_(chosen, chosen)]
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
     seen = values > SEEN
-    along = np.where(seen, g @ vectors, 0.0)
+    along = np.where(seen, g @ vectors, 0.0)  # rounding along what the trials do not see
     logs = _logs_of(along, np.maximum(values, 0.0), tolerance, sizes)
     squared = along**2 / np.where(seen, values, 1.0)
     for m in (np.where(seen, np.minimum(multiple, max(SIZES) ** 2 * values), 0.0) for multiple in multiples):

@@ -22,23 +22,24 @@ from diagnosis.estimation.parameters import set_values
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import LEFT_OUT, TESTS, Budget, BudgetShare
 from diagnosis.hypotheses.forward_selection import Selection
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from diagnosis.validation.held_out import FEW, TOGETHER, WindowErrors, errors, window_length
 
 SIMULATED = 16
-"""Simulated campaigns behind the floor. Its own scatter is part of the intervals."""
+"""Simulated campaigns behind the floor. Its own scatter is part of the intervals. Set by hand."""
 DRAWS = 2000
-"""Draws of runs and floors for the intervals."""
+"""Draws of runs and floors for the intervals. Set by hand."""
 UNITS = ("position_m", "heading_deg")
 """What the errors at the end of a window are said in."""
 SURE = 0.05
-"""Probability that the error is not above the floor up to which there is a gap to account for."""
+"""Probability that the error is not above the floor up to which there is a gap to account for. Set by hand: a usual
+level."""
 
 
 def budget_of(
     problem: SearchProblem,
-    found: Selection,
+    selection: Selection,
     missing: ForceEstimate | None = None,
     seed: int = 0,
     given: np.ndarray | None = None,
@@ -46,13 +47,13 @@ def budget_of(
     """Where the 30 s error of trials that took no part comes from.
 
     problem: model, training trials, and tests, trials that took no part (None: then each training run is predicted by
-    coefficients without it); found: the effects, with the fits as each was added; missing: the force without a name
+    coefficients without it); selection: the effects, with the fits as each was added; missing: the force without a name
     that is left, None: nothing is; seed: of all draws; given: coefficients (all,) before any fit to these trials, None
     where there was one. Returns None where no whole window can be predicted, and where
     there is a single run that would have to be left out.
     """
-    steps, data, tests, fits = problem.steps, problem.data, problem.tests, found.fits
-    names = [c.effect for c in found.effects]
+    steps, data, tests, fits = problem.steps, problem.data, problem.tests, selection.fits
+    names = [c.effect for c in selection.effects]
     if tests is None and len(np.unique(data.run)) < 2:
         return None
     seen, final, rng = data if tests is None else tests, fits[-1], np.random.default_rng(seed)

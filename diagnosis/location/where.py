@@ -34,11 +34,13 @@ STRAIGHT, ACCELERATING = "straight ahead", "accelerating"
 STOPPING, SLOW = "stopping / astern (n<0)", "drifting slow"
 PHASES = (STRAIGHT, ACCELERATING, CHANGING, STEADY, STOPPING, SLOW)
 SLOW_SHARE, ASTERN_SHARE = 0.25, 0.05
-"""Shares of the usual speed of the trials: below the first a ship is slow; faster astern than the second, it backs."""
+"""Shares of the usual speed of the trials: below the first a ship is slow; faster astern than the second, it backs. Set
+by hand: they name bins."""
 TURNING, TURN_CHANGE, SPEED_CHANGE = 0.1, 0.1, 0.03
-"""r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed."""
+"""r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed. Set by hand: they name
+bins."""
 FEW = 12
-"""An input with no more different values than this has a bin for each of them."""
+"""An input with no more different values than this has a bin for each of them. Set by hand: display."""
 
 
 @dataclass(frozen=True)
@@ -149,9 +151,9 @@ def _change(z: np.ndarray, reach: int, steps: np.ndarray) -> np.ndarray:
 
 CHANNELS, UNITS = ("surge", "sway", "yaw"), ("N", "N", "N m")
 MOST, EACH = 30, 3
-"""Most regions listed: of all, and of one variable and channel."""
+"""Most regions listed: of all, and of one variable and channel. Set by hand: display."""
 ENOUGH = 5.0
-"""Correlation times tau of the latent force that a region must last to be listed."""
+"""Correlation times tau of the latent force that a region must last to be listed. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -231,7 +233,7 @@ def by_variable(variables: Sequence[Variable], s: Samples) -> tuple[list[dict[st
 
 
 PERIODS = (60.0, 20.0, 5.0)
-"""Periods [s] between the bands, of a 3 m model (Froude's law)."""
+"""Periods [s] between the bands, of a 3 m model (Froude's law). Set by hand."""
 
 
 def where(

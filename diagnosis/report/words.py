@@ -389,12 +389,12 @@ def held_words(h: HeldOut | None, verdict: str) -> str:
     return words
 
 
-def learned_words(found: LearnedResidual) -> str:
-    """Numbers behind what the learned residual ``found`` closes."""
-    each = ", ".join(f"{signed(100 * r, '.1f')} %" for r in found.reductions)
+def learned_words(learned: LearnedResidual) -> str:
+    """Numbers behind what the learned residual ``learned`` closes."""
+    each = ", ".join(f"{signed(100 * r, '.1f')} %" for r in learned.reductions)
     return (
-        f"Reductions by training: {each}; with the mean of their networks {signed(100 * found.together, '.1f')} %. By "
-        f"parts of the training trials alone, as mmg train decides: {sentence(found.decision)}"
+        f"Reductions by training: {each}; with the mean of their networks {signed(100 * learned.together, '.1f')} %. "
+        f"By parts of the training trials alone, as mmg train decides: {sentence(learned.decision)}"
     )
 
 
@@ -402,9 +402,9 @@ def unnamed_words(d: Findings) -> str:
     """What the tests of unnamed forms in ``d`` found."""
     if "all" not in d.unnamed:
         return ""
-    beside = "beside what was named" if d.verdict == "named" else "without any effect"
+    context = "beside what was named" if d.verdict == "named" else "without any effect"
     words = "Unnamed forms (functions of state, inputs, wind, place) have a log Bayes factor of "
-    return f"{words}{signed(d.unnamed['all'], '.1f')} {beside}."
+    return f"{words}{signed(d.unnamed['all'], '.1f')} {context}."
 
 
 def amount(effect: NamedEffect | InstrumentFault) -> str:
@@ -509,4 +509,5 @@ def _cause(found: NamedEffect | InstrumentFault, part: BudgetShare | None, same:
 OVER_GROUND = ("current", "wind_sensor_bias", "wave_drift")
 """Effects whose parameters x and y are a vector over the ground."""
 HALF = 0.5
-"""Share of the avoidable error that a name must be able to cause to head the sentence."""
+"""Share of the avoidable error that a name must be able to cause to head the sentence. Set by hand: words alone hang on
+it."""

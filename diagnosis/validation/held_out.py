@@ -16,13 +16,14 @@ from diagnosis.estimation.noise_sizes import initial_noise, updated_noise
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
+from fitting.prediction.score import STRIDE, WINDOW
 from mmg.effects import EFFECTS
 from mmg.motion.froude import state_scale, time_scale
 from mmg.ship import Ship
 
-WINDOW, STRIDE = 30.0, 15.0
-"""Seconds of a window and between their starts."""
 DRAWS = 2000
+"""Draws of runs or blocks, for intervals. Set by hand: the ends of a 90 % interval are known to 0.05 standard
+errors."""
 
 
 class Stepper(Steered, Protocol):
@@ -132,7 +133,7 @@ def window_length(ship: Ship) -> float:
 
 
 FEW, TOGETHER = 3, 4
-"""With fewer runs than FEW, blocks of TOGETHER neighbouring windows are drawn instead of runs."""
+"""With fewer runs than FEW, blocks of TOGETHER neighbouring windows are drawn instead of runs. Set by hand."""
 
 
 def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
@@ -211,13 +212,13 @@ def compare(
 
 SETTLED, FITS = 0.1, 20
 """Change of log likelihood from which a filter along other trials has settled, and most linearisations of it: where
-hardly any random force acts, its size falls step by step."""
+hardly any random force acts, its size falls step by step. Set by hand."""
 
 
-def one_step_likelihood(steps: TransitionModel, data: GriddedTrials, found: Estimate, fits: int = FITS) -> np.ndarray:
+def one_step_likelihood(steps: TransitionModel, data: GriddedTrials, fit: Estimate, fits: int = FITS) -> np.ndarray:
     """Negative log likelihood of one-step predictions of each window (R,) of other trials, NaN where they explode;
-    steps, data, found, fits: as of ``filtered_along``."""
-    here = filtered_along(steps, data, found, fits=fits)
+    steps, data, fit, fits: as of ``filtered_along``."""
+    here = filtered_along(steps, data, fit, fits=fits)
     return np.full(len(data.run), np.nan) if here is None else likelihood_of(here)
 
 
@@ -230,25 +231,25 @@ def likelihood_of(here: Linearisation) -> np.ndarray:
 def filtered_along(
     steps: TransitionModel,
     data: GriddedTrials,
-    found: Estimate,
+    fit: Estimate,
     near: Linearisation | None = None,
     fits: int = FITS,
 ) -> Linearisation | None:
     """The filter along other trials, its path and latent force those that are most likely; None where they explode.
 
-    steps: the transition model; data: the trials; found: the fit; near: of another fit along them, from which it
+    steps: the transition model; data: the trials; fit: the fit; near: of another fit along them, from which it
     begins; fits: linearisations of the filter at most. The sizes of the noise, which say nothing of the ship, are those
     that make the other trials most likely: in its own trials an effect that explains a little of everything leaves less
     than there is.
     """
-    active = active_states(steps, found.free.symbols, found.theta)
-    path = initial_trajectory(steps, data, found.theta) if near is None else near.at.path
-    noise = found.noise if near is None else near.at.noise.with_(tau=found.noise.tau)
+    active = active_states(steps, fit.free.symbols, fit.theta)
+    path = initial_trajectory(steps, data, fit.theta) if near is None else near.at.path
+    noise = fit.noise if near is None else near.at.noise.with_(tau=fit.noise.tau)
     best, share, typical = None, 1.0, initial_noise(steps.ship)
     for _ in range(fits):
-        here = linearised_if_finite(steps, data, replace(found.fixed(), path=path, noise=noise), active)
+        here = linearised_if_finite(steps, data, replace(fit.fixed(), path=path, noise=noise), active)
         if best is None and here is None:
-            return None if near is None else filtered_along(steps, data, found, fits=fits)
+            return None if near is None else filtered_along(steps, data, fit, fits=fits)
         if best is not None and (here is None or here.nll > best.nll + SETTLED):
             share *= 0.3  # the step was too far
         elif here is not None:

@@ -29,9 +29,9 @@ from residual.system import TrainableSystem
 from residual.train import restored, tasks_of, train_seeds
 
 SEEDS = 3
-"""Trainings. They are judged on three fifths of the runs; the five of ``mmg train`` cover all runs."""
+"""Trainings. They are judged on three fifths of the runs; the five of ``mmg train`` cover all runs. Set by hand."""
 NOTHING = 0.005
-"""Share of the error up to which a reduction or growth is called none."""
+"""Share of the error up to which a reduction or growth is called none. Set by hand."""
 
 
 class SteppedHybrid(TrainableSystem):
@@ -139,22 +139,22 @@ def measure_learned_residual(
     return replace(found, sentence=sentence_of(found))
 
 
-def sentence_of(found: LearnedResidual) -> str:
-    """One sentence on how much the residual of ``found`` removes; no more than chance is called none."""
-    size, least = f"{abs(found.reduction):.1%}", max(found.spread, NOTHING)
-    low, high = found.interval_90 or (-np.inf, np.inf)
+def sentence_of(learned: LearnedResidual) -> str:
+    """One sentence on how much the residual of ``learned`` removes; no more than chance is called none."""
+    size, least = f"{abs(learned.reduction):.1%}", max(learned.spread, NOTHING)
+    low, high = learned.interval_90 or (-np.inf, np.inf)
     chance = (
         f"90 % interval {low:+.1%} to {high:+.1%}"
-        if found.interval_90
+        if learned.interval_90
         else "a single test trial does not tell how much of that is chance"
     )
-    figures = f"{chance}; {len(found.seeds)} training(s), ± {found.spread:.1%} among them"
+    figures = f"{chance}; {len(learned.seeds)} training(s), ± {learned.spread:.1%} among them"
     what = "of the error of 30 s predictions of the test trials"
-    if low > 0 and found.reduction > least:
+    if low > 0 and learned.reduction > least:
         return f"A learned residual closes {size} {what} ({figures}): so much of the remainder can be learned."
-    if high < 0 and found.reduction < -least:
+    if high < 0 and learned.reduction < -least:
         return f"A learned residual does not close any {what} but makes it {size} larger ({figures})."
     return (
-        f"A learned residual does not close any {what} beyond chance (reduction {found.reduction:+.1%}; {figures}): "
+        f"A learned residual does not close any {what} beyond chance (reduction {learned.reduction:+.1%}; {figures}): "
         "the unexplained remainder was not learned from these trials."
     )

@@ -16,19 +16,19 @@ from mmg.progress import LOGGER, OnProgress
 
 
 def with_learned(
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     trials: Sequence[Trial],
     tests: Sequence[Trial],
     options: DiagnosisOptions,
     progress: OnProgress | None = None,
 ) -> Diagnosis:
-    """``found`` with how much a residual learned from ``trials`` closes of the remainder, measured on ``tests``.
+    """``diagnosis`` with how much a residual learned from ``trials`` closes of the remainder, measured on ``tests``.
 
     As given where nothing is left unexplained, and without test trials. Where it cannot be measured, a warning says
     why. options, progress: as of ``diagnose``. Returns the diagnosis with ``learned``.
     """
-    if not tests or not (found.verdict == "unknown" or found.remainder):
-        return found
+    if not tests or not (diagnosis.verdict == "unknown" or diagnosis.remainder):
+        return diagnosis
     began = time.perf_counter()
     try:
         check_time()
@@ -37,16 +37,18 @@ def with_learned(
         from diagnosis.validation.learned import SEEDS, measure_learned_residual
         from residual.settings import TrainSettings
 
-        step, straight = (options.step, False) if found.data is None else (found.data.h, found.data.straight)
+        step, straight = (
+            (options.step, False) if diagnosis.data is None else (diagnosis.data.h, diagnosis.data.straight)
+        )
         settings = TrainSettings(seeds=SEEDS, seed=options.seed, workers=options.workers, step=step)
         store = options.store.part("learned") if options.store is not None else None
-        rest = measure_learned_residual(found.ship, trials, tests, settings, progress, store, straight)
+        rest = measure_learned_residual(diagnosis.ship, trials, tests, settings, progress, store, straight)
     except UserError as reason:
         why = f"how much of the rest a learned residual closes was not measured: {reason}"
         code = "out_of_time" if isinstance(reason, OutOfTimeError) else "not_learned"
-        return replace(found, warnings=(*found.warnings, Message(why, code)))
+        return replace(diagnosis, warnings=(*diagnosis.warnings, Message(why, code)))
     seconds = time.perf_counter() - began
-    spent = {**found.timings, "learned residual": seconds}
+    spent = {**diagnosis.timings, "learned residual": seconds}
     if "total" in spent:
         spent["total"] = spent.pop("total") + seconds
-    return replace(found, learned=rest, timings=spent)
+    return replace(diagnosis, learned=rest, timings=spent)

@@ -284,7 +284,7 @@ COUNT, FIRST, THEN = 16, 30, 240
 """Sequences of a generation; generations of each start; of the best one after that. Set by hand: 30 s of the processor
 for a plan of 180 s (RESULTS.md of 5f878e7)."""
 STARTS = 3
-"""The best manoeuvre, the best pair and a random sequence: from these the search goes on."""
+"""The best manoeuvre, the best pair and a random sequence: from these the search goes on. Set by hand."""
 RUN_UP = 2.0
 """Straight way behind the start that must be inside the area too [ship lengths]. Set by hand."""
 

@@ -16,8 +16,7 @@ from cases.io.files import replaced
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.self_propulsion import actuator_positions, own_speed
 from cases.quantities import UNITS
-from cases.simulation.sensors import SensorNoise, wrap
-from cases.simulation.simulate import longest_step
+from cases.simulation.simulate import SensorNoise, longest_step, wrap
 from cases.simulation.simulate_batch import simulate_batch
 from fitting.design.plan import RUN_UP, Area, PlanTask, SequenceFound, Wish, search_plan, table_of
 from fitting.design.trial_information import Present, TrialInformation

@@ -26,17 +26,16 @@ from mmg.messages import Message
 from mmg.ship import Ship
 
 DETERMINED, PARTLY = 0.1, 0.7
-"""Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it. Set by
-hand: they name a class and change no estimate."""
+"""Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it. Set
+by hand: they name a class and change no estimate."""
 
 WORSE = 1.2
 """Ratio of posterior to prior variance above which correlated residuals made the estimate worse. Set by hand: a
 class."""
 
 STRAINED = 2.0
-"""Prior standard deviations from the prior beyond which an estimate that the trials hardly tell contradicts it.
-
-A share of PARTLY leaves the estimate sqrt(1 - PARTLY) = 0.55 prior standard deviations of chance."""
+"""Prior standard deviations from the prior beyond which an estimate that the trials hardly tell contradicts it. A share
+of PARTLY leaves the estimate sqrt(1 - PARTLY) = 0.55 prior standard deviations of chance. Set by hand."""
 
 SILENT = 0.1
 """Information of the data, by the prior's, below which a coefficient is not excited at all. Set by hand: a class."""
@@ -327,7 +326,7 @@ Engineering judgement for merchant ships; public fits of the ESSO OSAKA records 
 """
 ADDED_MASSES = ("m_x", "m_y", "I_J_z")
 WITHIN_PRIOR = 2.0
-"""Prior standard deviations within which the estimate of an added mass must lie: 95 % of the prior."""
+"""Prior standard deviations within which the estimate of an added mass must lie: 95 % of the prior. Set by hand."""
 HIDDEN = (
     "see what the trials may hide: an antenna off midship, a current, inputs logged at samples but taken as held "
     "(mmg diagnose)"
@@ -385,12 +384,12 @@ def listed(names: Sequence[str], last: str = " and ") -> str:
 
 
 def calibrated_ship(
-    ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, found: Identifiability, converged: bool
+    ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, identifiability: Identifiability, converged: bool
 ) -> Ship:
     """The ``ship`` with estimates, standard errors, priors and verdicts.
 
     prior: of the P free coefficients; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations;
-    found: what decided each coefficient; converged: an estimate that did not says so.
+    identifiability: what decided each coefficient; converged: an estimate that did not says so.
     """
     own, changed = "calibrated by mmg fit", {}
     for symbol, mean, std in zip(prior.symbols, prior.mean.tolist(), prior.std.tolist(), strict=True):
@@ -398,18 +397,18 @@ def calibrated_ship(
         source = own if own in source or not source else f"{own}; prior: {source}"
         changed[symbol] = ship.coefficients[symbol].with_(prior_value=mean, prior_std=std, source=source)
     known = replace(ship.with_coefficients(changed), notices=())
-    return with_estimates(known, prior, p, covariance, found, converged)
+    return with_estimates(known, prior, p, covariance, identifiability, converged)
 
 
 def with_estimates(
-    ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, found: Identifiability, converged: bool
+    ship: Ship, prior: Prior, p: np.ndarray, covariance: np.ndarray, identifiability: Identifiability, converged: bool
 ) -> Ship:
     """A calibrated ``ship`` with other estimates, standard errors and verdicts.
 
-    prior, p (P,), covariance (P, P), found, converged: as of ``calibrated_ship``.
+    prior, p (P,), covariance (P, P), identifiability, converged: as of ``calibrated_ship``.
     """
     changed = {}
-    for i, finding in enumerate(found.findings):
+    for i, finding in enumerate(identifiability.findings):
         words = verdict(finding)
         c, share = ship.coefficients[finding.symbol], float(covariance[i, i])
         changed[c.symbol] = c.with_(

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 FAR = 4.0
 """Residuals of a run, as a multiple of those of the median run, from which it is named. Runs of the 3 m model that
-belong reach 3.3 when they are left out of the fit; one whose rudder has the wrong sign 6 to 18."""
+belong reach 3.3 when they are left out of the fit; one whose rudder has the wrong sign 6 to 18. Set by hand between, as
+measured."""
 LOOK = 1.5
 """Multiple from which a run is judged by a fit without it, as it pulls the joint fit towards itself. Set by hand, well
 below FAR: lower only costs fits."""

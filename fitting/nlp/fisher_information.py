@@ -63,7 +63,7 @@ class Information:
         """
         if self.owner is None:
             return self
-        together = bool((self.owner < -1).any())
+        together = bool((self.owner < -1).any())  # constants of campaigns have owners below -1
         runs, kept = self.by_run(), np.flatnonzero(self.owner == -1)
         if together:
             runs = replace(self, run=np.zeros_like(self.run)).by_run()
@@ -99,7 +99,7 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     at = columns.each(columns.at, columns.window)
     fisher, score = np.zeros((len(seg.run), problem.P, problem.P)), np.zeros((len(seg.run), problem.P))
     window = np.arange(len(seg.run))[:, None]
-    fisher[window[:, :, None], at[:, :, None], at[:, None, :]] = 0.5 * (local + np.swapaxes(local, 1, 2))
+    fisher[window[:, :, None], at[:, :, None], at[:, None, :]] = 0.5 * (local + np.swapaxes(local, 1, 2))  # rounding
     score[window, at] = left.slope[:, S:] - across[:, :, L]
     return Information(fisher, score, p, seg.run.copy(), problem.prior.symbols, *prior_parts(problem, p), columns.owner)
 
@@ -138,10 +138,11 @@ class Eliminated:
                 rows[w], slope[w] = parts.nodes[seg.end[i]], parts.node_slope[seg.end[i]]
             H, v = rows[w], slope[w]
             ahead[i], pull[i] = H, v[:, :S]
+            # the slope where the interval ends, not at the node
             v = v + (np.swapaxes(H, 1, 2) @ parts.off[i][:, :S, None])[:, :, 0]
             through = H[:, :, :S] @ T
-            B[i] = 0.5 * through[:, :, S:] + H[:, :, S:]
-            through[:, :, S:] += H[:, :, S:]
+            B[i] = 0.5 * through[:, :, S:] + H[:, :, S:]  # a half, as A^T B + B^T A counts the quadratic twice
+            through[:, :, S:] += H[:, :, S:]  # p acts at the end itself, too, not only through the interval
             turned = np.swapaxes(T, 1, 2)
             rows[w] = turned[:, :S] @ through + parts.inside[i] + parts.nodes[start]
             carried = (turned @ v[:, :S, None])[:, :, 0]
@@ -246,7 +247,7 @@ def _at_nodes(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndar
         slope[:, at] = (error[:, None, :] @ weighted)[:, 0]
         shared[:, own[:, None], own] = group_sums(of, H[:, S:, S:], count)
     memory, remembered = problem.memory_weight * problem.scale[6:], np.arange(6, S)
-    rows[:, remembered, remembered] += memory * problem.scale[6:]
+    rows[:, remembered, remembered] += memory * problem.scale[6:]  # memory has one factor of the scale already
     slope[:, 6:S] += memory * (nodes[:, 6:] - problem.measured_nodes[:, 6:])
     return rows, slope, shared
 

@@ -16,7 +16,8 @@ import numpy as np
 from fitting.settings import LOSSES
 
 THRESHOLD = 1.5
-"""Residual [rms] beyond which ``huber`` stops being quadratic: 96 % efficient on Gaussian noise."""
+"""Residual [rms] beyond which ``huber`` stops being quadratic: 96 % efficient on Gaussian noise. (Huber 1981; the table
+of efficiencies.)"""
 NU = 4.0
 """Degrees of freedom of ``student``. By Lange et al. (1989); see the row ``student`` of benchmarks/ablation.md."""
 

@@ -45,7 +45,7 @@ class PortableIntervals:
             def rates(at: np.ndarray, part: float, controls: np.ndarray = controls) -> np.ndarray:
                 return self._rates.at(at[-self.Q :], _during(controls, part, self._sizes[0]), by_interval)[0]
 
-            z = np.where(exist[k] > 0, rk4_step(rates, z, lanes.h), z)
+            z = np.where(exist[k] > 0, rk4_step(rates, z, lanes.h), z)  # an interval that has ended keeps its end
             if given is not None:
                 z = np.where(np.isnan(given[k]), z, given[k])
             after.append(exist[k] * z)
@@ -152,8 +152,8 @@ class PortableIntervals:
         for row, column in enumerate(own):
             chosen[row, S + column] = 1.0
         H, adjoint = ca.MX(N, N), weight
-        for k in reversed(range(self.K)):
-            if k < self.K - 1:
+        for k in reversed(range(self.K)):  # adjoints go backwards
+            if k < self.K - 1:  # the end itself has no sample: it is a node
                 moved = ca.vertcat(after[k], chosen)
                 H += moved.T @ (ca.reshape(cost[at.ravel().tolist(), k], n, n) @ moved)
                 adjoint = adjoint + pull[:, k]
@@ -174,7 +174,7 @@ class PortableIntervals:
         multipliers: list[ca.MX] = []
         back, later = adjoint, ca.MX(S, 1)
         for (_, _, J), node, weight in zip(reversed(stages), reversed(NODES), reversed(WEIGHTS), strict=True):
-            multipliers.insert(0, exists[k] * (h * weight * adjoint + later))
+            multipliers.insert(0, exists[k] * (h * weight * adjoint + later))  # stages are gone through backwards
             pulled = ca.vertcat(ca.MX(S - Q, 1), J.T @ multipliers[0])
             back, later = back + pulled, h * node * pulled
         if middle:

@@ -142,7 +142,7 @@ class Columns:
             return None
         owner = np.full(int(self.at.max()) + 1, -1)
         numbers = np.arange(self.groups)[:, None]
-        owner[self.at[:, self.shared :]] = -2 - numbers if self.campaigns else numbers
+        owner[self.at[:, self.shared :]] = -2 - numbers if self.campaigns else numbers  # -1 is taken by shared ones
         return owner
 
     def each(self, values: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -169,7 +169,7 @@ class Columns:
     def vector(self, parts: np.ndarray, size: int) -> np.ndarray:
         """Sum (P,) of parts (G, L) of the groups."""
         whole = np.zeros(size)
-        np.add.at(whole, self.at, parts)
+        np.add.at(whole, self.at, parts)  # .at: shared coefficients are in every group
         return whole
 
     def matrix(self, parts: np.ndarray, size: int) -> np.ndarray:
@@ -244,7 +244,7 @@ def neutral_values(ship: Ship, symbols: Sequence[str]) -> np.ndarray:
     """
     off = ship
     for name in dict.fromkeys(s.split(".")[0] for s in symbols):
-        off = off.without_effect(name).with_effect(name)
+        off = off.without_effect(name).with_effect(name)  # put in anew, an effect has its neutral values
     return np.array([off.coefficients[s].value for s in ship.symbols])
 
 

@@ -71,7 +71,7 @@ def upper_triangle(nodes: np.ndarray, shared: np.ndarray) -> np.ndarray:
 
 def _sparsity(rows: np.ndarray, columns: np.ndarray, n: int, m: int) -> Pattern:
     """CasADi's compressed-column pattern of distinct triplets and the order that sorts their values into it."""
-    order = np.lexsort((rows, columns))
+    order = np.lexsort((rows, columns))  # by column first: lexsort takes its last key as the first
     counts = np.bincount(columns, minlength=m)
     pointers = np.concatenate([[0], np.cumsum(counts)])
     return ca.Sparsity(n, m, pointers.tolist(), rows[order].tolist()), order
@@ -98,7 +98,9 @@ class Problem:
         self.ship, self.prior, self.segments = ship, prior, segments
         self.loss, self.captive = loss or Loss(), captive
         self.sigma = np.asarray(sigma, dtype=float)
+        # 1e-3: a ship at rest
         speed, length = np.sqrt(np.mean((segments.nodes[:, 3:5] ** 2).sum(axis=1))) + 1e-3, ship.particulars["L"]
+        # typical changes over a window: unknowns of order 1 for IPOPT
         scale = np.array([length / 3, length / 3, 0.1, 0.3 * speed, 0.1 * speed, 0.1 * speed / length])
         self.scale = np.concatenate([scale, kernels.model.sizes])
         self.kernels, self.S = kernels, kernels.S
@@ -112,7 +114,9 @@ class Problem:
         self.node_weight, self.weight = segments.pinned() / at_nodes, segments.mask / inside
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
         self.memory_weight = np.zeros((self.B, self.S - 6))
+        # at first nodes alone: what came before is not logged
         self.memory_weight[np.unique(segments.node_window, return_index=True)[1]] = 1 / kernels.model.sizes**2
+        # nan equals nothing: no x is cached yet
         self._values_at = self._slopes_at = self._errors_at = np.full(self.n, np.nan)
 
     @classmethod
@@ -191,7 +195,7 @@ class Problem:
     def errors(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Model minus measured columns at the nodes (B, 6) and inside the intervals (K - 1, 6, M), cached."""
         nodes, p, _, interior = self.evaluate(x)
-        if self._errors_at is not self._values_at:
+        if self._errors_at is not self._values_at:  # the same array, not an equal one: evaluate has just compared x
             measured, seg = self.kernels.measurement.values, self.segments
             at_nodes, at_intervals = self._theta(p)
             inside = np.array([measured(z, at_intervals) for z in interior]).reshape(seg.targets.shape)
@@ -205,7 +209,7 @@ class Problem:
         memory = self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:]) ** 2
         samples = self.loss.cost(self.node_weight, e).sum() + self.loss.cost(self.weight, ei).sum()
         captive = 2 * self.captive.cost(self.captive_coefficients(p)) if self.captive else 0.0
-        return 0.5 * float(samples + memory.sum() + captive + p @ p)
+        return 0.5 * float(samples + memory.sum() + captive + p @ p)  # p is in prior standard deviations
 
     def defects(self, x: np.ndarray) -> np.ndarray:
         """End of interval minus next node, divided by the channel's scale, shape (S M,), interval by interval."""
@@ -224,7 +228,7 @@ class Problem:
 
     def keep_slopes(self, x: np.ndarray, ends: np.ndarray, slope: np.ndarray, own: np.ndarray) -> None:
         """Keeps what ``slopes`` gives at x (n,); slope lacks ``own`` (M, L), what the measurement alone adds."""
-        slope[:, self.S :] += own
+        slope[:, self.S :] += own  # instruments depend on coefficients directly, not only through the states
         self._slopes, self._slopes_at = (ends, slope), x.copy()
 
     def sample_pull(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -257,7 +261,7 @@ class Problem:
         if self.captive:
             d_theta[0, : columns.shared] += self.captive.gradient(self.captive_coefficients(p))
         d_nodes[:, 6:] += self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:])
-        d_nodes[self.segments.start] += slope[:, :S]
+        d_nodes[self.segments.start] += slope[:, :S]  # each node begins one interval at most, so += counts none twice
         return np.concatenate([(d_nodes * self.scale).reshape(-1), columns.vector(d_theta * self.std, self.P) + p])
 
     def _theta(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -271,7 +275,7 @@ class Problem:
         block = sensitivity[:, :, : self.S] * (self.scale / scale)
         std = self.columns.each(self.std, self.columns.interval)[:, None, :]
         theta = sensitivity[:, :, self.S :] * (std / scale)
-        ends = np.full(self.m, -1.0)
+        ends = np.full(self.m, -1.0)  # each defect has minus the next node
         return np.concatenate([block.reshape(-1), ends, theta.reshape(-1)])[self.patterns[0][1]]
 
     def hessian(self, x: np.ndarray, factor: float, multipliers: np.ndarray) -> np.ndarray:
@@ -285,6 +289,7 @@ class Problem:
         ``Shooting.hessian``."""
         S, columns = self.S, self.columns
         at_nodes, p, _, _ = self.evaluate(x)
+        # defects are scaled, the kernel's ends are not
         lam = np.ascontiguousarray((multipliers.reshape(self.M, S) / self.scale).T)
         shared, nodes = self._curved(x, factor, lam, middle)
         if self.captive:
@@ -312,7 +317,7 @@ class Problem:
         ei, (pull, own) = self.errors(x)[1], self.sample_pull(x)
         cost = self.sample_cost(x, factor * pull, factor * self.loss.second_derivative(self.weight, ei), factor)
         found = self.shooting.hessian(nodes[self.segments.start].T, self.coefficients(p), cost, lam, middle)
-        if factor == 1.0:
+        if factor == 1.0:  # IPOPT asks for others, with which the cost's slope is another one
             self.keep_slopes(x, found.ends, found.slope, own)
         rows = np.zeros((self.B, self.S, self.S + self.L))
         rows[self.segments.start] = found.rows
@@ -344,7 +349,7 @@ class Problem:
 
     def with_bounds(self, lower: np.ndarray, upper: np.ndarray) -> Problem:
         """The same problem with other bounds of the coefficients, (P,) each. All else is shared."""
-        other = object.__new__(Problem)
+        other = object.__new__(Problem)  # not the constructor: nothing that it makes depends on the bounds
         other.__dict__ |= self.__dict__ | {"patterns": self.patterns}
         other.prior = replace(self.prior, lower=lower, upper=upper)
         return other

@@ -68,6 +68,7 @@ class SampleCost:
         if self.full is not None:
             return np.ascontiguousarray(np.moveaxis(self.full[:, :, rows, columns], 2, 1))
         found = np.zeros((steps, len(rows), M))
+        # without instruments the columns are the states: the Hessian is diagonal
         found[:, rows == columns] = self.weight
         return found
 
@@ -85,6 +86,7 @@ class Measurement:
             return
         z, theta = ca.SX.sym("z", self.S), ca.SX.sym("theta", len(model.symbols))
         mu, y = ca.SX.sym("mu", 6), model.columns(z, theta)
+        # 1: at all, not only nonlinearly
         touched = ca.which_depends(y, ca.vertcat(*[theta[int(i)] for i in free]), 1) if len(free) else []
         self.own = np.flatnonzero(touched)
         x = ca.vertcat(z, *[theta[int(free[i])] for i in self.own])
@@ -201,7 +203,9 @@ class Kernels:
         self.S, self.first = len(model.states), model.first
         q, c = ca.SX.sym("q", self.S - self.first), ca.SX.sym("c", len(model.controls))
         theta = ca.SX.sym("theta", len(model.symbols))
-        rates = ca.cse(model.rates(ca.vertcat(ca.SX.zeros(self.first), q), c, theta))
+        rates = ca.cse(
+            model.rates(ca.vertcat(ca.SX.zeros(self.first), q), c, theta)
+        )  # the states before ``first`` do not act
         self.whole = derivatives(rates, q, c, theta, self.free, second=True)
         self.interval: IntervalKernel | None = None
         self.interpreted_because = "compilation switched off"
@@ -230,12 +234,13 @@ class Kernels:
         both = np.array([theta, theta * 1.01])
         controls = 0.1 * rng.standard_normal((K, len(self.model.controls), MORE * M))
         start, weight = 0.1 * rng.standard_normal((2, self.S, MORE * M))
+        # no sample behind an end
         pull, curved = rng.standard_normal((2, K - 1, self.S, M)) * (steps > np.arange(1, K)[:, None])[:, None, :]
         derivatives, q = BatchFunction(self.whole, None), start[self.first :]
         finite = np.flatnonzero(finite_at([a for each in both for a in derivatives.at(q, controls[0], each, weight)]))
         if not len(finite):
             return ""  # there is nothing to compare
-        chosen = np.resize(finite, M)
+        chosen = np.resize(finite, M)  # MORE than M were drawn, as some ships have no finite rates at some points
         start, weight, controls = start[:, chosen], weight[:, chosen], controls[..., chosen]
         cost, found = SampleCost(pull, curved), []
         for way in (kernel, self.portable):

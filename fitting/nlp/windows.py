@@ -86,11 +86,12 @@ def pieces_of(
     result = []
     for run, trial in enumerate(trials):
         states, controls = trial.states, model_inputs(trial, inputs).array
+        # positions may be missing
         good = np.flatnonzero(np.isfinite(np.column_stack([states[:, 2:], controls])).all(axis=1))
         gaps = np.flatnonzero(np.diff(trial.t[good]) > max(2.5 * trial.dt, 2.0 * h)) + 1
         for rows in np.split(good, gaps) if len(good) else []:
             t = trial.t[rows]
-            count = int(np.floor((t[-1] - t[0]) / h + 1e-9))
+            count = int(np.floor((t[-1] - t[0]) / h + 1e-9))  # 1e-9: a whole number of steps, but for rounding
             if count < 1:
                 continue
             edges = t[0] + h * np.arange(count + 1)
@@ -124,8 +125,8 @@ def default_step(trials: Sequence[Trial], length: float) -> float:
     wanted = max(0.05 * length / speed, dt)
     decade = 10 ** np.floor(np.log10(wanted))
     step = float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))
-    samples = max(1, int(np.floor(step / dt + 0.5 - 1e-6)))
-    return step if abs(step / dt - samples) < 1e-3 else samples * dt
+    samples = max(1, int(np.floor(step / dt + 0.5 - 1e-6)))  # halves go down: more samples are compared
+    return step if abs(step / dt - samples) < 1e-3 else samples * dt  # a round number where it is whole samples
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,7 @@ class Chains:
     @classmethod
     def of(cls, window: np.ndarray, start: np.ndarray, end: np.ndarray) -> Chains:
         """window, start, end: (M,) of each interval; nodes follow each other in time."""
-        order = np.lexsort((-start, window))
+        order = np.lexsort((-start, window))  # the last key sorts first: by window, then backwards in time
         first = np.concatenate([[0], np.cumsum(np.bincount(window))])
         return cls(*(np.ascontiguousarray(a, dtype=np.int64) for a in (first, order, start, end)))
 
@@ -205,11 +206,11 @@ class Segments:
         """Node mask (B, 6) in which a channel that a window never measures is pinned at the window's first node."""
         mask = self.node_mask.copy()
         measured = np.zeros((len(self.run), 6))
-        np.add.at(measured, self.node_window, self.node_mask)
+        np.add.at(measured, self.node_window, self.node_mask)  # .at: many nodes belong to one window
         np.add.at(measured, self.window, self.mask.sum(axis=0).T)
         first = np.unique(self.node_window, return_index=True)[1]
         for w, b in enumerate(first):
-            mask[b, measured[w] == 0] = 1.0
+            mask[b, measured[w] == 0] = 1.0  # else nothing holds that channel, and the Hessian is singular
         return mask
 
     def subset(self, windows: np.ndarray) -> Segments:
@@ -217,7 +218,7 @@ class Segments:
         kept, nodes = np.isin(self.window, windows), np.isin(self.node_window, windows)
         names = ("steps", "start", "end", "window", "controls", "targets", "mask")
         part = {name: np.ascontiguousarray(getattr(self, name)[..., kept]) for name in names}
-        position = np.cumsum(nodes) - 1
+        position = np.cumsum(nodes) - 1  # new number of each node that stays
         renumbered = {name: position[part[name]] for name in ("start", "end")}
         return replace(
             self,
@@ -257,7 +258,7 @@ def cut(
             short[name] = short.get(name, 0.0) + piece.steps * h
             continue
         for part in piece.evenly(max(1, round(piece.steps * h / window))):
-            joints = [*range(0, part.steps, K), part.steps]
+            joints = [*range(0, part.steps, K), part.steps]  # the last interval may be shorter
             for s, e in pairwise(joints):
                 spans.append(_Span(len(nodes) + s // K, len(run), part.controls[s:e], part.logged[s + 1 : e]))
             nodes += [part.logged[row] for row in joints]
@@ -272,7 +273,7 @@ def cut(
             f"{', '.join(t.name for t in trials)}: nothing to fit, no piece is longer than {least * h:g} s "
             "without a gap; use longer records or a smaller --step"
         )
-    spans.sort(key=lambda span: -len(span.controls))
+    spans.sort(key=lambda span: -len(span.controls))  # vectors of the kernel are filled with intervals of like length
     start, steps = np.array([s.start for s in spans]), np.array([len(s.controls) for s in spans])
     measured = np.array(nodes)
     controls = np.zeros((K, spans[0].controls.shape[1], len(spans)))
@@ -282,8 +283,9 @@ def cut(
         targets[: len(span.inside), :, i] = np.nan_to_num(span.inside)
         mask[: len(span.inside), :, i] = np.isfinite(span.inside)
     node_controls = np.empty((controls.shape[1], len(nodes)))
+    # last nodes have no interval of their own
     node_controls[:, start + 1] = np.transpose([span.controls[-1] for span in spans])
-    node_controls[:, start] = controls[0]
+    node_controls[:, start] = controls[0]  # after the line before, so that inner nodes have what follows them
     return Segments(
         h=h,
         K=K,

@@ -35,7 +35,8 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 AHEAD = 2
-"""Tasks handed over for each worker: one that it does, and one that waits there. More would only take memory."""
+"""Tasks handed over for each worker: one that it does, and one that waits there. More would only take memory. Set
+by hand."""
 KEPT = 4
 """Shared values that a process keeps. Set by hand: it bounds memory."""
 PROCESS = 300e6
@@ -159,10 +160,10 @@ def _handed_over(
                     finished()
             yield done.pop(number)
     except BaseException as error:
-        told = workers.explained(error)
-        if told is error:
+        reason = workers.explained(error)
+        if reason is error:
             raise
-        raise told from None
+        raise reason from None
     finally:
         for future in running:
             future.cancel()

@@ -31,7 +31,7 @@ from mmg.ship import Ship
 
 LENGTH, STRIDE, EVERY = 100.0, 15.0, 2.0
 """Seconds of a 3 m model: length of windows whose errors are used, between their starts, between counted rows. The
-first two are those of the scores."""
+first two are those of the scores. The last was set by hand."""
 MEMORIES, DECAYS = (1.0, 3.0, 10.0), (5.0, 15.0, 50.0, 200.0)
 """Times tried [s of a 3 m model]. A grid set by hand."""
 EARLY, HORIZONS, WIDE = 2.0, (2.0, 5.0, 15.0, 30.0, 60.0, 100.0), 1.5
@@ -40,9 +40,9 @@ to WIDE times earlier and later. Set by hand; what the factors do is in benchmar
 MOST_WINDOWS = 400
 """Windows whose errors are used, which bounds the time it takes."""
 NORMAL = 1.6448536269514722
-"""Half width of the 90 % band in standard deviations."""
+"""Half width of the 90 % band in standard deviations. (Abramowitz & Stegun 1964, chapter 26.)"""
 COVER = 0.9
-"""Share of the errors of trials left out in that band. Set with NORMAL."""
+"""Share of the errors of trials left out in that band. Set with NORMAL. Set by hand: a usual level."""
 
 
 def sample_noise(trials: Sequence[Trial]) -> np.ndarray:

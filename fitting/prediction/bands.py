@@ -80,7 +80,7 @@ def acceleration_steps(dt: np.ndarray, memory: float, decay: float) -> np.ndarra
     """Steps ``dt`` (n, M) of an acceleration of unit variance and the velocity error that it drives, (n, 6, M): shares
     of acceleration and error that are left; error per acceleration [s]; variance of the acceleration, its covariance
     with the error and variance of that by what the noise within the step adds. memory, decay: of both [s]."""
-    T = decay * 1.01 if abs(decay - memory) < 0.01 * memory else decay
+    T = decay * 1.01 if abs(decay - memory) < 0.01 * memory else decay  # equal ones would divide by zero
     left, error, rate = np.exp(-dt / memory), np.exp(-dt / T), 1 / T - 1 / memory
     both, own, other = (1 - left * error) / (1 / memory + 1 / T), memory / 2 * (1 - left**2), T / 2 * (1 - error**2)
     noise = 2 / memory
@@ -94,7 +94,7 @@ def velocity_variance(square: np.ndarray, dt: np.ndarray, memory: float, decay: 
     dt: (n, M) steps; memory, decay: of accelerations and errors [s]. The accelerations start with their local size, the
     error with zero.
     """
-    aa = square[0].copy()
+    aa = square[0].copy()  # they began long before
     ae, ee = np.zeros_like(aa), np.zeros_like(aa)
     out = [ee]
     for (left, error, gain, a, b, e), now in zip(acceleration_steps(dt, memory, decay), square, strict=False):
@@ -131,11 +131,11 @@ class Bands:
         variance += self.coefficient_variance(simulator, batch, rows)
         coarse = np.sqrt(variance)
         place = np.interp(np.arange(len(out)), rows, np.arange(len(rows)))
-        low = np.minimum(place.astype(int), max(len(rows) - 2, 0))
+        low = np.minimum(place.astype(int), max(len(rows) - 2, 0))  # the last row is the upper end of the last span
         high = np.minimum(low + 1, len(rows) - 1)
         share = (place - low)[:, None, None]
         std = (1 - share) * coarse[low] + share * coarse[high]
-        std[0] = 0.0
+        std[0] = 0.0  # the first row is the measurement itself
         return std
 
     def process_variance(self, times: np.ndarray, states: np.ndarray, length: float) -> np.ndarray:
@@ -171,6 +171,7 @@ class Bands:
         left = np.exp(-2 * times[:, None] / self.process.decay[:, None])
         reach = (1 - np.sqrt(left)) * self.process.decay[:, None]
         way = np.hypot(states[:, 0] - states[0, 0], states[:, 1] - states[0, 1])
+        # a wrong heading by the way
         place = np.maximum(noise[3], noise[4]) * np.maximum(reach[:, 0], reach[:, 1]) ** 2 + noise[2] * way**2
         start = np.stack(
             [place, place, noise[5] * reach[:, 2] ** 2, *np.moveaxis(noise[3:, None] * left, 1, 0)], axis=1
@@ -265,6 +266,7 @@ def draws_of(result: Mapping[str, Any], ship: Ship) -> np.ndarray:
         return root[:, :0]
     if found is None or not np.isfinite(std).all():
         return root[:, :0]
+    # not Cholesky: rounded numbers of a file may be a little indefinite
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     normal = np.random.default_rng(0).standard_normal((len(symbols), DRAWS))
     root[at] = std[:, None] * (vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * normal))

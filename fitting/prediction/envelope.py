@@ -49,7 +49,7 @@ QUANTITIES = {
 """What is compared with the trials, in words, the unit in which it is said, and that unit's factor from SI and rad."""
 FAR = 2.0
 """Yaw rate or drift angle over the greatest of the trials on that side, beyond which no trial came near: less than a
-quarter of the nonlinear forces, which go with the square or more, acted in them."""
+quarter of the nonlinear forces, which go with the square or more, acted in them. Set by hand."""
 TITLES = {"turning": "a turn so tight", "zigzag": "a zigzag so wide", "spiral": "a spiral so wide",
           "pull-out": "a turn so tight"}  # fmt: skip
 """How a manoeuvre is called that no trial came near."""

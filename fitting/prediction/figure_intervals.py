@@ -37,26 +37,30 @@ from mmg.ship import Ship
 STEP = 0.5
 """Sampling interval [s] of a 3 m model; scales with sqrt(L). Set by hand."""
 DRAWS = 500
-"""Ships drawn where nothing else is asked for. The end of a 90 % interval is known to 0.09 standard deviations."""
+"""Ships drawn where nothing else is asked for. The end of a 90 % interval is known to 0.09 standard deviations. Set
+by hand."""
 MOST = 20_000
-"""Most draws of one call."""
+"""Most draws of one call. Set by hand: bounds memory and time."""
 JUDGED = ("turning", "zigzag", *STOPS)
 """Manoeuvres whose figures get an interval."""
 NEAR = 0.25
 """Share of their distance from the ship at which draws of a calibrated ship are simulated. Set by hand."""
 SHOWN = 60
-"""Draws whose tracks are kept for a figure."""
+"""Draws whose tracks are kept for a figure. Set by hand: display."""
 SLOW = 0.1
-"""Share of the trials' points that are slower than the speed below which a lasting acceleration falls with U^2."""
+"""Share of the trials' points that are slower than the speed below which a lasting acceleration falls with U^2. Set
+by hand."""
 UNTRIED = 1 / 3
 """Standard deviation of the deceleration in a stop that no trial held, by that deceleration: an estimate of this
 library for reversed propellers, of which trials ahead say nothing. Sway and yaw have no more than such a force. Nor
 have other manoeuvres a larger share of what accelerates the ship in them, however far from the trials they lie: ships
 that no trial told anything of turn within about that share (``benchmarks.literature``)."""
 MOST_SHARE = 0.9
-"""Greatest error of a deceleration, by it, set below 1: water and a reversed propeller do not drive a ship on."""
+"""Greatest error of a deceleration, by it, set below 1: water and a reversed propeller do not drive a ship on. Set
+by hand."""
 LEVER = 4.0
-"""Yaw acceleration by that force over mass and length, at a quarter of the length: so is the radius of gyration."""
+"""Yaw acceleration by that force over mass and length, at a quarter of the length: so is the radius of gyration. Set
+by hand at that."""
 RESISTANCE = 0.1
 """Standard deviation of ``stopping_resistance`` by its value: form factor and allowance of ITTC 7.5-02-03-01.4 (2017)
 are each known to some 5 to 10 % of the total."""
@@ -112,7 +116,7 @@ class JudgedFigures:
 
 
 def with_intervals(
-    found: Assessment,
+    assessment: Assessment,
     ship: Ship,
     content: Mapping[str, Any],
     count: int,
@@ -122,7 +126,7 @@ def with_intervals(
 ) -> JudgedFigures:
     """An assessment of simulated runs with median, 90 % interval and probability of meeting the criterion.
 
-    found: of ``cases.criteria.imo.imo_figures``, with the same rudder_rate [rad/s]; ship: as it was given there;
+    assessment: of ``cases.criteria.imo.imo_figures``, with the same rudder_rate [rad/s]; ship: as it was given there;
     content: of the result.json of a calibration, {}: the standard deviations of the ship file stand alone, and are
     independent; count, seed: of the draws; workers: processes over which the manoeuvres are spread. Raises UserError
     for a count that makes no sense, and for a ship without standard deviations.
@@ -130,12 +134,12 @@ def with_intervals(
     if not 20 <= count <= MOST:
         raise OutOfRange(f"--scatter {count}: give 20 to {MOST} draws, or 0 for none")
     calm = calm_and_deep(ship)[0]
-    correlation, notices = correlation_in(content), list(found.notices)
+    correlation, notices = correlation_in(content), list(assessment.notices)
     drawn = draw_coefficients(calm, count, seed, correlation)
     if correlation is None:
         words = "coefficients are drawn independently of each other: no correlation is known"
         notices.append(Message(words, "independent_draws"))
-    shared, judged = Shared((Simulator(calm), drawn, content)), [run for run in found.runs if run.kind in JUDGED]
+    shared, judged = Shared((Simulator(calm), drawn, content)), [run for run in assessment.runs if run.kind in JUDGED]
     plans = [parse_maneuver(run.name, calm, speed=run.speed, rudder_rate=rudder_rate) for run in judged]
     made = run_all(_drawn_plan, [(shared, plan, seed) for plan in plans], workers, name="manoeuvres")
     scatter = {run.name: one for run, one in zip(judged, made, strict=True)}
@@ -144,11 +148,13 @@ def with_intervals(
         if one.lost:
             words = f"{run.name}: {one.lost} of {count} drawn ships run away, and count as never reaching a figure"
             notices.append(Message(words, "diverging_draws"))
-    runs = {run.name: run for run in found.runs}
-    rows = tuple(judged_row(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in found.rows)
+    runs = {run.name: run for run in assessment.runs}
+    rows = tuple(
+        judged_row(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in assessment.rows
+    )
     priors = [run.name for run in judged if untried(run.kind, scatter[run.name].outside or ())]
     basis = _basis(rows, scatter, priors, bool(content))
-    return JudgedFigures(replace(found, rows=rows, notices=tuple(notices), basis=basis), scatter)
+    return JudgedFigures(replace(assessment, rows=rows, notices=tuple(notices), basis=basis), scatter)
 
 
 def _basis(

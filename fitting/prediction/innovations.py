@@ -39,10 +39,11 @@ LENGTHS = 5.0
 """Ship lengths travelled in a stretch at the usual speed. Set by hand."""
 
 QUARTERS = 4
+"""Parts of a stretch over each of which its errors are averaged. Set by hand."""
 CHANNELS = ("along", "across", "psi", "u", "v", "r")
 FREEDOM, PASSES = 4.0, 20
 """Degrees of freedom of Student's t that the errors of stretches are taken to follow, and passes of its estimate. The
-first is that of ``student`` (fitting/nlp/loss.py)."""
+first is that of ``student`` (fitting/nlp/loss.py). Passes were set by hand."""
 
 SIZE = 0.5
 """Share of its typical size at which the sensitivity to a candidate is taken. Set by hand."""
@@ -220,16 +221,17 @@ def scatter(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def information_of(
-    found: Innovations, explained: np.ndarray | None = None
+    innovations: Innovations, explained: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Information (S, J, J) and score (S, J) of each stretch on the candidates, and its squared distance over the usual
     one (S,), under the robust covariance of the errors.
 
-    found: innovations; explained: errors (S, F) that are known, and count neither for the covariance nor the distance.
+    innovations: of the stretches; explained: errors (S, F) that are known, and count neither for the covariance nor the
+    distance.
     """
-    cov, distance = scatter(found.errors if explained is None else found.errors - explained)
+    cov, distance = scatter(innovations.errors if explained is None else innovations.errors - explained)
     size = np.sqrt(np.diag(cov))
     inverse = np.linalg.inv(cov / np.outer(size, size) + 1e-9 * np.eye(len(cov)))
-    g = found.gains / size[None, :, None]
+    g = innovations.gains / size[None, :, None]
     pulled = np.swapaxes(g, 1, 2) @ inverse
-    return pulled @ g, np.einsum("sjf,sf->sj", pulled, found.errors / size), distance / np.median(distance)
+    return pulled @ g, np.einsum("sjf,sf->sj", pulled, innovations.errors / size), distance / np.median(distance)

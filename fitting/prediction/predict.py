@@ -78,6 +78,22 @@ def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -
     return result
 
 
+def change_over(trials: Sequence[Trial], length: float, stride: float) -> np.ndarray:
+    """What each state changes by since the first row of windows of ``length`` [s] every ``stride`` [s] of ``trials``
+    (rms, (6,)): the unit of an error of a prediction. A heading is wrapped, so that its unit does not grow with every
+    turn, as a standard deviation does; inf of a state that is not measured or does not change.
+    """
+    squares, count = np.zeros(6), np.zeros(6)
+    for trial in trials:
+        states = trial.states
+        for first, last in window_rows(trial.t, length, stride, False):
+            change = wrapped_error(states[first + 1 : last + 1], states[first])
+            squares += np.nansum(change**2, axis=0)
+            count += np.isfinite(change).sum(axis=0)
+    mean = squares / np.maximum(count, 1)
+    return np.where(mean > 0, np.sqrt(mean), np.inf)
+
+
 class ShipsByTrial(Simulator):
     """A simulator of trials in which the ship has coefficients of her own each: ``own`` (trials, P), all of them, in
     the order of the trials that it is to predict."""
@@ -112,7 +128,7 @@ def record_of(trial: Trial, inputs: Sequence[str], values: np.ndarray | None = N
     return Record(trial.t, states, controls, good, trial.has_position, values)
 
 
-def _plan(
+def planned_windows(
     trial: Trial,
     inputs: Sequence[str],
     length: float,
@@ -120,7 +136,11 @@ def _plan(
     short_last: bool,
     values: np.ndarray | None = None,
 ) -> tuple[dict[int, Stretch], list[Message]]:
-    """Windows of one trial by number before simulation, and a note on those left out."""
+    """Windows of a ``trial`` by number before simulation, and a note on those left out.
+
+    inputs: of the model, as of ``Ship.inputs``; length, stride [s], short_last: as of ``window_rows``; values: all
+    coefficients (P,) of the ship in this trial, where they are not the simulator's.
+    """
     record = record_of(trial, inputs, values)
     gap = np.diff(trial.t) > LONGEST_GAP + 2 * trial.dt
     rows = window_rows(trial.t, length, stride, short_last)
@@ -137,7 +157,7 @@ def _plan(
 def whole_windows(trial: Trial, length: float, stride: float, inputs: Sequence[str] = STANDARD) -> int:
     """How many whole windows of ``length`` [s] every ``stride`` [s] of ``trial`` can be predicted by a model with these
     ``inputs``."""
-    return len(_plan(trial, inputs, length, stride, False)[0])
+    return len(planned_windows(trial, inputs, length, stride, False)[0])
 
 
 Predicted = list[tuple[list[Window], list[Message]]]
@@ -167,7 +187,9 @@ def predict_all(
         own = list(simulator.own)
     elif isinstance(simulator, Simulator):
         own = [values_of(simulator.ship, trial) for trial in trials]
-    plans = [_plan(t, simulator.inputs, length, stride, short_last, o) for t, o in zip(trials, own, strict=True)]
+    plans = [
+        planned_windows(t, simulator.inputs, length, stride, short_last, o) for t, o in zip(trials, own, strict=True)
+    ]
     flat = [stretch for kept, _ in plans for stretch in kept.values()]
     if not flat:
         return [([], notes) for _, notes in plans]

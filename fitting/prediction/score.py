@@ -1,263 +1,39 @@
 """The two metrics: Wakita et al. (2022) Eq. 25 with restarts every 100 s, and 30 s windows every 15 s.
 
-Errors in units (metres, degrees, m/s and deg/s per run) are taken over windows that suit the ship: MOST ship times L/U
-of the trials, where 30 s are less than LEAST of them. With them come errors of her manoeuvring figures. Beside the rms
-errors stands their share of what the states change by over a window: a heading that goes round several times is wrapped
-there, so that its size does not hide the error.
+Both divide errors by the sigma of the states, that of a heading as stored. Beside them stand errors in units
+(``unit_errors``), by which models are judged.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from functools import lru_cache
+from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import GetPydanticSchema, TypeAdapter
 from pydantic_core.core_schema import no_info_plain_validator_function
 
-from cases.criteria.figures import figure_unit
-from cases.criteria.standard_runs import Run, measured_figures, measured_runs
 from cases.inputs import assumed
 from cases.trial import Trial, inside, spans_left_out
 from fitting.prediction.predict import (
     Forecaster,
-    Predicted,
     ShipsByTrial,
     Window,
+    change_over,
     predict_all,
     record_of,
     whole_windows,
 )
-from fitting.prediction.stretches import Adaptation, default_past, wrapped_error
+from fitting.prediction.stretches import Adaptation, default_past
+from fitting.prediction.unit_errors import REFERENCES, STATE_ERRORS, RunErrors, UnitErrors, errors_in_units, is_worse
 from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError
-from mmg.messages import Message
+from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS
-from mmg.notebook import html_table
 from mmg.rollout import Simulator
 from mmg.states import STATES
-
-SHORTEST, LEAST, MOST = 30.0, 2.5, 4.0
-"""Window [s] of the paper's metric for a 3 m model; ship times L/U below which it is too short; those of a longer
-one."""
-
-TOLD = ("advance", "transfer", "tactical_diameter", "overshoot_1", "overshoot_2", "track_reach")
-"""Figures whose errors are told of a manoeuvre."""
-
-KEPT = 64
-"""Trials whose manoeuvres are kept. Set by hand: it bounds memory."""
-
-
-@dataclass(frozen=True)
-class FigureError:
-    """A manoeuvring figure as measured and as predicted with the measured rudder and revolutions, in ``unit``; error:
-    predicted less measured."""
-
-    figure: str
-    unit: str
-    measured: float
-    predicted: float
-    error: float
-
-
-@dataclass(frozen=True)
-class ManeuverErrors:
-    """Errors of the figures of a manoeuvre in a run. title: as of ``Execute.title``."""
-
-    title: str
-    figures: tuple[FigureError, ...]
-
-
-@dataclass(frozen=True)
-class RunErrors:
-    """Errors of one run: rms over the rows of all its ``windows``, NaN without one, inf where a prediction diverges;
-    those with _end at the ends of the windows. share_of_change: rms over the states of error / change over the window;
-    maneuvers: those that the run holds."""
-
-    name: str
-    windows: int
-    position_m: Real = math.nan
-    heading_deg: Real = math.nan
-    u_m_s: Real = math.nan
-    v_m_s: Real = math.nan
-    r_deg_s: Real = math.nan
-    position_end_m: Real = math.nan
-    heading_end_deg: Real = math.nan
-    share_of_change: Real = math.nan
-    maneuvers: tuple[ManeuverErrors, ...] = ()
-
-
-@dataclass(frozen=True)
-class UnitErrors:
-    """Errors of trials over windows of ``window_s`` every ``stride_s``, as in result.json.
-
-    ship_times: the window in ship times L/U, None for a black box and where no length is known; change: rms change of
-    each state over a window, heading wrapped; runs; pooled: over the rows of all.
-    """
-
-    window_s: float
-    stride_s: float
-    ship_times: float | None
-    change: dict[str, Real]
-    runs: tuple[RunErrors, ...]
-    pooled: RunErrors = field(repr=False)
-
-
-def ship_time(trials: Sequence[Trial], length: float) -> float:
-    """L/U [s] of a ship of this ``length`` [m] at the speed that she has in the faster fifth of ``trials``; NaN where
-    she lies still."""
-    speeds = np.concatenate([np.hypot(t["u"], t["v"]) for t in trials])
-    fast = float(np.nanpercentile(speeds, 80)) if np.isfinite(speeds).any() else 0.0
-    return length / fast if fast > 0 else math.nan
-
-
-def window_for(trials: Sequence[Trial], length: float | None) -> float:
-    """Window [s] for predictions of ``trials`` of a ship of this ``length`` [m], None where it is not known.
-
-    30 s, but MOST ship times in tens of seconds where 30 s are less than LEAST of them; no more than half of the
-    longest trial.
-    """
-    unit = ship_time(trials, length) if length else math.nan
-    if not math.isfinite(unit) or LEAST * unit <= SHORTEST:
-        return SHORTEST
-    longest = max(trial.duration for trial in trials)
-    return max(min(10 * round(0.1 * MOST * unit), 10 * math.floor(0.05 * longest)), SHORTEST)
-
-
-def errors_in_units(
-    simulator: Simulator | Forecaster,
-    trials: Sequence[Trial],
-    window: float | None = None,
-    method: str = "rk4",
-    adaptation: Adaptation | None = None,
-    known: tuple[float, float, Predicted] | None = None,
-) -> UnitErrors:
-    """Errors of ``simulator`` on ``trials`` in units, over windows of ``window`` [s], None: as of ``window_for``.
-
-    method: "rk4" or "euler"; adaptation: use the past of each window; known: length and stride [s] of whole windows
-    that are predicted already, and what ``predict_all`` gave. Manoeuvres are predicted from their order on with the
-    measured inputs, of a ship and without adaptation only.
-    """
-    length = simulator.ship.particulars["L"] if isinstance(simulator, Simulator) else None
-    size = window or window_for(trials, length)
-    unit = ship_time(trials, length) if length else math.nan
-    if known and known[:2] == (size, 0.5 * size):
-        found = known[2]
-    else:
-        found = predict_all(simulator, trials, size, 0.5 * size, False, method, adaptation=adaptation)
-    parts = [_parts(trial, windows) for trial, (windows, _) in zip(trials, found, strict=True)]
-    changes = np.vstack([part.changes for part in parts])
-    change = np.sqrt((changes**2).mean(axis=0)) if len(changes) else np.full(6, np.nan)
-    maneuvers: list[tuple[ManeuverErrors, ...]] = [()] * len(trials)
-    if isinstance(simulator, Simulator) and length and adaptation is None:
-        maneuvers = _maneuvers(simulator, trials, length, method)
-    runs = [
-        replace(_errors(trial.name, [part], change), maneuvers=own)
-        for trial, part, own in zip(trials, parts, maneuvers, strict=True)
-    ]
-    times = size / unit if math.isfinite(unit) else None
-    by_state = dict(zip(STATES, change.tolist(), strict=True))
-    return UnitErrors(size, 0.5 * size, times, by_state, tuple(runs), _errors("all rows", parts, change))
-
-
-@dataclass(frozen=True)
-class _Parts:
-    """Errors (rows, 6) of all windows of a trial without their first rows, at their ends (windows, 6), changes of the
-    measured states since the window's first row (rows, 6)."""
-
-    rows: np.ndarray
-    ends: np.ndarray
-    changes: np.ndarray
-
-
-def _parts(trial: Trial, windows: Sequence[Window]) -> _Parts:
-    measured, rows, ends, changes = trial.states, [np.zeros((0, 6))], [np.zeros((0, 6))], [np.zeros((0, 6))]
-    for w in windows:
-        error = w.error(measured)[1:]
-        change = wrapped_error(measured[w.first + 1 : w.last + 1], measured[w.first])
-        known = np.isfinite(measured[w.first + 1 : w.last + 1]).all(axis=1)
-        rows.append(error[known])
-        changes.append(change[known])
-        if known.any():
-            ends.append(error[known][-1:])
-    return _Parts(np.vstack(rows), np.vstack(ends), np.vstack(changes))
-
-
-def _errors(name: str, parts: Sequence[_Parts], change: np.ndarray) -> RunErrors:
-    """Errors of the ``parts`` together, in units and as a share of the ``change`` (6,)."""
-    rows, ends = np.vstack([p.rows for p in parts]), np.vstack([p.ends for p in parts])
-    if not len(rows):
-        return RunErrors(name, 0)
-    rms, end = np.sqrt((rows**2).mean(axis=0)), np.sqrt((ends**2).mean(axis=0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = math.sqrt(np.mean((rms / change) ** 2))
-    if not np.isfinite(rms).all():
-        rms, end, share = np.full(6, math.inf), np.full(6, math.inf), math.inf
-    return RunErrors(
-        name,
-        len(ends),
-        position_m=float(np.hypot(rms[0], rms[1])),
-        heading_deg=math.degrees(rms[2]),
-        u_m_s=float(rms[3]),
-        v_m_s=float(rms[4]),
-        r_deg_s=math.degrees(rms[5]),
-        position_end_m=float(np.hypot(end[0], end[1])),
-        heading_end_deg=math.degrees(end[2]),
-        share_of_change=share,
-    )
-
-
-def _maneuvers(
-    simulator: Simulator, trials: Sequence[Trial], length: float, method: str
-) -> list[tuple[ManeuverErrors, ...]]:
-    """Of each of ``trials`` the errors of its manoeuvres, all predicted side by side."""
-    held = [(number, *both) for number, trial in enumerate(trials) for both in _measured_runs(trial, length)]
-    found: list[list[ManeuverErrors]] = [[] for _ in trials]
-    if not held:
-        return [tuple(own) for own in found]
-    predicted = predict_all(simulator, [cut for _, _, cut in held], 0.0, 0.0, False, method)
-    for (number, run, cut), (windows, _) in zip(held, predicted, strict=True):
-        if windows and np.isfinite(windows[0].states).all():
-            states = dict(zip(STATES, windows[0].states.T, strict=True))
-            begin = run.order_time - float(cut.t[0] - run.trial.t[0])
-            moved = replace(run, order_time=begin, reversals=tuple(t - run.order_time + begin for t in run.reversals),
-                            end=run.end - run.order_time + begin)  # fmt: skip
-            figures = measured_figures(cut.with_columns(**states), moved)
-            told = [name for name in TOLD if name in run.figures and name in figures]
-            rows = tuple(_figure(name, run.figures[name], figures[name]) for name in told)
-            found[number] += [ManeuverErrors(run.title, rows)] if rows else []
-    return [tuple(own) for own in found]
-
-
-@lru_cache(maxsize=KEPT)
-def _measured_runs(trial: Trial, length: float) -> tuple[tuple[Run, Trial], ...]:
-    """The manoeuvres in a ``trial`` of a ship of this ``length`` [m], each with its rows from the order on; kept, as
-    each model that is scored on the same trials has them read again."""
-    try:
-        runs = [(run, _ordered(run)) for run in measured_runs(trial, length)]
-    except UserError:
-        return ()
-    return tuple((run, cut) for run, cut in runs if len(cut) > 3)
-
-
-def _ordered(run: Run) -> Trial:
-    """The rows of the trial of ``run`` from the last before the order to its end."""
-    t = run.trial.t - run.trial.t[0]
-    first = max(int(np.searchsorted(t, run.order_time + 1e-9)) - 1, 0)
-    rows = slice(first, int(np.searchsorted(t, run.end + 1e-9)))
-    columns = {name: values[rows] for name, values in run.trial.columns.items()}
-    return Trial(run.trial.name, columns, meta={})
-
-
-def _figure(name: str, measured: float, predicted: float) -> FigureError:
-    unit = figure_unit(name)
-    factor = math.degrees(1.0) if unit == "rad" else 1.0
-    measured, predicted = factor * measured, factor * predicted
-    return FigureError(name, "deg" if unit == "rad" else unit, measured, predicted, predicted - measured)
-
 
 MOST_NAMED = 5
 """Of trials in one message."""
@@ -265,8 +41,6 @@ PAPER_WINDOW = 100.0
 """Length of the restarts [s] of Wakita et al. (2022), Eq. 25."""
 WINDOW, STRIDE = 30.0, 15.0
 """Length of the shorter windows [s] and the time between their starts: less of a run is one drift."""
-NOTED = 0.005
-"""Share of an error by which it must change for that to be said. Set by hand: it words a finding."""
 UNDESCRIBED = 0.5
 """A mean squared error of 30 s windows, summed over six states in units of their variance, above which a
 calibrated ship does not follow the trials; real ships of good trials have 0.1."""
@@ -346,20 +120,35 @@ class Score:
         return TypeAdapter(cls).validate_python(row)
 
     def to_pandas(self) -> Any:
-        """A DataFrame with a row per trial: both metrics, the number of windows, the 30 s metric by state."""
+        """A DataFrame with a row per trial: errors in units where they are known, both metrics, the number of windows,
+        the 30 s metric by state."""
         import pandas as pd
 
+        units = [_units_of(run) for run in self.units.runs] if self.units else [{} for _ in self.trials]
         rows = [
-            {"paper": t.paper, "window": t.window, "windows": t.windows}
+            {**own, "paper": t.paper, "window": t.window, "windows": t.windows}
             | {f"window_{s}": value for s, value in t.window_by_state.items()}
-            for t in self.trials
+            for t, own in zip(self.trials, units, strict=True)
         ]
         return pd.DataFrame(rows, index=pd.Index([t.name for t in self.trials], name="trial"))
 
     def _repr_html_(self) -> str:
         rows = [(t.name, t.window, t.paper, t.windows) for t in self.trials]
         header = ("trial", "30 s windows", "100 s restarts", "windows")
-        return html_table("Mean squared normalised error", header, [*rows, ("all rows", self.window, self.paper, None)])
+        every = [*rows, ("all rows", self.window, self.paper, None)]
+        normalised = html_table("Mean squared normalised error (Eq. 25)", header, every)
+        if self.units is None:
+            return normalised
+        by_run = [(run.name, *_units_of(run).values()) for run in (*self.units.runs, self.units.pooled)]
+        for name, errors in self.units.references.items():
+            by_run.append((REFERENCES[name], *_units_of(errors.pooled).values()))
+        title = f"rms errors over {self.units.window_s:g} s windows"
+        return html_table(title, ("trial", *STATE_ERRORS), by_run) + normalised
+
+
+def _units_of(run: RunErrors) -> dict[str, float]:
+    """Errors of a ``run`` by key of STATE_ERRORS."""
+    return {key: getattr(run, key) for key in STATE_ERRORS}
 
 
 NOTHING = "nothing to score"
@@ -446,13 +235,14 @@ def score(
     method: str = "rk4",
     adapt: float | None = None,
     units: float | None = None,
+    baseline: Forecaster | None = None,
 ) -> Score:
     """Both metrics of a ship or a black box, ``simulator``, on ``trials``.
 
     sigma: (6,) by which errors are divided, by default the pooled one of these trials; sigma_from: what is said of its
     source; method: "rk4" or "euler"; adapt: seconds before each window from which the run's disturbance is estimated,
-    of a ship only; units: add errors in units over windows of so many seconds, 0: as long as suits the ship. Raises
-    UserError when a trial has no positions, or sigma cannot be pooled.
+    of a ship only; units: add errors in units over windows of so many seconds, 0: as long as suits the ship; baseline:
+    what the model must beat there. Raises UserError when a trial has no positions, or sigma cannot be pooled.
     """
     for trial in trials:
         if not trial.has_position:
@@ -478,8 +268,7 @@ def score(
     for size, each in ((PAPER_WINDOW, [r.restarts for r in rows]), (WINDOW, [r.windows for r in rows])):
         if names := ", ".join(row.name for row, count in zip(rows, each, strict=True) if not count):
             notes.append(Message(f"{names}: nothing to score over {size:g} s", NOTHING_SCORED))
-    known = (WINDOW, STRIDE, short)
-    errors = None if units is None else errors_in_units(simulator, trials, units or None, method, past, known)
+    errors = None if units is None else errors_in_units(simulator, trials, units or None, method, past, baseline)
     used = past.seconds if past else 0.0
     said = tuple(dict.fromkeys(notes))
     return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, said, errors, used)
@@ -492,11 +281,6 @@ def in_words(error: float | None) -> str:
     return NOTHING if np.isnan(error) else f"{error:.4f}"
 
 
-def is_worse(before: float, after: float) -> bool:
-    """Whether an error rose from ``before`` to ``after`` by more than is worth a word."""
-    return after > (1 + NOTED) * before + 1e-6
-
-
 @dataclass(frozen=True)
 class ScorePair:
     """Scores of the same trials, predicted by a model before and after it was changed."""
@@ -505,32 +289,29 @@ class ScorePair:
     after: Score
 
     def worse(self, name: str) -> list[Message]:
-        """Messages on metrics that became worse; name: of the set of trials, such as "validation"."""
-        windows = ("30 s windows", self.before.window, self.after.window)
-        restarts = ("100 s restarts", self.before.paper, self.after.paper)
-        return [
-            Message(f"{label} of the {name} trials became worse: {before:.4f} -> {in_words(after)}", "worse_after")
-            for label, before, after in (windows, restarts)
-            if is_worse(before, after)
-        ]
+        """A message on the states that are predicted worse; name: of the set of trials, such as "validation"."""
+        old, new = self.before.units, self.after.units
+        if not (old and new):
+            return []
+        words = []
+        for key, (state, unit) in STATE_ERRORS.items():
+            before, after = getattr(old.pooled, key), getattr(new.pooled, key)
+            words += [f"{state} {before:.3g} -> {after:.3g} {unit}"] if is_worse(before, after) else []
+        text = f"rms errors of the {name} trials over {new.window_s:g} s windows became worse: {', '.join(words)}"
+        return [Message(text, "worse_after")] if words else []
 
     @property
     def worse_runs(self) -> tuple[str, ...]:
-        """Runs that became worse, with their errors in units before and after, in words.
-
-        Judged by 30 s windows, and by the share of change where the windows that suit the ship are longer.
-        """
-        units, found = (self.before.units, self.after.units), []
-        for k, (before, after) in enumerate(zip(self.before.trials, self.after.trials, strict=True)):
-            numbers, words = (before.window, after.window), f"{in_words(before.window)} -> {in_words(after.window)}"
-            if units[0] and units[1]:
-                b, a = units[0].runs[k], units[1].runs[k]
-                numbers = (b.share_of_change, a.share_of_change) if units[1].window_s > WINDOW else numbers
-                words = f"position {b.position_m:.3g} -> {a.position_m:.3g} m, "
-                words += f"heading {b.heading_deg:.3g} -> {a.heading_deg:.3g} deg"
-            if is_worse(*numbers):
-                found.append(f"{after.name} ({words})")
-        return tuple(found)
+        """Runs that became worse as a share of what the states change by, with their errors in units, in words."""
+        if not (self.before.units and self.after.units):
+            return ()
+        pairs = zip(self.before.units.runs, self.after.units.runs, strict=True)
+        return tuple(
+            f"{after.name} (position {before.position_m:.3g} -> {after.position_m:.3g} m, "
+            f"heading {before.heading_deg:.3g} -> {after.heading_deg:.3g} deg)"
+            for before, after in pairs
+            if is_worse(before.share_of_change, after.share_of_change)
+        )
 
     def worse_by_run(self, name: str) -> list[Message]:
         """A message that lists the runs that became worse; name: of the set of trials, such as "validation"."""
@@ -539,6 +320,11 @@ class ScorePair:
             return []
         words = f"worse than before on {len(runs)} of {len(self.after.trials)} {name} runs: {'; '.join(runs)}"
         return [Message(words, "worse_runs")]
+
+    def unbeaten(self, name: str) -> list[Message]:
+        """A message where keeping the velocities of the first row is better; name: of the set of trials."""
+        told = self.after.units.defeats(by_run=False) if self.after.units else []
+        return [Message(f"the {name} trials: {words}", "worse_than_persistence") for words in told]
 
     def failed(self, name: str) -> list[Message]:
         """A message where the model after the change has no score; name: of the set of trials, such as "validation"."""
@@ -573,7 +359,8 @@ def score_pairs(before: Mapping[str, Score], after: Mapping[str, Score]) -> dict
 def adaptation_worth(
     simulator: Simulator, held_out: Sequence[Trial], without: np.ndarray | None = None
 ) -> dict[str, Any] | None:
-    """Both metrics on ``held_out`` trials without and with the past of each window, as plain values.
+    """Both metrics on ``held_out`` trials without and with the past of each window, as plain values: errors divided by
+    what the states change by over 30 s.
 
     simulator: of the calibrated ship; without: (R, P) coefficients by which each trial is predicted where they are
     those of the calibration, each without its trial. Adapting is worthwhile when 30 s windows become better and 100 s
@@ -585,11 +372,9 @@ def adaptation_worth(
     if without is not None:
         own = np.where(np.isfinite(without).all(axis=1)[:, None], without, simulator.ship.values)
         simulator = ShipsByTrial(simulator.ship, own[kept], simulator.compiled)
-    past = default_past(simulator.ship)
-    try:
-        sigma = pooled_sigma(located)
-        bare, adapted = (score(simulator, located, sigma, adapt=seconds) for seconds in (None, past))
-    except UserError:
+    past, unit = default_past(simulator.ship), change_over(located, WINDOW, STRIDE)
+    bare, adapted = (score(simulator, located, unit, adapt=seconds) for seconds in (None, past))
+    if math.isnan(bare.window):
         return None
     good = adapted.window < GAIN * bare.window and not adapted.paper > HARM * bare.paper
     return {
@@ -613,12 +398,12 @@ def past_to_use(result: Mapping[str, Any], wanted: float | None) -> tuple[float,
         return 0.0, []
     try:
         pays, default = bool(known["worthwhile"]), float(known["past_s"])
-        before, after = known["without"], known["with"]
+        changes = [known["with"][metric] / known["without"][metric] - 1 for metric in ("window", "paper")]
         told = (
-            f"on the {SETS.get(known['trials'], known['trials'])} 30 s windows {before['window']:.4f} -> "
-            f"{after['window']:.4f}, 100 s restarts {before['paper']:.4f} -> {after['paper']:.4f}"
+            f"on the {SETS.get(known['trials'], known['trials'])} mean squared errors of 30 s windows "
+            f"change by {changes[0]:+.0%}, of 100 s restarts by {changes[1]:+.0%}"
         )
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
         words = "whether the past of a window pays with this model is not known: calibrate it with mmg fit to find out"
         words += "" if wanted else "; it is not used, --adapt 30 uses it"
         return wanted or 0.0, [Message(words, "adaptation_untested")]

@@ -261,9 +261,10 @@ def _side(row: Row | None, tested: FormValue | None, factor: np.ndarray | None) 
 
 
 def _tested(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> dict[tuple[str, str], FormValue]:
-    """Mean of each tested figure over the runs, by manoeuvre and figure."""
+    """Mean of each tested figure over the runs, by manoeuvre and figure, of midship and through the water where the
+    ``ship`` has an antenna or a current of her own."""
     try:
-        found = imo_figures_of_trials(trials, ship) if trials else None
+        found = imo_figures_of_trials([in_still_water(ship, trial) for trial in trials], ship) if trials else None
     except UserError:
         found = None
     if found is None:
@@ -277,8 +278,32 @@ def _tested(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> dict[tup
     if not values:
         remarks.append("tested: no trial is a standard manoeuvre (35° turn, 10/10 or 20/20 zig-zag, crash stop)")
     else:
-        remarks.append("tested: means over the trials, in the air and water of the trials; no uncertainty is known")
+        taken = [words for name, words in TAKEN_OFF.items() if name in ship.effects]
+        of = f"without the {' and the '.join(taken)} that were fitted" if taken else "in the water of the trials"
+        remarks.append(f"tested: means over the trials, {of} and in their air; no uncertainty is known")
     return {key: _mean_of(some) for key, some in values.items()}
+
+
+TAKEN_OFF = {"current": "current", "antenna_offset": "lever arm of the antenna"}
+"""Effects that a tested figure has and one in still water of midship has not."""
+
+
+def in_still_water(ship: Ship, trial: Trial) -> Trial:
+    """The ``trial`` with positions and velocities of midship through the water, by the current and the antenna of the
+    ``ship``; as it is where she has neither or it has no positions."""
+    if not set(TAKEN_OFF) & set(ship.effects) or not trial.has_position:
+        return trial
+
+    def pair(effect: str, first: str, second: str) -> complex:
+        row = [ship.coefficients.get(f"{effect}.{name}") for name in (first, second)]
+        return complex(*(c.value if c else 0.0 for c in row))
+
+    water, arm = pair("current", "x", "y"), pair("antenna_offset", "x", "y")
+    of_position = arm + pair("antenna_offset", "alone_x", "alone_y")
+    t, turn = trial.t - trial.t[0], np.exp(1j * trial["psi"])
+    place = trial["x"] + 1j * trial["y"] - of_position * turn - water * t
+    speed = trial["u"] + 1j * trial["v"] - 1j * trial["r"] * arm - water / turn
+    return trial.with_columns(x=place.real, y=place.imag, u=speed.real, v=speed.imag)
 
 
 def _mean_of(some: Sequence[tuple[float, float]]) -> FormValue:

@@ -10,7 +10,7 @@ from typing import Any
 
 from cases.io.files import read_json
 from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY
-from fitting.prediction.score import is_worse
+from fitting.prediction.unit_errors import is_worse
 from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.errors import UserError
 from mmg.ship import Ship

@@ -27,7 +27,8 @@ from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.loss import Loss
 from fitting.nlp.prior import ByCampaign, Prior, RunConstants, prior_with
 from fitting.nlp.problem import Problem
-from fitting.prediction.score import pooled_sigma
+from fitting.prediction.predict import change_over
+from fitting.prediction.score import STRIDE, WINDOW
 from fitting.selection.left_out_runs import estimates_without, leave_out, relative_change
 from fitting.solvers.control import Control
 from fitting.uncertainty.group_test import group_test, holm
@@ -45,7 +46,7 @@ left-out runs decide after it."""
 WIDTHS = np.geomspace(0.02, 12.0, 33)
 """Standard deviations of the values of campaigns that are tried, in the typical size of the constant."""
 SHARED = 3.0
-"""Standard deviation of the mean of all campaigns, in the same size: that of an effect that is freed."""
+"""Standard deviation of the mean of all campaigns, in the same size: that of an effect that is freed. Set by hand."""
 UNINFORMATIVE = 0.9
 """Standard error, by the width, from which the runs of a campaign tell nothing of a constant. Set by hand."""
 
@@ -259,7 +260,7 @@ def _with_constants(
     if not new.converged or new.constants is None:
         return same, widths
     info = readings_as_rows(new.information, new.problem.prior, own, readings)
-    folds, unit = trials.apart, pooled_sigma(trials)
+    folds, unit = trials.apart, change_over(trials, WINDOW, STRIDE)
     scores = leave_out(fit, trials, folds, unit), leave_out(new, trials, folds, unit, info=info)
     if not gains(*scores):
         return replace(same, left_out=scores), widths

@@ -61,7 +61,7 @@ LEVELS = {"rps": 2, "rad": 5}
 conversion)."""
 DIFFERENCE = 1e-8
 """Step of the coefficients, by the standard deviations of their priors, of the differences behind derivatives. The root
-of the rounding of doubles."""
+of the rounding of doubles. Set by hand near it."""
 AT_ONCE = 4000
 """Subsequences simulated side by side for these, which bounds the memory it takes."""
 PERCENTILE = 99.7

@@ -80,12 +80,12 @@ def coefficients_without(
     of a run never seen, one of a campaign as the rest of the campaign says. Where too little is left a row is NaN.
     """
     problem, prior, shared = fit.problem, fit.problem.prior, len(fit.p)
-    beside = fit.p - fit.iterate["p"][:shared]
+    shift = fit.p - fit.iterate["p"][:shared]
     at = [problem.ship.symbols.index(s) for s in fit.ship.symbols]  # constants of runs are none of the ship
     estimates = estimates_without(info or fit.information, folds, problem.p_bounds())
     values = np.full((sum(map(len, folds)), len(at)), np.nan)
     for out, p in zip(folds, estimates, strict=True):
-        scaled = np.clip(p[:shared] + beside, *fit.prior.scaled_bounds)
+        scaled = np.clip(p[:shared] + shift, *fit.prior.scaled_bounds)
         theta = np.atleast_2d(problem.coefficients(np.concatenate([scaled, p[shared:]])))[:, at]
         for i in out:
             values[i] = theta[(prior.campaign[i] if prior.campaign else i) if prior.constants else 0]

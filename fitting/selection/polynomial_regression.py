@@ -39,13 +39,15 @@ LAG, AXES = "velocity_filter.tau", "velocity_filter.body_axes"
 WINDOW, STEP = 20.0, 0.5
 """Length of a window and sampling step [s of a 3 m model]. Set by hand."""
 RATIOS = (0.0, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5, 2.5, 4.0, 7.0, 12.0, 20.0, 40.0)
-"""Grid for the noise of accelerations [m/s by root of s] by that of velocities, of which the likeliest is taken."""
+"""Grid for the noise of accelerations [m/s by root of s] by that of velocities, of which the likeliest is taken. Set
+by hand."""
 LEAST_NOISE = 0.3
 """Smallest variance of the velocities, by that of the third differences. Set by hand."""
 VANISHED = 1e4
 """A term whose size came down to a hundredth of its prior, as a precision, is none. Set by hand."""
 STEPS, SPARSE_STEPS, ROUNDS = 30, 120, 3
-"""Most steps to the largest evidence with sizes of groups and of single terms; rounds between these and the noise."""
+"""Most steps to the largest evidence with sizes of groups and of single terms; rounds between these and the noise. Set
+by hand."""
 
 
 def without_lag(piece: Record, lag: float, body_axes: float = 0.0) -> Record:

@@ -50,21 +50,21 @@ class SisterEvidence:
     b: np.ndarray
 
     @classmethod
-    def of(cls, found: Calibration) -> SisterEvidence:
-        """The evidence of the calibration ``found``."""
-        info = found.information.shared()
+    def of(cls, calibration: Calibration) -> SisterEvidence:
+        """The evidence of the ``calibration``."""
+        info = calibration.information.shared()
         F, slope = info.fisher.sum(axis=0), info.score.sum(axis=0)
         F, b = 0.5 * (F + F.T), F @ info.p - slope
-        own = np.array(["." in symbol for symbol in found.prior.symbols])
+        own = np.array(["." in symbol for symbol in calibration.prior.symbols])
         kept, rest = np.flatnonzero(~own), np.flatnonzero(own)
         across = F[np.ix_(kept, rest)]
         gain = np.linalg.solve(F[np.ix_(rest, rest)] + np.eye(len(rest)), across.T).T
         A = F[np.ix_(kept, kept)] - gain @ across.T
         b = b[kept] - gain @ b[rest]
-        dispersion = max(found.spread.dispersion, 1.0)
-        symbols = tuple(found.prior.symbols[k] for k in kept)
+        dispersion = max(calibration.spread.dispersion, 1.0)
+        symbols = tuple(calibration.prior.symbols[k] for k in kept)
         A = 0.5 * (A + A.T) / dispersion
-        return cls(symbols, found.prior.mean[kept], found.prior.std[kept], A, b / dispersion)
+        return cls(symbols, calibration.prior.mean[kept], calibration.prior.std[kept], A, b / dispersion)
 
     def in_units(self, centre: np.ndarray, unit: np.ndarray) -> SisterEvidence:
         """The same in other scaled coefficients. centre, unit: (P,) of these."""
@@ -245,14 +245,14 @@ def with_whole_prior(ship: Ship, mean: UncertainMean) -> Ship:
     return replace(ship, coefficients=rows)
 
 
-def with_uncertain_mean(found: Calibration, mean: UncertainMean) -> Calibration:
-    """The calibration ``found`` with a covariance that holds the error of its prior's ``mean`` too.
+def with_uncertain_mean(calibration: Calibration, mean: UncertainMean) -> Calibration:
+    """The ``calibration`` with a covariance that holds the error of its prior's ``mean`` too.
 
     An error e of the mean moves the estimate by V P e, V the covariance by information and prior P alone.
     """
-    if not np.isfinite(found.covariance).all():
-        return found
-    at = [found.prior.symbols.index(s) for s in mean.symbols]
-    unit, shared = found.prior.std[at], slice(len(found.p))
-    pull = found.spread.model[shared, shared][:, at]
-    return found.with_estimate(found.p, pull @ (mean.covariance / np.outer(unit, unit)) @ pull.T)
+    if not np.isfinite(calibration.covariance).all():
+        return calibration
+    at = [calibration.prior.symbols.index(s) for s in mean.symbols]
+    unit, shared = calibration.prior.std[at], slice(len(calibration.p))
+    pull = calibration.spread.model[shared, shared][:, at]
+    return calibration.with_estimate(calibration.p, pull @ (mean.covariance / np.outer(unit, unit)) @ pull.T)

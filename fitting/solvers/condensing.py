@@ -61,7 +61,7 @@ def gauss_newton(problem: Problem, x: np.ndarray) -> Subproblem:
     seg, S, columns = problem.segments, problem.S, problem.columns
     parts, p = Quadratics.of(problem, x, by_window=False), problem.split(x)[1]
     rows, slope = parts.nodes, parts.node_slope[:, :S].copy()
-    rows[seg.start] += parts.inside
+    rows[seg.start] += parts.inside  # samples inside an interval depend on its first node and p alone
     slope[seg.start] += parts.inside_slope[:, :S]
     known, score = prior_parts(problem, p)
     pulls = columns.total(parts.node_slope[:, S:], columns.node)
@@ -86,7 +86,7 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     """The step that minimises ``sub`` from p (P,) within the bounds of ``problem``; None for numbers not finite."""
     seg, S, L, P, columns = problem.segments, problem.S, problem.L, problem.P, problem.columns
     W, at = len(seg.run), columns.each(columns.at, columns.window)
-    inside, still = np.zeros((problem.M, 1, 1)), np.zeros((problem.M, 1))
+    inside, still = np.zeros((problem.M, 1, 1)), np.zeros((problem.M, 1))  # sub.rows hold them by node already
     node_slope = np.hstack([sub.slope, np.zeros((problem.B, L))])
     parts = Quadratics(inside, still, sub.rows, node_slope, sub.shared, sub.maps, sub.off)
     left = Eliminated.of(seg, parts, problem.kernels.elimination)
@@ -97,10 +97,11 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     gain = np.linalg.solve(first, np.concatenate([border, left.slope[:, :S, None]], axis=2))
     whole, whole_slope = sub.shared.copy(), sub.shared_slope.copy()
     local = left.shared_by_group(columns.interval, columns.groups)
+    # Schur complement of the first states
     whole += columns.matrix(local - _by_group(columns, border, gain[:, :, :L]), P)
     slopes = left.slope[:, S:] - (np.swapaxes(border, 1, 2) @ gain[:, :, L:])[:, :, 0]
     whole_slope += columns.vector(columns.total(slopes, columns.window), P)
-    (dense,) = _positive(0.5 * (whole + whole.T)[None])
+    (dense,) = _positive(0.5 * (whole + whole.T)[None])  # rounding makes it a little lopsided
     lower, upper = problem.p_bounds()
     dp = within_bounds(dense, whole_slope, lower - p, upper - p)
     local_dp = dp[at]
@@ -109,10 +110,10 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     first_state = -(gain[:, :, :L] @ local_dp[:, :, None])[:, :, 0] - gain[:, :, L]
     nodes = carried(problem, sub.maps, sub.off, first_state, local_dp)
     end = np.concatenate([nodes[seg.end], local_dp[seg.window]], axis=1)
-    multipliers = (left.ahead @ end[:, :, None])[:, :, 0] + left.pull
+    multipliers = (left.ahead @ end[:, :, None])[:, :, 0] + left.pull  # of a defect: the slope of the cost that follows
     decrease = float((sub.slope * nodes).sum() + sub.shared_slope @ dp)
     bound = -(dense @ dp + whole_slope)
-    bound[(dp > lower - p) & (dp < upper - p)] = 0.0
+    bound[(dp > lower - p) & (dp < upper - p)] = 0.0  # rounding, where no bound holds
     return Step(nodes, dp, multipliers.reshape(-1), bound, decrease)
 
 
@@ -136,6 +137,7 @@ def carried(problem: Problem, maps: np.ndarray, off: np.ndarray, first: np.ndarr
     shared = (maps[:, :, S:] @ p[seg.window][:, :, None])[:, :, 0] + off
     for number, i in enumerate(reversed(intervals_by_level(seg))):
         w, start = seg.window[i], seg.start[i]
+        # first intervals of shorter windows
         begins = ~np.isin(start, seg.end) if number else np.ones(len(start), dtype=bool)
         nodes[start[begins]] = first[w[begins]]
         nodes[seg.end[i]] = (maps[i, :, :S] @ nodes[start][:, :, None])[:, :, 0] + shared[i]
@@ -163,8 +165,8 @@ def within_bounds(H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.nda
         d = np.where(at_lower, lower, np.where(at_upper, upper, 0.0))
         free = ~(at_lower | at_upper)
         d[free] = np.linalg.solve(H[np.ix_(free, free)], -(g + H @ d)[free])
-        push = -(H @ d + g)
-        now_lower = np.where(at_lower, push < 0, free & (d < lower))
+        push = -(H @ d + g)  # positive: the minimum without this bound lies higher
+        now_lower = np.where(at_lower, push < 0, free & (d < lower))  # one that pulls inside is let go
         now_upper = np.where(at_upper, push > 0, free & (d > upper))
         if (now_lower == at_lower).all() and (now_upper == at_upper).all():
             break
@@ -173,7 +175,7 @@ def within_bounds(H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.nda
 
 
 CUTS = 10
-"""Halvings of a step before it counts as failed. 2^-10 of a step gains nothing."""
+"""Halvings of a step before it counts as failed. 2^-10 of a step gains nothing. Set by hand."""
 CORRECTIONS = 3
 """Corrections of a trial point towards where the intervals join. Set by hand."""
 
@@ -234,17 +236,19 @@ def lead(
         if step is None:
             break
         needed = 1.1 * np.abs(step.multipliers)  # any factor above 1 makes the merit exact (Han 1977)
-        prices = np.maximum(needed, 0.5 * (prices + needed))
+        prices = np.maximum(needed, 0.5 * (prices + needed))  # they fall slowly, or steps would undo each other
         merit, slope = f + float(prices @ c), step.decrease - float(prices @ c)
         taken = _searched(problem, x, sub, step, (merit, slope), prices)
-        if taken is None and second:
+        if taken is None and second:  # curvature may mislead far off: Gauss and Newton from here
             second = False
             continue
         if taken is None:
             break
         length, x, reached = taken
         found.x, found.bound = x, step.bound
+        # as far as the step went
         found.multipliers = found.multipliers + length * (step.multipliers - found.multipliers)
+        # Newton where Gauss-Newton is slow
         second = length >= SHORT if second else length < 1.0 or merit - reached < SLOW * abs(reached)
         stalls = stalls + 1 if merit - reached < stalled * abs(f) else 0
         done = stalls >= STALLS or (length == 1.0 and abs(slope) < tolerance * abs(f))
@@ -262,6 +266,7 @@ def polished(problem: Problem, found: Lead) -> Lead:
         return found
     x = found.x + np.concatenate([step.nodes.reshape(-1), step.p])
     f, c = problem.objective(found.x), problem.defects(found.x)
+    # not <=, so that nan is worse
     if not problem.objective(x) <= f + np.abs(step.multipliers) @ np.abs(c) + 1e-9 * (1 + abs(f)):
         return found
     return replace(found, x=x, multipliers=step.multipliers, bound=step.bound)
@@ -282,12 +287,14 @@ def _searched(
         for again in range(CORRECTIONS):
             c = problem.defects(new)
             reached = problem.objective(new) + float(prices @ np.abs(c))
+            # Armijo (1966), and rounding
             if reached <= merit + 1e-4 * length * min(slope, 0.0) + 1e-10 * (1 + abs(merit)):
                 return length, new, reached
             if not np.isfinite(reached) or again == CORRECTIONS - 1:
                 break
             off = c.reshape(problem.M, problem.S)
             new = new.copy()
+            # joined again: else curved defects refuse good steps (Maratos 1978)
             new[: problem.S * problem.B] += carried(problem, sub.maps, off, *still).reshape(-1)
         length *= 0.5
     return None

@@ -46,11 +46,11 @@ def residual_series(segments: Segments, node_residuals: np.ndarray, interior: np
     node_residuals: (B, 6); interior: (K-1, 6, M) residuals inside the intervals.
     """
     parts: list[list[np.ndarray]] = [[] for _ in segments.run]
-    for i in np.lexsort((segments.start, segments.window)):
+    for i in np.lexsort((segments.start, segments.window)):  # nodes of a window are numbered in time
         inside = np.where(segments.mask[:, :, i] > 0, interior[:, :, i], np.nan)[: segments.steps[i] - 1]
         parts[segments.window[i]] += [node_residuals[segments.start[i]][None], inside]
     last = np.zeros(len(parts), dtype=int)
-    np.maximum.at(last, segments.window, segments.end)
+    np.maximum.at(last, segments.window, segments.end)  # .at: several intervals have the same window
     return [np.vstack([*p, node_residuals[node][None]]) for p, node in zip(parts, last, strict=True)]
 
 
@@ -65,7 +65,7 @@ def correlation_time(residuals: list[np.ndarray], longest: int) -> float:
         e = np.nan_to_num(e)
         n = len(e)
         lags = np.arange(min(longest, n))
-        products[lags] += np.correlate(e, e, "full")[n - 1 :][lags]
+        products[lags] += np.correlate(e, e, "full")[n - 1 :][lags]  # from n - 1 on lags are not negative
         counts[lags] += n - lags
     if products[0] <= 0:
         return 1.0
@@ -91,7 +91,7 @@ def estimate_noise(
         e = [w[:, channel] for w in windows if np.isfinite(w[:, channel]).any()]
         e = without_outliers(e) if robust else e
         count = sum(int(np.isfinite(part).sum()) for part in e)
-        if count <= len(e):
+        if count <= len(e):  # no more samples than free first states
             continue
         total = sum(float(np.nansum(part**2)) for part in e)
         if segments.variance is not None:
@@ -100,6 +100,7 @@ def estimate_noise(
                 for w, v in zip(windows, segments.variance[:, channel], strict=True)
             ]
             total = max(total - sum(derived), STAYS * total)
+        # one degree of freedom went into each first state
         rms[channel] = max(np.sqrt(total / (count - len(e))), floor[channel])
         tau[channel] = correlation_time(e, longest=max(2, max(len(part) for part in e) // 2))
     return ResidualNoise(rms, tau)
@@ -246,7 +247,7 @@ def solve_with_noise_estimation(
     no weight. Returns the last solve, and what is kept of all.
     """
     passes: list[dict] = []
-    count = 1 if settings.sigma else max(1, settings.passes)
+    count = 1 if settings.sigma else max(1, settings.passes)  # given noise needs no estimate
     full, p = problem, problem.split(x)[1]
     number = 0
     if resumed:
@@ -261,7 +262,7 @@ def solve_with_noise_estimation(
         if rough and number < len(sizes):
             few = np.linspace(0, len(full.segments.run) - 1, sizes[number]).round().astype(int)
             problem = full.with_changes(segments=full.segments.subset(few))
-            x = problem.start(p)
+            x = problem.start(p)  # other windows have other nodes
         else:
             problem = full
         if rough and problem.loss.robust:
@@ -286,5 +287,6 @@ def solve_with_noise_estimation(
         problem, x = full, full.start(p)
         violation = float(np.abs(full.defects(x)).max())
         solution = replace(solution, x=x, objective=full.objective(x), violation=violation)
+    # as asked, where a rough pass was the last
     problem = problem.with_changes(loss=replace(problem.loss, name=full.loss.name))
     return NoiseSolves(problem, solution, noise, tuple(passes), last)

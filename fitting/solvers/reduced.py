@@ -20,9 +20,9 @@ from mmg.errors import BadValue, UnknownName
 
 TOLERANCE = 1e-12
 """Predicted relative change of the objective [-] at which the node states count as optimal: finite differences of steps
-of 1e-5 prior standard deviations then have five digits."""
+of 1e-5 prior standard deviations then have five digits. Set by hand."""
 FEASIBLE = 1e-9
-"""Largest scaled gap [-] between the end of an interval and the next node there."""
+"""Largest scaled gap [-] between the end of an interval and the next node there. Set by hand."""
 MOST_STEPS = 50
 """Steps of that minimisation; a few suffice near the calibration. Set by hand."""
 JOINED = 1e-3

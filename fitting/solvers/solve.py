@@ -108,6 +108,7 @@ class _Buffered(ca.Callback):
         views = [np.empty(0) if a is None else np.frombuffer(a, dtype=float) for a in arg]
         for target, value in zip(res, self._work(*views), strict=True):
             if target is not None:
+                # CasADi reads its own memory: nothing may be replaced there
                 np.frombuffer(target, dtype=float)[:] = value
         return 0
 
@@ -123,6 +124,7 @@ class _Watch:
     def __call__(self, **at: np.ndarray) -> list[float]:
         f, violation = float(at["f"][0]), float(np.abs(at["g"]).max(initial=0.0))
         self.history.append((f, violation))
+        # feasible iterates by objective, others by how far they are off
         rank = (0.0, f) if violation <= 1e-3 else (violation, f)
         if self.best is None or rank <= self.best[:2]:
             self.best = (*rank, at["x"].copy())
@@ -193,9 +195,9 @@ def by_ipopt(
     first: dict[str, Any] = {"x0": x0}
     if isinstance(x0, Lead):
         settings.update(CERTIFY)
-        bound = np.concatenate([np.zeros(program.S * program.B), x0.bound])
+        bound = np.concatenate([np.zeros(program.S * program.B), x0.bound])  # nodes have no bounds
         first = {"x0": x0.x, "lam_g0": x0.multipliers, "lam_x0": bound}
-    settings.update(ROUGH if rough else {})
+    settings.update(ROUGH if rough else {})  # last: it may take back what certifies
     solver = ca.nlpsol("solver", "ipopt", {"x": x, "f": f, "g": g}, settings)
     lower, upper = program.bounds()
     began = time.perf_counter()
@@ -204,8 +206,9 @@ def by_ipopt(
     stats = solver.stats()
     status = str(stats["return_status"])
     converged = status == "Solve_Succeeded"
+    # the last iterate may be a bad one
     end = np.array(out["x"]).ravel() if converged or watch.best is None else watch.best[2]
-    x_end = np.clip(end, lower, upper)
+    x_end = np.clip(end, lower, upper)  # IPOPT relaxes bounds by 1e-8
     return Solution(
         x=x_end,
         objective=program.objective(x_end),
@@ -224,9 +227,10 @@ STEPS = 30
 ROUGH_CHANGE = 3e-4
 """Predicted relative change of the objective at which a rough solve ends. Set by hand, with the next two."""
 ROUGH_GAIN = 3e-4
-"""Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone."""
+"""Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone. Set
+by hand, as that of IPOPT below."""
 FEASIBLE = 1e-2
-"""Largest violation with which a rough solve may end."""
+"""Largest violation with which a rough solve may end. Set by hand."""
 NEAR = 1e-7
 """Predicted relative change at which IPOPT takes over. Set by hand: IPOPT certifies what it finds."""
 
@@ -240,7 +244,7 @@ def solve(
     its end, IPOPT begins at x as if it had not been; after Ctrl-C, where it came to.
     """
     began, control = time.perf_counter(), control or Control()
-    half = time.time() + 0.5 * control.left
+    half = time.time() + 0.5 * control.left  # the other half is for IPOPT, where the steps lead nowhere
     history: list[tuple[float, float]] = []
 
     def at_iterate(objective: float, violation: float) -> bool:
@@ -262,6 +266,7 @@ def solve(
                 seconds=time.perf_counter() - began,
                 history=led.history,
             )
+        # IPOPT then stops at once
         start: np.ndarray | Lead = led.x if INTERRUPTED.requested and len(led.history) > 1 else x
         if led.reached:
             start = polished(problem, led)
@@ -348,7 +353,7 @@ def solve_starts(
     if first.converged and settings.starts > 1:
         rng = np.random.default_rng(settings.seed)
         points += [rng.normal(scale=0.5, size=problem.P) for _ in range(1, settings.starts)]
-        solutions += _solve_all(problem, settings, points[1:], False, control)
+        solutions += _solve_all(problem, settings, points[1:], False, control)  # the first is solved already
         lowest = min(s.objective for s in solutions if s.converged)
         retry = [
             i
@@ -358,6 +363,7 @@ def solve_starts(
         ends = _solve_all(problem, settings, [points[i] for i in retry], True, control)
         for i, s in zip(retry, ends, strict=False):  # a time limit leaves some unsolved
             again.add(i)
+            # damping may end worse
             if s.converged and (not solutions[i].converged or s.objective < solutions[i].objective):
                 solutions[i] = s
     converged = [s for s in solutions if s.converged] or solutions[:1]

@@ -20,7 +20,7 @@ SIZES = (0.3, 1.0, 3.0)
 SEEN = 1e-3
 """Information on a difference [typical sizes^-2] below which the trials do not show it: it bounds a division."""
 FLAT = 1e-6
-"""Precision of a prior that says nothing. It keeps a matrix regular."""
+"""Precision of a prior that says nothing. It keeps a matrix regular. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,7 @@ def scatter_between(g: np.ndarray, S: np.ndarray, members: np.ndarray, p: int) -
     both = np.hstack([members, np.eye(n * p)])
     info, slope, std = both.T @ S @ both, both.T @ g, np.ones(p)
     for _ in range(ROUNDS):
+        # group means are free
         C = np.linalg.inv(info + np.diag(np.concatenate([np.full(q, FLAT), np.tile(std**-2.0, n)])))
         square = (C @ slope)[q:] ** 2 + np.diag(C)[q:]
         std = np.maximum(np.sqrt(square.reshape(n, p).mean(axis=0)), LEAST)
@@ -80,7 +81,7 @@ def contrasts(slope: np.ndarray, info: np.ndarray, p: int) -> tuple[np.ndarray, 
     slope: (G p,) and info: (G p, G p) of values of p parameters by group.
     """
     G = len(slope) // p
-    each = np.linalg.svd(np.ones((G, 1)))[0]
+    each = np.linalg.svd(np.ones((G, 1)))[0]  # first the mean of all groups, then G - 1 directions across it
     even, basis = (np.kron(x, np.eye(p)) for x in (each[:, :1], each[:, 1:]))
     part = np.linalg.solve(even.T @ info @ even + FLAT * np.eye(p), even.T @ np.column_stack([info, slope]))
     J = basis.T @ (info - info @ even @ part[:, :-1]) @ basis
@@ -107,9 +108,10 @@ def group_test(g: np.ndarray, S: np.ndarray, group: np.ndarray, p: int) -> Group
     values, vectors, degrees = values[seen], vectors[:, seen], int(seen.sum())
     along = vectors.T @ score
     statistic = float((along**2 / values).sum())
-    known = np.linalg.pinv(contrasts(*by_group(g, S, members, np.full(p, LEAST)), p)[1], rcond=1e-9)
+    known = np.linalg.pinv(contrasts(*by_group(g, S, members, np.full(p, LEAST)), p)[1], rcond=1e-9)  # without scatter
     share = 1 - float(np.mean(np.diag(vectors.T @ known @ vectors) * values))
     spare = max(len(group) - len(np.unique(group)), 1)
+    # all scatter: as many degrees as runs to spare
     p_value = f_tail(statistic / degrees, degrees, spare / max(share, 1e-3) ** 2)
     logs = [0.5 * float((along**2 / (values + a**-2)).sum() - np.log1p(a**2 * values).sum()) for a in SIZES]
     log_bayes = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
@@ -120,6 +122,7 @@ def group_test(g: np.ndarray, S: np.ndarray, group: np.ndarray, p: int) -> Group
 def holm(p: Sequence[float]) -> np.ndarray:
     """The m probabilities ``p`` corrected for their number (Holm 1979), in the same order, (m,)."""
     order = np.argsort(p)
+    # never below a smaller p
     raised = np.maximum.accumulate(np.array(p, dtype=float)[order] * np.arange(len(p), 0, -1))
     out = np.empty(len(p))
     out[order] = np.minimum(raised, 1.0)

@@ -21,16 +21,16 @@ import numpy as np
 from fitting.nlp.fisher_information import Information
 
 SHARED_FREEDOM = 5.0
-"""Degrees of freedom of the dispersion shared by all coefficients, against those of each coefficient's clusters. Set by
-hand; coverage of the intervals is in benchmarks/ablation.md."""
+"""Degrees of freedom of the dispersion shared by all coefficients, against those of each coefficient's clusters. Set
+by hand; coverage of the intervals is in benchmarks/ablation.md."""
 RUNS_NEEDED = 10.0
 """Degrees of freedom at which clusters by run and by window count alike. Set by hand, as are the next two."""
 ENOUGH = 30.0
-"""Degrees of freedom below which a variance may not be smaller than the model-based one."""
+"""Degrees of freedom below which a variance may not be smaller than the model-based one. Set by hand."""
 ABSORBED = 0.9
-"""Prior's share of the model-based variance above which only the shared dispersion is used."""
+"""Prior's share of the model-based variance above which only the shared dispersion is used. Set by hand."""
 NORMAL = 1.959964
-"""Standard normal quantile at 97.5 %."""
+"""Standard normal quantile at 97.5 %. (Abramowitz & Stegun 1964, chapter 26.)"""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Robust:
 
 def changes_without_each(info: Information) -> np.ndarray:
     """Change of the estimate when each row of ``info`` (a window or a run) is left out, to first order, (rows, P)."""
-    remaining = info.hessian - info.fisher
+    remaining = info.hessian - info.fisher  # without the cluster itself: as the jackknife, less biased with few
     return np.linalg.solve(remaining, info.score[:, :, None])[:, :, 0]
 
 
@@ -90,7 +90,7 @@ def robust(info: Information) -> Robust:
         shared = np.ones(P, dtype=bool)
         if info.owner is not None:
             shared = info.owner < 0
-            moves_r[by_run.run[:, None] == info.owner] = 0.0
+            moves_r[by_run.run[:, None] == info.owner] = 0.0  # its constants have nothing without it
         weight = np.where(shared, freedom_r / (freedom_r + RUNS_NEEDED), 0.0)
         observed = weight * observed_r + (1 - weight) * observed
         freedom = weight * freedom_r + (1 - weight) * freedom
@@ -98,16 +98,16 @@ def robust(info: Information) -> Robust:
         total = mean * moves_r.T @ moves_r + (1 - mean) * total
     excited = np.diag(model) < ABSORBED
     dispersion = max(1.0, float((observed[excited] / by_model[excited]).mean())) if excited.any() else 1.0
-    own = np.where(excited, freedom, 0.0)
+    own = np.where(excited, freedom, 0.0)  # what the prior decides shows no variance of its own
     variance = (SHARED_FREEDOM * dispersion * by_model + own * observed) / (SHARED_FREEDOM + own)
     known = SHARED_FREEDOM + own
-    variance = np.where(known < ENOUGH, np.maximum(variance, by_model), variance)
+    variance = np.where(known < ENOUGH, np.maximum(variance, by_model), variance)  # few clusters may agree by chance
     from scipy.special import stdtrit  # late: slow to import
 
-    variance *= (stdtrit(known, 0.975) / NORMAL) ** 2
+    variance *= (stdtrit(known, 0.975) / NORMAL) ** 2  # so that normal intervals are as wide as Student's
     share = SHARED_FREEDOM / (SHARED_FREEDOM + freedom.mean())
     matrix = (1 - share) * total + share * dispersion * model @ (H - info.prior_information) @ model
     size = np.sqrt(np.maximum(variance, 0.0) / np.maximum(np.diag(matrix), 1e-300))
     noise = np.where(by_model[:, None] * by_model > 0, matrix * np.outer(size, size), 0.0)
-    covariance = noise + model @ info.prior_information @ model
+    covariance = noise + model @ info.prior_information @ model  # the prior's part does not come from the residuals
     return Robust(0.5 * (covariance + covariance.T), model, known, dispersion, clusters, moves_r)

@@ -71,6 +71,7 @@ class BatchFunction:
         arrays = [np.ascontiguousarray(a, dtype=float) for a in inputs]
         results = [np.empty((f.nnz_out(j), points)) for j in range(f.n_out())]
         arg = (ctypes.c_void_p * len(arrays))(*[a.ctypes.data for a in arrays])
+        # stride 0: the same for all points
         ld = (ctypes.c_longlong * len(arrays))(*[points if a.ndim == 2 else 0 for a in arrays])
         res = (ctypes.c_void_p * len(results))(*[a.ctypes.data for a in results])
         getattr(self.library, f.name())(ctypes.c_longlong(points), arg, ld, res)
@@ -82,6 +83,7 @@ class BatchFunction:
         shared = tuple(a.ndim == 1 for a in inputs)
         key = (points, shared)
         if key not in self._mapped:
+            # shared arguments are not copied
             mapped = f.map(f.name(), "serial", points, [i for i, s in enumerate(shared) if s], [])
             self._mapped[key] = (mapped, *mapped.buffer())
         mapped, buffer, trigger = self._mapped[key]
@@ -97,7 +99,7 @@ class BatchFunction:
 
 def padded(points: int) -> int:
     """Number of points in whole vectors: ``points`` rounded up to a multiple of LANES, at least LANES."""
-    return max(LANES, -(-points // LANES) * LANES)
+    return max(LANES, -(-points // LANES) * LANES)  # -(-a // b): rounded up
 
 
 def filled(array: np.ndarray, points: int) -> np.ndarray:
@@ -132,7 +134,7 @@ def finite_points(function: ca.Function, count: int, seed: int) -> tuple[list[np
     for drawn in (count, MORE * count):
         inputs = [points(function.nnz_in(j), drawn, seed + j) for j in range(function.n_in())]
         results = BatchFunction(function, None)(*inputs)
-        if (good := finite_at(results)).all():
+        if (good := finite_at(results)).all():  # most functions need no more points
             break
     chosen = np.resize(np.flatnonzero(good) if good.any() else np.arange(drawn), count)
     return [a[:, chosen] for a in inputs], [a[:, chosen] for a in results]
@@ -152,7 +154,7 @@ def differences(found: Sequence[np.ndarray], expected: Sequence[np.ndarray], clo
     for a, b in zip(found, expected, strict=True):
         finite = np.isfinite(b)
         away, largest = np.abs(a[finite] - b[finite]), float(np.abs(b[finite]).max(initial=0.0))
-        if not (away <= close * largest + ROUNDING).all():
+        if not (away <= close * largest + ROUNDING).all():  # not >: nan in the compiled result is a difference
             most = float(np.where(np.isfinite(away), away, np.inf).max())
             return f"by {most:.2g}, where the largest number is {largest:.2g}"
     return ""
@@ -168,7 +170,8 @@ def _faults(functions: Sequence[ca.Function], library: ctypes.CDLL) -> str:
 
 
 SHORT = 2
-"""Parts of a function that are compiled as code that loops go through often; of more parts are second derivatives."""
+"""Parts of a function that are compiled as code that loops go through often; of more parts are second derivatives. Set
+by hand: speed alone."""
 _MACROS = """
 #define EACH(i, name) for (long long e = 0, k; (k = name##_of##i[e]) >= 0; e++)
 #define READ(i, name) EACH(i, name) x##i[k] = load(arg[i] + k * ld[i] + at);

@@ -88,7 +88,7 @@ class Rollout:
         """
         S, M = start.shape
         N, C = len(keep), controls.shape[1]
-        own, dt_step = controls.ndim == 3, (0, 1, M)[dt.ndim]
+        own, dt_step = controls.ndim == 3, (0, 1, M)[dt.ndim]  # strides: one step for all, by step, by step and point
         start, controls, dt, theta = (np.ascontiguousarray(a, dtype=float) for a in (start, controls, dt, theta))
         keep = np.ascontiguousarray(keep, dtype=np.uint8)
         out = np.empty((1 + int(keep.sum()), S, M))
@@ -99,7 +99,7 @@ class Rollout:
             dt_step, dt.ndim == 2,
             M if theta.ndim == 2 else 1, theta.ndim == 2,
         )  # fmt: skip
-        parts = max(1, min(threads, os.cpu_count() or 1, M // LANES))
+        parts = max(1, min(threads, os.cpu_count() or 1, M // LANES))  # no thread without a whole block
         borders = [M // LANES * i // parts * LANES for i in range(parts)] + [M]
 
         def work(begin: int, end: int) -> None:  # whole blocks for each thread, what is left for the last one
@@ -131,5 +131,5 @@ def _faults(rollout: Rollout, rates: ca.Function, first: int) -> str:
         expected.append(z)
     dt, keep = np.array(h), np.ones(2, dtype=bool)
     found = rollout(start, controls, dt, theta, keep, euler=False, linear=False, threads=1)
-    steps = list(np.diff(np.array(expected), axis=0))
+    steps = list(np.diff(np.array(expected), axis=0))  # changes, as states themselves would hide an error in small ones
     return "a run differs from that of the portable path" if differences(list(np.diff(found, axis=0)), steps) else ""

@@ -23,11 +23,12 @@ from mmg.compile.stages import Program, divided_code, units_of
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
 
 TILE = 4
-"""Rows and columns of the products that are kept in registers; columns are padded to whole tiles."""
+"""Rows and columns of the products that are kept in registers; columns are padded to whole tiles. Set by hand: speed
+alone."""
 
 
 STACK = 4
-"""Stages, and samples, whose rows are multiplied at once."""
+"""Stages, and samples, whose rows are multiplied at once. Set by hand: speed alone."""
 
 NEWLINE = "\n  "
 _AT = "const V* q, const V* c, const V* p, const V* u, const V* K, const V* H, V* d"
@@ -51,6 +52,7 @@ def derivatives(
     z, mu = ca.vertcat(q, *[coefficients[int(i)] for i in free]), ca.SX.sym("mu", rates.numel())
     given, found = [q, inputs, coefficients], [ca.densify(rates), ca.jacobian(rates, z)]
     if second:
+        # symmetric: the upper half is enough
         given, found = [*given, mu], [*found, ca.triu(ca.hessian(ca.dot(mu, rates), z)[0])]
     return ca.Function("whole", given, found)
 
@@ -76,7 +78,7 @@ def interval_source(whole: ca.Function) -> str:
         kept = [max(a, code.early[stage].handed) for a, stage in zip(kept, _ARRAYS, strict=True)]
         early = {line.format(name): code.early[i].text for i, line in enumerate(_DECLARED, 1)}
         functions = [f"{line} {{{NEWLINE}{body}\n}}\n" for line, body in early.items()] + code.functions
-        units += units_of(LONG + head if name == "hessian" else head, functions)
+        units += units_of(LONG + head if name == "hessian" else head, functions)  # LONG: what is called seldom
         known += [*(f"{line};\n" for line in early), code.declared]
         known.append(f"static void {name}_at({_AT}) {{\n  {code.call}\n}}\n")
     text = [head, _head(sizes), *known, f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n"]
@@ -167,7 +169,7 @@ def _bent(H: ca.Sparsity, Q: int, S: int) -> str:
     for at, (r, c) in enumerate(zip(rows, columns, strict=True)):
         if c < Q:
             terms[r].append(f"X[{at}] * G[{c} * W + j]")
-            if r != c:
+            if r != c:  # off the diagonal each number of the upper half stands for two
                 terms[c].append(f"X[{at}] * G[{r} * W + j]")
         elif r in terms:
             mixed.append(f"B[PANEL({dense.index(r)}, {S + c - Q})] += X[{at}];")
@@ -176,9 +178,10 @@ def _bent(H: ca.Sparsity, Q: int, S: int) -> str:
         else:
             own.append(f"sum[{len(where)}] += X[{at}];")
             where.append((r - Q, c - Q))
+    # half: A^T B + B^T A is added
     lines = [f"B[{k} * TILE + e] = 0.5 * ({' + '.join(terms[r])});" for k, r in enumerate(dense)]
     copies = [f"A[{k} * TILE + e] = G[{r} * W + j];" for k, r in enumerate(dense)]
-    pairs = ", ".join(f"{{{r}, {c}}}" for r, c in where) or "{0, 0}"
+    pairs = ", ".join(f"{{{r}, {c}}}" for r, c in where) or "{0, 0}"  # C has no empty arrays
     inside = "\n    ".join([*copies, *lines])
     return f"""#define OWN {len(where)}
 #define R {len(dense)}

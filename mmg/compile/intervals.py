@@ -16,7 +16,8 @@ from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
 
 SHARE = 16
-"""Blocks of LANES intervals, at least, whose sums are made apart; 8 and 4 gain nothing (RESULTS.md of 5f878e7)."""
+"""Blocks of LANES intervals, at least, whose sums are made apart; 8 and 4 gain nothing (RESULTS.md of 5f878e7). As
+measured in November 2026."""
 
 
 Wanted = tuple[np.ndarray, np.ndarray]
@@ -74,14 +75,17 @@ class Lanes:
         """From the steps (M,), controls (K, C, M), groups (M,) and slots (M,) of the intervals, the step h [s] and
         whether the controls have changes behind them."""
         M = len(steps)
+        # by slot, then the longest first: vectors are full of intervals of like length
         order = np.lexsort((-steps, slot))
         borders = np.flatnonzero(np.diff(slot[order])) + 1
         wanted = np.arange(SHARE * LANES, M, SHARE * LANES)
+        # no slot in two shares
         near = borders[np.clip(np.searchsorted(borders, wanted), 0, len(borders) - 1)] if len(borders) else borders
         parts = np.split(order, np.unique(near))
         lanes, real, shares, blocks = [], [], [], 0
         for part in parts:
             size = padded(len(part))
+            # a vector is filled with copies of its last interval
             lanes.append(np.concatenate([part, np.repeat(part[-1:], size - len(part))]))
             real.append(np.arange(size) < len(part))
             shares.append((blocks, blocks + size // LANES))
@@ -105,7 +109,7 @@ class Lanes:
         """Lane of each interval, (M,)."""
         first = np.zeros(self.M, dtype=int)
         real = np.flatnonzero(self.slot >= 0)
-        first[self.interval[real]] = real
+        first[self.interval[real]] = real  # copies that fill a vector have slot -1
         return first
 
     @cached_property
@@ -207,7 +211,7 @@ class IntervalKernel:
             run["weight"] = lanes.spread(weight)
         self._work("curve", lanes, run, middle)
         shared, lower = run["shared"], np.tril_indices(P, -1)
-        shared[:, lower[0], lower[1]] = shared[:, lower[1], lower[0]]
+        shared[:, lower[0], lower[1]] = shared[:, lower[1], lower[0]]  # the kernel sums the upper half alone
         return run["ends"], run["slope"], run["rows"], shared
 
     def _states(self, lanes: Lanes, start: np.ndarray, theta: np.ndarray) -> dict[str, np.ndarray]:
@@ -232,6 +236,7 @@ class IntervalKernel:
     def _ends(self, lanes: Lanes, run: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         interior = run["interior"][:, :, lanes.position]
         if lanes.beyond.any():
+            # the kernel leaves what it does not reach unset
             interior = np.where(lanes.beyond[:, None, :], 0.0, interior)
         return run["end"][:, lanes.position], interior
 

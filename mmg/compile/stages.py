@@ -54,6 +54,7 @@ class Program:
             operation = function.instruction_id(k)
             inputs, outputs = function.instruction_input(k), function.instruction_output(k)
             if operation == ca.OP_OUTPUT:
+                # CasADi numbers nonzeros, results count all elements
                 results[outputs[0]][rows[outputs[0]][outputs[1]]] = at[inputs[0]]
                 continue
             if operation == ca.OP_CONST:
@@ -63,7 +64,7 @@ class Program:
             else:
                 operands = tuple(at[i] for i in inputs)
                 value = Value(operation, operands, max(values[i].stage for i in operands))
-            at[outputs[0]] = len(values)
+            at[outputs[0]] = len(values)  # CasADi uses a register again: the newest value counts
             values.append(value)
         return cls(tuple(values), tuple(tuple(row) for row in results))
 
@@ -77,7 +78,7 @@ class Program:
         found: set[int] = set()
         while todo:
             place = todo.pop()
-            if place not in found and self.values[place].stage > after:
+            if place not in found and self.values[place].stage > after:  # earlier stages have handed theirs on
                 found.add(place)
                 todo += self.values[place].operands
         return sorted(found)
@@ -97,15 +98,17 @@ class Program:
         arguments and constants are not among them."""
         outputs = list(outputs)
         taken = {i for place in self.needed(outputs, stage) for i in self.values[place].operands}
+        # an output may be made early
         taken |= {place for j in outputs for place in self.results[j] if place is not None}
         return sorted(i for i in taken if self.values[i].stage == stage and self.values[i].argument is None)
 
 
 FUNCTION_SIZE = 800
 """Instructions in one C function: registers are given out in more than twice the time for twice as many. Of 11,000
-instructions gcc 12 makes code in 1.4 s, in 2.4 s with 3,000 a function, and that code is as fast to some per cent."""
+instructions gcc 12 makes code in 1.4 s, in 2.4 s with 3,000 a function, and that code is as fast to some per cent. So
+it was measured; the number was set by hand."""
 UNIT_TEXT = 150_000
-"""Characters of such functions that are compiled together: each start of a compiler takes some .02 s."""
+"""Characters of such functions that are compiled together: each start of a compiler takes some .02 s. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +225,7 @@ def _known(
         return [f"const V a{at} = {arguments[value.argument[0]]}[{value.argument[1]}];"]
     if value.stage == CONSTANT and not value.operands:
         return [f"const V a{at} = fill({constant(value.number)});"]
-    if value.stage == CONSTANT:
+    if value.stage == CONSTANT:  # cheaper made again than handed on
         before = [line for i in value.operands for line in _known(program, i, stage, arguments, place, known)]
         return [*before, f"const V a{at} = {expression(value.operation, [f'a{i}' for i in value.operands])};"]
     return [f"const V a{at} = {place[at]};"]

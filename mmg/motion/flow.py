@@ -31,7 +31,7 @@ INPUTS = {
 """Actuators that a force model may ask for: words and unit. They are columns of trial files and fields of Flow."""
 
 PODS = 4
-"""Most azimuth thrusters of a ship."""
+"""Most azimuth thrusters of a ship. Set by hand: names of inputs are made for so many."""
 
 
 def pods(particulars: Mapping[str, float]) -> tuple[str, ...]:

@@ -11,10 +11,11 @@ import math
 import numpy as np
 
 GRAVITY = 9.80665
-"""m/s^2 (standard)."""
+"""m/s^2 (standard). Standard acceleration of free fall (CGPM 1901)."""
 
 MODEL_LENGTH = 3.0
-"""m; constants of this product that depend on the size of a ship are written for a model of this length."""
+"""m; constants of this product that depend on the size of a ship are written for a model of this length. Set by hand:
+that of the Esso Osaka model whose trials were the first."""
 
 
 def length_scale(length: float) -> float:

@@ -66,19 +66,17 @@ def delayed(memory: Memory, name: str, x: Any, T: Any, least: float, size: float
 
 SHARP, SHARPER = 4, 5
 """Doublings of the power q = 2^k of the clip x b / (|x|^q + b^q)^(1/q), 16 and 32: of a play, and of what draws the
-remembered position along.
-
-The second must be sharper, or the remembered position would creep back inside the play.
-"""
+remembered position along. Set by hand; the second must be sharper, or the remembered position would creep back inside
+the play."""
 
 
 def clip(x: Any, b: Any, softest: float, doublings: int = SHARP) -> Any:
     """x limited to +-b, smooth, exactly zero for b = 0; ``softest`` is the size of x that keeps it smooth there.
     doublings: k of the power 2^k, which squares and square roots make faster than a library's power."""
-    power, of_b = (x / softest) ** 2, (b / softest) ** 2
+    power, of_b = (x / softest) ** 2, (b / softest) ** 2  # squares first: even, so that no |x| is needed
     for _ in range(doublings - 1):
         power, of_b = power * power, of_b * of_b
-    root = power + of_b + 1.0
+    root = power + of_b + 1.0  # 1: no root of zero, whose slope is infinite
     for _ in range(doublings):
         root = ca.sqrt(root)
     return b * x / softest / root

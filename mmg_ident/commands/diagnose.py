@@ -97,19 +97,22 @@ def diagnose(
     return 0
 
 
-def _summary(found: Diagnosis, out: Path) -> None:
+def _summary(diagnosis: Diagnosis, out: Path) -> None:
     """A few lines for a person."""
-    for line in found.warnings:
+    for line in diagnosis.warnings:
         cli.say(f"warning: {line}")
     rows = []
-    for c in found.candidates[:8]:
+    for c in diagnosis.candidates[:8]:
         gain = "" if c.delta_bic is None else f"{c.delta_bic:.1f}"
         numbers = (f"{c.score:.1f}", f"{c.p_value:.1g}", gain, f"{c.absorbed_share:.0%}")
         rows.append((c.name, *(numbers if c.excited else ("not excited", "", "", ""))))
-    cli.print_table(("effect", "score|n", "p|n", "gain in BIC|n", "absorbed|n"), rows, f"verdict: {found.verdict}")
-    lines = [found.sentence, found.learned.sentence if found.learned else ""]
-    lines += [*(f"sensors: {line}" for line in found.kinematics), f"next: {found.next_test}" if found.next_test else ""]
-    lines += [found.between.sentence, *found.between.warnings] if found.between else []
+    cli.print_table(("effect", "score|n", "p|n", "gain in BIC|n", "absorbed|n"), rows, f"verdict: {diagnosis.verdict}")
+    lines = [diagnosis.sentence, diagnosis.learned.sentence if diagnosis.learned else ""]
+    lines += [
+        *(f"sensors: {line}" for line in diagnosis.kinematics),
+        f"next: {diagnosis.next_test}" if diagnosis.next_test else "",
+    ]
+    lines += [diagnosis.between.sentence, *diagnosis.between.warnings] if diagnosis.between else []
     for line in filter(None, lines):
         print(line)
     cli.say(f"diagnosis: {out} (diagnosis.json, report.html, ship.toml)")

@@ -108,7 +108,13 @@ def imo(
 
 
 def _with_intervals(
-    found: Assessment, model: str, ship: Ship, rudder_rate: float | None, scatter: int | None, seed: int, workers: int
+    assessment: Assessment,
+    model: str,
+    ship: Ship,
+    rudder_rate: float | None,
+    scatter: int | None,
+    seed: int,
+    workers: int,
 ) -> tuple[Assessment, dict[str, Sequence[Since]]]:
     """The figures with 90 % intervals, where a covariance is known or draws are asked for, and runs behind them."""
     from dataclasses import replace
@@ -126,14 +132,14 @@ def _with_intervals(
     if count == 0:
         if content and scatter is None:
             words = f"no 90 % intervals: {model} holds no covariance; fit again, or give --scatter for its priors"
-            found = replace(found, notices=(*found.notices, Message(words, "no_covariance")))
-        return found, {}
+            assessment = replace(assessment, notices=(*assessment.notices, Message(words, "no_covariance")))
+        return assessment, {}
     with cli.working(f"simulating each manoeuvre {count} times"):
-        judged = with_intervals(found, ship, content, count, seed, rudder_rate, workers)
+        judged = with_intervals(assessment, ship, content, count, seed, rudder_rate, workers)
     return judged.assessment, {name: one.shown for name, one in judged.scatter.items()}
 
 
-def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mapping[str, Sequence[Since]]) -> None:
+def _write(plot: Path | None, out: Path | None, assessment: Assessment, clouds: Mapping[str, Sequence[Since]]) -> None:
     """The figure, and the folder with table, figure and simulated runs."""
     from functools import partial
 
@@ -142,30 +148,31 @@ def _write(plot: Path | None, out: Path | None, found: Assessment, clouds: Mappi
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
 
-    draw = partial(maneuver_figure, found.runs, found.heading, clouds)
+    draw = partial(maneuver_figure, assessment.runs, assessment.heading, clouds)
     with writing(out or plot or ""):
         if plot is not None:
             draw().savefig(plot)
         if out is not None:
             out.mkdir(parents=True, exist_ok=True)
-            write_json(out / "imo.json", found.to_dict())
-            for run in found.runs:
+            write_json(out / "imo.json", assessment.to_dict())
+            for run in assessment.runs:
                 if not run.measured:
                     write_trial(run.trial, out / f"{run.trial.name}.csv")
-            FigureFolder(out).write("imo", draw, found.heading, "")
+            FigureFolder(out).write("imo", draw, assessment.heading, "")
 
 
-def _print(found: Assessment) -> None:
-    print(found.heading)
+def _print(assessment: Assessment) -> None:
+    print(assessment.heading)
     known, corrected, drawn = (
-        any(getattr(row, name) is not None for row in found.rows) for name in ("reference", "measured", "interval_90")
+        any(getattr(row, name) is not None for row in assessment.rows)
+        for name in ("reference", "measured", "interval_90")
     )
     heads = ["run", "figure", *(("measured|n", "corrected|n") if corrected else ("value|n",))]
     heads += ["90 % interval|n", "of one trial|n"] * drawn + ["limit|n"] + ["reference|n"] * known + ["meets|n"] * drawn
     remarks: dict[str, int] = {}
     rows: list[list[str]] = []
     last = ""
-    for row in found.rows:
+    for row in assessment.rows:
         if row.run != last:
             rows.append([""] * (len(heads) + 1))
         mark = f" [{remarks.setdefault(row.why, len(remarks) + 1)}]" if row.why else ""
@@ -181,9 +188,9 @@ def _print(found: Assessment) -> None:
     print()
     for words, k in remarks.items():
         print(f"[{k}] {words}")
-    for note in found.notices:
+    for note in assessment.notices:
         print(f"note: {note}")
-    print(found.conclusion)
+    print(assessment.conclusion)
 
 
 def _interval(ends: Sequence[float] | None, unit: str) -> str:

@@ -61,8 +61,11 @@ def import_(
 
 
 def imported(logs: list[Path], chosen: ImportMap, ask: bool) -> tuple[Imported, ImportMap]:
-    """The import of ``logs`` by a map, and the map with the answers of a person, where there is one to ``ask``. Raises
-    UserError for all that is open."""
+    """The import of ``logs`` by a map.
+
+    chosen: the map to begin with; ask: a person at the terminal, where there is one. Returns the import and the map
+    with the answers. Raises UserError for all that is open.
+    """
     from cases.importing.import_logs import import_logs
 
     found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
@@ -91,15 +94,15 @@ def _with(chosen: ImportMap, changes: dict[str, Any]) -> ImportMap:
     return validated(ImportMap, {**content, **changes}, "options")
 
 
-def _answered(found: Imported, chosen: ImportMap, before: set[tuple[Path, str]]) -> ImportMap:
+def _answered(imported: Imported, chosen: ImportMap, before: set[tuple[Path, str]]) -> ImportMap:
     """The map with the answers of the person at the terminal; the same map where there is nothing to ask that was not
     asked ``before``. What several files leave open alike is asked once."""
     together: dict[tuple[str, tuple[str, ...]], list[Question]] = {}
-    for question in found.questions:
+    for question in imported.questions:
         if (question.file, question.words) not in before:
             together.setdefault((question.words, tuple(question.choices)), []).append(question)
     for (words, choices), questions in together.items():
-        names = [found.names.get(question.file, "") for question in questions]
+        names = [imported.names.get(question.file, "") for question in questions]
         before |= {(question.file, words) for question in questions}
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         cli.say(f"{', '.join(names[:3])}{more}: {words}".removeprefix(": "))
@@ -154,29 +157,29 @@ def _row(run: ImportedRun, file: Path, report: Any) -> dict[str, Any]:
     }
 
 
-def _print(found: Imported, files: list[Path], checks: list[Any]) -> None:
+def _print(imported: Imported, files: list[Path], checks: list[Any]) -> None:
     """One table of the runs, and below it what was done, once for all runs that share it."""
     rows = []
-    for run, file, report in zip(found.runs, files, checks, strict=True):
+    for run, file, report in zip(imported.runs, files, checks, strict=True):
         t, sources = run.columns["t"], ", ".join(dict.fromkeys(log.table.path.name for log in run.logs))
         rows.append((file.name, sources, str(len(t)), f"{t[-1]:.0f}", report.verdict))
     cli.print_table(("trial", "from", "rows|n", "s|n", "verdict of check"), rows)
-    cli.print_table(("column", "used as", "because"), _account(found))
+    cli.print_table(("column", "used as", "because"), _account(imported))
     said: dict[str, list[str]] = {}
-    for run, report in zip(found.runs, checks, strict=True):
+    for run, report in zip(imported.runs, checks, strict=True):
         words = [*map(str, run.notices)]
         words += [f"[check] {finding.text}" for finding in report.findings if finding.level == "contradictory"]
         for sentence in words:
             said.setdefault(sentence, []).append(run.name)
     for sentence, names in said.items():
-        whose = "" if len(names) == len(found.runs) else f"{', '.join(names)}: "
+        whose = "" if len(names) == len(imported.runs) else f"{', '.join(names)}: "
         cli.print_wrapped("  ", f"{whose}{sentence}")
 
 
-def _account(found: Imported) -> list[tuple[str, str, str]]:
+def _account(imported: Imported) -> list[tuple[str, str, str]]:
     """A row for each column of the logs, once for all logs that share it."""
-    rows = [row for run in found.runs for log in run.logs for row in log.accounts]
+    rows = [row for run in imported.runs for log in run.logs for row in log.accounts]
     said = ((row.what, ", ".join(row.used_as) or "not used", row.why) for row in rows)
-    derived = ((name, "derived from " + (", ".join(of) or "nothing: assumed"), "") for run in found.runs
+    derived = ((name, "derived from " + (", ".join(of) or "nothing: assumed"), "") for run in imported.runs
                for name, of in run.ancestors.items())  # fmt: skip
     return list(dict.fromkeys([*said, *derived]))

@@ -93,7 +93,7 @@ from mmg_ident import shadowing_mmg
 HEAVY, LEAST_MEMORY = ("start", "demo", "fit", "fleet", "months", "train", "compare", "diagnose", "select"), 1.5 * 2**30
 """Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C. Set by
 hand, from runs below ulimit -v."""
-MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials")
+MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials", "--baseline")
 """Options that take several values after one name: ``--validate a.csv b.csv``."""
 
 

@@ -47,7 +47,8 @@ T = TypeVar("T")
 GENERAL = "Options"
 """The panel of options that are in no other one."""
 MOST = 8
-"""Options up to which a panel reads at a glance (by the issue of step 17); a verb with no more has one panel."""
+"""Options up to which a panel reads at a glance (by the issue of step 17); a verb with no more has one panel. Set
+by hand."""
 VALUES = {"int": "N", "float": "NUMBER", "path": "PATH", "str": "TEXT", "text": "TEXT"}
 """What the name of a kind of value contains, which differs by the version of typer -> how the help calls it."""
 

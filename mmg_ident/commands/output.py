@@ -22,6 +22,7 @@ from mmg.errors import BadValue, Conflict, Missing, NoSolution, OutOfRange, Targ
 if TYPE_CHECKING:
     from cases.trial_set import TrialSet
     from fitting.prediction.score import ScorePair
+    from fitting.prediction.unit_errors import UnitErrors
     from fitting.result import FitResult
     from mmg.progress import OnProgress, Progress
     from residual.result import TrainResult
@@ -47,13 +48,19 @@ def say(text: str) -> None:
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> None:
     """Print the ``rows`` as plain text under a ``title``; columns: their heads, those that end in "|n" to the right."""
     end_progress()
+    print(*filter(None, [title]), *table_lines(columns, rows), sep="\n")
+
+
+def table_lines(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """The lines of a table of ``rows``; columns: as of ``print_table``."""
     heads = [head.removesuffix("|n") for head in columns]
     cells = [heads, *rows]
     widths = [max(len(row[i]) for row in cells) for i in range(len(heads))]
-    print(*filter(None, [title]), sep="", end="\n" * bool(title))
+    lines = []
     for row in cells:
         parts = zip(row, columns, widths, strict=True)
-        print("  ".join(c.rjust(w) if head.endswith("|n") else c.ljust(w) for c, head, w in parts).rstrip())
+        lines.append("  ".join(c.rjust(w) if head.endswith("|n") else c.ljust(w) for c, head, w in parts).rstrip())
+    return lines
 
 
 def say_fault(error: UserError, for_machines: bool = False) -> None:
@@ -124,7 +131,7 @@ def refuse_no_score(warnings: Sequence[str], out: Path) -> None:
 
 
 def say_scores(scores: Mapping[str, ScorePair], what: str = "") -> None:
-    """Say both metrics, and errors in units where they are known, before and after, of sets of trials.
+    """Say errors in units where they are known, and both metrics, before and after, of sets of trials.
 
     scores: by name of the set; what: words on the two models.
     """
@@ -132,16 +139,31 @@ def say_scores(scores: Mapping[str, ScorePair], what: str = "") -> None:
 
     for name, pair in scores.items():
         before, after = pair.before, pair.after
+        if before.units and after.units and after.units.pooled.scored:
+            for line in _unit_lines(before.units, after.units, f"{name}{what}"):
+                say(line)
         windows = f"30 s windows {in_words(before.window)} -> {in_words(after.window)}"
-        say(f"{name}{what}: {windows}, 100 s restarts {in_words(before.paper)} -> {in_words(after.paper)}")
-        if before.units and after.units and after.units.pooled.windows:
-            units = {"position_m": "m", "heading_deg": "deg", "u_m_s": "m/s", "r_deg_s": "deg/s"}
-            pooled = before.units.pooled, after.units.pooled
-            words = ", ".join(
-                f"{key.partition('_')[0]} {getattr(pooled[0], key):.3g} -> {getattr(pooled[1], key):.3g} {unit}"
-                for key, unit in units.items()
-            )
-            say(f"{name}{what}: rms errors over {after.units.window_s:g} s: {words}")
+        restarts = f"100 s restarts {in_words(before.paper)} -> {in_words(after.paper)}"
+        say(f"{name}{what}, normalised (Eq. 25): {windows}, {restarts}")
+
+
+def _unit_lines(before: UnitErrors, after: UnitErrors, what: str) -> list[str]:
+    """A table of the pooled errors of two models; what: they are scored on, in words."""
+    from fitting.prediction.unit_errors import STATE_ERRORS, ratios
+
+    heads, columns = [], []
+    for key, seconds in after.seconds.items():
+        first, last = before.pooled.after.get(key), after.pooled.after.get(key)
+        kept = after.persistence.pooled.after.get(key) if after.persistence else None
+        if first and last and kept:
+            ratio = ratios(last, kept)
+            heads += [f"{seconds:.3g} s: before|n", "after|n", "ratio|n"]
+            columns += [[f"{getattr(one, state):.3g}" for state in STATE_ERRORS] for one in (first, last)]
+            columns.append([f"{ratio[state]:.2f}" for state, _ in STATE_ERRORS.values()])
+    labels = [f"{state} [{unit}]" for state, unit in STATE_ERRORS.values()]
+    length = "one ship length and " if len(columns) > 3 else ""
+    title = f"{what}: rms errors after {length}{after.window_s:g} s; ratio to keeping the velocities"
+    return [title, *table_lines(["", *heads], zip(labels, *columns, strict=True))]
 
 
 def refuse_target(option: str, path: Path | None, force: bool, endings: Sequence[str] = ()) -> None:

@@ -16,9 +16,11 @@ from mmg_ident.commands import output as cli
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from fitting.prediction.score import RunErrors, Score, TrialScore, UnitErrors
+    from fitting.prediction.score import Score, TrialScore
+    from fitting.prediction.unit_errors import RunErrors, StateErrors, UnitErrors
 
 
+@o.options(Errors="window baseline sigma sigma_from")
 def score(
     runs_and_trials: Annotated[
         list[str], Argument(help="Ships or run folders, then trials or folders of them.", metavar="SHIP... TRIAL...")
@@ -28,29 +30,39 @@ def score(
     method: Annotated[str, Option(help="Integration: rk4 or euler.")] = "rk4",
     adapt: Annotated[float | None, Option(help="Also with a past of so many s; default what a run says pays.")] = None,
     window: Annotated[float, Option(help="Of errors in units [s]; default 30, or 4 L/U of a large ship.")] = 0.0,
+    baseline: Annotated[
+        list[Path] | None, Option(help="Trials to fit a plain grey box to, scored too.", metavar="TRIAL...")
+    ] = None,
     campaign: o.Campaign = None,
     unchecked: o.Unchecked = False,
     json: o.Json = False,
 ) -> None:
-    """Score models on trials: Eq. 25 of Wakita et al. (2022) with 100 s restarts, and 30 s windows every 15 s.
+    """Score models on trials: rms errors in units, and the normalised metric of Wakita et al. (2022), Eq. 25.
 
-    Both are the mean squared error summed over x, y, psi, u, v, r, each divided by its sigma, by default pooled over
-    the scored trials with the heading as stored. Beside them: rms errors by run in metres, degrees, m/s and deg/s, over
-    windows that are longer for a large ship, and errors of advance, diameters and overshoots of the runs that are
-    manoeuvres, predicted with the measured rudder. Models after the first are compared with it by run. With --adapt,
-    and where the run folder of one of the models knows that the past of a window pays, every ship is scored twice:
-    without and with the disturbance estimated from that past (see mmg predict), and models are compared with as much
-    past as each other. A black box of mmg train --model fnn, rnn or rnn-window uses none, and has its own integration.
+    Errors of position, heading, u, v and r are told after one ship length of sailing and after 30 s (a large ship: 4
+    L/U), with their ratio to those of keeping the velocities of the first row, which any model must beat, and with
+    --baseline to those of a grey box of 18 coefficients that scipy fits to the trials given there, in seconds. A model
+    that does not beat them says so first. By run they are rms over the windows, with errors of advance, diameters and
+    overshoots of the runs that are manoeuvres, predicted with the measured rudder.
 
-    Example: mmg score esso_osaka_3m runs/first held_out/*.csv
+    The normalised metric is the mean squared error summed over x, y, psi, u, v, r, each divided by its sigma (by
+    default pooled over the scored trials, heading as stored): 100 s restarts, and 30 s windows every 15 s. Models after
+    the first are compared with it by run. With --adapt, and where the run folder of one of the models knows that the
+    past of a window pays, every ship is scored twice: without and with the disturbance estimated from that past (see
+    mmg predict), and models are compared with as much past as each other. A black box of mmg train --model fnn, rnn or
+    rnn-window uses none, and has its own integration.
+
+    Example: mmg score esso_osaka_3m runs/first held_out/*.csv --baseline trials/
     """
     from dataclasses import replace
 
     from cases.io.campaigns import campaigns_taken
     from cases.shipfiles.ship_file import load_ship
-    from cases.trial_set import TrialSet
-    from fitting.prediction.score import past_to_use, pooled_sigma, window_for
+    from cases.trial_set import TrialSet, shared_rows
+    from fitting.prediction.baselines import fit_grey_box
+    from fitting.prediction.score import past_to_use, pooled_sigma
     from fitting.prediction.score import score as scored
+    from fitting.prediction.unit_errors import window_for
     from mmg.rollout import Simulator
     from mmg_ident.api import content_of, predictor
 
@@ -68,7 +80,7 @@ def score(
     cli.positive("--window", window, or_zero=True)
     if sigma and sigma_from:
         raise Conflict("--sigma and --sigma-from exclude each other")
-    trials, others = cli.read_ready(files, sigma_from, unchecked=unchecked)
+    trials, others, fitted = cli.read_ready(files, sigma_from, baseline, unchecked=unchecked)
     loaded = {name: predictor(name) for name in models}
     ships = {name: model.ship for name, model in loaded.items() if isinstance(model, Simulator)}
     if sigma:
@@ -87,17 +99,22 @@ def score(
             raise UnknownName(f"--campaign {campaign}: no model named knows campaigns")
         trials = trials.said_campaign(campaign, knowing[0])
     # by the first ship: one window for all models, or their errors in units would not compare
-    window = window or window_for(trials, next((ship.particulars["L"] for ship in ships.values()), None))
+    particulars = next((ship.particulars for ship in ships.values()), {})
+    window = window or window_for(trials, particulars.get("L"))
+    # the inputs are those of the first model, which all must have anyway to be scored on the same trials
+    box = fit_grey_box(fitted, loaded[models[0]].inputs, particulars, window) if baseline else None
     scores = {}
     past = max(past_to_use(content_of(name), adapt)[0] for name in models)
     for name, simulator in cli.each(list(loaded.items()), "scoring"):
-        scores[name] = scored(simulator, trials, values, origin, method, units=window)
-        if past and name in ships:
-            scores[f"{name} --adapt {past:g}"] = scored(simulator, trials, values, origin, method, past, window)
+        for used in (None, past) if past and name in ships else (None,):
+            label = f"{name} --adapt {past:g}" if used else name
+            scores[label] = scored(simulator, trials, values, origin, method, used, window, box)
     taken = dict.fromkeys(message for ship in ships.values() for message in campaigns_taken(ship, trials))
-    scores = {name: replace(s, notes=(*taken, *TrialSet.of(trials).remarks, *s.notes)) for name, s in scores.items()}
+    remarks = (*taken, *shared_rows(fitted, trials), *TrialSet.of(trials).remarks)
+    scores = {name: replace(s, notes=(*remarks, *s.notes)) for name, s in scores.items()}
     if json:
         found = {"metric": METRIC, "method": method, "past_s": past, "worse": _worse_than_first(scores)}
+        found["defeats"] = _defeats(scores)
         cli.print_json({"titles": {name: ship.title for name, ship in ships.items()}, "models": scores, **found})
     else:
         for name, ship in ships.items():
@@ -113,6 +130,8 @@ def score(
             raise TooFewData(f"{Path(name).name}: no score, {words} (mmg check)")
 
 
+SMALL = 0.01
+"""Errors in units below which 0.1 mm/s are the last digit shown, which no log resolves."""
 METRIC = {
     "paper": "mean squared normalised error, Eq. 25 of Wakita et al. (2022), restart every 100 s",
     "window": "the same over full 30 s windows every 15 s, first row excluded",
@@ -120,10 +139,22 @@ METRIC = {
 }
 
 
+def _defeats(scores: Mapping[str, Score]) -> list[str]:
+    """A line for each of the ``scores`` of models, by name, that does not beat what any model must."""
+    known = {Path(name).name: s.units for name, s in scores.items() if s.units}
+    return [f"{name} is {words}" for name, units in known.items() for words in units.defeats()]
+
+
 def _print(scores: Mapping[str, Score]) -> None:
     """Everything about the ``scores`` of models, by name."""
     from cases.quantities import UNITS
 
+    for line in _defeats(scores):
+        cli.print_wrapped("", line)
+    units = {Path(name).name: s.units for name, s in scores.items() if s.units}
+    if units:
+        _print_units(units)
+        _print_maneuvers(units)
     first = next(iter(scores.values()))
     rows = [
         (row.name, *(_cell(s.trials[i]) for s in scores.values()), str(row.windows))
@@ -131,10 +162,9 @@ def _print(scores: Mapping[str, Score]) -> None:
     ]
     rows.append(("all rows pooled", *map(_cell, scores.values()), ""))
     heads = ("trial", *(f"{Path(name).name}|n" for name in scores), "windows|n")
-    cli.print_table(heads, rows, "100 s restarts (Eq. 25) | 30 s windows")
-    _print_units({Path(name).name: s.units for name, s in scores.items() if s.units})
+    cli.print_table(heads, rows, "\nnormalised: 100 s restarts (Eq. 25) | 30 s windows")
     words = ", ".join(f"{s} {v:.5g} {UNITS[s]}" for s, v in zip(STATES, first.sigma, strict=True))
-    print(f"sigma from {first.sigma_from}: {words}")
+    cli.print_wrapped("", f"sigma from {first.sigma_from}: {words}")
     past = {Path(name).name: s.past_s for name, s in scores.items() if s.past_s}
     used = f"up to {max(past.values()):g} s by {', '.join(past)}; none by the others" if past else "none is used"
     print(f"past of a window: {used}")
@@ -156,36 +186,61 @@ def _cell(found: Score | TrialScore) -> str:
 
 
 def _print_units(units: Mapping[str, UnitErrors]) -> None:
-    """Errors in units by run, and those of the manoeuvring figures, of models by name."""
-    if not units:
-        return
-    first = next(iter(units.values()))
-    times = f", {first.ship_times:.1f} L/U" if first.ship_times else ""
-    title = f"rms errors over {first.window_s:g} s windows{times}:\n"
-    title += "position [m] | heading [deg] | u [m/s] | r [deg/s] | share of change [%]"
-    rows = [(run.name, *(_units(u.runs[i]) for u in units.values())) for i, run in enumerate(first.runs)]
-    rows.append(("all rows pooled", *(_units(u.pooled) for u in units.values())))
-    cli.print_table(("trial", *(f"{name}|n" for name in units)), rows, f"\n{title}")
-    rows = []
-    for i, run in enumerate(first.runs):
-        by_model = [{(m.title, f.figure): f for m in u.runs[i].maneuvers for f in m.figures} for u in units.values()]
-        for title, figure in ((m.title, f) for m in run.maneuvers for f in m.figures):
-            found = [figures.get((title, figure.figure)) for figures in by_model]
-            cells = [f"{f.predicted:.3g} ({f.error:+.3g})" if f else "-" for f in found]
-            measured = f"{figure.measured:.3g} {figure.unit}"
-            rows.append((run.name, title, figure.figure.replace("_", " "), measured, *cells))
-    if rows:
-        heads = ("trial", "manoeuvre", "figure", "measured|n", *(f"{name}|n" for name in units))
-        cli.print_table(heads, rows, "\nmanoeuvring figures, predicted with the measured rudder: error")
-
-
-def _units(run: RunErrors) -> str:
+    """Errors of models by name, in units: of all runs at each time, with their ratios, and of each run."""
     from fitting.prediction.score import NOTHING
+    from fitting.prediction.unit_errors import REFERENCES, SHIP_LENGTH, STATE_ERRORS, ratios
 
-    if not run.windows or not math.isfinite(run.position_m):
-        return "diverges" if run.windows else NOTHING
-    numbers = (run.position_m, run.heading_deg, run.u_m_s, run.r_deg_s, 100 * run.share_of_change)
-    return " | ".join(f"{value:.3g}" for value in numbers)
+    heads = [f"{state}|n" for state, _ in STATE_ERRORS.values()]
+    first = max(units.values(), key=lambda errors: len(errors.seconds))  # of a black box no ship length is known
+    every = {REFERENCES[name]: errors for name, errors in first.references.items()} | dict(units)
+    for key, seconds in first.seconds.items():
+        told = {name: errors.pooled.after.get(key) for name, errors in every.items()}
+        rows = [("", *(unit for _, unit in STATE_ERRORS.values()))]
+        for name, errors in told.items():
+            rows.append((name, *_numbers(errors)))
+            for rival in [] if name in REFERENCES.values() else REFERENCES.values():
+                if errors and (other := told.get(rival)):
+                    rows.append((f"  / {rival}", *(f"{ratio:.2f}" for ratio in ratios(errors, other).values())))
+        times = " (one ship length)" if key == SHIP_LENGTH else ""
+        cli.print_table(("rms errors", *heads), rows, f"\nafter {seconds:.3g} s{times}")
+    rows = [("", *(unit for _, unit in STATE_ERRORS.values()), "%")]
+    for i, run in enumerate([*first.runs, first.pooled]):
+        rows.append((run.name if run.windows else f"{run.name}: {NOTHING}", *[""] * 6))
+        for name, scored in every.items() if run.windows else ():
+            own = [*scored.runs, scored.pooled][i]
+            rows.append((f"  {name}", *_numbers(own), f"{100 * own.share_of_change:.1f}" if own.scored else ""))
+    times = f", {first.ship_times:.1f} L/U" if first.ship_times else ""
+    title = f"\nover {first.window_s:g} s windows{times} (share: of what the states change by)"
+    cli.print_table(("rms errors", *heads, "share|n"), rows, title)
+
+
+def _numbers(errors: RunErrors | StateErrors | None) -> list[str]:
+    """The errors of each state, or that a prediction diverges."""
+    from fitting.prediction.unit_errors import STATE_ERRORS
+
+    if errors is None:
+        return ["-"] * len(STATE_ERRORS)
+    numbers = [getattr(errors, key) for key in STATE_ERRORS]
+    if not all(map(math.isfinite, numbers)):
+        return ["diverges"] * len(numbers)
+    return [f"{number:.3g}" if number >= SMALL else f"{number:.4f}" for number in numbers]
+
+
+def _print_maneuvers(units: Mapping[str, UnitErrors]) -> None:
+    """Errors of the manoeuvring figures of each run, of models by name."""
+    rows = []
+    for i, run in enumerate(next(iter(units.values())).runs):
+        by_model = [{(m.title, f.figure): f for m in u.runs[i].maneuvers for f in m.figures} for u in units.values()]
+        for maneuver in run.maneuvers:
+            rows.append((f"{run.name}, {maneuver.title}", *[""] * (1 + len(units))))
+            for figure in maneuver.figures:
+                found = [figures.get((maneuver.title, figure.figure)) for figures in by_model]
+                cells = [f"{f.predicted:.3g} ({f.error:+.3g})" if f else "-" for f in found]
+                what = f"  {figure.figure.replace('_', ' ')} [{figure.unit}]"
+                rows.append((what, f"{figure.measured:.3g}", *cells))
+    if rows:
+        heads = ("figure", "measured|n", *(f"{name}|n" for name in units))
+        cli.print_table(heads, rows, "\nmanoeuvring figures, predicted with the measured rudder (error)")
 
 
 def _worse_than_first(scores: Mapping[str, Score]) -> list[str]:

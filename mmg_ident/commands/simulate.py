@@ -58,8 +58,7 @@ def simulate(
     from cases.shipfiles.effects import with_effects
     from cases.shipfiles.ship_file import load_ship
     from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed
-    from cases.simulation.sensors import SensorNoise, add_noise
-    from cases.simulation.simulate import write_trial
+    from cases.simulation.simulate import SensorNoise, add_noise, write_trial
 
     if (maneuver is None) == (controls is None):
         raise Conflict("give either --maneuver or --controls, one of them")

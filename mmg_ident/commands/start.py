@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fitting.report.imo_form import FormSide, FormValue
     from fitting.report.use import Delivered
     from fitting.result import FitResult
-    from mmg_ident.start import Begun
+    from mmg_ident.start import StartedRun
 
 
 def start(
@@ -56,16 +56,14 @@ def start(
     if not (out / steps.TRIALS).is_dir():
         _import(logs, out / steps.TRIALS, ask=not (yes or json))
     if before is None:
-        begun = _begin(out, first, known, particulars, answers is not None, ask=not (yes or json))
-        steps.write_answers(begun, mark, cli.command_line())
+        started = _begin(out, first, known, particulars, answers is not None, ask=not (yes or json))
+        steps.write_answers(started, mark, cli.command_line())
     else:
-        begun = steps.begin(out, steps.starting_ship(ship, particulars, before.draught), before)
-    for line in begun.ship.notices:
-        cli.say(line)
+        started = steps.prepared_run(out, steps.starting_ship(ship, particulars, before.draught), before)
     (trials,) = ready([out / steps.TRIALS])
     words = "interrupted: stopping at the next iterate; the same call goes on"
     with interrupts_noted(lambda: cli.say(words)):
-        result = steps.fitted(replace(begun, trials=tuple(trials.sound)), cli.command_line(), cli.progress())
+        result = steps.fitted(replace(started, trials=tuple(trials.sound)), cli.command_line(), cli.progress())
     if has_code(result.warnings, LEFT_OUT) or result.status == "User_Requested_Stop":
         return 130
     cli.refuse_no_score(result.warnings, out / steps.RUN)
@@ -78,7 +76,7 @@ def start(
     if json:
         cli.print_json(_content(result, known_of, out))
     else:
-        _print(result, known_of, begun, out)
+        _print(result, known_of, started, out)
     return 0 if result.converged else 1
 
 
@@ -99,7 +97,7 @@ def _import(logs: list[Path], folder: Path, ask: bool) -> None:
     cli.say(f"imported: {len(files)} runs, {folder}")
 
 
-def _begin(folder: Path, ship: Any, known: Any, particulars: str | None, given: bool, ask: bool) -> Begun:
+def _begin(folder: Path, ship: Any, known: Any, particulars: str | None, given: bool, ask: bool) -> StartedRun:
     """What a person answers, where there is one to ``ask``, and what the trials show."""
     import typer
 
@@ -125,15 +123,16 @@ def _begin(folder: Path, ship: Any, known: Any, particulars: str | None, given: 
         steps.write_sidecars(place, {"reference_point": {"x": x, "y": y, "applies_to": "both"}})
     if not isinstance(known.depth, str):
         steps.write_depth(place, known.depth)
-    return replace(steps.begin(folder, ship, known), asked=tuple(asked))
+    return replace(steps.prepared_run(folder, ship, known), asked=tuple(asked))
 
 
-def _print(result: FitResult, known: Delivered, begun: Begun, out: Path) -> None:
+def _print(result: FitResult, known: Delivered, started: StartedRun, out: Path) -> None:
     """The first screen of the report: tested and model's figures, what the trials speak for, what hangs on a rule."""
     from cases.shipfiles.particulars import BY_RULE
+    from fitting.report.use import use_rows
     from mmg_ident import start as steps
 
-    print(f"{result.ship.title}: {len(begun.trials) or len(result.data)} trials, {result.seconds_used:.0f} s")
+    print(f"{result.ship.title}: {len(started.trials) or len(result.data)} trials, {result.seconds_used:.0f} s")
     form = known.form
     if form is not None:
         if form.contradiction:
@@ -149,11 +148,16 @@ def _print(result: FitResult, known: Delivered, begun: Begun, out: Path) -> None
     else:
         cli.print_wrapped("no figures: ", known.no_form)
     for message in result.messages:
-        if message.code in ("suspect", "two_estimates_apart"):
+        if message.code == "suspect":
             cli.print_wrapped("! ", message.text)
+    good, bad = use_rows(result.envelope or {}, result.ship, any(trial.has_wind for trial in known.trials))
+    for words in good:
+        cli.print_wrapped("use it for: ", words)
+    for words in bad[:-1]:  # the last is on single coefficients
+        cli.print_wrapped("not for: ", words)
     if by_rule := [name for name, source in result.ship.sources.items() if source.startswith(BY_RULE)]:
         cli.print_wrapped("by rule of thumb: ", ", ".join(by_rule))
-    for name, words in begun.measured.items():
+    for name, words in started.measured.items():
         cli.print_wrapped("measured: ", f"{name} {words}")
     place = {"report": out / steps.RUN / "report.html", "ship": out / steps.RUN / "ship.toml"}
     place |= {"FMU": out / steps.FMU} if (out / steps.FMU).exists() else {}

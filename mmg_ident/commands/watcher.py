@@ -15,7 +15,8 @@ import time
 
 ANSWER, END = 1.5, 3.0
 """Seconds within which a signal is answered, and within which a command that has nothing to keep must have ended: by
-the rule that Ctrl-C is answered within two seconds."""
+the rule that Ctrl-C is answered within two seconds. Set by hand: half a second less, and a second more, than the
+rule."""
 WORDS = {"held": 200, "released": 201, "noted": 202, "ending": 203}
 """What the first process tells, as a byte that no signal has."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)

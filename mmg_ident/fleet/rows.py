@@ -142,7 +142,7 @@ def ship_row(
     files; group, alone: her sisters, and what her fit without them gave. Returns plain values."""
     coefficients = _coefficients(ship, result)
     moved = [s for s, c in coefficients.items() if c["beyond_chance"] and abs(c["moved"]) >= MOVED]
-    told = result.campaigns or {}
+    by_campaign = result.campaigns or {}
     row = _row(
         ship,
         status="done" if result.converged else "not converged",
@@ -152,11 +152,11 @@ def ship_row(
         seconds_used=result.seconds_used,
         loss=result.settings.loss,
         weight=result.settings.weight,
-        campaigns=list(told.get("runs", {})),
+        campaigns=list(by_campaign.get("runs", {})),
         scores={key: _scores(result.scores[name]) for key, name in SETS.items() if name in result.scores},
         coefficients=coefficients,
         moved=sorted(moved, key=lambda s: -abs(coefficients[s]["moved"])),
-        instruments=[*left_out, *told.get("sentences", [])],
+        instruments=[*left_out, *by_campaign.get("sentences", [])],
         warnings=list(result.warnings),
     )
     if diagnosis:
@@ -213,33 +213,33 @@ def _among_sisters(row: Mapping[str, Any], group: SisterGroup, alone: Mapping[st
     }
 
 
-def _diagnosed(row: Mapping[str, Any], found: Diagnosis) -> dict[str, Any]:
+def _diagnosed(row: Mapping[str, Any], diagnosis: Diagnosis) -> dict[str, Any]:
     """What a diagnosis adds to a row: verdict, effects, what drifted between campaigns, what instruments show."""
-    between = found.between
+    between = diagnosis.between
     differences = between.differences if between else ()
     drifted = [_drift(d, d.name, difference(d)) for d in differences if d.nature == "ship"]
     drifted += one_of_several(between) if between else []
     instruments = [
         *row["instruments"],
-        *(f"{e.name}: {_sizes(e.parameters)}" for e in found.effects if nature(e.name) == "instrument"),
-        *(fault.sentence for fault in found.instruments),
-        *found.kinematics,
+        *(f"{e.name}: {_sizes(e.parameters)}" for e in diagnosis.effects if nature(e.name) == "instrument"),
+        *(fault.sentence for fault in diagnosis.instruments),
+        *diagnosis.kinematics,
         *(f"between campaigns: {difference(d)}" for d in differences if d.nature == "instrument"),
     ]
     surroundings = [difference(d) for d in differences if d.nature == "surroundings"]
     unnamed = between and not drifted and not surroundings  # what is named is said by its row
     return {
-        "verdict": found.verdict,
-        "sentence": found.sentence,
-        "effects": [{"name": e.name, "p_value": e.p_value, "text": _sizes(e.parameters)} for e in found.effects],
+        "verdict": diagnosis.verdict,
+        "sentence": diagnosis.sentence,
+        "effects": [{"name": e.name, "p_value": e.p_value, "text": _sizes(e.parameters)} for e in diagnosis.effects],
         "compared": list(between.groups) if between else [],
         "between": between.verdict if between else "",
         "between_sentence": between.sentence.replace("groups by group", "campaigns") if between and unnamed else "",
         "drifted": drifted,
         "surroundings": surroundings,
         "instruments": list(dict.fromkeys(instruments)),
-        "reduction": found.held_out.reduction if found.held_out else None,
-        "warnings": [*row["warnings"], *found.warnings, *(between.warnings if between else ())],
+        "reduction": diagnosis.held_out.reduction if diagnosis.held_out else None,
+        "warnings": [*row["warnings"], *diagnosis.warnings, *(between.warnings if between else ())],
     }
 
 

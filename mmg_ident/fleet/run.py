@@ -84,13 +84,13 @@ class FleetTask:
         """Text that differs where anything differs that the outcome depends on."""
         ship, group = self.ship, self.sisters
         files = [*ship.trials, *ship.held_out]
-        beside = sorted({path for f in files for path in (f.parent / SIDECAR, f.parent / SITE) if path.is_file()})
+        sidecars = sorted({path for f in files for path in (f.parent / SIDECAR, f.parent / SITE) if path.is_file()})
         about = {
             "ship": dump_ship(ship.start),
             "name": ship.name,
             "trials": [[file.name, label, ship.hashes[file]] for file, label in ship.trials.items()],
             "held_out": [[file.name, ship.hashes[file]] for file in ship.held_out],
-            "beside": [file_hash(path) for path in beside],
+            "beside": [file_hash(path) for path in sidecars],
             "options": self.options.model_dump(exclude={"name"}),
             "sisters": group and (group.ships, vars(group.widths)),
             "version": versions()["mmg-ident"],
@@ -155,15 +155,15 @@ def _groups(plan: FleetPlan, tasks: Sequence[FleetTask]) -> dict[str, SisterGrou
     """What sisters say of each other, by group, from those that were fitted alone; two are needed."""
     groups = {}
     for name in plan.sisters:
-        told: dict[str, sisters.SisterEvidence] = {}
+        evidence: dict[str, sisters.SisterEvidence] = {}
         for task in tasks:
             if task.ship.sisters == name and (found := task.kept(ALONE)):
                 words, arrays = found
-                told[task.ship.name] = sisters.SisterEvidence(tuple(words["symbols"]), **arrays)
-        if len(told) > 1:
-            groups[name] = SisterGroup(name, tuple(told), sisters.sister_widths(list(told.values())))
+                evidence[task.ship.name] = sisters.SisterEvidence(tuple(words["symbols"]), **arrays)
+        if len(evidence) > 1:
+            groups[name] = SisterGroup(name, tuple(evidence), sisters.sister_widths(list(evidence.values())))
             common = groups[name].widths.common
-            LOGGER.info("sisters %s: %d ships differ by %.2g of the prior's std", name, len(told), common)
+            LOGGER.info("sisters %s: %d ships differ by %.2g of the prior's std", name, len(evidence), common)
     return groups
 
 

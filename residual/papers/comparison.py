@@ -42,8 +42,7 @@ MODELS = ("captive", "calibrated", "hybrid", *KINDS)
 HORIZONS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
 """Seconds after a start at which the growth of the error is read: up to the restarts of Wakita et al. (2022)."""
 BLOCK = 65.0
-"""Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``. Set by
-hand."""
+"""Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``. Set by hand."""
 MINIMUM_SECONDS = 10.0
 """Seconds that have to be left of a time limit for something to be started. Set by hand."""
 
@@ -346,32 +345,37 @@ def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     return [f"| {lines[0]} |", "|" + "|".join("-" * (w + 2) for w in widths) + "|", *[f"| {x} |" for x in lines[1:]]]
 
 
-def accuracy(found: Comparison, metric: str) -> list[str]:
-    """One ``metric`` of the comparison ``found`` per test trial and pooled, over the models, on all data."""
-    models = found.study.models
+def accuracy(comparison: Comparison, metric: str) -> list[str]:
+    """One ``metric`` of the ``comparison`` per test trial and pooled, over the models, on all data."""
+    models = comparison.study.models
     rows = []
-    for i, name in enumerate([*(t.name for t in found.study.test), "all rows pooled"]):
-        scores = [[(*e.score.trials, e.score)[i] for e in found.of(m) if e.score] for m in models]
+    for i, name in enumerate([*(t.name for t in comparison.study.test), "all rows pooled"]):
+        scores = [[(*e.score.trials, e.score)[i] for e in comparison.of(m) if e.score] for m in models]
         rows.append([name, *[mean_and_std([getattr(s, metric) for s in some]) for some in scores]])
     return markdown(["test trial", *models], rows)
 
 
-def efficiency(found: Comparison) -> list[str]:
-    """Pooled 30 s windows of ``found`` over the amount of training data."""
-    models, rows = [m for m in found.study.models if m != "captive"], []
-    for subset in found.study.subsets:
-        seconds = next((e.seconds for e in found.entries if e.subset == subset and e.model != "captive"), float("nan"))
-        values = [mean_and_std([e.score.window for e in found.of(m, subset) if e.score]) for m in models]
+def efficiency(comparison: Comparison) -> list[str]:
+    """Pooled 30 s windows of ``comparison`` over the amount of training data."""
+    models, rows = [m for m in comparison.study.models if m != "captive"], []
+    for subset in comparison.study.subsets:
+        seconds = next(
+            (e.seconds for e in comparison.entries if e.subset == subset and e.model != "captive"), float("nan")
+        )
+        values = [mean_and_std([e.score.window for e in comparison.of(m, subset) if e.score]) for m in models]
         rows.append([subset.words, f"{seconds:.0f}", *values])
     return markdown(["training data", "seconds", *models], rows)
 
 
-def horizon(found: Comparison, column: int) -> list[str]:
-    """Growth of the position error [m] (``column`` 0) or of the heading error [deg] (1) of ``found``."""
-    models = found.study.models
+def horizon(comparison: Comparison, column: int) -> list[str]:
+    """Growth of the position error [m] (``column`` 0) or of the heading error [deg] (1) of ``comparison``."""
+    models = comparison.study.models
     factor, digits = (1.0, 2) if column == 0 else (np.degrees(1.0), 1)
     rows = [
-        [f"{seconds:g}", *[mean_and_std([factor * e.growth[k, column] for e in found.of(m)], digits) for m in models]]
+        [
+            f"{seconds:g}",
+            *[mean_and_std([factor * e.growth[k, column] for e in comparison.of(m)], digits) for m in models],
+        ]
         for k, seconds in enumerate(HORIZONS)
     ]
     return markdown(["after [s]", *models], rows)
@@ -386,10 +390,10 @@ def published() -> list[str]:
     return markdown(["published", *TABLE_9_TEST], rows)
 
 
-def tables_text(found: Comparison) -> str:
-    """All tables of the comparison ``found`` with what has to be known to read them."""
-    study = found.study
-    placed = [e for e in found.entries if e.score]
+def tables_text(comparison: Comparison) -> str:
+    """All tables of the ``comparison`` with what has to be known to read them."""
+    study = comparison.study
+    placed = [e for e in comparison.entries if e.score]
     sigma = "" if not placed else ", ".join(f"{v:.4g}" for v in placed[0].score.sigma)  # type: ignore[union-attr]
     lines = [
         f"Trained on {len(study.train)} trials ({sum(t.duration for t in study.train):.0f} s), tested on "
@@ -399,16 +403,16 @@ def tables_text(found: Comparison) -> str:
         "the past of a window.",
     ]
     for metric, words in METRICS.items():
-        lines += ["", f"### {words}", "", *accuracy(found, metric)]
-    lines += ["", "### Growth of the position error, rms [m]", "", *horizon(found, 0)]
-    lines += ["", "### Growth of the heading error, rms [deg]", "", *horizon(found, 1)]
+        lines += ["", f"### {words}", "", *accuracy(comparison, metric)]
+    lines += ["", "### Growth of the position error, rms [m]", "", *horizon(comparison, 0)]
+    lines += ["", "### Growth of the heading error, rms [deg]", "", *horizon(comparison, 1)]
     if len(study.subsets) > 1:
-        lines += ["", "### Data efficiency: 30 s windows, all rows pooled", "", *efficiency(found)]
+        lines += ["", "### Data efficiency: 30 s windows, all rows pooled", "", *efficiency(comparison)]
     lines += ["", "### Published", "", *published(), "", TABLE_9_NOTE]
-    if notes := _noted(found):
+    if notes := _noted(comparison):
         lines += ["", "### What mmg check says of the trials", "", *[f"* {note}" for note in notes]]
     troubles: dict[tuple[str, str], list[str]] = {}
-    for e in found.entries:
+    for e in comparison.entries:
         if e.status != "finished":
             troubles.setdefault((e.subset.words, e.status), []).append(e.name)
     lines += [""] * bool(troubles)
@@ -416,28 +420,28 @@ def tables_text(found: Comparison) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _noted(found: Comparison) -> list[Message]:
-    """What mmg check says of the trials of the comparison ``found``, and what her ship assumes of them."""
-    trials = [*found.study.train, *found.study.test]
-    return [*TrialSet.of(trials).remarks, *assumed(trials, found.study.ship.inputs)]
+def _noted(comparison: Comparison) -> list[Message]:
+    """What mmg check says of the trials of the ``comparison``, and what her ship assumes of them."""
+    trials = [*comparison.study.train, *comparison.study.test]
+    return [*TrialSet.of(trials).remarks, *assumed(trials, comparison.study.ship.inputs)]
 
 
-def comparison_dict(found: Comparison, command: str) -> dict:
-    """The comparison ``found`` as plain values, the content of its result.json; command: that made it."""
+def comparison_dict(comparison: Comparison, command: str) -> dict:
+    """The ``comparison`` as plain values, the content of its result.json; command: that made it."""
     return {
         "kind": "comparison",
         "schema_version": SCHEMA_VERSION,
         "command": command,
-        "models": list(found.study.models),
-        "seeds": [found.study.seed + i for i in range(found.study.seeds)],
-        "epochs": found.study.epochs,
-        "train": data_rows(found.study.train),
-        "test": data_rows(found.study.test),
-        "messages": [{"level": "warning", **row} for row in message_rows(_noted(found))],
-        "seconds": found.seconds,
-        "interrupted": found.interrupted,
+        "models": list(comparison.study.models),
+        "seeds": [comparison.study.seed + i for i in range(comparison.study.seeds)],
+        "epochs": comparison.study.epochs,
+        "train": data_rows(comparison.study.train),
+        "test": data_rows(comparison.study.test),
+        "messages": [{"level": "warning", **row} for row in message_rows(_noted(comparison))],
+        "seconds": comparison.seconds,
+        "interrupted": comparison.interrupted,
         "horizons_s": list(HORIZONS),
         "past_s": 0.0,
-        "entries": [e.to_dict() for e in found.entries],
+        "entries": [e.to_dict() for e in comparison.entries],
         "published_table_9": {"test": TABLE_9_TEST, "values": TABLE_9, "note": TABLE_9_NOTE},
     }

@@ -25,15 +25,15 @@ def _look(model: str) -> dict[str, Any]:
     return {"color": COLOURS[model], "marker": MARKERS[model], "markersize": 4}
 
 
-def growth_plot(found: Comparison) -> Figure:
-    """Position and heading error over the horizon, of ``found``; mean and range over the seeds."""
+def growth_plot(comparison: Comparison) -> Figure:
+    """Position and heading error over the horizon, of ``comparison``; mean and range over the seeds."""
     figure = new_figure(3.2)
     axes = figure.subplots(1, 2)
     panels = ("position error, rms [m]", 1.0, "Growth of the error"), ("heading error, rms [deg]", np.degrees(1.0), "")
     for column, (words, factor, title) in enumerate(panels):
         ax = dress(axes[column], "time since the start [s]", words, title)
-        for model in found.study.models:
-            rows = [factor * e.growth[:, column] for e in found.of(model)]
+        for model in comparison.study.models:
+            rows = [factor * e.growth[:, column] for e in comparison.of(model)]
             if rows:
                 ax.plot(HORIZONS, np.mean(rows, axis=0), linestyle=DASHED[model], label=model, **_look(model))
                 ax.fill_between(HORIZONS, np.min(rows, axis=0), np.max(rows, axis=0), color=COLOURS[model], alpha=0.15)
@@ -42,13 +42,13 @@ def growth_plot(found: Comparison) -> Figure:
     return figure
 
 
-def efficiency_plot(found: Comparison) -> Figure:
-    """Pooled 30 s windows over the seconds of training data, of ``found``; dashed without random manoeuvres."""
+def efficiency_plot(comparison: Comparison) -> Figure:
+    """Pooled 30 s windows over the seconds of training data, of ``comparison``; dashed without random manoeuvres."""
     figure = new_figure(3.2)
     ax = dress(figure.subplots(), "training data [s]", "30 s windows, mean squared error", "Data efficiency")
     style = {True: "-", False: "--"}
-    for model, random in itertools.product((m for m in found.study.models if m != "captive"), style):
-        parts = [found.of(model, subset) for subset in found.study.subsets if subset.random is random]
+    for model, random in itertools.product((m for m in comparison.study.models if m != "captive"), style):
+        parts = [comparison.of(model, subset) for subset in comparison.study.subsets if subset.random is random]
         points = sorted((p[0].seconds, np.mean([e.score.window for e in p if e.score])) for p in parts if p)
         if points:
             label = model if random else None
@@ -59,10 +59,10 @@ def efficiency_plot(found: Comparison) -> Figure:
     return figure
 
 
-def write_figures(written: FigureFolder, found: Comparison) -> None:
-    """Write the figures of the comparison ``found``. written: where to."""
+def write_figures(written: FigureFolder, comparison: Comparison) -> None:
+    """Write the figures of the ``comparison``. written: where to."""
     plots = {"growth": growth_plot}
-    if len(found.study.subsets) > 1:
+    if len(comparison.study.subsets) > 1:
         plots["efficiency"] = efficiency_plot
     for name, plot in plots.items():
-        written.write(name, partial(plot, found), name, "")
+        written.write(name, partial(plot, comparison), name, "")

@@ -9,7 +9,7 @@ import pytest
 from cases.criteria.standard_runs import simulated_trial
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import CURRENT, SHIP, demo_trials
-from cases.simulation.sensors import SensorNoise, add_noise
+from cases.simulation.simulate import SensorNoise, add_noise
 from cases.trial import Trial
 from diagnosis.estimation.first_fit import fit_without_effects
 from diagnosis.estimation.noise_sizes import initial_noise

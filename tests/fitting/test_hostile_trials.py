@@ -11,8 +11,7 @@ import pytest
 from cases.checks import check
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate_controls
+from cases.simulation.simulate import SensorNoise, add_noise, simulate_controls
 from cases.trial import Trial
 from fitting.calibrate import FitOptions, calibrate
 from fitting.settings import Settings
@@ -145,14 +144,14 @@ def said(name: str) -> Said:
 
 
 EXPECTED = {
-    "all coefficients times 3": {"far_from_prior", "implausible", "not_described"},
+    "all coefficients times 3": {"far_from_prior", "implausible", "not_described", "worse_than_persistence"},
     "trials of a 7 m ship": {"at_bound", "far_from_prior", "not_described"},
     "trials of a ship of 320 m": {"at_bound", "far_from_prior", "not_described"},
     "constant inputs": {"nothing_to_identify", "refused"},
     "all astern": {"not_excited_ahead"},
     "0.1 Hz": {"coarse_sampling", "refused"},
     "10,000 rows of gaps": {"gaps", "missing_samples"},
-    "spikes": {"spikes", "worse_after"},
+    "spikes": {"spikes", "worse_after", "worse_than_persistence"},
     "one run fifty times": {"duplicate", "copies_left_out"},
 }
 """Case -> what must be said of it, at least."""

@@ -119,8 +119,11 @@ def test_scores_are_those_of_the_command(folder: Path, capsys: pytest.CaptureFix
     assert main(["score", str(folder / "run"), str(folder / "held_out.csv"), "--json"]) == 0
     theirs = json.loads(capsys.readouterr().out)["models"][str(folder / "run")]
     assert (theirs["window"], theirs["paper"]) == (ours.window, ours.paper)
-    assert list(ours.to_pandas()["window"]) == [trial.window for trial in ours.trials]
-    assert "30 s windows" in ours._repr_html_()
+    assert theirs["units"]["pooled"]["v_m_s"] == ours.units.pooled.v_m_s
+    table = ours.to_pandas()
+    assert list(table["window"]) == [trial.window for trial in ours.trials]
+    assert list(table["v_m_s"]) == [run.v_m_s for run in ours.units.runs] and "v_m_s" in ours._repr_html_()
+    assert "baseline" in mmg_ident.score(folder / "run", held_out, baseline=folder / "held_out.csv").units.ratio
 
 
 def test_a_calibrated_ship_leaves_as_a_file_and_a_library_ship_only_by_force(folder: Path, tmp_path: Path) -> None:

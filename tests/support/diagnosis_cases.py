@@ -20,7 +20,7 @@ from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.residual_checks import with_correlation_time
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.validation.held_out import compare, prediction_errors
 from mmg.effects import EFFECTS
 from mmg.ship import Ship

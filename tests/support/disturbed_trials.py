@@ -18,8 +18,7 @@ from cases.inputs import model_inputs
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import with_effects
 from cases.simulation.gusts import Wind
-from cases.simulation.sensors import SensorNoise, logged, wrap
-from cases.simulation.simulate import simulate
+from cases.simulation.simulate import SensorNoise, logged, simulate, wrap
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.model import assemble

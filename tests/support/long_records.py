@@ -10,8 +10,7 @@ import numpy as np
 from cases.maneuvers.definitions import Maneuver, Orders, parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.gusts import parse_wind
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate
+from cases.simulation.simulate import SensorNoise, add_noise, simulate
 from cases.trial import Trial
 
 

@@ -11,8 +11,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.model_changes import reduced_ship
 from cases.shipfiles.ship_file import dump_ship, load_ship
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate, write_trial
+from cases.simulation.simulate import SensorNoise, add_noise, simulate, write_trial
 from cases.trial import Trial
 from mmg.ship import Ship
 

@@ -39,7 +39,8 @@ end at 20 to 30 degrees (Yasukawa & Yoshimura 2015)."""
 
 SOURCE = "Mariner, Chislett & Stroem-Tejsen (1965) Hy-5, as published in MSS; single lineage"
 LOWEST = 0.4
-"""Share [-] of U_0 below which the speed in 1/U stays constant: this library's choice, as the tests are about U_0."""
+"""Share [-] of U_0 below which the speed in 1/U stays constant: this library's choice, as the tests are about U_0. Set
+by hand."""
 
 _X = {
     "u": -184, "uu": -110, "uuu": -215, "vv": -899, "rr": 18, "rv": 798, "dd": -95, "udd": -190, "vd": -93, "uvd": -93,

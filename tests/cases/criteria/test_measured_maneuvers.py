@@ -17,8 +17,7 @@ from cases.criteria.standard_runs import figures_of, measured_runs
 from cases.io.read import read_trial
 from cases.maneuvers.definitions import Zigzag, parse_maneuver
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate
+from cases.simulation.simulate import SensorNoise, add_noise, simulate
 from cases.trial import Span, Trial, left_out
 from mmg.errors import Missing, UnknownName, UserError
 from mmg.messages import has_code

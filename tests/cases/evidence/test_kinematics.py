@@ -13,7 +13,7 @@ from cases.io.read import read_trials
 from cases.shipfiles.model_changes import with_instruments
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN, demo_trials
-from cases.simulation.sensors import logged
+from cases.simulation.simulate import logged
 from cases.trial import Trial
 from mmg.effects.gyro import low_passed_samples
 from mmg.states import STATES

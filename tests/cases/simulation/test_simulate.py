@@ -16,8 +16,7 @@ from cases.shipfiles.ship_file import load_ship, parse_ship
 from cases.simulation.demo_trials import OFFSETS, SHIP, demo_trials, hidden_ship
 from cases.simulation.gusts import Wind, gust_filter, hino_spectrum, parse_wind
 from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed, ranges_of
-from cases.simulation.sensors import SensorNoise, add_noise, wrap
-from cases.simulation.simulate import simulate, simulate_controls, write_trial
+from cases.simulation.simulate import SensorNoise, add_noise, simulate, simulate_controls, wrap, write_trial
 from cases.trial import Trial
 from mmg.errors import BadValue, NoSolution, OutOfRange, UserError
 from mmg.messages import has_code

@@ -11,10 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.estimation import driven_columns, filtering, kalman
-from diagnosis.estimation.driven_columns import DrivenColumns, ProductColumns
+from diagnosis.estimation import filtering, kalman
 from diagnosis.estimation.filtering import filtered_by, source, whitened_by
-from diagnosis.estimation.kalman import Filtered, LinearSystem
+from diagnosis.estimation.kalman import DrivenColumns, Filtered, LinearSystem, ProductColumns
 from mmg.compile.batch import LOOP_FLAGS
 from mmg.compile.cache import load_library
 
@@ -153,7 +152,7 @@ def test_without_a_compiler_numpy_does_it_all(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("most", [1, 4 * 3 * 2 * 5 * 2, 10**6])
 def test_blocks_are_the_products_in_their_order(most: int, windows: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """values: of each window, or the same in all."""
-    monkeypatch.setattr(driven_columns, "BLOCK", most)
+    monkeypatch.setattr(kalman, "BLOCK", most)
     rng = np.random.default_rng(0)
     pushes, values = rng.standard_normal((4, 3, 2, 5)), rng.standard_normal((7, 4, windows))
     columns = ProductColumns(pushes, values)

@@ -11,8 +11,8 @@ from scipy.stats import chi2
 from diagnosis.estimation.candidates import Candidate, Column, find
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.groups.between import RunSlopes, imitated, own_values, run_slopes, with_scatter
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.score_test import slopes
-from diagnosis.hypotheses.search_problem import SearchProblem
 from fitting.uncertainty.group_test import LEAST, GroupTest, group_test, holm
 from tests.support.diagnosis_cases import FREE, SHIP, pushed_problem
 

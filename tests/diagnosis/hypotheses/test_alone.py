@@ -10,7 +10,7 @@ from diagnosis import summary
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.hypotheses.forward_selection import Selection, select_effects
 from diagnosis.hypotheses.next_test import next_test
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from tests.support.diagnosis_cases import FEW, full_model, pushed_problem
 from tests.support.quick import first_quick

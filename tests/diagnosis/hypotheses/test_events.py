@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cases.trial import Trial
-from diagnosis.estimation.driven_columns import DrivenColumns
+from diagnosis.estimation.kalman import DrivenColumns
 from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import active_states
@@ -26,7 +26,7 @@ from diagnosis.hypotheses.events import (
     swing_backgrounds,
 )
 from diagnosis.hypotheses.forward_selection import ODDS
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from tests.support.diagnosis_cases import acted_windows, fitted_to, problem_of, pushed_problem, pushed_trials, quiet
 

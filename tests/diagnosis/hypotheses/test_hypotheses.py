@@ -11,7 +11,7 @@ from scipy.stats import multivariate_normal
 from diagnosis.estimation.map_estimate import estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.hypotheses.forward_selection import ODDS, Selection, select_effects
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import SIZES, log_bayes, unnamed_forms
 from diagnosis.judgement.verdict import verdict_of
 from tests.support.diagnosis_cases import FEW, candidate, problem_of, pushed_problem, pushed_trials, pushed_windows

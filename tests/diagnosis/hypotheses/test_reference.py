@@ -19,7 +19,7 @@ from diagnosis.estimation.candidates import find
 from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.hypotheses.forward_selection import Selection, select_effects
 from diagnosis.hypotheses.reference import LEAST, USUAL, Reference, fit_reference
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.inputs import calibration_trials
 from diagnosis.prepare import Prepared, prepare

@@ -12,8 +12,8 @@ from scipy.stats import binom, kstest
 import diagnosis.hypotheses.score_test as module
 from diagnosis.estimation.candidates import Candidate, Column, ship_with_all_effects
 from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.score_test import EXCITED, ScoreTest, Slopes, score_tests, slopes
-from diagnosis.hypotheses.search_problem import SearchProblem
 from mmg.effects import EFFECTS
 from tests.support.diagnosis_cases import ASTERN, FEW, RUNS, SHIP, candidate, problem_of, pushed_problem, pushed_trials
 from tests.support.disturbed_trials import drawn_ship

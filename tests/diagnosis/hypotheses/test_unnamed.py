@@ -13,7 +13,6 @@ import pytest
 
 import mmg.effects
 from cases.shipfiles.effects import with_effects
-from diagnosis.estimation.dispersion import dispersion
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
@@ -24,7 +23,8 @@ from diagnosis.hypotheses.dictionary import Dictionary
 from diagnosis.hypotheses.force_forms import Forms
 from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.next_test import telling_test
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
+from diagnosis.hypotheses.score_test import dispersion
 from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import MULTIPLES, SIZES, UNLOGGED, log_bayes, unnamed_forms, unnamed_slopes
 from diagnosis.report.words import unexplained_hint

@@ -14,7 +14,7 @@ from diagnosis.estimation.map_estimate import Estimate, estimate
 from diagnosis.estimation.parameters import set_values
 from diagnosis.findings import Budget
 from diagnosis.hypotheses.forward_selection import Selection, select_effects
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.judgement.budget import budget_of, left_out_errors

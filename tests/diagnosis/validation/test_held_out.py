@@ -15,8 +15,7 @@ from diagnosis.estimation.linearisation import Linearisation, linearise_and_filt
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
-from diagnosis.hypotheses.refit import refit
-from diagnosis.hypotheses.search_problem import SearchProblem
+from diagnosis.hypotheses.refit import SearchProblem, refit
 from diagnosis.validation.held_out import STRIDE, WINDOW, errors, one_step_likelihood, scales, start_states
 from tests.support.diagnosis_cases import (
     OFF_NEUTRAL,

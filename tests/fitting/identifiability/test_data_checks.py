@@ -10,8 +10,7 @@ import pytest
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate
+from cases.simulation.simulate import SensorNoise, add_noise, simulate
 from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.identifiability.data_checks import contradictions, refuse_outliers, unexcited_astern

@@ -15,8 +15,7 @@ import pytest
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.gusts import Wind
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate
+from cases.simulation.simulate import SensorNoise, add_noise, simulate
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.next_trial import NextTrial, Option, fisher, identifiability_dict, library, next_trial

@@ -11,8 +11,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import freeing_effects, with_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.gusts import Wind
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate
+from cases.simulation.simulate import SensorNoise, add_noise, simulate
 from cases.trial import Trial
 from fitting.calibration import estimate_coefficients
 from fitting.nlp.problem import Prior, Problem

@@ -13,8 +13,7 @@ import pytest
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import freeing_effects, varies, varying_effects, with_effects
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate, write_trial
+from cases.simulation.simulate import SensorNoise, add_noise, simulate, write_trial
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.captive import CaptiveForces

@@ -13,24 +13,17 @@ from typer.testing import CliRunner
 
 from cases.criteria.standard_runs import simulated_trial
 from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.ship_file import load_ship
-from cases.simulation.sensors import wrap
-from cases.simulation.simulate import write_trial
+from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.simulation.simulate import wrap, write_trial
 from cases.trial import Trial
+from fitting.nlp.windows import Record, Stretch
+from fitting.prediction.baselines import GreyBox, Persistence, fit_grey_box
 from fitting.prediction.predict import predict
-from fitting.prediction.score import (
-    Score,
-    ScorePair,
-    UnitErrors,
-    errors_in_units,
-    pooled_sigma,
-    score,
-    ship_time,
-    window_for,
-)
+from fitting.prediction.score import Score, ScorePair, pooled_sigma, score
+from fitting.prediction.unit_errors import StateErrors, UnitErrors, errors_in_units, ship_time, window_for
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg_ident.commands.main import app
+from mmg_ident.commands.main import app, expand
 
 
 def recorded(ship: Ship, text: str, speed: float, dt: float) -> Trial:
@@ -69,6 +62,14 @@ def test_errors_are_those_of_the_windows_by_hand(trials: list[Trial], other: Sim
         last = np.array([w.error(trial.states)[-1] for w in windows])
         assert run.heading_end_deg == pytest.approx(math.degrees(math.sqrt((last[:, 2] ** 2).mean())))
         assert run.share_of_change > 0
+        row = round(found.seconds["ship_length"] / trial.dt)
+        early = np.array([w.error(trial.states)[row, 4] for w in windows])
+        assert run.after["ship_length"].v_m_s == pytest.approx(math.sqrt((early**2).mean()))
+        assert run.after["window"].position_m == run.position_end_m
+    kept = errors_in_units(Persistence(other.inputs), trials, window=20.0)
+    assert found.persistence is not None and found.persistence.change == found.change
+    assert replace(found.persistence.pooled, after=kept.pooled.after) == kept.pooled
+    assert found.ratio["persistence"]["v"] == pytest.approx(found.pooled.v_m_s / kept.pooled.v_m_s)
 
 
 def test_the_true_ship_has_no_error_of_figures_and_a_wrong_one_has(
@@ -113,27 +114,113 @@ def test_runs_that_became_worse_are_listed_with_their_errors(ship: Ship, trials:
     assert len(pair.worse_runs) == 2 and "position" in pair.worse_runs[0] and " deg" in pair.worse_runs[0]
     (message,) = pair.worse_by_run("validation")
     assert "turning_35" in message
-    assert ScorePair(bad, good).worse_by_run("validation") == []
+    assert [m.code for m in pair.worse("validation")] == ["worse_after"] and pair.unbeaten("validation") == []
+    assert ScorePair(bad, good).worse_by_run("validation") == ScorePair(bad, good).worse("validation") == []
+    braked = score(Simulator(ship.with_values({"X_0F": -0.09})), trials, sigma, units=0.0)
+    assert [m.code for m in ScorePair(good, braked).unbeaten("validation")] == ["worse_than_persistence"]
+
+
+def stretch_of(states: np.ndarray, controls: np.ndarray, dt: float) -> Stretch:
+    record = Record(dt * np.arange(len(states)), states, controls, np.ones(len(states), dtype=bool))
+    return Stretch(record, 0, len(states) - 1)
+
+
+@pytest.mark.parametrize("turn_rate", [0.0, 0.02, -0.02])
+def test_velocities_that_are_kept_go_round_a_circle(turn_rate: float) -> None:
+    t, u, v, psi = 0.5 * np.arange(200), 0.4, -0.1, 3.0
+    heading = psi + turn_rate * t
+    course = u + 1j * v  # d(x + i y)/dt = (u + i v) exp(i psi)
+    way = course * t if turn_rate == 0 else course * (np.exp(1j * turn_rate * t) - 1) / (1j * turn_rate)
+    track = 2.0 - 1.0j + np.exp(1j * psi) * way
+    ones = np.ones(len(t))
+    states = np.column_stack([track.real, track.imag, heading, u * ones, v * ones, turn_rate * ones])
+    found = Persistence(()).forecast([stretch_of(states, np.zeros((len(t), 0)), 0.5)])[:, :, 0]
+    np.testing.assert_allclose(found, states, atol=1e-9)
+
+
+def moving(box: GreyBox, controls: np.ndarray, name: str) -> Trial:
+    """A run of ``box`` under ``controls`` (N, C), every 0.2 s."""
+    start = np.array([[0.0, 0.0, 1.0, 0.4, 0.0, 0.0]] * len(controls))
+    states = box.forecast([stretch_of(start, controls, 0.2)])[:, :, 0]
+    columns = dict(zip(("x", "y", "psi", "u", "v", "r"), states.T, strict=True))
+    actuators = dict(zip([n for n in box.inputs if "wind" not in n], controls.T, strict=False))
+    return Trial(name, {"t": 0.2 * np.arange(len(controls)), **columns, **actuators})
+
+
+TRUTH = np.array(
+    [
+        0.0008,
+        -0.002,
+        -0.1,
+        0.8,
+        0.1,
+        -0.3,
+        -0.3,
+        -0.2,
+        -0.0001,
+        -0.05,
+        -0.1,
+        -0.5,
+        -0.2,
+        -0.02,
+        0.00005,
+        0.05,
+        0.03,
+        -0.02,
+    ]
+)
+"""Coefficients of a ship of 3 m at 0.4 m/s in a current of 0.03 m/s north and 0.02 m/s west."""
+
+
+def test_a_grey_box_is_found_again_with_its_current_and_pods_are_as_rudders() -> None:
+    inputs = ("n", "delta", "wind_north", "wind_east")
+    box = GreyBox(inputs, {"n": (-1.0, 0.0)}, TRUTH, np.array([2.0, 2.0, 0.5]))
+    t = 0.2 * np.arange(900)
+    orders = [0.6 * np.sign(np.sin(t / 12)), 0.3 * np.sin(t / 5), np.full(900, -0.5)]
+    still = np.zeros(900)
+    controls = [np.column_stack([10 + np.sin(t / 9), delta, still, still]) for delta in orders]
+    runs = [moving(box, rows, f"run_{i}") for i, rows in enumerate(controls)]
+    found = fit_grey_box(runs[:2], inputs, {}, 30.0)
+    np.testing.assert_allclose(found.coefficients[16:], TRUTH[16:], atol=2e-3)
+    errors = errors_in_units(found, runs, 30.0)
+    assert errors.pooled.share_of_change < 0.02
+    assert errors_in_units(Persistence(inputs), runs, 30.0).pooled.share_of_change > 0.5
+    pods = ("n_azimuth", "azimuth", "wind_north", "wind_east")
+    other = replace(found, inputs=pods, places={"n_azimuth": (-1.0, 0.0)})
+    azimuth = controls[2] * [1, -1, 1, 1]
+    start = runs[2].states
+    np.testing.assert_allclose(
+        other.forecast([stretch_of(start, azimuth, 0.2)]), found.forecast([stretch_of(start, controls[2], 0.2)])
+    )
 
 
 def test_scores_with_and_without_units_are_read_back(ship: Ship, trials: list[Trial]) -> None:
-    found = score(Simulator(ship), trials, units=20.0)
+    box = fit_grey_box(trials, ship.inputs, {}, 20.0)
+    found = score(Simulator(ship), trials, units=20.0, baseline=box)
+    assert found.units is not None and set(found.units.ratio) == {"persistence", "baseline"}
     again = Score.from_dict(json.loads(json.dumps(found.to_dict())))
     assert again.to_dict() == found.to_dict() and isinstance(again.units, UnitErrors)
+    assert isinstance(again.units.pooled.after["window"], StateErrors)
     old = {key: value for key, value in found.to_dict().items() if key != "units"}
     assert Score.from_dict(old).units is None
 
 
-def test_verb_tells_errors_by_run_and_which_model_is_worse(trials: list[Trial], tmp_path: Path) -> None:
+def test_verb_tells_first_which_model_does_not_beat_its_rivals(trials: list[Trial], tmp_path: Path) -> None:
     for trial in trials:
         write_trial(trial, tmp_path / f"{trial.name}.csv")
-    models = ["esso_osaka_3m", "kvlcc2_l7"]
-    told = CliRunner().invoke(app, ["score", *models, str(tmp_path), "--window", "40"])
+    still = load_ship("esso_osaka_3m").with_values({"X_0F": -0.09})
+    (tmp_path / "still.toml").write_text(dump_ship(still), encoding="utf-8")
+    models, paths = ["esso_osaka_3m", str(tmp_path / "still.toml")], [str(tmp_path / f"{t.name}.csv") for t in trials]
+    words = ["score", *models, *paths, "--window", "40", "--baseline", *paths]
+    told = CliRunner().invoke(app, expand(words))
     assert told.exit_code == 0, told.exception
-    assert "40" in told.stdout
-    assert "esso_osaka_3m" in told.stdout
-    data = json.loads(CliRunner().invoke(app, ["score", *models, str(tmp_path), "--json"]).stdout)
-    units = data["models"]["esso_osaka_3m"]["units"]
-    assert units["window_s"] == 30.0 and units["runs"][0]["position_m"] < 0.05
-    assert units["runs"][0]["maneuvers"][0]["figures"][0]["figure"] == "advance"
-    assert len(data["worse"]) == 1
+    assert told.stdout.startswith("still.toml") and "against" in told.stdout
+    tables = told.stdout.partition("\n\n")[2].partition("normalised")[0]
+    assert max(map(len, tables.splitlines())) <= 80
+    data = json.loads(CliRunner().invoke(app, expand([*words, "--json"])).stdout)
+    true, wrong = (data["models"][name]["units"] for name in models)
+    assert true["window_s"] == 40.0 and true["runs"][0]["position_m"] < 0.05
+    assert true["runs"][0]["maneuvers"][0]["figures"][0]["figure"] == "advance"
+    assert true["ratio"]["persistence"]["v"] < 0.05 < 1 < max(wrong["ratio"]["persistence"].values())
+    assert true["baseline"]["pooled"]["windows"] == true["persistence"]["pooled"]["windows"] > 0
+    assert len(data["worse"]) == 1 and all(line.startswith("still.toml") for line in data["defeats"])

@@ -12,8 +12,7 @@ import pytest
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.demo_trials import hidden_ship
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate, write_trial
+from cases.simulation.simulate import SensorNoise, add_noise, simulate, write_trial
 from cases.trial import Trial
 from fitting.prediction.score import adaptation_worth, past_to_use
 from fitting.prediction.stretches import default_past

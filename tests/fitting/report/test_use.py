@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imsave
 
-from cases.criteria.imo import Assessment, imo_figures
+from cases.criteria import imo
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
@@ -25,13 +25,13 @@ from fitting.report.page import build_page, needs_weasyprint, write_pdf
 from fitting.report.use import FAILED, FULFILLED, UNKNOWN, Delivered, beaufort, condition_rows, limit_rows, use_rows
 from fitting.result import read_fit, write_report
 from mmg.errors import UserError
-from mmg.ship import Ship
 from mmg_ident.api import simulate
 from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 SHIP = load_ship("kvlcc2_full")
+TURNS = ("turning:35", "turning:-35")
 
 
 def straight(name: str, seconds: int = 20, **columns: float) -> Trial:
@@ -90,20 +90,13 @@ def known() -> Delivered:
     """The form of a ship whose trials are her own standard manoeuvres."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(imo_form_module, "DRAWS", 40)
-        patched.setattr(imo_form_module, "imo_figures", turns_of)
+        patched.setattr(imo, "STANDARD", TURNS)
         fit = small_result()
-        trials = tuple(simulate(fit.ship, text) for text in ("turning:35", "turning:-35"))
+        trials = tuple(simulate(fit.ship, text) for text in TURNS)
         model = standard_figures(fit.to_dict(), fit.ship)
         form = imo_form(fit.ship, trials, model, fit.to_dict(), 1.1 * fit.ship.particulars["d"])
         drawn = drawn_maneuvers(model)
         return Delivered(trials, (), form, "", 1.1 * fit.ship.particulars["d"], drawn)
-
-
-def turns_of(ship: Ship) -> Assessment:
-    """The standard manoeuvres of a ship, with only the turns among those that are drawn."""
-    found = imo_figures(ship)
-    return replace(found, runs=tuple(run for run in found.runs if run.kind == "turning"),
-                   rows=tuple(row for row in found.rows if row.run.startswith("turning")))  # fmt: skip
 
 
 def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Delivered) -> None:
@@ -123,7 +116,10 @@ def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Deliv
     assert all(side.tested is None and side.corrected is None for side in zigzag.sides)
 
 
-def test_tested_figures_outside_of_the_models_intervals_are_the_first_line(known: Delivered, tmp_path: Path) -> None:
+def test_tested_figures_outside_of_the_models_intervals_are_the_first_line(
+    known: Delivered, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(imo, "STANDARD", TURNS)
     form = known.form
     assert form is not None and form.contradiction == "" and form.rows[0].sides[0].contradicts is False
     side = form.rows[0].sides[0]
@@ -140,21 +136,17 @@ def test_tested_figures_outside_of_the_models_intervals_are_the_first_line(known
     assert page.index(" 1 of 3 ") < page.index('class="headline"')
     stated = {k: v for k, v in fit.ship.particulars.items() if k != "rudder_rate"}
     by_rule, known_rate = (
-        likely_causes(replace(fit.ship, particulars=own), known.trials, JudgedFigures(imo_figures(fit.ship), {}), {})
+        likely_causes(
+            replace(fit.ship, particulars=own), known.trials, JudgedFigures(imo.imo_figures(fit.ship), {}), {}
+        )
         for own in (stated, {**stated, "rudder_rate": 0.3})
     )
     assert len(known_rate) == len(by_rule) - 1
 
 
 def test_a_tested_stop_is_judged_where_that_of_the_model_is_the_priors(monkeypatch: pytest.MonkeyPatch) -> None:
-    def stops_of(ship: Ship) -> Assessment:
-        found = imo_figures(ship)
-        own = [tuple(x for x in some if "crash-stop" in (getattr(x, "name", ""), getattr(x, "run", "")))
-               for some in (found.rows, found.runs)]  # fmt: skip
-        return replace(found, rows=own[0], runs=own[1])
-
     monkeypatch.setattr(imo_form_module, "DRAWS", 20)
-    monkeypatch.setattr(imo_form_module, "imo_figures", stops_of)
+    monkeypatch.setattr(imo, "STANDARD", ("crash-stop",))
     fit = small_result()
     ship = replace(fit.ship, particulars={**fit.ship.particulars, "scale": 108.33})
     result = fit.to_dict() | {"envelope": fit.envelope | {"n": [0.0, 30.0]}}
@@ -269,6 +261,7 @@ def test_without_weasyprint_one_line_says_what_to_do_and_nothing_is_written(
 
 def test_the_report_of_a_run_makes_the_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(imo_form_module, "DRAWS", 20)
+    monkeypatch.setattr(imo, "STANDARD", TURNS)
     replace(small_result(), objects=None).save(tmp_path / "run")
     text = write_report([tmp_path / "run"], tmp_path / "page.html")
     assert "appendix 6" in text and "[90" in text and "starboard" in text

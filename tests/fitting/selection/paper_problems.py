@@ -6,8 +6,7 @@ from functools import lru_cache
 
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.harbour_inputs import harbour_inputs
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate_controls
+from cases.simulation.simulate import SensorNoise, add_noise, simulate_controls
 from cases.trial import Trial
 from fitting.selection.candidates import candidate
 from fitting.selection.learning import Penalties, SubsequenceObjective

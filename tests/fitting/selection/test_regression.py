@@ -10,8 +10,7 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.harbour_inputs import harbour_inputs
-from cases.simulation.sensors import SensorNoise, add_noise
-from cases.simulation.simulate import simulate_controls
+from cases.simulation.simulate import SensorNoise, add_noise, simulate_controls
 from cases.trial import Trial
 from fitting.calibrate import started_from
 from fitting.calibration import estimate_coefficients

@@ -60,7 +60,7 @@ def test_a_run_without_a_window_has_nothing_to_score_and_tables_are_whole(
     assert main(["score", "esso_osaka_3m", "esso_osaka_3m", *map(str, sorted(tmp_path.glob("*.csv")))]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert sum(line.split() == ["gaps", "nothing", "to", "score", "0"] for line in lines) == 1
-    assert sum(line.split() == ["gaps", "nothing", "to", "score"] for line in lines) == 1
+    assert sum(line.split() == ["gaps:", "nothing", "to", "score"] for line in lines) == 1
     assert not any("diverges" in line for line in lines)
     tables = [line for line in lines if line and not line.startswith(("note:", "sigma from"))]
     assert max(map(len, tables)) <= 80

@@ -1,0 +1,360 @@
+"""Errors in units: metres, degrees, m/s and deg/s, by run and together, beside those of what a model must beat.
+
+They are taken over windows that suit the ship: MOST ship times L/U of the trials, where 30 s are less than LEAST of
+them; as rms over all rows, after one ship length of sailing and at the end. With them come errors of her manoeuvring
+figures. Beside the rms errors stands their share of what the states change by over a window: a heading that goes round
+several times is wrapped there, so that its size does not hide the error.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from cases.criteria.figures import figure_unit
+from cases.criteria.standard_runs import Run, measured_figures, measured_runs
+from cases.trial import Trial
+from fitting.prediction.baselines import Persistence
+from fitting.prediction.predict import Forecaster, Predicted, Window, predict_all
+from fitting.prediction.stretches import Adaptation, wrapped_error
+from fitting.report.run_folder import Real
+from mmg.errors import UserError
+from mmg.rollout import Simulator
+from mmg.states import STATES
+
+SHORTEST, LEAST, MOST = 30.0, 2.5, 4.0
+"""Window [s] of the paper's metric for a 3 m model; ship times L/U below which it is too short; those of a longer
+one."""
+
+TOLD = ("advance", "transfer", "tactical_diameter", "overshoot_1", "overshoot_2", "track_reach")
+"""Figures whose errors are told of a manoeuvre."""
+
+KEPT = 64
+"""Trials whose manoeuvres are kept. Set by hand: it bounds memory."""
+
+
+@dataclass(frozen=True)
+class FigureError:
+    """A manoeuvring figure as measured and as predicted with the measured rudder and revolutions, in ``unit``; error:
+    predicted less measured."""
+
+    figure: str
+    unit: str
+    measured: float
+    predicted: float
+    error: float
+
+
+@dataclass(frozen=True)
+class ManeuverErrors:
+    """Errors of the figures of a manoeuvre in a run. title: as of ``Execute.title``."""
+
+    title: str
+    figures: tuple[FigureError, ...]
+
+
+STATE_ERRORS = {
+    "position_m": ("position", "m"),
+    "heading_deg": ("heading", "deg"),
+    "u_m_s": ("u", "m/s"),
+    "v_m_s": ("v", "m/s"),
+    "r_deg_s": ("r", "deg/s"),
+}
+"""Errors of a prediction by key -> state and unit."""
+REFERENCES = {"persistence": "keeping the velocities", "baseline": "the baseline"}
+"""What a model must beat -> words for it."""
+SHIP_LENGTH, END = "ship_length", "window"
+"""When errors are told: after one ship length of sailing, and at the end of a window."""
+NOTED = 0.005
+"""Share of an error by which it must change for that to be said. Set by hand: it words a finding."""
+
+
+@dataclass(frozen=True)
+class StateErrors:
+    """rms errors: NaN of no prediction, inf where one diverges."""
+
+    position_m: Real = math.nan
+    heading_deg: Real = math.nan
+    u_m_s: Real = math.nan
+    v_m_s: Real = math.nan
+    r_deg_s: Real = math.nan
+
+    @classmethod
+    def of(cls, rms: np.ndarray) -> StateErrors:
+        """Of the ``rms`` errors of x, y, psi, u, v, r (6,) in SI units."""
+        x, y, psi, u, v, r = rms.tolist()
+        return cls(math.hypot(x, y), math.degrees(psi), u, v, math.degrees(r))
+
+
+@dataclass(frozen=True)
+class RunErrors:
+    """Errors of one run: rms over the rows of all its ``windows``, NaN without one, inf where a prediction diverges;
+    those with _end at the ends of the windows. share_of_change: rms over the states of error / change over the window;
+    after: at the rows SHIP_LENGTH, where a length is known and shorter than the window, and END; maneuvers: those that
+    the run holds."""
+
+    name: str
+    windows: int
+    position_m: Real = math.nan
+    heading_deg: Real = math.nan
+    u_m_s: Real = math.nan
+    v_m_s: Real = math.nan
+    r_deg_s: Real = math.nan
+    position_end_m: Real = math.nan
+    heading_end_deg: Real = math.nan
+    share_of_change: Real = math.nan
+    after: dict[str, StateErrors] = field(default_factory=dict)
+    maneuvers: tuple[ManeuverErrors, ...] = ()
+
+    @property
+    def scored(self) -> bool:
+        """Whether it has windows and their errors are finite."""
+        return self.windows > 0 and math.isfinite(self.position_m)
+
+
+@dataclass(frozen=True)
+class UnitErrors:
+    """Errors of trials over windows of ``window_s`` every ``stride_s``, as in result.json.
+
+    ship_times: the window in ship times L/U, None where no length is known; change: rms change of each state over a
+    window, heading wrapped; runs; pooled: over the rows of all; persistence, baseline: the same of keeping the
+    velocities of the first row, and of a grey box, where there is one; ratio: of the pooled rms errors to those of
+    either, below 1 where the model is better.
+    """
+
+    window_s: float
+    stride_s: float
+    ship_times: float | None
+    change: dict[str, Real]
+    runs: tuple[RunErrors, ...]
+    pooled: RunErrors = field(repr=False)
+    persistence: UnitErrors | None = field(default=None, repr=False)
+    baseline: UnitErrors | None = field(default=None, repr=False)
+    ratio: dict[str, dict[str, Real]] = field(default_factory=dict)
+
+    @property
+    def references(self) -> dict[str, UnitErrors]:
+        """Errors of what the model must beat, by name in REFERENCES."""
+        known = {name: getattr(self, name) for name in REFERENCES}
+        return {name: errors for name, errors in known.items() if errors is not None}
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """When errors are told [s], by name."""
+        early = {SHIP_LENGTH: self.window_s / self.ship_times} if self.ship_times and self.ship_times > 1 else {}
+        return {**early, END: self.window_s}
+
+    def defeats(self, by_run: bool = True) -> list[str]:
+        """A sentence for each reference that is better over all runs, at one of the times that errors are told, or
+        ``by_run`` over the windows of one of them."""
+        told = []
+        for name, reference in self.references.items():
+            parts = []
+            for key, seconds in self.seconds.items():
+                own, other = (errors.pooled.after.get(key, StateErrors()) for errors in (self, reference))
+                if lost := _defeats(own, other):
+                    first, *rest = lost
+                    parts.append(f"after {seconds:.3g} s in {', '.join([f'{first} ({lost[first][1]})', *rest])}")
+            pairs = zip(self.runs, reference.runs, strict=True) if by_run and len(self.runs) > 1 else ()
+            worst = {own.name: next(iter(lost.items())) for own, other in pairs if (lost := _defeats(own, other))}
+            if worst:
+                run, (state, (_, words)) = max(worst.items(), key=lambda row: row[1][1][0])
+                count = f"on {len(worst)} of {len(self.runs)} runs, most " if len(worst) > 1 else ""
+                parts.append(f"{count}on {run} in {state} ({words})")
+            if parts:
+                told.append(f"worse than {REFERENCES[name]} {'; '.join(parts)}")
+        return told
+
+
+def is_worse(before: float, after: float) -> bool:
+    """Whether an error rose from ``before`` to ``after`` by more than is worth a word."""
+    return after > (1 + NOTED) * before + 1e-6
+
+
+def _defeats(own: RunErrors | StateErrors, reference: RunErrors | StateErrors) -> dict[str, tuple[float, str]]:
+    """States in which the ``reference`` is better, the worst first, each with the ratio of the errors and both."""
+    found = {}
+    for key, (state, unit) in STATE_ERRORS.items():
+        mine, other = getattr(own, key), getattr(reference, key)
+        if is_worse(other, mine) and math.isfinite(mine):
+            found[state] = (mine / max(other, 1e-9), f"{mine:.3g} against {other:.3g} {unit}")
+    return dict(sorted(found.items(), key=lambda row: row[1][0], reverse=True))
+
+
+def ship_time(trials: Sequence[Trial], length: float) -> float:
+    """L/U [s] of a ship of this ``length`` [m] at the speed that she has in the faster fifth of ``trials``; NaN where
+    she lies still."""
+    speeds = np.concatenate([np.hypot(t["u"], t["v"]) for t in trials])
+    fast = float(np.nanpercentile(speeds, 80)) if np.isfinite(speeds).any() else 0.0
+    return length / fast if fast > 0 else math.nan
+
+
+def window_for(trials: Sequence[Trial], length: float | None) -> float:
+    """Window [s] for predictions of ``trials`` of a ship of this ``length`` [m], None where it is not known.
+
+    30 s, but MOST ship times in tens of seconds where 30 s are less than LEAST of them; no more than half of the
+    longest trial.
+    """
+    unit = ship_time(trials, length) if length else math.nan
+    if not math.isfinite(unit) or LEAST * unit <= SHORTEST:
+        return SHORTEST
+    longest = max(trial.duration for trial in trials)
+    return max(min(10 * round(0.1 * MOST * unit), 10 * math.floor(0.05 * longest)), SHORTEST)
+
+
+def errors_in_units(
+    simulator: Simulator | Forecaster,
+    trials: Sequence[Trial],
+    window: float | None = None,
+    method: str = "rk4",
+    adaptation: Adaptation | None = None,
+    baseline: Forecaster | None = None,
+) -> UnitErrors:
+    """Errors of ``simulator`` on ``trials`` in units, over windows of ``window`` [s], None: as of ``window_for``.
+
+    method: "rk4" or "euler"; adaptation: use the past of each window; baseline: what the model must beat beside
+    persistence. Manoeuvres are predicted from their order on with the measured inputs, of a ship and without adaptation
+    only.
+    """
+    length = simulator.ship.particulars["L"] if isinstance(simulator, Simulator) else None
+    size = window or window_for(trials, length)
+    unit = ship_time(trials, length) if length else math.nan
+    found = predict_all(simulator, trials, size, 0.5 * size, False, method, adaptation=adaptation)
+    own = _summed(trials, found, size, unit)
+    if isinstance(simulator, Simulator) and length and adaptation is None:
+        held = zip(own.runs, _maneuvers(simulator, trials, length, method), strict=True)
+        own = replace(own, runs=tuple(replace(run, maneuvers=maneuvers) for run, maneuvers in held))
+    rivals = {"persistence": Persistence(simulator.inputs), **({"baseline": baseline} if baseline else {})}
+    references = {
+        name: _summed(trials, predict_all(rival, trials, size, 0.5 * size, False), size, unit)
+        for name, rival in rivals.items()
+    }
+    return replace(
+        own,
+        persistence=references["persistence"],
+        baseline=references.get("baseline"),
+        ratio={name: ratios(own.pooled, reference.pooled) for name, reference in references.items()},
+    )
+
+
+def ratios(own: RunErrors | StateErrors, reference: RunErrors | StateErrors) -> dict[str, float]:
+    """Errors of a model, its ``own``, divided by those of a ``reference``, by state; NaN where either has none."""
+    pairs = {state: (getattr(own, key), getattr(reference, key)) for key, (state, _) in STATE_ERRORS.items()}
+    return {state: mine / other if other > 0 else math.nan for state, (mine, other) in pairs.items()}
+
+
+def _summed(trials: Sequence[Trial], found: Predicted, size: float, unit: float) -> UnitErrors:
+    """Errors of the windows of ``size`` [s] that were ``found``; unit: ship time L/U [s], NaN where it is not known."""
+    times = size / unit if math.isfinite(unit) else None
+    when = {SHIP_LENGTH: unit, END: size} if times and times > 1 else {END: size}
+    parts = [_parts(trial, windows, when) for trial, (windows, _) in zip(trials, found, strict=True)]
+    changes = np.vstack([part.changes for part in parts])
+    change = np.sqrt((changes**2).mean(axis=0)) if len(changes) else np.full(6, np.nan)
+    runs = tuple(_errors(trial.name, [part], change) for trial, part in zip(trials, parts, strict=True))
+    by_state = dict(zip(STATES, change.tolist(), strict=True))
+    return UnitErrors(size, 0.5 * size, times, by_state, runs, _errors("all rows", parts, change))
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Errors (rows, 6) of all windows of a trial without their first rows, at some times after it (windows, 6) by name,
+    changes of the measured states since the window's first row (rows, 6)."""
+
+    rows: np.ndarray
+    after: dict[str, np.ndarray]
+    changes: np.ndarray
+
+
+def _parts(trial: Trial, windows: Sequence[Window], when: Mapping[str, float]) -> _Parts:
+    """Errors of ``windows`` of a ``trial``; when: seconds after their first rows by name."""
+    measured, rows, changes = trial.states, [np.zeros((0, 6))], [np.zeros((0, 6))]
+    after = {name: [np.zeros((0, 6))] for name in when}
+    for w in windows:
+        error = w.error(measured)[1:]
+        change = wrapped_error(measured[w.first + 1 : w.last + 1], measured[w.first])
+        known = np.isfinite(measured[w.first + 1 : w.last + 1]).all(axis=1)
+        rows.append(error[known])
+        changes.append(change[known])
+        since = trial.t[w.first + 1 : w.last + 1] - trial.t[w.first]
+        for name, seconds in when.items():
+            until = known & ((since < seconds + 0.5 * trial.dt) | (name == END))
+            if until.any():
+                after[name].append(error[until][-1:])
+    return _Parts(np.vstack(rows), {name: np.vstack(own) for name, own in after.items()}, np.vstack(changes))
+
+
+def _errors(name: str, parts: Sequence[_Parts], change: np.ndarray) -> RunErrors:
+    """Errors of the ``parts`` together, in units and as a share of the ``change`` (6,)."""
+    rows = np.vstack([p.rows for p in parts])
+    after = {key: np.vstack([p.after[key] for p in parts]) for key in parts[0].after}
+    if not len(rows):
+        return RunErrors(name, 0)
+    rms = np.sqrt((rows**2).mean(axis=0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = math.sqrt(np.mean((rms / change) ** 2))
+    by_time = {key: np.sqrt((errors**2).mean(axis=0)) for key, errors in after.items() if len(errors)}
+    if not np.isfinite(rms).all():
+        rms, share, by_time = np.full(6, math.inf), math.inf, {key: np.full(6, math.inf) for key in by_time}
+    end = StateErrors.of(by_time[END])
+    return RunErrors(
+        name,
+        len(after[END]),
+        **vars(StateErrors.of(rms)),
+        position_end_m=end.position_m,
+        heading_end_deg=end.heading_deg,
+        share_of_change=share,
+        after={key: StateErrors.of(errors) for key, errors in by_time.items()},
+    )
+
+
+def _maneuvers(
+    simulator: Simulator, trials: Sequence[Trial], length: float, method: str
+) -> list[tuple[ManeuverErrors, ...]]:
+    """Of each of ``trials`` the errors of its manoeuvres, all predicted side by side."""
+    held = [(number, *both) for number, trial in enumerate(trials) for both in _measured_runs(trial, length)]
+    found: list[list[ManeuverErrors]] = [[] for _ in trials]
+    if not held:
+        return [tuple(own) for own in found]
+    predicted = predict_all(simulator, [cut for _, _, cut in held], 0.0, 0.0, False, method)
+    for (number, run, cut), (windows, _) in zip(held, predicted, strict=True):
+        if windows and np.isfinite(windows[0].states).all():
+            states = dict(zip(STATES, windows[0].states.T, strict=True))
+            begin = run.order_time - float(cut.t[0] - run.trial.t[0])
+            moved = replace(run, order_time=begin, reversals=tuple(t - run.order_time + begin for t in run.reversals),
+                            end=run.end - run.order_time + begin)  # fmt: skip
+            figures = measured_figures(cut.with_columns(**states), moved)
+            told = [name for name in TOLD if name in run.figures and name in figures]
+            rows = tuple(_figure(name, run.figures[name], figures[name]) for name in told)
+            found[number] += [ManeuverErrors(run.title, rows)] if rows else []
+    return [tuple(own) for own in found]
+
+
+@lru_cache(maxsize=KEPT)
+def _measured_runs(trial: Trial, length: float) -> tuple[tuple[Run, Trial], ...]:
+    """The manoeuvres in a ``trial`` of a ship of this ``length`` [m], each with its rows from the order on; kept, as
+    each model that is scored on the same trials has them read again."""
+    try:
+        runs = [(run, _ordered(run)) for run in measured_runs(trial, length)]
+    except UserError:
+        return ()
+    return tuple((run, cut) for run, cut in runs if len(cut) > 3)
+
+
+def _ordered(run: Run) -> Trial:
+    """The rows of the trial of ``run`` from the last before the order to its end."""
+    t = run.trial.t - run.trial.t[0]
+    first = max(int(np.searchsorted(t, run.order_time + 1e-9)) - 1, 0)
+    rows = slice(first, int(np.searchsorted(t, run.end + 1e-9)))
+    columns = {name: values[rows] for name, values in run.trial.columns.items()}
+    return Trial(run.trial.name, columns, meta={})
+
+
+def _figure(name: str, measured: float, predicted: float) -> FigureError:
+    unit = figure_unit(name)
+    factor = math.degrees(1.0) if unit == "rad" else 1.0
+    measured, predicted = factor * measured, factor * predicted
+    return FigureError(name, "deg" if unit == "rad" else unit, measured, predicted, predicted - measured)

@@ -1,0 +1,149 @@
+"""``mmg start``: one call from logs to a ship, an FMU and answers; a second goes on, and bad input costs nothing."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cases.io.read import read_trials
+from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.trial import Trial
+from fitting.report.imo_form import in_still_water
+from mmg_ident import start as steps
+from mmg_ident.commands.main import main
+from tests.support.diagnosis_cases import FEW, pushed_trials
+
+RUNS = (("zigzag:20/20", 60.0), ("turning:35", 60.0), ("random:11", 60.0))
+SIZES = "3,0.48925,0.20125,0.831,D_P=0.084"
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Raw logs in degrees, knots and revolutions a minute, of a ship in a current."""
+    folder = tmp_path_factory.mktemp("raw")
+    for trial in pushed_trials(4, ["current:x=0.02,y=0.01"], RUNS):
+        knots, angle = 3600 / 1852, np.degrees
+        columns = {
+            "Time [s]": trial.t, "North [m]": trial["x"], "East [m]": trial["y"], "Heading [deg]": angle(trial["psi"]),
+            "u [kn]": knots * trial["u"], "v [kn]": knots * trial["v"], "ROT [deg/min]": 60 * angle(trial["r"]),
+            "RPM [rpm]": 60 * trial["n"], "Rudder [deg]": angle(trial["delta"]),
+        }  # fmt: skip
+        pd.DataFrame(columns).to_csv(folder / f"{trial.name.replace('/', '_').replace(':', '_')}.csv", index=False)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def ship(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A ship file with few free coefficients."""
+    path = tmp_path_factory.mktemp("ship") / "few.toml"
+    path.write_text(dump_ship(FEW))
+    return path
+
+
+@pytest.fixture(scope="module")
+def started(logs: Path, ship: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a first call."""
+    out = tmp_path_factory.mktemp("out") / "start"
+    assert main(["start", str(logs), "--ship", str(ship), "--out", str(out), "--yes"]) == 0
+    return out
+
+
+def test_one_call_goes_from_logs_to_a_ship_an_fmu_and_answers(started: Path) -> None:
+    assert {p.name for p in started.iterdir()} >= {"trials", "run", "ship.fmu", "answers.toml"}
+    assert (started / "run" / "report.html").is_file() and len(read_trials([started / "trials"])) == len(RUNS)
+    result = json.loads((started / "run" / "result.json").read_text())
+    current = result["coefficients"]["current.x"]
+    assert result["converged"] and abs(current["value"] - 0.02) < 3 * current["std"]
+    known = steps.read_answers(started / "answers.toml")
+    assert known.given == steps.Answers().given and known.record["asked"] == []
+    assert set(known.record["assumed"]) == set(known.given) and known.record["measured"]
+
+
+def test_a_second_call_makes_only_what_is_missing(
+    started: Path, logs: Path, ship: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (started / "run" / "result.json").stat().st_mtime_ns
+    (started / "ship.fmu").unlink()
+    given = ["start", str(logs), "--ship", str(ship), "--out", str(started), "--yes", "--json"]
+    assert main(given) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert (started / "run" / "result.json").stat().st_mtime_ns == before and (started / "ship.fmu").is_file()
+    assert printed["converged"] and printed["fmu"] == str(started / "ship.fmu")
+    rows = {(row["figure"], row["side"]): row for row in printed["figures"]}
+    low, high = rows["Advance", "starboard"]["interval_90"]
+    assert low < rows["Advance", "starboard"]["tested"] < high
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (["--particulars", SIZES], "one of them"),
+        (["--answers", "ANSWERS"], "depht"),
+        (["--out", "FULL"], "holds no answers.toml"),
+        (["--out", "OTHER"], "other logs or another ship"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    change: Sequence[str], text: str, logs: Path, ship: Path, started: Path, tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    wrong, full = tmp_path / "answers.toml", tmp_path / "full"
+    wrong.write_text("depht = 20.0\n")
+    full.mkdir()
+    (full / "mine.txt").write_text("mine")
+    places = {"ANSWERS": str(wrong), "FULL": str(full), "OTHER": str(started)}
+    given = ["start", str(logs), "--ship", str(ship), "--out", str(tmp_path / "new"), "--yes"]
+    given += [places.get(word, word) for word in change]
+    if "OTHER" in change:
+        given[3] = "esso_osaka_3m"
+    assert main(given) == 2
+    said = capsys.readouterr().err.strip().splitlines()
+    assert text in said[-1] and not (tmp_path / "new").exists()
+
+
+def test_answers_reach_ship_and_sidecars(logs: Path, tmp_path: Path) -> None:
+    """Trial files are taken as they are; the antenna goes into trials.toml, the depth into site.toml and the ship."""
+    trials = tmp_path / "out" / "trials"
+    files = [tmp_path / f"{name}.csv" for name in ("a", "b")]
+    for path in files:
+        path.write_text("t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad]\n" + "\n".join(
+            f"{t},{t},0,0,1,0,0,10,{0.1 * (t % 3)}" for t in range(30)))  # fmt: skip
+    assert steps.are_trials(files) and not steps.are_trials([logs])
+    steps.copy_trials(files, trials)
+    known = steps.Answers()
+    for name, text in (("antenna", "-0.9 0"), ("depth", "0.6"), ("rudder_rate", "12"), ("current", "'per run'")):
+        known = steps.answered(known, name, text)
+    steps.write_sidecars(trials, {"reference_point": {"x": -0.9, "y": 0.0, "applies_to": "both"}})
+    steps.write_depth(trials, float(known.depth))
+    started = steps.prepared_run(tmp_path / "out", load_ship("esso_osaka_3m"), known)
+    depth = started.ship.coefficients["shallow_water.d_h"]
+    assert depth.fixed and depth.value == pytest.approx(started.ship.particulars["d"] / 0.6)
+    assert started.ship.particulars["rudder_rate"] == pytest.approx(math.radians(12)) and known.current == "per run"
+    assert started.trials[0]["x"][0] == pytest.approx(0.9) and "0.6" in (trials / "site.toml").read_text()
+    steps.write_answers(started, "mark", "mmg start")
+    assert steps.read_answers(tmp_path / "out" / "answers.toml").given == known.given
+    assert len(steps.questions(started.ship, started.trials, True, False)) <= 5
+    for name, text in (("antenna", "aft"), ("current", "strong"), ("depth", "-3")):
+        with pytest.raises(steps.UserError):
+            steps.answered(known, name, text)
+
+
+def test_tested_figures_arein_still_water_and_still_water() -> None:
+    """The same manoeuvre with and without a current and a lever arm, both in the ship that looks at it."""
+    ship = FEW.with_effect("current", {"x": 0.05, "y": -0.03}).with_effect("antenna_offset", {"x": -0.9, "y": 0.2})
+    t = np.linspace(0.0, 40.0, 200)
+    psi, u, v, r = 0.05 * t, np.full(200, 0.4), np.full(200, -0.05), np.full(200, 0.05)
+    still = np.cumsum((u + 1j * v) * np.exp(1j * psi)) * (t[1] - t[0])
+    arm, water = -0.9 + 0.2j, 0.05 - 0.03j
+    place = still + arm * np.exp(1j * psi) + water * t
+    over = u + 1j * v + 1j * r * arm + water * np.exp(-1j * psi)
+    columns = {"t": t, "x": place.real, "y": place.imag, "psi": psi, "u": over.real, "v": over.imag, "r": r}
+    found = in_still_water(ship, Trial("turn", {**columns, "n": 0 * t + 9.0, "delta": 0 * t}))
+    np.testing.assert_allclose(found["x"] + 1j * found["y"], still, atol=1e-12)
+    np.testing.assert_allclose(found["u"] + 1j * found["v"], u + 1j * v, atol=1e-12)
