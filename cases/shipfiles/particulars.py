@@ -28,7 +28,7 @@ LARGEST = 1e12  # set by hand: bounds what a typing error can do
 """Size in SI units that no particular of a ship reaches, and the inverse of the smallest."""
 RATIOS: tuple[tuple[str, tuple[str, ...], tuple[str, ...], tuple[float, float], tuple[float, float]], ...] = (
     ("C_b", ("C_b",), (), (0.3, 1.0), (0.4, 0.9)),
-    ("L / B", ("L",), ("B",), (2.0, 15.0), (3.5, 10.0)),
+    ("L / B", ("L",), ("B",), (1.5, 15.0), (3.5, 10.0)),
     ("B / d", ("B",), ("d",), (1.0, 12.0), (1.8, 6.0)),
     ("L / d", ("L",), ("d",), (0.0, math.inf), (9.0, 40.0)),
     ("pitch_ratio", ("pitch_ratio",), (), (0.3, 1.6), (0.3, 1.6)),

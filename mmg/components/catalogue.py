@@ -8,7 +8,7 @@ from types import ModuleType
 
 from mmg.components.coefficients import Coefficient, names
 from mmg.components.rigid_body import INERTIA
-from mmg.motion.flow import INPUTS, PODS
+from mmg.motion.flow import INPUTS, pods
 
 FORCES = ("hull", "propeller", "rudder", "bow_thruster", "stern_thruster", "azimuth", "expansion", "wind", "waves")
 """Roles that exert forces, in the order of evaluation: the rudder sees the propeller's slipstream."""
@@ -17,7 +17,12 @@ ROLES = (*FORCES, "actuators", "roll")
 """All roles: the last two move rudder and propeller to their orders, and add a degree of freedom."""
 
 MODELS = {
-    "hull": {"unified": "hull.unified", "polynomial": "hull.polynomial", "abkowitz": "hull.abkowitz"},
+    "hull": {
+        "unified": "hull.unified",
+        "harbour": "hull.harbour",
+        "polynomial": "hull.polynomial",
+        "abkowitz": "hull.abkowitz",
+    },
     "propeller": {
         "hachii": "propeller.hachii",
         "four_quadrant": "propeller.four_quadrant",
@@ -88,7 +93,7 @@ def derived(components: Mapping[str, str], particulars: Mapping[str, float]) -> 
     """Coefficients whose defaults follow from the particulars, so that a ship file may leave them out. components: role
     -> model."""
     models = [module(role, name) for role, name in components.items()]
-    return {row.symbol for model in models if hasattr(model, "coefficients") for row in _rows(model, particulars)}
+    return {row.symbol for model in models if not hasattr(model, "COEFFICIENTS") for row in _rows(model, particulars)}
 
 
 def actuators(components: Mapping[str, str], particulars: Mapping[str, float]) -> tuple[str, ...]:
@@ -103,11 +108,6 @@ def actuators(components: Mapping[str, str], particulars: Mapping[str, float]) -
         needed |= {"n_2"} if "n" in needed else set()
         needed = (needed - {"delta"}) | {"delta_port", "delta_starboard"} if "delta" in needed else needed
     return tuple(name for name in INPUTS if name in needed)
-
-
-def pods(particulars: Mapping[str, float]) -> tuple[str, ...]:
-    """Endings of particulars and inputs of the pods after the first, such as "_2". particulars: symbol -> SI value."""
-    return tuple(f"_{i}" for i in range(2, PODS + 1) if f"x_az_{i}" in particulars)
 
 
 def twin_screw(particulars: Mapping[str, float]) -> bool:

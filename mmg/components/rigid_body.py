@@ -11,19 +11,20 @@ from mmg.motion.flow import Force
 
 INERTIA = table(
     "empirical default: Motora's charts give about these for full ships",
-    ("m_x", 0.03, 0.0015, 0.0, 0.15, "mmg", "added mass in surge, by 1/2 rho L^2 d"),
-    ("m_y", 0.24, 0.012, 0.02, 0.6, "mmg", "added mass in sway, by 1/2 rho L^2 d"),
+    ("m_x", 0.03, 0.015, 0.0, 0.15, "mmg", "added mass in surge, by 1/2 rho L^2 d"),
+    ("m_y", 0.24, 0.1, 0.02, 0.6, "mmg", "added mass in sway, by 1/2 rho L^2 d"),
     (
         "I_J_z",
         0.027,
-        0.0014,
+        0.01,
         0.002,
         0.1,
         "mmg",
         "yaw inertia about the centre of gravity plus added inertia, by 1/2 rho L^4 d",
     ),
 )
-"""Mass coefficients that every ship has, whatever its force models."""
+"""Mass coefficients that every ship has, whatever its force models. A ship file that leaves them out knows nothing of
+them: the charts give half to one and a half of these to ships from slender to full."""
 
 
 @dataclass(frozen=True)

@@ -19,9 +19,9 @@ class Tow(Effect):
         force = 0.05 * force_scale(p.L)
         moment = force * p.L / 3
         return (
-            Parameter("X", 0.0, force, -50 * force, 50 * force, "N", "constant force ahead"),
-            Parameter("Y", 0.0, force, -50 * force, 50 * force, "N", "constant force to starboard"),
-            Parameter("N", 0.0, moment, -50 * moment, 50 * moment, "N m", "constant moment, bow to starboard"),
+            Parameter("X", 0.0, force, -500 * force, 500 * force, "N", "constant force ahead"),
+            Parameter("Y", 0.0, force, -500 * force, 500 * force, "N", "constant force to starboard"),
+            Parameter("N", 0.0, moment, -500 * moment, 500 * moment, "N m", "constant moment, bow to starboard"),
         )
 
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:

@@ -26,7 +26,7 @@ class WaveDrift(Effect):
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         size = 0.08 * force_scale(p.L)
-        most = 50 * size
+        most = 500 * size
         return (
             Parameter("x", 0.0, size, -most, most, "N", "drift force to the north on a ship beam on"),
             Parameter("y", 0.0, size, -most, most, "N", "drift force to the east on a ship beam on"),

@@ -6,7 +6,7 @@ actuators, ``p`` the particulars, ``c`` the coefficients (both by attribute) and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -32,6 +32,12 @@ INPUTS = {
 
 PODS = 4
 """Most azimuth thrusters of a ship. Set by hand: names of inputs are made for so many."""
+
+
+def pods(particulars: Mapping[str, float]) -> tuple[str, ...]:
+    """Endings of particulars and inputs of the pods after the first, such as "_2". particulars: symbol -> SI value."""
+    return tuple(f"_{i}" for i in range(2, PODS + 1) if f"x_az_{i}" in particulars)
+
 
 RUDDERS, PROPELLERS = ("delta", "delta_port", "delta_starboard"), ("n", "n_2")
 """Rudders and propellers among them."""

@@ -23,11 +23,14 @@ def ships(
         Option(
             help="Main particulars, SI: L B d C_b [D_P pitch_ratio A_R U_0] in this order, or NAME=VALUE (also x_G, "
             "aspect_ratio, rho, rudder_rate in rad/s, A_T, y_P for twin screws, D_BT for a bow thruster, ...); "
-            "A_R=0 for no rudder."
+            "A_R=0 for no rudder; D_az, x_az, y_az, x_az_2, ... for pods."
         ),
     ] = None,
     called: Annotated[str | None, Option("--name", help="Name of the new ship; default from --out.")] = None,
-    hull: Annotated[str, Option(help="Hull model: unified (harbour too) or polynomial (ahead).")] = "unified",
+    hull: Annotated[
+        str | None,
+        Option(help="Hull model: unified, harbour (linear damping too; default with pods) or polynomial (ahead)."),
+    ] = None,
     out: Annotated[Path | None, Option(help="Ship file to write; default: print it.")] = None,
     force: o.Force = False,
     json: o.Json = False,

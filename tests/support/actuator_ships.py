@@ -28,7 +28,7 @@ x_az_4 = 1.2
 y_az_4 = -0.2
 
 [model]
-hull = "unified"
+hull = "harbour"
 azimuth = "azimuth"
 """
 MAIN = {"L": 3.0, "B": 0.5, "d": 0.17, "C_b": 0.6, "D_P": 0.07, "U_0": 0.8}

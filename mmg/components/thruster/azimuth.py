@@ -2,8 +2,10 @@
 
 Up to four alike: the second is at (x_az_2, y_az_2) and listens to n_azimuth_2 and azimuth_2, and so on.
 
-u_i = u - y r, v_i = v + x r; V_A = (1 - w_az) (u_i cos a + v_i sin a); T = (1 - t_az) k_T_az T_4Q(V_A/k_J_az, n) with
-the four-quadrant thrust of B4-70, P/D = 1.0 (propeller/four_quadrant.py), valid for every sign of V_A and n;
+u_i = u - y r, v_i = v + x r; V_A = (1 - w_az) (u_i cos a + v_i sin a);
+T = (1 - t_az) k_T_az k_i T_4Q(V_A/k_J_az, n) with the four-quadrant thrust of B4-70, P/D = 1.0
+(propeller/four_quadrant.py), valid for every sign of V_A and n; k_1 = 1, k_i = k_T_az_i the thrust of a further pod by
+that of the first, as hull and wakes of other pods take more from one than from another;
 X = T cos a - D_x, Y = T sin a - D_y [N], N = x Y - y X [N m],
 pod drag (D_x, D_y) = 1/2 rho D_az^2 C_pod sqrt(u_i^2 + v_i^2) (u_i, v_i).
 Standard composition; inflow angle effects on thrust, the Coanda effect and the interaction of thrusters are left out
@@ -13,40 +15,51 @@ Standard composition; inflow angle effects on thrust, the Coanda effect and the 
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import casadi as ca
 
-from mmg.components.coefficients import table
+from mmg.components.coefficients import Coefficient, table
 from mmg.components.propeller.four_quadrant import thrust
-from mmg.motion.flow import PODS, Flow, Force
+from mmg.motion.flow import Flow, Force, pods
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("rho", "D_az", "x_az", "y_az")
 INPUTS = ("n_azimuth", "azimuth")
 
+GUESS = "default of the azimuth thruster: a guess"
 COEFFICIENTS = table(
-    "default of the azimuth thruster: a guess",
-    ("k_T_az", 1.0, 0.15, 0.3, 2.0, "", "factor on the thrust of the azimuth thruster's series"),
-    ("k_J_az", 1.0, 0.1, 0.4, 1.6, "", "factor on the advance ratios of the azimuth thruster's series (pitch)"),
+    GUESS,
+    ("k_T_az", 1.0, 0.3, 0.3, 2.0, "", "factor on the thrust of the azimuth thruster's series"),
+    ("k_J_az", 1.0, 0.2, 0.4, 1.6, "", "factor on the advance ratios of the azimuth thruster's series (pitch)"),
     ("t_az", 0.05, 0.05, -0.1, 0.5, "", "thrust lost to the hull"),
     ("w_az", 0.1, 0.1, -0.2, 0.7, "", "wake fraction at the azimuth thruster"),
     ("C_pod", 0.3, 0.2, 0.0, 3.0, "", "drag coefficient of the pod, by D_az^2"),
 )
+"""The pitch is not said: by the B-series the thrust at rest is 0.68 to 1.32 of the series' for P/D of 0.7 to 1.3."""
+
+
+def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
+    """COEFFICIENTS, and the thrust of each pod after the first of a ship with particulars ``p``."""
+    rows = [
+        (f"k_T_az{i}", 1.0, 0.2, 0.2, 3.0, "", f"thrust of azimuth thruster {i[1:]} by that of the first")
+        for i in pods(vars(p))
+    ]
+    return (*COEFFICIENTS, *table(GUESS, *rows))
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
     """Force of all azimuth thrusters [N, N, N m]. flow, p, c, s: as in mmg/motion/flow.py."""
-    endings = ["", *(f"_{i}" for i in range(2, PODS + 1) if hasattr(p, f"x_az_{i}"))]
-    return sum((_one(flow, ending, p, c, s) for ending in endings[1:]), _one(flow, "", p, c, s))
+    return sum((_one(flow, i, getattr(c, f"k_T_az{i}"), p, c, s) for i in pods(vars(p))), _one(flow, "", 1.0, p, c, s))
 
 
-def _one(flow: Flow, ending: str, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
+def _one(flow: Flow, ending: str, factor: Any, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
     x, y = getattr(p, f"x_az{ending}"), getattr(p, f"y_az{ending}")
     n, direction = getattr(flow, f"n_azimuth{ending}"), getattr(flow, f"azimuth{ending}")
     u, v = flow.u - y * flow.r, flow.v + x * flow.r
     cosine, sine = ca.cos(direction), ca.sin(direction)
     V_A = (1 - c.w_az) * (u * cosine + v * sine)
-    T = (1 - c.t_az) * c.k_T_az * thrust(V_A / c.k_J_az, n, p.D_az, p.rho, s)
+    T = factor * (1 - c.t_az) * c.k_T_az * thrust(V_A / c.k_J_az, n, p.D_az, p.rho, s)
     drag = 0.5 * p.rho * p.D_az**2 * c.C_pod * s.root(u**2 + v**2, 0.1 * s.speed)
     X, Y = T * cosine - drag * u, T * sine - drag * v
     return Force(X, Y, x * Y - y * X)

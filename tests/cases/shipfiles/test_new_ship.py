@@ -99,6 +99,7 @@ def test_what_is_not_given_is_said() -> None:
         ({"D_BT": 2.0}, {"hull", "propeller", "rudder", "wind", "bow_thruster"}),
         ({"y_P": 6.0}, {"hull", "propeller", "rudder", "wind"}),
         ({"y_P": 6.0, "A_R": 0.0}, {"hull", "propeller", "wind"}),
+        ({"D_az": 3.0, "x_az": -80.0, "y_az": 5.0, "x_az_2": -80.0, "y_az_2": -5.0}, {"hull", "azimuth", "wind"}),
     ],
 )
 def test_a_new_ship_is_a_ship_file(extra: dict, roles: set) -> None:
@@ -107,6 +108,12 @@ def test_a_new_ship_is_a_ship_file(extra: dict, roles: set) -> None:
     back = parse_ship(dump_ship(ship))
     assert dict(back.coefficients) == dict(ship.coefficients) and not back.notices
     assert ("n_2" in assemble(ship).controls) == ("y_P" in extra)
+    assert (
+        ("k_T_az_2" in ship.free)
+        == ("D_v" in ship.free)
+        == ("azimuth_2" in assemble(ship).controls)
+        == ("D_az" in extra)
+    )
     assert any(c.startswith("delta") for c in assemble(ship).controls) == ("rudder" in roles)
     assert all(
         math.isfinite(c.value) and c.std >= 0 and c.lower <= c.value <= c.upper for c in ship.coefficients.values()
@@ -128,6 +135,8 @@ def test_a_new_ship_is_a_ship_file(extra: dict, roles: set) -> None:
         (["320", "58", "20.8", "0.81", "9.86", "0.72", "112.5", "15.5"], "U_0=7.97"),
         (["180", "32", "11", "0.8", "U_0=14.5"], "C_b = 0.8"),
         (["320", "58", "20.8", "0.81", "m=200e6"], "m / .rho L B d C_b."),
+        (["34", "9.6", "2.7", "0.6", "D_az=1.9"], "x_az, y_az missing"),
+        (["34", "9.6", "2.7", "0.6", "D_az=1.9", "x_az=-16", "y_az=2", "y_P=2"], "y_P"),
     ],
 )
 def test_unphysical_particulars_are_refused_with_their_value(words: list[str], message: str) -> None:

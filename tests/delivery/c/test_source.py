@@ -16,6 +16,7 @@ from mmg.model import columns, states_behind
 from mmg.network import Layers, Network
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from tests.support.actuator_ships import true_ship
 from tests.support.c_products import Compiled, compiled, product
 
 REMEMBERING = ("rudder_lag", "rudder_backlash", "hull_memory", "velocity_filter", "current", "gyro")
@@ -60,6 +61,7 @@ SHIPS = {
     "kvlcc2_full": lambda: load_ship("kvlcc2_full"),
     "mariner": lambda: load_ship("mariner"),
     "twin rudders": lambda: load_ship("vectwin_3m"),
+    "four pods": lambda: true_ship("pods"),
     "hybrid": hybrid,
     "hybrid of three networks of one layer": lambda: hybrid(3, (6,)),
     "hybrid of three layers": lambda: hybrid(1, (5, 7, 4)),
@@ -93,8 +95,8 @@ def points(of: Ship, count: int = 20) -> tuple[np.ndarray, np.ndarray]:
     rng, L = np.random.default_rng(3), of.particulars["L"]
     fast = np.sqrt(9.81 * L)
     six = rng.normal(size=(count, 6)) * [L, L, 2.0, 0.15 * fast, 0.05 * fast, 0.1 * fast / L]
-    sizes = [0.5 if "delta" in name or name == "azimuth" else 4.0 if name.startswith("wind") else 10.0 * np.sqrt(3 / L)
-             for name in of.inputs]  # fmt: skip
+    size = {"delta": 0.5, "azimuth": 0.5, "wind": 4.0}
+    sizes = [size.get(name.partition("_")[0], 10.0 * np.sqrt(3 / L)) for name in of.inputs]
     inputs = rng.normal(size=(count, len(of.inputs))) * sizes
     six[0] = inputs[0] = 0.0
     return six, inputs

@@ -21,6 +21,7 @@ from mmg.model import assemble
 from mmg.motion.flow import INPUTS, Flow, Force
 from mmg.motion.smooth import Exact, Smooth
 from mmg.ship import Ship
+from tests.support.actuator_ships import true_ship
 
 PARTICULARS = {
     "L": 3.0, "B": 0.49, "d": 0.2, "m": 245.0, "x_G": 0.09, "rho": 998.0, "D_P": 0.084, "pitch_ratio": 0.72, "U_0": 0.8,
@@ -123,6 +124,7 @@ def equipped(name: str, **components: str) -> Ship:
 def whole_ships() -> list[Ship]:
     """All but those with an Abkowitz hull: a polynomial about a service speed holds the propeller's push too."""
     ships = [*(load_ship(name) for name in library()), TWIN, equipped("esso_osaka_3m", propeller="four_quadrant")]
+    ships += [equipped("kvlcc2_full", hull="harbour"), true_ship("pods")]
     return [ship for ship in ships if ship.components.get("hull") != "abkowitz"]
 
 
@@ -164,6 +166,7 @@ EVEN |= {f"{letter}_{i}": 0.0 for letter in "AB" for i in range(1, 9)}
 EVEN |= {f"{letter}_{term}": 0.0 for letter in "YN" for term in ("0", "0u", "0uu")}
 """Values at which nothing tells port from starboard: no propeller walk, no bias of one screw, one gamma_R, one C_2."""
 SYMMETRIC = [load_ship(name) for name in ("esso_osaka_3m", "mariner", "kvlcc2_l7")]
+SYMMETRIC += [equipped("esso_osaka_3m", hull="harbour")]
 SYMMETRIC += [
     equipped("kvlcc2_l7", propeller=f"standard{of}", rudder=rudder)
     for of, rudder in (("_kijima", "lindenburg"), ("_hirano", "single"), ("_hirano", "standard"), ("", "single"))

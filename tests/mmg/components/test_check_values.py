@@ -14,12 +14,14 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from mmg.components.coefficients import names
+from mmg.components.hull import harbour, unified
 from mmg.components.hull.unified import cross_flow
 from mmg.components.wind import fujiwara
 from mmg.model import Model, assemble
 from mmg.motion.flow import Flow
 from mmg.motion.frames import wind_vector
 from mmg.motion.smooth import Exact, Smooth
+from tests.support.force_numbers import table_values, xyn
 
 SHIP = load_ship("esso_osaka_3m")
 
@@ -244,3 +246,14 @@ def test_cross_flow_closed_form_check_values(
     I_Y, I_N = (float(ca.DM(value)) for value in cross_flow(a, b, width))
     assert published_Y == pytest.approx(I_Y, abs=tolerance)
     assert published_N == pytest.approx(I_N, abs=tolerance)
+
+
+@pytest.mark.parametrize("s", [Exact(), Smooth.for_length(76.2)])
+def test_linear_damping_of_a_supply_vessel_is_added_to_the_unified_hull(s: Exact | Smooth) -> None:
+    """Fossen et al. (1996): 0.0358, 0.1183, 0.0308 by m sqrt(g/L), m L^2 sqrt(g/L), here rounded to two digits."""
+    p = names({"L": 76.2, "d": 6.25, "rho": 1025.0})
+    c, motion = table_values(harbour.COEFFICIENTS), np.array([0.3, -0.2, 0.01])
+    flow = Flow(*motion)
+    added = xyn(harbour.force(flow, p, c, s)) - xyn(unified.force(flow, p, c, s))
+    published = 6000e3 * np.sqrt(9.81 / 76.2) * np.array([0.0358, 0.1183, 0.0308 * 76.2**2])
+    np.testing.assert_allclose(added, -published * motion, rtol=0.01)

@@ -20,12 +20,13 @@ from mmg.components.thruster.kobayashi import effectiveness
 from mmg.model import assemble
 from mmg.motion.flow import Flow
 from mmg.motion.smooth import Exact, Smooth
+from tests.support.actuator_ships import true_ship
 from tests.support.force_numbers import table_values, xyn
 
 TAKAOKI = load_ship("vectwin_3m")
 P = names({**TAKAOKI.particulars, "D_ST": 0.05, "x_ST": -1.30, "D_az": 0.06, "x_az": -1.4, "y_az": 0.12})
 BOW = names({name: c.value for name, c in TAKAOKI.coefficients.items()})
-STERN, AZIMUTH = table_values(stern.COEFFICIENTS), table_values(azimuth.COEFFICIENTS)
+STERN, AZIMUTH = table_values(stern.COEFFICIENTS), table_values(azimuth.coefficients(P))
 EXACT, SMOOTH = Exact(), Smooth.for_length(P.L)
 BOTH = pytest.mark.parametrize("s", [EXACT, SMOOTH])
 
@@ -134,6 +135,22 @@ def test_turned_by_half_a_turn_is_not_reversed_revolutions() -> None:
     """A pod pushes astern as well as ahead; a reversed screw gives 78 % of that."""
     turned, reversed_ = pod(n_azimuth=10.0, azimuth=np.pi)[0], pod(n_azimuth=-10.0)[0]
     assert reversed_ / turned == pytest.approx(0.3471 / 0.4451, rel=1e-3)
+
+
+def test_each_pod_has_a_thrust_of_its_own() -> None:
+    """At rest, aside: the force of four pods is that of one by the sum of their factors, its moment by their places."""
+    ship = true_ship("pods")
+    factors = np.array([1.0, 0.7, 1.2, 0.9])
+    c = names({s: row.value for s, row in ship.coefficients.items()})
+    for i, factor in enumerate(factors[1:], start=2):
+        setattr(c, f"k_T_az_{i}", factor)
+    p = names(dict(ship.particulars))
+    endings = ("", "_2", "_3", "_4")
+    inputs = {f"n_azimuth{i}": 10.0 for i in endings} | {f"azimuth{i}": np.pi / 2 for i in endings}
+    _, Y, N = xyn(azimuth.force(Flow(u=0.0, v=0.0, r=0.0, **inputs), p, c, EXACT))
+    T = (1 - c.t_az) * 0.4451 * 998.0 * 10.0**2 * 0.06**4
+    assert pytest.approx(T * factors.sum(), rel=2e-4) == Y
+    assert pytest.approx(T * factors @ (-1.2, -1.2, 1.2, 1.2), rel=2e-4) == N
 
 
 # The ship
