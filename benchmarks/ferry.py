@@ -132,8 +132,8 @@ def main() -> None:
         errors = errors_in_units(simulator, held_out, WINDOW, baseline=box)
         print(f"seed {seed}: {fit.status}, {fit.timings_s['wall']:.0f} s")
         for name, rows in (("model", errors.pooled), *((n, e.pooled) for n, e in errors.references.items())):
-            print(f"  {name:12} position {rows.position_m:.3f} m, heading {rows.heading_deg:.2f} deg, u {rows.u_m_s:.4f}, "
-                  f"v {rows.v_m_s:.4f} m/s, r {rows.r_deg_s:.3f} deg/s")  # fmt: skip
+            print(f"  {name:12} position {rows.position_m:.3f} m, heading {rows.heading_deg:.2f} deg, "
+                  f"u {rows.u_m_s:.4f}, v {rows.v_m_s:.4f} m/s, r {rows.r_deg_s:.3f} deg/s")  # fmt: skip
         for name, ratios in errors.ratio.items():
             print(f"  by {name}: " + ", ".join(f"{state} {ratio:.2f}" for state, ratio in ratios.items()))
 

@@ -28,7 +28,7 @@ from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
 from fitting.calibrate import FitOptions
 from fitting.result import FitResult, read_fit
-from mmg.errors import Conflict, Missing, TargetExists, UserError, writing
+from mmg.errors import Conflict, Missing, TargetExists, UserError, name_fault, writing
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 
@@ -307,7 +307,8 @@ def fitted(started: StartedRun, command: str, progress: OnProgress | None = None
     if earlier and earlier.converged:
         return earlier
     own = ("current",) if started.answers.current == "per run" else ()
-    options = FitOptions(command=command, resume=earlier, per_run=own, next_trial=True)
+    name = started.folder.resolve().name
+    options = FitOptions(command=command, name="" if name_fault(name) else name, resume=earlier, per_run=own)
     result = calibrate(earlier.start if earlier else started.ship, started.trials, (), None, options, progress)
     if any(m.code == "suspect" and 'inputs = "sampled"' in m.text for m in result.messages):
         write_sidecars(started.folder / TRIALS, {"inputs": "sampled"})

@@ -207,7 +207,8 @@ def test_nothing_helps_a_coefficient_that_no_trial_excites() -> None:
 def test_every_ship_of_the_library_has_trials_it_can_run() -> None:
     for name in ("esso_osaka_3m", "kvlcc2_full", "vectwin_3m"):
         options = library(load_ship(name))
-        assert any("astern" in o.name for o in options)
+        # a full-scale ship is ordered standard manoeuvres, of which a crash stop goes astern
+        assert any("crash-stop" in o.name if name == "kvlcc2_full" else "astern" in o.name for o in options)
         assert any(o.wind for o in options) == ("wind" in load_ship(name).components)
     assert library(load_ship("esso_osaka_3m"))[-1].arguments == "berthing --wind 1.5:60"
 
