@@ -35,6 +35,8 @@ LINEAR, QUADRATIC = np.array([65.0, 110.0, 160.0]), np.array([90.0, 520.0, 900.0
 """Mean linear damping [kg/s, kg/s, kg m^2/s] and quadratic damping [kg/m, kg/m, kg m^2]."""
 PODS = np.array([[1.8, 0.8], [1.8, -0.8], [-1.8, 0.8], [-1.8, -0.8]])
 """Places of the pods, forward and to starboard of midship [m]."""
+DIAMETER, BOLLARD = 0.3, 3.2
+"""Of a pod [m], and its thrust at rest by n^2 [N s^2]: K_T = 0.4, which ends at an advance ratio of 0.9 to 1.3."""
 PARTICULARS = {"L": 5.0, "B": 2.2, "d": 0.3, "C_b": 0.55, "m": 1800.0, "rho": 1000.0, "U_0": 1.0, "x_G": 0.0}
 NOISE = np.array([0.02, 0.02, 0.004, 0.01, 0.01, 0.002])
 """Standard deviations of the noise of x, y [m], psi [rad], u, v [m/s], r [rad/s]."""
@@ -48,6 +50,7 @@ class Ferry:
         self.linear = LINEAR * rng.lognormal(0.0, 0.3, 3)
         self.quadratic = QUADRATIC * rng.lognormal(0.0, 0.3, 3)
         self.efficiency = rng.uniform(0.7, 1.1, 4)
+        self.no_thrust = rng.uniform(0.9, 1.3)
         course, wind = rng.uniform(-np.pi, np.pi, 2)
         self.current = rng.uniform(0.04, 0.12) * np.array([np.cos(course), np.sin(course)])
         self.wind, self.wind_force = wind, rng.uniform(8.0, 20.0)
@@ -63,7 +66,7 @@ class Ferry:
         force += self.wind_force * np.array([0.5 * np.cos(angle), np.sin(angle), 0.3 * np.sin(2 * angle)])
         flow = np.array([motion[0] - PODS[:, 1] * r, motion[1] + PODS[:, 0] * r])
         along = flow[0] * np.cos(azimuth) + flow[1] * np.sin(azimuth)
-        thrust = self.efficiency * 2.8 * np.abs(n) * (n - 1.4 * along)
+        thrust = self.efficiency * BOLLARD * np.abs(n) * (n - along / (self.no_thrust * DIAMETER))
         X, Y = thrust * np.cos(azimuth), thrust * np.sin(azimuth)
         force += np.array([X.sum(), Y.sum(), (PODS[:, 0] * Y - PODS[:, 1] * X).sum()])
         coriolis = np.array([MASS[1] * motion[1] * r, -MASS[0] * motion[0] * r, 0.0])
@@ -114,7 +117,7 @@ def start() -> Ship:
     """The ship that a person writes who knows the particulars, with a current and a steady wind to be found."""
     places = {f"{axis}_az{i}": float(place[k]) for i, place in zip(("", "_2", "_3", "_4"), PODS, strict=True)
               for k, axis in enumerate("xy")}  # fmt: skip
-    return new_ship("ferry", {**PARTICULARS, "D_az": 0.3, **places})
+    return new_ship("ferry", {**PARTICULARS, "D_az": DIAMETER, **places})
 
 
 def main() -> None:
