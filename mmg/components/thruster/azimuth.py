@@ -6,10 +6,14 @@ u_i = u - y r, v_i = v + x r; V_A = (1 - w_az) (u_i cos a + v_i sin a);
 T = (1 - t_az) k_T_az k_i T_4Q(V_A/k_J_az, n) with the four-quadrant thrust of B4-70, P/D = 1.0
 (propeller/four_quadrant.py), valid for every sign of V_A and n; k_1 = 1, k_i = k_T_az_i the thrust of a further pod by
 that of the first, as hull and wakes of other pods take more from one than from another;
-X = T cos a - D_x, Y = T sin a - D_y [N], N = x Y - y X [N m],
+X = T cos a + Z sin a - D_x, Y = T sin a - Z cos a - D_y [N], N = x Y - y X [N m],
 pod drag (D_x, D_y) = 1/2 rho D_az^2 C_pod sqrt(u_i^2 + v_i^2) (u_i, v_i).
-Standard composition; inflow angle effects on thrust, the Coanda effect and the interaction of thrusters are left out
-(UNVERIFIED: no source with numbers was found; calibrate k_T_az, t_az, w_az).
+The screw turns the water that crosses its axis with V_N = v_i cos a - u_i sin a into its own direction. Against V_N
+acts Z = k_N_az rho (pi/4) D_az^2 W V_N, with W = V/2 + sqrt(V^2/4 + |T|/(rho pi D_az^2/2)), V^2 = u_i^2 + v_i^2, the
+speed through its disc by momentum theory. k_N_az is 1 for a long duct, and less for a screw without one, whose wake
+keeps some of V_N (R/V Gunnerus: 1.1 +- 0.3). It is the lift of a pod turned by a small angle, and damps sway and yaw.
+Standard composition; the Coanda effect and the interaction of thrusters are left out (UNVERIFIED: no source with
+numbers was found; calibrate k_T_az, t_az, w_az, k_N_az).
 """
 
 from __future__ import annotations
@@ -34,6 +38,7 @@ COEFFICIENTS = table(
     ("k_J_az", 1.0, 0.2, 0.4, 1.6, "", "factor on the advance ratios of the azimuth thruster's series (pitch)"),
     ("t_az", 0.05, 0.05, -0.1, 0.5, "", "thrust lost to the hull"),
     ("w_az", 0.1, 0.1, -0.2, 0.7, "", "wake fraction at the azimuth thruster"),
+    ("k_N_az", 0.0, 1.0, 0.0, 4.0, "", "force across the azimuth thruster by the momentum through its disc"),
     ("C_pod", 0.3, 0.2, 0.0, 3.0, "", "drag coefficient of the pod, by D_az^2"),
 )
 """The pitch is not said: by the B-series the thrust at rest is 0.68 to 1.32 of the series' for P/D of 0.7 to 1.3."""
@@ -60,6 +65,10 @@ def _one(flow: Flow, ending: str, factor: Any, p: SimpleNamespace, c: SimpleName
     cosine, sine = ca.cos(direction), ca.sin(direction)
     V_A = (1 - c.w_az) * (u * cosine + v * sine)
     T = factor * (1 - c.t_az) * c.k_T_az * thrust(V_A / c.k_J_az, n, p.D_az, p.rho, s)
-    drag = 0.5 * p.rho * p.D_az**2 * c.C_pod * s.root(u**2 + v**2, 0.1 * s.speed)
-    X, Y = T * cosine - drag * u, T * sine - drag * v
+    V = s.root(u**2 + v**2, 0.1 * s.speed)
+    drag = 0.5 * p.rho * p.D_az**2 * c.C_pod * V
+    disc = 0.25 * ca.pi * p.rho * p.D_az**2
+    W = 0.5 * V + s.root(0.25 * V**2 + 0.5 * s.magnitude(T / disc, (0.1 * s.speed) ** 2), 0.1 * s.speed)
+    Z = c.k_N_az * disc * W * (v * cosine - u * sine)
+    X, Y = T * cosine + Z * sine - drag * u, T * sine - Z * cosine - drag * v
     return Force(X, Y, x * Y - y * X)

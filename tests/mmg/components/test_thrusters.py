@@ -179,3 +179,26 @@ def test_a_pod_drags_with_the_square_of_the_flow_at_its_place() -> None:
     drag = 0.5 * 998.0 * 0.06**2 * AZIMUTH.C_pod * np.hypot(u, v)
     added = pod(s=EXACT, **motion) - pod(without, s=EXACT, **motion)
     np.testing.assert_allclose(added, (-drag * u, -drag * v, 1.4 * drag * v + 0.12 * drag * u), rtol=1e-9)
+
+
+@BOTH
+@pytest.mark.parametrize(("n", "direction"), [(0.0, 0.0), (12.0, 0.0), (12.0, 2.2), (-12.0, -0.7)])
+def test_a_pod_takes_the_momentum_of_the_water_that_crosses_its_axis(
+    n: float, direction: float, s: Exact | Smooth
+) -> None:
+    """k_N rho (pi/4) D^2 W V_N against V_N: W = V where the screw does not push, momentum theory where it does; none
+    along the axis, none at rest."""
+    along, across = np.array([np.cos(direction), np.sin(direction)]), np.array([-np.sin(direction), np.cos(direction)])
+
+    def added(u: float, v: float) -> np.ndarray:
+        flow = Flow(u=u, v=v, r=0.0, n_azimuth=n, azimuth=direction)
+        more = SimpleNamespace(**{**vars(AZIMUTH), "k_N_az": 1.0})
+        return np.array(xyn(azimuth.force(flow, P, more, s)) - xyn(azimuth.force(flow, P, AZIMUTH, s)))[:2]
+
+    np.testing.assert_allclose(added(*(0.4 * along)), 0.0, atol=1e-9)
+    np.testing.assert_allclose(added(0.0, 0.0), 0.0, atol=1e-12)
+    speed, disc = 0.3, P.rho * np.pi / 4 * P.D_az**2
+    T = (1 - AZIMUTH.t_az) * AZIMUTH.k_T_az * float(thrust(0.0, n, P.D_az, P.rho, EXACT))
+    W = 0.5 * speed + np.sqrt(0.25 * speed**2 + 0.5 * abs(T) / disc)
+    close = 1e-9 if s is EXACT else 0.02
+    np.testing.assert_allclose(added(*(speed * across)), -disc * W * speed * across, rtol=close, atol=close * 1e-3)
