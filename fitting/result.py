@@ -34,6 +34,7 @@ from mmg.ship import Ship
 
 if TYPE_CHECKING:
     from fitting.calibration import Calibration
+    from fitting.report.use import Delivered
     from fitting.solvers.reduced import ReducedProblem
 
 
@@ -237,19 +238,23 @@ def read_fit(folder: str | Path) -> FitResult:
 
 
 def write_report(
-    folders: Sequence[str | Path], out: str | Path, full_load: float | None = None, imo: bool = True
+    folders: Sequence[str | Path],
+    out: str | Path,
+    full_load: float | None = None,
+    imo: bool = True,
+    known: Sequence[Delivered] | None = None,
 ) -> str:
     """Write one self-contained HTML page on the run folders ``folders`` to the file ``out``; returns it.
 
     full_load: draught [m] of the fully loaded ship, to which tested figures are corrected; imo: with the form for IMO,
-    whose figures are simulated. Raises UserError for a folder that is no calibration, a draught that makes no sense,
-    and for a file that cannot be written.
+    whose figures are simulated; known: of each folder, where it was simulated already. Raises UserError for a folder
+    that is no calibration, a draught that makes no sense, and for a file that cannot be written.
     """
     from fitting.report.page import build_page, write_page
     from fitting.report.use import delivered  # late: matplotlib is slow to import
 
     results = [read_fit(folder) for folder in folders]
-    known = [delivered(r.to_dict(), r.ship, full_load, imo) for r in results]
+    known = known or [delivered(r.to_dict(), r.ship, full_load, imo) for r in results]
     results = [r.with_late_figures(one.trials) for r, one in zip(results, known, strict=True)]
     text = build_page([(r, r.ship, Path(f)) for r, f in zip(results, folders, strict=True)], known)
     write_page(text, Path(out))

@@ -312,4 +312,5 @@ def fitted(started: StartedRun, command: str, progress: OnProgress | None = None
     result = calibrate(earlier.start if earlier else started.ship, started.trials, (), None, options, progress)
     if any(m.code == "suspect" and 'inputs = "sampled"' in m.text for m in result.messages):
         write_sidecars(started.folder / TRIALS, {"inputs": "sampled"})
-    return result.save(run, replace=earlier is not None)
+    # the page comes with the standard manoeuvres
+    return result.save(run, replace=earlier is not None, report=False)

@@ -37,11 +37,11 @@ def start(
     """
     from cases.trial_set import ready
     from fitting.report.use import delivered
+    from fitting.result import write_report
     from fitting.solvers.control import LEFT_OUT, interrupts_noted
     from mmg.errors import Missing
     from mmg.messages import has_code
     from mmg_ident import start as steps
-    from mmg_ident.api import write_report
 
     known = steps.read_answers(answers) if answers else steps.Answers()
     first = steps.starting_ship(ship, particulars, known.draught)
@@ -68,7 +68,7 @@ def start(
     cli.refuse_no_score(result.warnings, out / steps.RUN)
     with cli.working("simulating the standard manoeuvres"):
         known_of = delivered(result.to_dict(), result.ship)
-        write_report(out / steps.RUN, out / steps.RUN / "report.html")
+        write_report([out / steps.RUN], out / steps.RUN / "report.html", known=[known_of])
     if result.converged and not (out / steps.FMU).exists():
         with cli.working("exporting the FMU"):
             steps.exported(out)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ import pytest
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
+from fitting.report import imo_form
 from fitting.report.imo_form import in_still_water
 from mmg_ident import start as steps
 from mmg_ident.commands.main import main
@@ -21,6 +22,14 @@ from tests.support.diagnosis_cases import FEW, pushed_trials
 
 RUNS = (("zigzag:20/20", 60.0), ("turning:35", 60.0), ("random:11", 60.0))
 SIZES = "3,0.48925,0.20125,0.831,D_P=0.084"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_draws() -> Iterator[None]:
+    """Intervals by 40 ships, of which the 90 % are as wide within a fifth."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(imo_form, "DRAWS", 40)
+        yield
 
 
 @pytest.fixture(scope="module")
