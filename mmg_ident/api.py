@@ -197,6 +197,7 @@ def calibrate(
     along. Raises UserError for
     input from which nothing can be identified, and for values outside their limits.
     """
+    from cases.shipfiles.effects import without_suspects
     from fitting import calibrate as pipeline
     from fitting.settings import Settings
     from fitting.solvers.control import unless_interrupted
@@ -204,7 +205,7 @@ def calibrate(
 
     settings = replace(settings or Settings(), **checked_settings(Settings, values))
     check_settings(settings)
-    start = _ship(ship)
+    start = without_suspects(_ship(ship))  # of a calibration before, they are asked anew
     options = replace(options or pipeline.FitOptions(), second=_second_estimate)
     result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
     if start.effects:

@@ -201,3 +201,20 @@ def test_a_fit_that_was_interrupted_before_its_suspects_were_known_goes_on(tmp_p
     assert resumed.converged
     for s, row in whole.coefficients.items():
         assert resumed.coefficients[s].value == pytest.approx(row.value, abs=0.02 * row.std)
+
+
+def test_suspects_of_a_calibration_before_are_asked_anew(tmp_path: Path) -> None:
+    """Also by a run that goes on: it ends at the mean of the same two estimates."""
+    whole, run = calibrated(FEW), tmp_path / "run"
+    options = FitOptions(next_trial=False)
+    stopped = mmg_ident.calibrate(FEW, with_current(), (), Settings(step=1.0, max_iterations=1), options)
+    assert not stopped.converged and set(stopped.coefficients) == set(whole.coefficients)
+    stopped.save(run)
+    earlier = read_fit(run)
+    resumed = calibrated(earlier.start, resume=earlier)
+    again = calibrated(whole.ship)
+    for s, row in whole.coefficients.items():
+        assert resumed.coefficients[s].value == pytest.approx(row.value, abs=0.02 * row.std)
+    for found in (resumed, again):
+        assert suspects_said(found) == ["warning"] and "two_estimates" in [m.code for m in found.messages]
+        assert found.effects is None or not found.effects
