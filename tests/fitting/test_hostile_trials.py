@@ -163,4 +163,5 @@ def test_what_is_said(name: str) -> None:
     found = said(name)
     assert EXPECTED.get(name, set()) <= found.codes, found.codes
     if name not in EXPECTED:
-        assert found.converged and not found.warnings
+        assert found.converged
+        assert all("keeping the velocities" in words for words in found.warnings)  # in u, which hardly changes
