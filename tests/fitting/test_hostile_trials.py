@@ -164,4 +164,4 @@ def test_what_is_said(name: str) -> None:
     assert EXPECTED.get(name, set()) <= found.codes, found.codes
     if name not in EXPECTED:
         assert found.converged
-        assert all("keeping the velocities" in words for words in found.warnings)  # in u, which hardly changes
+        assert {w.code for w in found.warnings} <= {"worse_than_persistence"}  # in u, which hardly changes
