@@ -18,6 +18,7 @@ import numpy as np
 from cases.criteria.standard_runs import approach_speed, simulated_run
 from cases.evidence.kinematics import consistency
 from cases.evidence.tails import chi2_tail
+from cases.io.campaigns import campaign_labels
 from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column, parameters
@@ -30,7 +31,6 @@ from diagnosis.hypotheses.forward_selection import Selection, select_effects
 from diagnosis.hypotheses.refit import gained, refit
 from diagnosis.inputs import diagnosable_trials
 from diagnosis.prepare import (
-    CLEAR,
     InputReading,
     Prepared,
     fit_as_read,
@@ -43,6 +43,7 @@ from fitting.calibration import SecondEstimate
 from fitting.nlp.windows import default_step
 from fitting.record import EffectTest, EffectValue, MessageRow
 from fitting.result import FitResult
+from mmg.effects import EFFECTS
 from mmg.errors import NotCalibrated, Unsupported, UserError
 from mmg.messages import Message
 from mmg.ship import Ship
@@ -67,7 +68,8 @@ SUSPECTS = {
 }
 """What is wrong with most campaigns where something is, and what to do: instruments and surroundings that coefficients
 make up for. Velocity filter, gyro and inputs held or sampled are found before any fit."""
-FREE_IT = 'free it with "--with {}"'
+FREE_IT = {"current": 'free it with "--per-run current", or "--with current" where it is one'}
+BY_NAME = 'free it with "--with {}"'
 BESIDE = ("tow",)
 """Tested beside them and not said: a steady force is what a resistance looks like that the priors have wrong."""
 
@@ -79,7 +81,8 @@ def second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool = True) -> 
     the next sample tell; faults of instruments that the kinematics of the trials show are in the model. Priors are the
     values and standard deviations of the ship, as in a calibration. Suspects are selected as a diagnosis selects
     effects, beside coefficients and random forces, with odds of more than 20 to 1; frees: whether they are fitted along
-    from then on. A message says of each its size and what it moves, or why there is no estimate.
+    from then on, a current only where all trials are of one campaign. A message says of each its size and what it
+    moves, or why there is no estimate.
     """
     own = {s.partition(".")[0] for s in ship.free if "." in s}
     try:
@@ -89,8 +92,11 @@ def second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool = True) -> 
         found = select_effects(replace(ready.problem, candidates=mine), ready.null)
         rows = [(k, c) for k, c in enumerate(found.effects) if c.effect not in BESIDE]
         read = _of_reading(ready.reading, frees)
-        messages = (*read, *(_of_suspect(ship, ready, found, k, frees) for k, _ in rows))
-        suspects = [c for _, c in rows] if frees else []
+        # instruments stay from day to day, surroundings do not: one current of several days is none
+        stays = len(set(campaign_labels(kept))) == 1
+        along = {k: frees and (stays or EFFECTS[c.effect].measures) for k, c in rows}
+        messages = (*read, *(_of_suspect(ship, ready, found, k, along[k]) for k, _ in rows))
+        suspects = [c for k, c in rows if along[k]]
         final, free = found.null, ready.problem.base + priors_of_effects(suspects)
         if suspects or len(few) < len(kept):
             final = fit_of_more(ready, kept, free, found.final)
@@ -113,7 +119,7 @@ def _prepared(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tupl
 
 def _of_reading(reading: InputReading, frees: bool) -> list[Message]:
     """That inputs were sampled, where the trials speak for it; frees: whether they are taken as such from then on."""
-    if not (reading.straight and reading.gain is not None and reading.gain > CLEAR):
+    if not reading.is_sampled:
         return []
     words = "the trials speak for rudder and revolutions that move along straight lines between their samples (log "
     words += f"likelihood +{reading.gain:.0f}), "
@@ -136,7 +142,8 @@ def _of_suspect(ship: Ship, ready: Prepared, found: Selection, number: int, free
     before, after = (_tactical_diameter(ship, fit) for fit in found.fits[number : number + 2])
     if before and after:
         words += f": it moves the tactical diameter from {before:.3g} to {after:.3g} L"
-    return Message(f"{words}; {SUSPECTS[c.effect] if frees else FREE_IT.format(c.effect)}", "suspect")
+    advice = SUSPECTS[c.effect] if frees else FREE_IT.get(c.effect, BY_NAME.format(c.effect))
+    return Message(f"{words}; {advice}", "suspect")
 
 
 def _tactical_diameter(ship: Ship, fit: Estimate) -> float | None:

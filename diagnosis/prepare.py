@@ -79,9 +79,14 @@ class InputReading:
         return self.straight if self.gain is None or self.gain > CLEAR else None
 
     @property
+    def is_sampled(self) -> bool:
+        """Whether the trials speak for inputs that move along straight lines between their samples."""
+        return self.straight and self.gain is not None and self.gain > CLEAR
+
+    @property
     def notices(self) -> tuple[Message, ...]:
         """What is to be said of it: where half a sample matters, or a calibration, which holds samples, differs."""
-        if self.gain is None or not (self.is_doubtful or (self.straight and self.gain > CLEAR)):
+        if self.gain is None or not (self.is_doubtful or self.is_sampled):
             return ()
         how = "joined by straight lines" if self.straight else "held until the next one"
         words = f"samples of the actuators are taken as {how}, which is more likely (log likelihood + {self.gain:.1f})"

@@ -455,7 +455,7 @@ def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibr
     farthest = ", ".join(f"{prior.symbols[i]} ({ratio[i]:+.1f})" for i in np.argsort(-np.abs(ratio))[:3])
     reduced = ReducedProblem(found.problem, found.solution.x)
     costs = [
-        reduced.objective(dict(zip(prior.symbols, (prior.mean + prior.std * at).tolist(), strict=True)))[0]
+        reduced.value(dict(zip(prior.symbols, (prior.mean + prior.std * at).tolist(), strict=True)))
         for at in (p, found.p + apart)
     ]
     if not costs[0] < costs[1]:

@@ -20,7 +20,7 @@ from cases.criteria.measured_maneuvers import find_maneuvers, steering
 from cases.evidence.signals import MAD
 from cases.inputs import is_sampled
 from cases.maneuvers.definitions import Limits
-from cases.maneuvers.self_propulsion import surge_balance
+from cases.maneuvers.self_propulsion import diameter_for
 from cases.shipfiles.particulars import BY_RULE, RATIOS
 from cases.trial import Trial
 from mmg.errors import UserError
@@ -54,8 +54,6 @@ ALIKE, APPROACH = 0.15, 1.0
 looked at. Set by hand."""
 USUAL_DIAMETER = next(usual for words, *_, usual in RATIOS if words == "D_P / d")
 """Least and largest usual diameter of a propeller by the draught [-]."""
-HALVINGS = 10
-"""Of that range: they leave a thousandth of it. Set by hand."""
 LEAST_NEUTRAL = math.radians(0.25)
 """A smaller mean rudder of straight approaches is zero [rad]: rudders are logged to a tenth of a degree, with noise."""
 
@@ -291,17 +289,11 @@ def _diameter(ship: Ship, approach: Approach) -> float | None:
     """Diameter of the propeller [m] with which the ``ship`` keeps the speed of the ``approach`` at its revolutions;
     None where no usual one does, as where those are of the engine before a gear."""
     low, high = (share * ship.particulars["d"] for share in USUAL_DIAMETER)
-
-    def surge(diameter: float) -> float:
-        other = replace(ship, particulars={**ship.particulars, "D_P": diameter})
-        return surge_balance(other)(approach.speed, approach.n)
-
-    if surge(low) > 0 or surge(high) < 0:
+    try:
+        diameter = diameter_for(ship, approach.speed, approach.n)
+    except UserError:
         return None
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if surge(middle) > 0 else (middle, high)
-    return float(f"{0.5 * (low + high):.4g}")
+    return float(f"{diameter:.4g}") if low <= diameter <= high else None
 
 
 def _listed(names: Sequence[str]) -> str:

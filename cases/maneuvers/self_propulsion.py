@@ -289,6 +289,16 @@ def speed_for(ship: Ship, n: float) -> float:
     return _root(lambda u: -surge(u, n), first, f"{ship.name} finds no steady speed at n = {n:g} rps")
 
 
+def diameter_for(ship: Ship, u: float, n: float) -> float:
+    """Diameter of the propeller [m] with which a ``ship`` holds u > 0 [m/s] at n > 0 [1/s]. Raises UserError when none
+    does."""
+
+    def surge(diameter: float) -> float:
+        return surge_balance(replace(ship, particulars={**ship.particulars, "D_P": diameter}))(u, n)
+
+    return _root(surge, ship.particulars["D_P"], f"no propeller holds {u:g} m/s at {n:g} 1/s with {ship.name}")
+
+
 def _root(function: Callable[[float], float], first: float, failure: str) -> float:
     """Root of a function that is negative at small positive arguments and positive at large ones.
 

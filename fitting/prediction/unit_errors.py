@@ -19,8 +19,8 @@ from cases.criteria.figures import figure_unit
 from cases.criteria.standard_runs import Run, measured_figures, measured_runs
 from cases.trial import Trial
 from fitting.prediction.baselines import Persistence
-from fitting.prediction.predict import Forecaster, Predicted, Window, predict_all
-from fitting.prediction.stretches import Adaptation, wrapped_error
+from fitting.prediction.predict import Forecaster, Predicted, Window, change_over, predict_all
+from fitting.prediction.stretches import Adaptation
 from fitting.report.run_folder import Real
 from mmg.errors import UserError
 from mmg.rollout import Simulator
@@ -224,13 +224,14 @@ def errors_in_units(
     size = window or window_for(trials, length)
     unit = ship_time(trials, length) if length else math.nan
     found = predict_all(simulator, trials, size, 0.5 * size, False, method, adaptation=adaptation)
-    own = _summed(trials, found, size, unit)
+    change = change_over(trials, size, 0.5 * size)
+    own = _summed(trials, found, size, unit, change)
     if isinstance(simulator, Simulator) and length and adaptation is None:
         held = zip(own.runs, _maneuvers(simulator, trials, length, method), strict=True)
         own = replace(own, runs=tuple(replace(run, maneuvers=maneuvers) for run, maneuvers in held))
     rivals = {"persistence": Persistence(simulator.inputs), **({"baseline": baseline} if baseline else {})}
     references = {
-        name: _summed(trials, predict_all(rival, trials, size, 0.5 * size, False), size, unit)
+        name: _summed(trials, predict_all(rival, trials, size, 0.5 * size, False), size, unit, change)
         for name, rival in rivals.items()
     }
     return replace(
@@ -247,44 +248,40 @@ def ratios(own: RunErrors | StateErrors, reference: RunErrors | StateErrors) -> 
     return {state: mine / other if other > 0 else math.nan for state, (mine, other) in pairs.items()}
 
 
-def _summed(trials: Sequence[Trial], found: Predicted, size: float, unit: float) -> UnitErrors:
-    """Errors of the windows of ``size`` [s] that were ``found``; unit: ship time L/U [s], NaN where it is not known."""
+def _summed(trials: Sequence[Trial], found: Predicted, size: float, unit: float, change: np.ndarray) -> UnitErrors:
+    """Errors of the windows of ``size`` [s] that were ``found``; unit: ship time L/U [s], NaN where it is not known;
+    change: of the states over such windows (6,)."""
     times = size / unit if math.isfinite(unit) else None
     when = {SHIP_LENGTH: unit, END: size} if times and times > 1 else {END: size}
     parts = [_parts(trial, windows, when) for trial, (windows, _) in zip(trials, found, strict=True)]
-    changes = np.vstack([part.changes for part in parts])
-    change = np.sqrt((changes**2).mean(axis=0)) if len(changes) else np.full(6, np.nan)
     runs = tuple(_errors(trial.name, [part], change) for trial, part in zip(trials, parts, strict=True))
-    by_state = dict(zip(STATES, change.tolist(), strict=True))
+    by_state = dict(zip(STATES, np.where(np.isfinite(change), change, np.nan).tolist(), strict=True))
     return UnitErrors(size, 0.5 * size, times, by_state, runs, _errors("all rows", parts, change))
 
 
 @dataclass(frozen=True)
 class _Parts:
-    """Errors (rows, 6) of all windows of a trial without their first rows, at some times after it (windows, 6) by name,
-    changes of the measured states since the window's first row (rows, 6)."""
+    """Errors (rows, 6) of all windows of a trial without their first rows, at some times after it (windows, 6) by
+    name."""
 
     rows: np.ndarray
     after: dict[str, np.ndarray]
-    changes: np.ndarray
 
 
 def _parts(trial: Trial, windows: Sequence[Window], when: Mapping[str, float]) -> _Parts:
     """Errors of ``windows`` of a ``trial``; when: seconds after their first rows by name."""
-    measured, rows, changes = trial.states, [np.zeros((0, 6))], [np.zeros((0, 6))]
+    measured, rows = trial.states, [np.zeros((0, 6))]
     after = {name: [np.zeros((0, 6))] for name in when}
     for w in windows:
         error = w.error(measured)[1:]
-        change = wrapped_error(measured[w.first + 1 : w.last + 1], measured[w.first])
         known = np.isfinite(measured[w.first + 1 : w.last + 1]).all(axis=1)
         rows.append(error[known])
-        changes.append(change[known])
         since = trial.t[w.first + 1 : w.last + 1] - trial.t[w.first]
         for name, seconds in when.items():
             until = known & ((since < seconds + 0.5 * trial.dt) | (name == END))
             if until.any():
                 after[name].append(error[until][-1:])
-    return _Parts(np.vstack(rows), {name: np.vstack(own) for name, own in after.items()}, np.vstack(changes))
+    return _Parts(np.vstack(rows), {name: np.vstack(own) for name, own in after.items()})
 
 
 def _errors(name: str, parts: Sequence[_Parts], change: np.ndarray) -> RunErrors:
@@ -294,8 +291,7 @@ def _errors(name: str, parts: Sequence[_Parts], change: np.ndarray) -> RunErrors
     if not len(rows):
         return RunErrors(name, 0)
     rms = np.sqrt((rows**2).mean(axis=0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = math.sqrt(np.mean((rms / change) ** 2))
+    share = math.sqrt(np.mean((rms / change) ** 2))
     by_time = {key: np.sqrt((errors**2).mean(axis=0)) for key, errors in after.items() if len(errors)}
     if not np.isfinite(rms).all():
         rms, share, by_time = np.full(6, math.inf), math.inf, {key: np.full(6, math.inf) for key in by_time}

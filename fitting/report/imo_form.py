@@ -16,7 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from cases.criteria.imo import FAIL, OPEN, PASS, Row, follows_rule, helm_words, imo_figures, imo_figures_of_trials
+from cases.criteria.imo import (
+    FAIL,
+    OPEN,
+    PASS,
+    Row,
+    WaterVelocity,
+    assess,
+    follows_rule,
+    helm_words,
+    imo_figures,
+    imo_figures_of_trials,
+    in_still_water,
+)
 from cases.criteria.standard_runs import Run
 from cases.inputs import is_sampled
 from cases.maneuvers.definitions import Limits
@@ -185,7 +197,7 @@ def imo_form(
     remarks: list[str] = []
     found = model.assessment
     loaded = _loaded(ship, full_load) if full_load is not None else None
-    tested = _tested(ship, trials, remarks)
+    tested = tested_figures(ship, trials, remarks)
     factors = _factors(loaded, model, result or {}, remarks) if loaded is not None and tested else {}
     if model.scatter:
         words = f"intervals: 90 % of {DRAWS} ships that the trials allow"
@@ -276,21 +288,26 @@ def _side(row: Row | None, tested: FormValue | None, factor: np.ndarray | None) 
     return FormSide(tested, model, corrected, verdict)
 
 
-def _tested(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> dict[tuple[str, str], FormValue]:
-    """Mean of each tested figure over the runs, by manoeuvre and figure, of midship and through the water where the
-    ``ship`` has an antenna or a current of her own."""
+def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> dict[tuple[str, str], FormValue]:
+    """Mean of each tested figure over the runs among ``trials``, by manoeuvre and figure, of midship and through the
+    water where the ``ship`` has an antenna or a current of her own. remarks: to add to."""
     try:
-        found = imo_figures_of_trials([in_still_water(ship, trial) for trial in trials], ship) if trials else None
+        found = imo_figures_of_trials([of_midship(ship, trial) for trial in trials], ship) if trials else None
     except UserError:
         found = None
     if found is None:
         remarks.append("tested: none of the trials at hand is a standard manoeuvre")
         return {}
-    runs = {run.name: run for run in found.runs}
+    east, north = (ship.coefficients.get(f"current.{axis}") for axis in ("y", "x"))
     values: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    for row in found.rows:
-        if (run := runs.get(row.run)) and (kind := _standard_run(run)) and row.value is not None:
-            values.setdefault((kind, row.figure), []).append((row.value, _reading(run, row.unit)))
+    for run in found.runs:
+        if (kind := _standard_run(run)) is None:
+            continue
+        if east and north:
+            run = in_still_water(run, WaterVelocity(north.value, east.value, 0.0, "of the ship"))
+        for row in assess(run):
+            if row.value is not None:
+                values.setdefault((kind, row.figure), []).append((row.value, _reading(run, row.unit)))
     if not values:
         remarks.append("tested: no trial is a standard manoeuvre (35° turn, 10/10 or 20/20 zig-zag, crash stop)")
     else:
@@ -304,21 +321,17 @@ TAKEN_OFF = {"current": "current", "antenna_offset": "lever arm of the antenna"}
 """Effects that a tested figure has and one in still water of midship has not."""
 
 
-def in_still_water(ship: Ship, trial: Trial) -> Trial:
-    """The ``trial`` with positions and velocities of midship through the water, by the current and the antenna of the
-    ``ship``; as it is where she has neither or it has no positions."""
-    if not set(TAKEN_OFF) & set(ship.effects) or not trial.has_position:
+def of_midship(ship: Ship, trial: Trial) -> Trial:
+    """The ``trial`` with positions and velocities of midship, by the antenna of the ``ship``; as it is where she has
+    none or it has no positions."""
+    if "antenna_offset" not in ship.effects or not trial.has_position:
         return trial
-
-    def pair(effect: str, first: str, second: str) -> complex:
-        row = [ship.coefficients.get(f"{effect}.{name}") for name in (first, second)]
-        return complex(*(c.value if c else 0.0 for c in row))
-
-    water, arm = pair("current", "x", "y"), pair("antenna_offset", "x", "y")
-    of_position = arm + pair("antenna_offset", "alone_x", "alone_y")
-    t, turn = trial.t - trial.t[0], np.exp(1j * trial["psi"])
-    place = trial["x"] + 1j * trial["y"] - of_position * turn - water * t
-    speed = trial["u"] + 1j * trial["v"] - 1j * trial["r"] * arm - water / turn
+    x, y, alone_x, alone_y = (
+        c.value if (c := ship.coefficients.get(f"antenna_offset.{name}")) else 0.0
+        for name in ("x", "y", "alone_x", "alone_y")
+    )
+    place = trial["x"] + 1j * trial["y"] - complex(x + alone_x, y + alone_y) * np.exp(1j * trial["psi"])
+    speed = trial["u"] + 1j * trial["v"] - 1j * trial["r"] * complex(x, y)
     return trial.with_columns(x=place.real, y=place.imag, u=speed.real, v=speed.imag)
 
 

@@ -58,11 +58,18 @@ class ReducedProblem:
         Infinite, with a gradient of zeros, where no finite states join the intervals. Bounds are not regarded. Raises
         UserError for an unknown symbol or another number of coefficients.
         """
-        problem, x, is_found = self._with_best_states(p)
-        if not is_found:
-            return np.inf, np.zeros(len(self.scale))
+        problem, x, _ = self._with_best_states(p)
+        value = self.value(p)
+        if not np.isfinite(value):
+            return value, np.zeros(len(self.scale))
         info = information(problem, x)
-        return problem.objective(x), (info.score.sum(axis=0) + info.prior_score) / self.scale
+        return value, (info.score.sum(axis=0) + info.prior_score) / self.scale
+
+    @with_one_thread
+    def value(self, p: Mapping[str, float] | np.ndarray) -> float:
+        """That of ``objective`` alone. Raises UserError as it."""
+        problem, x, is_found = self._with_best_states(p)
+        return float(problem.objective(x)) if is_found else np.inf
 
     @with_one_thread
     def residuals(self, p: Mapping[str, float] | np.ndarray) -> np.ndarray:

@@ -189,6 +189,14 @@ def test_suspects_are_said_only_where_they_may_not_be_fitted_or_are_free() -> No
     assert second_estimate(freeing_effects(FEW, ("current",)), with_current()).suspects == ()
 
 
+def test_a_current_of_several_days_is_said_and_not_fitted_as_one() -> None:
+    """Instruments stay as they are from day to day, the water does not."""
+    days = zip(with_current(), ("monday", "tuesday", "tuesday"), strict=True)
+    found = second_estimate(FEW, [replace(trial, meta={**trial.meta, "campaign": day}) for trial, day in days])
+    assert found.suspects == () and set(found.values) == set(FEW.free)
+    assert [m.code for m in found.messages] == ["suspect"] and "--per-run current" in str(found.messages[0])
+
+
 def test_a_fit_that_was_interrupted_before_its_suspects_were_known_goes_on(tmp_path: Path) -> None:
     """Ctrl-C while the filter runs leaves a folder, of a ship without suspects; resumed, it ends where another does."""
     whole, run = calibrated(FEW), tmp_path / "run"

@@ -11,11 +11,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from cases.criteria.standard_runs import simulated_trial
 from cases.io.read import read_trials
+from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship, load_ship
-from cases.trial import Trial
 from fitting.report import imo_form
-from fitting.report.imo_form import in_still_water
 from mmg_ident import start as steps
 from mmg_ident.commands.main import main
 from tests.support.diagnosis_cases import FEW, pushed_trials
@@ -143,16 +143,21 @@ def test_answers_reach_ship_and_sidecars(logs: Path, tmp_path: Path) -> None:
             steps.answered(known, name, text)
 
 
-def test_tested_figures_arein_still_water_and_still_water() -> None:
-    """The same manoeuvre with and without a current and a lever arm, both in the ship that looks at it."""
-    ship = FEW.with_effect("current", {"x": 0.05, "y": -0.03}).with_effect("antenna_offset", {"x": -0.9, "y": 0.2})
-    t = np.linspace(0.0, 40.0, 200)
-    psi, u, v, r = 0.05 * t, np.full(200, 0.4), np.full(200, -0.05), np.full(200, 0.05)
-    still = np.cumsum((u + 1j * v) * np.exp(1j * psi)) * (t[1] - t[0])
-    arm, water = -0.9 + 0.2j, 0.05 - 0.03j
-    place = still + arm * np.exp(1j * psi) + water * t
-    over = u + 1j * v + 1j * r * arm + water * np.exp(-1j * psi)
-    columns = {"t": t, "x": place.real, "y": place.imag, "psi": psi, "u": over.real, "v": over.imag, "r": r}
-    found = in_still_water(ship, Trial("turn", {**columns, "n": 0 * t + 9.0, "delta": 0 * t}))
-    np.testing.assert_allclose(found["x"] + 1j * found["y"], still, atol=1e-12)
-    np.testing.assert_allclose(found["u"] + 1j * found["v"], u + 1j * v, atol=1e-12)
+def test_tested_figures_are_of_midship_and_in_still_water() -> None:
+    """The same circle with and without a current and a lever arm, both in the ship that looks at it."""
+    arm, water = complex(-0.9, 0.2), complex(0.03, -0.02)
+    ship = FEW.with_effect("current", {"x": 0.03, "y": -0.02}).with_effect("antenna_offset", {"x": -0.9, "y": 0.2})
+    still = simulated_trial(FEW, parse_maneuver("turning:35", FEW, speed=0.5), dt=0.5)
+    turn = np.exp(1j * still["psi"])
+    place = still["x"] + 1j * still["y"] + arm * turn + water * still.t
+    over = still["u"] + 1j * still["v"] + 1j * still["r"] * arm + water / turn
+    seen = still.with_columns(x=place.real, y=place.imag, u=over.real, v=over.imag)
+    remarks: list[str] = []
+    wanted, found, raw = (
+        imo_form.tested_figures(*given, remarks) for given in ((FEW, [still]), (ship, [seen]), (FEW, [seen]))
+    )
+    for figure in ("advance", "tactical_diameter"):
+        value = wanted["turning:35", figure].value
+        assert found["turning:35", figure].value == pytest.approx(value, rel=1e-3)
+        assert raw["turning:35", figure].value != pytest.approx(value, rel=0.02)
+    assert "current" in remarks[1] and "antenna" in remarks[1] and "current" not in remarks[2]
