@@ -1,7 +1,8 @@
 """From raw logs to a calibrated ship, her figures and an FMU: what ``mmg start`` does, step by step.
 
 A step is left out where the folder holds what it makes, so that the same call goes on where one ended. ``answers.toml``
-there says what was asked, answered, assumed and measured; it is made before the fit, and belongs to one set of logs.
+there says what was asked, answered, assumed and measured. It is made first, with the digest of the logs and the ship
+alone, so that nothing is taken for the trials of a call that others put there.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import hashlib
 import math
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -42,14 +43,14 @@ class Answers(Section):
     """What a person knows of trials and ship. ``record`` is written by ``mmg start`` and not read.
 
     antenna: where positions and velocities were measured, from midship, ahead and to starboard; draught: at the trials,
-    None for that of the particulars; depth: of the water; current: none likely, one in all runs, one in each, or
-    unknown; rudder_rate: that the trials show, or a number.
+    None for that of the particulars; depth: of the water; current: one in all runs, one in each, or unknown;
+    rudder_rate: that the trials show, or a number.
     """
 
     antenna: Literal["unknown"] | list[float] = "unknown"
     draught: float | None = number("m", None, gt=0.0, le=50.0)
     depth: Literal["deep"] | float = "deep"
-    current: Literal["unknown", "none", "steady", "per run"] = "unknown"
+    current: Literal["unknown", "steady", "per run"] = "unknown"
     rudder_rate: Literal["measured"] | float = "measured"
     record: dict[str, Any] = Field(default_factory=dict)
 
@@ -72,6 +73,11 @@ class Answers(Section):
         """The answers by name."""
         return self.model_dump(exclude={"record"})
 
+    @property
+    def is_asked(self) -> bool:
+        """Whether these are the answers of a folder, not only its mark."""
+        return "asked" in self.record
+
 
 @dataclass(frozen=True)
 class TrialQuestion:
@@ -92,7 +98,6 @@ class StartedRun:
     trials: tuple[Trial, ...]
     answers: Answers
     asked: tuple[str, ...] = ()
-    measured: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_answers(path: Path) -> Answers:
@@ -106,6 +111,10 @@ def starting_ship(ship: str | None, particulars: str | None, draught: float | No
     if (ship is None) == (particulars is None):
         raise Missing("give --ship SHIP, or --particulars L,B,d,C_b[,NAME=VALUE] in SI units, one of them")
     if ship is not None:
+        if draught:
+            raise Conflict(
+                f"draught {draught:g} m: that of --ship {ship} stands in her file; give --particulars"
+            )
         return load_ship(ship)
     values = parse_particulars(str(particulars).replace(",", " ").split())
     return new_ship("own_ship", {**values, "d": draught} if draught else values)
@@ -146,17 +155,32 @@ def digest(logs: Sequence[Path], ship: Ship) -> str:
     return hashlib.sha256("\n".join(words).encode()).hexdigest()
 
 
-def check_folder(folder: Path, mark: str) -> Answers | None:
+def check_folder(folder: Path, mark: str, given: Answers | None = None) -> Answers | None:
     """The answers of a ``folder`` that was begun; None of a new one. Raises UserError for one that holds something
-    else, or the start of other logs or of another ship than ``mark``, as of ``digest``."""
+    else, or the start of other logs, of another ship or with other answers than ``mark``, as of ``digest``, and
+    ``given``."""
     if not (folder / ANSWERS).exists():
-        if folder.exists() and any(p.name != TRIALS for p in folder.iterdir()):
+        if folder.exists() and any(folder.iterdir()):
             raise TargetExists(f"--out {folder}: exists already and holds no {ANSWERS}; name a new folder")
         return None
     answers = read_answers(folder / ANSWERS)
     if answers.record.get("digest") != mark:
         raise Conflict(f"--out {folder}: was begun with other logs or another ship; name a new folder")
+    if given and answers.is_asked and given.given != answers.given:
+        raise Conflict(f"--out {folder}: was begun with other answers than --answers; name a new folder")
     return answers
+
+
+def write_mark(folder: Path, mark: str) -> None:
+    """Makes the ``folder``, and says there to which logs and ship it belongs; mark: as of ``digest``."""
+    _write(folder, Answers(), {"digest": mark})
+
+
+def take_back(folder: Path) -> None:
+    """Leaves nothing of a ``folder`` without trials."""
+    (folder / ANSWERS).unlink(missing_ok=True)
+    if not any(folder.iterdir()):
+        folder.rmdir()
 
 
 def questions(ship: Ship, trials: Sequence[Trial], by_particulars: bool, antenna_known: bool) -> list[TrialQuestion]:
@@ -172,19 +196,18 @@ def questions(ship: Ship, trials: Sequence[Trial], by_particulars: bool, antenna
     if by_particulars:
         found.append(TrialQuestion("draught", "Draught at the trials [m]?", f"{ship.particulars['d']:g}"))
     found.append(TrialQuestion("depth", "Depth of the water [m]?", "deep"))
-    found.append(TrialQuestion("current", "Is a current likely: none, steady, 'per run'?", "unknown"))
-    if rate := measured_rates(ship, trials).get("rudder_rate"):
+    found.append(TrialQuestion("current", "Is a current likely: steady, 'per run'?", "unknown"))
+    if rate := measured_particulars(with_own_rates(ship, trials)[0]).get("rudder_rate"):
         found.append(TrialQuestion("rudder_rate", f"Rudder rate {rate}: use it, or a number [deg/s]?", "measured"))
     return found
 
 
-def measured_rates(ship: Ship, trials: Sequence[Trial]) -> dict[str, str]:
-    """What the ``trials`` show of the particulars of the ``ship``: name -> value and where it was measured."""
-    known = with_own_rates(ship, trials)[0]
+def measured_particulars(ship: Ship) -> dict[str, str]:
+    """Particulars of the ``ship`` that trials showed: name -> value and where it was measured."""
     found = {}
-    for name, source in known.sources.items():
+    for name, source in ship.sources.items():
         if source.startswith(MEASURED):
-            value = known.particulars[name]
+            value = ship.particulars[name]
             angle = name in ("rudder_rate", "neutral_rudder")
             unit = {"rudder_rate": "deg/s", "neutral_rudder": "deg", "approach_speed": "m/s", "D_P": "m"}.get(name, "")
             found[name] = f"{math.degrees(value) if angle else value:.3g} {unit}, {source}"
@@ -245,38 +268,35 @@ def antenna_is_known(folder: Path) -> bool:
     return any("reference_point" in path.read_text(encoding="utf-8") for path in folder.rglob(SIDECAR))
 
 
-def write_answers(started: StartedRun, mark: str, command: str) -> None:
+def write_answers(started: StartedRun, mark: str, command: str, fitted_ship: Ship | None = None) -> None:
     """Writes what was asked, answered, assumed and measured of a ``started`` run; mark: as of ``digest``; command: that
-    made it."""
-    import tomlkit
-
-    given = started.answers.given
-    record: dict[str, Any] = {
+    made it; fitted_ship: with what her trials showed."""
+    given, ship = started.answers.given, fitted_ship or started.ship
+    record = {
         "digest": mark,
         "command": command,
         "asked": list(started.asked),
         "assumed": [name for name in given if name not in started.asked],
-        "measured": dict(started.measured),
+        "measured": measured_particulars(ship),
         "rules": [str(notice) for notice in started.ship.notices],
     }
+    _write(started.folder, started.answers, record)
+
+
+def _write(folder: Path, answers: Answers, record: dict[str, Any]) -> None:
+    """The file of ``answers`` in the ``folder``, which is made, with a ``record``."""
+    import tomlkit
+
     document = tomlkit.document()
     for line in TOML_HEAD.splitlines():
         document.add(tomlkit.comment(line))
-    for name, value in given.items():
+    for name, value in answers.given.items():
         if value is not None:
             document.add(name, value)
     document.add("record", record)
-    started.folder.mkdir(parents=True, exist_ok=True)
-    with writing(started.folder / ANSWERS):
-        replace_text(started.folder / ANSWERS, tomlkit.dumps(document))
-
-
-def prepared_run(folder: Path, ship: Ship, answers: Answers) -> StartedRun:
-    """What there is before the fit in a ``folder`` with trials: the ``ship`` by the ``answers``, and what her trials
-    show."""
-    trials = read_trials([folder / TRIALS])
-    whole = with_answers(ship, answers)
-    return StartedRun(folder, whole, tuple(trials), answers, measured=measured_rates(whole, trials))
+    with writing(folder, "choose another --out"):
+        folder.mkdir(parents=True, exist_ok=True)
+        replace_text(folder / ANSWERS, tomlkit.dumps(document))
 
 
 def write_depth(folder: Path, depth: float) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,7 +14,7 @@ from mmg_ident.commands import output as cli
 if TYPE_CHECKING:
     from fitting.report.use import Delivered
     from fitting.result import FitResult
-    from mmg_ident.start import StartedRun
+    from mmg_ident.start import Answers, StartedRun
 
 
 def start(
@@ -39,33 +38,44 @@ def start(
     from fitting.report.use import delivered
     from fitting.result import write_report
     from fitting.solvers.control import LEFT_OUT, interrupts_noted
-    from mmg.errors import Missing
+    from mmg.errors import Missing, UserError
     from mmg.messages import has_code
     from mmg_ident import start as steps
 
     known = steps.read_answers(answers) if answers else steps.Answers()
-    first = steps.starting_ship(ship, particulars, known.draught)
+    steps.with_answers(steps.starting_ship(ship, particulars, known.draught), known)  # refused before anything is made
     missing = next((path for path in logs if not path.exists()), None)
     if missing is not None:
         raise Missing(f"{missing}: no such file or folder")
     mark = steps.digest(logs, steps.starting_ship(ship, particulars))
-    before = steps.check_folder(out, mark)
+    before = steps.check_folder(out, mark, known if answers else None)
     if resume and before is None:
         raise Missing(f"--out {out}: nothing to resume there")
-    if not (out / steps.TRIALS).is_dir():
-        _import(logs, out / steps.TRIALS, ask=not (yes or json))
+    ask = not (yes or json) and sys.stdin.isatty() and sys.stderr.isatty()
     if before is None:
-        started = _begin(out, first, known, particulars, answers is not None, ask=not (yes or json))
-        steps.write_answers(started, mark, cli.command_line())
+        steps.write_mark(out, mark)
+    if not (out / steps.TRIALS).is_dir():
+        try:
+            _import(logs, out / steps.TRIALS, ask)
+        except UserError:
+            steps.take_back(out)
+            raise
+    if before is not None and before.is_asked:
+        known, asked = before, tuple(before.record["asked"])
     else:
-        started = steps.prepared_run(out, steps.starting_ship(ship, particulars, before.draught), before)
+        known, asked = _begin(out, ship, particulars, known, answers is not None, ask)
+    whole = steps.with_answers(steps.starting_ship(ship, particulars, known.draught), known)
     (trials,) = ready([out / steps.TRIALS])
+    started = steps.StartedRun(out, whole, tuple(trials.sound), known, asked)
+    if before is None or not before.is_asked:
+        steps.write_answers(started, mark, cli.command_line())
     words = "interrupted: stopping at the next iterate; the same call goes on"
     with interrupts_noted(lambda: cli.say(words)):
-        result = steps.fitted(replace(started, trials=tuple(trials.sound)), cli.command_line(), cli.progress())
+        result = steps.fitted(started, cli.command_line(), cli.progress())
     if has_code(result.warnings, LEFT_OUT) or result.status == "User_Requested_Stop":
         return 130
     cli.refuse_no_score(result.warnings, out / steps.RUN)
+    steps.write_answers(started, mark, cli.command_line(), result.ship)
     with cli.working("simulating the standard manoeuvres"):
         known_of = delivered(result.to_dict(), result.ship)
         write_report([out / steps.RUN], out / steps.RUN / "report.html", known=[known_of])
@@ -96,18 +106,23 @@ def _import(logs: list[Path], folder: Path, ask: bool) -> None:
     cli.say(f"imported: {len(files)} runs, {folder}")
 
 
-def _begin(folder: Path, ship: Any, known: Any, particulars: str | None, given: bool, ask: bool) -> StartedRun:
-    """What a person answers, where there is one to ``ask``, and what the trials show."""
+def _begin(
+    folder: Path, ship: str | None, particulars: str | None, known: Answers, given: bool, ask: bool
+) -> tuple[Answers, tuple[str, ...]]:
+    """The answers, with those of a person where there is one to ``ask``, and which were given; what they say of the
+    trials goes into the sidecars of these."""
     import typer
 
     from cases.io.read import read_trials
     from mmg.errors import UserError
     from mmg_ident import start as steps
 
-    trials, place = read_trials([folder / steps.TRIALS]), folder / steps.TRIALS
+    place = folder / steps.TRIALS
     asked = [name for name, value in known.given.items() if given and value != getattr(steps.Answers(), name)]
-    if ask and sys.stdin.isatty() and sys.stderr.isatty():
-        for question in steps.questions(ship, trials, particulars is not None, steps.antenna_is_known(place)):
+    if ask:
+        first = steps.starting_ship(ship, particulars, known.draught)
+        is_known = steps.antenna_is_known(place)
+        for question in steps.questions(first, read_trials([place]), particulars is not None, is_known):
             while question.name not in asked:
                 text = str(typer.prompt(question.words, default=question.default, err=True))
                 try:
@@ -115,14 +130,12 @@ def _begin(folder: Path, ship: Any, known: Any, particulars: str | None, given: 
                     asked.append(question.name)
                 except UserError as error:
                     cli.say(f"  {error}")
-        if known.draught:
-            ship = steps.starting_ship(None, particulars, known.draught)
     if not isinstance(known.antenna, str):
         x, y = known.antenna
         steps.write_sidecars(place, {"reference_point": {"x": x, "y": y, "applies_to": "both"}})
     if not isinstance(known.depth, str):
         steps.write_depth(place, known.depth)
-    return replace(steps.prepared_run(folder, ship, known), asked=tuple(asked))
+    return known, tuple(asked)
 
 
 def _print(result: FitResult, known: Delivered, started: StartedRun, out: Path) -> None:
@@ -147,7 +160,7 @@ def _print(result: FitResult, known: Delivered, started: StartedRun, out: Path) 
     for title, sentences in said.items():
         if sentences:
             cli.print_wrapped(f"{title}: ", "; ".join(sentences))
-    for name, words in started.measured.items():
+    for name, words in steps.measured_particulars(result.ship).items():
         cli.print_wrapped("measured: ", f"{name} {words}")
     place = {"report": out / steps.RUN / "report.html", "ship": out / steps.RUN / "ship.toml"}
     place |= {"FMU": out / steps.FMU} if (out / steps.FMU).exists() else {}

@@ -94,7 +94,9 @@ def test_a_second_call_makes_only_what_is_missing(
     [
         (["--particulars", SIZES], "one of them"),
         (["--answers", "ANSWERS"], "depht"),
+        (["--answers", "AGROUND"], "aground"),
         (["--out", "FULL"], "holds no answers.toml"),
+        (["--out", "THEIRS"], "holds no answers.toml"),
         (["--out", "OTHER"], "other logs or another ship"),
     ],
 )
@@ -106,7 +108,11 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     wrong.write_text("depht = 20.0\n")
     full.mkdir()
     (full / "mine.txt").write_text("mine")
-    places = {"ANSWERS": str(wrong), "FULL": str(full), "OTHER": str(started)}
+    aground, theirs = tmp_path / "aground.toml", tmp_path / "theirs"
+    aground.write_text("depth = 0.1\n")
+    (theirs / "trials").mkdir(parents=True)
+    places = {"ANSWERS": str(wrong), "AGROUND": str(aground), "FULL": str(full), "THEIRS": str(theirs)}
+    places |= {"OTHER": str(started)}
     given = ["start", str(logs), "--ship", str(ship), "--out", str(tmp_path / "new"), "--yes"]
     given += [places.get(word, word) for word in change]
     if "OTHER" in change:
@@ -114,6 +120,29 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert main(given) == 2
     said = capsys.readouterr().err.strip().splitlines()
     assert text in said[-1] and not (tmp_path / "new").exists()
+
+
+def test_a_log_that_cannot_be_read_leaves_nothing(ship: Path, tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("no,log\nat,all\n")
+    assert main(["start", str(log), "--ship", str(ship), "--out", str(tmp_path / "new"), "--yes"]) == 2
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_folder_goes_on_with_the_answers_that_it_has(
+    started: Path, logs: Path, ship: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Other answers are refused; a folder that has only its mark, as where the import was stopped, asks again."""
+    other = tmp_path / "answers.toml"
+    other.write_text("depth = 3.0\n")
+    given = ["start", str(logs), "--ship", str(ship), "--yes", "--answers", str(other)]
+    assert main([*given, "--out", str(started)]) == 2 and "other answers" in capsys.readouterr().err
+    mark = steps.digest([logs], load_ship(str(ship)))
+    steps.write_mark(tmp_path / "begun", mark)
+    known = steps.check_folder(tmp_path / "begun", mark, steps.read_answers(other))
+    assert known is not None and not known.is_asked
+    with pytest.raises(steps.UserError):
+        steps.starting_ship(str(ship), None, 0.3)
 
 
 def test_answers_reach_ship_and_sidecars(logs: Path, tmp_path: Path) -> None:
@@ -130,7 +159,8 @@ def test_answers_reach_ship_and_sidecars(logs: Path, tmp_path: Path) -> None:
         known = steps.answered(known, name, text)
     steps.write_sidecars(trials, {"reference_point": {"x": -0.9, "y": 0.0, "applies_to": "both"}})
     steps.write_depth(trials, float(known.depth))
-    started = steps.prepared_run(tmp_path / "out", load_ship("esso_osaka_3m"), known)
+    ship = steps.with_answers(load_ship("esso_osaka_3m"), known)
+    started = steps.StartedRun(tmp_path / "out", ship, tuple(read_trials([trials])), known)
     depth = started.ship.coefficients["shallow_water.d_h"]
     assert depth.fixed and depth.value == pytest.approx(started.ship.particulars["d"] / 0.6)
     assert started.ship.particulars["rudder_rate"] == pytest.approx(math.radians(12)) and known.current == "per run"
