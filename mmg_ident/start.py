@@ -112,9 +112,7 @@ def starting_ship(ship: str | None, particulars: str | None, draught: float | No
         raise Missing("give --ship SHIP, or --particulars L,B,d,C_b[,NAME=VALUE] in SI units, one of them")
     if ship is not None:
         if draught:
-            raise Conflict(
-                f"draught {draught:g} m: that of --ship {ship} stands in her file; give --particulars"
-            )
+            raise Conflict(f"draught {draught:g} m: that of --ship {ship} stands in her file; give --particulars")
         return load_ship(ship)
     values = parse_particulars(str(particulars).replace(",", " ").split())
     return new_ship("own_ship", {**values, "d": draught} if draught else values)
