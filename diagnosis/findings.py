@@ -139,7 +139,8 @@ class Budget:
     scaled errors as fitted without any effect, with the named ones, and of a complete model; parts: shares of
     before - floor by named effect; unexplained: the rest, None where before is not surely above the floor; units:
     "position_m", "heading_deg" -> root mean square errors at the ends of the windows before, after, at the floor;
-    as_given: the same units and "error" of a ship that was not calibrated on these trials, before she is fitted.
+    as_given: the same units and "error" of a ship that was not calibrated on these trials, before she is fitted;
+    floor_by_after: 90 % interval of floor / after.
     """
 
     metric: str
@@ -151,6 +152,7 @@ class Budget:
     unexplained: BudgetShare | None
     units: Mapping[str, tuple[Real, Real, Real]]
     as_given: Mapping[str, Real] | None = None
+    floor_by_after: tuple[Real, Real] = (1.0, 1.0)
 
     @property
     def matters(self) -> bool:
