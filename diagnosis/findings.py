@@ -314,21 +314,15 @@ class HeldOut:
 class LearnedResidual:
     """How much of the prediction error of the test trials a learned residual closes, beyond what was named.
 
-    The measure and the windows are those of ``HeldOut``; before is the ship as the diagnosis left it. mse_after,
-    reduction: means over the trainings, of which each has its seed in ``seeds`` and its own reduction in
-    ``reductions``; spread: their standard deviation; together: reduction with the mean of the networks, which is what
-    ``mmg train`` would keep; interval_90: of the reduction, by drawing test runs again (None: a single run).
-    kept: what ``mmg train`` would decide from parts of the training trials alone; decision: that in words.
+    Mean squared errors by what each state changes by, before with the ship as the diagnosis left it; reduction: share
+    of it that is closed; interval_90: by drawing test runs again (None: a single run); windows: how many were
+    predicted; kept: what ``mmg train`` would decide from parts of the training trials alone; decision: that in words.
     """
 
     mse_before: Real
     mse_after: Real
     reduction: Real
     interval_90: tuple[Real, Real] | None
-    seeds: tuple[int, ...]
-    reductions: tuple[Real, ...]
-    spread: Real
-    together: Real
     windows: int
     kept: bool
     decision: str
