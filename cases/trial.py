@@ -4,18 +4,24 @@ out: their states become gaps, their inputs stay."""
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from cases.quantities import UNITS
-from mmg.errors import check_name
+from cases.quantities import UNITS, is_canonical, quantity
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, check_name
 from mmg.messages import Message, html_table
-from mmg.motion.flow import RUDDERS
+from mmg.motion.flow import INPUTS, RUDDERS
 from mmg.states import STATES
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from cases.trial_set import Given, TrialSet
 
 LEFT_OUT = "left_out"
 """Code of the notice on what was left out."""
@@ -69,6 +75,77 @@ class Trial:
 
     def __post_init__(self) -> None:
         check_name(self.name, str(self.path or "trial"))
+        shapes = {name: np.shape(values) for name, values in self.columns.items()}
+        if "t" not in shapes or len(shapes["t"]) != 1:
+            raise Missing(f"{self.name}: a trial needs a column t [s] of one dimension")
+        for name, shape in shapes.items():
+            if shape != shapes["t"]:
+                raise Conflict(f"{self.name}: column {name} has shape {shape}, t has {shapes['t']}")
+        if not (np.diff(self.columns["t"]) > 0).all():
+            raise BadValue(f"{self.name}: t does not increase from sample to sample")
+
+    @classmethod
+    def from_pandas(
+        cls, frame: pd.DataFrame, *, units: Mapping[str, str] | None = None, name: str = "trial", **settings: Any
+    ) -> Trial:
+        """The run in a DataFrame, a row per sample, read like a file, with the same checks and refusals.
+
+        frame: columns named as in a trial file (docs/reference/trials.md), "u [kn]", or "u" with its unit in ``units``;
+        without a column t its index is the time; units: by column; name: of the trial, plain words; settings: keys of
+        ``trials.toml``, such as inputs="sampled", reference_point={"x": -42.0, "y": 0.0}, rudder_positive="port".
+        Raises UserError, with the name of the column, for what cannot be read safely.
+        """
+        from cases.io.memory import trial_from_pandas  # late: the reader knows trials
+
+        return trial_from_pandas(frame, name, units, settings)
+
+    @classmethod
+    def from_arrays(cls, *, name: str = "trial", units: Mapping[str, str] | None = None, **columns: Any) -> Trial:
+        """The run in arrays (N,) by name: t [s], x, y [m], psi [rad], u, v [m/s], r [rad/s], n [1/s], delta [rad], ...
+
+        units: of columns that are in others, by name, such as {"psi": "deg"}; name: of the trial; further keywords are
+        settings, as of ``from_pandas``. Raises UserError as that does.
+        """
+        from cases.io.memory import trial_from_arrays  # late: the reader knows trials
+
+        return trial_from_arrays(name, columns, units)
+
+    def between(self, begin: float, end: float) -> Trial:
+        """The samples from ``begin`` to ``end`` [s], both included, on the clock of the trial; so is trial[begin:end].
+        Raises UserError where fewer than two lie there."""
+        rows = (self.t >= begin - 1e-9) & (self.t <= end + 1e-9)
+        if rows.sum() < 2:
+            span = f"it lasts from {self.t[0]:g} to {self.t[-1]:g} s"
+            raise TooFewData(f"{self.name}: fewer than two samples from {begin:g} to {end:g} s; {span}")
+        return self._with_rows({name: values[rows] for name, values in self.columns.items()}, rows)
+
+    def resample(self, dt: float) -> Trial:
+        """The run every ``dt`` [s] from its first sample on: states along lines, directions the short way round, inputs
+        as they are read (held, or along lines where they were sampled). Missing where a neighbour is."""
+        if not (math.isfinite(dt) and 0 < dt <= self.duration):
+            raise OutOfRange(f"{self.name}: dt = {dt:g} s must be positive and no longer than its {self.duration:g} s")
+        t = self.t[0] + dt * np.arange(math.floor(self.duration / dt + 1e-9) + 1)
+        after = np.clip(np.searchsorted(self.t, t - 1e-9), 0, len(self) - 1)
+        before = np.clip(np.searchsorted(self.t, t + 1e-9, side="right") - 1, 0, len(self) - 1)
+        columns = {"t": t}
+        for name, values in self.columns.items():
+            period = quantity(name).period if is_canonical(name) else 0.0
+            if name in INPUTS and self.meta.get("inputs") != "sampled":
+                columns[name] = values[before]
+            elif name != "t":
+                line = unwrapped(values) if period else values
+                good = np.isfinite(line)
+                found = np.interp(t, self.t[good], line[good]) if good.any() else np.full(len(t), np.nan)
+                columns[name] = np.where(good[before] & good[after], found, np.nan)
+        return self._with_rows(columns, None)
+
+    def _with_rows(self, columns: dict[str, np.ndarray], rows: np.ndarray | None) -> Trial:
+        """The trial with other rows; rows: those of its own that stay, None where they are made anew."""
+        marks, meta = self.meta.get("bridged", ""), dict(self.meta)
+        if marks:
+            kept = [] if rows is None else [mark for mark, row in zip(marks, rows, strict=True) if row]
+            meta["bridged"] = "".join(kept)
+        return replace(self, columns=columns, meta=meta, sha256="", whole=None)
 
     def __len__(self) -> int:
         return len(self.columns["t"])
@@ -76,8 +153,28 @@ class Trial:
     def __contains__(self, column: str) -> bool:
         return column in self.columns
 
-    def __getitem__(self, column: str) -> np.ndarray:
-        return self.columns[column]
+    @overload
+    def __getitem__(self, key: str) -> np.ndarray: ...
+    @overload
+    def __getitem__(self, key: slice) -> Trial: ...
+    def __getitem__(self, key: str | slice) -> np.ndarray | Trial:
+        """A column by its name, or the samples between two times [s], both included: trial[20.0:80.0]."""
+        if not isinstance(key, slice):
+            return self.columns[key]
+        if key.step is not None:
+            raise Conflict(f"{self.name}: trial[begin:end] takes times [s]; resample(dt) takes another interval")
+        ends = (self.t[0] if key.start is None else key.start, self.t[-1] if key.stop is None else key.stop)
+        return self.between(*ends)
+
+    def __add__(self, other: Given) -> TrialSet:
+        from cases.trial_set import TrialSet  # late: a set is of trials
+
+        return TrialSet((self,)) + other
+
+    def __repr__(self) -> str:
+        known = [self.kind or "trial", f"{len(self)} samples of {self.dt:.3g} s, {self.duration:.4g} s"]
+        known += [f"role {self.role}"] if self.role else []
+        return f"<Trial {self.name}: {', '.join(known)}; {', '.join(self.columns)}>"
 
     @property
     def t(self) -> np.ndarray:

@@ -68,6 +68,14 @@ class TrialSet(Sequence[Trial]):
     def __iter__(self) -> Iterator[Trial]:
         return iter(self.trials)
 
+    def __add__(self, others: Given) -> TrialSet:
+        return TrialSet((*self.trials, *TrialSet.of(others)))
+
+    def __repr__(self) -> str:
+        seconds = sum(trial.duration for trial in self)
+        names = _listed([trial.name for trial in self])
+        return f"<TrialSet of {len(self)} trials, {seconds:.4g} s: {names}>"
+
     @cached_property
     def reports(self) -> tuple[CheckReport, ...]:
         """What mmg check says of each: units, signs, frames, lags, broken stretches, copies, excitation."""

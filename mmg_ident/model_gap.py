@@ -154,7 +154,7 @@ def _refitted(
     bare = without_suspects(ship, surroundings_only=True)
     if not isinstance(model, Ship) and (Path(model) / RESULT).exists() and bare.effects == ship.effects:
         hashes = {row.get("sha256") for row in trial_rows(Path(model)) if row.get("use", "") != "test"}
-        if all(trial.sha256 in hashes for trial in trials):
+        if all(trial.sha256 and trial.sha256 in hashes for trial in trials):
             return ship, None
     from fitting.calibrate import FitOptions
     from fitting.result import read_fit

@@ -20,7 +20,7 @@ from cases.io.conventions import converted, implausible, through_north
 from cases.io.files import check_file
 from cases.io.sidecar import NAME, SidecarEntry, line_for, sidecar_entry
 from cases.io.toml_file import validated
-from cases.io.trial_table import check_forward, trial_table
+from cases.io.trial_table import TrialTable, check_forward, trial_table
 from cases.quantities import accepted, is_canonical, quantity, to_si
 from cases.trial import Trial, left_out
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, Unreadable, UserError, together
@@ -202,8 +202,21 @@ def read_trial(
     notices: list[Message] = []
     entry = sidecar_entry(path, notices) if settings is None else settings
     entry = entry if isinstance(entry, SidecarEntry) else validated(SidecarEntry, dict(entry), "settings")
+    return trial_of(trial_table(path), entry, notices, refuse, from_rest)
+
+
+def trial_of(
+    table: TrialTable,
+    entry: SidecarEntry,
+    notices: Sequence[Message] = (),
+    refuse: bool = True,
+    from_rest: bool = False,
+) -> Trial:
+    """The run in a ``table``; entry: what its header leaves unsaid; notices: that come
+    before its own; refuse, from_rest, UserError: as of ``read_trial``."""
+    path, notices = table.path, list(notices)
     labels: dict[str, tuple[str, str]] = {}
-    raw, digest = _si_columns(path, entry, notices, labels, from_rest)
+    raw = _si_columns(table, entry, notices, labels, from_rest)
     columns = _trimmed(path, raw, notices)  # before the clock is judged: cut rows may repeat or lack a time
     _check_time(path, columns["t"], notices)
     rate = None if "r" in entry.derived else columns["r"]
@@ -229,8 +242,8 @@ def read_trial(
     trial = Trial(
         name=entry.name or path.stem,
         columns=columns,
-        path=path,
-        sha256=digest,
+        path=path if table.is_file else None,
+        sha256=table.sha256,
         notices=tuple(notices),
         kind=kind,
         role=entry.role,
@@ -273,11 +286,11 @@ def _named(paths: Iterable[Path]) -> list[Path]:
 
 
 def _si_columns(
-    path: Path, entry: SidecarEntry, notices: list[Message], labels: dict[str, tuple[str, str]], from_rest: bool
-) -> tuple[dict[str, np.ndarray], str]:
-    """Canonical columns of the file in SI and radians, scaled but not yet turned or moved, every row or means of rows;
-    and the hash of the file. labels: to which the header and the unit of each column are added."""
-    table = trial_table(path)
+    table: TrialTable, entry: SidecarEntry, notices: list[Message], labels: dict[str, tuple[str, str]], from_rest: bool
+) -> dict[str, np.ndarray]:
+    """Canonical columns of the ``table`` in SI and radians, scaled but not yet turned or moved, every row or means of
+    rows. labels: to which the header and the unit of each column are added."""
+    path = table.path
     named = {*entry.columns, *(FRT_NAMES.get(name, name) for name, _ in map(split_header, table.header))}
     at_rest = (
         [f"{name} [{quantity(name).unit}]" for name in STATES[2:]] if from_rest and not named & {*STATES[2:]} else []
@@ -302,7 +315,7 @@ def _si_columns(
     if absent:
         columns |= {name: np.zeros(len(columns["t"])) for name in absent}
         notices.append(Message("no propeller and no rudder: n and delta are zero", "no_propeller"))
-    return columns, table.sha256
+    return columns
 
 
 def _trimmed(path: Path, columns: dict[str, np.ndarray], notices: list[Message]) -> dict[str, np.ndarray]:

@@ -41,7 +41,8 @@ class TrialTable:
     """A file whose header is known.
 
     path: of it; header: its cells; sha256: of its bytes; rows: lines or rows below the header; read: the columns of
-    these numbers, one piece of the file after another, as cells (N,) of any kind.
+    these numbers, one piece of the file after another, as cells (N,) of any kind; is_file: else its path is only what
+    errors call it.
     """
 
     path: Path
@@ -49,6 +50,7 @@ class TrialTable:
     sha256: str
     rows: int
     read: Callable[[Collection[int]], Iterator[dict[int, Any]]]
+    is_file: bool = True
 
     def numbers(self, wanted: Collection[int], clock: int | None = None) -> dict[int, np.ndarray]:
         """The columns ``wanted``, by number, as floats (N,), NaN where a cell is empty.

@@ -1,0 +1,150 @@
+"""Trials from DataFrames and arrays: as from a file, and the same refusals, by the name of the column."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from cases.io.read import read_trial
+from cases.simulation.simulate import write_trial
+from cases.trial import Trial
+from cases.trial_set import TrialSet
+from mmg.errors import UserError
+from tests.support.diagnosis_cases import FEW, RUNS, pushed_trials
+
+N = 60
+T = np.arange(N) * 0.5
+COLUMNS: dict[str, np.ndarray] = {
+    "t": T, "x": 0.5 * T, "y": 0.01 * T**2, "psi": 0.02 * T, "u": 0.5 + 0.01 * np.sin(T), "v": 0.01 * np.cos(T),
+    "r": np.full(N, 0.02), "n": np.full(N, 9.0), "delta": np.where(T > 10, 0.3, 0.0),
+}  # fmt: skip
+
+
+def test_a_frame_in_degrees_and_knots_is_the_trial_of_arrays_in_si() -> None:
+    arrays = Trial.from_arrays(name="run", kind="turning", **COLUMNS)
+    frame = pd.DataFrame({k: v for k, v in COLUMNS.items() if k not in ("psi", "delta", "u")})
+    frame["psi [deg]"], frame["delta [deg]"] = np.degrees(COLUMNS["psi"]), np.degrees(COLUMNS["delta"])
+    frame["u"] = COLUMNS["u"] * 3600 / 1852
+    units = {"t": "s", "x": "m", "y": "m", "v": "m/s", "r": "rad/s", "n": "rps", "u": "kn"}
+    found = Trial.from_pandas(frame, units=units, name="run", kind="turning")
+    for name in COLUMNS:
+        np.testing.assert_allclose(found[name], arrays[name], rtol=1e-12)
+    assert found.kind == arrays.kind == "turning" and found.sha256 != arrays.sha256
+    assert {m.code for m in found.notices} >= {"unit_converted"}  # type: ignore[union-attr]
+
+
+def test_a_frame_and_its_file_are_the_same_trial(tmp_path: Path) -> None:
+    """What ``to_pandas`` gives is read as what was written; settings are those of trials.toml."""
+    trial = pushed_trials(3, [], RUNS[:1])[0]
+    write_trial(trial, tmp_path / "run.csv")
+    settings: dict[str, Any] = {"reference_point": {"x": -0.5, "y": 0.1}, "inputs": "sampled", "role": "test"}
+    file = read_trial(tmp_path / "run.csv", settings)
+    made = Trial.from_pandas(read_trial(tmp_path / "run.csv", {}).to_pandas(), name="run", **settings)
+    for name in file.columns:
+        np.testing.assert_allclose(made[name], file[name], rtol=1e-12, atol=1e-15)
+    assert (made.role, made.meta["inputs"]) == (file.role, file.meta["inputs"]) == ("test", "sampled")
+    by_index = file.to_pandas().set_index("t [s]")
+    np.testing.assert_array_equal(Trial.from_pandas(by_index).t, file.t)
+    stamps = pd.DataFrame(by_index.to_numpy(), pd.to_datetime("2026-11-29") + pd.to_timedelta(file.t, "s"))
+    stamps.columns = by_index.columns
+    np.testing.assert_allclose(Trial.from_pandas(stamps).t, file.t - file.t[0], atol=1e-9)
+
+
+WRONG: dict[str, tuple[dict[str, Any], str]] = {
+    "lengths": ({"u": np.ones(3)}, "u 3"),
+    "two dimensions": ({"u": np.ones((N, 2))}, "(60, 2)"),
+    "time backwards": ({"t": T[::-1]}, "backwards"),
+    "text": ({"u": np.full(N, "fast")}, "'u'"),
+    "not a number": ({"r": np.full(N, np.nan)}, "column r"),
+    "unit": ({"units": {"psi": "grad"}}, "accepted: rad, deg"),
+    "unit of no column": ({"units": {"phi": "deg"}}, "did you mean 'psi'"),
+    "setting": ({"rudder_positiv": "port"}, "did you mean 'rudder_positive'"),
+    "value of a setting": ({"rudder_positive": "left"}, "rudder_positive"),
+    "degrees": ({"psi": np.degrees(COLUMNS["psi"]) * 20, "r": np.degrees(COLUMNS["r"]) * 20}, "deg"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_is_said_by_the_name_of_the_column(case: str) -> None:
+    changed, words = WRONG[case]
+    with pytest.raises(UserError) as error:
+        Trial.from_arrays(**{**COLUMNS, **changed})
+    assert words in str(error.value) and "\n" not in str(error.value)
+
+
+HEADER = {
+    "t": "t [s]", "x": "x [m]", "y": "y [m]", "psi": "psy [deg]", "u": "u [m/s]", "v": "v [m/s]", "r": "r [rad/s]",
+    "n": "n [rps]", "delta": "delta [rad]",
+}  # fmt: skip
+"""With a column whose name is misspelt."""
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [
+        (pd.DataFrame({"t [s]": T}).iloc[:0], "missing column psi"),
+        (pd.DataFrame({f"{k} [1]": v for k, v in COLUMNS.items()}), "unknown unit"),
+        (pd.DataFrame(COLUMNS), "column 't' has no unit"),
+        (
+            pd.DataFrame({HEADER.get(k, k): v for k, v in COLUMNS.items()}),
+            "missing column psi; did you mean 'psy [deg]'?",
+        ),
+        (COLUMNS, "takes a DataFrame"),
+    ],
+    ids=["empty", "units", "no units", "misspelt", "a dict"],
+)
+def test_a_frame_that_is_none_is_refused(frame: Any, words: str) -> None:
+    with pytest.raises(UserError) as error:
+        Trial.from_pandas(frame)
+    assert words in str(error.value)
+
+
+def test_a_trial_is_checked_when_it_is_made() -> None:
+    for changed in ({"u": np.ones(3)}, {"t": T[::-1]}, {"t": np.zeros(N)}):
+        with pytest.raises(UserError):
+            Trial("run", {**COLUMNS, **changed})
+
+
+def test_slices_are_by_time_and_a_sum_is_a_set() -> None:
+    trial = Trial.from_arrays(name="run", **COLUMNS)
+    part = trial[5.0:10.0]
+    assert part.t[0] == 5.0 and part.t[-1] == 10.0 and len(part) == 11 and len(trial[20.0:]) == 20
+    with pytest.raises(UserError):
+        trial[100.0:200.0]
+    both = trial + part
+    assert isinstance(both, TrialSet) and [len(t) for t in both] == [N, 11] and len(both + both) == 4
+    assert len(repr(trial).splitlines()) == len(repr(both).splitlines()) == 1
+    assert (pickle.loads(pickle.dumps(trial))["u"] == trial["u"]).all()
+
+
+def test_a_resampled_trial_goes_along_lines_and_holds_its_inputs() -> None:
+    psi = np.angle(np.exp(1j * (3.0 + 0.1 * T)))  # goes through south
+    u = np.where((T > 4) & (T < 6), np.nan, COLUMNS["u"])
+    trial = Trial.from_arrays(**{**COLUMNS, "psi": psi, "r": np.full(N, 0.1), "u": u})
+    found = trial.resample(0.2)
+    assert found.t[1] == pytest.approx(0.2) and found.t[-1] <= trial.t[-1] + 1e-9
+    np.testing.assert_allclose(found.psi_unwrapped, 3.0 + 0.1 * found.t, atol=1e-9)
+    assert set(found["delta"]) == {0.0, 0.3} and found["delta"][found.t <= 10.4].max() == 0.0
+    gap = (found.t > 4.01) & (found.t < 5.99)
+    assert np.isnan(found["u"][gap]).all() and np.isfinite(found["u"][(found.t < 3.9) | (found.t > 6.1)]).all()
+    sampled = Trial.from_arrays(**COLUMNS, inputs="sampled").resample(0.2)
+    at = np.flatnonzero(np.isclose(sampled.t, 10.2))[0]
+    assert sampled["delta"][at] == pytest.approx(0.3 * 0.4)
+    for dt in (0.0, math.nan, 1e6):
+        with pytest.raises(UserError):
+            trial.resample(dt)
+
+
+def test_a_calibration_takes_trials_of_arrays() -> None:
+    import mmg_ident
+
+    trial = pushed_trials(3, [], RUNS[:1])[0]
+    made = Trial.from_arrays(name="run", **trial.columns)
+    predicted = mmg_ident.predict(FEW, made, 30.0)
+    np.testing.assert_allclose(predicted[0].table, mmg_ident.predict(FEW, trial, 30.0)[0].table, rtol=1e-9)
