@@ -277,7 +277,7 @@ class SubsequenceObjective:
         K, W = p.shape[1], data.count
         theta = np.repeat(self.coefficients(p), W, axis=1)
         start, controls = np.tile(data.start, K), np.tile(data.controls, (1, 1, K))
-        states = self.simulator.run(start, controls, data.h, theta, threads=1)[1:, VELOCITIES]
+        states = self.simulator.run(start, controls, data.h, theta)[1:, VELOCITIES]
         e = (states.reshape(len(states), 3, K, W) - data.measured[:, :, None]) / self.sigma[:, None, None]
         inside = (np.abs(e) < LIMIT).all(axis=1) | (data.weight == 0)[:, None]
         return e, np.logical_and.accumulate(inside, axis=0)[:, None]

@@ -49,15 +49,6 @@ def test_derivatives_are_exact(K: int) -> None:
     assert_exact_derivatives(p, somewhere(p))
 
 
-def test_interpreted_and_compiled_kernels_agree() -> None:
-    compiled = problem()
-    slow = Problem(compiled.ship, compiled.prior, kernel(None, False), compiled.segments, compiled.sigma)
-    x, lam = somewhere(compiled), np.ones(compiled.m)
-    assert slow.objective(x) == pytest.approx(compiled.objective(x), rel=1e-12)
-    np.testing.assert_allclose(slow.gradient(x), compiled.gradient(x), rtol=1e-8, atol=1e-8)
-    np.testing.assert_allclose(slow.hessian(x, 1.0, lam), compiled.hessian(x, 1.0, lam), rtol=1e-8, atol=1e-8)
-
-
 @pytest.mark.parametrize("K", [1, 5, 40])
 def test_the_optimum_does_not_depend_on_the_shooting_interval(K: int) -> None:
     reference = solve(problem(K=10), problem(K=10).start())
