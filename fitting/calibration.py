@@ -36,7 +36,7 @@ from fitting.identifiability.data_checks import (
 )
 from fitting.nlp.fisher_information import Information, information
 from fitting.nlp.loss import Loss
-from fitting.nlp.prior import ByCampaign, Own, RunConstants, neutral_values, prior_with, ship_of_all, symbols_of
+from fitting.nlp.prior import ByCampaign, Own, RunConstants, neutral_values, prior_with, ship_of_all
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import Segments, cut, default_step
 from fitting.parallel import with_one_thread
@@ -187,7 +187,7 @@ def prepared(
         raise OutOfRange(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
     refuse_outliers(trials, step)
     segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
-    own = symbols_of(per_run)
+    own = per_run.symbols if isinstance(per_run, ByCampaign) else tuple(per_run)
     prior = prior_with(ship, per_run, segments.trials)
     warnings = [*contradictions(prior), *unexcited_astern(ship, trials, segments)]
     speed, length = np.sqrt((segments.nodes[:, 3:5] ** 2).sum(axis=1).mean()) + 1e-6, ship.particulars["L"]

@@ -95,14 +95,12 @@ class Simulator:
         *,
         linear: bool = False,
         keep: np.ndarray | None = None,
-        threads: int = 1,
     ) -> np.ndarray:
         """States (N + 1, S, M) from start (S, M) and inputs (N, C, M), or (N, C) for all points, held over each step.
 
         A start of six rows is settled. dt: one step [s], or (N,) or (N, M) steps. theta: coefficients (P,) shared
         or (P, M); default the ship's. method: "rk4" or "euler". linear: inputs are given at the N + 1 nodes and run
         straight from one to the next. keep: (N,) bool, the steps whose end is wanted: states (1 + kept, S, M).
-        threads: over which the points are spread; the result does not depend on them.
         Raises ValueError for shapes that do not fit and for an unknown method.
         """
         theta = self.ship.values if theta is None else theta
@@ -135,7 +133,7 @@ class Simulator:
         start, controls, steps, theta = (
             filled(a, LANES) if own else a for a, own in zip(given, per_point, strict=True)
         )
-        return self._rollout(start, controls, steps, theta, keep, method == "euler", linear, threads)[..., :M]
+        return self._rollout(start, controls, steps, theta, keep, method == "euler", linear)[..., :M]
 
     def _stepwise(
         self,

@@ -67,8 +67,8 @@ def duplicates(trials: Sequence[Trial]) -> list[tuple[list[dict[str, Any]], list
     return out
 
 
-def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, tuple[np.ndarray, np.ndarray]]:
-    """Pair of trials -> row indices of equal rows in the first and in the second: complete rows, each of them
+def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, np.ndarray]:
+    """Pair of trials -> row indices (2, rows) of equal rows in the first and in the second: complete rows, each of them
     unique within its trial. Pairs in the order of their trials."""
     keys, parts = np.array(MULTIPLIERS, np.uint64), []
     for i, trial in enumerate(trials):
@@ -92,19 +92,13 @@ def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, tuple[np.ndarra
         for code in np.unique(both):
             one, pair = at[both == code], divmod(int(code), len(trials))
             found.setdefault(pair, []).append((row[one], row[one + apart]))
-    return {pair: _concatenated(found[pair]) for pair in sorted(found)}
+    # row numbers of a pair in one piece: (2, rows) from its (first, second) by distance in the order
+    return {pair: np.concatenate(found[pair], axis=1) for pair in sorted(found)}
 
 
-def _concatenated(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    first, second = (np.concatenate(some) for some in zip(*parts, strict=True))
-    return first, second
-
-
-def _overlap(
-    trials: Sequence[Trial], pair: Pair, rows: tuple[np.ndarray, np.ndarray]
-) -> Iterator[tuple[int, dict[str, Any], Found]]:
+def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[tuple[int, dict[str, Any], Found]]:
     """For both trials of a ``pair``, its index and what its report says of their overlap, if that is a run of
-    ``rows`` in step."""
+    ``rows`` (2, rows) in step."""
     offsets, count = np.unique(rows[1] - rows[0], return_counts=True)
     in_step = rows[1] - rows[0] == offsets[np.argmax(count)]
     if in_step.sum() < max(10, SHARE * min(len(trials[i]) for i in pair)):

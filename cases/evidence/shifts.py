@@ -188,13 +188,12 @@ Value = complex | float
 class Shift:
     """An explanation of what is left over, of one trial.
 
-    name: a key of LAGS, or "arm"; value: lag [s] or arm x + i y [m]; gained: nats of its folder; rivals: names of
+    name: a key of LAGS, or "arm"; value: lag [s] or arm x + i y [m]; rivals: names of
     explanations that are as good; shared: whether the other files of the folder have it, too.
     """
 
     name: str
     value: Value
-    gained: float
     rivals: tuple[str, ...] = ()
     shared: bool = True
 
@@ -228,7 +227,7 @@ def shifts(found: Mapping[str, Explanation]) -> list[Shift | None]:
     rivals = tuple(name for name in gains if name != best and gains[best] - gains[name] < CLOSE and gains[name] > 0)
     values = found[best].values
     shared = 2 * sum(v is not None for v in values) > len(values)
-    return [None if v is None else Shift(best, v, gains[best], rivals, shared) for v in values]
+    return [None if v is None else Shift(best, v, rivals, shared) for v in values]
 
 
 def _rare(name: str, values: Sequence[Value | None]) -> float:

@@ -36,6 +36,7 @@ HDF5_AT = (0, 512, 1024, 2048)
 """Bytes at which its signature may lie: MATLAB writes 512 of its own before. Set by hand: the first of the places that
 the HDF5 File Format Specification 3.0 names (II.A)."""
 MATLAB = b"MATLAB 5.0 MAT-file"
+"""Begin of a file of MATLAB before version 7.3."""
 COMPRESSED, MATRIX = 15, 14
 ELEMENTS = {*range(1, 8), 9, *range(12, 19)}
 """Types of the elements of a MATLAB file (MAT-file format, table 1-1)."""
@@ -53,11 +54,6 @@ class Vectors:
     name: str
     columns: dict[str, np.ndarray]
     units: dict[str, str]
-
-
-def is_matlab(content: bytes) -> bool:
-    """Whether ``content`` begins a file of MATLAB before version 7.3."""
-    return content.startswith(MATLAB)
 
 
 def is_hdf5(content: bytes) -> bool:

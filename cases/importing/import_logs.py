@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.importing.array_files import is_hdf5, is_matlab, read_arrays
+from cases.importing.array_files import MATLAB, is_hdf5, read_arrays
 from cases.importing.assembled_run import CONVENTIONS, ImportedRun, assembled, globe_positions, with_units_of_size
 from cases.importing.import_map import NAME as MAP
 from cases.importing.import_map import POINT, ImportMap, OpenQuestion, Question, names_apart
@@ -164,7 +164,7 @@ def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
         begin = stream.read(BEGIN)
     if suffix in BAGS or begin.startswith(MAGIC):
         return [read_bag(file, chosen)]
-    if suffix in ARRAYS or is_matlab(begin) or is_hdf5(begin):
+    if suffix in ARRAYS or begin.startswith(MATLAB) or is_hdf5(begin):
         return read_arrays(file, chosen)
     if is_nmea2000(begin):
         return [read_nmea2000(file, chosen)]

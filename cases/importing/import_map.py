@@ -179,11 +179,6 @@ class ImportMap(Section):
         return {**self.columns, **self.of(file).columns}
 
 
-def magnetic(header: str) -> str:
-    """What is said of a magnetic heading below a ``header`` without a variation."""
-    return f"the log has a magnetic heading ({header}): give variation = ... in the map [deg, positive to the east]"
-
-
 def names_apart(paths: Iterable[Path]) -> dict[Path, str]:
     """For each of the ``paths`` its name, with as many folders before it as tell it from the others."""
     every, out = dict.fromkeys(paths), {}

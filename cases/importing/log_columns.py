@@ -12,7 +12,7 @@ import numpy as np
 
 from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_zones, within_stamps, without_jumps
 from cases.importing.companions import Masks, hold_signs, masked_rows, masks_of, sign_columns, signed
-from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question, magnetic
+from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question
 from cases.importing.raw_table import NUMBERED, Account, Clock, RawTable, split_unit
 from cases.importing.vocabulary import WATER, factor, is_order, known_units, meaning, plain_words, turn_in
 from cases.io.conventions import remarks, sentinels_in, without_dropouts
@@ -249,7 +249,8 @@ def _true_heading(
     if chosen.variation is not None:
         variation, words = np.radians(chosen.variation), f"{chosen.variation:g} deg of the map"
     if variation is None:
-        raise Missing(f"{table.name}: {magnetic(header)}")
+        need = "give variation = ... in the map [deg, positive to the east]"
+        raise Missing(f"{table.name}: the log has a magnetic heading ({header}): {need}")
     columns["psi"] = heading + variation
     return Message(f"psi is the magnetic heading '{header}' and the variation {words}", "magnetic")
 

@@ -52,15 +52,14 @@ def load_ship(where: str | Path) -> Ship:
     if not path.is_file():
         names = ", ".join(library())
         raise UnknownName(f"{where}: no such ship: give a ship file, a run folder, or one of {names}")
-    data = _json_tables(path) if path.suffix.lower() == ".json" else read_toml(path)
+    if path.suffix.lower() == ".json":
+        from cases.shipfiles.ship_json import tables  # late: most ships are TOML
+
+        data = tables(read_json(path), str(path))
+    else:
+        data = read_toml(path)
     ship = _ship(data, str(path), path.parent)
     return ship.with_network(load_network(network, ship)) if network and network.exists() else ship
-
-
-def _json_tables(path: Path) -> dict[str, Any]:
-    from cases.shipfiles.ship_json import tables  # late: most ships are TOML
-
-    return tables(read_json(path), str(path))
 
 
 def _generated_rows(

@@ -64,25 +64,23 @@ def simulate_batch(
     maneuver: Maneuver,
     coefficients: np.ndarray | Mapping[str, float | np.ndarray] | None = None,
     dt: float = 0.5,
-    threads: int = 1,
     held: bool = False,
 ) -> SimulatedRuns:
     """A manoeuvre in calm air from its own start, once for each set of coefficients.
 
     ship: give a Simulator to run again without assembling the ship again. coefficients: (P,) or (P, M) in the order of
     ``ship.symbols``, or symbol -> number or (M,) for those that differ from the ship's; default the ship's, M = 1. dt:
-    sampling [s], divided into steps of at most 0.5 s of a 3 m model. threads: over which the runs are spread. held:
-    inputs are held at their means over each sample, as a logged trial has them, and
-    ``cases.simulation.simulate.simulate`` gives the same motion; else they move within the sample (a zigzag is always
-    held). A control delay acts as in the model, by its approximation. A run that diverges is not noticed here: look at
-    its states. Raises UserError for a step that makes no sense and for spiral and pull-out, whose orders wait for a
-    steady turn. maneuver: what is ordered.
+    sampling [s], divided into steps of at most 0.5 s of a 3 m model. held: inputs are held at their means over each
+    sample, as a logged trial has them, and ``cases.simulation.simulate.simulate`` gives the same motion; else they move
+    within the sample (a zigzag is always held). A control delay acts as in the model, by its approximation. A run that
+    diverges is not noticed here: look at its states. Raises UserError for a step that makes no sense and for spiral and
+    pull-out, whose orders wait for a steady turn. maneuver: what is ordered.
     """
     simulator = ship if isinstance(ship, Simulator) else Simulator(ship)
     ship, batch = simulator.ship, _Batch.of(simulator, maneuver, coefficients, dt)
     orders, t = batch.orders, batch.t
     if isinstance(orders, Zigzag) or (isinstance(orders, StopOrders) and maneuver.engine is not None):
-        return _side_by_side(batch, threads)
+        return _side_by_side(batch)
     moves = ramps(maneuver, orders, t)
     means = np.vstack([moves.means(t), moves.at(t[-1:])])
     if held or "pitch" in ship.actuators:
@@ -94,7 +92,7 @@ def simulate_batch(
         fine, keep = moves.grid(t, longest_step(ship))
         controls, steps = input_array(ship, moves.at(fine), fine), np.diff(fine)
     linear = len(controls) > len(keep)
-    out = simulator.run(batch.start, controls, steps, batch.theta, linear=linear, keep=keep, threads=threads)
+    out = simulator.run(batch.start, controls, steps, batch.theta, linear=linear, keep=keep)
     states = out if out.shape[1] == 6 else np.ascontiguousarray(out[:, :6])
     inputs = np.broadcast_to(means[:, :, None], (*means.shape, states.shape[2]))
     return SimulatedRuns(t, states, inputs, ends_of(orders, t, states))
@@ -106,16 +104,15 @@ def simulate_pushed(
     coefficients: Mapping[str, np.ndarray],
     dt: float,
     push: Push,
-    threads: int = 1,
 ) -> SimulatedRuns:
     """A manoeuvre in calm air, once for each set of ``coefficients`` (symbol -> (M,)), with accelerations ``push`` of
     its own in each run, as gusts or what a model leaves out would give.
 
-    simulator: of the ship; maneuver, dt, threads: as for ``simulate_batch``. With accelerations of zero it is that with
+    simulator: of the ship; maneuver, dt: as for ``simulate_batch``. With accelerations of zero it is that with
     held inputs, but ends when all runs have been through half a turn, two overshoots, or lost their headway, and each
     zigzag stands still once it has been read. Raises UserError for spiral and pull-out.
     """
-    return _side_by_side(_Batch.of(simulator, maneuver, coefficients, dt), threads, push)
+    return _side_by_side(_Batch.of(simulator, maneuver, coefficients, dt), push)
 
 
 @dataclass(frozen=True)
@@ -208,7 +205,7 @@ def ends_of(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
     return np.where(over.any(axis=0), np.argmax(over, axis=0), N)
 
 
-def _side_by_side(batch: _Batch, threads: int, push: Push | None = None) -> SimulatedRuns:
+def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
     """All ships of a ``batch`` a sample at a time, with their rudders or engines, inputs held over each sample.
 
     push: accelerations; with them the runs end once they have been read.
@@ -240,7 +237,7 @@ def _side_by_side(batch: _Batch, threads: int, push: Push | None = None) -> Simu
             own = theta if theta.ndim == 1 else theta[:, moving]
             found = state[:, which]
             found[:, moving[which]] = batch.simulator.run(
-                state[:, moving], np.repeat(held, parts, axis=0), dt / parts, own, keep=keep, threads=threads
+                state[:, moving], np.repeat(held, parts, axis=0), dt / parts, own, keep=keep
             )[-1]
             return found
 

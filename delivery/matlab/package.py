@@ -53,7 +53,7 @@ def m_column(name: str, values: np.ndarray) -> str:
 def function_m(product: Product) -> str:
     """The M file ``IDENTIFIER.m`` of a ``product``. Raises UserError for equations that cannot be written in it."""
     model, program, ship, ranges = product.model, equations(product), product.ship, product.ranges
-    emitter = MEmitter(program, {0: "state({0})", 1: "inputs({0})", 2: "theta({0})"})
+    emitter = MEmitter(program, {0: "state({0})", 1: "inputs({0})", 2: "theta({0})"}, {})
 
     def body(output: int, target: str, rows: int) -> list[str]:
         places = program.results[output]

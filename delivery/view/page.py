@@ -113,7 +113,11 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis
         notes += more
     distinct, measured = _distinct(models), [one.trial for one in shown]
     notes += dict.fromkeys(str(note) for model in distinct for note in assumed(measured, model.predictor.inputs))
-    ships = [model.ship for model in distinct if model.ship is not None] or [_start_of(folders)]
+    ships = [model.ship for model in distinct if model.ship is not None]
+    if not ships:  # black boxes alone: the ship for which they were trained
+        from residual.result import read_training
+
+        ships = [read_training(folders[0]).start]
     ship = next((one for one in ships if one.mark), ships[0])  # a calibration before the ship that it began from
     marked = None
     if diagnosis_folder is not None:
@@ -210,13 +214,6 @@ def same_ship(a: Ship, b: Ship) -> bool:
     nets = [s.network for s in (a, b) if s.network is not None]
     accelerations = [np.array(net.accelerations(states[: len(net.features)])).tolist() for net in nets]
     return accelerations[:1] == accelerations[1:]
-
-
-def _start_of(folders: Sequence[Path]) -> Ship:
-    """The ship for which the black box in ``folders`` was trained."""
-    from residual.result import read_training
-
-    return read_training(folders[0]).start
 
 
 LENGTHS = (30.0, 100.0, 0.0)

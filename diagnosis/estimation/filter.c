@@ -22,7 +22,7 @@ static V* room(void** whole, long long vectors) {
   return p ? (V*)(p + (sizeof(V) - (unsigned long long)p % sizeof(V))) : 0;
 }
 typedef struct {
-  long long K, R, n, S, begin, end;
+  long long K, R, n, S;
   const double *T, *Z, *Q, *white, *first;
   const unsigned char *good, *inside;
   double *gain, *P, *inverse, *root, *log_det;
@@ -89,7 +89,7 @@ EXPORT int filter(const System* s) {
   V *C = P + n * nv, *M = C + n * nv, *ZP = M + n * nv, *H = ZP + 6 * nv, *X = H + 6 * nv, *G = X + n;
   double *p = (double*)P, *c = (double*)C, *m = (double*)M, *zp = (double*)ZP, *h = (double*)H;
   double *x = (double*)X, *g = (double*)G, F[36];
-  for (long long r = s->begin; r < s->end; r++) {
+  for (long long r = 0; r < R; r++) {
     const long long last = steps_of(s, r);
     s->log_det[r] = 0.0;
     for (long long a = 0; a < n; a++) memcpy(p + a * np, s->first + (r * n + a) * n, n * sizeof(double));
@@ -151,7 +151,7 @@ EXPORT int responses(const System* s, const Columns* f) {
   V* X = room(&whole, (2 * n + 13) * CHUNK);
   if (!X) return 2;
   V *next = X + n * CHUNK, *W = next + n * CHUNK, *U = W + 6 * CHUNK, *size = U + 6 * CHUNK;
-  for (long long r = s->begin; r < s->end; r++) for (long long from = 0; from < c; from += CHUNK * LANES) {
+  for (long long r = 0; r < R; r++) for (long long from = 0; from < c; from += CHUNK * LANES) {
     const long long own = c - from < CHUNK * LANES ? c - from : CHUNK * LANES, nv = (own + LANES - 1) / LANES;
     const long long np = nv * LANES, last = steps_of(s, r);
     double *x = (double*)X, *w = (double*)W, *u = (double*)U, *scale = (double*)size;

@@ -65,7 +65,7 @@ _ARRAYS = (
 class _System(ctypes.Structure):
     """The struct System of the C code."""
 
-    _fields_ = [(name, ctypes.c_longlong) for name in ("K", "R", "n", "S", "begin", "end")] + [
+    _fields_ = [(name, ctypes.c_longlong) for name in ("K", "R", "n", "S")] + [
         (name, ctypes.c_void_p) for name in _ARRAYS
     ]
 
@@ -88,7 +88,7 @@ def _over_windows(library: ctypes.CDLL, name: str, s: LinearSystem, f: Filtered,
     arrays = [_real(a) for a in (s.T, s.Z, s.Q, s.R, s.first)]
     arrays += [np.ascontiguousarray(a, dtype=np.uint8) for a in (s.good, s.inside)]
     arrays += [_real(a) for a in (f.gain, f.P, f.inverse, f.root, f.log_det)]
-    system = _System(*s.T.shape[:3], s.S, 0, s.T.shape[1], *(a.ctypes.data for a in (*arrays, *s.places)))
+    system = _System(*s.T.shape[:3], s.S, *(a.ctypes.data for a in (*arrays, *s.places)))
     failed = getattr(library, name)(ctypes.byref(system), *rest)
     if failed == 1:
         raise np.linalg.LinAlgError("Matrix is not positive definite")

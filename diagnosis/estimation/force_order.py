@@ -60,11 +60,11 @@ class ForceOrder:
 
 
 @np.errstate(all="ignore")
-def force_order(steps: TransitionModel, data: GriddedTrials, fit: Estimate, seed: int = 0) -> ForceOrder:
-    """Test a ``fit`` of ``steps`` to ``data``; seed: of the simulated campaigns. Returns the test."""
+def force_order(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> ForceOrder:
+    """Test a ``fit`` of ``steps`` to ``data``. Returns the test."""
     active = active_states(steps, fit.free.symbols, fit.theta)
     here = linearise_and_filter(steps, data, fit.fixed(), active)
-    return order_of(here.system, here.filter, here.left, fit.noise, data.h, seed)
+    return order_of(here.system, here.filter, here.left, fit.noise, data.h)
 
 
 def order_of(

@@ -157,7 +157,7 @@ def imitated(s: RunSlopes, c: Candidate, other: Candidate) -> float:
     at = [*s.at(c), *s.at(other)]
     g, S = own_values(s, at)
     members = members_of(s.group, len(at))
-    score, J, _ = contrasts(*by_group(g, S, members, np.full(len(at), LEAST)), len(at))
+    score, J = contrasts(*by_group(g, S, members, np.full(len(at), LEAST)), len(at))
     first = np.tile(np.arange(len(at)) < own, len(J) // len(at))  # contrasts repeat the parameters, in their order
     J11, J12, J22 = J[np.ix_(first, first)], J[np.ix_(first, ~first)], J[np.ix_(~first, ~first)]
     size = np.linalg.lstsq(J11, score[first], rcond=1e-9)[0]

@@ -281,17 +281,12 @@ def _factor(symbol: str, value: float) -> tuple[str, float]:
 
 def clusters(symbols: tuple[str, ...], correlation: np.ndarray) -> tuple[Cluster, ...]:
     """Connected groups of the coefficients ``symbols`` whose ``correlation`` (P, P) is strong, strongest first."""
+    from scipy.sparse.csgraph import connected_components  # late: slow to import
+
     off = np.abs(correlation) - np.eye(len(symbols))
-    near = off >= CORRELATED
-    found, seen = [], np.zeros(len(symbols), dtype=bool)
-    for first in range(len(symbols)):
-        if seen[first]:
-            continue
-        group = np.arange(len(symbols)) == first
-        while (more := near[group].any(axis=0) & ~group).any():
-            group |= more
-        seen |= group
-        members = np.flatnonzero(group)
+    count, label = connected_components(off >= CORRELATED, directed=False)
+    found = []
+    for members in (np.flatnonzero(label == k) for k in range(count)):
         if len(members) > 1:
             strongest = float(off[np.ix_(members, members)].max())
             found.append(Cluster(tuple(symbols[k] for k in members), strongest))

@@ -195,11 +195,6 @@ Own = Sequence[str] | ByCampaign
 """Constants that each run has for itself, by symbol, or each campaign."""
 
 
-def symbols_of(own: Own) -> tuple[str, ...]:
-    """Symbols of the constants ``own``."""
-    return own.symbols if isinstance(own, ByCampaign) else tuple(own)
-
-
 def prior_with(ship: Ship, own: Own, trials: Sequence[str]) -> Prior:
     """The prior of what is free in ``ship`` and of the constants ``own`` of ``trials`` (names) or of campaigns."""
     if isinstance(own, ByCampaign):

@@ -206,7 +206,10 @@ def drawn_figures(
     def moved(many: int, share: float) -> SimulatedRuns:
         copies = 2 if bands is not None else 1
         push = accelerations(bands, ship, plan, nominal, many, dt, seed, share)
-        values = {s: np.tile(_towards(ship.coefficients[s].value, x[:many], share), copies) for s, x in drawn.items()}
+        values = {}  # draws at a share of their distance from the ship
+        for symbol, x in drawn.items():
+            at = ship.coefficients[symbol].value
+            values[symbol] = np.tile(x[:many] if share == 1 else at + share * (x[:many] - at), copies)
         order = plan if plan.engine is None else replace(plan, engine=plan.engine.drawn(many, seed).repeated(copies))
         runs = simulate_pushed(simulator, order, values, dt, push)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -229,11 +232,6 @@ def drawn_figures(
     lost = int(np.isnan(runs.states[-1, 0, :count]).sum())
     widened = bands is not None and bands.held is not None
     return FigureScatter(ships, trials, outside, lost, shown, ranges_of(nominal), widened), motions
-
-
-def _towards(value: float, drawn: np.ndarray, share: float) -> np.ndarray:
-    """``drawn`` (count,) moved to a ``share`` of its distance from ``value``."""
-    return drawn if share == 1 else value + share * (drawn - value)
 
 
 def linearised(

@@ -314,7 +314,8 @@ def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> d
         taken = [words for name, words in TAKEN_OFF.items() if name in ship.effects]
         of = f"without the {' and the '.join(taken)} that were fitted" if taken else "in the water of the trials"
         remarks.append(f"tested: means over the trials, {of} and in their air; no uncertainty is known")
-    return {key: _mean_of(some) for key, some in values.items()}
+    means = {key: (*np.mean(some, axis=0).tolist(), len(some)) for key, some in values.items()}
+    return {key: FormValue(value, None, count, reading=reading) for key, (value, reading, count) in means.items()}
 
 
 TAKEN_OFF = {"current": "current", "antenna_offset": "lever arm of the antenna"}
@@ -333,12 +334,6 @@ def of_midship(ship: Ship, trial: Trial) -> Trial:
     place = trial["x"] + 1j * trial["y"] - complex(x + alone_x, y + alone_y) * np.exp(1j * trial["psi"])
     speed = trial["u"] + 1j * trial["v"] - 1j * trial["r"] * complex(x, y)
     return trial.with_columns(x=place.real, y=place.imag, u=speed.real, v=speed.imag)
-
-
-def _mean_of(some: Sequence[tuple[float, float]]) -> FormValue:
-    """The tested value of ``some`` runs, of each the figure and to what it can be read."""
-    value, reading = np.mean(some, axis=0)
-    return FormValue(float(value), None, len(some), reading=float(reading))
 
 
 def _reading(run: Run, unit: str) -> float:

@@ -114,9 +114,9 @@ class Marginal:
 class SisterWidths:
     """Of N sisters and P coefficients, in the scale of the prior: symbols, centre and unit (P,) of it; width (P,);
     common: the one width for all, with common_90, its interval; mean (P,) and mean_covariance (P, P) of their
-    distribution; estimate (N, P) and std (N, P) of each sister; others (N, P): the mean of her sisters without her;
-    from_others (N, P): how far the trials of each put her from it, in standard errors; p_alike (N,): probability of so
-    large a distance, over all coefficients, of a ship that is drawn from the same distribution."""
+    distribution; estimate (N, P) and std (N, P) of each sister; from_others (N, P): how far the trials of each put
+    her from the mean of her sisters without her, in standard errors; p_alike (N,): probability of so large a
+    distance, over all coefficients, of a ship that is drawn from the same distribution."""
 
     symbols: tuple[str, ...]
     centre: np.ndarray
@@ -128,7 +128,6 @@ class SisterWidths:
     mean_covariance: np.ndarray
     estimate: np.ndarray
     std: np.ndarray
-    others: np.ndarray
     from_others: np.ndarray
     p_alike: np.ndarray
 
@@ -157,7 +156,7 @@ def sister_widths(ships: Sequence[SisterEvidence]) -> SisterWidths:
     std = np.sqrt(np.diagonal(posterior, axis1=1, axis2=2))
     away, chance = zip(*map(_apart, at.W, at.w, others, known), strict=True)
     return SisterWidths(
-        first.symbols, first.centre, first.unit, width, common, interval, at.mean, covariance, estimate, std, others,
+        first.symbols, first.centre, first.unit, width, common, interval, at.mean, covariance, estimate, std,
         np.array(away), np.array(chance),
     )  # fmt: skip
 

@@ -75,8 +75,8 @@ def by_group(g: np.ndarray, S: np.ndarray, members: np.ndarray, std: np.ndarray)
     return members.T @ (g - S @ take[:, -1]), members.T @ (S - S @ take[:, :-1]) @ members
 
 
-def contrasts(slope: np.ndarray, info: np.ndarray, p: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slope and information of differences between groups, the mean being free, and their basis (G p, (G - 1) p).
+def contrasts(slope: np.ndarray, info: np.ndarray, p: int) -> tuple[np.ndarray, np.ndarray]:
+    """Slope and information of the differences between groups, the mean being free.
 
     slope: (G p,) and info: (G p, G p) of values of p parameters by group.
     """
@@ -85,7 +85,7 @@ def contrasts(slope: np.ndarray, info: np.ndarray, p: int) -> tuple[np.ndarray, 
     even, basis = (np.kron(x, np.eye(p)) for x in (each[:, :1], each[:, 1:]))
     part = np.linalg.solve(even.T @ info @ even + FLAT * np.eye(p), even.T @ np.column_stack([info, slope]))
     J = basis.T @ (info - info @ even @ part[:, :-1]) @ basis
-    return basis.T @ (slope - info @ even @ part[:, -1]), 0.5 * (J + J.T), basis
+    return basis.T @ (slope - info @ even @ part[:, -1]), 0.5 * (J + J.T)
 
 
 def group_test(g: np.ndarray, S: np.ndarray, group: np.ndarray, p: int) -> GroupTest | None:
@@ -100,7 +100,7 @@ def group_test(g: np.ndarray, S: np.ndarray, group: np.ndarray, p: int) -> Group
     members = members_of(group, p)
     std = scatter_between(g, S, members, p)
     slope, info = by_group(g, S, members, std)
-    score, J, _ = contrasts(slope, info, p)
+    score, J = contrasts(slope, info, p)
     values, vectors = np.linalg.eigh(J)
     seen = values > max(SEEN, 1e-8 * values.max(initial=0.0))
     if not seen.any():

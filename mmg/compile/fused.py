@@ -7,10 +7,7 @@ per trajectory, those of the inputs once per step (or per node), the rest in eve
 from __future__ import annotations
 
 import ctypes
-import os
 import sys
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 
@@ -39,7 +36,7 @@ def _stages() -> str:
 
 
 def rollout_source(rates: ca.Function, first: int) -> str:
-    """C file with ``void rollout(const Run*, long long begin, long long end)`` for points begin .. end.
+    """C file with ``void rollout(const Run*)``.
 
     rates: SXFunction (q (S - first,), inputs (C,), coefficients (P,)) -> dense d state / dt (S,).
     """
@@ -80,7 +77,6 @@ class Rollout:
         keep: np.ndarray,
         euler: bool,
         linear: bool,
-        threads: int,
     ) -> np.ndarray:
         """States (1 + kept, S, M) from start (S, M), M >= LANES; see ``Simulator.run`` for the other arguments.
 
@@ -99,14 +95,7 @@ class Rollout:
             dt_step, dt.ndim == 2,
             M if theta.ndim == 2 else 1, theta.ndim == 2,
         )  # fmt: skip
-        parts = max(1, min(threads, os.cpu_count() or 1, M // LANES))  # no thread without a whole block
-        borders = [M // LANES * i // parts * LANES for i in range(parts)] + [M]
-
-        def work(begin: int, end: int) -> None:  # whole blocks for each thread, what is left for the last one
-            self.library.rollout(ctypes.byref(run), ctypes.c_longlong(begin), ctypes.c_longlong(end))
-
-        with ThreadPoolExecutor(parts) if parts > 1 else nullcontext() as pool:
-            list((pool.map if pool else map)(work, borders[:-1], borders[1:]))
+        self.library.rollout(ctypes.byref(run))
         return out
 
 
@@ -130,6 +119,6 @@ def _faults(rollout: Rollout, rates: ca.Function, first: int) -> str:
         z = rk4_step(lambda at, _, held=held: machine(at[first:], held, theta)[0], z, h)  # type: ignore[misc]
         expected.append(z)
     dt, keep = np.array(h), np.ones(2, dtype=bool)
-    found = rollout(start, controls, dt, theta, keep, euler=False, linear=False, threads=1)
+    found = rollout(start, controls, dt, theta, keep, euler=False, linear=False)
     steps = list(np.diff(np.array(expected), axis=0))  # changes, as states themselves would hide an error in small ones
     return "a run differs from that of the portable path" if differences(list(np.diff(found, axis=0)), steps) else ""

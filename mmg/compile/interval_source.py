@@ -57,8 +57,7 @@ def derivatives(
 
 
 def interval_source(whole: ca.Function) -> str:
-    """C source, in units, with ``values``, ``linearise`` and ``curve``, all ``(const Run*, long long begin, long long
-    end)`` for the blocks of LANES intervals from begin to end.
+    """C source, in units, with ``values``, ``linearise`` and ``curve``, all ``(const Run*)``.
 
     whole: as of ``derivatives``; without second ones there is no ``curve``. Raises NotImplementedError for an operation
     without C.

@@ -24,13 +24,13 @@ static void* aligned(size_t size, void** base) {
   return *base ? (char*)*base + sizeof(V) - (size_t)*base % sizeof(V) : 0;
 }
 
-EXPORT int values(const Run* r, long long begin, long long end) {
+EXPORT int values(const Run* r) {
   void* base;
   Block* b = aligned(sizeof *b, &base);
   if (!b) return 1;
   const V h = fill(*r->h);
   V c[C + 1], held[HELD], rate[S], total[S], q[S];
-  for (long long i = begin * LANES; i < end * LANES; i += LANES) {
+  for (long long i = 0; i < r->lanes; i += LANES) {
     begin_block(r, i, b, 0);
     for (long long k = 0; k < r->steps; k++) {
       const M active = b->steps > (double)k;
@@ -129,10 +129,10 @@ static void sweep(const Run* r, Work* w, long long i, int order) {
   give_rows(r, i, slope, r->slope, 0, 1);
 }
 
-EXPORT int linearise(const Run* r, long long begin, long long end) {
+EXPORT int linearise(const Run* r) {
   void* base;
   Work* w = work(r, 1, &base);
-  for (long long i = begin; w && i < end; i++) sweep(r, w, i * LANES, 1);
+  for (long long i = 0; w && i < r->lanes; i += LANES) sweep(r, w, i, 1);
   free(base);
   return w == 0;
 }
@@ -220,12 +220,11 @@ static void add_coefficients(const Run* r, const Work* w, long long i) {
   for (int e = 0; e < OWN; e++) add_shared(r, i, own_at[e][0], own_at[e][1], w->sum[e]);
 }
 
-EXPORT int curve(const Run* r, long long begin, long long end) {
+EXPORT int curve(const Run* r) {
   void* base;
   Work* w = work(r, 2, &base);
   if (w) clear_sums(w);
-  for (long long at = begin; w && at < end; at++) {
-    const long long i = at * LANES;
+  for (long long i = 0; w && i < r->lanes; i += LANES) {
     sweep(r, w, i, 2);
     V adjoint[S];
     for (int s = 0; s < S; s++) adjoint[s] = r->weight ? load(r->weight + s * r->lanes + i) : fill(0.0);
@@ -244,7 +243,7 @@ EXPORT int curve(const Run* r, long long begin, long long end) {
       give_rows(r, i, row, r->rows, a, S);
     }
     for (int a = 0; a < S; a++) for (int b = 0; b < N; b++) w->product[AB(a, b)] = w->product[AB(b, a)] = fill(0.0);
-    if (at + 1 < end && !memcmp(r->slot + i, r->slot + i + LANES, LANES * sizeof *r->slot)) continue;
+    if (i + LANES < r->lanes && !memcmp(r->slot + i, r->slot + i + LANES, LANES * sizeof *r->slot)) continue;
     add_coefficients(r, w, i);
     clear_sums(w);
   }

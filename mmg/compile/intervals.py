@@ -48,8 +48,8 @@ class Lanes:
     interval: (lanes,) number of the interval of each lane; steps: (lanes,) of it, 0 where a lane only fills a vector;
     controls: (K, C, lanes) held over each step, or where an interval has ``changes`` means and changes over it (K, 2 C,
     lanes); group: (lanes,) which coefficients it has; slot: (lanes,) where what
-    belongs to the coefficients is added up, -1 for none; shares: first and last block of each share of the work, at
-    the borders of slots; M: number of intervals; h: step [s].
+    belongs to the coefficients is added up, -1 for none; shares: first and last block of those whose sums are made
+    apart, at the borders of slots; M: number of intervals; h: step [s].
     """
 
     interval: np.ndarray
@@ -255,8 +255,7 @@ class IntervalKernel:
             "wide": len(arrays.get("columns", ())),
         }
         run = _IntervalRun(**sizes, **{key: value.ctypes.data for key, value in whole.items()})
-
-        if call(ctypes.byref(run), ctypes.c_longlong(0), ctypes.c_longlong(len(lanes.interval) // LANES)):
+        if call(ctypes.byref(run)):
             raise MemoryError("no memory for the sensitivities of a block of intervals")
 
 

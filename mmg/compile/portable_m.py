@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 
 import casadi as ca
 
 from mmg.compile.codegen import OF_ONE
 from mmg.compile.portable_c import Emitter
-from mmg.compile.stages import Program
 
 EXPRESSIONS: dict[int, str] = {
     **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})" for name in OF_ONE},
@@ -59,9 +57,6 @@ def m_number(number: float) -> str:
 
 class MEmitter(Emitter):
     """Writes statements of MATLAB: arguments count from 1."""
-
-    def __init__(self, program: Program, arguments: Mapping[int, str], kept: Mapping[int, str] | None = None) -> None:
-        super().__init__(program, arguments, kept or {})
 
     expressions, powers, statement, first = EXPRESSIONS, {2.0: "{0} * {0}"}, "w{0} = {1};", 1
 

@@ -1,5 +1,5 @@
 /* The integration loop of a vector of points; c0, cm, c1: inputs at the beginning, middle and end of a step; H0, Hm,
-   H1: what they give. A vector that would end beyond end is moved back: the points it repeats come out the same. */
+   H1: what they give. A vector that would end beyond the points is moved back: those it repeats come out the same. */
 typedef struct {
   long long points, steps, linear, euler;
   const double *start, *controls, *dt, *theta;
@@ -21,11 +21,11 @@ static void rates(const V* q, const V* c, const V* p, const V* K, const V* H, V*
 static void read_controls(const Run* r, long long step, long long i, V* c) {
   EACH(j, @C@) c[j] = AT(r->controls + step * r->c_step + j * r->c_row, r->c_point);
 }
-EXPORT void rollout(const Run* r, long long begin, long long end) {
+EXPORT void rollout(const Run* r) {
   V p[@P@ + 1], K[@K@ + 1], held[3][@H@ + 1], given[3][@C@ + 1], h;
   V z[@S@], y[@S@], k1[@S@], k2[@S@], k3[@S@], k4[@S@];
-  for (long long at = begin; at < end; at += LANES) {
-    const long long i = at + LANES <= end ? at : end - LANES;
+  for (long long at = 0; at < r->points; at += LANES) {
+    const long long i = at + LANES <= r->points ? at : r->points - LANES;
     double* out = r->out;
     V *H0 = held[0], *Hm = held[0], *H1 = held[0], *c0 = given[0], *cm = given[0], *c1 = given[0];
     EACH(j, @P@) p[j] = AT(r->theta + j * r->theta_row, r->theta_point);

@@ -1,4 +1,4 @@
-"""Fused rollouts: the same as a loop in Python, for any number of points, threads, inputs, steps and effects."""
+"""Fused rollouts: the same as a loop in Python, for any number of points, inputs, steps and effects."""
 
 from __future__ import annotations
 
@@ -120,14 +120,6 @@ def test_a_ship_moves_the_same_whoever_sails_beside_her(simulator: Simulator) ->
         np.testing.assert_array_equal(together[:, :, [m]], alone)
 
 
-@pytest.mark.parametrize("M", [1, LANES - 1, 3 * LANES + 5])
-def test_threads_change_nothing(simulator: Simulator, M: int) -> None:
-    start, nodes, theta = case(simulator, M)
-    one = simulator.run(start, nodes[:-1], 0.3, theta)
-    for threads in (2, 3, 100):
-        np.testing.assert_array_equal(simulator.run(start, nodes[:-1], 0.3, theta, threads=threads), one)
-
-
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("M", [1, LANES + 1])
 def test_what_is_shared_counts_for_every_point(compiled: bool, M: int) -> None:
@@ -219,7 +211,7 @@ def test_rows_may_depend_on_anything_or_nothing() -> None:
     start, controls, p = rng.random((5, LANES)), rng.random((4, 2, LANES)), rng.random((2, LANES))
     rollout = compile_rollout(rates, 2)
     assert rollout is not None
-    got = rollout(start, controls, np.asarray(0.5), p, np.ones(4, dtype=bool), True, False, 1)
+    got = rollout(start, controls, np.asarray(0.5), p, np.ones(4, dtype=bool), True, False)
     z = start
     for k in range(4):
         z = z + 0.5 * np.array(rates(z[2:], controls[k], p))

@@ -104,13 +104,6 @@ def test_a_notebook_and_the_command_leave_the_same_folder(folder: Path, tmp_path
     assert (folder / "run" / "ship.toml").read_text() == (tmp_path / "run" / "ship.toml").read_text()
 
 
-def test_a_run_is_read_back_as_it_was_written(folder: Path) -> None:
-    found = mmg_ident.load_run(folder / "run")
-    assert isinstance(found, mmg_ident.FitResult) and found.converged
-    assert found.to_dict() == json.loads((folder / "run" / "result.json").read_text())
-    assert len(found.to_pandas()) == len(found.coefficients) and "<table>" in found._repr_html_()
-
-
 def test_scores_are_those_of_the_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     held_out = mmg_ident.read_trials([folder / "held_out.csv"])
     ours = mmg_ident.score(mmg_ident.load_run(folder / "run"), held_out)

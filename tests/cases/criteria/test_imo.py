@@ -216,27 +216,6 @@ def test_verb_judges_measured_runs_and_says_why_not(frt: Path) -> None:
     assert data["verdict"] == "not judged"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["esso_osaka_3m", "esso_osaka_3m"], "one ship"),
-        (["missing.csv", "--length", "3"], "missing.csv"),
-        (["missing.csv"], "--length"),
-        (["esso_osaka_3m", "--length", "3"], "--length"),
-        (["a.csv", "--length", "3", "--speed", "1"], "--speed"),
-        (["esso_osaka_3m", "--speed", "-1"], "--speed -1"),
-        (["esso_osaka_3m", "--plot", "figure.doc"], ".png"),
-        (["esso_osaka_3m", "--maneuver", "pirouette"], "unknown manoeuvre"),
-        (["esso_osaka_3m", "--maneuver", "straight"], "straight"),
-        (["a.csv", "--length", "3", "--kind", "berthing"], "--kind"),
-    ],
-)
-def test_bad_input_is_one_clear_line(arguments: list[str], words: str) -> None:
-    error = mmg("imo", *arguments).exception
-    assert isinstance(error, UserError), error
-    assert words in str(error) and "\n" not in str(error)
-
-
 def test_figure_has_a_panel_per_run_and_marks_every_overshoot() -> None:
     texts = ("turning:35", "turning:-35", "crash-stop", "zigzag:20/20", "zigzag:10/10", "pull-out:20")
     runs = [esso_run(text) for text in texts]

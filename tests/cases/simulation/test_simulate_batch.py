@@ -63,17 +63,6 @@ def test_each_set_of_coefficients_is_a_ship_of_her_own(text: str) -> None:
         assert_same_motion(batch, m, simulate(ship, plan, 0.5))
 
 
-@pytest.mark.parametrize("text", ["turning:35", "zigzag:20/20"])
-def test_threads_and_arrays_of_coefficients_change_nothing(text: str) -> None:
-    simulator = SIMULATORS["esso_osaka_3m"]
-    given = {"N_r": ESSO.coefficients["N_r"].value * np.linspace(0.9, 1.1, 20)}
-    plan = parse_maneuver(text, ESSO, duration=60)
-    one = simulate_batch(simulator, plan, given, 0.5)
-    two = simulate_batch(ESSO, plan, coefficient_array(ESSO, given), 0.5, threads=2)
-    for name in ("states", "inputs", "last"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
-
-
 def kvlcc2() -> tuple[Ship, Maneuver]:
     ship = load_ship("kvlcc2_l7")
     plan = parse_maneuver("turning:35", ship, speed=1.179, duration=300, rudder_rate=math.radians(15.82))

@@ -166,14 +166,6 @@ def test_onnxruntime_gives_the_accelerations(name: str, members: int, tmp_path: 
     assert [row["unit"] for row in json.loads(about["accelerations"])] == ["m/s^2", "m/s^2", "rad/s^2"]
 
 
-def test_the_file_is_the_same_each_time(tmp_path: Path) -> None:
-    pytest.importorskip("onnx", reason=NEEDS)
-    ship = load_ship("esso_osaka_3m")
-    for name in ("a.onnx", "b.onnx"):
-        export(product(ship.with_network(random_network(ship))), "onnx", tmp_path / name)
-    assert (tmp_path / "a.onnx").read_bytes() == (tmp_path / "b.onnx").read_bytes()
-
-
 def test_a_ship_without_a_network_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "x.onnx"
     assert main(["export", "esso_osaka_3m", "--force", "--format", "onnx", "--out", str(path), "--json"]) == 2

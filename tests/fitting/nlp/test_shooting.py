@@ -10,7 +10,6 @@ from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
-from fitting.solvers.control import Control
 from fitting.solvers.solve import solve
 from mmg.rollout import Simulator
 from tests.support.synthetic_runs import SIGMA, assert_exact_derivatives, kernel, problem, runs
@@ -47,15 +46,6 @@ def test_short_last_intervals_end_after_their_own_steps() -> None:
 def test_derivatives_are_exact(K: int) -> None:
     p = problem(K)
     assert_exact_derivatives(p, somewhere(p))
-
-
-def test_interpreted_and_compiled_kernels_agree() -> None:
-    compiled = problem()
-    slow = Problem(compiled.ship, compiled.prior, kernel(None, False), compiled.segments, compiled.sigma)
-    x, lam = somewhere(compiled), np.ones(compiled.m)
-    assert slow.objective(x) == pytest.approx(compiled.objective(x), rel=1e-12)
-    np.testing.assert_allclose(slow.gradient(x), compiled.gradient(x), rtol=1e-8, atol=1e-8)
-    np.testing.assert_allclose(slow.hessian(x, 1.0, lam), compiled.hessian(x, 1.0, lam), rtol=1e-8, atol=1e-8)
 
 
 @pytest.mark.parametrize("K", [1, 5, 40])
@@ -96,13 +86,6 @@ def test_scipy_finds_the_same_optimum_of_a_small_problem() -> None:
     H, n = theirs.jac.T @ theirs.jac, whole.P  # the initial states of the windows projected out
     hessian = H[:n, :n] - H[:n, n:] @ np.linalg.solve(H[n:, n:], H[n:, :n])
     np.testing.assert_allclose(information(ours, found.x).hessian, hessian, atol=5e-3 * np.abs(hessian).max())
-
-
-def test_stopping_early_returns_the_best_iterate_and_says_so() -> None:
-    p = problem()
-    s = solve(p, p.start(), Control(iterations=3))
-    assert not s.converged and s.status == "Maximum_Iterations_Exceeded" and "--resume" in s.advice
-    assert np.isfinite(s.x).all() and s.objective == pytest.approx(p.objective(s.x))
 
 
 def test_bounds_hold_at_the_optimum() -> None:

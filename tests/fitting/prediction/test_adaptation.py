@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import hidden_ship
-from cases.simulation.simulate import SensorNoise, add_noise, simulate, write_trial
+from cases.simulation.simulate import SensorNoise, add_noise, simulate
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
 from fitting.prediction.predict import predict, predict_all, record_of
@@ -21,7 +19,6 @@ from fitting.prediction.score import score
 from fitting.prediction.stretches import Adaptation, FadingCurrent, WindowBatch, adapt, past_begin, restarts, rollout
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg_ident.commands.main import main
 
 CURRENT = {"x": 0.03, "y": -0.04}
 
@@ -147,14 +144,3 @@ def test_settings_scale_by_froudes_law() -> None:
     k = (load_ship("kvlcc2_full").particulars["L"] / 3.0) ** 0.5
     assert model.restart == pytest.approx(8.0) and full.restart == pytest.approx(8.0 * k)
     assert full.size == pytest.approx(0.02 * k) and full.errors[0] == pytest.approx(0.06 * k**2)
-
-
-def test_score_shows_both_side_by_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "ship.toml").write_text(dump_ship(hidden_ship(), ""), encoding="utf-8")
-    write_trial(run(True), tmp_path / "run.csv")
-    arguments = ["score", str(tmp_path / "ship.toml"), str(tmp_path / "run.csv"), "--adapt", "30"]
-    assert main([*arguments, "--json"]) == 0
-    models = json.loads(capsys.readouterr().out)["models"]
-    without, adapted = models.values()
-    assert list(models)[1].endswith("--adapt 30") and adapted["window"] < without["window"]
-    assert main([*arguments[:-1], "-5"]) == 2

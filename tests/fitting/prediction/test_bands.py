@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cases.simulation.demo_trials import hidden_ship
-from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
 from fitting.prediction.band_calibration import NORMAL, fit_bands, sample_noise
@@ -19,9 +17,7 @@ from fitting.prediction.predict import predict, predict_all, record_of
 from fitting.prediction.stretches import WindowBatch
 from mmg.rollout import Simulator
 from mmg.states import STATES
-from tests.support.calibrated import small_result
 from tests.support.disturbed_trials import Disturbed, disturbed_trials
-from tests.support.figures import unrendered
 
 RUNS = (("zigzag:20/20", 100.0), ("turning:35", 120.0), ("random:11", 120.0), ("random:12", 120.0), ("berthing", 120.0))
 
@@ -174,23 +170,3 @@ def test_what_is_stored_is_plain_and_names_every_state() -> None:
     text = json.loads(json.dumps(fitted()))
     assert set(text["factor"]) == set(STATES) == set(text["noise"])
     assert bands_of({"bands": {}}, simulator().ship) is None and bands_of({}, simulator().ship) is None
-
-
-def test_predict_writes_the_standard_deviations_of_a_run_folder(tmp_path: Path) -> None:
-    from cases.shipfiles.ship_file import dump_ship
-    from mmg_ident.commands.main import main
-
-    folder = tmp_path / "run"
-    with unrendered():
-        small_result(3).save(folder)
-    content = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    (folder / "result.json").write_text(json.dumps(content | {"bands": fitted()}), encoding="utf-8")
-    (folder / "ship.toml").write_text(dump_ship(simulator().ship, ""), encoding="utf-8")
-    file = tmp_path / "run.csv"
-    write_trial(trials(2)[0], file)
-    common = [str(file), "--window", "30", "--stride", "15", "--adapt", "30", "--out"]
-    assert main(["predict", str(folder), *common, str(tmp_path / "a.csv")]) == 0
-    assert main(["predict", str(folder / "ship.toml"), *common, str(tmp_path / "b.csv")]) == 0
-    header, bare = ((tmp_path / name).read_text().splitlines()[0].split(",") for name in ("a.csv", "b.csv"))
-    assert bare[-1] == "r [rad/s]" and header[:8] == bare
-    assert header[8:] == ["x_std [m]", "y_std [m]", "psi_std [rad]", "u_std [m/s]", "v_std [m/s]", "r_std [rad/s]"]

@@ -73,8 +73,9 @@ def test_the_command_prints_both_intervals_and_the_criterion_and_draws_the_track
     assert first["limit"] == pytest.approx(math.radians(20.0)) and 0 <= first["probability"] <= 1
     assert first["interval_90_trial"][0] < first["interval_90_trial"][1]
     assert (tmp_path / "tracks.png").stat().st_size > 10_000
-    assert main(["simulate", *options]) == 0
-    printed = capsys.readouterr().out
-    assert "<= 20.00: " in printed
+    out = tmp_path / "tracks.csv"
+    assert main(["simulate", *options, "--out", str(out)]) == 0
+    assert "<= 20.00: " in capsys.readouterr().out
+    assert out.read_text().startswith("run,t [s],x [m],y [m],psi [rad]")
     assert main(["simulate", *options[:3], "--plot", str(tmp_path / "a.png")]) == 2
     assert "--scatter" in capsys.readouterr().err

@@ -123,7 +123,8 @@ def test_where_it_does_not_come_to_its_end_ipopt_begins_as_if_it_had_not_been(mo
 def test_limits_stop_as_without_it() -> None:
     p = problem()
     alone, led = (each(p, p.start(), Control(iterations=3)) for each in (by_ipopt, solve))
-    assert led.status == alone.status == "Maximum_Iterations_Exceeded"
+    assert led.status == alone.status == "Maximum_Iterations_Exceeded" and "--resume" in led.advice
+    assert not led.converged and led.objective == pytest.approx(p.objective(led.x))
     np.testing.assert_array_equal(led.x, alone.x)
     late = solve(p, p.start(), Control.within(1e-9))
     assert late.status == "Maximum_WallTime_Exceeded"

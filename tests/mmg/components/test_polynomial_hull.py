@@ -121,7 +121,6 @@ def test_the_smooth_model_is_close_down_to_half_the_service_speed(u: float, v: f
 
 def test_it_needs_no_propeller_and_listens_to_the_rudder_alone() -> None:
     assert SHIP.actuators == ("delta",)
-    assert SHIP.notices == ()
 
 
 def test_defaults_are_the_mariner() -> None:

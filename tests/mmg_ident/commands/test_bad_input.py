@@ -126,7 +126,13 @@ PLAIN = {
         "--maneuver straight --out inputs.csv | exists", "--maneuver zigzag:20/20 --scatter 8 --noise | --noise",
     ],
     "ships": ["titanic", "--new |"],
-    "score": ["trials |", "esso_osaka_3m |", "esso_osaka_3m short.csv | 30"],
+    "score": ["trials |", "esso_osaka_3m |", "esso_osaka_3m short.csv | 30", "esso_osaka_3m short.csv --adapt -5"],
+    "imo": [
+        "esso_osaka_3m esso_osaka_3m | one ship", "missing.csv --length 3 | missing.csv", "missing.csv | --length",
+        "esso_osaka_3m --length 3", "inputs.csv --length 3 --speed 1", "esso_osaka_3m --speed -1 | --speed -1",
+        "esso_osaka_3m --plot figure.doc | .png", "esso_osaka_3m --maneuver pirouette | unknown manoeuvre",
+        "esso_osaka_3m --maneuver straight | straight", "inputs.csv --length 3 --kind berthing",
+    ],
     "demo": ["--out taken", "--out nothing.csv/demo |"],
     "nonsense": [" |"],
 }  # fmt: skip

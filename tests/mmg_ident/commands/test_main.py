@@ -174,27 +174,6 @@ def test_what_a_library_makes_of_ctrl_c_is_an_interruption(
     assert main(["ships"]) == 130 and capsys.readouterr().err == "mmg: interrupted\n"
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda c: {k: v for k, v in c.items() if k != "r"}, "r"),
-        (lambda c: {**c, "psi": np.rad2deg(c["psi"])}, "psi"),
-        (lambda c: {**c, "u": np.full_like(c["u"], np.nan)}, "u"),
-        (lambda c: {k: np.full_like(v, np.nan) for k, v in c.items()}, ""),
-        (lambda c: {k: v[:1] for k, v in c.items()}, "row"),
-        (lambda c: {**c, "t": np.zeros_like(c["t"])}, "t"),
-        (lambda c: {**c, "t": c["t"][::-1]}, "t"),
-        (lambda c: {**c, "n": np.full_like(c["n"], 10.0), "delta": np.zeros_like(c["delta"])}, ""),
-    ],
-    ids=["missing column", "degrees", "NaN column", "all NaN", "one row", "same time", "falling time", "constant"],
-)
-def test_bad_trials_are_refused_in_one_line_and_nothing_is_written(change, words, tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
-    path = write_csv(tmp_path / "bad.csv", change(motion_columns(120.0)), rows=None)
-    line = refused(capsys, "fit", "esso_osaka_3m", path, "--out", tmp_path / "run")
-    assert words in line and ("bad" in line)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.csv"]
-
-
 @pytest.mark.slow
 def test_rows_on_both_sides_of_a_split_are_said(folder: Path, tmp_path: Path) -> None:
     one = sorted((folder / "train").glob("*.csv"))[0]

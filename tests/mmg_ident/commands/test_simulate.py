@@ -94,16 +94,6 @@ def test_ships_lists_the_library_and_prints_a_ship_that_parses_to_itself(capsys:
     assert "C_D" in shown("ships", "esso_osaka_3m")["coefficients"]
 
 
-def test_scatter_prints_median_and_interval_of_each_figure_and_writes_the_motions(tmp_path: Path) -> None:
-    out = tmp_path / "tracks.csv"
-    options = [*ESSO, "--maneuver", "zigzag:20/20", "--scatter", "8", "--seed", "2"]
-    mmg(*options, "--out", out)
-    assert out.read_text().splitlines()[0].startswith("run,t [s],x [m],y [m],psi [rad]")
-    data = shown(*options)
-    assert data["scatter"] == 8
-    assert {"figure", "unit", "value", "median", "interval_90", "share"} <= set(data["figures"][0])
-
-
 def test_a_run_is_logged_by_the_instruments_of_its_campaign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The turn rate is as late against the heading as that campaign's gyro is; without a name, as the mean of all."""
     ship = with_effects(load_ship("esso_osaka_3m"), ["gyro:T=0.4"])
