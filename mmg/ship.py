@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mmg.components.catalogue import actuators
+from mmg.components.catalogue import actuators, coefficient_table, required_particulars
 from mmg.components.coefficients import Coefficient
 from mmg.effects import EFFECTS, effect
-from mmg.errors import check_name
-from mmg.messages import html_table
+from mmg.errors import Conflict, UnknownName, check_name
+from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS
 from mmg.network import Network, features_of
+
+if TYPE_CHECKING:
+    from mmg.right_hand_side import RightHandSide
 
 AIR = ("wind_north", "wind_east")
 """Inputs of every right-hand side after the actuators: velocity of the air over ground, earth frame [m/s]."""
@@ -85,6 +89,13 @@ class Ship:
         import pandas as pd
 
         return pd.DataFrame([vars(c) for c in self.coefficients.values()]).set_index("symbol")
+
+    def __repr__(self) -> str:
+        parts = [f"{role} {model}" for role, model in self.components.items()]
+        parts += [f"effects {', '.join(self.effects)}"] if self.effects else []
+        parts += ["a network"] if self.network is not None else []
+        count = f"{len(self.coefficients)} coefficients, {len(self.free)} free"
+        return f"<Ship {self.title}: L {self.particulars['L']:g} m, {', '.join(parts)}; {count}>"
 
     def _repr_html_(self) -> str:
         models = ", ".join(f"{role} {model}" for role, model in self.components.items())
@@ -161,9 +172,11 @@ class Ship:
         prefix = f"{name}."
         return SimpleNamespace(**{s[len(prefix) :]: source[s] for s in self.coefficients if s.startswith(prefix)})
 
-    def with_effect(self, name: str, values: Mapping[str, float] | None = None) -> Ship:
-        """A copy with an effect, its parameters at their neutral values or at ``values`` (symbol -> value)."""
-        p, chosen = self.namespace, dict(values or {})
+    def with_effect(self, name: str, values: Mapping[str, float] | None = None, **named: float) -> Ship:
+        """A copy with an effect, its parameters at their neutral values or at ``values`` (symbol -> value), also by
+        keyword: with_effect("current", x=0.1). Raises KeyError for a parameter that it has not, UserError for an
+        unknown effect."""
+        p, chosen = self.namespace, {**(values or {}), **named}
         rows = {}
         for parameter in effect(name).parameters(p, dict(self.components)):
             row = self.coefficients.get(f"{name}.{parameter.symbol}") or parameter.coefficient(name)
@@ -180,6 +193,47 @@ class Ship:
         kept = {s: c for s, c in self.coefficients.items() if not s.startswith(f"{name}.")}
         return replace(self, effects=tuple(e for e in self.effects if e != name), coefficients=kept)
 
+    def without(self, *names: str) -> Ship:
+        """A copy without the effects, or the force models by their role ("wind", "rudder", ...), of these ``names``,
+        with a notice on particulars that are unused then. Raises UserError for a name that she does not have, and for
+        one that another part of her model needs."""
+        ship = self
+        for name in names:
+            ship = ship.without_effect(name) if name in ship.effects else ship._without_component(name)
+        return ship
+
+    def _without_component(self, role: str) -> Ship:
+        if role not in self.components:
+            known = ", ".join((*self.components, *self.effects))
+            raise UnknownName(f"--without {role}: {self.name} has no such component; it has {known}")
+        alone = role in ("hull", "expansion") and not {"hull", "expansion"} & {*self.components} - {role}
+        if role == "hull" or alone or (role == "propeller" and "rudder" in self.components):
+            raise Conflict(f"--without {role}: the rest of the model needs it")
+        needing = [name for name in self.effects if role in EFFECTS[name].needs]
+        if needing:
+            words = f"effect {needing[0]} needs a {role} model, which {self.name} would lack"
+            raise Conflict(f"--without {role}: {words}")
+        components = {r: n for r, n in self.components.items() if r != role}
+        rows = coefficient_table(components, self.particulars)
+        rows |= {s: c for s, c in self.coefficients.items() if s.partition(".")[0] in self.effects}
+        rows |= {s: self.coefficients[s] for s in self.monomials if "expansion" in components}
+        needed = set(required_particulars(self.components)) - set(required_particulars(components))
+        unused = [key for key in self.particulars if key in needed]
+        words = f"[ship] {', '.join(unused)}: not used by any model"
+        return replace(
+            self.without_network(),
+            components=components,
+            coefficients={s: self.coefficients.get(s, c) for s, c in rows.items()},
+            notices=(Message(words, "unused_particulars"),) if unused else (),
+        ).with_network(self.network)
+
+    @cached_property
+    def rhs(self) -> RightHandSide:
+        """Her equations of motion as a function: ``ship.rhs(state, controls)``."""
+        from mmg.right_hand_side import RightHandSide  # late: it knows ships
+
+        return RightHandSide(self)
+
     @property
     def free(self) -> tuple[str, ...]:
         """Symbols that a fit may change."""
@@ -190,9 +244,16 @@ class Ship:
         """Values of all coefficients, shape (P,), in the order of ``symbols``."""
         return np.array([c.value for c in self.coefficients.values()], dtype=float)
 
-    def with_values(self, values: Mapping[str, float]) -> Ship:
-        """A copy with some coefficient values replaced."""
-        return self.with_coefficients({s: self.coefficients[s].with_(value=float(v)) for s, v in values.items()})
+    def with_values(self, values: Mapping[str, float] | None = None, **named: float) -> Ship:
+        """A copy with some coefficient values replaced, by symbol; also by keyword: with_values(N_r=-0.05). Raises
+        UserError for an unknown symbol."""
+        chosen = {**(values or {}), **named}
+        for symbol in chosen:
+            if symbol not in self.coefficients:
+                near = get_close_matches(symbol, self.coefficients, 1)
+                hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(self.symbols)}"
+                raise UnknownName(f"{self.name}: has no coefficient {symbol}; {hint}")
+        return self.with_coefficients({s: self.coefficients[s].with_(value=float(v)) for s, v in chosen.items()})
 
     def of_campaign(self, name: str) -> Ship:
         """A copy as the trials of the campaign ``name`` have it, which knows no campaigns. Raises KeyError."""

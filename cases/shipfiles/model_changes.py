@@ -3,45 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from cases.evidence.kinematics import kinematics_of
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from mmg.components.catalogue import coefficient_table, required_particulars
 from mmg.effects import EFFECTS, present_name
-from mmg.errors import Conflict, UnknownName
-from mmg.messages import Message
+from mmg.errors import UnknownName
 from mmg.ship import Ship
-
-
-def without_component(ship: Ship, role: str) -> Ship:
-    """The ship without the force model of ``role`` ("wind", "rudder", ...), with a notice on particulars now unused.
-
-    Raises UserError for a role that the ship does not have, or that another part of its model needs.
-    """
-    if role not in ship.components:
-        raise UnknownName(f"--without {role}: {ship.name} has no such component; it has {', '.join(ship.components)}")
-    alone = role in ("hull", "expansion") and not {"hull", "expansion"} & {*ship.components} - {role}
-    if role == "hull" or alone or (role == "propeller" and "rudder" in ship.components):
-        raise Conflict(f"--without {role}: the rest of the model needs it")
-    needing = [name for name in ship.effects if role in EFFECTS[name].needs]
-    if needing:
-        raise Conflict(f"--without {role}: effect {needing[0]} needs a {role} model, which {ship.name} would lack")
-    components = {r: n for r, n in ship.components.items() if r != role}
-    rows = coefficient_table(components, ship.particulars)
-    rows |= {s: c for s, c in ship.coefficients.items() if s.partition(".")[0] in ship.effects}
-    rows |= {s: ship.coefficients[s] for s in ship.monomials if "expansion" in components}
-    needed = set(required_particulars(ship.components)) - set(required_particulars(components))
-    unused = [key for key in ship.particulars if key in needed]
-    words = f"[ship] {', '.join(unused)}: not used by any model"
-    notices = (Message(words, "unused_particulars"),) if unused else ()
-    return replace(
-        ship.without_network(),
-        components=components,
-        coefficients={s: ship.coefficients.get(s, c) for s, c in rows.items()},
-        notices=notices,
-    ).with_network(ship.network)
 
 
 def reduced_ship(
@@ -56,8 +24,7 @@ def reduced_ship(
     fix: symbols of coefficients to fix; only: the only ones left free, beside those of the instruments, which have
     options of their own. Raises UserError for names that the ship does not have.
     """
-    for name in without:
-        ship = ship.without_effect(name) if name in ship.effects else without_component(ship, name)
+    ship = ship.without(*without)
     ship = freeing_effects(ship, freed)
     for option, names in (("--fix", fix), ("--only", only)):
         unknown = [name for name in names if name not in ship.coefficients]
