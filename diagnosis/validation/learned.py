@@ -96,7 +96,8 @@ def measure_learned_residual(
     KeyboardInterrupt after Ctrl-C.
     """
     torch.set_num_threads(1)
-    ship = ship.without_network()
+    # it is measured with the instruments at the mean of the campaigns, and trained so
+    ship = replace(ship.without_network(), campaigns={})
     length = float(ship.particulars["L"])
     settings = settings or TrainSettings(seeds=SEEDS)
     tasks = tasks_of(HYBRID_KIND, ship, trials, settings, means=straight_means if straight else step_means)
