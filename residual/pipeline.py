@@ -72,7 +72,7 @@ def train(
     settings = settings or TrainSettings()
     taken = assumed([*chosen, *validation], ship.inputs)
     ship, black_box = ship.without_network(), isinstance(settings, BlackBoxSettings)
-    settings, loss, other_loss = _loss_of(settings, read_loss, ship, chosen)
+    settings, loss, other_loss = loss_of(settings, read_loss, ship, chosen)
     kind = BOX_KIND if black_box else HYBRID_KIND
     try:
         tasks = tasks_of(kind, ship, chosen, settings, validation, judged_apart=not black_box, loss=loss)
@@ -135,7 +135,7 @@ def _start(
     return ship, known, ship.name, lambda: given.loss if isinstance(given, FitResult) else None
 
 
-def _loss_of(
+def loss_of(
     settings: TrainSettings, read: Callable[[], RolloutLoss | None], ship: Ship, trials: Sequence[Trial]
 ) -> tuple[TrainSettings, RolloutLoss | None, tuple[Message, ...]]:
     """The settings, and the loss of the calibration of ``ship`` where they ask for it and it is of the ``trials``; else

@@ -20,10 +20,13 @@ from fitting.rollout_loss import RolloutLoss
 from fitting.settings import Settings
 from fitting.solvers.reduced import ReducedProblem
 from mmg.errors import BadValue, Unreadable
-from residual.hybrid import Hybrid, Residual
+from residual.hybrid import HYBRID_KIND, Hybrid, Residual
 from residual.physics import Physics
+from residual.pipeline import loss_of
+from residual.settings import TrainSettings
 from residual.system import RolloutBatch, calibration_loss, rollout
-from residual.windows import by_campaign, calibration_windows, campaign_symbols
+from residual.train import tasks_of, train_one
+from residual.windows import by_campaign, calibration_windows, campaign_symbols, windows
 from tests.support.small_fleets import DAYS, fleet
 
 FREE = ("Y_v", "N_r", "k_0")
@@ -35,7 +38,7 @@ SHIPS = ("plain", "student", "campaigns")
 def calibrated(kind: str) -> tuple[Calibration, list[Trial]]:
     """A calibration by squares, by Student's t, or with a lag of the gyro by campaign."""
     if kind != "campaigns":
-        trials = list(demo_trials(3, dt=0.5)[0][:2])
+        trials = list(demo_trials(3, dt=0.5)[0][:4])
         return estimate_coefficients(
             ESSO, trials, Settings(passes=2, loss="student" if kind == "student" else "gaussian")
         ), trials
@@ -125,21 +128,40 @@ def test_windows_from_the_measurement_take_the_instruments_of_their_campaign() -
     pieces = by_campaign(pieces_of(trials, 0.5, found.ship.inputs), found.ship, trials)
     own = [found.ship.campaigns[day]["gyro.T"] for day in DAYS[:2]]
     assert [float(p.record.controls[0, -1]) for p in pieces] == own
-    system = still(found, ("gyro.T",))
-    late = [rollout(system, _one(p)).detach()[-1, 5, 0] for p in (pieces[0], _with(pieces[0], own[1]))]
-    assert abs(float(late[0] - late[1])) > 1e-6
+    system, other = still(found, ("gyro.T",)), pieces[0].record.controls.copy()
+    other[:, -1] = own[1]
+    changed = replace(pieces[0], record=replace(pieces[0].record, controls=other))
+    late = []
+    for piece in (pieces[0], changed):
+        batch = windows([piece], 0.5, 20, 1000)
+        assert batch is not None
+        late.append(float(rollout(system, batch).detach()[-1, 5, 0]))
+    assert abs(late[0] - late[1]) > 1e-6
 
 
-def _one(piece):  # type: ignore[no-untyped-def]
-    from residual.windows import windows
+def test_a_training_takes_the_loss_of_these_trials_and_says_where_it_cannot() -> None:
+    found, trials = calibrated("plain")
+    loss, asked = RolloutLoss.of_calibration(found, trials), TrainSettings(loss="calibration")
+    assert loss is not None
+    turned = trials[::-1]
+    settings, used, said = loss_of(asked, lambda: loss, found.ship, turned)
+    assert settings == asked and used is not None and not said
+    assert [turned[k] for k in used.run] == [trials[k] for k in loss.run]
+    for read, some in ((lambda: loss, trials[:1]), (lambda: None, trials)):
+        settings, used, said = loss_of(asked, read, found.ship, some)
+        assert settings.loss == "state" and used is None and [m.code for m in said] == ["loss_of_states"]
 
-    return windows([piece], 0.5, 20, 1000)
 
-
-def _with(piece, value: float):  # type: ignore[no-untyped-def]
-    controls = piece.record.controls.copy()
-    controls[:, -1] = value
-    return replace(piece, record=replace(piece.record, controls=controls))
+def test_a_network_is_trained_by_it() -> None:
+    """Its history has the length of the windows of the calibration, and the error of the stop windows falls."""
+    found, trials = calibrated("plain")
+    lacking = found.ship.with_values({"N_r": 0.5 * found.ship.coefficients["N_r"].value})
+    loss = RolloutLoss.of_calibration(found, trials)
+    settings = TrainSettings(seeds=1, epochs=12, width=8, rate=1e-2, penalty=0.001, batch=8, loss="calibration")
+    (task,) = tasks_of(HYBRID_KIND, lacking, trials, settings, loss=loss)
+    trained = train_one(task)
+    assert {row[1] for row in trained.history[1:]} == {loss.h * len(loss.controls)} if loss else False
+    assert min(row[3] for row in trained.history) < 0.95 * trained.history[0][3]
 
 
 def test_its_file_comes_back_and_another_version_is_refused(tmp_path: Path) -> None:
