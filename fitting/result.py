@@ -35,8 +35,8 @@ from mmg.ship import Ship
 if TYPE_CHECKING:
     from fitting.calibration import Calibration
     from fitting.report.use import Delivered
-    from fitting.rollout_loss import RolloutLoss
     from fitting.solvers.reduced import ReducedProblem
+    from fitting.solvers.rollout_loss import RolloutLoss
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +73,7 @@ class FitResult(FitRecord):
     def loss(self) -> RolloutLoss | None:
         """What its coefficients were calibrated by, to train a network by it; None where that is not known. Raises
         UserError where the file of it cannot be read or is of another version."""
-        from fitting.rollout_loss import RolloutLoss, loss_in
+        from fitting.solvers.rollout_loss import RolloutLoss, loss_in
 
         if self.objects:
             return RolloutLoss.of_calibration(self.objects.calibration, self.objects.trials)

@@ -64,7 +64,8 @@ def percent(share: float | None, sign: bool = True) -> str:
 
 
 def path_rows(outcomes: Sequence[Outcome]) -> list[dict[str, float]]:
-    """By weight of the residual how much judged 30 s and 100 s predictions improve over all trainings, as shares."""
+    """By weight of the residual, as shares, how much 30 s and 100 s predictions of judged windows of all trainings
+    improve; ``outcomes``: of these."""
     good = [o for o in outcomes if o.status != "diverged"]
     longest = max((o.points for o in good), key=len, default=())
     rows = []

@@ -23,14 +23,14 @@ from fitting.record import read_record
 from fitting.report import run_folder
 from fitting.report.parts import Store
 from fitting.result import FitResult
-from fitting.rollout_loss import RolloutLoss, loss_in
+from fitting.solvers.rollout_loss import RolloutLoss, loss_in
 from mmg.errors import Missing, UnknownName, UserError
 from mmg.messages import Message
 from mmg.network import Network
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 from mmg.states import STATES
-from residual.decide import decide, judged_by_whole_runs, path_rows
+from residual.decide import chosen, decide, judged_by_whole_runs, path_rows
 from residual.hybrid import HYBRID_KIND, OUTPUT, network_of
 from residual.papers.black_box import BOX_KIND, box_of
 from residual.result import CALIBRATED, HYBRID, TrainResult, read_training
@@ -66,17 +66,18 @@ def train(
     if keep not in KEEP:
         raise UnknownName(f"keep: {keep!r} is unknown; choose one of {', '.join(KEEP)}")
     ship, known, name, read_loss = _start(ship_or_fit)
-    chosen, by_role = TrialSet.of(trials).training(validation)
-    if not chosen:
+    trained_on, by_role = TrialSet.of(trials).training(validation)
+    if not trained_on:
         raise Missing("no trials to train on: name at least one trial file")
     settings = settings or TrainSettings()
-    taken = assumed([*chosen, *validation], ship.inputs)
+    taken = assumed([*trained_on, *validation], ship.inputs)
     ship, black_box = ship.without_network(), isinstance(settings, BlackBoxSettings)
-    settings, loss, other_loss = loss_of(settings, read_loss, ship, chosen)
+    settings, loss, other_loss = loss_of(settings, read_loss, ship, trained_on)
     kind = BOX_KIND if black_box else HYBRID_KIND
     try:
-        tasks = tasks_of(kind, ship, chosen, settings, validation, judged_apart=not black_box, loss=loss)
+        tasks = tasks_of(kind, ship, trained_on, settings, validation, judged_apart=not black_box, loss=loss)
         outcomes, interrupted = train_seeds(tasks, progress, store)
+        outcomes = chosen(outcomes)
         task = tasks[0]
         own = _black_box(task, outcomes, name) if black_box else _hybrid(tasks, outcomes, bool(validation), known, keep)
     except UserError:
@@ -88,9 +89,9 @@ def train(
     result = TrainResult(
         start=ship,
         settings=task.settings,
-        per_seed=tuple(_seed_rows(outcomes, validation or chosen)),
+        per_seed=tuple(_seed_rows(outcomes, validation or trained_on)),
         scores={},
-        data=tuple(run_folder.data_rows(chosen)),
+        data=tuple(run_folder.data_rows(trained_on)),
         validation_data=tuple(run_folder.data_rows(validation)),
         sigma={
             name: dict(zip(STATES, sigma.tolist(), strict=True))
@@ -105,16 +106,16 @@ def train(
         warnings=(
             *_seed_warnings(outcomes, task.settings),
             *by_role,
-            *shared_rows(chosen, validation),
+            *shared_rows(trained_on, validation),
             *_calibrated_on(known, validation),
         ),
         interrupted=interrupted,
-        trials=validation or chosen,
+        trials=validation or trained_on,
         **own,
     )
     models = tuple(result.models().values())
     if len(models) == 2:
-        sets = {"validation": validation, "training": chosen}
+        sets = {"validation": validation, "training": trained_on}
         scores = score_pairs(*(scores_by_set(model, sets) for model in models))
         failed = [message for name, pair in scores.items() for message in pair.failed(name)]
         result = replace(result, scores=scores, warnings=(*failed, *result.warnings))
@@ -139,7 +140,7 @@ def loss_of(
     settings: TrainSettings, read: Callable[[], RolloutLoss | None], ship: Ship, trials: Sequence[Trial]
 ) -> tuple[TrainSettings, RolloutLoss | None, tuple[Message, ...]]:
     """The settings, and the loss of the calibration of ``ship`` where they ask for it and it is of the ``trials``; else
-    that of states, with a notice."""
+    that of states, with a notice. read: gives that loss, None where there is none; it raises UserError."""
     if settings.loss != CALIBRATION:
         return settings, None, ()
     # the windows of a calibration start from states of its ship, which a black box has not

@@ -21,10 +21,10 @@ KINDS = ("fnn", "rnn", "rnn-window")
 """Feedforward (Wakita et al. 2024, 2025), standard RNN (2022, Eq. 7), RNN with m rows of memory (2022, Eq. 9)."""
 
 
-PATH = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
+PATH = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
 """Weights of the residual's square of which judged windows choose, each trained from the one before."""
-PATH_EPOCHS = 0.2  # set by hand: the path then has 1.2 times the epochs of a training
-"""Share of the epochs for each of them."""
+PATH_EPOCHS = 0.1  # set by hand: the path then has 1.5 times the epochs of a training
+"""Share of the epochs for each of them but the first."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,9 @@ class TrainSettings:
         """Weights of the residual in the order of the training, and the epochs of each."""
         if self.penalty is not None:
             return ((self.penalty, self.epochs),)
-        return tuple((weight, max(1, round(PATH_EPOCHS * self.epochs))) for weight in PATH)
+        # light first: a residual shrinks within a few epochs, and needs all of them to grow
+        shorter = max(1, round(PATH_EPOCHS * self.epochs))
+        return tuple((weight, shorter if k else self.epochs) for k, weight in enumerate(PATH))
 
 
 _OF = {f.name: f.metadata for f in fields(TrainSettings)}

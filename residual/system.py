@@ -147,8 +147,10 @@ def state_loss(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Tensor
 
 
 def calibration_loss(system: TrainableSystem, batch: RolloutBatch, cost: Loss, method: str = "rk4") -> torch.Tensor:
-    """Half the sum of the costs of the residuals of ``system`` on ``batch``, whose mask are the weights of a
-    calibration: the part that samples have in its objective. method: "rk4" or "euler"."""
+    """Half the sum of the costs of the residuals of ``system`` on ``batch``, (): what samples have of an objective.
+
+    The mask of the batch are the weights of a calibration (N + 1, 6, M); cost: of it; method: "rk4" or "euler".
+    """
     return _Cost.apply(rollout(system, batch, method) - batch.targets, batch.mask, cost)
 
 

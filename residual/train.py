@@ -29,11 +29,10 @@ from fitting.nlp.windows import Stretch, default_step, pieces_of
 from fitting.parallel import run_all, width
 from fitting.prediction.score import WINDOW
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
-from fitting.rollout_loss import RolloutLoss
 from fitting.solvers.control import Control, interrupts_noted
+from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.ship import Ship
-from residual.decide import chosen
 from residual.settings import TrainSettings
 from residual.splits import Split, splits_of
 from residual.system import RolloutBatch, TrainableSystem, acceleration_loss, calibration_loss, state_loss
@@ -105,7 +104,7 @@ class Task:
         return self.build(self.ship, self.scales, self.settings, self.seed)
 
 
-class Point(NamedTuple):
+class PathPoint(NamedTuple):
     """What a training has come to at one weight of the residual.
 
     penalty: that weight; judged, restarts_judged, state: as of ``Outcome``, of the best system so far.
@@ -145,7 +144,7 @@ class Outcome:
     fold: int = 0
     restarts_judged: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)), repr=False)
     penalty: float = math.nan
-    points: tuple[Point, ...] = field(default=(), repr=False)
+    points: tuple[PathPoint, ...] = field(default=(), repr=False)
 
     def at(self, number: int) -> Outcome:
         """With what it came to at the point of that ``number``, or at its last one if there are fewer."""
@@ -154,7 +153,7 @@ class Outcome:
 
 
 def judged_by(windows: np.ndarray, restarts: np.ndarray) -> dict[str, Any]:
-    """What of an ``Outcome`` follows from the rows of its judged 30 s windows and 100 s restarts."""
+    """What of an ``Outcome`` follows from the rows (n, 4) of its judged 30 s ``windows`` and 100 s ``restarts``."""
     # NaN and not zero where none fits: zero would be a perfect prediction
     means = [rows[:, 2:].mean(axis=0).tolist() if len(rows) else (math.nan, math.nan) for rows in (windows, restarts)]
     before, after = zip(*means, strict=True)
@@ -188,7 +187,7 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
         # the untrained system is predicted too: the windows that judge are not those whose error is in the history
         systems = untrained, attempt.system
         judged = compare_errors(systems, task.split.judge, task.h, task.scales.score, settings.method)
-        points.append(Point(weight, *judged, {name: value.numpy().copy() for name, value in best.items()}))
+        points.append(PathPoint(weight, *judged, {name: value.numpy().copy() for name, value in best.items()}))
     return Outcome(
         seed=task.seed,
         status=status,
@@ -247,9 +246,11 @@ class _Attempt:
         total = sum(map(len, plans))
         for (weight, _), plan in zip(path, plans, strict=True):
             try:
-                # from the best weights before, whose residual is the smaller one
                 self.system.load_state_dict(self.best, strict=False)
                 status = self._descend(weight, plan, done, total)
+                if self.points:
+                    # the last weights and not those that stop best, which may be those of before
+                    self.best = self._state()
             except _Diverged:
                 if not self.points:
                     raise
@@ -398,8 +399,8 @@ def tasks_of(
     """One training of a ``kind`` of model of ``ship`` per seed of ``settings``, with the step filled in.
 
     trials: of which parts take turns to stop by and to judge by; validation: trials that judge instead; judged_apart:
-    the windows that judge are not those that stop, which would flatter; means: of inputs (N, C) over
-    steps, as of ``pieces_of``. Raises UserError where there is too little data.
+    the windows that judge are not those that stop, which would flatter; loss: of the calibration, by which they train;
+    means: of inputs (N, C) over steps, as of ``pieces_of``. Raises UserError where there is too little data.
     """
     h = settings.step or default_step(trials, ship.particulars["L"])
     pieces, held_out = (kind.pieces(ship, some, h, means) for some in (trials, validation))
@@ -460,7 +461,7 @@ def load_outcome(store: Store, seed: int) -> Outcome | None:
     for k, penalty in enumerate(words.pop("penalties")):
         start = f"{k}.state."
         state = {name.removeprefix(start): a for name, a in arrays.items() if name.startswith(start)}
-        points.append(Point(penalty, arrays[f"{k}.judged"], arrays[f"{k}.restarts_judged"], state))
+        points.append(PathPoint(penalty, arrays[f"{k}.judged"], arrays[f"{k}.restarts_judged"], state))
     history = tuple((int(row[0]), *row[1:]) for row in arrays["history"].tolist())
     judged = judged_by(points[-1].judged, points[-1].restarts_judged)
     return Outcome(**words, **judged, history=history, state=points[-1].state, points=tuple(points))
@@ -477,7 +478,8 @@ STARTED = "started_"
 def train_seeds(
     tasks: Sequence[Task], progress: OnProgress | None = None, store: Store | None = None
 ) -> tuple[list[Outcome], bool]:
-    """Outcomes of the ``tasks`` of a training in their order, and whether Ctrl-C ended them early.
+    """Outcomes of the ``tasks`` of a training in their order, at the last weight of the residual, and whether Ctrl-C
+    ended them early.
 
     progress: called after each epoch where one process trains, else after each seed; store: what it holds is not
     trained again, and what finishes is kept there. After Ctrl-C the trainings under way keep their best weights and
@@ -528,7 +530,7 @@ def train_seeds(
     outcomes = [o for o in (found.get(task.seed) for task in tasks) if o]
     if not outcomes:
         raise KeyboardInterrupt
-    return chosen(outcomes), broken
+    return outcomes, broken
 
 
 def _trained(job: tuple[Task, Store | None], progress: OnProgress | None = None) -> Outcome | None:

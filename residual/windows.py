@@ -17,7 +17,7 @@ from cases.io.campaigns import campaign_among
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
 from fitting.prediction.score import PAPER_WINDOW, STRIDE, WINDOW, pooled_sigma
-from fitting.rollout_loss import RolloutLoss
+from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import TooFewData
 from mmg.motion.froude import length_scale
 from mmg.ship import Ship
@@ -76,7 +76,7 @@ def by_campaign(pieces: Sequence[Stretch], ship: Ship, trials: Sequence[Trial]) 
 
 
 def calibration_windows(loss: RolloutLoss, pieces: Sequence[Stretch]) -> RolloutBatch | None:
-    """The windows of a calibration, weighed only where they lie within ``pieces``, by run and time; None: nowhere."""
+    """The windows of the ``loss`` of a calibration, weighed only within ``pieces``, by run and time; None: nowhere."""
     t = loss.began + loss.h * np.arange(len(loss.targets))[:, None]
     inside = np.zeros(t.shape, dtype=bool)
     for p in pieces:

@@ -22,7 +22,7 @@ from mmg.errors import NoSolution, TooFewData
 from mmg.model import Model, columns
 from mmg.progress import OnProgress
 from mmg.ship import Ship
-from residual.decide import decide, judged_by_whole_runs
+from residual.decide import chosen, decide, judged_by_whole_runs
 from residual.hybrid import HYBRID_KIND, Hybrid
 from residual.settings import TrainSettings
 from residual.system import TrainableSystem
@@ -115,7 +115,7 @@ def measure_learned_residual(
     outcomes, interrupted = train_seeds(tasks, progress, store)
     if interrupted:
         raise KeyboardInterrupt
-    outcomes = [o for o in outcomes if o.status != "diverged"]
+    outcomes = [o for o in chosen(outcomes) if o.status != "diverged"]
     if not outcomes:
         raise NoSolution("every training diverged, also at lower rates")
     members = [m for m in restored(tasks[0], outcomes) if isinstance(m, Hybrid)]

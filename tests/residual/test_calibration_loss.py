@@ -16,9 +16,9 @@ from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.prior import ByCampaign
 from fitting.nlp.windows import pieces_of
-from fitting.rollout_loss import RolloutLoss
 from fitting.settings import Settings
 from fitting.solvers.reduced import ReducedProblem
+from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import BadValue, Unreadable
 from residual.hybrid import HYBRID_KIND, Hybrid, Residual
 from residual.physics import Physics

@@ -18,7 +18,7 @@ from residual.pipeline import train
 from residual.settings import TrainSettings
 from residual.splits import FOLDS, GAP, Split, split_pieces
 from residual.system import Past, TrainableSystem
-from residual.train import Outcome, Point, tasks_of, train_one
+from residual.train import Outcome, PathPoint, tasks_of, train_one
 from residual.windows import Scales
 from tests.support import hybrids
 
@@ -182,7 +182,7 @@ def test_the_decision(outcomes: list[Outcome], kept: bool) -> None:
 def along(*changes: tuple[float, float]) -> Outcome:
     """A training with these errors of 30 s and 100 s predictions, 1 before, at the weights of its path."""
     rows = [[np.array([[0.0, 0.0, 1.0, error]]) for error in pair] for pair in changes]
-    points = tuple(Point(10.0**-k, *pair, {"k": np.array(k)}) for k, pair in enumerate(rows))
+    points = tuple(PathPoint(10.0**-k, *pair, {"k": np.array(k)}) for k, pair in enumerate(rows))
     return replace(outcome(1.0), points=points).at(0)
 
 
