@@ -57,7 +57,7 @@ from diagnosis.prepare import Prepared, prepare_with_sensors
 from diagnosis.report.words import likeness, sentence_of
 from diagnosis.result import Diagnosis
 from diagnosis.validation.held_out import compare, prediction_errors
-from diagnosis.validation.learned_rest import with_learned
+from diagnosis.validation.learned import with_learned
 from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions
 from fitting.solvers.control import Control, OutOfTimeError

@@ -139,7 +139,8 @@ class Budget:
     scaled errors as fitted without any effect, with the named ones, and of a complete model; parts: shares of
     before - floor by named effect; unexplained: the rest, None where before is not surely above the floor; units:
     "position_m", "heading_deg" -> root mean square errors at the ends of the windows before, after, at the floor;
-    as_given: the same units and "error" of a ship that was not calibrated on these trials, before she is fitted.
+    as_given: the same units and "error" of a ship that was not calibrated on these trials, before she is fitted;
+    floor_by_after: 90 % interval of floor / after.
     """
 
     metric: str
@@ -151,6 +152,7 @@ class Budget:
     unexplained: BudgetShare | None
     units: Mapping[str, tuple[Real, Real, Real]]
     as_given: Mapping[str, Real] | None = None
+    floor_by_after: tuple[Real, Real] = (1.0, 1.0)
 
     @property
     def matters(self) -> bool:
@@ -312,21 +314,15 @@ class HeldOut:
 class LearnedResidual:
     """How much of the prediction error of the test trials a learned residual closes, beyond what was named.
 
-    The measure and the windows are those of ``HeldOut``; before is the ship as the diagnosis left it. mse_after,
-    reduction: means over the trainings, of which each has its seed in ``seeds`` and its own reduction in
-    ``reductions``; spread: their standard deviation; together: reduction with the mean of the networks, which is what
-    ``mmg train`` would keep; interval_90: of the reduction, by drawing test runs again (None: a single run).
-    kept: what ``mmg train`` would decide from parts of the training trials alone; decision: that in words.
+    Mean squared errors by what each state changes by, before with the ship as the diagnosis left it; reduction: share
+    of it that is closed; interval_90: by drawing test runs again (None: a single run); windows: how many were
+    predicted; kept: what ``mmg train`` would decide from parts of the training trials alone; decision: that in words.
     """
 
     mse_before: Real
     mse_after: Real
     reduction: Real
     interval_90: tuple[Real, Real] | None
-    seeds: tuple[int, ...]
-    reductions: tuple[Real, ...]
-    spread: Real
-    together: Real
     windows: int
     kept: bool
     decision: str

@@ -74,15 +74,17 @@ BESIDE = ("tow",)
 """Tested beside them and not said: a steady force is what a resistance looks like that the priors have wrong."""
 
 
-def second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool = True) -> SecondEstimate:
+def second_estimate(
+    ship: Ship, trials: Sequence[Trial], frees: bool = True, surroundings: bool = True
+) -> SecondEstimate:
     """Values of the free coefficients of ``ship`` from ``trials``, and the usual suspects that these speak for.
 
     The values are the most likely ones with random forces, gusts and sensor noise of estimated sizes, as predictions of
     the next sample tell; faults of instruments that the kinematics of the trials show are in the model. Priors are the
     values and standard deviations of the ship, as in a calibration. Suspects are selected as a diagnosis selects
     effects, beside coefficients and random forces, with odds of more than 20 to 1; frees: whether they are fitted along
-    from then on, a current only where all trials are of one campaign. A message says of each its size and what it
-    moves, or why there is no estimate.
+    from then on, surroundings only where that is wanted too and all trials are of one campaign. A message says of each
+    its size and what it moves, or why there is no estimate.
     """
     own = {s.partition(".")[0] for s in ship.free if "." in s}
     try:
@@ -93,8 +95,8 @@ def second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool = True) -> 
         rows = [(k, c) for k, c in enumerate(found.effects) if c.effect not in BESIDE]
         read = _of_reading(ready.reading, frees)
         # instruments stay from day to day, surroundings do not: one current of several days is none
-        stays = len(set(campaign_labels(kept))) == 1
-        along = {k: frees and (stays or EFFECTS[c.effect].measures) for k, c in rows}
+        stays = surroundings and len(set(campaign_labels(kept))) == 1
+        along = {k: frees and (stays or not EFFECTS[c.effect].surroundings) for k, c in rows}
         messages = (*read, *(_of_suspect(ship, ready, found, k, along[k]) for k, _ in rows))
         suspects = [c for k, c in rows if along[k]]
         final, free = found.null, ready.problem.base + priors_of_effects(suspects)

@@ -38,6 +38,8 @@ from mmg.messages import has_code, html_table, messages_from
 if TYPE_CHECKING:
     import pandas as pd
 
+    from diagnosis.gap import Gap
+
 MISSING_FORCE = "missing_force.csv"
 FORCE_HEADER = ("run", "t [s]", "X [N]", "Y [N]", "N [N m]")
 MOST_ROWS = 400
@@ -138,12 +140,13 @@ class Diagnosis(Findings):
         predictions = self.inputs.of_predictions or of_predictions(content)
         return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, of_predictions=predictions))
 
-    def save(self, folder: Path | str, replace: bool = False, report: bool = True) -> None:
+    def save(self, folder: Path | str, replace: bool = False, report: bool = True, gap: Gap | None = None) -> None:
         """Write diagnosis.json, result.json, ship.toml and, where the fit is known, missing_force.csv to ``folder``,
         whole or not at all; then figures and page.
 
         replace: an existing folder is replaced; report: whether figures and page are made, of which one that fails is a
-        warning. Raises UserError where the folder exists otherwise, or cannot be written.
+        warning; gap: comparison of models, of which it is a part, for the page. Raises UserError where the folder
+        exists otherwise, or cannot be written.
         """
         from diagnosis.report import page
 
@@ -177,7 +180,7 @@ class Diagnosis(Findings):
         write_whole(folder, fill, replace)
         if not report:
             return
-        made = page.write_report(self, folder)
+        made = page.write_report(self, folder, gap)
         write_json(folder / RESULT, result(made.rows, made.failures, complete=whole))
 
 

@@ -71,9 +71,10 @@ class FitOptions:
     the solver begins, by symbol; hold: these stay, and only what else is free and the noise is estimated; resume: an
     interrupted run of the same data and ship, from whose iterate to go on; command: what is stored as the command that
     made the result; name: of the ship and her calibration, "": the ship keeps hers, and the calibration takes that of
-    the run folder; prior_mean: how uncertain the mean of the prior is, where other ships told it. estimator: "both"
-    fits the suspects of a ``second`` estimator along, where there is one, and takes the mean of both where nothing else
-    is free than coefficients and instruments; "windows" what multiple shooting gives.
+    the run folder; surroundings: whether a current that the second estimator finds is fitted along; prior_mean: how
+    uncertain the mean of the prior is, where other ships told it. estimator: "both" fits the suspects of a ``second``
+    estimator along, where there is one, and takes the mean of both where nothing else is free than coefficients and
+    instruments; "windows" what multiple shooting gives.
     """
 
     bootstrap: int = 0
@@ -88,6 +89,7 @@ class FitOptions:
     resume: FitResult | None = None
     command: str = ""
     name: str = ""
+    surroundings: bool = True
     prior_mean: UncertainMean | None = None
     estimator: str = "both"
     second: Second | None = None
@@ -125,8 +127,8 @@ def calibrate(
     made = Made()
     beside = None
     if (second := options.second) and options.asks_second(settings):
-        frees = tuple(options.instruments) != ("none",)
-        make_in_turn({"second estimate": lambda: second(given, trials, frees)}, made)
+        frees, along = tuple(options.instruments) != ("none",), options.surroundings
+        make_in_turn({"second estimate": lambda: second(given, trials, frees, along)}, made)
         beside = made.get("second estimate", SecondEstimate("interrupted"))
         ship, remarks = with_suspects(ship, beside.suspects), [*remarks, *beside.messages]
         if beside.is_sampled:

@@ -422,8 +422,9 @@ class SecondEstimate:
         return {} if isinstance(self.values, str) else {s: self.values[s] for s in self.suspects}
 
 
-Second = Callable[[Ship, Sequence[Trial], bool], SecondEstimate]
-"""Another estimator: of a ship on trials; the last says whether the suspects that it finds are fitted along."""
+Second = Callable[[Ship, Sequence[Trial], bool, bool], SecondEstimate]
+"""Another estimator: of a ship on trials; then whether the suspects that it finds are fitted along, and surroundings
+among them."""
 SHARE = 0.5
 """Share [-] of the second estimate: the plain mean of both. Set by hand; the row ``filter alone`` of
 benchmarks/ablation.md has the other end."""

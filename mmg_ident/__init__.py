@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cases.trial_set import TrialSet
     from delivery.export import export_ship
     from delivery.full_scale.result import scale
+    from diagnosis.gap import Gap
     from diagnosis.result import Diagnosis
     from fitting.prediction.score import Score
     from fitting.result import FitResult
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         calibrate,
         check,
         diagnose,
+        gap,
         load_run,
         predict,
         refit,
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "CheckReport": "cases.checks.report", "Diagnosis": "diagnosis.result", "FitResult": "fitting.result",
+    "Gap": "diagnosis.gap",
     "Message": "mmg.messages", "OnProgress": "mmg.progress", "Progress": "mmg.progress",
     "ReducedProblem": "fitting.solvers.reduced",
     "Score": "fitting.prediction.score", "Ship": "mmg.ship", "TrainResult": "residual.result", "Trial": "cases.trial",
@@ -55,10 +58,10 @@ _HOMES = {
 """Public name -> the module it is taken from, where that is not ``mmg_ident.api``."""
 
 __all__ = [
-    "CheckReport", "Diagnosis", "FitResult", "Message", "OnProgress", "Prediction", "Progress", "ReducedProblem",
+    "CheckReport", "Diagnosis", "FitResult", "Gap", "Message", "OnProgress", "Prediction", "Progress", "ReducedProblem",
     "Score", "Ship", "TrainResult", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose",
-    "export_ship", "load_run", "load_ship", "new_ship", "predict", "read_trials", "refit", "scale", "score", "simulate",
-    "train", "write_report",
+    "export_ship", "gap", "load_run", "load_ship", "new_ship", "predict", "read_trials", "refit", "scale", "score",
+    "simulate", "train", "write_report",
 ]  # fmt: skip
 
 __version__ = "0.2.0"

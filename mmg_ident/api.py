@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from cases.checks.report import CheckReport
     from cases.trial import Trial
     from cases.trial_set import TrialSet
+    from diagnosis.gap import Gap
     from diagnosis.inputs import DiagnosisOptions
     from diagnosis.result import Diagnosis
     from fitting.calibrate import FitOptions
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from mmg.progress import OnProgress
     from mmg.rollout import Simulator
     from mmg.ship import Ship
+    from mmg_ident.model_gap import GapOptions
     from residual.result import TrainResult
     from residual.settings import TrainSettings
 
@@ -230,11 +232,11 @@ def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnP
     return solved_again(fit, hold or {}, progress)
 
 
-def _second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool) -> SecondEstimate:
+def _second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool, surroundings: bool) -> SecondEstimate:
     """As ``second_estimate``, whose modules are read only where one is asked for."""
     from diagnosis.for_calibration import second_estimate
 
-    return second_estimate(ship, trials, frees)
+    return second_estimate(ship, trials, frees, surroundings)
 
 
 def score(
@@ -380,6 +382,25 @@ def diagnose(
         known = objects.trials
     found = pipeline.diagnose(_ship(model), runs, _sound(test), None, options, known, progress)
     return found.told_by(content_of(model))
+
+
+def gap(
+    model: Ship | str | Path,
+    trials: Trials,
+    test: Trials,
+    options: GapOptions | None = None,
+    progress: OnProgress | None = None,
+) -> Gap:
+    """Compare a ship as given, refitted, with a learned residual, with named effects and with both, on test trials.
+
+    model: a ship, its file or a run folder; trials: to calibrate, train and diagnose on; test: trials that take no
+    part, to predict; options: ``mmg_ident.model_gap.GapOptions``; progress: called as the work goes on. Returns the
+    comparison: lines with 90 % intervals, a sentence, and what the named effects explain of what the network learned.
+    Raises UserError where there is too little to train on or to predict.
+    """
+    from mmg_ident.model_gap import compare_models
+
+    return compare_models(model, _sound(trials), _sound(test), options, progress)
 
 
 def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:

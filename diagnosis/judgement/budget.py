@@ -74,6 +74,7 @@ def budget_of(
         best = -np.diff([*mean, floor]) / (mean[0] - floor)
         for name, b, a, c in zip((*names, "unexplained"), best, low, high, strict=True):
             rows.append(BudgetShare(name, float(b), (float(a), float(c))))
+    by_after = np.quantile(drawn[:, -1] / np.maximum(drawn[:, -2], 1e-300), [0.05, 0.95]).tolist()
     ends = [_ends(e) for e in (predicted[0], predicted[-1], simulated)]
     ends[2] = np.minimum(ends[1], ends[2])
     start = None if given is None else _errors(steps, seen, given)
@@ -89,6 +90,7 @@ def budget_of(
         as_given=None
         if start is None
         else {"error": float(start.mean.mean()), **dict(zip(UNITS, _ends(start).tolist(), strict=True))},
+        floor_by_after=(by_after[0], by_after[1]),
     )
 
 

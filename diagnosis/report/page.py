@@ -20,9 +20,11 @@ from cases.shipfiles.effects import calm_and_deep
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import Findings
+from diagnosis.gap import Gap
 from diagnosis.groups.between import table_rows
 from diagnosis.location.where import CHANNELS
 from diagnosis.report import words
+from diagnosis.report.gap_figure import gap_figure
 from diagnosis.report.words import TURN_BACK, shown_unit
 from fitting.report.page import rendered, write_page
 from fitting.report.plot_style import AFTER, BEFORE, MEASURED, FigureFolder, dress, figures_of, new_figure
@@ -224,20 +226,24 @@ def figures_for(d: Findings) -> Sequence[tuple[str, Callable[[Findings], Figure]
     return every
 
 
-def write_report(d: Findings, folder: Path) -> FigureFolder:
-    """Make the figures and ``report.html`` of ``d`` in ``folder``. Returns what was made and what could not be made."""
+def write_report(d: Findings, folder: Path, gap: Gap | None = None) -> FigureFolder:
+    """Make the figures and ``report.html`` of ``d`` in ``folder``; gap: comparison of which it is a part. Returns what
+    was made and what could not be made."""
     written = FigureFolder(folder / FIGURES)
+    if gap is not None:
+        title = "White, learned and named models on the test trials"
+        written.write("gap", partial(gap_figure, gap), title, "Bars: root mean square errors with 90 % intervals.")
     for name, draw, title, caption in figures_for(d):
         written.write(name, partial(draw, d), title, caption)
     for row in written.rows:
         row["file"] = f"{FIGURES}/{row['file']}"
     with written.making("the report"):
-        write_page(build_report(d, folder, written.rows), folder / PAGE)
+        write_page(build_report(d, folder, written.rows, gap), folder / PAGE)
     return written
 
 
-def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]]) -> str:
-    """The page on ``d``; listed: rows of the figures that lie in ``folder``."""
+def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]], gap: Gap | None = None) -> str:
+    """The page on ``d``; listed: rows of the figures that lie in ``folder``; gap: as of ``write_report``."""
     found = [*(e.name for e in d.effects), *(f.name for f in d.instruments)]
     rows, order = words.ranking(d), [words.plain(name) for name in found]
     channels = [{"name": name, **row} for name, row in d.where.get("channels", {}).items()]
@@ -245,6 +251,7 @@ def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]])
         "diagnosis",
         "diagnosis.report",
         d=d,
+        gap=gap,
         words=words,
         figures={f["name"]: f for f in figures_of(folder, listed)},
         budget=words.budget_parts(d.budget) if d.budget else [],

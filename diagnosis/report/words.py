@@ -390,12 +390,8 @@ def held_words(h: HeldOut | None, verdict: str) -> str:
 
 
 def learned_words(learned: LearnedResidual) -> str:
-    """Numbers behind what the learned residual ``learned`` closes."""
-    each = ", ".join(f"{signed(100 * r, '.1f')} %" for r in learned.reductions)
-    return (
-        f"Reductions by training: {each}; with the mean of their networks {signed(100 * learned.together, '.1f')} %. "
-        f"By parts of the training trials alone, as mmg train decides: {sentence(learned.decision)}"
-    )
+    """What the training trials alone would decide on the ``learned`` residual."""
+    return f"By parts of the training trials alone, as mmg train decides: {sentence(learned.decision)}"
 
 
 def unnamed_words(d: Findings) -> str:

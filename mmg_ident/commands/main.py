@@ -90,7 +90,10 @@ from typer.core import TyperGroup
 
 from mmg_ident import shadowing_mmg
 
-HEAVY, LEAST_MEMORY = ("start", "demo", "fit", "fleet", "months", "train", "compare", "diagnose", "select"), 1.5 * 2**30
+HEAVY, LEAST_MEMORY = (
+    ("start", "demo", "fit", "fleet", "months", "train", "compare", "diagnose", "gap", "select"),
+    1.5 * 2**30,
+)
 """Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C. Set by
 hand, from runs below ulimit -v."""
 MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials", "--baseline")
@@ -149,6 +152,7 @@ PANELS = {
         "predict": "Predict open-loop windows of trials.",
         "imo": "Judge a ship, or measured runs, by the IMO criteria.",
         "diagnose": "Say which effect a model lacks and how far the gap shrinks.",
+        "gap": "Compare white, learned and named models on test trials.",
         "compare": "Compare models with the networks of the literature.",
     },
     "Deliver": {

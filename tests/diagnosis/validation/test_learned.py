@@ -9,18 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import diagnosis.validation.learned as module
 from cases.simulation.simulate import write_trial
 from diagnosis.diagnose import DiagnosisOptions, with_learned
-from diagnosis.estimation.candidates import ship_with_all_effects
-from diagnosis.estimation.gridded_trials import grid_trials
-from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import LearnedResidual
 from diagnosis.result import Diagnosis
-from diagnosis.validation.held_out import errors, window_length
 from diagnosis.validation.learned import measure_learned_residual as measure
 from diagnosis.validation.learned import sentence_of
 from mmg.errors import TooFewData, UserError
@@ -32,9 +27,7 @@ from tests.support import hybrids
 pytestmark = pytest.mark.usefixtures("blank_figures")
 QUICK = TrainSettings(seeds=2, epochs=25, width=12, penalty=0.001, rate=1e-2)
 OPTIONS = DiagnosisOptions()
-FOUND = LearnedResidual(
-    0.4, 0.3, 0.25, (0.1, 0.4), (0, 1), (0.2, 0.3), 0.07, 0.28, 40, True, "residual kept: because", ""
-)
+FOUND = LearnedResidual(0.4, 0.3, 0.25, (0.1, 0.4), 40, True, "residual kept: because", "")
 
 
 def test_what_is_missing_and_can_be_learned_is_closed() -> None:
@@ -43,9 +36,7 @@ def test_what_is_missing_and_can_be_learned_is_closed() -> None:
     found = measure(hybrids.ship(), hybrids.trials(true), tests, settings=QUICK)
     assert found.interval_90 is not None and 0 < found.interval_90[0] < found.reduction < found.interval_90[1]
     assert found.reduction > 0.3 and found.kept
-    assert found.seeds == (0, 1) and found.reduction == pytest.approx(np.mean(found.reductions))
     assert found.mse_after == pytest.approx((1 - found.reduction) * found.mse_before)
-    assert found.together > found.reduction - 1e-3, "the mean of networks does what each does, or better"
 
 
 def test_nothing_missing_nothing_closed() -> None:
@@ -55,17 +46,6 @@ def test_nothing_missing_nothing_closed() -> None:
     assert abs(found.reduction) < 0.03 and not found.kept
 
 
-def test_the_error_before_is_that_of_the_held_out_check() -> None:
-    ship, tests = hybrids.ship(), hybrids.trials(hybrids.lacking(), 2, 100, seed=9)
-    full_model = ship_with_all_effects(ship).ship
-    steps = TransitionModel(full_model, ["X_0F"], 1.0)
-    data = grid_trials(tests, full_model.inputs, 3.0, 1.0)
-    expected = errors(steps, data, full_model.values, window_length(ship)).mean
-    few = replace(QUICK, epochs=1, seeds=1, step=1.0)
-    found = measure(ship, hybrids.trials(ship, 2, 200), tests, settings=few)
-    assert found.mse_before == pytest.approx(expected.mean(), rel=1e-6)
-
-
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_seed_decides_and_the_workers_do_not(workers: int) -> None:
     ship, few = hybrids.ship(), replace(QUICK, epochs=2)
@@ -73,7 +53,7 @@ def test_the_seed_decides_and_the_workers_do_not(workers: int) -> None:
     one, again, other = (
         measure(ship, trials, tests, replace(few, seed=s, workers=w)) for s, w in ((0, 1), (0, workers), (5, 1))
     )
-    assert one == again and one.reductions != other.reductions and other.seeds == (5, 6)
+    assert one == again and one.reduction != other.reduction
 
 
 def test_a_single_test_trial_gives_no_interval_and_no_claim() -> None:
@@ -91,17 +71,17 @@ def test_too_little_data_is_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("reduction", "interval", "spread", "words"),
+    ("reduction", "interval", "words"),
     [
-        (0.25, (0.1, 0.4), 0.07, "25.0%"),
-        (0.25, (0.1, 0.4), 0.3, "30"),
-        (0.02, (-0.1, 0.1), 0.01, "+2.0%"),
-        (-0.25, (-0.4, -0.1), 0.07, "25.0%"),
-        (0.004, (0.001, 0.006), 0.0, "beyond chance"),
+        (0.25, (0.1, 0.4), "25.0%"),
+        (0.25, None, "single"),
+        (0.02, (-0.1, 0.1), "+2.0%"),
+        (-0.25, (-0.4, -0.1), "25.0%"),
+        (0.004, (0.001, 0.006), "beyond chance"),
     ],
 )
-def test_words_follow_the_numbers(reduction: float, interval: tuple[float, float], spread: float, words: str) -> None:
-    assert words in sentence_of(replace(FOUND, reduction=reduction, interval_90=interval, spread=spread))
+def test_words_follow_the_numbers(reduction: float, interval: tuple[float, float] | None, words: str) -> None:
+    assert words in sentence_of(reduction, interval)
 
 
 def test_only_what_has_no_name_is_learned_and_only_with_tests(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,219 @@
+"""White, learned and named models side by side on trials that took no part: what ``mmg gap`` does.
+
+What is missing is made, what is there is taken: a calibration of the same trials, a hybrid of them, and the parts that
+an earlier call left in its folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from cases.io.campaigns import ship_in
+from cases.shipfiles.effects import without_suspects
+from cases.shipfiles.ship_file import load_ship
+from cases.trial import Trial
+from cases.trial_set import TrialSet
+from diagnosis.findings import TESTS
+from diagnosis.gap import BOTH, GIVEN, LEARNED, NAMED, REFITTED, Gap, compared, sentence_of, witnessed
+from diagnosis.inputs import DiagnosisOptions, independent_tests
+from diagnosis.result import Diagnosis, read_diagnosis
+from diagnosis.validation.held_out import window_length
+from fitting.report.parts import hash_of_ship, hashes_of_trials
+from fitting.report.run_folder import RESULT, trial_rows
+from fitting.solvers.control import check_time
+from mmg.errors import Missing, needs_torch
+from mmg.messages import Message
+from mmg.progress import LOGGER, OnProgress
+from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from residual.result import TrainResult
+    from residual.settings import TrainSettings
+
+T = TypeVar("T")
+
+PARTS = ("refitted", "hybrid", "diagnosis", "both")
+"""Folders of the parts."""
+
+
+@dataclass(frozen=True)
+class GapOptions:
+    """How a comparison is made. settings: of both trainings, None: the usual ones; seed: of the diagnosis and all
+    draws; folder: where the parts are kept and found, None: nowhere; report: with figures and pages; command: to be
+    noted."""
+
+    settings: TrainSettings | None = None
+    seed: int = 0
+    workers: int = 1
+    folder: Path | None = None
+    report: bool = True
+    command: str = ""
+
+
+def about(ship: Ship, trials: Sequence[Trial], tests: Sequence[Trial], options: GapOptions) -> dict[str, Any]:
+    """What tells one comparison from others, as plain values."""
+    settings = options.settings
+    return {
+        "ship": hash_of_ship(ship),
+        "trial files": hashes_of_trials(trials),
+        "--test": hashes_of_trials(tests),
+        "settings": {"seed": options.seed, "seeds": settings.seeds if settings else None},
+    }
+
+
+def compare_models(
+    model: Ship | str | Path,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    options: GapOptions | None = None,
+    progress: OnProgress | None = None,
+) -> Gap:
+    """The comparison of a ``model``, a ship, its file or a run folder, on ``tests``.
+
+    trials: to calibrate, train and diagnose on; tests: to predict; those that share rows with the rest are left out;
+    options: how; progress: called as the work goes on. Returns it; the parts lie in the folder of the options. Raises
+    UserError where there is too little to train on or to predict, and without torch.
+    """
+    o = options or GapOptions()
+    needs_torch("mmg gap")
+    chosen, by_role = TrialSet.of(trials).training(tests)
+    held, shared = independent_tests(chosen, tests)
+    if not held:
+        raise Missing("no test trials: name at least one that takes no part (--test)")
+    given = model if isinstance(model, Ship) else load_ship(model)
+    ships: dict[str, Ship] = {}
+    remarks = [*by_role, *(Message(str(words), "shared_rows") for words in shared)]
+    refitted, source = _refitted(model, given.without_network(), chosen, o, progress)
+    if source is None:
+        remarks.append(Message("the ship was calibrated on these trials: she is not refitted", "not_refitted"))
+    else:
+        ships[GIVEN] = given.without_network()
+    ships[REFITTED] = refitted
+    base = source if source is not None else model
+    check_time()
+    learned = _trained(model if source is None else base, base, chosen, o, LEARNED, progress)
+    check_time()
+    found = _diagnosed(base, refitted, chosen, held, o, progress)
+    effects = tuple(e.name for e in found.effects)
+    trainings = {LEARNED: learned}
+    if effects:
+        check_time()
+        trainings[BOTH] = _trained(found.ship, found.ship, chosen, o, BOTH, progress)
+    for name, result in trainings.items():
+        if result.hybrid is not None:
+            ships[name] = result.hybrid
+        if name == LEARNED and effects:
+            ships[NAMED] = found.ship
+    seconds = window_length(refitted)
+    # found.ship is of the campaigns of the trials: all ships are looked at alike
+    ships = {name: ship_in(ship, [*chosen, *held])[0] for name, ship in ships.items()}
+    budget = found.budget if found.budget is not None and found.budget.by == TESTS else None
+    rows, errors = compared(ships, held, seconds, 0.5 * seconds, budget, o.seed)
+    kept = {name: result.decision.kept for name, result in trainings.items() if result.decision is not None}
+    places = {REFITTED: "refitted", LEARNED: "hybrid", NAMED: "diagnosis", BOTH: "both"}
+    rows = [
+        replace(r, kept=kept.get(r.name), ship=places.get(r.name, "") if o.folder is not None else "") for r in rows
+    ]
+    if source is None:
+        rows = [replace(r, ship="") if r.name == REFITTED else r for r in rows]
+    witness, channels = (
+        witnessed(learned.hybrid, found.ship, effects, chosen) if learned.hybrid is not None else ((), {})
+    )
+    floor = [] if budget is not None else [Message("no floor: the diagnosis has none of these trials", "no_floor")]
+    gap = Gap(
+        sentence=sentence_of(rows, effects, found.verdict, seconds),
+        rows=tuple(rows),
+        seconds=seconds,
+        windows=len(errors.run),
+        runs=len(set(errors.run.tolist())),
+        verdict=found.verdict,
+        effects=effects,
+        witness=witness,
+        learned=channels,
+        warnings=(*remarks, *floor),
+        about={**about(given, chosen, held, o), "command": o.command},
+    )
+    if o.folder is not None and o.report and found.data is not None:
+        found.save(o.folder / "diagnosis", replace=True, gap=gap)
+    return gap
+
+
+def _kept(folder: Path | None, name: str) -> Path | None:
+    """The place of a part, None where nothing is kept."""
+    return None if folder is None else folder / name
+
+
+def _refitted(
+    model: Ship | str | Path, ship: Ship, trials: TrialSet, o: GapOptions, progress: OnProgress | None
+) -> tuple[Ship, Any]:
+    """The ``ship`` calibrated on the ``trials``, and the calibration; None where she was already. Surroundings are left
+    to the diagnosis: what the trials speak for is its answer, not a part of the ship that is asked about."""
+    bare = without_suspects(ship, surroundings_only=True)
+    if not isinstance(model, Ship) and (Path(model) / RESULT).exists() and bare.effects == ship.effects:
+        hashes = {row.get("sha256") for row in trial_rows(Path(model)) if row.get("use", "") != "test"}
+        if all(trial.sha256 in hashes for trial in trials):
+            return ship, None
+    from fitting.calibrate import FitOptions
+    from fitting.result import read_fit
+    from mmg_ident.api import calibrate
+
+    place = _kept(o.folder, "refitted")
+    if place is not None and (place / RESULT).exists():
+        found = read_fit(place)
+        return found.ship, place
+    LOGGER.info("calibrating the ship")
+    options = FitOptions(surroundings=False, next_trial=False, command=o.command)
+    fit = calibrate(bare, trials, options=options, progress=progress)
+    if place is None:
+        return fit.ship, fit
+    fit.save(place, report=o.report)
+    return fit.ship, place
+
+
+def _trained(
+    given: Any, base: Any, trials: TrialSet, o: GapOptions, name: str, progress: OnProgress | None
+) -> TrainResult:
+    """A residual learned on the ship of ``base``; that of ``given``, where it is the run of such a training."""
+    from fitting.report.run_folder import read_result
+    from residual.pipeline import train
+    from residual.result import read_training
+    from residual.settings import TrainSettings
+    from residual.train import training_store
+
+    is_run = isinstance(given, (str, Path)) and (Path(given) / RESULT).exists()
+    if is_run and read_result(Path(given))["kind"] == "training":
+        return read_training(given)
+    place = _kept(o.folder, {LEARNED: "hybrid", BOTH: "both"}[name])
+    if place is not None and (place / RESULT).exists() and (made := read_training(place)).complete:
+        return made
+    LOGGER.info("training a residual on the ship %s", "with the named effects" if name == BOTH else "as calibrated")
+    settings = replace(o.settings or TrainSettings(), workers=o.workers)
+    ship = base if isinstance(base, Ship) else load_ship(base) if isinstance(base, (str, Path)) else base.ship
+    store = training_store(place, ship.without_network(), trials, (), settings, place.exists()) if place else None
+    result = train(base, trials, (), settings, command=o.command, progress=progress, store=store)
+    if result.interrupted:
+        raise KeyboardInterrupt
+    if place is not None:
+        result.save(place, replace=True, report=False)
+    return result
+
+
+def _diagnosed(
+    base: Any, ship: Ship, trials: TrialSet, tests: Sequence[Trial], o: GapOptions, progress: OnProgress | None
+) -> Diagnosis:
+    """The diagnosis of the refitted ``ship`` of the run ``base``."""
+    from diagnosis.diagnose import diagnose
+
+    place = _kept(o.folder, "diagnosis")
+    if place is not None and (place / RESULT).exists():
+        return read_diagnosis(place)
+    LOGGER.info("diagnosing the ship")
+    known = base if isinstance(base, (str, Path)) else None
+    options = DiagnosisOptions(seed=o.seed, workers=o.workers, command=o.command)
+    found = diagnose(ship, trials, tests, None, options, known, progress)
+    if place is not None:
+        found.save(place, report=False)
+    return found

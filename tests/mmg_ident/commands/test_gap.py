@@ -1,0 +1,98 @@
+"""``mmg gap``: one call makes all parts, another goes on with them, bad input is one line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+import mmg_ident
+from cases.shipfiles.ship_file import dump_ship
+from cases.simulation.simulate import write_trial
+from mmg_ident.commands.main import main
+from residual import settings as residual_settings
+from tests.support.diagnosis_cases import FEW, RUNS, pushed_trials
+
+PARTS = ("refitted", "hybrid", "diagnosis", "both")
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[str]]:
+    """Trials in a current to train on, others to test, and a ship file."""
+    folder = tmp_path_factory.mktemp("gap")
+    found: dict[str, list[str]] = {}
+    for name, seed in (("train", 4), ("test", 5)):
+        for trial in pushed_trials(seed, ["current:x=0.03,y=0.02"], RUNS):
+            path = folder / name / f"{trial.name.replace('/', '_').replace(':', '_')}.csv"
+            path.parent.mkdir(exist_ok=True)
+            write_trial(trial, path)
+            found.setdefault(name, []).append(str(path))
+    (folder / "few.toml").write_text(dump_ship(FEW))
+    return {**found, "ship": [str(folder / "few.toml")]}
+
+
+@pytest.fixture(scope="module")
+def compared(files: dict[str, list[str]], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a comparison with short trainings."""
+    out = tmp_path_factory.mktemp("out") / "gap"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(residual_settings.TrainSettings.__init__, "__defaults__", short_trainings())
+        given = ["gap", *files["ship"], *files["train"], "--test", *files["test"], "--out", str(out), "--seeds", "1"]
+        assert main([*given, "--no-report"]) == 0
+    return out
+
+
+def short_trainings() -> tuple[object, ...]:
+    """The defaults of the settings of a training with two epochs."""
+    from dataclasses import fields
+
+    return tuple(2 if f.name == "epochs" else f.default for f in fields(residual_settings.TrainSettings))
+
+
+def test_one_call_makes_all_lines_and_parts(compared: Path) -> None:
+    found = json.loads((compared / "gap.json").read_text())
+    rows = {row["name"]: row for row in found["rows"]}
+    assert list(rows) == ["as given", "refitted", "hybrid", "named effects", "named + hybrid", "floor"]
+    assert found["kind"] == "gap" and found["verdict"] == "named" and found["effects"] == ["current"]
+    assert rows["named effects"]["closes"] > 0.8 > rows["hybrid"]["closes"]
+    assert rows["named effects"]["position_m"] < rows["refitted"]["position_m"]
+    assert all((compared / rows[name]["ship"] / "result.json").exists() for name in list(rows)[1:-1])
+    assert [one["effect"] for one in found["witness"]] == ["current"]
+
+
+def test_another_call_goes_on_with_the_parts_that_are_there(
+    compared: Path, files: dict[str, list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = {name: (compared / name / "result.json").stat().st_mtime_ns for name in PARTS}
+    earlier = json.loads((compared / "gap.json").read_text())
+    (compared / "gap.json").unlink()
+    given = ["gap", *files["ship"], *files["train"], "--test", *files["test"], "--out", str(compared), "--seeds", "1"]
+    assert main([*given, "--resume", "--no-report"]) == 0
+    after = {name: (compared / name / "result.json").stat().st_mtime_ns for name in PARTS}
+    assert after == before and json.loads((compared / "gap.json").read_text())["rows"] == earlier["rows"]
+    (compared / "gap.json").unlink()
+    assert main([*given[:-1], "2", "--resume", "--no-report"]) == 2  # other settings than the run has
+
+
+@pytest.mark.slow
+def test_a_calibration_of_the_same_trials_is_not_made_again(compared: Path, files: dict[str, list[str]]) -> None:
+    from mmg_ident.model_gap import GapOptions
+
+    options = GapOptions(residual_settings.TrainSettings(seeds=1, epochs=2))
+    found = mmg_ident.gap(compared / "refitted", files["train"], files["test"], options)
+    assert found.row("as given") is None and found.row("refitted") is not None
+    assert any(m.code == "not_refitted" for m in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("tests", "text"), [([], "test"), (["missing.csv"], "missing.csv")], ids=["no test trials", "no such file"]
+)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    tests: Sequence[str], text: str, files: dict[str, list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "new"
+    more = ["--test", *tests] if tests else []
+    assert main(["gap", *files["ship"], *files["train"], *more, "--out", str(out)]) == 2
+    assert text in capsys.readouterr().err.strip().splitlines()[-1] and not out.exists()
