@@ -23,7 +23,6 @@ import torch
 from torch import Tensor
 from torch.optim.adam import adam
 
-from cases.inputs import step_means
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch, default_step, pieces_of
 from fitting.parallel import run_all, width
@@ -71,8 +70,6 @@ class Adam:
 
 RESTARTS, LOWER = 2, 0.2
 """How often a diverged training starts again, and the factor on its learning rate. Set by hand."""
-Means = Callable[..., np.ndarray]
-"""How samples of inputs become means over steps."""
 BuildSystem = Callable[[Ship, Scales, TrainSettings, int], TrainableSystem]
 """Makes the untrained system of a ship, scales, settings and a seed; importable, so that it reaches other processes."""
 
@@ -380,9 +377,9 @@ class ModelKind(NamedTuple):
     features: Callable[[Ship], Callable[[Tensor, Tensor], Tensor]]
     campaigns: bool = False
 
-    def pieces(self, ship: Ship, trials: Sequence[Trial], h: float, means: Means = step_means) -> list[Stretch]:
-        """The pieces of ``trials`` on a grid of ``h`` [s] with what the model reads; means: as of ``pieces_of``."""
-        found = pieces_of(trials, h, self.inputs(ship), means)
+    def pieces(self, ship: Ship, trials: Sequence[Trial], h: float) -> list[Stretch]:
+        """The pieces of ``trials`` on a grid of ``h`` [s] with what the model reads."""
+        found = pieces_of(trials, h, self.inputs(ship))
         return by_campaign(found, ship, trials) if self.campaigns else found
 
 
@@ -393,17 +390,16 @@ def tasks_of(
     settings: TrainSettings,
     validation: Sequence[Trial] = (),
     judged_apart: bool = True,
-    means: Means = step_means,
     loss: RolloutLoss | None = None,
 ) -> list[Task]:
     """One training of a ``kind`` of model of ``ship`` per seed of ``settings``, with the step filled in.
 
     trials: of which parts take turns to stop by and to judge by; validation: trials that judge instead; judged_apart:
-    the windows that judge are not those that stop, which would flatter; loss: of the calibration, by which they train;
-    means: of inputs (N, C) over steps, as of ``pieces_of``. Raises UserError where there is too little data.
+    the windows that judge are not those that stop, which would flatter; loss: of the calibration, by which they train.
+    Raises UserError where there is too little data.
     """
     h = settings.step or default_step(trials, ship.particulars["L"])
-    pieces, held_out = (kind.pieces(ship, some, h, means) for some in (trials, validation))
+    pieces, held_out = (kind.pieces(ship, some, h) for some in (trials, validation))
     settings = replace(settings, step=h)
     splits = splits_of(settings, pieces, held_out, judged_apart)
     # of all pieces, those that judge included: the mean network needs one set of scales for all seeds
