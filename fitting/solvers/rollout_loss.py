@@ -117,8 +117,10 @@ class RolloutLoss:
                 content: dict[str, Any] = {name: found[name] for name in _ARRAYS}
                 content |= {name: tuple(found[name].tolist()) for name in _WORDS}
                 return cls(h=float(found["h"]), cost=Loss(str(found["cost"]), found["tau"]), **content)
-        except (OSError, KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            raise Unreadable(f"{path}: cannot be read as the loss of a calibration ({error}); fit again") from None
+        except (OSError, KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
+            raise Unreadable(
+                f"{path}: is no loss of a calibration; fit again, or train without --loss calibration"
+            ) from None
         raise BadValue(f"{path}: is of version {version}, this program reads {SCHEMA}; fit again")
 
 
