@@ -22,7 +22,7 @@ KINDS = ("fnn", "rnn", "rnn-window")
 
 
 PATH = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
-"""Weights of the residual's square of which judged windows choose, each trained from the one before."""
+"""Weights of the residual's square of which judged windows choose, each trained from the one before. Set by hand."""
 PATH_EPOCHS = 0.1  # set by hand: the path then has 1.5 times the epochs of a training
 """Share of the epochs for each of them but the first."""
 
