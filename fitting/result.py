@@ -1,8 +1,8 @@
 """The result of a calibration: typed values, the ships behind them, its folder, and how it shows itself.
 
 A run folder holds ``ship.toml`` (the calibrated ship), ``start.toml`` (the ship before), ``result.json``,
-``iterate.safetensors`` (from which a fit can be resumed), the ship's network if it has one, ``figures/`` and
-``report.html``. It appears whole or not at all.
+``iterate.safetensors`` (from which a fit can be resumed), ``loss.npz`` (by which a network can be trained), the ship's
+network if it has one, ``figures/`` and ``report.html``. It appears whole or not at all.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from fitting.calibration import Calibration
     from fitting.report.use import Delivered
     from fitting.solvers.reduced import ReducedProblem
+    from fitting.solvers.rollout_loss import RolloutLoss
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +68,16 @@ class FitResult(FitRecord):
 
         found = self.fitted_objects.calibration
         return ReducedProblem(found.problem, found.solution.x)
+
+    @property
+    def loss(self) -> RolloutLoss | None:
+        """What its coefficients were calibrated by, to train a network by it; None where that is not known. Raises
+        UserError where the file of it cannot be read or is of another version."""
+        from fitting.solvers.rollout_loss import RolloutLoss, loss_in
+
+        if self.objects:
+            return RolloutLoss.of_calibration(self.objects.calibration, self.objects.trials)
+        return loss_in(self.folder / run_folder.LOSS) if self.folder else None
 
     @property
     def fitted_objects(self) -> FitObjects:
@@ -152,6 +163,8 @@ class FitResult(FitRecord):
         if self.iterate:
             save_file({k: np.ascontiguousarray(v) for k, v in self.iterate.items()}, scratch / run_folder.ITERATE)
             (scratch / run_folder.ITERATE).chmod(0o644)
+        if loss := self.loss:
+            loss.save(scratch / run_folder.LOSS)
         if self.ship.network is not None:
             save_network(scratch / NETWORK, self.ship.network, self.ship)
         if self.folder and (self.folder / run_folder.FIGURES).is_dir() and not self.objects:

@@ -7,7 +7,7 @@ interval is Student's, of which few observations make a wide one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite, nan, sqrt
 from typing import TYPE_CHECKING
 
@@ -63,6 +63,45 @@ def percent(share: float | None, sign: bool = True) -> str:
     return f"{share:{'+' if sign else ''}.1%}".replace("-", "−").replace("%", " %")
 
 
+def path_rows(outcomes: Sequence[Outcome]) -> list[dict[str, float]]:
+    """By weight of the residual, as shares, how much 30 s and 100 s predictions of judged windows of all trainings
+    improve; ``outcomes``: of these."""
+    good = [o for o in outcomes if o.status != "diverged"]
+    longest = max((o.points for o in good), key=len, default=())
+    rows = []
+    for k, point in enumerate(longest):
+        window, restarts = (_pooled([o.at(k) for o in good], which)[0] for which in (0, 1))
+        rows.append({"penalty": point.penalty, "improvement": window, "restarts": restarts})
+    return rows
+
+
+def chosen(outcomes: Sequence[Outcome]) -> list[Outcome]:
+    """``outcomes`` at the weight of the residual whose predictions of judged windows are best over all trainings.
+
+    Best is the least mean of the logarithms by which the errors of 30 s and 100 s predictions change. The judged errors
+    of a training are those at the weight that the other trainings choose: what it judges by has no part in that.
+    """
+    good = [o for o in outcomes if o.status != "diverged"]
+    common = _best_point(good)
+    result = []
+    for o in outcomes:
+        others = [other for other in good if other is not o]
+        apart = o.at(_best_point(others) if others else common)
+        judged = {name: getattr(apart, name) for name in ("after", "judged", "restarts_judged")}
+        result.append(replace(o.at(common), **judged))
+    return result
+
+
+def _best_point(outcomes: Sequence[Outcome]) -> int:
+    """Number of the point of the path at which the judged windows of ``outcomes`` are predicted best."""
+    gains = np.array([(row["improvement"], row["restarts"]) for row in path_rows(outcomes)]).reshape(-1, 2)
+    if not len(gains):
+        return 0
+    # a column of NaN is a horizon of which no window fits
+    changes = np.log1p(-gains[:, ~np.isnan(gains).any(axis=0)])
+    return int(np.argmin(changes.mean(axis=1))) if changes.size else 0
+
+
 def judged_by_whole_runs(tasks: Sequence[Task]) -> bool:
     """Whether the runs that judge ``tasks`` take no part in their training, not even as other stretches of time."""
     return not any({p.run for p in t.split.judge} & {p.run for p in t.split.train} for t in tasks)
@@ -73,7 +112,7 @@ def decide(outcomes: Sequence[Outcome], whole_runs: bool = True) -> Decision:
 
     The 30 s windows must improve by MINIMUM_GAIN, by more than the standard deviation over the trainings (not the
     standard error of their mean, which would be 1 / sqrt(n) of it), and on other runs with a probability of LEVEL. The
-    100 s restarts may not become worse beyond the standard error of their mean over trainings. Parts of runs that were
+    100 s predictions may not become worse beyond their standard error by the choice of runs. Parts of runs that were
     trained on decide nothing.
     """
     good = [o for o in outcomes if o.status != "diverged"]
@@ -84,9 +123,11 @@ def decide(outcomes: Sequence[Outcome], whole_runs: bool = True) -> Decision:
     restart, restart_spread = _pooled(good, 1)
     # of all trainings together: each has judged other runs
     rows = np.vstack([_numbered(o.judged) for o in good])
-    error, groups = _jackknife(rows)
-    # Student's t by scipy.special: scipy.stats takes long to import, and a decision is also read without training
-    limit = error * float(stdtrit(groups - 1, LEVEL)) if groups > 1 else nan
+    (error, limit, groups), (long_error, long_limit, _) = map(
+        _chance, (rows, np.vstack([_numbered(o.restarts_judged) for o in good]))
+    )
+    # of single trainings where their runs are too few
+    harm = long_error if isfinite(long_error) else restart_spread / sqrt(len(good))
     faults = (
         (-inf in (window, restart), "its predictions diverge where those of the calibrated ship do not"),
         # written so that NaN is a fault
@@ -94,10 +135,7 @@ def decide(outcomes: Sequence[Outcome], whole_runs: bool = True) -> Decision:
         (window <= spread, "the gain is within the spread of seeds"),
         (isfinite(limit) and window <= limit, "the gain is within what the choice of judged runs makes of it"),
         (len(rows) > 0 and not isfinite(limit), "too little judged it to tell the gain from chance"),
-        (
-            restart < -restart_spread / sqrt(len(good)),
-            "the 100 s restarts became worse beyond the standard error over seeds",
-        ),
+        (restart < -harm, "the 100 s predictions became worse beyond their standard error"),
         (
             not whole_runs,
             f"no whole run judged it (fewer than {WHOLE} runs; give --validate one that is not trained on)",
@@ -109,6 +147,8 @@ def decide(outcomes: Sequence[Outcome], whole_runs: bool = True) -> Decision:
     if isfinite(limit):
         chance += f", on other runs {percent(window - limit)} to {percent(window + limit)}, 90 %"
     longer = "" if np.isnan(restart) else f"; 100 s predictions {_changed(restart)}"
+    seen = [f"{percent(size, False)} over {s} s" for size, s in ((limit, 30), (long_limit, 100)) if isfinite(size)]
+    longer += f"; a change of {' and '.join(seen)} would have been seen" if seen else ""
     figures = f"30 s predictions of windows it had never seen {_changed(window)} ({chance}){longer}"
     ends = (window - limit, window + limit, groups)
     words = _words(reason, figures)
@@ -137,22 +177,25 @@ def _numbered(judged: np.ndarray) -> np.ndarray:
     return np.column_stack([judged, number // BLOCK])
 
 
-def _jackknife(rows: np.ndarray) -> tuple[float, int]:
-    """Standard error of the pooled improvement of all judged ``rows`` by the choice of runs, and how many these are.
+def _chance(rows: np.ndarray) -> tuple[float, float, int]:
+    """Standard error of the pooled improvement of all judged ``rows`` by the choice of runs, half of its 90 % interval,
+    which is the least improvement that is told from chance, and how many runs these are.
 
-    Of fewer than WHOLE runs by blocks of their windows.
+    Of fewer than WHOLE runs by blocks of their windows; NaN of fewer than two.
     """
     # runs are independent, windows of one are not; blocks of windows stand for runs where there are too few
     which = rows[:, :1] if len(np.unique(rows[:, 0])) >= WHOLE else rows[:, [0, 1, 4]]
     number = np.unique(which, axis=0, return_inverse=True)[1].ravel()
     groups = int(number.max()) + 1 if len(rows) else 0
     if groups < 2:
-        return nan, groups
+        return nan, nan, groups
     sums = np.array([np.bincount(number, column) for column in rows[:, 2:4].T])
     others = sums.sum(axis=1, keepdims=True) - sums
     # of sums, not the mean of ratios: a run with next to no error before would rule
     gains = 1 - others[1] / others[0]
-    return sqrt((groups - 1) / groups * ((gains - gains.mean()) ** 2).sum()), groups
+    error = sqrt((groups - 1) / groups * ((gains - gains.mean()) ** 2).sum())
+    # Student's t by scipy.special: scipy.stats takes long to import, and a decision is also read without training
+    return error, error * float(stdtrit(groups - 1, LEVEL)), groups
 
 
 def _pooled(outcomes: Sequence[Outcome], which: int) -> tuple[float, float]:

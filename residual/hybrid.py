@@ -24,7 +24,7 @@ from residual.physics import FusedRollout, Physics
 from residual.settings import TrainSettings
 from residual.system import Past, TrainableSystem
 from residual.train import ModelKind, Outcome, Task, restored
-from residual.windows import LEAST_SCALE, STRIDE, Scales, training_scales, windows
+from residual.windows import LEAST_SCALE, STRIDE, Scales, campaign_symbols, training_scales, windows
 
 SWAPPED = {"delta_port": "delta_starboard", "delta_starboard": "delta_port", "n": "n_2", "n_2": "n"}
 """Features that change places when port becomes starboard, where a ship has both."""
@@ -183,8 +183,8 @@ class Hybrid(TrainableSystem):
         # on u, v, r alone: kinematics are exact, and memory states belong to the physics
         return torch.cat([rates[:3], rates[3:6] + self.residual(features), rates[6:]])
 
-    def columns(self, z: torch.Tensor) -> torch.Tensor:
-        return self.physics.columns(z)
+    def columns(self, z: torch.Tensor, controls: torch.Tensor | None = None) -> torch.Tensor:
+        return self.physics.columns(z, controls)
 
     def simulate(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
         """As of any system, as one compiled loop where there is a compiler."""
@@ -233,7 +233,7 @@ def build_hybrid(ship: Ship, scales: Scales, settings: TrainSettings, seed: int)
     width = max(1, settings.width // 2) if settings.symmetric else settings.width
     own = Residual(scales.feature, scales.output, width, seed)
     residual: TwoLayers = Symmetric(own, ship.actuators) if settings.symmetric else own
-    return Hybrid(Physics(ship), residual, scales.features)
+    return Hybrid(Physics(ship, symbols=campaign_symbols(ship)), residual, scales.features)
 
 
 def hybrid_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial], h: float) -> Scales:
@@ -241,7 +241,7 @@ def hybrid_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial]
 
     Raises UserError where there are no rows, or nothing moves in them.
     """
-    physics = Physics(ship)
+    physics = Physics(ship, symbols=campaign_symbols(ship))
     scales, rows = training_scales(ship, pieces, trials, h, physics.logged_features), windows(pieces, h, 1, 1)
     assert rows is not None
     logged, controls = rows.targets[0], rows.controls[0]
@@ -253,7 +253,13 @@ def hybrid_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial]
     return replace(scales, output=output, score=np.where(np.isfinite(change), change, scales.sigma))
 
 
-HYBRID_KIND = ModelKind(build_hybrid, hybrid_scales, lambda s: s.inputs, lambda s: Physics(s).logged_features)
+HYBRID_KIND = ModelKind(
+    build_hybrid,
+    hybrid_scales,
+    lambda s: s.inputs,
+    lambda s: Physics(s, symbols=campaign_symbols(s)).logged_features,
+    campaigns=True,
+)
 """A residual on a ship without a network."""
 
 

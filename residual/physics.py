@@ -107,11 +107,13 @@ class Physics:
 
     States z are (S, M), inputs (C, M), logged columns (6, M), SI; features (F, M) are what a network on this ship sees,
     rows ``ship.features``; accelerations that it adds to the rates of u, v, r (3, M). Gradients go to all of them. It
-    computes in float64 on the processor whatever the type of the tensors.
+    computes in float64 on the processor whatever the type of the tensors. symbols: coefficients whose values are the
+    last of the inputs.
     """
 
-    def __init__(self, ship: Ship, compiled: bool = True) -> None:
-        self.ship, self.model = ship, assemble(ship, ())
+    def __init__(self, ship: Ship, compiled: bool = True, symbols: Sequence[str] = ()) -> None:
+        self.ship, self.model = ship, assemble(ship, symbols)
+        self.inputs = len(self.model.controls) + len(symbols)
         self._compiled = compiled
         self._operators: dict[str, Operator] = {}
 
@@ -119,14 +121,14 @@ class Physics:
     def functions(self) -> dict[str, ca.Function]:
         """What it computes, by name, as functions of columns."""
         S, C = len(self.model.states), len(self.model.controls)
-        z, c, a, h = ca.SX.sym("z", S), ca.SX.sym("c", C), ca.SX.sym("a", 3), ca.SX.sym("h")
+        z, c, a, h = ca.SX.sym("z", S), ca.SX.sym("c", self.inputs), ca.SX.sym("a", 3), ca.SX.sym("h")
         base = ca.SX.sym("base", S)
-        rates, features = self.model.rates(z, c, []), self.model.features(z, c, [])
+        rates, features = self.model.rates(z, c[:C], c[C:]), self.model.features(z, c[:C], c[C:])
         advanced = base + h * (rates + ca.vertcat(ca.SX(3, 1), a, ca.SX(S - 6, 1)))
         table = {
             "features": ([z, c], [features]),
             "rates_and_features": ([z, c], [rates, features]),
-            "columns": ([z], [self.model.columns(z, [])]),
+            "columns": ([z, c], [self.model.columns(z, c[C:])]),
             "advance": ([base, z, a, c, h], [advanced]),
         }
         return {name: ca.Function(f"physics_{name}", *both) for name, both in table.items()}
@@ -154,15 +156,18 @@ class Physics:
         rates, features = self.call("rates_and_features", z, controls)
         return rates, features
 
-    def columns(self, z: Tensor) -> Tensor:
-        """The six columns as they are logged, (6, M)."""
-        return self.call("columns", z)[0] if self.model.measured else z[:6]
+    def columns(self, z: Tensor, controls: Tensor | None = None) -> Tensor:
+        """The six columns as they are logged, (6, M); under any inputs where none is a coefficient."""
+        if not self.model.measured:
+            return z[:6]
+        return self.call("columns", z, z.new_zeros(self.inputs, 1) if controls is None else controls)[0]
 
     def start(self, logged: Tensor, controls: Tensor) -> Tensor:
         """States (S, M) logged as (6, M) under inputs (C, M), their memory settled; without gradient."""
         six, inputs = (a.detach().cpu().double().numpy() for a in (logged, controls))
         # measured effects are inverted and memory settled in numpy: a start is data, which needs no gradient
-        return torch.from_numpy(states_behind(self.model, six, inputs, self.ship.values[:0])).to(logged)
+        C = len(self.model.controls)
+        return torch.from_numpy(states_behind(self.model, six, inputs[:C], inputs[C:])).to(logged)
 
 
 FLAGS = ("-O2", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
@@ -196,7 +201,7 @@ class FusedRollout:
 
     def __init__(self, physics: Physics, width: int) -> None:
         self.physics = physics
-        self.S, self.C = len(physics.model.states), len(physics.model.controls)
+        self.S, self.C = len(physics.model.states), physics.inputs
         self.F, self.H = len(physics.ship.features), width
 
     @cached_property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from importlib import metadata
@@ -16,7 +16,6 @@ from cases.inputs import assumed
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from cases.trial_set import TrialSet, shared_rows
-from fitting.nlp.windows import pieces_of
 from fitting.parallel import with_one_thread
 from fitting.prediction.envelope import envelope_of
 from fitting.prediction.score import score_pairs, scores_by_set
@@ -24,19 +23,20 @@ from fitting.record import read_record
 from fitting.report import run_folder
 from fitting.report.parts import Store
 from fitting.result import FitResult
+from fitting.solvers.rollout_loss import RolloutLoss, loss_in
 from mmg.errors import Missing, UnknownName, UserError
 from mmg.messages import Message
 from mmg.network import Network
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 from mmg.states import STATES
-from residual.decide import decide, judged_by_whole_runs
+from residual.decide import chosen, decide, judged_by_whole_runs, path_rows
 from residual.hybrid import HYBRID_KIND, OUTPUT, network_of
 from residual.papers.black_box import BOX_KIND, box_of
 from residual.result import CALIBRATED, HYBRID, TrainResult, read_training
-from residual.settings import KEEP, BlackBoxSettings, TrainSettings
+from residual.settings import CALIBRATION, KEEP, STATE, BlackBoxSettings, TrainSettings
 from residual.train import ModelKind, Outcome, Task, tasks_of, train_seeds
-from residual.windows import LEAST_SCALE, Scales, windows
+from residual.windows import LEAST_SCALE, Scales, campaign_symbols, windows
 
 RATES = {"du": "m/s²", "dv": "m/s²", "dr": "rad/s²"}
 """Channels of the residual and their units."""
@@ -65,31 +65,33 @@ def train(
     began = time.perf_counter()
     if keep not in KEEP:
         raise UnknownName(f"keep: {keep!r} is unknown; choose one of {', '.join(KEEP)}")
-    ship, known, name = _start(ship_or_fit)
-    chosen, by_role = TrialSet.of(trials).training(validation)
-    if not chosen:
+    ship, known, name, read_loss = _start(ship_or_fit)
+    trained_on, by_role = TrialSet.of(trials).training(validation)
+    if not trained_on:
         raise Missing("no trials to train on: name at least one trial file")
     settings = settings or TrainSettings()
-    taken = assumed([*chosen, *validation], ship.inputs)
+    taken = assumed([*trained_on, *validation], ship.inputs)
     ship, black_box = ship.without_network(), isinstance(settings, BlackBoxSettings)
+    settings, loss, other_loss = loss_of(settings, read_loss, ship, trained_on)
     kind = BOX_KIND if black_box else HYBRID_KIND
     try:
-        tasks = tasks_of(kind, ship, chosen, settings, validation, judged_apart=not black_box)
+        tasks = tasks_of(kind, ship, trained_on, settings, validation, judged_apart=not black_box, loss=loss)
         outcomes, interrupted = train_seeds(tasks, progress, store)
+        outcomes = chosen(outcomes)
         task = tasks[0]
         own = _black_box(task, outcomes, name) if black_box else _hybrid(tasks, outcomes, bool(validation), known, keep)
     except UserError:
         if store:
             store.discard()
         raise
-    own["notices"] = (*own.get("notices", ()), *taken, *_campaign_mean(ship, black_box))
+    own["notices"] = (*own.get("notices", ()), *taken, *other_loss)
     seconds, scales = time.perf_counter() - began, task.scales
     result = TrainResult(
         start=ship,
         settings=task.settings,
-        per_seed=tuple(_seed_rows(outcomes, validation or chosen)),
+        per_seed=tuple(_seed_rows(outcomes, validation or trained_on)),
         scores={},
-        data=tuple(run_folder.data_rows(chosen)),
+        data=tuple(run_folder.data_rows(trained_on)),
         validation_data=tuple(run_folder.data_rows(validation)),
         sigma={
             name: dict(zip(STATES, sigma.tolist(), strict=True))
@@ -104,16 +106,16 @@ def train(
         warnings=(
             *_seed_warnings(outcomes, task.settings),
             *by_role,
-            *shared_rows(chosen, validation),
+            *shared_rows(trained_on, validation),
             *_calibrated_on(known, validation),
         ),
         interrupted=interrupted,
-        trials=validation or chosen,
+        trials=validation or trained_on,
         **own,
     )
     models = tuple(result.models().values())
     if len(models) == 2:
-        sets = {"validation": validation, "training": chosen}
+        sets = {"validation": validation, "training": trained_on}
         scores = score_pairs(*(scores_by_set(model, sets) for model in models))
         failed = [message for name, pair in scores.items() for message in pair.failed(name)]
         result = replace(result, scores=scores, warnings=(*failed, *result.warnings))
@@ -121,13 +123,32 @@ def train(
     return replace(result, timings_s=timings)
 
 
-def _start(given: Ship | FitResult | TrainResult | str | Path) -> tuple[Ship, Mapping[str, Any], str]:
-    """The ship to start from, what is known of its calibration ({} for a bare ship), and words for it."""
-    if isinstance(given, Ship):
-        return given, {}, given.name
+def _start(
+    given: Ship | FitResult | TrainResult | str | Path,
+) -> tuple[Ship, Mapping[str, Any], str, Callable[[], RolloutLoss | None]]:
+    """The ship to start from, what is known of its calibration ({} for a bare ship), words for it, and what reads the
+    loss of its calibration."""
     if isinstance(given, (str, Path)):
-        return load_ship(given), _known(Path(given)), str(given)
-    return given.ship, given.to_dict(), given.ship.name
+        stored = run_folder.described_in(Path(given)) / run_folder.LOSS
+        return load_ship(given), _known(Path(given)), str(given), lambda: loss_in(stored)
+    known = {} if isinstance(given, Ship) else given.to_dict()
+    ship = given if isinstance(given, Ship) else given.ship
+    return ship, known, ship.name, lambda: given.loss if isinstance(given, FitResult) else None
+
+
+def loss_of(
+    settings: TrainSettings, read: Callable[[], RolloutLoss | None], ship: Ship, trials: Sequence[Trial]
+) -> tuple[TrainSettings, RolloutLoss | None, tuple[Message, ...]]:
+    """The settings, and the loss of the calibration of ``ship`` where they ask for it and it is of the ``trials``; else
+    that of states, with a notice. read: gives that loss, None where there is none; it raises UserError."""
+    if settings.loss != CALIBRATION:
+        return settings, None, ()
+    # the windows of a calibration start from states of its ship, which a black box has not
+    found = None if isinstance(settings, BlackBoxSettings) else read()
+    if found and found.symbols == campaign_symbols(ship) and (same := found.of_trials(trials)):
+        return settings, same, ()
+    words = "the loss of a calibration of these trials is not known here: the network is trained by that of states"
+    return replace(settings, loss=STATE), None, (Message(words, "loss_of_states"),)
 
 
 def _known(folder: Path) -> Mapping[str, Any]:
@@ -161,6 +182,8 @@ def _hybrid(
         "details": {
             "bound": dict(zip(RATES, network.bound.tolist(), strict=True)) if network else None,
             "output_scale": dict(zip(RATES, scales.output.tolist(), strict=True)),
+            "penalty": outcomes[0].penalty,
+            "path": path_rows(outcomes),
             "residual_size": _residual_size(network, scales) if network else {},
             "calibration": _calibration_in(known) if known else None,
             **run_folder.of_predictions(known),
@@ -176,18 +199,6 @@ def _calibration_in(known: Mapping[str, Any]) -> dict[str, Any]:
     rows = {key: known.get(key) for key in ("created", "command", "converged", "settings", "sigma", "scaling")}
     next_trial = (known.get("identifiability") or {}).get("next_trial") or {}
     return rows | {"identifiability": {"next_trial": {"worth": next_trial.get("worth")}}}
-
-
-def _campaign_mean(ship: Ship, black_box: bool) -> tuple[Message, ...]:
-    """A notice on the instruments of a ``ship`` that knows campaigns; none for a black box, which is without them."""
-    if black_box or not ship.campaigns:
-        return ()
-    names = ", ".join(next(iter(ship.campaigns.values())))
-    words = (
-        f"the residual is learned with {names} at the mean of {len(ship.campaigns)} campaigns; predictions of a trial "
-        "take the values of its campaign"
-    )
-    return (Message(words, "campaign_mean"),)
 
 
 def _black_box(task: Task, outcomes: Sequence[Outcome], name: str) -> dict[str, Any]:
@@ -261,7 +272,7 @@ def _outside(kind: ModelKind, task: Task, trials: Sequence[Trial]) -> dict:
     """Shares of rows outside the range of the training rows, by trial and by feature, with the ends of the latter."""
     ship, h, known = task.ship, task.h, task.scales.features
     features_at = kind.features(ship)
-    rows = {t.name: windows(pieces_of([t], h, kind.inputs(ship)), h, 1, 1) for t in trials}
+    rows = {t.name: windows(kind.pieces(ship, [t], h), h, 1, 1) for t in trials}
     seen = {name: features_at(b.targets[0], b.controls[0]).numpy() for name, b in rows.items() if b}
     if not seen:
         return {}

@@ -7,8 +7,8 @@ from typing import Any
 
 from fitting.settings import setting
 
-LOSSES = ("state", "acceleration")
-"""Eq. 23 and Eq. 16 of Wakita et al. (2022)."""
+LOSSES = STATE, ACCELERATION, CALIBRATION = "state", "acceleration", "calibration"
+"""Eq. 23 and Eq. 16 of Wakita et al. (2022), and that of the calibration of the ship."""
 KEEP = ("better", "always")
 """Which ship is recommended: the better one as the decision says, or always the hybrid."""
 SETS = {
@@ -19,6 +19,12 @@ SETS = {
 many noisy copies as the second says. d-ref is ref on twice the data: who compares gives it all trials, others half."""
 KINDS = ("fnn", "rnn", "rnn-window")
 """Feedforward (Wakita et al. 2024, 2025), standard RNN (2022, Eq. 7), RNN with m rows of memory (2022, Eq. 9)."""
+
+
+PATH = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
+"""Weights of the residual's square of which judged windows choose, each trained from the one before. Set by hand."""
+PATH_EPOCHS = 0.1  # set by hand: the path then has 1.5 times the epochs of a training
+"""Share of the epochs for each of them but the first."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +40,7 @@ class TrainSettings:
     workers: int = setting(1, "Processes over which tasks are spread.", ge=1)
     width: int = setting(32, "Neurons of a hidden layer; default 32, black box 64.", ge=1)
     symmetric: bool = setting(True, "hybrid: port and starboard may differ.")
-    penalty: float = setting(0.01, "Weight of residual^2; black box: of weights^2, default 1e-4.", ge=0)
+    penalty: float | None = setting(None, "Weight of residual^2, default by a path; black box: 1e-4.", ge=0)
     rate: float = setting(3e-3, "First learning rate of Adam.", gt=0)
     last_rate: float = setting(2e-5, "Last learning rate of Adam.", gt=0)
     clip: float = setting(1.0, "Largest norm of gradients.", gt=0)
@@ -45,12 +51,21 @@ class TrainSettings:
     )
     stride: float = setting(5.0, "Seconds between windows.", gt=0)
     jitter: float = setting(0.0, "Noise on states, in the instruments' noise.", ge=0)
-    loss: str = setting("state", "state or acceleration (Wakita 2022).", choices=LOSSES)
+    loss: str = setting("state", "state, acceleration (Wakita 2022) or calibration.", choices=LOSSES)
     method: str = setting("rk4", "Integration.", choices=("rk4", "euler"))
     step: float | None = setting(None, "Step of integration [s]; default 0.05 L/U.", gt=0)
     block: float = setting(150.0, "Length of blocks [s] of few runs.", gt=0)
     augment: str = setting("", "Of Wakita 2024: sli2, jit10, d-ref, ...", choices=(*SETS, ""))
     time_limit: float | None = setting(None, "Limit of the training [s].", gt=0)
+
+    @property
+    def path(self) -> tuple[tuple[float, int], ...]:
+        """Weights of the residual in the order of the training, and the epochs of each."""
+        if self.penalty is not None:
+            return ((self.penalty, self.epochs),)
+        # light first: a residual shrinks within a few epochs, and needs all of them to grow
+        shorter = max(1, round(PATH_EPOCHS * self.epochs))
+        return tuple((weight, shorter if k else self.epochs) for k, weight in enumerate(PATH))
 
 
 _OF = {f.name: f.metadata for f in fields(TrainSettings)}

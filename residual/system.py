@@ -7,11 +7,14 @@ columns (6, M). A model that remembers puts what it remembers into the rows of i
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import nn
+from torch.autograd.function import once_differentiable
 
+from fitting.nlp.loss import Loss
 from mmg.runge_kutta import rk4_step
 
 
@@ -56,8 +59,11 @@ class TrainableSystem(nn.Module):
             states.append(self.step(states[-1], held, h, method))
         return torch.stack(states)
 
-    def columns(self, z: torch.Tensor) -> torch.Tensor:
-        """The six columns as they are logged, (6, M), of states (Z, M)."""
+    def columns(self, z: torch.Tensor, controls: torch.Tensor | None = None) -> torch.Tensor:
+        """The six columns as they are logged, (6, M), of states (Z, M) under inputs (C, M).
+
+        Only instruments whose values are among the inputs read these.
+        """
         return z[:6]
 
     def accelerations(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
@@ -84,7 +90,8 @@ class RolloutBatch:
     """M windows of N steps of h [s] as float64 tensors.
 
     controls: (N, C, M), the mean over each step; targets: (N + 1, 6, M) logged columns on the grid, the first row the
-    start, 0 where not measured; mask: of the same shape, 0 there and 1 elsewhere. past: rows before the start.
+    start, 0 where not measured; mask: of the same shape, 0 there and 1 elsewhere, or the weights of a calibration.
+    past: rows before the start; states: (Z, M) to start from instead of what is behind the first row.
     """
 
     h: float
@@ -92,6 +99,7 @@ class RolloutBatch:
     targets: torch.Tensor
     mask: torch.Tensor
     past: Past | None = None
+    states: torch.Tensor | None = None
 
     def __len__(self) -> int:
         return self.controls.shape[2]
@@ -100,19 +108,23 @@ class RolloutBatch:
         """Only these windows (numbers)."""
         past = Past(*(a[..., which] for a in self.past)) if self.past else None
         controls, targets, mask = (a[..., which] for a in (self.controls, self.targets, self.mask))
-        return RolloutBatch(self.h, controls, targets, mask, past)
+        states = None if self.states is None else self.states[:, which]
+        return RolloutBatch(self.h, controls, targets, mask, past, states)
 
 
 def rollout(system: TrainableSystem, batch: RolloutBatch, method: str = "rk4") -> torch.Tensor:
-    """Logged columns (N + 1, 6, M) of the windows of ``batch`` simulated by ``system`` from their measured start.
+    """Logged columns (N + 1, 6, M) of the windows of ``batch`` simulated by ``system`` from their start.
 
     method: "rk4" or "euler".
     """
-    start = system.start(batch.targets[0], batch.controls[0], batch.past)
+    start = batch.states
+    if start is None:
+        start = system.start(batch.targets[0], batch.controls[0], batch.past)
     # columns are made of all rows at once, as points: measurement has no memory beyond the state
     every = system.simulate(start, batch.controls, batch.h, method).transpose(0, 1)
     Z, rows, M = every.shape
-    return system.columns(every.reshape(Z, rows * M)).reshape(6, rows, M).transpose(0, 1)
+    inputs = batch.controls[0].repeat(1, rows)
+    return system.columns(every.reshape(Z, rows * M), inputs).reshape(6, rows, M).transpose(0, 1)
 
 
 def squares(predicted: torch.Tensor, batch: RolloutBatch, sigma: torch.Tensor) -> torch.Tensor:
@@ -132,6 +144,31 @@ def state_loss(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Tensor
     sigma: (6,) by which errors are divided; method: "rk4" or "euler".
     """
     return squares(rollout(system, batch, method), batch, sigma).mean()
+
+
+def calibration_loss(system: TrainableSystem, batch: RolloutBatch, cost: Loss, method: str = "rk4") -> torch.Tensor:
+    """Half the sum of the costs of the residuals of ``system`` on ``batch``, (): what samples have of an objective.
+
+    The mask of the batch are the weights of a calibration (N + 1, 6, M); cost: of it; method: "rk4" or "euler".
+    """
+    return _Cost.apply(rollout(system, batch, method) - batch.targets, batch.mask, cost)
+
+
+class _Cost(torch.autograd.Function):
+    """The cost of a calibration in torch's graph, by its own functions of value and slope."""
+
+    @staticmethod
+    def forward(ctx: Any, error: torch.Tensor, weights: torch.Tensor, cost: Loss) -> torch.Tensor:
+        e, w = error.numpy(), weights.numpy()
+        # beyond the end of a window a rollout may be no number
+        e = np.where(w > 0, e, 0.0)
+        ctx.slope = torch.from_numpy(cost.weight(w, e) * e)
+        return error.new_tensor(0.5 * cost.cost(w, e).sum())
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, seed: torch.Tensor) -> tuple[Any, ...]:
+        return seed * ctx.slope, None, None
 
 
 def measured_accelerations(batch: RolloutBatch) -> tuple[torch.Tensor, torch.Tensor]:

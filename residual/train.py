@@ -23,19 +23,29 @@ import torch
 from torch import Tensor
 from torch.optim.adam import adam
 
-from cases.inputs import step_means
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch, default_step, pieces_of
 from fitting.parallel import run_all, width
 from fitting.prediction.score import WINDOW
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
 from fitting.solvers.control import Control, interrupts_noted
+from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.ship import Ship
 from residual.settings import TrainSettings
 from residual.splits import Split, splits_of
-from residual.system import RolloutBatch, TrainableSystem, acceleration_loss, state_loss
-from residual.windows import STRIDE, Scales, augmented, compare_errors, jittered, window_errors, windows
+from residual.system import RolloutBatch, TrainableSystem, acceleration_loss, calibration_loss, state_loss
+from residual.windows import (
+    STRIDE,
+    Scales,
+    augmented,
+    by_campaign,
+    calibration_windows,
+    compare_errors,
+    jittered,
+    window_errors,
+    windows,
+)
 
 
 class Adam:
@@ -60,8 +70,6 @@ class Adam:
 
 RESTARTS, LOWER = 2, 0.2
 """How often a diverged training starts again, and the factor on its learning rate. Set by hand."""
-Stage = tuple[float, RolloutBatch, int]
-"""Length of rollouts [s], their windows, epochs."""
 BuildSystem = Callable[[Ship, Scales, TrainSettings, int], TrainableSystem]
 """Makes the untrained system of a ship, scales, settings and a seed; importable, so that it reaches other processes."""
 
@@ -69,7 +77,7 @@ BuildSystem = Callable[[Ship, Scales, TrainSettings, int], TrainableSystem]
 @dataclass(frozen=True)
 class Task:
     """One training: build(ship, scales, settings, seed) makes the system, which trains, stops and is judged by
-    ``split``. seconds: limit of this one; stop: a file that ends it.
+    ``split``. loss: of the calibration, where it trains; seconds: limit of this one; stop: a file that ends it.
     """
 
     build: BuildSystem
@@ -78,6 +86,7 @@ class Task:
     settings: TrainSettings
     seed: int
     split: Split
+    loss: RolloutLoss | None = None
     seconds: float | None = None
     stop: Path | None = None
 
@@ -92,6 +101,18 @@ class Task:
         return self.build(self.ship, self.scales, self.settings, self.seed)
 
 
+class PathPoint(NamedTuple):
+    """What a training has come to at one weight of the residual.
+
+    penalty: that weight; judged, restarts_judged, state: as of ``Outcome``, of the best system so far.
+    """
+
+    penalty: float
+    judged: np.ndarray
+    restarts_judged: np.ndarray
+    state: dict[str, np.ndarray]
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What a training ended with.
@@ -99,7 +120,10 @@ class Outcome:
     status: "finished", "stopped" (limit or Ctrl-C: best weights so far) or "diverged". before, after: errors of the
     judged windows (30 s windows, 100 s restarts) of the untrained and of the best system; history: rows (epoch, length
     of rollouts [s], loss, error of the stop windows); state: name -> array of the best system's parameters; judged: the
-    judged 30 s windows one by one, rows (run, first row of its piece, error before, error after); fold: of the task.
+    judged 30 s windows one by one, rows (run, first row of its piece, error before, error after); restarts_judged: of
+    the 100 s restarts; fold: of the task; penalty: weight of the residual.
+    points: of the weights of the residual that were trained one after the other; ``chosen`` makes after, judged and
+    state those of one of them.
     """
 
     seed: int
@@ -115,6 +139,22 @@ class Outcome:
     held_out_windows: int
     judged: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)), repr=False)
     fold: int = 0
+    restarts_judged: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)), repr=False)
+    penalty: float = math.nan
+    points: tuple[PathPoint, ...] = field(default=(), repr=False)
+
+    def at(self, number: int) -> Outcome:
+        """With what it came to at the point of that ``number``, or at its last one if there are fewer."""
+        point = self.points[min(number, len(self.points) - 1)]
+        return replace(self, penalty=point.penalty, state=point.state, **judged_by(point.judged, point.restarts_judged))
+
+
+def judged_by(windows: np.ndarray, restarts: np.ndarray) -> dict[str, Any]:
+    """What of an ``Outcome`` follows from the rows (n, 4) of its judged 30 s ``windows`` and 100 s ``restarts``."""
+    # NaN and not zero where none fits: zero would be a perfect prediction
+    means = [rows[:, 2:].mean(axis=0).tolist() if len(rows) else (math.nan, math.nan) for rows in (windows, restarts)]
+    before, after = zip(*means, strict=True)
+    return {"before": before, "after": after, "judged": windows, "restarts_judged": restarts}
 
 
 class _Diverged(Exception):
@@ -138,24 +178,27 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
             except _Diverged:
                 status = "diverged"
     # also after a divergence: the best weights before it are judged, for the record
-    attempt.system.load_state_dict(attempt.best, strict=False)
-    systems = task.system(), attempt.system
-    # the untrained system is predicted once more: the windows that judge are not those whose error is in the history
-    judged, before, after = compare_errors(systems, task.split.judge, task.h, task.scales.score, settings.method)
+    untrained, points = task.system(), []
+    for weight, best in attempt.points or [(settings.path[0][0], attempt.best)]:
+        attempt.system.load_state_dict(best, strict=False)
+        # the untrained system is predicted too: the windows that judge are not those whose error is in the history
+        systems = untrained, attempt.system
+        judged = compare_errors(systems, task.split.judge, task.h, task.scales.score, settings.method)
+        points.append(PathPoint(weight, *judged, {name: value.numpy().copy() for name, value in best.items()}))
     return Outcome(
         seed=task.seed,
         status=status,
-        before=before,
-        after=after,
+        **judged_by(*judged),
         history=tuple(attempt.history),
-        state={name: value.numpy().copy() for name, value in attempt.best.items()},
+        state=points[-1].state,
         rate=rate,
         restarts=restart,
         seconds=time.perf_counter() - began,
         windows=attempt.count,
-        held_out_windows=len(judged),
-        judged=judged,
+        held_out_windows=len(judged[0]),
         fold=task.split.fold,
+        penalty=points[-1].penalty,
+        points=tuple(points),
     )
 
 
@@ -170,6 +213,8 @@ class _Attempt:
         self.draw = torch.Generator().manual_seed(task.seed)
         self.stages = stages(task, self.system.past)
         self.count = max((len(batch) for _, batch, _ in self.stages), default=0)
+        # in units of the ship without a residual: the penalty then means the same on all ships and data
+        self.unit = float(self._calibration(self.stages[0][1]).detach()) if task.loss and self.stages else 1.0
         h = task.h
         held = windows(task.split.stop, h, round(WINDOW / h), round(STRIDE / h), self.system.past)
         assert held is not None
@@ -178,6 +223,7 @@ class _Attempt:
         self.before = self.least = self._stop_error()
         # row 0 is the untrained system, which has no rollouts and no loss yet
         self.history: list[tuple[int, float, float, float]] = [(0, 0.0, float("nan"), self.before)]
+        self.points: list[tuple[float, dict[str, Tensor]]] = []
 
     def _state(self) -> dict[str, torch.Tensor]:
         # copies: the optimizer changes the parameters in place
@@ -188,25 +234,49 @@ class _Attempt:
         return float(window_errors(self.system, self.held, self.score, self.task.settings.method).mean())
 
     def run(self) -> str:
-        """Train through the stages of the curriculum; "finished" or "stopped"."""
+        """Train at one weight of the residual after the other; "finished" or "stopped"."""
+        path, done = self.task.settings.path, 0
+        plans = [
+            [(seconds, batch) for seconds, batch, share in self.stages for _ in range(max(1, round(share * epochs)))]
+            for _, epochs in path
+        ]
+        total = sum(map(len, plans))
+        for (weight, _), plan in zip(path, plans, strict=True):
+            try:
+                self.system.load_state_dict(self.best, strict=False)
+                status = self._descend(weight, plan, done, total)
+                if self.points:
+                    # the last weights and not those that stop best, which may be those of before
+                    self.best = self._state()
+            except _Diverged:
+                if not self.points:
+                    raise
+                return "finished"
+            self.points.append((weight, self.best))
+            done += len(plan)
+            if status == "stopped":
+                return status
+        return "finished"
+
+    def _descend(self, weight: float, plan: Sequence[tuple[float, RolloutBatch]], done: int, total: int) -> str:
+        """Train through the curriculum at a ``weight``; done, total: epochs before and of all."""
         t, optimizer = self.task.settings, Adam(self.system.learned())
-        plan = [(seconds, batch) for seconds, batch, epochs in self.stages for _ in range(epochs)]
-        for done, (seconds, batch) in enumerate(plan):
+        for k, (seconds, batch) in enumerate(plan):
             # over the whole curriculum, not each stage: longer rollouts, with their steeper gradients, meet the lower
             # rates
-            cosine = 0.5 * (1 + math.cos(math.pi * done / len(plan)))
+            cosine = 0.5 * (1 + math.cos(math.pi * k / len(plan)))
             rate = t.last_rate + (self.rate - t.last_rate) * cosine
-            loss = self._epoch(optimizer, rate, batch)
-            self._keep(done + 1, seconds, loss)
+            loss = self._epoch(optimizer, rate, batch, weight)
+            self._keep(done + k + 1, seconds, loss)
             if self.control.progress:
                 values = {"loss": loss, "error of 30 s windows": self.history[-1][3]}
-                self.control.progress(Progress(f"seed {self.task.seed}", done + 1, len(plan), values))
+                self.control.progress(Progress(f"seed {self.task.seed}", done + k + 1, total, values))
             if self.control.stops:
                 return "stopped"
         return "finished"
 
-    def _epoch(self, optimizer: Adam, rate: float, batch: RolloutBatch) -> float:
-        """One pass over the windows in random order at a ``rate``; mean loss."""
+    def _epoch(self, optimizer: Adam, rate: float, batch: RolloutBatch, weight: float) -> float:
+        """One pass over the windows in random order at a ``rate`` and a ``weight`` of the residual; mean loss."""
         t, scales = self.task.settings, self.task.scales
         # parts of about equal size, where a fixed size would leave a last part of few windows and noisy gradients
         parts = torch.randperm(len(batch), generator=self.draw).tensor_split(max(1, round(len(batch) / t.batch)))
@@ -217,7 +287,7 @@ class _Attempt:
                 # noise anew in each epoch, so that it cannot be learned
                 some = jittered(some, t.jitter * torch.as_tensor(scales.noise), self.draw)
             self.system.zero_grad()
-            loss = self._loss(some)
+            loss = self._loss(some, weight)
             loss.backward()
             # one rollout that nearly diverges has a gradient orders larger than the others and would undo the epoch
             norm = torch.nn.utils.clip_grad_norm_(self.system.learned(), t.clip)
@@ -231,13 +301,20 @@ class _Attempt:
                 break
         return float(np.mean(losses))
 
-    def _loss(self, batch: RolloutBatch) -> torch.Tensor:
+    def _loss(self, batch: RolloutBatch, weight: float) -> torch.Tensor:
         t = self.task.settings
         if t.loss == "acceleration":
             loss = acceleration_loss(self.system, batch, torch.as_tensor(self.task.scales.acceleration))
+        elif self.task.loss:
+            loss = self._calibration(batch) / self.unit
         else:
             loss = state_loss(self.system, batch, self.sigma, t.method)
-        return loss + t.penalty * self.system.penalty() if t.penalty else loss
+        return loss + weight * self.system.penalty() if weight else loss
+
+    def _calibration(self, batch: RolloutBatch) -> torch.Tensor:
+        """The loss of the calibration, mean over windows."""
+        assert self.task.loss is not None
+        return calibration_loss(self.system, batch, self.task.loss.cost, self.task.settings.method) / len(batch)
 
     @torch.no_grad()
     def _keep(self, epoch: int, seconds: float, loss: float) -> None:
@@ -252,12 +329,16 @@ class _Attempt:
             self.least, self.best = error, self._state()
 
 
-def stages(task: Task, past: int) -> list[Stage]:
-    """Length of the rollouts [s], windows and epochs of each stage of the curriculum of ``task`` for which windows fit.
+def stages(task: Task, past: int) -> list[tuple[float, RolloutBatch, float]]:
+    """Length of the rollouts [s], windows and share of the epochs of each stage of the curriculum of ``task``.
 
-    past: rows before each window that the system reads.
+    Only of those for which windows fit; one stage with the windows of a calibration, where its loss trains. past: rows
+    before each window that the system reads.
     """
     t, h = task.settings, task.h
+    if task.loss:
+        batch = calibration_windows(task.loss, task.split.train)
+        return [(task.loss.h * len(batch.controls), batch, 1.0)] if batch else []
     result = []
     for seconds, share in t.curriculum:
         if t.augment:
@@ -266,7 +347,7 @@ def stages(task: Task, past: int) -> list[Stage]:
         else:
             batch = windows(task.split.train, h, max(1, round(seconds / h)), max(1, round(t.stride / h)), past)
         if batch is not None:
-            result.append((seconds, batch, max(1, round(share * t.epochs))))
+            result.append((seconds, batch, share))
     return result
 
 
@@ -286,13 +367,20 @@ class ModelKind(NamedTuple):
     """A kind of model that is trained, such as a residual on a ship.
 
     build: makes the untrained system; scales(ship, pieces, trials, h): of the training data; inputs(ship): their names;
-    features(ship): (logged columns (6, M), inputs (C, M)) -> what the network sees, (F, M).
+    features(ship): (logged columns (6, M), inputs (C, M)) -> what the network sees, (F, M); campaigns: whether the
+    values that campaigns of the ship have for themselves are inputs.
     """
 
     build: BuildSystem
     scales: Callable[[Ship, Sequence[Stretch], Sequence[Trial], float], Scales]
     inputs: Callable[[Ship], tuple[str, ...]]
     features: Callable[[Ship], Callable[[Tensor, Tensor], Tensor]]
+    campaigns: bool = False
+
+    def pieces(self, ship: Ship, trials: Sequence[Trial], h: float) -> list[Stretch]:
+        """The pieces of ``trials`` on a grid of ``h`` [s] with what the model reads."""
+        found = pieces_of(trials, h, self.inputs(ship))
+        return by_campaign(found, ship, trials) if self.campaigns else found
 
 
 def tasks_of(
@@ -302,22 +390,22 @@ def tasks_of(
     settings: TrainSettings,
     validation: Sequence[Trial] = (),
     judged_apart: bool = True,
-    means: Callable[..., np.ndarray] = step_means,
+    loss: RolloutLoss | None = None,
 ) -> list[Task]:
     """One training of a ``kind`` of model of ``ship`` per seed of ``settings``, with the step filled in.
 
     trials: of which parts take turns to stop by and to judge by; validation: trials that judge instead; judged_apart:
-    the windows that judge are not those that stop, which would flatter; means: of inputs (N, C) over
-    steps, as of ``pieces_of``. Raises UserError where there is too little data.
+    the windows that judge are not those that stop, which would flatter; loss: of the calibration, by which they train.
+    Raises UserError where there is too little data.
     """
     h = settings.step or default_step(trials, ship.particulars["L"])
-    pieces, held_out = (pieces_of(some, h, kind.inputs(ship), means) for some in (trials, validation))
+    pieces, held_out = (kind.pieces(ship, some, h) for some in (trials, validation))
     settings = replace(settings, step=h)
     splits = splits_of(settings, pieces, held_out, judged_apart)
     # of all pieces, those that judge included: the mean network needs one set of scales for all seeds
     scales = kind.scales(ship, pieces, trials, h)
     # each seed takes the next turn of the split, so that seeds differ in weights and in what judges
-    return [Task(kind.build, ship, scales, settings, settings.seed + i, split) for i, split in enumerate(splits)]
+    return [Task(kind.build, ship, scales, settings, settings.seed + i, split, loss) for i, split in enumerate(splits)]
 
 
 FREE = ("workers", "time_limit")
@@ -350,10 +438,13 @@ def training_store(
 
 def save_outcome(store: Store, outcome: Outcome) -> None:
     """Keep the ``outcome`` of a seed in ``store``."""
-    rows = {name: np.array(getattr(outcome, name)) for name in _ROWS}
-    words = {f.name: getattr(outcome, f.name) for f in fields(Outcome) if f.name not in (*_ROWS, "state")}
-    state = {f"state.{name}": value for name, value in outcome.state.items()}
-    store.save(f"seed_{outcome.seed}", words, rows | state)
+    rows = {"history": np.array(outcome.history)}
+    words = {f.name: getattr(outcome, f.name) for f in fields(Outcome) if f.name not in _KEPT}
+    words["penalties"] = [point.penalty for point in outcome.points]
+    for k, point in enumerate(outcome.points):
+        rows |= {f"{k}.{name}": getattr(point, name) for name in ("judged", "restarts_judged")}
+        rows |= {f"{k}.state.{name}": value for name, value in point.state.items()}
+    store.save(f"seed_{outcome.seed}", words, rows)
 
 
 def load_outcome(store: Store, seed: int) -> Outcome | None:
@@ -362,14 +453,18 @@ def load_outcome(store: Store, seed: int) -> Outcome | None:
     if found is None:
         return None
     words, arrays = found
-    state = {name.removeprefix("state."): a for name, a in arrays.items() if name.startswith("state.")}
+    points = []
+    for k, penalty in enumerate(words.pop("penalties")):
+        start = f"{k}.state."
+        state = {name.removeprefix(start): a for name, a in arrays.items() if name.startswith(start)}
+        points.append(PathPoint(penalty, arrays[f"{k}.judged"], arrays[f"{k}.restarts_judged"], state))
     history = tuple((int(row[0]), *row[1:]) for row in arrays["history"].tolist())
-    ends: dict[str, Any] = {name: tuple(arrays[name].tolist()) for name in ("before", "after")}
-    return Outcome(**words, **ends, history=history, judged=arrays["judged"], state=state)
+    judged = judged_by(points[-1].judged, points[-1].restarts_judged)
+    return Outcome(**words, **judged, history=history, state=points[-1].state, points=tuple(points))
 
 
-_ROWS = ("before", "after", "history", "judged")
-"""What of an outcome is kept as arrays, beside its state."""
+_KEPT = ("before", "after", "judged", "restarts_judged", "state", "points", "history")
+"""What of an outcome is kept with its points, or is the history."""
 
 
 STARTED = "started_"
@@ -379,7 +474,8 @@ STARTED = "started_"
 def train_seeds(
     tasks: Sequence[Task], progress: OnProgress | None = None, store: Store | None = None
 ) -> tuple[list[Outcome], bool]:
-    """Outcomes of the ``tasks`` of a training in their order, and whether Ctrl-C ended them early.
+    """Outcomes of the ``tasks`` of a training in their order, at the last weight of the residual, and whether Ctrl-C
+    ended them early.
 
     progress: called after each epoch where one process trains, else after each seed; store: what it holds is not
     trained again, and what finishes is kept there. After Ctrl-C the trainings under way keep their best weights and

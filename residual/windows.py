@@ -13,9 +13,11 @@ import numpy as np
 import torch
 
 from cases.evidence.signals import white_noise
+from cases.io.campaigns import campaign_among
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
 from fitting.prediction.score import PAPER_WINDOW, STRIDE, WINDOW, pooled_sigma
+from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import TooFewData
 from mmg.motion.froude import length_scale
 from mmg.ship import Ship
@@ -49,6 +51,44 @@ def windows(pieces: Sequence[Stretch], h: float, steps: int, stride: int, past: 
 def _stacked(rows: Iterable[np.ndarray]) -> torch.Tensor:
     """Rows (N, C) of M windows side by side, (N, C, M)."""
     return torch.as_tensor(np.stack(list(rows), axis=2), dtype=torch.float64)
+
+
+def campaign_symbols(ship: Ship) -> tuple[str, ...]:
+    """The V coefficients of ``ship`` that its campaigns have for themselves."""
+    return tuple(s for s in next(iter(ship.campaigns.values()), {}) if s in ship.coefficients)
+
+
+def by_campaign(pieces: Sequence[Stretch], ship: Ship, trials: Sequence[Trial]) -> list[Stretch]:
+    """``pieces`` of ``trials`` with the values of their campaign behind their inputs, (N, C + V), as ``Physics`` with
+    ``campaign_symbols`` takes them; of a trial of none that ``ship`` knows the mean."""
+    symbols = campaign_symbols(ship)
+    if not symbols:
+        return list(pieces)
+    names = [campaign_among(trial, ship.campaigns) for trial in trials]
+    each = [ship if name is None else ship.of_campaign(name) for name in names]
+    values = np.array([[one.coefficients[s].value for s in symbols] for one in each])
+    result = []
+    for piece in pieces:
+        inputs = piece.record.controls
+        inputs = np.hstack([inputs, np.tile(values[piece.run], (len(inputs), 1))])
+        result.append(replace(piece, record=replace(piece.record, controls=inputs)))
+    return result
+
+
+def calibration_windows(loss: RolloutLoss, pieces: Sequence[Stretch]) -> RolloutBatch | None:
+    """The windows of the ``loss`` of a calibration, weighed only within ``pieces``, by run and time; None: nowhere."""
+    t = loss.began + loss.h * np.arange(len(loss.targets))[:, None]
+    inside = np.zeros(t.shape, dtype=bool)
+    for p in pieces:
+        inside |= (loss.run == p.run) & (t > p.t[0] - loss.h / 2) & (t < p.t[-1] + loss.h / 2)
+    weights = loss.weights * inside[:, None]
+    some = np.flatnonzero(weights.any(axis=(0, 1)))
+    if not len(some):
+        return None
+    own = np.broadcast_to(loss.values, (len(loss.controls), *loss.values.shape))
+    arrays = np.concatenate([loss.controls, own], axis=1), loss.targets, weights
+    controls, targets, mask = (torch.as_tensor(np.ascontiguousarray(a[..., some])) for a in arrays)
+    return RolloutBatch(loss.h, controls, targets, mask, states=torch.as_tensor(loss.starts[:, some].copy()))
 
 
 def jittered(batch: RolloutBatch, noise: torch.Tensor, draw: torch.Generator) -> RolloutBatch:
@@ -89,25 +129,23 @@ def compare_errors(
     h: float,
     sigma: np.ndarray,
     method: str,
-) -> tuple[np.ndarray, tuple[float, float], tuple[float, float]]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Errors of two ``systems`` on 30 s windows every 15 s and on 100 s windows side by side.
 
-    pieces: on a grid of h [s]; sigma: (6,) by which errors are divided; method: of the integration. Returns the rows of
-    the 30 s windows (run, first row of its piece, error of each system), and the mean errors (30 s windows, 100 s
-    restarts; NaN where none fits) of the first and of the second system.
+    pieces: on a grid of h [s]; sigma: (6,) by which errors are divided; method: of the integration. Returns rows (run,
+    first row of its piece, error of each system) of the 30 s windows and of the 100 s restarts.
     """
     past, scale = systems[0].past, torch.as_tensor(sigma)
-    errors = []
+    place, found = np.array([(p.run, p.first) for p in pieces]).reshape(-1, 2), []
     # overlapping windows, and restarts side by side, as the scores have them
     for length, stride in ((WINDOW, STRIDE), (PAPER_WINDOW, PAPER_WINDOW)):
-        batch = windows(pieces, h, round(length / h), round(stride / h), past)
-        errors.append(np.array([window_errors(s, batch, scale, method) if batch else [] for s in systems]))
-    # as ``windows`` counts them, so that each error finds its run again
-    counts = [len(range(p.first + past, p.last - round(WINDOW / h) + 1, round(STRIDE / h))) for p in pieces]
-    where = np.repeat(np.array([(p.run, p.first) for p in pieces]).reshape(-1, 2), counts, axis=0)
-    # NaN and not zero where none fits: zero would be a perfect prediction
-    (a, b), (c, d) = (e.mean(axis=1).tolist() if e.size else (np.nan, np.nan) for e in errors)
-    return np.column_stack([where, errors[0].T]), (a, c), (b, d)
+        rows, every = round(length / h), round(stride / h)
+        batch = windows(pieces, h, rows, every, past)
+        errors = [window_errors(s, batch, scale, method) if batch else np.zeros(0) for s in systems]
+        # as ``windows`` counts them, so that each error finds its run again
+        counts = [len(range(p.first + past, p.last - rows + 1, every)) for p in pieces]
+        found.append(np.column_stack([np.repeat(place, counts, axis=0), *errors]))
+    return found[0], found[1]
 
 
 @torch.no_grad()

@@ -7,7 +7,7 @@ step. What is fitted, filtered, trained on and predicted are ``Stretch``es of th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
@@ -162,6 +162,7 @@ class Segments:
     trials: names of the trials; duration: seconds of data in the windows.
     dropped: messages on what was left out.
     variance: (W, 6) of the measured states where they were derived, as their trials state it; None: 0 everywhere.
+    began: (W,) time of the trial at which each window begins [s]; empty where nobody asks.
     """
 
     h: float
@@ -182,6 +183,7 @@ class Segments:
     duration: float
     dropped: tuple[Message, ...] = ()
     variance: np.ndarray | None = None
+    began: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def intervals(self) -> int:
@@ -229,6 +231,7 @@ class Segments:
             node_window=np.searchsorted(windows, self.node_window[nodes]),
             run=self.run[windows],
             variance=None if self.variance is None else self.variance[windows],
+            began=self.began[windows] if len(self.began) else self.began,
             duration=float(part["steps"].sum() * self.h),
         )
 
@@ -250,6 +253,7 @@ def cut(
     nodes: list[np.ndarray] = []
     node_window: list[int] = []
     run: list[int] = []
+    began: list[float] = []
     short: dict[str, float] = {}
     spans: list[_Span] = []
     for piece in pieces_of(trials, h, inputs):
@@ -264,6 +268,7 @@ def cut(
             nodes += [part.logged[row] for row in joints]
             node_window += [len(run)] * len(joints)
             run.append(piece.run)
+            began.append(float(part.t[0]))
     dropped = [
         Message(f"{name}: {s:.0f} s in pieces too short between gaps were left out", "short_pieces_left_out")
         for name, s in short.items()
@@ -305,6 +310,7 @@ def cut(
         duration=float(steps.sum() * h),
         dropped=tuple(dropped),
         variance=_variance(trials, run),
+        began=np.array(began),
     )
 
 

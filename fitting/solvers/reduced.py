@@ -90,6 +90,12 @@ class ReducedProblem:
         every = np.concatenate([*parts, scaled])
         return every if is_found else np.full_like(every, np.inf)
 
+    def best_states(self, p: Mapping[str, float] | np.ndarray) -> np.ndarray | None:
+        """All variables (n,) of the problem at ``p`` with the states that minimise the objective; None where no finite
+        states join the intervals. Raises UserError as ``objective``."""
+        _, x, is_found = self._with_best_states(p)
+        return x.copy() if is_found else None
+
     def _with_best_states(self, p: Mapping[str, float] | np.ndarray) -> tuple[Problem, np.ndarray, bool]:
         """The problem with its coefficients bound to ``p``, where the best node states are (n,), and whether they were
         found; always from the states of the calibration, so that ``p`` alone decides the value."""

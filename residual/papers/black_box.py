@@ -285,8 +285,8 @@ class InitialState(TrainableSystem):
     def step(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
         return self.inner.step(z, controls, h, method)
 
-    def columns(self, z: torch.Tensor) -> torch.Tensor:
-        return self.inner.columns(z)
+    def columns(self, z: torch.Tensor, controls: torch.Tensor | None = None) -> torch.Tensor:
+        return self.inner.columns(z, controls)
 
     def accelerations(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
         return self.inner.accelerations(logged, controls, past and past.latest(self.inner.past))

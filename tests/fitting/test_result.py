@@ -133,6 +133,13 @@ def test_results_are_tables(folder: Path) -> None:
     assert isinstance(result, FitResult)
 
 
+def test_its_folder_holds_the_loss_of_its_trials(folder: Path) -> None:
+    made, read = small_result(), read_fit(folder)
+    assert made.objects and made.loss is not None and read.loss is not None
+    assert read.loss.of_trials(made.objects.trials) is not None and read.loss.of_trials(made.objects.validation) is None
+    np.testing.assert_array_equal(read.loss.starts, made.loss.starts)
+
+
 def test_what_was_saved_without_report_gets_the_same_figures_later(tmp_path: Path) -> None:
     result, seen = small_result(), []
     saved = result.save(tmp_path / "run", report=False, numbers=seen.append)

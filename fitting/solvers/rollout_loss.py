@@ -1,0 +1,140 @@
+"""The loss of a calibration as single shooting: what is calibrated by can train a network on the same ship.
+
+Multiple shooting joins its intervals at the optimum, so that each window is one rollout from its first state. What is
+kept of the problem is what a rollout needs to be weighed as there: first states, inputs, targets, weights, the cost
+with its correlation times, and the values of coefficients that campaigns have for themselves. It lies beside
+``result.json``.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cases.trial import Trial
+from fitting.calibration import Calibration
+from fitting.nlp.loss import Loss
+from fitting.nlp.problem import Problem
+from fitting.report.parts import hashes_of_trials
+from fitting.solvers.reduced import ReducedProblem
+from mmg.errors import BadValue, Unreadable
+
+SCHEMA = 1
+"""Of that file; it grows when an older reader would misread it."""
+
+
+@dataclass(frozen=True)
+class RolloutLoss:
+    """W windows of at most N steps of ``h`` [s], SI: half the sum of the costs of the ``weights`` is the objective.
+
+    starts: (S, W) states at their begin, best for the estimate handed out; controls: (N, C, W), held over each step;
+    targets: (N + 1, 6, W) logged columns, the start among them; weights: of the same shape, 1 / sigma^2, 0 where
+    nothing was measured and after the end of a window; cost: of residuals; symbols: the V coefficients that campaigns
+    have for themselves; values: (V, W) of these; run: (W,) number of the trial; began: (W,) its time at the start [s];
+    trials: sha256 of the trials.
+    """
+
+    h: float
+    starts: np.ndarray
+    controls: np.ndarray
+    targets: np.ndarray
+    weights: np.ndarray
+    cost: Loss
+    symbols: tuple[str, ...]
+    values: np.ndarray
+    run: np.ndarray
+    began: np.ndarray
+    trials: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, problem: Problem, x: np.ndarray) -> RolloutLoss:
+        """The part of the objective of ``problem`` that samples have, as rollouts from the first nodes of ``x`` (n,).
+
+        Captive tests, priors and the memory of first states are not in it: no network changes them.
+        """
+        seg, (nodes, p) = problem.segments, problem.split(x)
+        W, C = len(seg.run), seg.controls.shape[1]
+        length = np.bincount(seg.window, seg.steps, W).astype(int)
+        controls = np.zeros((length.max(), C, W))
+        targets, weights = np.zeros((2, length.max() + 1, 6, W))
+        row = np.zeros(W, dtype=int)
+        for i in np.lexsort((seg.start, seg.window)):
+            w, n, k = seg.window[i], seg.steps[i], row[seg.window[i]]
+            # held beyond the end of the window, so that its rollout stays where ships are
+            controls[k:, :, w] = seg.controls[n - 1, :, i]
+            controls[k : k + n, :, w] = seg.controls[:n, :, i]
+            targets[k + 1 : k + n, :, w] = seg.targets[: n - 1, :, i]
+            weights[k + 1 : k + n, :, w] = problem.weight[: n - 1, :, i]
+            for at, node in ((k, seg.start[i]), (k + n, seg.end[i])):
+                targets[at, :, w], weights[at, :, w] = seg.nodes[node], problem.node_weight[node]
+            row[w] += n
+        first = np.unique(seg.node_window, return_index=True)[1]
+        theta = np.atleast_2d(problem.coefficients(p))[problem.columns.window]
+        symbols = problem.prior.constants
+        own = [problem.ship.symbols.index(s) for s in symbols]
+        starts, values = nodes[first].T.copy(), theta[:, own].T.copy()
+        loss = problem.loss
+        return cls(seg.h, starts, controls, targets, weights, loss, symbols, values, seg.run, seg.began)
+
+    @classmethod
+    def of_calibration(cls, found: Calibration, trials: Sequence[Trial] = ()) -> RolloutLoss | None:
+        """That of the estimate handed out by ``found`` on ``trials``, from the states that are best for it; None where
+        each run has constants of its own, which the calibrated ship lacks, and where no states join the intervals."""
+        prior, p = found.problem.prior, found.problem.split(found.solution.x)[1].copy()
+        if found.draft or (prior.constants and not prior.campaign):
+            return None
+        p[: len(found.p)] = found.p
+        at = ReducedProblem(found.problem, found.solution.x).best_states(prior.mean + prior.std * p)
+        return None if at is None else replace(cls.of(found.problem, at), trials=_hashes(trials))
+
+    def of_trials(self, trials: Sequence[Trial]) -> RolloutLoss | None:
+        """With runs numbered as in ``trials``; None where these are not those of the calibration."""
+        hashes = _hashes(trials)
+        if sorted(hashes) != sorted(self.trials):
+            return None
+        return replace(self, trials=hashes, run=np.array([hashes.index(self.trials[k]) for k in self.run]))
+
+    def save(self, path: Path) -> None:
+        """Write it to ``path``. Raises OSError."""
+        content: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
+        content |= {name: np.array(getattr(self, name), dtype=str) for name in _WORDS}
+        content |= {"schema": SCHEMA, "h": self.h, "cost": self.cost.name, "tau": self.cost.tau}
+        np.savez_compressed(path, **content)
+
+    @classmethod
+    def load(cls, path: Path) -> RolloutLoss:
+        """That in the file ``path``. Raises UserError where it cannot be read or is of another version."""
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                found = dict(file)
+            version = int(found.pop("schema"))
+            if version == SCHEMA:
+                content: dict[str, Any] = {name: found[name] for name in _ARRAYS}
+                content |= {name: tuple(found[name].tolist()) for name in _WORDS}
+                return cls(h=float(found["h"]), cost=Loss(str(found["cost"]), found["tau"]), **content)
+        except (OSError, KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
+            raise Unreadable(
+                f"{path}: is no loss of a calibration; fit again, or train without --loss calibration"
+            ) from None
+        raise BadValue(f"{path}: is of version {version}, this program reads {SCHEMA}; fit again")
+
+
+def loss_in(path: Path) -> RolloutLoss | None:
+    """That in the file ``path``; None where there is none. Raises UserError as ``RolloutLoss.load``."""
+    return RolloutLoss.load(path) if path.exists() else None
+
+
+def _hashes(trials: Sequence[Trial]) -> tuple[str, ...]:
+    """Of each trial the sha256 of its file, or of its content where it has none."""
+    return tuple(t.sha256 or own for t, own in zip(trials, hashes_of_trials(trials), strict=True))
+
+
+_ARRAYS = ("starts", "controls", "targets", "weights", "values", "run", "began")
+"""What of it is an array."""
+_WORDS = ("trials", "symbols")
+"""What of it are words."""
