@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
@@ -21,8 +22,8 @@ from mmg.states import STATES
 if TYPE_CHECKING:
     import pandas as pd
 
-    from cases.trial_set import Given, TrialSet
-
+READER = "cases.io.memory"
+"""What makes trials of frames and arrays; by its name, as users look for it here and it knows trials."""
 LEFT_OUT = "left_out"
 """Code of the notice on what was left out."""
 Span = tuple[float, float]
@@ -95,9 +96,8 @@ class Trial:
         ``trials.toml``, such as inputs="sampled", reference_point={"x": -42.0, "y": 0.0}, rudder_positive="port".
         Raises UserError, with the name of the column, for what cannot be read safely.
         """
-        from cases.io.memory import trial_from_pandas  # late: the reader knows trials
-
-        return trial_from_pandas(frame, name, units, settings)
+        made: Trial = import_module(READER).trial_from_pandas(frame, name, units, settings)
+        return made
 
     @classmethod
     def from_arrays(cls, *, name: str = "trial", units: Mapping[str, str] | None = None, **columns: Any) -> Trial:
@@ -106,9 +106,8 @@ class Trial:
         units: of columns that are in others, by name, such as {"psi": "deg"}; name: of the trial; further keywords are
         settings, as of ``from_pandas``. Raises UserError as that does.
         """
-        from cases.io.memory import trial_from_arrays  # late: the reader knows trials
-
-        return trial_from_arrays(name, columns, units)
+        made: Trial = import_module(READER).trial_from_arrays(name, columns, units)
+        return made
 
     def between(self, begin: float, end: float) -> Trial:
         """The samples from ``begin`` to ``end`` [s], both included, on the clock of the trial; so is trial[begin:end].
@@ -166,10 +165,9 @@ class Trial:
         ends = (self.t[0] if key.start is None else key.start, self.t[-1] if key.stop is None else key.stop)
         return self.between(*ends)
 
-    def __add__(self, other: Given) -> TrialSet:
-        from cases.trial_set import TrialSet  # late: a set is of trials
-
-        return TrialSet((self,)) + other
+    def __add__(self, other: Any) -> Any:
+        """A ``TrialSet`` of both; other: a trial, a set, or paths."""
+        return import_module("cases.trial_set").TrialSet((self,)) + other
 
     def __repr__(self) -> str:
         known = [self.kind or "trial", f"{len(self)} samples of {self.dt:.3g} s, {self.duration:.4g} s"]

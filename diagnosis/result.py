@@ -38,7 +38,7 @@ from mmg.messages import has_code, html_table, messages_from
 if TYPE_CHECKING:
     import pandas as pd
 
-    from diagnosis.gap import Gap
+    from diagnosis.validation.gap import Gap
 
 MISSING_FORCE = "missing_force.csv"
 FORCE_HEADER = ("run", "t [s]", "X [N]", "Y [N]", "N [N m]")
@@ -129,6 +129,9 @@ class Diagnosis(Findings):
             for c in self.candidates
         ]
         return pd.DataFrame(rows).set_index("name")
+
+    def __repr__(self) -> str:
+        return f"<Diagnosis of {self.ship.title}: {self.verdict}. {self.sentence}>"
 
     def _repr_html_(self) -> str:
         table = self.to_pandas().reset_index()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import shutil
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -99,6 +100,13 @@ class FitResult(FitRecord):
                  "verdict", "description")  # fmt: skip
         table = pd.DataFrame.from_dict({s: vars(row) for s, row in self.coefficients.items()}, orient="index")
         return table[list(names)].rename_axis("coefficient")
+
+    def __repr__(self) -> str:
+        state = "converged" if self.converged else f"not converged ({self.status})"
+        verdicts = Counter(row.verdict for row in self.coefficients.values())
+        told = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
+        warned = f"; {len(self.warnings)} warnings" if self.warnings else ""
+        return f"<FitResult {self.ship.title}: {state}, {len(self.data)} trials; coefficients: {told}{warned}>"
 
     def _repr_html_(self) -> str:
         state = "converged" if self.converged else f"NOT CONVERGED ({self.status})"

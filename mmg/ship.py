@@ -6,8 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cached_property
+from importlib import import_module
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +19,6 @@ from mmg.errors import Conflict, UnknownName, check_name
 from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS
 from mmg.network import Network, features_of
-
-if TYPE_CHECKING:
-    from mmg.right_hand_side import RightHandSide
 
 AIR = ("wind_north", "wind_east")
 """Inputs of every right-hand side after the actuators: velocity of the air over ground, earth frame [m/s]."""
@@ -228,11 +226,11 @@ class Ship:
         ).with_network(self.network)
 
     @cached_property
-    def rhs(self) -> RightHandSide:
-        """Her equations of motion as a function: ``ship.rhs(state, controls)``."""
-        from mmg.right_hand_side import RightHandSide  # late: it knows ships
-
-        return RightHandSide(self)
+    def rhs(self) -> Any:
+        """Her equations of motion as a function, ``ship.rhs(state, controls)``, with ``jacobian``, ``forces``, and
+        ``function`` for CasADi: a ``mmg.right_hand_side.RightHandSide``."""
+        # by its name: users look for it here, and it is made of what knows ships
+        return import_module("mmg.right_hand_side").RightHandSide(self)
 
     @property
     def free(self) -> tuple[str, ...]:

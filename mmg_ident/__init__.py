@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from cases.trial_set import TrialSet
     from delivery.export import export_ship
     from delivery.full_scale.result import scale
-    from diagnosis.gap import Gap
     from diagnosis.result import Diagnosis
+    from diagnosis.validation.gap import Gap
     from fitting.prediction.score import Score
     from fitting.result import FitResult
     from fitting.solvers.reduced import ReducedProblem
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "CheckReport": "cases.checks.report", "Diagnosis": "diagnosis.result", "FitResult": "fitting.result",
-    "Gap": "diagnosis.gap",
+    "Gap": "diagnosis.validation.gap",
     "Message": "mmg.messages", "OnProgress": "mmg.progress", "Progress": "mmg.progress",
     "ReducedProblem": "fitting.solvers.reduced",
     "Score": "fitting.prediction.score", "Ship": "mmg.ship", "TrainResult": "residual.result", "Trial": "cases.trial",

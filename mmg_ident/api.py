@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from cases.checks.report import CheckReport
     from cases.trial import Trial
     from cases.trial_set import TrialSet
-    from diagnosis.gap import Gap
     from diagnosis.inputs import DiagnosisOptions
     from diagnosis.result import Diagnosis
+    from diagnosis.validation.gap import Gap
     from fitting.calibrate import FitOptions
     from fitting.calibration import SecondEstimate
     from fitting.prediction.predict import Forecaster, Window
@@ -71,6 +71,10 @@ class Prediction:
             columns = [np.full(len(w.states), float(w.number)), self.trial.t[w.first : w.last + 1], w.states]
             parts.append(np.column_stack(columns if w.std is None else [*columns, w.std]))
         return np.vstack(parts) if parts else np.empty((0, 8))
+
+    def __repr__(self) -> str:
+        failed = f", {self.diverged} diverged" if self.diverged else ""
+        return f"<Prediction of {self.trial.name}: {len(self.windows)} windows{failed}>"
 
     def to_pandas(self) -> pd.DataFrame:
         """``table`` as a DataFrame, with the headers of the files that ``mmg predict`` writes."""
@@ -400,7 +404,7 @@ def gap(
     """
     from mmg_ident.model_gap import compare_models
 
-    return compare_models(model, _sound(trials), _sound(test), options, progress)
+    return compare_models(model, _sound(trials), _sound(test), options, progress, calibrate)
 
 
 def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:

@@ -6,7 +6,7 @@ an earlier call left in its folder.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -17,9 +17,9 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from cases.trial_set import TrialSet
 from diagnosis.findings import TESTS
-from diagnosis.gap import BOTH, GIVEN, LEARNED, NAMED, REFITTED, Gap, compared, sentence_of, witnessed
 from diagnosis.inputs import DiagnosisOptions, independent_tests
 from diagnosis.result import Diagnosis, read_diagnosis
+from diagnosis.validation.gap import BOTH, GIVEN, LEARNED, NAMED, REFITTED, Gap, compared, sentence_of, witnessed
 from diagnosis.validation.held_out import window_length
 from fitting.report.parts import hash_of_ship, hashes_of_trials
 from fitting.report.run_folder import RESULT, trial_rows
@@ -30,6 +30,7 @@ from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
+    from fitting.result import FitResult
     from residual.result import TrainResult
     from residual.settings import TrainSettings
 
@@ -54,7 +55,8 @@ class GapOptions:
 
 
 def about(ship: Ship, trials: Sequence[Trial], tests: Sequence[Trial], options: GapOptions) -> dict[str, Any]:
-    """What tells one comparison from others, as plain values."""
+    """What tells a comparison of a ``ship`` on ``trials`` and ``tests`` with ``options`` from others, as plain
+    values."""
     settings = options.settings
     return {
         "ship": hash_of_ship(ship),
@@ -70,11 +72,13 @@ def compare_models(
     tests: Sequence[Trial],
     options: GapOptions | None = None,
     progress: OnProgress | None = None,
+    calibrate: Callable[..., FitResult] | None = None,
 ) -> Gap:
     """The comparison of a ``model``, a ship, its file or a run folder, on ``tests``.
 
     trials: to calibrate, train and diagnose on; tests: to predict; those that share rows with the rest are left out;
-    options: how; progress: called as the work goes on. Returns it; the parts lie in the folder of the options. Raises
+    options: how; progress: called as the work goes on; calibrate: as of ``mmg_ident``, None: a ship that was not
+    calibrated on the trials is refused. Returns it; the parts lie in the folder of the options. Raises
     UserError where there is too little to train on or to predict, and without torch.
     """
     o = options or GapOptions()
@@ -86,7 +90,7 @@ def compare_models(
     given = model if isinstance(model, Ship) else load_ship(model)
     ships: dict[str, Ship] = {}
     remarks = [*by_role, *(Message(str(words), "shared_rows") for words in shared)]
-    refitted, source = _refitted(model, given.without_network(), chosen, o, progress)
+    refitted, source = _refitted(model, given.without_network(), chosen, o, progress, calibrate)
     if source is None:
         remarks.append(Message("the ship was calibrated on these trials: she is not refitted", "not_refitted"))
     else:
@@ -147,7 +151,12 @@ def _kept(folder: Path | None, name: str) -> Path | None:
 
 
 def _refitted(
-    model: Ship | str | Path, ship: Ship, trials: TrialSet, o: GapOptions, progress: OnProgress | None
+    model: Ship | str | Path,
+    ship: Ship,
+    trials: TrialSet,
+    o: GapOptions,
+    progress: OnProgress | None,
+    calibrate: Callable[..., FitResult] | None,
 ) -> tuple[Ship, Any]:
     """The ``ship`` calibrated on the ``trials``, and the calibration; None where she was already. Surroundings are left
     to the diagnosis: what the trials speak for is its answer, not a part of the ship that is asked about."""
@@ -158,12 +167,13 @@ def _refitted(
             return ship, None
     from fitting.calibrate import FitOptions
     from fitting.result import read_fit
-    from mmg_ident.api import calibrate
 
     place = _kept(o.folder, "refitted")
     if place is not None and (place / RESULT).exists():
         found = read_fit(place)
         return found.ship, place
+    if calibrate is None:
+        raise Missing(f"{ship.name}: was not calibrated on these trials; calibrate her first")
     LOGGER.info("calibrating the ship")
     options = FitOptions(surroundings=False, next_trial=False, command=o.command)
     fit = calibrate(bare, trials, options=options, progress=progress)

@@ -296,6 +296,10 @@ class TrainResult(TrainRecord):
             }
         )
 
+    def __repr__(self) -> str:
+        kind = self.model if self.black_box is None else f"black box {self.model}"
+        return f"<TrainResult {self.start.title}: {kind}, {len(self.per_seed)} seeds; {self.sentence}>"
+
     def to_pandas(self) -> pd.DataFrame:
         """One row per seed: how it ended, and the errors of the judged windows before and after."""
         import pandas as pd

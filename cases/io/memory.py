@@ -30,7 +30,7 @@ SETTINGS = tuple(name for name in SidecarEntry.model_fields if name not in ("col
 def trial_from_pandas(
     frame: pd.DataFrame, name: str, units: Mapping[str, str] | None, settings: Mapping[str, Any]
 ) -> Trial:
-    """As ``Trial.from_pandas``."""
+    """As ``Trial.from_pandas``, with its ``frame``, ``name``, ``units`` and ``settings``. Raises UserError as that."""
     if not hasattr(frame, "columns"):
         raise BadValue(f"{name}: from_pandas takes a DataFrame, not {type(frame).__name__}; see from_arrays")
     header, columns = [str(cell) for cell in frame.columns], [frame[cell].to_numpy() for cell in frame.columns]
@@ -43,7 +43,7 @@ def trial_from_pandas(
 
 
 def trial_from_arrays(name: str, given: Mapping[str, Any], units: Mapping[str, str] | None) -> Trial:
-    """As ``Trial.from_arrays``; given: columns and settings by name."""
+    """As ``Trial.from_arrays``, with its ``units``; given: columns and settings by name. Raises UserError as that."""
     arrays = {k: v for k, v in given.items() if is_canonical(k) and not isinstance(v, str)}
     settings = {k: v for k, v in given.items() if k not in arrays}
     sizes = {}

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from diagnosis.gap import FLOOR, REFITTED, Gap
+from diagnosis.validation.gap import FLOOR, REFITTED, Gap
 from fitting.report.plot_style import AFTER, BEFORE, GREY, MEASURED, dress, new_figure
 
 
 def gap_figure(gap: Gap) -> Figure:
-    """Errors of position and heading by model with 90 % intervals; below them the accelerations that the network adds,
-    over the feature that they follow most, with those of the named effects."""
+    """Errors of position and heading by model in a ``gap`` with 90 % intervals; below, accelerations that the network
+    adds, over the feature that they follow most, with those of the named effects."""
     channels = list(gap.learned.items())
     high, low = 1.0 + 0.34 * len(gap.rows), 2.6 if channels else 0.0
     figure = new_figure(high + low)

@@ -20,12 +20,12 @@ from cases.shipfiles.effects import calm_and_deep
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import Findings
-from diagnosis.gap import Gap
 from diagnosis.groups.between import table_rows
 from diagnosis.location.where import CHANNELS
 from diagnosis.report import words
 from diagnosis.report.gap_figure import gap_figure
 from diagnosis.report.words import TURN_BACK, shown_unit
+from diagnosis.validation.gap import Gap
 from fitting.report.page import rendered, write_page
 from fitting.report.plot_style import AFTER, BEFORE, MEASURED, FigureFolder, dress, figures_of, new_figure
 from fitting.report.plots import OUTLINE

@@ -15,9 +15,9 @@ import numpy as np
 from cases.trial import Trial
 from cases.trial_set import TrialSet
 from diagnosis.findings import LearnedResidual
-from diagnosis.gap import held_out_errors
 from diagnosis.inputs import DiagnosisOptions
 from diagnosis.result import Diagnosis
+from diagnosis.validation.gap import held_out_errors
 from diagnosis.validation.held_out import interval_of, window_length
 from fitting.report.parts import Store
 from fitting.solvers.control import OutOfTimeError, check_time

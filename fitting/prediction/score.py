@@ -119,6 +119,12 @@ class Score:
         """The score behind ``row``, as ``to_dict`` made it. Raises ValueError for any other row."""
         return TypeAdapter(cls).validate_python(row)
 
+    def __repr__(self) -> str:
+        pooled = self.units.pooled if self.units else None
+        size = f"position {pooled.position_m:.3g} m, heading {pooled.heading_deg:.3g} deg; " if pooled else ""
+        normalised = f"normalised: 30 s {self.window:.4g}, 100 s {self.paper:.4g}"
+        return f"<Score of {len(self.trials)} trials: {size}{normalised}>"
+
     def to_pandas(self) -> Any:
         """A DataFrame with a row per trial: errors in units where they are known, both metrics, the number of windows,
         the 30 s metric by state."""

@@ -21,7 +21,6 @@ from fitting.calibration import Calibration
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
 from fitting.report.parts import hashes_of_trials
-from fitting.solvers.reduced import ReducedProblem
 from mmg.errors import BadValue, Unreadable
 
 SCHEMA = 1
@@ -32,7 +31,7 @@ SCHEMA = 1
 class RolloutLoss:
     """W windows of at most N steps of ``h`` [s], SI: half the sum of the costs of the ``weights`` is the objective.
 
-    starts: (S, W) states at their begin, best for the estimate handed out; controls: (N, C, W), held over each step;
+    starts: (S, W) states at their begin; controls: (N, C, W), held over each step;
     targets: (N + 1, 6, W) logged columns, the start among them; weights: of the same shape, 1 / sigma^2, 0 where
     nothing was measured and after the end of a window; cost: of residuals; symbols: the V coefficients that campaigns
     have for themselves; values: (V, W) of these; run: (W,) number of the trial; began: (W,) its time at the start [s];
@@ -83,14 +82,12 @@ class RolloutLoss:
 
     @classmethod
     def of_calibration(cls, found: Calibration, trials: Sequence[Trial] = ()) -> RolloutLoss | None:
-        """That of the estimate handed out by ``found`` on ``trials``, from the states that are best for it; None where
-        each run has constants of its own, which the calibrated ship lacks, and where no states join the intervals."""
-        prior, p = found.problem.prior, found.problem.split(found.solution.x)[1].copy()
+        """That of ``found`` on ``trials``, from the states with which multiple shooting ended; None of a draft, and
+        where each run has constants of its own, which the calibrated ship lacks."""
+        prior = found.problem.prior
         if found.draft or (prior.constants and not prior.campaign):
             return None
-        p[: len(found.p)] = found.p
-        at = ReducedProblem(found.problem, found.solution.x).best_states(prior.mean + prior.std * p)
-        return None if at is None else replace(cls.of(found.problem, at), trials=_hashes(trials))
+        return replace(cls.of(found.problem, found.solution.x), trials=_hashes(trials))
 
     def of_trials(self, trials: Sequence[Trial]) -> RolloutLoss | None:
         """With runs numbered as in ``trials``; None where these are not those of the calibration."""

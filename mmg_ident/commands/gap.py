@@ -11,7 +11,7 @@ from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
-    from diagnosis.gap import Gap
+    from diagnosis.validation.gap import Gap
 
 
 def gap(
@@ -47,7 +47,8 @@ def gap(
     from fitting.report.run_folder import check_target, write_json
     from fitting.solvers.control import Control
     from mmg.errors import UserError, needs_torch
-    from mmg_ident.model_gap import GapOptions, about, compare_models
+    from mmg_ident.api import gap as gap_of
+    from mmg_ident.model_gap import GapOptions, about
 
     if not (resume and out.exists()):
         check_target(out)
@@ -65,7 +66,7 @@ def gap(
     store.open()
     try:
         with Control.within(time_limit, cli.progress()).in_force():
-            found = compare_models(run, train, held, options, cli.progress())
+            found = gap_of(run, train, held, options, cli.progress())
     except (KeyboardInterrupt, UserError) as stop:
         kept = any(path.is_dir() and path != store.folder for path in out.iterdir())
         if isinstance(stop, UserError) or not kept:
@@ -91,7 +92,7 @@ def _print(found: Gap, out: Path) -> None:
         cli.say(str(line))
     cli.print_table(*found.table)
     print(found.sentence)
-    for one in found.witness:
+    for one in [one for one in found.witness if any(one.share.values())]:
         shares = ", ".join(f"{100 * share:.0f} % of {name}" for name, share in one.share.items())
         print(f"{one.effect} explains of what the network has learned: {shares}")
     cli.say(f"comparison: {out} (gap.json, gap.png; refitted, hybrid, diagnosis, both)")

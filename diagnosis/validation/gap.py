@@ -154,6 +154,9 @@ class Gap:
 
         return pd.DataFrame([vars(row) for row in self.rows]).set_index("name")
 
+    def __repr__(self) -> str:
+        return f"<Gap: {', '.join(row.name for row in self.rows)}; {self.sentence}>"
+
     def _repr_html_(self) -> str:
         header, lines = self.table
         return html_table(self.sentence, [title.removesuffix("|n") for title in header], lines)

@@ -12,8 +12,8 @@ import pytest
 from cases.shipfiles.effects import with_effects
 from cases.trial import Trial
 from diagnosis.findings import TESTS, Budget
-from diagnosis.gap import BOTH, FLOOR, LEARNED, NAMED, REFITTED, GapRow, compared, sentence_of, witnessed
 from diagnosis.report.gap_figure import gap_figure
+from diagnosis.validation.gap import BOTH, FLOOR, LEARNED, NAMED, REFITTED, GapRow, compared, sentence_of, witnessed
 from mmg.errors import TooFewData
 from mmg.network import Layers, Network
 from mmg.ship import Ship
@@ -54,7 +54,7 @@ def test_without_a_floor_or_a_gap_nothing_is_shared_out(trials: list[Trial]) -> 
     assert [row.name for row in without] == [REFITTED, NAMED] and without[1].closes is None
     quiet = compared({REFITTED: whole, LEARNED: whole}, trials, 30.0, 15.0, budget(1.0))[0]
     assert all(row.closes is None for row in quiet)
-    assert "closes" not in sentence_of(quiet, (), "none", 30.0)
+    assert "%" not in sentence_of(quiet, (), "none", 30.0)
     with pytest.raises(TooFewData):
         compared({REFITTED: FEW}, trials, 3000.0, 15.0, None)
 
@@ -70,8 +70,8 @@ def test_the_sentence_tells_shares_and_what_was_declined() -> None:
         replace(row, name=FLOOR, position_m=0.3),
     ]
     words = sentence_of(rows, ["wind_force"], "named", 30.0)
-    for part in ("41 % [30, 50]", "wind_force 56 %", "(declined by its own runs) 58 %", "0.3 m"):
-        assert part in words
+    for number in ("41 % [30, 50]", "56 % [50, 60]", "58 % [50, 60]", "0.3"):
+        assert number in words
 
 
 def learning(ship: Ship, size: float) -> Ship:
@@ -97,7 +97,7 @@ def test_a_network_is_explained_by_the_effect_that_it_imitates(trials: list[Tria
 
 
 def test_the_figure_has_a_bar_for_each_line(trials: list[Trial]) -> None:
-    from diagnosis.gap import Gap
+    from diagnosis.validation.gap import Gap
 
     rows, errors = compared({REFITTED: FEW, NAMED: with_effects(FEW, [CURRENT])}, trials, 30.0, 15.0, budget(0.9))
     found = Gap("", tuple(rows), 30.0, len(errors.run), 3, "named", ("current",))

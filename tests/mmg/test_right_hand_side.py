@@ -1,0 +1,82 @@
+"""A ship as a function: rates as the simulator has them, derivatives by differences, forces that sum to the motion,
+input that is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cases.shipfiles.ship_file import load_ship
+from mmg.errors import UserError
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+SHIP = load_ship("esso_osaka_3m")
+Z = np.array([1.0, -2.0, 0.4, 0.5, 0.03, 0.02])
+ORDERS = {"n": 9.0, "delta": 0.2}
+
+
+@pytest.mark.parametrize(
+    "ship", [SHIP, SHIP.with_effect("hull_memory", {"T": 1.0}), load_ship("vectwin_3m")], ids=["plain", "memory", "two"]
+)
+def test_rates_and_derivatives_are_those_of_the_simulator(ship: Ship) -> None:
+    rhs = ship.rhs
+    controls = {name: {"n": 9.0}.get(name, 0.1) for name in ship.actuators}
+    full = Simulator(ship).start(Z[:, None], np.array([[*controls.values(), 0.0, 0.0]]).T)[:, 0]
+    values = np.array([*controls.values(), 0.0, 0.0])
+    expected = Simulator(ship, compiled=False).rates(full[:, None], values[:, None])[:, 0]
+    np.testing.assert_allclose(rhs(Z, controls), expected, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(np.array(rhs.function(full, values)).ravel(), expected, rtol=1e-9, atol=1e-12)
+    A, B = rhs.jacobian(full, controls)
+    assert A.shape == (len(rhs.states),) * 2 and B.shape == (len(rhs.states), len(rhs.controls))
+    for matrix, base, at in ((A, full, 0), (B, values, 1)):
+        for k in range(len(base)):
+            step = 1e-6 * np.eye(len(base))[k]
+            both = [[full + s * step, values] if at == 0 else [full, values + s * step] for s in (1, -1)]
+            slope = (rhs(*both[0]) - rhs(*both[1])) / 2e-6
+            np.testing.assert_allclose(matrix[:, k], slope, rtol=1e-5, atol=1e-7)
+
+
+def test_many_points_are_single_points_side_by_side() -> None:
+    rng = np.random.default_rng(3)
+    states = Z[:, None] + 0.05 * rng.standard_normal((6, 40))
+    deltas = rng.uniform(-0.5, 0.5, 40)
+    found = SHIP.rhs(states, {"n": 9.0, "delta": deltas})
+    each = [SHIP.rhs(states[:, k], [9.0, deltas[k], 0.0, 0.0]) for k in range(40)]
+    np.testing.assert_allclose(found, np.transpose(each), rtol=1e-12)
+
+
+def test_forces_are_by_component_and_a_ship_at_rest_stays() -> None:
+    forces = SHIP.rhs.forces(Z, ORDERS)
+    assert list(forces.index) == list(SHIP.components) and list(forces.columns) == ["X [N]", "Y [N]", "N [N m]"]
+    without = SHIP.without("wind").rhs.forces(Z, ORDERS)
+    np.testing.assert_allclose(forces.drop(index="wind"), without, rtol=1e-9)
+    rest = SHIP.rhs([0.0, 0.0, 0.0, 0.0, 0.0, 0.0], {"n": 0.0, "delta": 0.0})
+    np.testing.assert_allclose(rest, 0.0, atol=1e-8)  # smooth at rest
+
+
+@pytest.mark.parametrize(
+    ("state", "controls"),
+    [
+        (Z[:5], ORDERS), (Z, [9.0]), (Z, {"n": 9.0}), (Z, {**ORDERS, "rudder": 0.1}),
+        (np.tile(Z[:, None], 3), np.zeros((4, 2))), (np.zeros((6, 2, 2)), ORDERS),
+    ],
+    ids=["short state", "short controls", "missing", "unknown", "numbers of points", "three dimensions"],
+)  # fmt: skip
+def test_other_shapes_and_names_are_refused(state: Any, controls: Any) -> None:
+    with pytest.raises(UserError):
+        SHIP.rhs(state, controls)
+
+
+def test_copies_by_name() -> None:
+    assert SHIP.with_values(N_r=-0.05).coefficients["N_r"].value == -0.05
+    assert SHIP.with_effect("current", x=0.1).coefficients["current.x"].value == 0.1
+    assert "wind" not in SHIP.without("wind").components and SHIP.with_effect("tow").without("tow").effects == ()
+    for wrong in ({"N_rr": 1.0}, {"current.x": 1.0}):
+        with pytest.raises(UserError):
+            SHIP.with_values(wrong)
+    with pytest.raises(UserError):
+        SHIP.without("sails")
+    assert len(repr(SHIP).splitlines()) == len(repr(SHIP.rhs).splitlines()) == 1
