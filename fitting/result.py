@@ -7,6 +7,7 @@ network if it has one, ``figures/`` and ``report.html``. It appears whole or not
 
 from __future__ import annotations
 
+import re
 import shutil
 import time
 from collections import Counter
@@ -103,7 +104,7 @@ class FitResult(FitRecord):
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged ({self.status})"
-        verdicts = Counter(row.verdict for row in self.coefficients.values())
+        verdicts = Counter(re.split(r"[:(]", row.verdict)[0].strip() for row in self.coefficients.values())
         told = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
         warned = f"; {len(self.warnings)} warnings" if self.warnings else ""
         return f"<FitResult {self.ship.title}: {state}, {len(self.data)} trials; coefficients: {told}{warned}>"

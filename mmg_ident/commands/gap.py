@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from diagnosis.validation.gap import Gap
 
 
+@o.options(Solver="seeds seed time_limit workers scheduler")
 def gap(
     run: o.Run,
     trials: o.Trials,

@@ -29,7 +29,7 @@ RESULT_KEYS = {
     "schema_version", "kind", "command", "seed", "versions", "data", "test", "figures", "warnings", "timings_s",
     "complete",
 }  # fmt: skip
-LEARNED = LearnedResidual(0.4, 0.3, 0.25, (0.1, 0.4), (0, 1), (0.2, 0.3), 0.07, 0.28, 40, True, "kept", "It closes.")
+LEARNED = LearnedResidual(0.4, 0.3, 0.25, (0.1, 0.4), 40, True, "kept", "It closes.")
 LATE = GroupParameter("s", "lag of the logged turn rate", {
     "2020-07-31": GroupValue(0.01, 0.02, -0.9, 0.05), "2020-11-12": GroupValue(0.91, 0.04, 0.9, float("inf")),
 })  # fmt: skip

@@ -40,7 +40,7 @@ def test_what_is_no_plain_word_names_nothing(name: str) -> None:
 @pytest.mark.parametrize("name", ["run 7", "cost_$1_$2", "zigzag 20-20, second", "Überführung", "a.b", "10:30", "船"])
 def test_plain_words_are_names(name: str) -> None:
     check_name(name, "trial")
-    assert Trial(name, {}).name == name
+    assert Trial(name, {"t": np.arange(2.0)}).name == name
 
 
 def test_escape_sequences_are_shown() -> None:
