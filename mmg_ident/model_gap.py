@@ -16,15 +16,27 @@ from cases.shipfiles.effects import without_suspects
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from cases.trial_set import TrialSet
-from diagnosis.findings import TESTS
+from diagnosis.findings import TESTS, Budget
 from diagnosis.inputs import DiagnosisOptions, independent_tests
 from diagnosis.result import Diagnosis, read_diagnosis
-from diagnosis.validation.gap import BOTH, GIVEN, LEARNED, NAMED, REFITTED, Gap, compared, sentence_of, witnessed
+from diagnosis.validation.gap import (
+    BOTH,
+    GIVEN,
+    LEARNED,
+    NAMED,
+    REFITTED,
+    Gap,
+    GapRow,
+    HeldOutErrors,
+    compared,
+    sentence_of,
+    witnessed,
+)
 from diagnosis.validation.held_out import window_length
 from fitting.report.parts import hash_of_ship, hashes_of_trials
 from fitting.report.run_folder import RESULT, trial_rows
 from fitting.solvers.control import check_time
-from mmg.errors import Missing, needs_torch
+from mmg.errors import Missing, TooFewData, needs_torch
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
@@ -98,35 +110,28 @@ def compare_models(
     ships[REFITTED] = refitted
     base = source if source is not None else model
     check_time()
-    learned = _trained(model if source is None else base, base, chosen, o, LEARNED, progress)
+    trainings: dict[str, TrainResult] = {}
+
+    def learn(name: str, run: Any, on: Any) -> None:
+        try:
+            trainings[name] = _trained(run, on, chosen, o, name, progress)
+        except TooFewData as reason:  # the named effects are compared all the same
+            remarks.append(Message(f"no line {name}: {reason}", "not_learned"))
+
+    learn(LEARNED, model if source is None else base, base)
     check_time()
     found = _diagnosed(base, refitted, chosen, held, o, progress)
     effects = tuple(e.name for e in found.effects)
-    trainings = {LEARNED: learned}
     if effects:
         check_time()
-        trainings[BOTH] = _trained(found.ship, found.ship, chosen, o, BOTH, progress)
-    for name, result in trainings.items():
-        if result.hybrid is not None:
-            ships[name] = result.hybrid
-        if name == LEARNED and effects:
-            ships[NAMED] = found.ship
-    seconds = window_length(refitted)
-    # found.ship is of the campaigns of the trials: all ships are looked at alike
-    ships = {name: ship_in(ship, [*chosen, *held])[0] for name, ship in ships.items()}
-    budget = found.budget if found.budget is not None and found.budget.by == TESTS else None
-    rows, errors = compared(ships, held, seconds, 0.5 * seconds, budget, o.seed)
-    kept = {name: result.decision.kept for name, result in trainings.items() if result.decision is not None}
-    places = {REFITTED: "refitted", LEARNED: "hybrid", NAMED: "diagnosis", BOTH: "both"}
-    rows = [
-        replace(r, kept=kept.get(r.name), ship=places.get(r.name, "") if o.folder is not None else "") for r in rows
-    ]
+        learn(BOTH, found.ship, found.ship)
+    rows, errors = _lines(ships, trainings, found, [*chosen, *held], held, o)
     if source is None:
         rows = [replace(r, ship="") if r.name == REFITTED else r for r in rows]
-    witness, channels = (
-        witnessed(learned.hybrid, found.ship, effects, chosen) if learned.hybrid is not None else ((), {})
-    )
-    floor = [] if budget is not None else [Message("no floor: the diagnosis has none of these trials", "no_floor")]
+    seconds, known = window_length(refitted), _budget(found)
+    hybrid = trainings[LEARNED].hybrid if LEARNED in trainings else None
+    witness, channels = witnessed(hybrid, found.ship, effects, chosen) if hybrid is not None else ((), {})
+    floor = [] if known is not None else [Message("no floor: the diagnosis has none of these trials", "no_floor")]
     gap = Gap(
         sentence=sentence_of(rows, effects, found.verdict, seconds),
         rows=tuple(rows),
@@ -143,6 +148,35 @@ def compare_models(
     if o.folder is not None and o.report and found.data is not None:
         found.save(o.folder / "diagnosis", replace=True, gap=gap)
     return gap
+
+
+def _budget(found: Diagnosis) -> Budget | None:
+    """That of the test trials, None where there is none of these."""
+    return found.budget if found.budget is not None and found.budget.by == TESTS else None
+
+
+def _lines(
+    ships: dict[str, Ship],
+    trainings: dict[str, TrainResult],
+    found: Diagnosis,
+    trials: Sequence[Trial],
+    held: Sequence[Trial],
+    o: GapOptions,
+) -> tuple[list[GapRow], HeldOutErrors]:
+    """The lines of the ``ships``, and of those that the ``trainings`` and the diagnosis ``found`` make, on the ``held``
+    of all ``trials``; and the errors of the first."""
+    hybrids = {name: result.hybrid for name, result in trainings.items()}
+    named = found.ship if found.effects else None
+    for name, ship in ((LEARNED, hybrids.get(LEARNED)), (NAMED, named), (BOTH, hybrids.get(BOTH))):
+        if ship is not None:
+            ships[name] = ship
+    seconds = window_length(ships[REFITTED])
+    # found.ship is of the campaigns of the trials: all ships are looked at alike
+    ships = {name: ship_in(ship, trials)[0] for name, ship in ships.items()}
+    rows, errors = compared(ships, held, seconds, 0.5 * seconds, _budget(found), o.seed)
+    kept = {name: result.decision.kept for name, result in trainings.items() if result.decision is not None}
+    places = {REFITTED: "refitted", LEARNED: "hybrid", NAMED: "diagnosis", BOTH: "both"} if o.folder else {}
+    return [replace(r, kept=kept.get(r.name), ship=places.get(r.name, "")) for r in rows], errors
 
 
 def _kept(folder: Path | None, name: str) -> Path | None:
