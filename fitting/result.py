@@ -1,8 +1,8 @@
 """The result of a calibration: typed values, the ships behind them, its folder, and how it shows itself.
 
 A run folder holds ``ship.toml`` (the calibrated ship), ``start.toml`` (the ship before), ``result.json``,
-``iterate.safetensors`` (from which a fit can be resumed), ``loss.npz`` (by which a network can be trained), the ship's
-network if it has one, ``figures/`` and ``report.html``. It appears whole or not at all.
+``iterate.safetensors`` (from which a fit can be resumed), ``loss.safetensors`` (by which a network can be trained), the
+ship's network if it has one, ``figures/`` and ``report.html``. It appears whole or not at all.
 """
 
 from __future__ import annotations

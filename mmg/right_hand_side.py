@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
-"""Of the states; what effects remember has that of its parameter."""
+"""Of the states; what effects remember is without one here."""
 
 
 class RightHandSide:

@@ -82,6 +82,10 @@ class Ship:
         if self.network is not None:
             self.network.check(self.name, self.actuators)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without ``rhs``, which is made of the ship and belongs to this process."""
+        return {name: value for name, value in vars(self).items() if name != "rhs"}
+
     def to_pandas(self) -> Any:
         """The coefficients as a DataFrame: a row per symbol, the attributes of ``Coefficient`` as columns."""
         import pandas as pd

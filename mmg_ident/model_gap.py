@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from cases.io.campaigns import ship_in
 from cases.shipfiles.effects import without_suspects
@@ -27,7 +29,6 @@ from diagnosis.validation.gap import (
     REFITTED,
     Gap,
     GapRow,
-    HeldOutErrors,
     compared,
     sentence_of,
     witnessed,
@@ -45,8 +46,6 @@ if TYPE_CHECKING:
     from fitting.result import FitResult
     from residual.result import TrainResult
     from residual.settings import TrainSettings
-
-T = TypeVar("T")
 
 PARTS = ("refitted", "hybrid", "diagnosis", "both")
 """Folders of the parts."""
@@ -125,7 +124,7 @@ def compare_models(
     if effects:
         check_time()
         learn(BOTH, found.ship, found.ship)
-    rows, errors = _lines(ships, trainings, found, [*chosen, *held], held, o)
+    rows, run = _lines(ships, trainings, found, [*chosen, *held], held, o)
     if source is None:
         rows = [replace(r, ship="") if r.name == REFITTED else r for r in rows]
     seconds, known = window_length(refitted), _budget(found)
@@ -136,8 +135,8 @@ def compare_models(
         sentence=sentence_of(rows, effects, found.verdict, seconds),
         rows=tuple(rows),
         seconds=seconds,
-        windows=len(errors.run),
-        runs=len(set(errors.run.tolist())),
+        windows=len(run),
+        runs=len(set(run.tolist())),
         verdict=found.verdict,
         effects=effects,
         witness=witness,
@@ -162,9 +161,9 @@ def _lines(
     trials: Sequence[Trial],
     held: Sequence[Trial],
     o: GapOptions,
-) -> tuple[list[GapRow], HeldOutErrors]:
+) -> tuple[list[GapRow], np.ndarray]:
     """The lines of the ``ships``, and of those that the ``trainings`` and the diagnosis ``found`` make, on the ``held``
-    of all ``trials``; and the errors of the first."""
+    of all ``trials``; and the number of the trial of each window."""
     hybrids = {name: result.hybrid for name, result in trainings.items()}
     named = found.ship if found.effects else None
     for name, ship in ((LEARNED, hybrids.get(LEARNED)), (NAMED, named), (BOTH, hybrids.get(BOTH))):
@@ -173,10 +172,10 @@ def _lines(
     seconds = window_length(ships[REFITTED])
     # found.ship is of the campaigns of the trials: all ships are looked at alike
     ships = {name: ship_in(ship, trials)[0] for name, ship in ships.items()}
-    rows, errors = compared(ships, held, seconds, 0.5 * seconds, _budget(found), o.seed)
+    rows, run = compared(ships, held, seconds, _budget(found), o.seed)
     kept = {name: result.decision.kept for name, result in trainings.items() if result.decision is not None}
     places = {REFITTED: "refitted", LEARNED: "hybrid", NAMED: "diagnosis", BOTH: "both"} if o.folder else {}
-    return [replace(r, kept=kept.get(r.name), ship=places.get(r.name, "")) for r in rows], errors
+    return [replace(r, kept=kept.get(r.name), ship=places.get(r.name, "")) for r in rows], run
 
 
 def _kept(folder: Path | None, name: str) -> Path | None:

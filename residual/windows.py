@@ -13,9 +13,9 @@ import numpy as np
 import torch
 
 from cases.evidence.signals import white_noise
-from cases.io.campaigns import campaign_among
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
+from fitting.prediction.predict import values_of
 from fitting.prediction.score import PAPER_WINDOW, STRIDE, WINDOW, pooled_sigma
 from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import TooFewData
@@ -64,9 +64,8 @@ def by_campaign(pieces: Sequence[Stretch], ship: Ship, trials: Sequence[Trial]) 
     symbols = campaign_symbols(ship)
     if not symbols:
         return list(pieces)
-    names = [campaign_among(trial, ship.campaigns) for trial in trials]
-    each = [ship if name is None else ship.of_campaign(name) for name in names]
-    values = np.array([[one.coefficients[s].value for s in symbols] for one in each])
+    own = [ship.symbols.index(symbol) for symbol in symbols]
+    values = [np.asarray(values_of(ship, trial))[own] for trial in trials]
     result = []
     for piece in pieces:
         inputs = piece.record.controls

@@ -12,7 +12,7 @@ import numpy as np
 
 from cases.io.read import FRT_NAMES, lacking, split_header, trial_of
 from cases.io.sidecar import SidecarEntry
-from cases.io.toml_file import validated
+from cases.io.toml_file import unknown, validated
 from cases.io.trial_table import TrialTable, checked_header
 from cases.quantities import accepted, is_canonical, quantity
 from cases.trial import Trial
@@ -67,7 +67,7 @@ def _made(
     named = [_quantity(cell) for cell in header]
     for column in units:
         if column not in named:
-            raise UnknownName(f"{name}: units['{column}']: there is no such column{_near(column, named)}")
+            raise UnknownName(f"{name}: units: {unknown('column', column, named)}")
     chosen = {k: v for k, v in units.items() if is_canonical(k)}
     entry = validated(SidecarEntry, {**settings, "units": chosen, "name": name}, name)
     for cell, column in zip(header, named, strict=True):
@@ -76,14 +76,18 @@ def _made(
             words = f"units={{'{column}': '{known[0]}'}}, or name it '{column} [{known[0]}]'"
             raise Missing(f"{name}: column '{cell}' has no unit; give {words} (accepted: {', '.join(known)})")
     if missing := lacking(named):
-        others = [cell for cell, column in zip(header, named, strict=True) if not is_canonical(column)]
-        raise Missing(f"{name}: missing column {', '.join(missing)}{_near(missing[0], others)}")
+        others = {column: cell for cell, column in zip(header, named, strict=True) if not is_canonical(column)}
+        near = difflib.get_close_matches(missing[0], others, 1)
+        hint = f"; is it '{others[near[0]]}'?" if near else f"; others are {', '.join(others.values()) or 'none'}"
+        raise Missing(f"{name}: missing column {', '.join(missing)}{hint}")
     if not columns or not len(columns[0]):
         raise TooFewData(f"{name}: holds no row")
     path = Path(name)
     digest = hashlib.sha256()
     for cell, values in zip(header, columns, strict=True):
-        digest.update(cell.encode() + repr(values.tolist()).encode())
+        digest.update(
+            cell.encode() + (values.tobytes() if values.dtype.kind != "O" else repr(values.tolist()).encode())
+        )
 
     def read(wanted: Collection[int]) -> Iterator[dict[int, Any]]:
         yield {i: columns[i] for i in wanted}
@@ -97,17 +101,8 @@ def _quantity(cell: str) -> str:
     return FRT_NAMES.get(split_header(cell)[0], split_header(cell)[0])
 
 
-def _near(name: str, known: Collection[str]) -> str:
-    """A hint at one of the ``known`` headers that looks like ``name``, or a list of them."""
-    by_name = {split_header(cell)[0]: cell for cell in known}
-    close = difflib.get_close_matches(name, by_name, 1, 0.5)
-    return f"; did you mean '{by_name[close[0]]}'?" if close else f"; there are {', '.join(known) or 'none'}"
-
-
 def _refuse_settings(name: str, settings: Mapping[str, Any]) -> None:
     """Raises UserError for what is neither a column nor a setting of a trial."""
     for key in settings:
         if key not in SETTINGS:
-            hint = difflib.get_close_matches(key, [*SETTINGS, *COLUMNS], 1)
-            near = f"; did you mean '{hint[0]}'?" if hint else f"; settings are {', '.join(SETTINGS)}"
-            raise UnknownName(f"{name}: '{key}' is neither a column nor a setting{near}")
+            raise UnknownName(f"{name}: {unknown('column or setting', key, [*COLUMNS, *SETTINGS])}")

@@ -32,6 +32,7 @@ from diagnosis.findings import Between, GroupDifference, GroupParameter, group_r
 from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.refit import SearchProblem, refit
 from diagnosis.report.words import shown_unit
+from diagnosis.validation.held_out import Z90
 from fitting.report.sections import plus_minus
 from fitting.uncertainty.group_test import (
     LEAST,
@@ -179,8 +180,6 @@ ALIKE_BY = ODDS
 """Log Bayes factors within this of each other are alike."""
 LEVEL = 0.03
 """Largest probability by chance, corrected for the number of tests, of a difference that is named. Set by hand."""
-Z90 = 1.645
-"""Half width of a 90 % interval, in standard errors. (Abramowitz & Stegun 1964, chapter 26.)"""
 SHOWN = 12
 """Tests in the table of the report. Set by hand: display."""
 

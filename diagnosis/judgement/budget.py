@@ -24,12 +24,10 @@ from diagnosis.findings import LEFT_OUT, TESTS, Budget, BudgetShare
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
-from diagnosis.validation.held_out import FEW, TOGETHER, WindowErrors, errors, window_length
+from diagnosis.validation.held_out import DRAWS, WindowErrors, errors, redrawn_means, window_length
 
 SIMULATED = 16
 """Simulated campaigns behind the floor. Its own scatter is part of the intervals. Set by hand."""
-DRAWS = 2000
-"""Draws of runs and floors for the intervals. Set by hand."""
 UNITS = ("position_m", "heading_deg")
 """What the errors at the end of a window are said in."""
 SURE = 0.05  # set by hand: a usual level
@@ -159,17 +157,10 @@ def simulated_trials(
 
 
 def _drawn(predicted: Sequence[WindowErrors], floors: Sequence[WindowErrors], rng: np.random.Generator) -> np.ndarray:
-    """Mean errors (DRAWS, fits and floor) of runs drawn again, or of blocks of TOGETHER neighbouring windows where runs
-    are few (block bootstrap), each with one of the ``floors``. predicted: by all fits and by the complete model; the
-    floor is at most the last two."""
-    run = predicted[0].run
-    if len(np.unique(run)) < FEW:
-        run = np.arange(len(run)) // TOGETHER + 1000 * run
-    runs = np.unique(run)
-    sums = np.array([[e.mean[run == r].sum() for r in runs] for e in (*predicted, *floors)])
-    counts = np.array([(run == r).sum() for r in runs])
-    at, which = rng.choice(len(runs), (DRAWS, len(runs))), len(predicted) + rng.choice(len(floors), DRAWS)
-    found = (sums[:, at].sum(axis=2) / counts[at].sum(axis=1)).T
+    """Mean errors (DRAWS, fits and floor) of runs drawn again, each with one of the ``floors``. predicted: by all
+    fits and by the complete model; the floor is at most the last two."""
+    found = redrawn_means([e.mean for e in (*predicted, *floors)], predicted[0].run, rng)
+    which = len(predicted) + rng.choice(len(floors), DRAWS)
     last = len(predicted) - 1
     floor = np.minimum(found[np.arange(DRAWS), which], found[:, last - 1 : last + 1].min(axis=1))
     return np.column_stack([found[:, :last], floor])

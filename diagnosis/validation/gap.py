@@ -20,7 +20,7 @@ import numpy as np
 
 from cases.trial import Trial
 from diagnosis.findings import Budget
-from diagnosis.validation.held_out import DRAWS, FEW, TOGETHER
+from diagnosis.validation.held_out import DRAWS, MOST, Z90, WindowErrors, redrawn_means
 from fitting.nlp.windows import default_step, pieces_of
 from fitting.prediction.predict import change_over, predict_all
 from fitting.report.run_folder import SCHEMA_VERSION, Real, plain
@@ -39,29 +39,10 @@ GIVEN, REFITTED, LEARNED, NAMED, BOTH, FLOOR = (
 )
 """Lines of the comparison: the ship as she came, calibrated on the training trials, with a learned residual, with the
 effects that a diagnosis names, with a residual learned beside these, and what a complete model would leave."""
-MOST = 1e6
-"""A squared error, in those of what a state changes by, of a prediction that diverges. It bounds a mean."""
 CHANNELS = {"surge": "m/s²", "sway": "m/s²", "yaw": "rad/s²"}
 """Accelerations that a network adds, and their units."""
-NORMAL_90 = 3.29
-"""Width of the 90 % interval of a normal distribution, in standard deviations."""
 BINS, FEWEST = 12, 20
 """Bins of a feature over which accelerations are averaged, and rows of one that is shown. Set by hand: display."""
-
-
-@dataclass(frozen=True)
-class HeldOutErrors:
-    """Errors of W windows: squares (W,) by what the states change by; end (W, 2): squared errors of position [m^2] and
-    heading [rad^2] at their ends; run: (W,) number of the trial."""
-
-    squares: np.ndarray
-    end: np.ndarray
-    run: np.ndarray
-
-    @property
-    def mean(self) -> np.ndarray:
-        """Means over the windows (3,): error, squared position [m^2] and heading [rad^2]."""
-        return np.array([self.squares.mean(), *self.end.mean(axis=0)])
 
 
 @dataclass(frozen=True)
@@ -176,70 +157,57 @@ def _percent(share: float, ends: tuple[float, float] | None) -> str:
     return f"{100 * share:.0f} %" + (f" [{100 * ends[0]:.0f}, {100 * ends[1]:.0f}]" if ends else "")
 
 
-def held_out_errors(ship: Ship, trials: Sequence[Trial], seconds: float, stride: float) -> HeldOutErrors:
-    """Errors of a ``ship`` on windows of ``seconds`` every ``stride`` [s] of ``trials``. Raises UserError where no
-    window fits."""
-    change = change_over(trials, seconds, stride)
-    squares, end, run = [], [], []
-    found = predict_all(Simulator(ship), trials, seconds, stride, False)
+def held_out_errors(ship: Ship, trials: Sequence[Trial], seconds: float, change: np.ndarray) -> WindowErrors:
+    """Errors of a ``ship`` on windows of ``seconds``, each half over the one before, of ``trials``.
+
+    change: (6,) by which errors of the states are divided (``change_over``). Raises UserError where no window fits.
+    """
+    mean, end, run = [], [], []
+    found = predict_all(Simulator(ship), trials, seconds, 0.5 * seconds, False)
     for number, (trial, (windows, _)) in enumerate(zip(trials, found, strict=True)):
         for w in windows:
-            error = w.error(trial.states)[1:]
             known = np.isfinite(trial.states[w.first + 1 : w.last + 1]).all(axis=1)
             if not known.any():
                 continue
-            square = np.nan_to_num((error[known] / change) ** 2, nan=MOST, posinf=MOST).clip(max=MOST)
-            last = square[-1] * np.where(np.isfinite(change), change, 0.0) ** 2
-            squares.append(square.mean())
+            square = (w.error(trial.states)[1:][known] / change) ** 2
+            square = np.nan_to_num(square, nan=MOST, posinf=MOST).clip(max=MOST)
+            last = square[-1, :3] * np.where(np.isfinite(change[:3]), change[:3], 0.0) ** 2
+            mean.append(square.mean())
             end.append((last[0] + last[1], last[2]))
             run.append(number)
-    if not squares:
+    if not mean:
         raise TooFewData(f"no test trial holds {seconds:.0f} s without a gap, so that nothing can be predicted")
-    return HeldOutErrors(np.array(squares), np.array(end), np.array(run))
+    return WindowErrors(np.array(mean), np.array(end), np.array(run))
 
 
 def compared(
-    ships: Mapping[str, Ship],
-    trials: Sequence[Trial],
-    seconds: float,
-    stride: float,
-    budget: Budget | None,
-    seed: int = 0,
-) -> tuple[list[GapRow], HeldOutErrors]:
+    ships: Mapping[str, Ship], trials: Sequence[Trial], seconds: float, budget: Budget | None, seed: int = 0
+) -> tuple[list[GapRow], np.ndarray]:
     """A line for each of the ``ships``, by its name, and the floor where it is known.
 
-    trials: that took no part; seconds, stride: of their windows; budget: of the diagnosis of the same trials, whose
-    floor is taken as a share of the error of the ship with the named effects, the refitted one without any; seed: of
-    the draws. Returns the lines and the errors of the first ship. Raises UserError where no window fits.
+    trials: that took no part; seconds: of their windows; budget: of the diagnosis of the same trials, whose floor is
+    taken as a share of the error of the ship with the named effects, the refitted one without any; seed: of the draws.
+    Returns the lines and the number of the trial of each window (W,). Raises UserError where no window fits.
     """
-    errors = {name: held_out_errors(ship, trials, seconds, stride) for name, ship in ships.items()}
-    first = next(iter(errors.values()))
-    run = first.run
-    if len(np.unique(run)) < FEW:
-        run = np.arange(len(run)) // TOGETHER + 1000 * run
-    groups, rng = np.unique(run), np.random.default_rng(seed)
-    at = rng.choice(len(groups), (DRAWS, len(groups)))
-    counts = np.array([(run == g).sum() for g in groups])[at].sum(axis=1)
-
-    def drawn(e: HeldOutErrors) -> np.ndarray:
-        rows = np.column_stack([e.squares, e.end])
-        sums = np.array([rows[run == g].sum(axis=0) for g in groups])
-        return np.asarray(sums[at].sum(axis=1) / counts[:, None])  # (DRAWS, 3)
-
-    means = {name: e.mean for name, e in errors.items()}
-    draws = {name: drawn(e) for name, e in errors.items()}
+    change = change_over(trials, seconds, 0.5 * seconds)
+    errors = {name: held_out_errors(ship, trials, seconds, change) for name, ship in ships.items()}
+    run = next(iter(errors.values())).run
+    columns = [column for e in errors.values() for column in (e.mean, *e.end.T)]
+    rng = np.random.default_rng(seed)
+    every = np.split(redrawn_means(columns, run, rng), len(errors), axis=1)  # of each (DRAWS, 3)
+    means = {name: np.array([e.mean.mean(), *e.end.mean(axis=0)]) for name, e in errors.items()}
+    draws = dict(zip(errors, every, strict=True))
     if budget is not None:
         base = NAMED if NAMED in ships else REFITTED
         left = budget.floor / budget.after if budget.after > 0 else 1.0
         share = np.array([left, *((u[2] / u[1]) ** 2 if u[1] > 0 else 1.0 for u in budget.units.values())])
-        means[FLOOR], std = share * means[base], (budget.floor_by_after[1] - budget.floor_by_after[0]) / NORMAL_90
+        std = (budget.floor_by_after[1] - budget.floor_by_after[0]) / (2 * Z90)
         # how well the floor is known: its share of the error, drawn normally, moves all three alike
         moved = np.clip(left + std * rng.standard_normal(DRAWS), 0.0, 1.0) / max(left, 1e-300)
-        draws[FLOOR] = share * moved[:, None] * draws[base]
         # no model that was measured can lie below what no model can reach
-        means[FLOOR] = np.minimum(means[FLOOR], np.min(list(means.values()), axis=0))
-        draws[FLOOR] = np.minimum(draws[FLOOR], np.min(list(draws.values()), axis=0))
-    return [_row(name, means, draws) for name in means], first
+        means[FLOOR] = np.min([share * means[base], *means.values()], axis=0)
+        draws[FLOOR] = np.min([share * moved[:, None] * draws[base], *draws.values()], axis=0)
+    return [_row(name, means, draws) for name in means], run
 
 
 def _row(name: str, means: Mapping[str, np.ndarray], draws: Mapping[str, np.ndarray]) -> GapRow:

@@ -24,6 +24,10 @@ from mmg.ship import Ship
 DRAWS = 2000
 """Draws of runs or blocks, for intervals. Set by hand: the ends of a 90 % interval are known to 0.05 standard
 errors."""
+Z90 = 1.645
+"""Half width of a 90 % interval, in standard errors. (Abramowitz & Stegun 1964, chapter 26.)"""
+MOST = 1e6
+"""Largest scaled squared error [-], also of a prediction that diverges. Set by hand: it bounds a mean."""
 
 
 class Stepper(Steered, Protocol):
@@ -102,7 +106,7 @@ def errors(
     path = steps.follow(np.repeat(z[None], len(along) + 1, axis=0), data.controls[at, r0], theta, **pushed)
     error = (steps.logged(path[1:], theta) - data.y[row, r0]) / sigma
     good = data.measured[row, r0] & (along < count)[..., None]
-    square = np.where(good, np.minimum(np.nan_to_num(error**2, nan=1e6), 1e6), 0.0)
+    square = np.where(good, np.minimum(np.nan_to_num(error**2, nan=MOST), MOST), 0.0)
     last = square[count - 1, np.arange(len(k0)), :3] * sigma[:3] ** 2
     end = np.stack([last[:, 0] + last[:, 1], last[:, 2]], axis=1)
     return WindowErrors(square.sum(axis=(0, 2)) / np.maximum(good.sum(axis=(0, 2)), 1), end, data.run[r0])
@@ -136,18 +140,25 @@ FEW, TOGETHER = 3, 4
 """With fewer runs than FEW, blocks of TOGETHER neighbouring windows are drawn instead of runs. Set by hand."""
 
 
+def redrawn_means(columns: Sequence[np.ndarray], run: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Means (DRAWS, k) of k ``columns`` (W,) of windows whose runs ``run`` (W,) are drawn again (block bootstrap), or
+    blocks of TOGETHER neighbouring windows where runs are few; rng: random numbers."""
+    if len(np.unique(run)) < FEW:
+        run = np.arange(len(run)) // TOGETHER + 1000 * run
+    runs = np.unique(run)
+    sums = np.array([[x[run == r].sum() for r in runs] for x in columns])
+    counts = np.array([(run == r).sum() for r in runs])
+    at = rng.choice(len(runs), (DRAWS, len(runs)))
+    return np.asarray((sums[:, at].sum(axis=2) / counts[at].sum(axis=1)).T)
+
+
 def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Generator) -> tuple[float, float]:
-    """90 % interval of the reduction 1 - sum(b) / sum(a), by drawing runs again (block bootstrap).
+    """90 % interval of the reduction 1 - sum(b) / sum(a), by drawing runs again.
 
     a, b: (W,) errors of the windows before and after; run: (W,) their runs; rng: random numbers.
     """
-    if len(np.unique(run)) < FEW:
-        run = np.arange(len(a)) // TOGETHER + 1000 * run
-    runs = np.unique(run)
-    sums = np.array([[x[run == r].sum() for r in runs] for x in (a, b)])
-    draws = rng.choice(len(runs), (DRAWS, len(runs)))
-    lost = 1 - sums[1][draws].sum(axis=1) / np.maximum(sums[0][draws].sum(axis=1), 1e-300)
-    low, high = np.quantile(lost, [0.05, 0.95])
+    before, after = redrawn_means((a, b), run, rng).T
+    low, high = np.quantile(1 - after / np.maximum(before, 1e-300), [0.05, 0.95])
     return float(low), float(high)
 
 

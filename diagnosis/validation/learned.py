@@ -19,6 +19,7 @@ from diagnosis.inputs import DiagnosisOptions
 from diagnosis.result import Diagnosis
 from diagnosis.validation.gap import held_out_errors
 from diagnosis.validation.held_out import interval_of, window_length
+from fitting.prediction.predict import change_over
 from fitting.report.parts import Store
 from fitting.solvers.control import OutOfTimeError, check_time
 from mmg.errors import NoSolution, UserError, needs_torch
@@ -88,13 +89,14 @@ def measure_learned_residual(
 
     ship, settings = ship.without_network(), settings or TrainSettings(seeds=SEEDS)
     seconds = window_length(ship)
-    before = held_out_errors(ship, tests, seconds, 0.5 * seconds)
+    change = change_over(tests, seconds, 0.5 * seconds)
+    before = held_out_errors(ship, tests, seconds, change)
     result = train(ship, trials, (), settings, progress=progress, store=store)
     if result.interrupted:
         raise KeyboardInterrupt
     if result.hybrid is None or result.decision is None:
         raise NoSolution("every training diverged, also at lower rates")
-    a, b = before.squares, held_out_errors(result.hybrid, tests, seconds, 0.5 * seconds).squares
+    a, b = before.mean, held_out_errors(result.hybrid, tests, seconds, change).mean
     several = len(np.unique(before.run)) > 1
     interval = interval_of(a, b, before.run, np.random.default_rng(settings.seed)) if several else None
     reduction = float(1 - b.sum() / a.sum())

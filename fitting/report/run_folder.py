@@ -36,7 +36,7 @@ from mmg.errors import BadValue, Conflict, Missing, NotWritable, TargetExists, U
 from mmg.messages import Message
 
 RESULT, SHIP, START, ITERATE = "result.json", "ship.toml", "start.toml", "iterate.safetensors"
-LOSS = "loss.npz"
+LOSS = "loss.safetensors"
 FIGURES, PAGE = "figures", "report.html"
 SCHEMA_VERSION = 1
 """Of every result file; it grows when an older reader would misread them (docs/releasing.md)."""

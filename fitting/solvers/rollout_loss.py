@@ -8,13 +8,14 @@ with its correlation times, and the values of coefficients that campaigns have f
 
 from __future__ import annotations
 
-import zipfile
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from safetensors import SafetensorError, safe_open
+from safetensors.numpy import save_file
 
 from cases.trial import Trial
 from fitting.calibration import Calibration
@@ -98,23 +99,24 @@ class RolloutLoss:
 
     def save(self, path: Path) -> None:
         """Write it to ``path``. Raises OSError."""
-        content: dict[str, Any] = {name: getattr(self, name) for name in _ARRAYS}
-        content |= {name: np.array(getattr(self, name), dtype=str) for name in _WORDS}
-        content |= {"schema": SCHEMA, "h": self.h, "cost": self.cost.name, "tau": self.cost.tau}
-        np.savez_compressed(path, **content)
+        arrays = {name: np.ascontiguousarray(getattr(self, name)) for name in _ARRAYS}
+        words = {"h": self.h, "cost": self.cost.name, "trials": self.trials, "symbols": self.symbols}
+        about = {"schema": str(SCHEMA), "words": json.dumps(words)}
+        save_file(arrays | {"tau": np.ascontiguousarray(self.cost.tau)}, path, about)
 
     @classmethod
     def load(cls, path: Path) -> RolloutLoss:
         """That in the file ``path``. Raises UserError where it cannot be read or is of another version."""
         try:
-            with np.load(path, allow_pickle=False) as file:
-                found = dict(file)
-            version = int(found.pop("schema"))
-            if version == SCHEMA:
-                content: dict[str, Any] = {name: found[name] for name in _ARRAYS}
-                content |= {name: tuple(found[name].tolist()) for name in _WORDS}
-                return cls(h=float(found["h"]), cost=Loss(str(found["cost"]), found["tau"]), **content)
-        except (OSError, KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
+            with safe_open(path, "np") as file:
+                found, about = {name: file.get_tensor(name) for name in (*_ARRAYS, "tau")}, file.metadata()
+            if (version := about["schema"]) == str(SCHEMA):
+                words = json.loads(about["words"])
+                cost = Loss(words["cost"], found.pop("tau"))
+                return cls(
+                    words["h"], cost=cost, trials=tuple(words["trials"]), symbols=tuple(words["symbols"]), **found
+                )
+        except (OSError, SafetensorError, KeyError, ValueError, TypeError):
             raise Unreadable(
                 f"{path}: is no loss of a calibration; fit again, or train without --loss calibration"
             ) from None
@@ -133,5 +135,3 @@ def _hashes(trials: Sequence[Trial]) -> tuple[str, ...]:
 
 _ARRAYS = ("starts", "controls", "targets", "weights", "values", "run", "began")
 """What of it is an array."""
-_WORDS = ("trials", "symbols")
-"""What of it are words."""

@@ -3,6 +3,8 @@ input that is refused."""
 
 from __future__ import annotations
 
+import copy
+import pickle
 from typing import Any
 
 import numpy as np
@@ -68,6 +70,13 @@ def test_forces_are_by_component_and_a_ship_at_rest_stays() -> None:
 def test_other_shapes_and_names_are_refused(state: Any, controls: Any) -> None:
     with pytest.raises(UserError):
         SHIP.rhs(state, controls)
+
+
+def test_a_ship_goes_to_another_process_also_after_her_equations_were_used() -> None:
+    rates = SHIP.rhs(Z, ORDERS)
+    for copied in (pickle.loads(pickle.dumps(SHIP)), copy.deepcopy(SHIP)):
+        assert copied == SHIP
+        np.testing.assert_array_equal(copied.rhs(Z, ORDERS), rates)
 
 
 def test_copies_by_name() -> None:

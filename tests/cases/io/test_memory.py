@@ -93,7 +93,7 @@ HEADER = {
         (pd.DataFrame(COLUMNS), "column 't' has no unit"),
         (
             pd.DataFrame({HEADER.get(k, k): v for k, v in COLUMNS.items()}),
-            "missing column psi; did you mean 'psy [deg]'?",
+            "missing column psi; is it 'psy [deg]'?",
         ),
         (COLUMNS, "takes a DataFrame"),
     ],

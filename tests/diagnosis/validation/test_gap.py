@@ -37,7 +37,7 @@ def budget(left: float) -> Budget:
 def test_the_true_effect_closes_all_and_a_half_of_it_three_quarters(trials: list[Trial]) -> None:
     """Errors grow with the square of what is missing: half a current leaves a quarter, but for the noise."""
     half, whole = (with_effects(FEW, [text]) for text in ("current:x=0.02,y=0.01", CURRENT))
-    rows, errors = compared({REFITTED: FEW, LEARNED: half, NAMED: whole}, trials, 30.0, 15.0, budget(1.0))
+    rows, run = compared({REFITTED: FEW, LEARNED: half, NAMED: whole}, trials, 30.0, budget(1.0))
     by_name = {row.name: row for row in rows}
     assert by_name[NAMED].closes == pytest.approx(1.0) and by_name[LEARNED].closes == pytest.approx(0.75, abs=0.06)
     low, high = by_name[LEARNED].closes_90 or (0.0, 0.0)
@@ -45,18 +45,18 @@ def test_the_true_effect_closes_all_and_a_half_of_it_three_quarters(trials: list
     assert by_name[FLOOR].position_m == pytest.approx(by_name[NAMED].position_m)
     drift = 30 * math.hypot(0.04, 0.02)  # what the calibrated ship misses
     assert by_name[REFITTED].position_m == pytest.approx(drift, rel=0.25)
-    assert len(errors.run) == len(errors.squares) and set(errors.run.tolist()) == {0, 1, 2}
+    assert set(run.tolist()) == {0, 1, 2}
 
 
 def test_without_a_floor_or_a_gap_nothing_is_shared_out(trials: list[Trial]) -> None:
     whole = with_effects(FEW, [CURRENT])
-    without = compared({REFITTED: FEW, NAMED: whole}, trials, 30.0, 15.0, None)[0]
+    without = compared({REFITTED: FEW, NAMED: whole}, trials, 30.0, None)[0]
     assert [row.name for row in without] == [REFITTED, NAMED] and without[1].closes is None
-    quiet = compared({REFITTED: whole, LEARNED: whole}, trials, 30.0, 15.0, budget(1.0))[0]
+    quiet = compared({REFITTED: whole, LEARNED: whole}, trials, 30.0, budget(1.0))[0]
     assert all(row.closes is None for row in quiet)
     assert "%" not in sentence_of(quiet, (), "none", 30.0)
     with pytest.raises(TooFewData):
-        compared({REFITTED: FEW}, trials, 3000.0, 15.0, None)
+        compared({REFITTED: FEW}, trials, 3000.0, None)
 
 
 def test_the_sentence_tells_shares_and_what_was_declined() -> None:
@@ -99,7 +99,7 @@ def test_a_network_is_explained_by_the_effect_that_it_imitates(trials: list[Tria
 def test_the_figure_has_a_bar_for_each_line(trials: list[Trial]) -> None:
     from diagnosis.validation.gap import Gap
 
-    rows, errors = compared({REFITTED: FEW, NAMED: with_effects(FEW, [CURRENT])}, trials, 30.0, 15.0, budget(0.9))
-    found = Gap("", tuple(rows), 30.0, len(errors.run), 3, "named", ("current",))
+    rows, run = compared({REFITTED: FEW, NAMED: with_effects(FEW, [CURRENT])}, trials, 30.0, budget(0.9))
+    found = Gap("", tuple(rows), 30.0, len(run), 3, "named", ("current",))
     axes = gap_figure(found).axes
     assert len(axes) == 2 and all(len(ax.patches) == len(rows) == 3 for ax in axes)
