@@ -100,7 +100,11 @@ def compare_models(
         raise Missing("no test trials: name at least one that takes no part (--test)")
     given = model if isinstance(model, Ship) else load_ship(model)
     ships: dict[str, Ship] = {}
+    seen = [trial.name for trial in held if trial.sha256 in _calibrated_on(model)]
     remarks = [*by_role, *(Message(str(words), "shared_rows") for words in shared)]
+    if seen:
+        words = f"{', '.join(seen)}: the ship was calibrated on it, so its errors are not of a trial that took no part"
+        remarks.append(Message(words, "calibrated_on"))
     refitted, source = _refitted(model, given.without_network(), chosen, o, progress, calibrate)
     if source is None:
         remarks.append(Message("the ship was calibrated on these trials: she is not refitted", "not_refitted"))
@@ -194,10 +198,8 @@ def _refitted(
     """The ``ship`` calibrated on the ``trials``, and the calibration; None where she was already. Surroundings are left
     to the diagnosis: what the trials speak for is its answer, not a part of the ship that is asked about."""
     bare = without_suspects(ship, surroundings_only=True)
-    if not isinstance(model, Ship) and (Path(model) / RESULT).exists() and bare.effects == ship.effects:
-        hashes = {row.get("sha256") for row in trial_rows(Path(model)) if row.get("use", "") != "test"}
-        if all(trial.sha256 and trial.sha256 in hashes for trial in trials):
-            return ship, None
+    if bare.effects == ship.effects and _calibrated_on(model) == {trial.sha256 for trial in trials}:
+        return ship, None
     from fitting.calibrate import FitOptions
     from fitting.result import read_fit
 
@@ -214,6 +216,12 @@ def _refitted(
         return fit.ship, fit
     fit.save(place, report=o.report)
     return fit.ship, place
+
+
+def _calibrated_on(model: Ship | str | Path) -> set[str]:
+    """sha256 of the files that a ``model`` was calibrated on, none of a ship."""
+    is_run = not isinstance(model, Ship) and (Path(model) / RESULT).exists()
+    return {row["sha256"] for row in trial_rows(Path(str(model))) if row.get("sha256")} if is_run else set()
 
 
 def _trained(

@@ -83,7 +83,12 @@ def test_a_calibration_of_the_same_trials_is_not_made_again(compared: Path, file
     options = GapOptions(residual_settings.TrainSettings(seeds=1, epochs=2))
     found = mmg_ident.gap(compared / "refitted", files["train"], files["test"], options)
     assert found.row("as given") is None and found.row("refitted") is not None
-    assert any(m.code == "not_refitted" for m in found.warnings)
+    codes = {m.code for m in found.warnings}
+    assert "not_refitted" in codes and "calibrated_on" not in codes
+    # on fewer of its trials it is made again, and a test trial that it knows is said
+    few = mmg_ident.gap(compared / "refitted", files["train"][:2], files["train"][2:], options)
+    codes = {m.code for m in few.warnings}
+    assert few.row("as given") is not None and "calibrated_on" in codes and "not_refitted" not in codes
 
 
 @pytest.mark.parametrize(
