@@ -7,7 +7,7 @@ interval is Student's, of which few observations make a wide one.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf, isfinite, nan, sqrt
 from typing import TYPE_CHECKING
 
@@ -61,45 +61,6 @@ def percent(share: float | None, sign: bool = True) -> str:
     if abs(share) < 0.0005:
         return "0.0 %"
     return f"{share:{'+' if sign else ''}.1%}".replace("-", "−").replace("%", " %")
-
-
-def path_rows(outcomes: Sequence[Outcome]) -> list[dict[str, float]]:
-    """By weight of the residual, as shares, how much 30 s and 100 s predictions of judged windows of all trainings
-    improve; ``outcomes``: of these."""
-    good = [o for o in outcomes if o.status != "diverged"]
-    longest = max((o.points for o in good), key=len, default=())
-    rows = []
-    for k, point in enumerate(longest):
-        window, restarts = (_pooled([o.at(k) for o in good], which)[0] for which in (0, 1))
-        rows.append({"penalty": point.penalty, "improvement": window, "restarts": restarts})
-    return rows
-
-
-def chosen(outcomes: Sequence[Outcome]) -> list[Outcome]:
-    """``outcomes`` at the weight of the residual whose predictions of judged windows are best over all trainings.
-
-    Best is the least mean of the logarithms by which the errors of 30 s and 100 s predictions change. The judged errors
-    of a training are those at the weight that the other trainings choose: what it judges by has no part in that.
-    """
-    good = [o for o in outcomes if o.status != "diverged"]
-    common = _best_point(good)
-    result = []
-    for o in outcomes:
-        others = [other for other in good if other is not o]
-        apart = o.at(_best_point(others) if others else common)
-        judged = {name: getattr(apart, name) for name in ("after", "judged", "restarts_judged")}
-        result.append(replace(o.at(common), **judged))
-    return result
-
-
-def _best_point(outcomes: Sequence[Outcome]) -> int:
-    """Number of the point of the path at which the judged windows of ``outcomes`` are predicted best."""
-    gains = np.array([(row["improvement"], row["restarts"]) for row in path_rows(outcomes)]).reshape(-1, 2)
-    if not len(gains):
-        return 0
-    # a column of NaN is a horizon of which no window fits
-    changes = np.log1p(-gains[:, ~np.isnan(gains).any(axis=0)])
-    return int(np.argmin(changes.mean(axis=1))) if changes.size else 0
 
 
 def judged_by_whole_runs(tasks: Sequence[Task]) -> bool:

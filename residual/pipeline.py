@@ -30,7 +30,7 @@ from mmg.network import Network
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 from mmg.states import STATES
-from residual.decide import chosen, decide, judged_by_whole_runs, path_rows
+from residual.decide import decide, judged_by_whole_runs
 from residual.hybrid import HYBRID_KIND, OUTPUT, network_of
 from residual.papers.black_box import BOX_KIND, box_of
 from residual.result import CALIBRATED, HYBRID, TrainResult, read_training
@@ -77,7 +77,6 @@ def train(
     try:
         tasks = tasks_of(kind, ship, trained_on, settings, validation, judged_apart=not black_box, loss=loss)
         outcomes, interrupted = train_seeds(tasks, progress, store)
-        outcomes = chosen(outcomes)
         task = tasks[0]
         own = _black_box(task, outcomes, name) if black_box else _hybrid(tasks, outcomes, bool(validation), known, keep)
     except UserError:
@@ -182,8 +181,6 @@ def _hybrid(
         "details": {
             "bound": dict(zip(RATES, network.bound.tolist(), strict=True)) if network else None,
             "output_scale": dict(zip(RATES, scales.output.tolist(), strict=True)),
-            "penalty": outcomes[0].penalty,
-            "path": path_rows(outcomes),
             "residual_size": _residual_size(network, scales) if network else {},
             "calibration": _calibration_in(known) if known else None,
             **run_folder.of_predictions(known),

@@ -21,12 +21,6 @@ KINDS = ("fnn", "rnn", "rnn-window")
 """Feedforward (Wakita et al. 2024, 2025), standard RNN (2022, Eq. 7), RNN with m rows of memory (2022, Eq. 9)."""
 
 
-PATH = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3)
-"""Weights of the residual's square of which judged windows choose, each trained from the one before. Set by hand."""
-PATH_EPOCHS = 0.1  # set by hand: the path then has 1.5 times the epochs of a training
-"""Share of the epochs for each of them but the first."""
-
-
 @dataclass(frozen=True)
 class TrainSettings:
     """How to train a residual on a calibrated ship: seeds seed, seed + 1, ...
@@ -40,7 +34,7 @@ class TrainSettings:
     workers: int = setting(1, "Processes over which tasks are spread.", ge=1)
     width: int = setting(32, "Neurons of a hidden layer; default 32, black box 64.", ge=1)
     symmetric: bool = setting(True, "hybrid: port and starboard may differ.")
-    penalty: float | None = setting(None, "Weight of residual^2, default by a path; black box: 1e-4.", ge=0)
+    penalty: float = setting(0.001, "Weight of residual^2; black box: of weights^2, default 1e-4.", ge=0)
     rate: float = setting(3e-3, "First learning rate of Adam.", gt=0)
     last_rate: float = setting(2e-5, "Last learning rate of Adam.", gt=0)
     clip: float = setting(1.0, "Largest norm of gradients.", gt=0)
@@ -57,15 +51,6 @@ class TrainSettings:
     block: float = setting(150.0, "Length of blocks [s] of few runs.", gt=0)
     augment: str = setting("", "Of Wakita 2024: sli2, jit10, d-ref, ...", choices=(*SETS, ""))
     time_limit: float | None = setting(None, "Limit of the training [s].", gt=0)
-
-    @property
-    def path(self) -> tuple[tuple[float, int], ...]:
-        """Weights of the residual in the order of the training, and the epochs of each."""
-        if self.penalty is not None:
-            return ((self.penalty, self.epochs),)
-        # light first: a residual shrinks within a few epochs, and needs all of them to grow
-        shorter = max(1, round(PATH_EPOCHS * self.epochs))
-        return tuple((weight, shorter if k else self.epochs) for k, weight in enumerate(PATH))
 
 
 _OF = {f.name: f.metadata for f in fields(TrainSettings)}

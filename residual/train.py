@@ -101,18 +101,6 @@ class Task:
         return self.build(self.ship, self.scales, self.settings, self.seed)
 
 
-class PathPoint(NamedTuple):
-    """What a training has come to at one weight of the residual.
-
-    penalty: that weight; judged, restarts_judged, state: as of ``Outcome``, of the best system so far.
-    """
-
-    penalty: float
-    judged: np.ndarray
-    restarts_judged: np.ndarray
-    state: dict[str, np.ndarray]
-
-
 @dataclass(frozen=True)
 class Outcome:
     """What a training ended with.
@@ -121,9 +109,7 @@ class Outcome:
     judged windows (30 s windows, 100 s restarts) of the untrained and of the best system; history: rows (epoch, length
     of rollouts [s], loss, error of the stop windows); state: name -> array of the best system's parameters; judged: the
     judged 30 s windows one by one, rows (run, first row of its piece, error before, error after); restarts_judged: of
-    the 100 s restarts; fold: of the task; penalty: weight of the residual.
-    points: of the weights of the residual that were trained one after the other; ``chosen`` makes after, judged and
-    state those of one of them.
+    the 100 s restarts; fold: of the task.
     """
 
     seed: int
@@ -140,21 +126,6 @@ class Outcome:
     judged: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)), repr=False)
     fold: int = 0
     restarts_judged: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)), repr=False)
-    penalty: float = math.nan
-    points: tuple[PathPoint, ...] = field(default=(), repr=False)
-
-    def at(self, number: int) -> Outcome:
-        """With what it came to at the point of that ``number``, or at its last one if there are fewer."""
-        point = self.points[min(number, len(self.points) - 1)]
-        return replace(self, penalty=point.penalty, state=point.state, **judged_by(point.judged, point.restarts_judged))
-
-
-def judged_by(windows: np.ndarray, restarts: np.ndarray) -> dict[str, Any]:
-    """What of an ``Outcome`` follows from the rows (n, 4) of its judged 30 s ``windows`` and 100 s ``restarts``."""
-    # NaN and not zero where none fits: zero would be a perfect prediction
-    means = [rows[:, 2:].mean(axis=0).tolist() if len(rows) else (math.nan, math.nan) for rows in (windows, restarts)]
-    before, after = zip(*means, strict=True)
-    return {"before": before, "after": after, "judged": windows, "restarts_judged": restarts}
 
 
 class _Diverged(Exception):
@@ -178,27 +149,28 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
             except _Diverged:
                 status = "diverged"
     # also after a divergence: the best weights before it are judged, for the record
-    untrained, points = task.system(), []
-    for weight, best in attempt.points or [(settings.path[0][0], attempt.best)]:
-        attempt.system.load_state_dict(best, strict=False)
-        # the untrained system is predicted too: the windows that judge are not those whose error is in the history
-        systems = untrained, attempt.system
-        judged = compare_errors(systems, task.split.judge, task.h, task.scales.score, settings.method)
-        points.append(PathPoint(weight, *judged, {name: value.numpy().copy() for name, value in best.items()}))
+    attempt.system.load_state_dict(attempt.best, strict=False)
+    systems = task.system(), attempt.system
+    # the untrained system is predicted once more: the windows that judge are not those whose error is in the history
+    judged, restarts = compare_errors(systems, task.split.judge, task.h, task.scales.score, settings.method)
+    # NaN and not zero where none fits: zero would be a perfect prediction
+    means = [rows[:, 2:].mean(axis=0).tolist() if len(rows) else (math.nan, math.nan) for rows in (judged, restarts)]
+    before, after = zip(*means, strict=True)
     return Outcome(
         seed=task.seed,
         status=status,
-        **judged_by(*judged),
+        before=before,
+        after=after,
         history=tuple(attempt.history),
-        state=points[-1].state,
+        state={name: value.numpy().copy() for name, value in attempt.best.items()},
         rate=rate,
         restarts=restart,
         seconds=time.perf_counter() - began,
         windows=attempt.count,
-        held_out_windows=len(judged[0]),
+        held_out_windows=len(judged),
+        judged=judged,
+        restarts_judged=restarts,
         fold=task.split.fold,
-        penalty=points[-1].penalty,
-        points=tuple(points),
     )
 
 
@@ -223,7 +195,6 @@ class _Attempt:
         self.before = self.least = self._stop_error()
         # row 0 is the untrained system, which has no rollouts and no loss yet
         self.history: list[tuple[int, float, float, float]] = [(0, 0.0, float("nan"), self.before)]
-        self.points: list[tuple[float, dict[str, Tensor]]] = []
 
     def _state(self) -> dict[str, torch.Tensor]:
         # copies: the optimizer changes the parameters in place
@@ -234,49 +205,25 @@ class _Attempt:
         return float(window_errors(self.system, self.held, self.score, self.task.settings.method).mean())
 
     def run(self) -> str:
-        """Train at one weight of the residual after the other; "finished" or "stopped"."""
-        path, done = self.task.settings.path, 0
-        plans = [
-            [(seconds, batch) for seconds, batch, share in self.stages for _ in range(max(1, round(share * epochs)))]
-            for _, epochs in path
-        ]
-        total = sum(map(len, plans))
-        for (weight, _), plan in zip(path, plans, strict=True):
-            try:
-                self.system.load_state_dict(self.best, strict=False)
-                status = self._descend(weight, plan, done, total)
-                if self.points:
-                    # the last weights and not those that stop best, which may be those of before
-                    self.best = self._state()
-            except _Diverged:
-                if not self.points:
-                    raise
-                return "finished"
-            self.points.append((weight, self.best))
-            done += len(plan)
-            if status == "stopped":
-                return status
-        return "finished"
-
-    def _descend(self, weight: float, plan: Sequence[tuple[float, RolloutBatch]], done: int, total: int) -> str:
-        """Train through the curriculum at a ``weight``; done, total: epochs before and of all."""
+        """Train through the stages of the curriculum; "finished" or "stopped"."""
         t, optimizer = self.task.settings, Adam(self.system.learned())
-        for k, (seconds, batch) in enumerate(plan):
+        plan = [(seconds, batch) for seconds, batch, epochs in self.stages for _ in range(epochs)]
+        for done, (seconds, batch) in enumerate(plan):
             # over the whole curriculum, not each stage: longer rollouts, with their steeper gradients, meet the lower
             # rates
-            cosine = 0.5 * (1 + math.cos(math.pi * k / len(plan)))
+            cosine = 0.5 * (1 + math.cos(math.pi * done / len(plan)))
             rate = t.last_rate + (self.rate - t.last_rate) * cosine
-            loss = self._epoch(optimizer, rate, batch, weight)
-            self._keep(done + k + 1, seconds, loss)
+            loss = self._epoch(optimizer, rate, batch)
+            self._keep(done + 1, seconds, loss)
             if self.control.progress:
                 values = {"loss": loss, "error of 30 s windows": self.history[-1][3]}
-                self.control.progress(Progress(f"seed {self.task.seed}", done + k + 1, total, values))
+                self.control.progress(Progress(f"seed {self.task.seed}", done + 1, len(plan), values))
             if self.control.stops:
                 return "stopped"
         return "finished"
 
-    def _epoch(self, optimizer: Adam, rate: float, batch: RolloutBatch, weight: float) -> float:
-        """One pass over the windows in random order at a ``rate`` and a ``weight`` of the residual; mean loss."""
+    def _epoch(self, optimizer: Adam, rate: float, batch: RolloutBatch) -> float:
+        """One pass over the windows in random order at a ``rate``; mean loss."""
         t, scales = self.task.settings, self.task.scales
         # parts of about equal size, where a fixed size would leave a last part of few windows and noisy gradients
         parts = torch.randperm(len(batch), generator=self.draw).tensor_split(max(1, round(len(batch) / t.batch)))
@@ -287,7 +234,7 @@ class _Attempt:
                 # noise anew in each epoch, so that it cannot be learned
                 some = jittered(some, t.jitter * torch.as_tensor(scales.noise), self.draw)
             self.system.zero_grad()
-            loss = self._loss(some, weight)
+            loss = self._loss(some)
             loss.backward()
             # one rollout that nearly diverges has a gradient orders larger than the others and would undo the epoch
             norm = torch.nn.utils.clip_grad_norm_(self.system.learned(), t.clip)
@@ -301,7 +248,7 @@ class _Attempt:
                 break
         return float(np.mean(losses))
 
-    def _loss(self, batch: RolloutBatch, weight: float) -> torch.Tensor:
+    def _loss(self, batch: RolloutBatch) -> torch.Tensor:
         t = self.task.settings
         if t.loss == "acceleration":
             loss = acceleration_loss(self.system, batch, torch.as_tensor(self.task.scales.acceleration))
@@ -309,7 +256,7 @@ class _Attempt:
             loss = self._calibration(batch) / self.unit
         else:
             loss = state_loss(self.system, batch, self.sigma, t.method)
-        return loss + weight * self.system.penalty() if weight else loss
+        return loss + t.penalty * self.system.penalty() if t.penalty else loss
 
     def _calibration(self, batch: RolloutBatch) -> torch.Tensor:
         """The loss of the calibration, mean over windows."""
@@ -329,8 +276,8 @@ class _Attempt:
             self.least, self.best = error, self._state()
 
 
-def stages(task: Task, past: int) -> list[tuple[float, RolloutBatch, float]]:
-    """Length of the rollouts [s], windows and share of the epochs of each stage of the curriculum of ``task``.
+def stages(task: Task, past: int) -> list[tuple[float, RolloutBatch, int]]:
+    """Length of the rollouts [s], windows and epochs of each stage of the curriculum of ``task``.
 
     Only of those for which windows fit; one stage with the windows of a calibration, where its loss trains. past: rows
     before each window that the system reads.
@@ -338,7 +285,7 @@ def stages(task: Task, past: int) -> list[tuple[float, RolloutBatch, float]]:
     t, h = task.settings, task.h
     if task.loss:
         batch = calibration_windows(task.loss, task.split.train)
-        return [(task.loss.h * len(batch.controls), batch, 1.0)] if batch else []
+        return [(task.loss.h * len(batch.controls), batch, t.epochs)] if batch else []
     result = []
     for seconds, share in t.curriculum:
         if t.augment:
@@ -347,7 +294,7 @@ def stages(task: Task, past: int) -> list[tuple[float, RolloutBatch, float]]:
         else:
             batch = windows(task.split.train, h, max(1, round(seconds / h)), max(1, round(t.stride / h)), past)
         if batch is not None:
-            result.append((seconds, batch, share))
+            result.append((seconds, batch, max(1, round(share * t.epochs))))
     return result
 
 
@@ -438,13 +385,10 @@ def training_store(
 
 def save_outcome(store: Store, outcome: Outcome) -> None:
     """Keep the ``outcome`` of a seed in ``store``."""
-    rows = {"history": np.array(outcome.history)}
-    words = {f.name: getattr(outcome, f.name) for f in fields(Outcome) if f.name not in _KEPT}
-    words["penalties"] = [point.penalty for point in outcome.points]
-    for k, point in enumerate(outcome.points):
-        rows |= {f"{k}.{name}": getattr(point, name) for name in ("judged", "restarts_judged")}
-        rows |= {f"{k}.state.{name}": value for name, value in point.state.items()}
-    store.save(f"seed_{outcome.seed}", words, rows)
+    rows = {name: np.array(getattr(outcome, name)) for name in _ROWS}
+    words = {f.name: getattr(outcome, f.name) for f in fields(Outcome) if f.name not in (*_ROWS, "state")}
+    state = {f"state.{name}": value for name, value in outcome.state.items()}
+    store.save(f"seed_{outcome.seed}", words, rows | state)
 
 
 def load_outcome(store: Store, seed: int) -> Outcome | None:
@@ -453,18 +397,15 @@ def load_outcome(store: Store, seed: int) -> Outcome | None:
     if found is None:
         return None
     words, arrays = found
-    points = []
-    for k, penalty in enumerate(words.pop("penalties")):
-        start = f"{k}.state."
-        state = {name.removeprefix(start): a for name, a in arrays.items() if name.startswith(start)}
-        points.append(PathPoint(penalty, arrays[f"{k}.judged"], arrays[f"{k}.restarts_judged"], state))
+    state = {name.removeprefix("state."): a for name, a in arrays.items() if name.startswith("state.")}
     history = tuple((int(row[0]), *row[1:]) for row in arrays["history"].tolist())
-    judged = judged_by(points[-1].judged, points[-1].restarts_judged)
-    return Outcome(**words, **judged, history=history, state=points[-1].state, points=tuple(points))
+    ends: dict[str, Any] = {name: tuple(arrays[name].tolist()) for name in ("before", "after")}
+    judged, restarts = arrays["judged"], arrays["restarts_judged"]
+    return Outcome(**words, **ends, history=history, judged=judged, restarts_judged=restarts, state=state)
 
 
-_KEPT = ("before", "after", "judged", "restarts_judged", "state", "points", "history")
-"""What of an outcome is kept with its points, or is the history."""
+_ROWS = ("before", "after", "history", "judged", "restarts_judged")
+"""What of an outcome is kept as arrays, beside its state."""
 
 
 STARTED = "started_"
@@ -474,8 +415,7 @@ STARTED = "started_"
 def train_seeds(
     tasks: Sequence[Task], progress: OnProgress | None = None, store: Store | None = None
 ) -> tuple[list[Outcome], bool]:
-    """Outcomes of the ``tasks`` of a training in their order, at the last weight of the residual, and whether Ctrl-C
-    ended them early.
+    """Outcomes of the ``tasks`` of a training in their order, and whether Ctrl-C ended them early.
 
     progress: called after each epoch where one process trains, else after each seed; store: what it holds is not
     trained again, and what finishes is kept there. After Ctrl-C the trainings under way keep their best weights and

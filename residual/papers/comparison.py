@@ -33,7 +33,6 @@ from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from residual.decide import chosen
 from residual.hybrid import HYBRID_KIND, network_of
 from residual.papers.black_box import BOX_KIND, box_of
 from residual.settings import KINDS, BlackBoxSettings, TrainSettings
@@ -250,7 +249,7 @@ def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, Ent
     settings = TrainSettings(**values) if hybrid else BlackBoxSettings(kind=entry.model, **values)
     tasks = tasks_of(HYBRID_KIND if hybrid else BOX_KIND, ship, trials, settings, judged_apart=False)
     task = replace(tasks[entry.seed - study.seed], seconds=left, stop=stop)
-    (outcome,) = chosen([train_one(task)])
+    outcome = train_one(task)
     if outcome.status == "diverged":
         raise NoSolution("diverged, also at lower rates")
     entry = replace(entry, status=outcome.status, held_out=outcome.after[0])

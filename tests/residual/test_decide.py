@@ -12,13 +12,13 @@ from cases.trial import Trial
 from fitting.nlp.windows import Stretch, pieces_of
 from mmg.errors import TooFewData
 from mmg.ship import Ship
-from residual.decide import BLOCK, chosen, decide, judged_by_whole_runs
+from residual.decide import BLOCK, decide, judged_by_whole_runs
 from residual.hybrid import HYBRID_KIND
 from residual.pipeline import train
 from residual.settings import TrainSettings
 from residual.splits import FOLDS, GAP, Split, split_pieces
 from residual.system import Past, TrainableSystem
-from residual.train import Outcome, PathPoint, tasks_of, train_one
+from residual.train import Outcome, tasks_of, train_one
 from residual.windows import Scales
 from tests.support import hybrids
 
@@ -177,31 +177,6 @@ def outcome(
 )
 def test_the_decision(outcomes: list[Outcome], kept: bool) -> None:
     assert decide(outcomes).kept is kept
-
-
-def along(*changes: tuple[float, float]) -> Outcome:
-    """A training with these errors of 30 s and 100 s predictions, 1 before, at the weights of its path."""
-    rows = [[np.array([[0.0, 0.0, 1.0, error]]) for error in pair] for pair in changes]
-    points = tuple(PathPoint(10.0**-k, *pair, {"k": np.array(k)}) for k, pair in enumerate(rows))
-    return replace(outcome(1.0), points=points).at(0)
-
-
-def test_a_weight_is_chosen_by_both_horizons_and_judged_where_it_was_not_chosen() -> None:
-    """The first two trainings agree on the second weight; by these two the third is judged, which prefers its third."""
-    two = along((0.9, 0.9), (0.6, 0.7), (0.5, 1.5))
-    third = along((0.9, 0.9), (0.8, 0.8), (0.1, 0.1))
-    found = chosen([two, two, third])
-    assert [float(o.state["k"]) for o in found] == [2.0, 2.0, 2.0], "pooled, the gain of the third rules"
-    assert [o.after for o in found] == [(0.5, 1.5), (0.5, 1.5), (0.8, 0.8)]
-    assert [o.penalty for o in chosen([two, two])] == [0.1, 0.1]
-    diverged = replace(along((0.9, 0.9)), status="diverged")
-    assert chosen([two, diverged])[0].penalty == 0.1 and chosen([diverged])[0].status == "diverged"
-
-
-def test_a_path_that_was_cut_keeps_what_it_has() -> None:
-    short, long = along((0.9, 0.9)), along((0.9, 0.9), (0.5, 0.5))
-    found = chosen([short, long])
-    assert [o.penalty for o in found] == [1.0, 0.1]
 
 
 def test_100_s_predictions_that_become_worse_within_what_runs_differ_by_are_no_harm() -> None:

@@ -20,7 +20,7 @@ from residual.figures import learning_plot
 from residual.hybrid import HYBRID_KIND
 from residual.papers.comparison_figures import COLOURS, DASHED, MARKERS
 from residual.pipeline import train
-from residual.settings import PATH, TrainSettings
+from residual.settings import TrainSettings
 from residual.train import (
     Adam,
     load_outcome,
@@ -48,15 +48,13 @@ def error_on_fresh_runs(ship: Ship) -> float:
 
 
 def test_by_default_a_missing_force_is_learned_in_stages() -> None:
-    """Each stage of the curriculum has its share of the epochs at each weight of the residual."""
+    """Each stage of the curriculum has its share of the epochs."""
     found = train(hybrids.ship(), hybrids.trials(hybrids.lacking()), settings=DEFAULT)
     assert found.decision and found.decision.kept and found.hybrid is not None
     truth = error_on_fresh_runs(hybrids.lacking())
     assert error_on_fresh_runs(found.hybrid) - truth < 0.5 * (error_on_fresh_runs(hybrids.ship()) - truth)
     lengths = [[step["rollout_s"] for step in row["history"]] for row in found.per_seed]
-    path = [length for _, n in DEFAULT.path for length in [*[10.0] * round(0.3 * n), *[30.0] * round(0.7 * n)]]
-    assert lengths == [[0.0, *path]] * 2
-    assert found.details["penalty"] in PATH and [row["penalty"] for row in found.details["path"]] == list(PATH)
+    assert lengths == [[0.0, *[10.0] * round(0.3 * DEFAULT.epochs), *[30.0] * round(0.7 * DEFAULT.epochs)]] * 2
 
 
 def test_by_default_noise_alone_is_declined() -> None:
@@ -78,7 +76,6 @@ def test_a_seed_that_was_kept_comes_back_to_the_last_bit(tmp_path: Path) -> None
     np.testing.assert_array_equal(again.history, found.history)
     np.testing.assert_array_equal(again.judged, found.judged)
     assert all((again.state[name] == a).all() for name, a in found.state.items())
-    assert [p.penalty for p in again.points] == [p.penalty for p in found.points] and len(found.points) == len(PATH)
 
 
 def losses(net: torch.nn.Module, x: torch.Tensor, skipped: bool) -> torch.Tensor:

@@ -135,8 +135,7 @@ KEYS = {
     "notices", "messages",
 }  # fmt: skip
 OF_A_HYBRID = {
-    "kept", "recommended", "other", "decision", "bound", "output_scale", "penalty", "path", "residual_size",
-    "calibration",
+    "kept", "recommended", "other", "decision", "bound", "output_scale", "residual_size", "calibration"
 }  # fmt: skip
 
 
