@@ -45,7 +45,7 @@ class TrainSettings:
     )
     stride: float = setting(5.0, "Seconds between windows.", gt=0)
     jitter: float = setting(0.0, "Noise on states, in the instruments' noise.", ge=0)
-    loss: str = setting("state", "state, acceleration (Wakita 2022) or calibration.", choices=LOSSES)
+    loss: str = setting("state", "state, acceleration or calibration.", choices=LOSSES)
     method: str = setting("rk4", "Integration.", choices=("rk4", "euler"))
     step: float | None = setting(None, "Step of integration [s]; default 0.05 L/U.", gt=0)
     block: float = setting(150.0, "Length of blocks [s] of few runs.", gt=0)
