@@ -21,6 +21,7 @@ from mmg.states import STATES
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.axes import Axes
 
 READER = "cases.io.memory"
 """What makes trials of frames and arrays; by its name, as users look for it here and it knows trials."""
@@ -108,6 +109,25 @@ class Trial:
         """
         made: Trial = import_module(READER).trial_from_arrays(name, columns, units)
         return made
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw its track, north up, on ``ax`` (None: new axes), which it returns; without positions its velocities over
+        time."""
+        from matplotlib import pyplot  # late: slow to import
+
+        if ax is None:
+            ax = pyplot.subplots(layout="constrained")[1]
+        if self.has_position:
+            ax.plot(self["y"], self["x"], label=self.name)
+            ax.plot(self["y"][:1], self["x"][:1], "k.")
+            ax.set(xlabel="y, east [m]", ylabel="x, north [m]")
+            ax.set_aspect("equal", adjustable="datalim")
+        else:
+            for name, scale, unit in (("u", 1.0, "m/s"), ("v", 1.0, "m/s"), ("r", math.degrees(1.0), "deg/s")):
+                ax.plot(self.t - self.t[0], scale * self[name], label=f"{name} [{unit}]")
+            ax.set(xlabel="time from the first sample [s]")
+        ax.legend(fontsize=8, frameon=False)
+        return ax
 
     def between(self, begin: float, end: float) -> Trial:
         """The samples from ``begin`` to ``end`` [s], both included, on the clock of the trial; so is trial[begin:end].

@@ -32,6 +32,8 @@ Given: TypeAlias = "str | Path | Trial | Sequence[str | Path | Trial]"
 """What a set is made of: one or several files, folders or trials."""
 DOUBT = "doubtful"
 """Code of the notice on what mmg check doubts of a trial."""
+JUDGED = {"judged": "yes"}
+"""Mark of trials that went through ``ready``."""
 MOST_LISTED = 5
 """Of names and pairs in one message. Set by hand: display."""
 
@@ -141,7 +143,8 @@ class TrialSet(Sequence[Trial]):
     @property
     def as_they_are(self) -> TrialSet:
         """The trials marked as looked at, so that nothing of them is left out later."""
-        return TrialSet(tuple(trial if looked_at(trial) else left_out(trial, [], "") for trial in self.trials))
+        kept = (trial if looked_at(trial) else left_out(trial, [], "") for trial in self.trials)
+        return TrialSet(tuple(_marked(trial) for trial in kept))
 
     @property
     def by_role(self) -> tuple[TrialSet, TrialSet]:
@@ -188,17 +191,20 @@ class TrialSet(Sequence[Trial]):
 def ready(*sets: Given, unchecked: bool = False) -> tuple[TrialSet, ...]:
     """The ``sets`` as they may be fitted and judged: without broken stretches, doubts among their notices.
 
-    unchecked: leave them as they are. Raises UserError where the data of one of them refute what its file says.
+    unchecked: leave them as they are; sets that went through here before stay as well. Raises UserError where the data
+    of one of them refute what its file says.
     """
     given = [TrialSet.of(some) for some in sets]
+    if all(trial.meta.items() >= JUDGED.items() for some in given for trial in some):
+        return tuple(given)
     if unchecked:
         return tuple(some.as_they_are for some in given)
-    every = TrialSet(tuple(trial for some in given for trial in some))
+    every = given[0] if len(given) == 1 else TrialSet(tuple(trial for some in given for trial in some))
     wrong = [report for report in every.reports if report.verdict == CONTRADICTORY]
     if wrong:
         text = next(f.text for f in wrong[0].findings if f.level == CONTRADICTORY).rstrip(".")
         names = ", ".join(report.path or report.name for report in wrong)
-        advice = "correct it in trials.toml, or add --unchecked"
+        advice = "correct it in trials.toml, or add --unchecked (unchecked=True)"
         raise Conflict(f"{names}: contradictory, as mmg check says ({text}); {advice}")
     rows = iter(zip(every, every.reports, strict=True))
     return tuple(TrialSet(tuple(_judged(*row) for row in islice(rows, len(some)))) for some in given)
@@ -232,7 +238,11 @@ def _judged(trial: Trial, report: CheckReport) -> Trial:
         trial = _without(trial, [BrokenStretch(**row) for row in report.numbers["stretches"]["broken"]])
     doubts = [f.text for f in report.findings if f.level == DOUBTFUL and f.topic not in ("stretches", "duplicates")]
     notices = [Message(f"{trial.name}: doubtful: {text}", DOUBT) for text in doubts]
-    return replace(trial, notices=(*trial.notices, *notices)) if notices else trial
+    return _marked(replace(trial, notices=(*trial.notices, *notices)))
+
+
+def _marked(trial: Trial) -> Trial:
+    return replace(trial, meta={**trial.meta, **JUDGED})
 
 
 def _without(trial: Trial, found: Sequence[BrokenStretch]) -> Trial:

@@ -118,6 +118,17 @@ by hand; without it no answer to 400 open cases changes (row ``matters`` of benc
 
 
 @dataclass(frozen=True)
+class MissingForce:
+    """The force that the model of a diagnosis lacks along one trial.
+
+    t: (M,) since the start of the trial [s]; force: (M, 3) in body axes, X, Y [N], N [N m].
+    """
+
+    t: np.ndarray
+    force: np.ndarray
+
+
+@dataclass(frozen=True)
 class BudgetShare:
     """A part of the error that could be avoided: its share with the 90 % interval."""
 

@@ -19,7 +19,7 @@ from pydantic import BeforeValidator, ValidationError
 
 from cases.io.files import decoded, read_bytes, read_json
 from cases.shipfiles.ship_file import dump_ship, load_ship
-from diagnosis.findings import DiagnosisInputs, DiagnosisRecord, Findings
+from diagnosis.findings import DiagnosisInputs, DiagnosisRecord, Findings, MissingForce
 from fitting.record import MessageRow
 from fitting.report.run_folder import (
     SCHEMA_VERSION,
@@ -38,23 +38,13 @@ from mmg.messages import has_code, html_table, messages_from
 if TYPE_CHECKING:
     import pandas as pd
 
+    from diagnosis.report.axes import DiagnosisAxes
     from diagnosis.validation.gap import Gap
 
 MISSING_FORCE = "missing_force.csv"
 FORCE_HEADER = ("run", "t [s]", "X [N]", "Y [N]", "N [N m]")
 MOST_ROWS = 400
 """Rows of a run at most: the force changes over seconds. Set by hand: it bounds the size of a file."""
-
-
-@dataclass(frozen=True)
-class MissingForce:
-    """The force that the model of a diagnosis lacks along one trial.
-
-    t: (M,) since the start of the trial [s]; force: (M, 3) in body axes, X, Y [N], N [N m].
-    """
-
-    t: np.ndarray
-    force: np.ndarray
 
 
 def missing_force(d: Findings) -> dict[str, MissingForce]:
@@ -129,6 +119,13 @@ class Diagnosis(Findings):
             for c in self.candidates
         ]
         return pd.DataFrame(rows).set_index("name")
+
+    @property
+    def plot(self) -> DiagnosisAxes:
+        """Its figures on axes: ``diagnosis.plot.budget(ax)``, ``force``."""
+        from diagnosis.report.axes import DiagnosisAxes  # late: matplotlib is slow to import
+
+        return DiagnosisAxes(self, missing_force(self))
 
     def __repr__(self) -> str:
         return f"<Diagnosis of {self.ship.title}: {self.verdict}. {self.sentence}>"

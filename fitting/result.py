@@ -36,6 +36,7 @@ from mmg.ship import Ship
 
 if TYPE_CHECKING:
     from fitting.calibration import Calibration
+    from fitting.report.axes import FitAxes
     from fitting.report.use import Delivered
     from fitting.solvers.reduced import ReducedProblem
     from fitting.solvers.rollout_loss import RolloutLoss
@@ -87,6 +88,14 @@ class FitResult(FitRecord):
         if self.objects is None:
             raise Missing(f"{self.folder}: was read from its folder, which has no trials; calibrate them again")
         return self.objects
+
+    @property
+    def plot(self) -> FitAxes:
+        """Its figures on axes: ``fit.plot.tracks(ax)``, ``coefficients``, ``correlation``, ``forces``,
+        ``residuals``."""
+        from fitting.report.axes import FitAxes  # late: matplotlib is slow to import
+
+        return FitAxes(self, self.start, self.ship, self.objects)
 
     def without_parts(self, name: str) -> FitResult:
         """The result with the warning that Ctrl-C left out the part ``name``."""

@@ -19,11 +19,15 @@ if TYPE_CHECKING:
     from cases.trial import Trial
     from cases.trial_set import TrialSet
     from delivery.export import export_ship
+    from delivery.export import export_ship as export
     from delivery.full_scale.result import scale
+    from diagnosis.inputs import DiagnosisOptions
     from diagnosis.result import Diagnosis
     from diagnosis.validation.gap import Gap
+    from fitting.calibrate import FitOptions
     from fitting.prediction.score import Score
     from fitting.result import FitResult
+    from fitting.settings import Settings
     from fitting.solvers.reduced import ReducedProblem
     from mmg.errors import UserError
     from mmg.messages import Message
@@ -40,28 +44,38 @@ if TYPE_CHECKING:
         refit,
         score,
         simulate,
+        simulate_many,
         train,
         write_report,
     )
+    from mmg_ident.api import write_report as report
+    from mmg_ident.model_gap import GapOptions
+    from mmg_ident.studies import fleet, imo, import_logs, months, plan, select, view
     from residual.result import TrainResult
+    from residual.settings import BlackBoxSettings, TrainSettings
 
+_STUDIES = ("fleet", "imo", "import_logs", "months", "plan", "select", "view")
 _HOMES = {
-    "CheckReport": "cases.checks.report", "Diagnosis": "diagnosis.result", "FitResult": "fitting.result",
-    "Gap": "diagnosis.validation.gap",
-    "Message": "mmg.messages", "OnProgress": "mmg.progress", "Progress": "mmg.progress",
-    "ReducedProblem": "fitting.solvers.reduced",
-    "Score": "fitting.prediction.score", "Ship": "mmg.ship", "TrainResult": "residual.result", "Trial": "cases.trial",
-    "TrialSet": "cases.trial_set", "UserError": "mmg.errors", "export_ship": "delivery.export",
-    "load_ship": "cases.shipfiles.ship_file", "new_ship": "cases.shipfiles.new_ship", "read_trials": "cases.io.read",
-    "scale": "delivery.full_scale.result",
+    "BlackBoxSettings": "residual.settings", "CheckReport": "cases.checks.report", "Diagnosis": "diagnosis.result",
+    "DiagnosisOptions": "diagnosis.inputs", "FitOptions": "fitting.calibrate", "FitResult": "fitting.result",
+    "Gap": "diagnosis.validation.gap", "GapOptions": "mmg_ident.model_gap", "Message": "mmg.messages",
+    "OnProgress": "mmg.progress", "Progress": "mmg.progress", "ReducedProblem": "fitting.solvers.reduced",
+    "Score": "fitting.prediction.score", "Settings": "fitting.settings", "Ship": "mmg.ship",
+    "TrainResult": "residual.result", "TrainSettings": "residual.settings", "Trial": "cases.trial",
+    "TrialSet": "cases.trial_set", "UserError": "mmg.errors", "export": "delivery.export:export_ship",
+    "export_ship": "delivery.export", "load_ship": "cases.shipfiles.ship_file", "new_ship": "cases.shipfiles.new_ship",
+    "read_trials": "cases.io.read", "report": "mmg_ident.api:write_report", "scale": "delivery.full_scale.result",
+    **dict.fromkeys(_STUDIES, "mmg_ident.studies"),
 }  # fmt: skip
-"""Public name -> the module it is taken from, where that is not ``mmg_ident.api``."""
+"""Public name -> the module it is taken from, and behind a colon its name there; else it is in ``mmg_ident.api``."""
 
 __all__ = [
-    "CheckReport", "Diagnosis", "FitResult", "Gap", "Message", "OnProgress", "Prediction", "Progress", "ReducedProblem",
-    "Score", "Ship", "TrainResult", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose",
-    "export_ship", "gap", "load_run", "load_ship", "new_ship", "predict", "read_trials", "refit", "scale", "score",
-    "simulate", "train", "write_report",
+    "BlackBoxSettings", "CheckReport", "Diagnosis", "DiagnosisOptions", "FitOptions", "FitResult", "Gap", "GapOptions",
+    "Message", "OnProgress", "Prediction", "Progress", "ReducedProblem", "Score", "Settings", "Ship", "TrainResult",
+    "TrainSettings", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose", "export",
+    "export_ship", "fleet", "gap", "imo", "import_logs", "load_run", "load_ship", "months", "new_ship", "plan",
+    "predict", "read_trials", "refit", "report", "scale", "score", "select", "simulate", "simulate_many", "train",
+    "view", "write_report",
 ]  # fmt: skip
 
 __version__ = "0.2.0"
@@ -88,7 +102,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'mmg_ident' has no attribute {name!r}")
     if in_the_way := shadowing_mmg():
         raise ImportError(in_the_way)
-    value = getattr(import_module(_HOMES.get(name, "mmg_ident.api")), name)
+    home, _, there = _HOMES.get(name, "mmg_ident.api").partition(":")
+    value = getattr(import_module(home), there or name)
     globals()[name] = value
     return value
 

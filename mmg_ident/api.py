@@ -1,7 +1,8 @@
 """The functions of ``mmg_ident``: what each command does, for a script or a notebook.
 
 A *model* is a ship, the name of one of the library, a ship file, a run folder, or the result of ``calibrate`` or
-``train``. *Trials* are a ``TrialSet``, what ``read_trials`` returns, or paths; what is fitted and judged is ``sound``.
+``train``. *Trials* are a ``TrialSet``, what ``read_trials`` returns, or paths. What is fitted and judged has no broken
+stretches, and is refused where its data refute what it says (``check``); unchecked=True takes it as it is.
 """
 
 from __future__ import annotations
@@ -11,6 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from diagnosis.inputs import DiagnosisOptions
+from fitting.settings import Settings
+from mmg_ident.settings import check_settings, checked_settings, keywords, listed, refuse_gone, taken
+from residual.settings import BlackBoxSettings, TrainSettings
+
 if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
@@ -18,7 +24,6 @@ if TYPE_CHECKING:
     from cases.checks.report import CheckReport
     from cases.trial import Trial
     from cases.trial_set import TrialSet
-    from diagnosis.inputs import DiagnosisOptions
     from diagnosis.result import Diagnosis
     from diagnosis.validation.gap import Gap
     from fitting.calibrate import FitOptions
@@ -26,14 +31,12 @@ if TYPE_CHECKING:
     from fitting.prediction.predict import Forecaster, Window
     from fitting.prediction.score import Score
     from fitting.result import FitResult
-    from fitting.settings import Settings
     from mmg.messages import Message
     from mmg.progress import OnProgress
     from mmg.rollout import Simulator
     from mmg.ship import Ship
     from mmg_ident.model_gap import GapOptions
     from residual.result import TrainResult
-    from residual.settings import TrainSettings
 
     Model: TypeAlias = Ship | str | Path | FitResult | TrainResult | Simulator | Forecaster
     Trials: TypeAlias = str | Path | Trial | Sequence[str | Path | Trial]
@@ -94,15 +97,16 @@ class Prediction:
         return html_table(f"{self.trial.name}: predicted states at the end of each window", header, last)
 
 
-def _sound(given: Trials) -> TrialSet:
-    """Trials without their broken stretches, paths read."""
-    from cases.trial_set import TrialSet
+def ready_trials(*sets: Trials, unchecked: bool = False) -> tuple[TrialSet, ...]:
+    """The ``sets`` of trials without their broken stretches, paths read; ``unchecked``: as they are. Raises UserError
+    for contradictory ones."""
+    from cases.trial_set import ready
 
-    return TrialSet.of(given).sound
+    return ready(*sets, unchecked=unchecked)
 
 
-def _ship(model: Any) -> Ship:
-    """The ship of a model."""
+def ship_of(model: Any) -> Ship:
+    """The ship of a ``model``."""
     from cases.shipfiles.ship_file import load_ship
     from mmg.ship import Ship
 
@@ -131,7 +135,7 @@ def predictor(model: Model) -> Simulator | Forecaster:
     if isinstance(model, Simulator) or hasattr(model, "forecast"):
         return model  # type: ignore[return-value]
     box = getattr(model, "black_box", None)
-    return box if box is not None else Simulator(_ship(model))
+    return box if box is not None else Simulator(ship_of(model))
 
 
 def content_of(model: Model) -> dict[str, Any]:
@@ -153,37 +157,92 @@ def check(trials: Trials) -> list[CheckReport]:
     return list(TrialSet.of(trials).reports)
 
 
+@keywords(also="duration dt n speed rudder_rate sampled_helm campaign x0 delta")
 def simulate(
     ship: Model,
-    maneuver: str | Trial,
+    maneuver: str | Trial | Sequence[float] | np.ndarray,
     wind: str | None = None,
     effects: Sequence[str] = (),
     noise: bool = False,
-    duration: float | None = None,
-    dt: float | None = None,
     seed: int = 0,
+    **values: Any,
 ) -> Trial:
-    """Simulate a manoeuvre of ``ship``, or let it follow the rudder, revolutions and wind of a trial.
+    """Simulate a manoeuvre of ``ship``, or let it follow inputs: those of a trial, or given over time.
 
-    maneuver: as ``mmg simulate --maneuver`` takes it, such as "turning:35" or "zigzag:20/20" [deg], or a trial to
-    follow; wind: "speed:direction[:gusty]" [m/s, deg it comes from], None: calm air; effects: switched on, such as
-    "current:x=0.1"; noise: add sensor noise; duration: longest time [s]; dt: sampling interval [s], default 0.1; seed:
-    of gusts, noise and random manoeuvres. Returns the run. Raises UserError for what cannot be simulated.
+    maneuver: as ``mmg simulate --maneuver`` takes it, such as "turning:35" or "zigzag:20/20" [deg], a trial to follow,
+    or times (N,) [s] at which ``values`` gives the inputs: numbers, arrays (N,) or functions of the time, by name of
+    the ship's actuators, n [1/s], delta [rad], ..., with wind_speed [m/s] and wind_direction [rad] that it comes from,
+    and x0 (6,), the first state x, y [m], psi [rad], u, v [m/s], r [rad/s], default at rest. wind:
+    "speed:direction[:gusty]" [m/s, deg it comes from], None: calm air; effects: switched on, such as "current:x=0.1";
+    noise: add sensor noise; seed: of gusts, noise and random manoeuvres; values, of a manoeuvre: duration: longest time
+    [s]; dt: sampling interval [s], default 0.1; n: of the approach [1/s]; speed [m/s]; rudder_rate [deg/s];
+    sampled_helm: orders are given at samples only; of all: campaign: whose instruments log the run. Returns the run.
+    Raises UserError for what cannot be simulated.
     """
+    import math
+
     from cases.criteria.standard_runs import simulated_trial
+    from cases.io.campaigns import ship_of_campaign
     from cases.maneuvers.definitions import parse_maneuver
     from cases.shipfiles.effects import with_effects
+    from cases.simulation.given_inputs import given_inputs
+    from cases.trial import Trial
     from mmg.errors import Conflict
 
-    model = with_effects(_ship(ship), effects)
+    campaign = values.pop("campaign", None)
+    model = with_effects(ship_of_campaign(ship_of(ship), campaign), listed(effects))
     if isinstance(maneuver, str):
-        plan = parse_maneuver(maneuver, model, seed=seed, duration=duration)
+        orders, dt = taken(values, "n speed rudder_rate duration"), values.pop("dt", None)
+        sampled = values.pop("sampled_helm", False)
+        _refuse(values, f"{maneuver} takes duration, dt, n, speed, rudder_rate and sampled_helm")
+        if "rudder_rate" in orders:
+            orders["rudder_rate"] = math.radians(orders["rudder_rate"])
+        plan = parse_maneuver(maneuver, model, seed=seed, sampled=sampled, **orders)
         return simulated_trial(model, plan, None, wind, noise, seed, dt)
-    if duration is not None or dt is not None:
-        raise Conflict("duration and dt belong to a manoeuvre; a trial that is followed gives its own times")
+    if {"duration", "dt"} & set(values):
+        raise Conflict("duration and dt belong to a manoeuvre; what is followed gives its own times")
+    if isinstance(maneuver, Trial):
+        _refuse(values, f"the inputs are those of {maneuver.name}")
+    else:
+        start = values.pop("x0", None)
+        maneuver = given_inputs(model, maneuver, values, start)
     return simulated_trial(model, None, maneuver, wind, noise, seed)
 
 
+def simulate_many(
+    ships: Sequence[Model] | pd.DataFrame, maneuver: Any, ship: Model | None = None, **values: Any
+) -> list[Trial]:
+    """``simulate`` with each of several ships, or with draws of the coefficients of one, in the order given.
+
+    ships: models, or a frame with a row per draw and a column per coefficient (``FitResult.sample``) of the ``ship``;
+    maneuver, values: as for ``simulate``. Returns the runs. Raises UserError as that does.
+    """
+    from mmg.errors import Missing
+
+    if isinstance(ships, Sequence):
+        return [simulate(each, maneuver, **values) for each in ships]
+    if ship is None:
+        raise Missing("ship: missing; draws of coefficients need the ship whose they are")
+    start, rows = ship_of(ship), zip(*(ships[symbol] for symbol in ships.columns), strict=True)
+    drawn = (start.with_values(**dict(zip(ships.columns, row, strict=True))) for row in rows)
+    return [simulate(each, maneuver, **values) for each in drawn]
+
+
+def _refuse(values: Mapping[str, Any], why: str) -> None:
+    """Raises UserError for the first of the keyword arguments that nothing takes."""
+    from mmg.errors import UnknownName
+
+    for name in values:
+        raise UnknownName(f"{name}: is no keyword here; {why}")
+
+
+CHANGES = "with_ without fix only"
+"""Keywords of ``calibrate`` that change the ship."""
+OPTIONS = "measurement per_run per_campaign profile bootstrap next_trial estimator name"
+"""Keywords of ``calibrate`` that are fields of its options."""
+
+
+@keywords(Settings, also=f"{CHANGES} {OPTIONS} captive captive_sigma")
 def calibrate(
     ship: Model,
     trials: Trials,
@@ -191,29 +250,41 @@ def calibrate(
     settings: Settings | None = None,
     options: FitOptions | None = None,
     progress: OnProgress | None = None,
+    unchecked: bool = False,
     **values: Any,
 ) -> FitResult:
     """Calibrate the free coefficients of ``ship`` on ``trials``, as ``mmg fit`` does.
 
     validate: held-out trials to score before and after; settings: of the solver (``fitting.settings.Settings``);
-    options: uncertainty, instruments, next trial and more (``fitting.calibrate.FitOptions``); progress: called at each
-    iteration; values: fields of the settings that differ from these, by name, such as ``window=20.0``. Returns the
-    result, whose ``save(folder)`` writes the run folder; ``effects`` tests each effect that the ship has free, by the
-    likelihood of a diagnosis, and warnings say which of the usual suspects the trials speak for, which are fitted
-    along. Raises UserError for
-    input from which nothing can be identified, and for values outside their limits.
+    options: uncertainty, instruments, next trial and more (``FitOptions``); progress: called at each iteration;
+    unchecked: take contradictory trials and broken stretches too; values: what differs from both by name, as the
+    options of the command: window=20.0, with_="current", without="wind", fix=["N_v"], only=[...], measurement="none",
+    captive="pmm.csv". Returns the result, whose ``save(folder)`` writes the run folder; ``effects`` tests each effect
+    that the ship has free, by the likelihood of a diagnosis, and warnings say which of the usual suspects the trials
+    speak for, which are fitted along. Raises UserError for input from which nothing can be identified, and for values
+    outside their limits.
     """
     from cases.shipfiles.effects import without_suspects
+    from cases.shipfiles.model_changes import reduced_ship
     from fitting import calibrate as pipeline
-    from fitting.settings import Settings
     from fitting.solvers.control import unless_interrupted
-    from mmg_ident.settings import check_settings, checked_settings
 
+    refuse_gone(values)
+    changes, chosen = taken(values, CHANGES), taken(values, OPTIONS)
+    captive, captive_sigma = values.pop("captive", None), values.pop("captive_sigma", None)
+    if captive is not None:
+        from fitting.nlp.captive import read_captive
+
+        chosen["captive"] = read_captive(Path(captive), captive_sigma)
+    for name in {"measurement", "per_run", "per_campaign", "profile"} & set(chosen):
+        chosen["instruments" if name == "measurement" else name] = listed(chosen.pop(name))
     settings = replace(settings or Settings(), **checked_settings(Settings, values))
     check_settings(settings)
-    start = without_suspects(_ship(ship))  # of a calibration before, they are asked anew
-    options = replace(options or pipeline.FitOptions(), second=_second_estimate)
-    result = pipeline.calibrate(start, _sound(trials), _sound(validate), settings, options, progress)
+    each = (listed(changes.get(name, ())) for name in ("without", "with_", "fix", "only"))
+    start = reduced_ship(without_suspects(ship_of(ship)), *each)  # suspects of a calibration before are asked anew
+    options = replace(options or pipeline.FitOptions(), second=_second_estimate, **chosen)
+    runs, held_out = ready_trials(trials, validate, unchecked=unchecked)
+    result = pipeline.calibrate(start, runs, held_out, settings, options, progress)
     if start.effects:
         from diagnosis.for_calibration import with_effect_tests
 
@@ -249,29 +320,39 @@ def score(
     sigma: Sequence[float] | np.ndarray | None = None,
     adapt: float | None = None,
     baseline: Trials = (),
+    window: float | None = None,
+    method: str = "rk4",
+    unchecked: bool = False,
 ) -> Score:
     """Errors of ``model`` on ``trials`` in units (``units``), and the normalised metric (Wakita et al. 2022, Eq. 25).
 
     sigma: (6,) of x, y [m], psi [rad], u, v [m/s], r [rad/s] by which errors of the normalised metric are divided,
     default pooled over the trials; adapt: seconds before each window from which the disturbance of the run is
-    estimated; baseline: trials to which a plain grey box is fitted that the model must beat, as it must beat
-    velocities that are kept (``units.ratio``). Returns the scores, pooled and by trial; lower is better. Raises
-    UserError for trials without positions.
+    estimated; baseline: trials to which a plain grey box is fitted that the model must beat, as it must beat velocities
+    that are kept (``units.ratio``); window: of the errors in units [s], default one ship length; method: of
+    integration, "rk4" or "euler"; unchecked: score contradictory trials and broken stretches too. Returns the scores,
+    pooled and by trial; lower is better. Raises UserError for trials without positions.
     """
     import numpy as np
 
     from fitting.prediction.baselines import fit_grey_box
     from fitting.prediction.score import score as scored
     from fitting.prediction.unit_errors import window_for
+    from mmg.errors import OutOfRange, UnknownName
     from mmg.rollout import Simulator
 
+    if method not in ("rk4", "euler"):
+        raise UnknownName(f"method {method!r}: unknown; use rk4 or euler")
+    if window is not None and not 0 <= window < float("inf"):
+        raise OutOfRange(f"window = {window:g}: must be 0 or a positive number of seconds")
     origin = "the scored trials" if sigma is None else "the caller"
     given = None if sigma is None else np.asarray(sigma, dtype=float)
-    runs, fitted, simulator = _sound(trials), _sound(baseline), predictor(model)
+    (runs, fitted), simulator = ready_trials(trials, baseline, unchecked=unchecked), predictor(model)
     particulars = simulator.ship.particulars if isinstance(simulator, Simulator) else {}
-    window = window_for(runs, particulars.get("L")) if runs else 0.0
+    if window is None:
+        window = window_for(runs, particulars.get("L")) if runs else 0.0
     box = fit_grey_box(fitted, simulator.inputs, particulars, window) if fitted else None
-    return scored(simulator, runs, given, origin, adapt=adapt, units=window, baseline=box)
+    return scored(simulator, runs, given, origin, method, adapt=adapt, units=window, baseline=box)
 
 
 def predict(
@@ -281,12 +362,14 @@ def predict(
     stride: float | None = 15.0,
     adapt: float | None = None,
     progress: OnProgress | None = None,
+    unchecked: bool = False,
 ) -> list[Prediction]:
     """Predict open-loop windows of ``trials``, each started from the measured state, as ``mmg predict`` does.
 
     window: length [s], 0: the whole run; stride: between starts [s], None: the window; adapt: seconds before each
     window (never the window itself) from which the disturbance of the run is estimated, 0: none, None: those that pay,
-    by the result of a calibration; progress: told before each trial. Returns a prediction per trial, with standard
+    by the result of a calibration; progress: told before each trial; unchecked: predict contradictory trials too; rows
+    of broken stretches are predicted always. Returns a prediction per trial, with standard
     deviations where ``model`` is a result that knows them.
     Raises UserError where no window can be predicted, and for a black box with ``adapt``.
     """
@@ -316,6 +399,7 @@ def predict(
     bands, seconds = bands_of(content, ship) if ship else None, past_to_use(content, adapt)[0]
     past = Adaptation.of(ship, seconds) if seconds and ship else None
     results, runs, short = [], TrialSet.of(trials), window <= 0 or step >= window
+    ready_trials(runs, unchecked=unchecked)
     for number, run in enumerate(runs):
         if progress:
             progress(Progress("predicting", number, len(runs)))
@@ -338,73 +422,100 @@ def predict(
     return results
 
 
+@keywords(TrainSettings, BlackBoxSettings, also="model")
 def train(
-    model: Model,
+    run: Model,
     trials: Trials,
     validate: Trials = (),
     settings: TrainSettings | None = None,
     keep: str = "better",
     progress: OnProgress | None = None,
+    unchecked: bool = False,
+    **values: Any,
 ) -> TrainResult:
     """Learn a residual acceleration on a calibrated ship, or a black box, as ``mmg train`` does.
 
-    model: the calibrated ship, best as a run folder or a result of ``calibrate``; trials: to train on; validate: trials
-    to judge by; settings: ``residual.settings.TrainSettings``, or ``BlackBoxSettings`` for a black box; keep: "better"
-    or "always", which ship is recommended; progress: called after each epoch or seed. Returns the result with both
-    ships. Raises UserError where there is too little to train on.
+    run: the calibrated ship, best as a run folder or a result of ``calibrate``; trials: to train on; validate: trials
+    to judge by; settings: ``TrainSettings``, or ``BlackBoxSettings`` for a black box; keep: "better" or "always", which
+    ship is recommended; progress: called after each epoch or seed; unchecked: take contradictory trials and broken
+    stretches too; values: settings that differ, by name, such as seeds=3, and model="fnn", "rnn" or "rnn-window" for a
+    black box. Returns the result with both ships. Raises UserError where there is too little to train on.
     """
-    from mmg_ident.settings import check_settings
     from residual import pipeline
 
-    if settings:
-        check_settings(settings)
-    return pipeline.train(model, _sound(trials), _sound(validate), settings, keep, progress=progress)  # type: ignore[arg-type]
+    kind = values.pop("model", None)
+    if settings is None and kind not in (None, "hybrid"):
+        settings, values = BlackBoxSettings(), {**values, "kind": kind}
+    settings = settings or TrainSettings()
+    settings = replace(settings, **checked_settings(type(settings), values))
+    check_settings(settings)
+    runs, held_out = ready_trials(trials, validate, unchecked=unchecked)
+    return pipeline.train(run, runs, held_out, settings, keep, progress=progress)  # type: ignore[arg-type]
 
 
+@keywords(DiagnosisOptions, also="without")
 def diagnose(
     model: Model,
     trials: Trials,
     test: Trials = (),
     options: DiagnosisOptions | None = None,
     progress: OnProgress | None = None,
+    site: str | Path | None = None,
+    unchecked: bool = False,
+    **values: Any,
 ) -> Diagnosis:
     """Say which effect ``model`` lacks, judged by ``trials``, where the gap lies and how far it shrinks.
 
-    test: trials that take no part, to check on; options: ``diagnosis.diagnose.DiagnosisOptions``; progress: called as
-    the work goes on. Where ``model`` is a run folder or a result of ``calibrate``, what it was calibrated on is taken
-    into account. Returns the diagnosis. Raises UserError for input from which nothing can be concluded.
+    test: trials that take no part, to check on; options: ``DiagnosisOptions``; progress: called as the work goes on;
+    site: file of the place, default site.toml beside the trials; unchecked: take contradictory trials and broken
+    stretches too; values: options that differ, by name, such as between="month", and without="wind". Where ``model`` is
+    a run folder or a result of ``calibrate``, what it was calibrated on is taken into account. Returns the diagnosis.
+    Raises UserError for input from which nothing can be concluded.
     """
+    from cases.shipfiles.model_changes import reduced_ship
     from diagnosis import diagnose as pipeline
-    from mmg_ident.settings import check_settings
 
-    if options:
-        check_settings(options)
-    runs = _sound(trials)
+    without = listed(values.pop("without", ()))
+    options = replace(options or DiagnosisOptions(), **checked_settings(DiagnosisOptions, values))
+    check_settings(options)
+    runs, held = ready_trials(trials, test, unchecked=unchecked)
     known: Any = model if isinstance(model, (str, Path)) else getattr(model, "folder", None)
     objects = getattr(model, "objects", None)
     if known is None and objects is not None and not any(a is b for a in objects.trials for b in runs):
         known = objects.trials
-    found = pipeline.diagnose(_ship(model), runs, _sound(test), None, options, known, progress)
+    place = Path(site) if isinstance(site, str) else site
+    found = pipeline.diagnose(reduced_ship(ship_of(model), without), runs, held, place, options, known, progress)
     return found.told_by(content_of(model))
 
 
+@keywords(also="seeds seed workers")
 def gap(
     model: Ship | str | Path,
     trials: Trials,
     test: Trials,
     options: GapOptions | None = None,
     progress: OnProgress | None = None,
+    unchecked: bool = False,
+    **values: Any,
 ) -> Gap:
     """Compare a ship as given, refitted, with a learned residual, with named effects and with both, on test trials.
 
     model: a ship, its file or a run folder; trials: to calibrate, train and diagnose on; test: trials that take no
-    part, to predict; options: ``mmg_ident.model_gap.GapOptions``; progress: called as the work goes on. Returns the
-    comparison: lines with 90 % intervals, a sentence, and what the named effects explain of what the network learned.
-    Raises UserError where there is too little to train on or to predict.
+    part, to predict; options: ``GapOptions``; progress: called as the work goes on; unchecked: take contradictory
+    trials and broken stretches too; values: instead of options: seeds (trainings of each residual), seed (the first,
+    and of all draws), workers. Returns the comparison: lines with 90 % intervals, a sentence, and what the named
+    effects explain of what the network learned. Raises UserError where there is too little to train on or to predict.
     """
-    from mmg_ident.model_gap import compare_models
+    from mmg_ident.model_gap import GapOptions, compare_models
 
-    return compare_models(model, _sound(trials), _sound(test), options, progress, calibrate)
+    chosen = taken(values, "seeds seed workers")
+    _refuse(values, "gap takes seeds, seed and workers")
+    if chosen:
+        settings = TrainSettings(**{name: chosen[name] for name in ("seeds", "seed") if name in chosen})
+        check_settings(settings)
+        options = GapOptions(settings, chosen.get("seed", 0), chosen.get("workers", 1))
+    runs, held = ready_trials(trials, test, unchecked=unchecked)
+    return compare_models(model, runs, held, options, progress, calibrate)
 
 
 def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:

@@ -7,10 +7,11 @@ Each field that a user may turn carries in its ``metadata`` the words of its "he
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping
+import inspect
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import Field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_type_hints
 
 from mmg.errors import BadValue, UnknownName
 
@@ -35,6 +36,8 @@ GONE: dict[str | tuple[str, str], str] = {
 """Field, or field and value -> the sentence."""
 
 LIMITS = ("gt", "ge", "lt", "le")
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 
 def settings_of(kind: type) -> dict[str, Field[Any]]:
@@ -110,3 +113,32 @@ def refuse_gone_options(arguments: list[str]) -> None:
         if option.startswith("--"):
             following = value or (arguments[i + 1] if i + 1 < len(arguments) else "")
             refuse_gone({option[2:].replace("-", "_"): following})
+
+
+def keywords(*kinds: type, also: str = "") -> Callable[[F], F]:
+    """A decorator of a function that takes settings as ``**values``: its signature shows them, for completions.
+
+    kinds: dataclasses of whose ``settings_of`` they are; also: further names, separated by spaces.
+    """
+    names = dict.fromkeys([*also.split(), *(name for kind in kinds for name in settings_of(kind))])
+
+    def shown(function: F) -> F:
+        signature = inspect.signature(function)
+        own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None) for name in names
+                if name not in signature.parameters]  # fmt: skip
+        function.__signature__ = signature.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+        return function
+
+    return shown
+
+
+def taken(values: dict[str, Any], names: str) -> dict[str, Any]:
+    """Those of the keyword arguments ``values`` whose ``names``, separated by spaces, are given, removed from there."""
+    found = {name: values.pop(name) for name in names.split() if name in values}
+    return {name: value for name, value in found.items() if value is not None}
+
+
+def listed(value: Any) -> tuple[str, ...]:
+    """Names whose ``value`` is one text or several."""
+    return (value,) if isinstance(value, str) else tuple(value)

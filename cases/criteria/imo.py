@@ -401,7 +401,7 @@ def _others(run: Run) -> list[Row]:
     return [_row(run, "course stability", name, unit, None) for name, unit in units.items()]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Assessment:
     """Figures of standard manoeuvres with limits and verdicts.
 
@@ -453,6 +453,9 @@ class Assessment:
         mark = asdict(self.mark) if self.mark else None
         rows = [asdict(row) | {"criterion": row.limit} for row in self.rows]
         return {**head, "calibration": mark, "rows": rows, "runs": runs, "notices": list(self.notices)}
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.heading}; {len(self.rows)} figures, {self.conclusion}>"
 
     def to_pandas(self) -> Any:
         """A DataFrame with a row per figure: ability, run, figure, value, limit, unit, verdict, why, reference."""

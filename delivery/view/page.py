@@ -24,13 +24,12 @@ from cases.io.read import read_trials
 from cases.trial import Trial
 from diagnosis.result import CONTENT, MissingForce, read_diagnosis, read_missing_force
 from fitting.prediction.bands import Bands, bands_of
-from fitting.prediction.predict import Forecaster, Window, predict_all, record_of
+from fitting.prediction.forces import Forces, forces_along
+from fitting.prediction.predict import Forecaster, Window, predict_all
 from fitting.report.page import label_of, rendered, write_page
 from fitting.report.run_folder import RESULT, plain, read_result, rows_by_role, trials_again, unique_rows
 from fitting.result import read_fit
-from mmg.components.rigid_body import inertia
 from mmg.errors import BadValue, Conflict, Missing
-from mmg.model import states_behind
 from mmg.motion.flow import INPUTS
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -225,8 +224,6 @@ MISSING = -32768
 """The 16-bit number that stands for a value that is not finite."""
 LARGEST = 32767
 """The largest 16-bit number."""
-NETWORK = "learned residual"
-"""Role under which the accelerations of a network, times the masses, are shown."""
 BUDGET = 10e6
 """Bytes of all runs of a page together, about. Set by hand: what a browser opens at once."""
 FEWEST, MOST = 120, 1000  # set by hand
@@ -335,10 +332,6 @@ def write_view(campaign: Campaign, out: Path, lengths: Sequence[float] = LENGTHS
     return len(text.encode())
 
 
-Forces = dict[str, np.ndarray]
-"""Role -> (N, 3)."""
-
-
 def predictions(
     model: ViewModel, trials: Sequence[Trial], lengths: Sequence[float]
 ) -> list[tuple[list[list[Window]], Forces]]:
@@ -356,36 +349,6 @@ def predictions(
         ([windows for windows, _ in of_trial], f)
         for of_trial, f in zip(zip(*results, strict=True), forces, strict=True)
     ]
-
-
-def forces_along(simulator: Simulator, trial: Trial) -> Forces:
-    """Force of each component along the measured motion of ``trial``, role -> (N, 3): X, Y [N], N [N m], body axes.
-
-    simulator: of the ship; what its effects remember is taken as settled at each sample. NaN where a state or an input
-    is missing. The accelerations of a network are shown as the force that they stand for.
-    """
-    ship, model = simulator.ship, simulator.model
-    record = record_of(trial, ship.inputs)
-    good = record.good
-    logged, controls, values = record.states[good].T, record.controls[good].T, ship.values
-    if not good.any():
-        return {}
-    states = states_behind(model, logged, controls, values)
-    rows = np.array(model.forces(states, controls, values)).reshape(len(model.roles), -1, 3)
-
-    def at_all_rows(part: np.ndarray) -> np.ndarray:
-        result = np.full((len(good), 3), np.nan)
-        result[good] = part
-        return result
-
-    forces = {role: at_all_rows(rows[i]) for i, role in enumerate(model.roles)}
-    if ship.network is not None:
-        without = Simulator(ship.without_network(), compiled=simulator.compiled)
-        added = simulator.rates(states, controls)[3:6] - without.rates(states, controls)[3:6]
-        mass = inertia(ship.namespace, type(ship.namespace)(**{s: c.value for s, c in ship.coefficients.items()}))
-        X, Y = (mass.m + mass.m_x) * added[0], (mass.m + mass.m_y) * added[1] + mass.moment * added[2]
-        forces[NETWORK] = at_all_rows(np.column_stack([X, Y, mass.I_z * added[2] + mass.moment * added[1]]))
-    return forces
 
 
 def rows_per_run(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequence[str]]) -> int:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,6 +33,9 @@ from mmg.messages import Message
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 STEP = 0.5
 """Sampling interval [s] of a 3 m model; scales with sqrt(L). Set by hand."""
@@ -104,12 +107,29 @@ class FigureScatter:
         return [Message(words, "outside_the_trials")] if words else []
 
 
-@dataclass(frozen=True)
-class JudgedFigures:
-    """An assessment with intervals in its rows, and the scatter behind it by the name of the manoeuvre."""
+@dataclass(frozen=True, repr=False)
+class JudgedFigures(Assessment):
+    """An assessment with intervals in its rows, and the scatter behind them by the name of the manoeuvre, empty where
+    there are no draws."""
 
-    assessment: Assessment
-    scatter: Mapping[str, FigureScatter]
+    scatter: Mapping[str, FigureScatter] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, assessment: Assessment) -> JudgedFigures:
+        """An ``assessment`` without draws."""
+        return cls(**vars(assessment))
+
+    def plot(self, kind: str = "turning", ax: Axes | None = None) -> Axes:
+        """Draw the manoeuvres of a ``kind`` ("turning", "crash-stop", "zigzag:10/10", ...) on ``ax``, None: new axes;
+        returns them. Raises UserError where none was made."""
+        from fitting.report.plot_maneuvers import draw_maneuvers  # late: matplotlib is slow to import
+
+        return draw_maneuvers(self.runs, kind, self.clouds, ax)
+
+    @property
+    def clouds(self) -> dict[str, Sequence[Since]]:
+        """Some of the draws of each manoeuvre, by its name, to be drawn."""
+        return {name: one.shown for name, one in self.scatter.items()}
 
 
 def with_intervals(
@@ -151,7 +171,8 @@ def with_intervals(
     )
     priors = [run.name for run in judged if untried(run.kind, scatter[run.name].outside or ())]
     basis = _basis(rows, scatter, priors, bool(content))
-    return JudgedFigures(replace(assessment, rows=rows, notices=tuple(notices), basis=basis), scatter)
+    own: dict[str, Any] = {"rows": rows, "notices": tuple(notices), "basis": basis, "scatter": scatter}
+    return JudgedFigures(**{**vars(assessment), **own})
 
 
 def _basis(

@@ -56,7 +56,8 @@ def standard_figures(result: Mapping[str, Any], ship: Ship) -> JudgedFigures:
             return with_intervals(found, ship, result, DRAWS)
         except UserError as error:
             why = str(error)
-    return JudgedFigures(replace(found, notices=(*found.notices, Message(f"no intervals: {why}", "no_covariance"))), {})
+    notices = (*found.notices, Message(f"no intervals: {why}", "no_covariance"))
+    return JudgedFigures.of(replace(found, notices=notices))
 
 
 def drawn_maneuvers(judged: JudgedFigures) -> dict[str, Any] | None:
@@ -64,10 +65,8 @@ def drawn_maneuvers(judged: JudgedFigures) -> dict[str, Any] | None:
     None where ``judged``, as of ``standard_figures``, has no draws."""
     if not judged.scatter:
         return None
-    found = judged.assessment
-    clouds = {name: one.shown for name, one in judged.scatter.items()}
     return figure_entry(
-        png_of(partial(maneuver_figure, found.runs, found.heading, clouds)), "maneuvers",
+        png_of(partial(maneuver_figure, judged.runs, judged.heading, judged.clouds)), "maneuvers",
         "Standard manoeuvres with drawn trials",
         "Lines: the ship as calibrated. Thin and grey: single trials of ships that the trials allow.",
     )  # fmt: skip
@@ -195,7 +194,6 @@ def imo_form(
     model cannot be carried to, and when no manoeuvre of the model reaches its event.
     """
     remarks: list[str] = []
-    found = model.assessment
     loaded = _loaded(ship, full_load) if full_load is not None else None
     tested = tested_figures(ship, trials, remarks)
     factors = _factors(loaded, model, result or {}, remarks) if loaded is not None and tested else {}
@@ -203,7 +201,7 @@ def imo_form(
         words = f"intervals: 90 % of {DRAWS} ships that the trials allow"
         remarks.append(f"{words}, as mmg imo draws them; a test's own scatter comes on top")
     remarks.append(_of_correction(full_load, bool(tested)))
-    by_name = {(row.run, row.figure): row for row in found.rows}
+    by_name = {(row.run, row.figure): row for row in model.rows}
     rows = []
     for group, text, figures in FORM:
         sides = (text,) if text == "crash-stop" else (text.replace(":", ":-"), text)
@@ -216,15 +214,15 @@ def imo_form(
             )
             unit, limit = (first.unit, first.limit) if first else ("L", None)
             rows.append(FormRow(group, words, unit, limit, cells))
-    remarks += [f"the model's figures alone: {found.verdict} ({found.basis})"] if found.basis else []
-    remarks += [str(note) for note in found.notices if not has_code([note], "not_checked")]
+    remarks += [f"the model's figures alone: {model.verdict} ({model.basis})"] if model.basis else []
+    remarks += [str(note) for note in model.notices if not has_code([note], "not_checked")]
     causes = likely_causes(ship, trials, model, result or {}) if tested else ()
-    caveats = {run.name: [words for words in run.caveats if follows_rule(words)] for run in found.runs}
+    caveats = {run.name: [words for words in run.caveats if follows_rule(words)] for run in model.runs}
     rules: dict[str, tuple[str, ...]] = {}
     for group, text, _ in FORM:
         for rule in caveats.get(text, ()):
             rules[rule] = (*rules.get(rule, ()), group)
-    return ImoForm(found.heading, tuple(rows), tuple(dict.fromkeys(remarks)), bool(model.scatter), causes, rules)
+    return ImoForm(model.heading, tuple(rows), tuple(dict.fromkeys(remarks)), bool(model.scatter), causes, rules)
 
 
 def likely_causes(
@@ -237,7 +235,7 @@ def likely_causes(
     found, rate = [], Limits.for_ship(ship).rudder_rate
     if math.isfinite(rate) and "rudder_rate" not in ship.particulars:
         found.append(f"the {helm_words(ship)}: overshoots and advance grow as it falls (rudder_rate in the ship file)")
-    speeds = {run.speed for run in model.assessment.runs}
+    speeds = {run.speed for run in model.runs}
     tested = ship.particulars.get("approach_speed")
     if tested and any(abs(speed / tested - 1) > OTHER_SPEED for speed in speeds):
         found.append(f"the speed: the trials approach at {tested:.3g} m/s, the model at {max(speeds):.3g} m/s")
@@ -373,15 +371,15 @@ def _factors(
     loaded: at full load; model: figures B of the ship as tested; result: content of result.json; remarks: to add to.
     """
     # the same draws for both ships: what is uncertain of both cancels in the ratio
-    full = JudgedFigures(imo_figures(loaded), {})
+    full = JudgedFigures.of(imo_figures(loaded))
     if model.scatter:
         try:
-            full = with_intervals(full.assessment, loaded, result, DRAWS)
+            full = with_intervals(full, loaded, result, DRAWS)
         except UserError as error:
             remarks.append(f"no intervals of what is corrected to full load: {error}")
-    own = {(row.run, row.figure): row.value for row in model.assessment.rows}
+    own = {(row.run, row.figure): row.value for row in model.rows}
     found: dict[tuple[str, str], np.ndarray] = {}
-    for row in full.assessment.rows:
+    for row in full.rows:
         B, draws = own.get((row.run, row.figure)), np.empty(0)
         if not B or row.value is None:
             continue

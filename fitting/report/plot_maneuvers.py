@@ -14,7 +14,9 @@ import numpy as np
 
 from cases.criteria.figures import Since, since, spiral_curve
 from cases.criteria.standard_runs import Run
-from fitting.report.plot_style import AFTER, ALARM, BEFORE, DASHES, GREY, MEASURED, dress, literal, new_figure
+from cases.io.toml_file import unknown
+from fitting.report.plot_style import AFTER, ALARM, BEFORE, DASHES, GREY, MEASURED, dress, literal, new_figure, own_axes
+from mmg.errors import UnknownName
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,10 +34,8 @@ def maneuver_figure(runs: Sequence[Run], title: str, clouds: Mapping[str, Sequen
     """
     if not runs:
         raise ValueError("no runs to draw")
-    joint, single = {"turning": _turning, "crash-stop": _stopping}, {"zigzag": _zigzag, "spiral": _spiral}
-    single |= {"pull-out": _pull_out}
-    top = [(draw, some) for kind, draw in joint.items() if (some := [run for run in runs if run.kind == kind])]
-    others = [(single[run.kind], [run]) for run in runs if run.kind in single]
+    top = [(PANELS[kind], some) for kind in JOINT if (some := [run for run in runs if run.kind == kind])]
+    others = [(PANELS[run.kind], [run]) for run in runs if run.kind in PANELS and run.kind not in JOINT]
     heights = [4.9] * bool(top) + [2.9] * math.ceil(len(others) / 2)  # inch
     figure = new_figure(sum(heights) + 0.4)
     figure.suptitle(literal(title), fontsize=10.5, x=0.01, ha="left", fontweight="bold")
@@ -48,6 +48,29 @@ def maneuver_figure(runs: Sequence[Run], title: str, clouds: Mapping[str, Sequen
             for run in some:
                 _cloud(ax, run, (clouds or {}).get(run.name, ()))
     return figure
+
+
+JOINT = ("turning", "crash-stop")
+"""Kinds of which several runs share axes."""
+
+
+def draw_maneuvers(
+    runs: Sequence[Run], kind: str, clouds: Mapping[str, Sequence[Since]], ax: Axes | None = None
+) -> Axes:
+    """Draw those of ``runs`` whose kind or name is ``kind`` on ``ax`` (None: new axes), which it returns.
+
+    clouds: as of ``maneuver_figure``. Raises UserError where there is none of them.
+    """
+    chosen = [run for run in runs if kind in (run.kind, run.name)]
+    if not chosen:
+        raise UnknownName(unknown("manoeuvre", kind, dict.fromkeys([*(r.kind for r in runs), *(r.name for r in runs)])))
+    draw = PANELS[chosen[0].kind]
+    chosen = chosen if chosen[0].kind in JOINT else chosen[:1]
+    ax = own_axes(ax)
+    draw(ax, chosen)
+    for run in chosen:
+        _cloud(ax, run, clouds.get(run.name, ()))
+    return ax
 
 
 def _cloud(ax: Axes, run: Run, others: Sequence[Since]) -> None:
@@ -173,6 +196,10 @@ def _pull_out(ax: Axes, runs: Sequence[Run]) -> None:
         at = (motion.t[-1], residual * unit)
         _note(ax, f"residual {residual * unit:+.3f}", at, (0, 4), ALARM, ha="right", va="bottom")
     ax.axhline(0, color=GREY, linewidth=0.6)
+
+
+PANELS = {"turning": _turning, "crash-stop": _stopping, "zigzag": _zigzag, "spiral": _spiral, "pull-out": _pull_out}
+"""What draws the runs of a kind."""
 
 
 def _note(

@@ -45,6 +45,15 @@ def new_figure(height: float, layout: Literal["constrained"] | None = "constrain
     return Figure(figsize=(8.2, height), dpi=110, layout=layout, facecolor="white")
 
 
+def own_axes(ax: Axes | None, width: float = 6.4, height: float = 4.0) -> Axes:
+    """``ax``, or axes of a new figure of this ``width`` and ``height`` [inch], which a notebook shows."""
+    if ax is not None:
+        return ax
+    from matplotlib import pyplot  # late: slow to import
+
+    return pyplot.subplots(figsize=(width, height), layout="constrained")[1]
+
+
 class FigureFolder:
     """Figures and pages of a run whose numbers are written already: what fails is a warning, never a loss.
 

@@ -28,7 +28,7 @@ SCHEMA = 1
 """Of that file; it grows when an older reader would misread it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RolloutLoss:
     """W windows of at most N steps of ``h`` [s], SI: half the sum of the costs of the ``weights`` is the objective.
 
@@ -50,6 +50,10 @@ class RolloutLoss:
     run: np.ndarray
     began: np.ndarray
     trials: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        steps, _, windows = self.controls.shape
+        return f"<RolloutLoss of {windows} windows of at most {steps * self.h:.4g} s, steps of {self.h:.3g} s>"
 
     @classmethod
     def of(cls, problem: Problem, x: np.ndarray) -> RolloutLoss:

@@ -13,11 +13,9 @@ from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
-    from cases.criteria.figures import Since
-    from cases.criteria.imo import Assessment
-    from mmg.ship import Ship
+    from fitting.prediction.figure_intervals import JudgedFigures
 
 
 @o.options(
@@ -59,6 +57,9 @@ def imo(
     from cases.criteria.imo import WaterVelocity, imo_figures, imo_figures_of_trials
     from cases.criteria.measured_maneuvers import KINDS
     from cases.shipfiles.ship_file import load_ship
+    from fitting.prediction.figure_intervals import JudgedFigures
+    from mmg_ident.api import content_of
+    from mmg_ident.studies import drawn_figures
 
     models = [a for a in ships_and_trials if cli.is_model(a)]
     files = [a for a in ships_and_trials if not cli.is_model(a)]
@@ -81,7 +82,8 @@ def imo(
         simulated = load_ship(models[0])
         with cli.working(f"simulating the manoeuvres of {simulated.name}"):
             found = imo_figures(simulated, speed, rate, maneuver or [], scale)
-        found, clouds = _with_intervals(found, models[0], simulated, rate, scatter, seed, workers)
+        with cli.working("simulating ships that the trials allow"):
+            judged = drawn_figures(found, simulated, content_of(models[0]), rate, scatter, seed, workers)
     else:
         cli.refuse_given(
             {"--scatter": scatter, "--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None},
@@ -97,49 +99,17 @@ def imo(
             angle = math.radians(towards)
             water = WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")
         (trials,) = cli.read_ready(files, unchecked=unchecked)
-        found, clouds = imo_figures_of_trials(trials, model, length, kind, scale, water), {}
-    _write(plot, out, found, clouds)
+        judged = JudgedFigures.of(imo_figures_of_trials(trials, model, length, kind, scale, water))
+    _write(plot, out, judged)
     if json:
-        cli.print_json(found.to_dict())
+        cli.print_json(judged.to_dict())
         return
-    _print(found)
+    _print(judged)
     for path in filter(None, (plot, out)):
         cli.say(f"written: {path}")
 
 
-def _with_intervals(
-    assessment: Assessment,
-    model: str,
-    ship: Ship,
-    rudder_rate: float | None,
-    scatter: int | None,
-    seed: int,
-    workers: int,
-) -> tuple[Assessment, dict[str, Sequence[Since]]]:
-    """The figures with 90 % intervals, where a covariance is known or draws are asked for, and runs behind them."""
-    from dataclasses import replace
-
-    from cases.shipfiles.new_ship import is_starting_ship
-    from fitting.prediction.bands import correlation_in
-    from fitting.prediction.figure_intervals import DRAWS, with_intervals
-    from fitting.report.run_folder import content_on
-    from mmg.messages import Message
-
-    content = content_on(Path(model))
-    known = correlation_in(content) is not None or (not content and is_starting_ship(ship))
-    # a library ship has no intervals unless draws are asked for: her priors are those of a regression
-    count = scatter if scatter is not None else DRAWS * known
-    if count == 0:
-        if content and scatter is None:
-            words = f"no 90 % intervals: {model} holds no covariance; fit again, or give --scatter for its priors"
-            assessment = replace(assessment, notices=(*assessment.notices, Message(words, "no_covariance")))
-        return assessment, {}
-    with cli.working(f"simulating each manoeuvre {count} times"):
-        judged = with_intervals(assessment, ship, content, count, seed, rudder_rate, workers)
-    return judged.assessment, {name: one.shown for name, one in judged.scatter.items()}
-
-
-def _write(plot: Path | None, out: Path | None, assessment: Assessment, clouds: Mapping[str, Sequence[Since]]) -> None:
+def _write(plot: Path | None, out: Path | None, assessment: JudgedFigures) -> None:
     """The figure, and the folder with table, figure and simulated runs."""
     from functools import partial
 
@@ -148,7 +118,7 @@ def _write(plot: Path | None, out: Path | None, assessment: Assessment, clouds: 
     from fitting.report.plot_style import FigureFolder
     from fitting.report.run_folder import write_json
 
-    draw = partial(maneuver_figure, assessment.runs, assessment.heading, clouds)
+    draw = partial(maneuver_figure, assessment.runs, assessment.heading, assessment.clouds)
     with writing(out or plot or ""):
         if plot is not None:
             draw().savefig(plot)
@@ -161,7 +131,7 @@ def _write(plot: Path | None, out: Path | None, assessment: Assessment, clouds: 
             FigureFolder(out).write("imo", draw, assessment.heading, "")
 
 
-def _print(assessment: Assessment) -> None:
+def _print(assessment: JudgedFigures) -> None:
     print(assessment.heading)
     known, corrected, drawn = (
         any(getattr(row, name) is not None for row in assessment.rows)

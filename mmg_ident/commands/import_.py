@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from mmg.errors import BadValue, together
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -41,13 +40,13 @@ def import_(
     """
     from cases.checks import check
     from cases.importing.import_logs import write_import
-    from cases.importing.import_map import ImportMap, read_map
     from cases.io.read import read_trials
+    from mmg_ident.studies import import_map
 
-    chosen = read_map(map) if map else ImportMap()
-    given: dict[str, Any] = {"rudder_positive": rudder_positive, "wind_direction": wind_direction}
-    given |= {"velocity_frame": velocity_frame, "zone_hours": zone_hours, "separate": separate or None}
-    chosen = _with(chosen, {key: value for key, value in given.items() if value is not None})
+    chosen = import_map(
+        map, rudder_positive=rudder_positive, wind_direction=wind_direction, velocity_frame=velocity_frame,
+        zone_hours=zone_hours, separate=separate or None,
+    )  # fmt: skip
     found, chosen = imported(logs, chosen, ask=not json)
     with cli.working("writing trials"):
         files = write_import(found, chosen, out, force)
@@ -67,6 +66,7 @@ def imported(logs: list[Path], chosen: ImportMap, ask: bool) -> tuple[Imported, 
     with the answers. Raises UserError for all that is open.
     """
     from cases.importing.import_logs import import_logs
+    from mmg_ident.studies import complete
 
     found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
     asked: set[tuple[Path, str]] = set()
@@ -76,27 +76,14 @@ def imported(logs: list[Path], chosen: ImportMap, ask: bool) -> tuple[Imported, 
             break
         chosen = answered  # an answer may leave a unit open
         found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
-    if found.problems:
-        raise together(
-            [BadValue(text) for text in found.problems], f"{len(found.problems)} problems; nothing is written"
-        )
-    return found, chosen
-
-
-def _with(chosen: ImportMap, changes: dict[str, Any]) -> ImportMap:
-    """The map with the options of the command line. Raises UserError for a value that is none."""
-    from cases.importing.import_map import ImportMap
-    from cases.io.toml_file import validated
-
-    if not changes:
-        return chosen
-    content = chosen.model_dump(exclude_unset=True, by_alias=True)
-    return validated(ImportMap, {**content, **changes}, "options")
+    return complete(found), chosen
 
 
 def _answered(imported: Imported, chosen: ImportMap, before: set[tuple[Path, str]]) -> ImportMap:
     """The map with the answers of the person at the terminal; the same map where there is nothing to ask that was not
     asked ``before``. What several files leave open alike is asked once."""
+    from mmg_ident.studies import changed_map
+
     together: dict[tuple[str, tuple[str, ...]], list[Question]] = {}
     for question in imported.questions:
         if (question.file, question.words) not in before:
@@ -108,9 +95,9 @@ def _answered(imported: Imported, chosen: ImportMap, before: set[tuple[Path, str
         cli.say(f"{', '.join(names[:3])}{more}: {words}".removeprefix(": "))
         answer = _choice(choices)
         if point := _point(answer):
-            chosen = _with(chosen, {"reference_point": list(point)})
+            chosen = changed_map(chosen, {"reference_point": list(point)})
         elif not names[0]:
-            chosen = _with(chosen, dict(questions[0].choices[answer]))
+            chosen = changed_map(chosen, dict(questions[0].choices[answer]))
         else:
             for name, question in zip(names, questions, strict=True):
                 chosen = chosen.answered(name, question.choices[answer])

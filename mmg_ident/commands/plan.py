@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Annotated
 
 from typer import Argument, Option
 
 from fitting.settings import Wish
-from mmg.errors import BadValue, writing
+from mmg.errors import writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -37,24 +36,17 @@ def plan(
 
     Example: mmg plan runs/first --area 60x25 --time 180 --out next.csv
     """
-    from fitting.design.planned_trial import plan_trial
     from fitting.report.plan_section import in_words, keep_plan, plan_map
-    from fitting.report.run_folder import read_result
-    from mmg_ident.api import load_run
+    from mmg_ident import studies
 
     cli.refuse_target("--out", out, force, (".csv",))
     cli.refuse_target("--out", out.with_suffix(".png"), force)
     place = None
     if start is not None:
         x, y, heading = cli.numbers_of(start, 3, "--start x:y:heading", ":")
-        place = (x, y, math.radians(heading))
-    wish = o.made(Wish, settings, area=area, seconds=time, start=place, rudder_limit=math.radians(rudder_limit))
-    kind = read_result(run)["kind"]
-    if kind not in ("calibration", "training"):
-        raise BadValue(f"{run}: kind {kind!r} cannot be planned from; give a run folder of mmg fit or mmg train")
-    result = load_run(run)
+        place = (x, y, heading)
     with cli.working("planning"):
-        planned = plan_trial(result.ship, result.to_dict(), wish, cli.progress())
+        planned = studies.plan(run, area, time, place, rudder_limit, cli.progress(), **settings)
     with writing(out):
         planned.write(out)
         plan_map(planned).savefig(out.with_suffix(".png"), dpi=120)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from fitting.settings import Rules, Settings
-from mmg.errors import Conflict, TooFewData, UnknownName, UserError, writing
+from mmg.errors import Conflict, UnknownName, UserError, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -58,8 +58,10 @@ def select(
     """
     from cases.io.files import replace_text
     from cases.shipfiles.ship_file import dump_ship, load_ship
+    from cases.trial_set import ready
     from fitting.selection.candidates import candidate, candidates
     from mmg.components.expansion.structure import term_list
+    from mmg_ident.studies import parted_trials
 
     if sum([list_, terms is not None, write is not None, bool(trials)]) != 1:
         raise Conflict("give trials to fit on, or one of --list, --terms NAME and --write NAME")
@@ -74,8 +76,13 @@ def select(
         if seeds is not None and objective != "paper":
             raise Conflict("--seeds belongs to --objective paper; add it or leave it out")
         runs = (seeds or 1) if objective == "paper" else 0
-        sets = _sets(trials, validate, test, unchecked)
-        return _choose(model, rules, sets, cli.names_of(only), chosen, runs, resume, not no_report, out, json)
+        *sets, words = parted_trials(trials, validate or (), test or ())
+        if words:
+            cli.say(f"note: {words}")
+        train, held, last = ready(*sets, unchecked=unchecked)
+        return _choose(
+            model, rules, (train, held, last), cli.names_of(only), chosen, runs, resume, not no_report, out, json
+        )
     if list_:
         found = candidates(model, rules)
         rows = [(c.name, str(c.unknowns), *map(str, c.counts), c.words) for c in found]
@@ -96,27 +103,6 @@ def select(
     else:
         print(term_list(list(one.ship.coefficients.values())))
     return 0
-
-
-def _sets(
-    trials: list[Path], validate: list[Path] | None, test: list[Path] | None, unchecked: bool
-) -> tuple[TrialSet, TrialSet, TrialSet]:
-    """Trials to fit on, to choose by and to test on, by option, else by their role, else the last quarter."""
-    from cases.io.read import read_trials
-    from cases.trial_set import ready
-
-    given = read_trials(trials)
-    held = read_trials(validate) if validate else [t for t in given if t.role == "validate"]
-    last = read_trials(test) if test else [t for t in given if t.role == "test"]
-    train = [t for t in given if t.role not in ("validate", "test")]
-    if not held:
-        count = max(1, len(train) // 4)
-        if len(train) < 2:
-            raise TooFewData(f"{len(train)} trial to fit on and none to choose by: give more, or some with --validate")
-        train, held = train[:-count], train[-count:]
-        cli.say(f"note: no --validate: the choice is by {', '.join(t.name for t in held)}, which no fit sees")
-    train_set, held_set, last_set = ready(train, held, last, unchecked=unchecked)
-    return train_set, held_set, last_set
 
 
 def _choose(

@@ -84,11 +84,14 @@ def test_types_that_an_editor_sees_are_those_that_are_loaded() -> None:
     tree = ast.parse(Path(mmg_ident.__file__).read_text())
     guarded = next(node for node in tree.body if isinstance(node, ast.If))
     named = {
-        alias.name: node.module for node in guarded.body if isinstance(node, ast.ImportFrom) for alias in node.names
+        alias.asname or alias.name: (node.module, alias.name)
+        for node in guarded.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
     }
     assert set(named) | {"__version__"} == set(mmg_ident.__all__)
-    for name, module in named.items():
-        assert getattr(__import__(str(module), fromlist=[name]), name) is getattr(mmg_ident, name)
+    for name, (module, there) in named.items():
+        assert getattr(__import__(str(module), fromlist=[there]), there) is getattr(mmg_ident, name)
 
 
 def test_a_notebook_and_the_command_leave_the_same_folder(folder: Path, tmp_path: Path) -> None:

@@ -16,11 +16,9 @@ import pytest
 from cases.io.read import read_trials
 from delivery.view.page import (
     LENGTHS,
-    NETWORK,
     Campaign,
     ViewModel,
     ViewTrial,
-    forces_along,
     gather,
     packed,
     packed_times,
@@ -31,6 +29,7 @@ from delivery.view.page import (
     write_view,
 )
 from fitting.prediction.bands import bands_of
+from fitting.prediction.forces import NETWORK, forces_along
 from fitting.prediction.predict import predict
 from fitting.result import read_fit
 from mmg.errors import BadValue, Conflict, Missing, NotWritable

@@ -190,7 +190,7 @@ def test_intervals_of_figures_are_the_same_on_processes() -> None:
     ship = load_ship("esso_osaka_3m")
     found = imo_figures(ship)
     one, two = (with_intervals(found, ship, {}, 20, 0, None, workers) for workers in (1, 2))
-    assert one.assessment.rows == two.assessment.rows and any(row.interval_90 for row in one.assessment.rows)
+    assert one.rows == two.rows and any(row.interval_90 for row in one.rows)
 
 
 # Large arrays that follow each other take the memory of the ones before

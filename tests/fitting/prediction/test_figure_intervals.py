@@ -60,12 +60,12 @@ def figures() -> tuple[Any, Assessment]:
 def test_intervals_hold_the_figure_and_grow_with_what_is_not_known(figures: tuple[Any, Assessment]) -> None:
     ship, found = figures
     known = content(ship)
-    judged = with_intervals(found, ship, known, 50).assessment
-    sure = with_intervals(found, ship, {k: v for k, v in known.items() if k != "bands"}, 50).assessment
+    judged = with_intervals(found, ship, known, 50)
+    sure = with_intervals(found, ship, {k: v for k, v in known.items() if k != "bands"}, 50)
     doubled = ship.with_coefficients(
         {s: ship.coefficients[s].with_(std=2 * ship.coefficients[s].std) for s in ship.free}
     )
-    wider = with_intervals(found, doubled, known, 50).assessment
+    wider = with_intervals(found, doubled, known, 50)
     assert len(judged.rows) == len(found.rows) == 8
     for row, plain, wide in zip(judged.rows, sure.rows, wider.rows, strict=True):
         low, high = row.interval_90
@@ -83,11 +83,11 @@ def test_intervals_hold_the_figure_and_grow_with_what_is_not_known(figures: tupl
 def test_a_probability_counts_the_draws_that_meet_the_limit(figures: tuple[Any, Assessment]) -> None:
     ship, found = figures
     judged = with_intervals(found, ship, content(ship), 50)
-    row = next(r for r in judged.assessment.rows if r.figure == "tactical_diameter")
+    row = next(r for r in judged.rows if r.figure == "tactical_diameter")
     values = judged.scatter[row.run].ship["tactical_diameter"] / 3.0
     limit = float(np.quantile(values, 0.3))
     tight = replace(found, rows=tuple(replace(r, limit=limit) if r.figure == row.figure else r for r in found.rows))
-    once_more = with_intervals(tight, ship, content(ship), 50).assessment.rows
+    once_more = with_intervals(tight, ship, content(ship), 50).rows
     again = next(r for r in once_more if r.figure == row.figure)
     assert again.probability == pytest.approx(0.3, abs=0.021)
     assert again.interval_90_trial == row.interval_90_trial  # by the seed alone
@@ -96,7 +96,7 @@ def test_a_probability_counts_the_draws_that_meet_the_limit(figures: tuple[Any, 
 def test_a_manoeuvre_outside_the_trials_is_said_to_be(figures: tuple[Any, Assessment]) -> None:
     ship, found = figures
     narrow = WIDE | {"n": [0.0, 30.0], "r": [-0.02, 0.02]}
-    judged = with_intervals(found, ship, content(ship, envelope=narrow), 20).assessment
+    judged = with_intervals(found, ship, content(ship, envelope=narrow), 20)
     words = [str(note) for note in judged.notices if note.code == "outside_the_trials"]
     assert all(row.extrapolated for row in judged.rows if row.run in ("turning:35", "crash-stop"))
     assert any("prior's" in w for w in words)
@@ -138,7 +138,7 @@ def test_what_no_trial_supports_has_no_say_in_the_verdict(figures: tuple[Any, As
         own = limits | ({} if turns else {"advance": 0.1})
         limited = (replace(row, limit=own.get(row.figure, row.limit)) for row in found.rows)
         rows = tuple(with_value(row, row.value) for row in limited)
-        judged = with_intervals(replace(found, rows=rows), ship, content(ship, envelope=envelope), 20).assessment
+        judged = with_intervals(replace(found, rows=rows), ship, content(ship, envelope=envelope), 20)
         assert judged.to_dict()["verdict_basis"] == judged.basis and judged.basis in judged.conclusion
         assert envelope is WIDE or judged.basis.endswith("crash-stop")
         return judged.verdict, int(judged.basis.split()[0])
@@ -153,7 +153,7 @@ def test_a_verdict_without_trials_says_what_it_rests_on(figures: tuple[Any, Asse
     ship, found = figures
     turning = replace(found, rows=found.rows[:3], runs=found.runs[:1])
     assert turning.basis == "" and turning.conclusion.endswith(f": {turning.verdict}")
-    alone = with_intervals(turning, ship, {}, 20).assessment
+    alone = with_intervals(turning, ship, {}, 20)
     assert alone.verdict == "pass" and alone.basis
 
 
@@ -169,10 +169,10 @@ def test_held_revolutions_a_hair_off_are_not_outside(figures: tuple[Any, Assessm
     n = float(found.runs[0].trial["n"][0])
     held = WIDE | {"n": [1.002 * n, 1.002 * n]}
     turning = replace(found, rows=found.rows[:3], runs=found.runs[:1])
-    judged = with_intervals(turning, ship, content(ship, envelope=held), 20).assessment
+    judged = with_intervals(turning, ship, content(ship, envelope=held), 20)
     assert all(row.extrapolated is False for row in judged.rows)
     unknown = {key: value for key, value in content(ship).items() if key != "envelope"}
-    assert all(row.extrapolated is None for row in with_intervals(turning, ship, unknown, 20).assessment.rows)
+    assert all(row.extrapolated is None for row in with_intervals(turning, ship, unknown, 20).rows)
 
 
 def test_draws_that_never_come_so_far_count_as_beyond(figures: tuple[Any, Assessment]) -> None:

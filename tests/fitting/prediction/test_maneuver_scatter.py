@@ -30,7 +30,7 @@ def test_one_manoeuvre_has_the_intervals_of_the_table_of_the_standard(ship: Any)
     found, run, drawn = maneuver_scatter(ship, plan, content(ship), 60, seed=4)
     whole = imo_figures(ship, SPEED, scale=325 / 3)
     one = replace(whole, runs=tuple(r for r in whole.runs if r.name == "turning:35"))
-    table = with_intervals(one, ship, content(ship), 60, seed=4).assessment.rows
+    table = with_intervals(one, ship, content(ship), 60, seed=4).rows
     rows = {row.figure: row for row in found.rows}
     for row in (r for r in table if r.run == "turning:35"):
         mine = rows[row.figure]

@@ -147,9 +147,7 @@ def test_tested_figures_outside_of_the_models_intervals_are_the_first_line(
     assert page.index(" 1 of 3 ") < page.index('class="headline"')
     stated = {k: v for k, v in fit.ship.particulars.items() if k != "rudder_rate"}
     by_rule, known_rate = (
-        likely_causes(
-            replace(fit.ship, particulars=own), known.trials, JudgedFigures(imo.imo_figures(fit.ship), {}), {}
-        )
+        likely_causes(replace(fit.ship, particulars=own), known.trials, JudgedFigures.of(imo.imo_figures(fit.ship)), {})
         for own in (stated, {**stated, "rudder_rate": 0.3})
     )
     assert len(known_rate) == len(by_rule) - 1
@@ -220,7 +218,7 @@ def test_a_tested_stop_is_judged_where_that_of_the_model_is_the_priors(monkeypat
         assert side.verdict.split(",")[0] == verdict and bool(side.tested) == bool(trials)
         low, high = side.model.interval if side.model and side.model.interval else (np.nan, np.nan)
         assert side.model is not None and low < side.model.value < high
-        assert any(model.assessment.basis in line for line in form.remarks) and "crash-stop" in model.assessment.basis
+        assert any(model.basis in line for line in form.remarks) and "crash-stop" in model.basis
 
 
 def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:

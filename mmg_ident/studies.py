@@ -1,0 +1,305 @@
+"""Functions of ``mmg_ident`` that begin before a calibration or go on from one: import, figures, plans, structures,
+months, fleets, pages. Models and trials are those of ``mmg_ident.api``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from fitting.settings import Rules, Settings, Wish
+from mmg_ident.api import content_of, ready_trials, ship_of
+from mmg_ident.settings import checked_settings, keywords, listed, taken
+
+if TYPE_CHECKING:
+    from cases.importing.import_logs import Imported
+    from cases.importing.import_map import ImportMap
+    from cases.trial_set import TrialSet
+    from diagnosis.groups.months import MonthStudy
+    from fitting.design.planned_trial import PlannedTrial
+    from fitting.prediction.figure_intervals import JudgedFigures
+    from fitting.result import FitResult
+    from fitting.selection.structure_choice import StructureChoice
+    from mmg.progress import OnProgress
+    from mmg_ident.api import Model, Trials
+    from mmg_ident.fleet.rows import Fleet
+
+
+def import_map(file: str | Path | None = None, **changes: Any) -> ImportMap:
+    """The map in a ``file`` (None: none) with ``changes`` of its keys, None: as there. Raises UserError for what is
+    none."""
+    from cases.importing.import_map import ImportMap, read_map
+
+    chosen = read_map(Path(file)) if file else ImportMap()
+    return changed_map(chosen, {key: value for key, value in changes.items() if value is not None})
+
+
+def changed_map(chosen: ImportMap, changes: dict[str, Any]) -> ImportMap:
+    """The map ``chosen`` with ``changes``, other values of some keys. Raises UserError for a value that is none."""
+    from cases.importing.import_map import ImportMap
+    from cases.io.toml_file import validated
+
+    if not changes:
+        return chosen
+    content = chosen.model_dump(exclude_unset=True, by_alias=True)
+    return validated(ImportMap, {**content, **changes}, "options")
+
+
+def complete(imported: Imported) -> Imported:
+    """The runs that were ``imported``, where nothing is open. Raises UserError with all that is."""
+    from mmg.errors import BadValue, together
+
+    if imported.problems:
+        raise together(
+            [BadValue(text) for text in imported.problems], f"{len(imported.problems)} problems; nothing is written"
+        )
+    return imported
+
+
+@keywords(also="rudder_positive wind_direction velocity_frame zone_hours")
+def import_logs(
+    logs: str | Path | Sequence[str | Path],
+    out: str | Path,
+    map: str | Path | None = None,
+    separate: bool | None = None,
+    force: bool = False,
+    **conventions: Any,
+) -> TrialSet:
+    """Turn raw ``logs``, files or folders of them, into trial files, as ``mmg import`` does without a terminal.
+
+    out: folder to write; map: file that says what the headers leave unsaid; separate: every file is a run; force: write
+    into a folder that holds files; conventions: rudder_positive ("starboard" or "port"), wind_direction ("from" or
+    "to"), velocity_frame ("body" or "earth"), zone_hours, and other keys of the map. Returns the trials. Raises
+    UserError with all that is open or wrong; nothing is written then.
+    """
+    from cases.importing.import_logs import import_logs as read_logs
+    from cases.importing.import_logs import write_import
+    from cases.io.read import read_trials
+    from cases.trial_set import TrialSet
+
+    chosen = import_map(map, separate=separate, **conventions)
+    given = [Path(log) for log in ([logs] if isinstance(logs, (str, Path)) else logs)]
+    files = write_import(complete(read_logs(given, chosen)), chosen, Path(out), force)
+    return TrialSet(tuple(read_trials(files)))
+
+
+MEASURED, SIMULATED = "length kind correct current", "speed rudder_rate maneuver scatter seed workers"
+"""Keywords of ``imo`` for measured trials, and for a ship that is simulated."""
+
+
+@keywords(also=f"{MEASURED} {SIMULATED}")
+def imo(
+    model: Model,
+    trials: Trials = (),
+    scale: float | None = None,
+    unchecked: bool = False,
+    **values: Any,
+) -> JudgedFigures:
+    """Judge a ship by IMO MSC.137(76), as ``mmg imo`` does: simulated, or by measured ``trials`` of her.
+
+    model: the ship; trials: measured, of which then the figures are; scale: ship length over model length; unchecked:
+    judge contradictory trials too; values, of trials: length: L of their ship [m], default that of the model; kind: of
+    their manoeuvre, default from the data; correct: to still water and calm air; current: speed [m/s] and direction it
+    goes to [deg], default from their circles; of a ship that is simulated: speed: of the test [m/s]; rudder_rate
+    [deg/s]; maneuver: further ones, such as "spiral:15/5"; scatter: draws for intervals, 0: none, default 500 where a
+    covariance is known; seed, workers: of the draws. Returns figures, limits and verdicts. Raises UserError for what
+    does not belong together, and when no manoeuvre reaches its event.
+    """
+    from cases.criteria.imo import WaterVelocity, imo_figures, imo_figures_of_trials
+    from fitting.prediction.figure_intervals import JudgedFigures
+    from mmg.errors import Conflict, UnknownName
+
+    ship, measured, simulated = ship_of(model), taken(values, MEASURED), taken(values, SIMULATED)
+    for name in values:
+        raise UnknownName(f"{name}: is no keyword of imo; it takes {MEASURED} {SIMULATED}")
+    if isinstance(trials, (str, Path)) or len(trials):
+        if simulated:
+            raise Conflict(f"{next(iter(simulated))}: belongs to a ship that is simulated; trials have their own")
+        water: bool | WaterVelocity = measured.get("correct", False)
+        if "current" in measured:
+            speed, towards = measured["current"][0], math.radians(measured["current"][1])
+            water = WaterVelocity(speed * math.cos(towards), speed * math.sin(towards), 0.0, "as given")
+        (runs,) = ready_trials(trials, unchecked=unchecked)
+        length, kind = measured.get("length"), measured.get("kind", "")
+        return JudgedFigures.of(imo_figures_of_trials(runs, ship, length, kind, scale, water))
+    if measured:
+        raise Conflict(f"{next(iter(measured))}: belongs to measured trials; give trials")
+    rate, speed = simulated.pop("rudder_rate", None), simulated.pop("speed", None)
+    rate = None if rate is None else math.radians(rate)
+    found = imo_figures(ship, speed, rate, listed(simulated.pop("maneuver", ())), scale)
+    return drawn_figures(found, ship, content_of(model), rate, **simulated)
+
+
+def drawn_figures(
+    found: Any, ship: Any, content: dict[str, Any], rudder_rate: float | None = None, scatter: int | None = None,
+    seed: int = 0, workers: int = 1,
+) -> JudgedFigures:  # fmt: skip
+    """The figures that were ``found`` of a simulated ``ship`` with 90 % intervals, where a covariance is known or draws
+    are asked for.
+
+    content: of her result.json; rudder_rate [rad/s]; scatter: draws, 0: none; seed, workers: of them. Raises UserError
+    for a number of draws that makes no sense.
+    """
+    from cases.shipfiles.new_ship import is_starting_ship
+    from fitting.prediction.bands import correlation_in
+    from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, with_intervals
+    from mmg.messages import Message
+
+    known = correlation_in(content) is not None or (not content and is_starting_ship(ship))
+    # a library ship has no intervals unless draws are asked for: her priors are those of a regression
+    count = scatter if scatter is not None else DRAWS * known
+    if count:
+        return with_intervals(found, ship, content, count, seed, rudder_rate, workers)
+    if content and scatter is None:
+        words = f"no 90 % intervals: the run of {ship.name} holds no covariance; fit again, or give --scatter for its "
+        found = replace(found, notices=(*found.notices, Message(words + "priors", "no_covariance")))
+    return JudgedFigures.of(found)
+
+
+@keywords(Wish)
+def plan(
+    run: str | Path | FitResult | Any,
+    area: str,
+    time: float,
+    start: tuple[float, float, float] | None = None,
+    rudder_limit: float = 35.0,
+    progress: OnProgress | None = None,
+    **values: Any,
+) -> PlannedTrial:
+    """Design the trial that would tell most beside those that a ship was calibrated on, as ``mmg plan`` does.
+
+    run: a run folder of mmg fit or mmg train, or its result; area: length x width [m], such as "60x25"; time: length of
+    the trial [s]; start: x, y [m], heading [deg], None: where most room is; rudder_limit [deg]; progress: called as the
+    search goes on; values: coefficients, figures, speed_limit and other fields of ``Wish``. Returns the plan, whose
+    ``write`` makes the file for an autopilot. Raises UserError for an area that the ship does not fit into.
+    """
+    from fitting.design.planned_trial import plan_trial
+    from mmg.errors import BadValue
+    from mmg_ident.api import load_run
+
+    values = checked_settings(
+        Wish, {n: listed(v) if n in ("coefficients", "figures") else v for n, v in values.items()}
+    )
+    place = None if start is None else (start[0], start[1], math.radians(start[2]))
+    wish = Wish(area=area, seconds=time, start=place, rudder_limit=math.radians(rudder_limit), **values)
+    result: Any = load_run(run) if isinstance(run, (str, Path)) else run
+    content = content_of(result)
+    if content.get("kind") not in ("calibration", "training"):
+        kind = content.get("kind", "a bare ship")
+        raise BadValue(f"{run}: kind {kind!r} cannot be planned from; give a run folder of mmg fit or mmg train")
+    return plan_trial(ship_of(result), content, wish, progress)
+
+
+def parted_trials(trials: Trials, validate: Trials = (), test: Trials = ()) -> tuple[TrialSet, TrialSet, TrialSet, str]:
+    """``trials`` to fit on, to choose by (``validate``) and to ``test`` on: as given, else by their role, else the last
+    quarter chooses; and a sentence on what chooses, "" where it was given. Raises UserError where nothing is left."""
+    from cases.trial_set import TrialSet
+    from mmg.errors import TooFewData
+
+    given = TrialSet.of(trials)
+    held = list(TrialSet.of(validate)) or [t for t in given if t.role == "validate"]
+    last = list(TrialSet.of(test)) or [t for t in given if t.role == "test"]
+    train, words = [t for t in given if t.role not in ("validate", "test")], ""
+    if not held:
+        count = max(1, len(train) // 4)
+        if len(train) < 2:
+            raise TooFewData(f"{len(train)} trial to fit on and none to choose by: give more, or some with --validate")
+        train, held = train[:-count], train[-count:]
+        words = f"no --validate: the choice is by {', '.join(t.name for t in held)}, which no fit sees"
+    return TrialSet(tuple(train)), TrialSet(tuple(held)), TrialSet(tuple(last)), words
+
+
+@keywords(Settings, Rules, also="objective seeds")
+def select(
+    ship: Model,
+    trials: Trials,
+    validate: Trials = (),
+    test: Trials = (),
+    only: str | Sequence[str] = (),
+    unchecked: bool = False,
+    progress: OnProgress | None = None,
+    **values: Any,
+) -> StructureChoice:
+    """Generate Abkowitz-MMG hybrid models for a ``ship``, fit them to ``trials`` and choose the best, as ``mmg
+    select``.
+
+    validate: to choose by, default those of that role, else the last quarter; test: on which the choice is tested once;
+    only: names of candidates, such as "sm2-order2"; unchecked: take contradictory trials and broken stretches too;
+    progress: called before each fit; values: fields of ``Settings`` and of the rules by which candidates are made, such
+    as order=2, objective: "regression", or "paper" (Miyauchi et al. 2023) with seeds: its runs. Returns the choice.
+    Raises UserError where no candidate can be fitted.
+    """
+    from fitting.selection.candidates import candidate, candidates
+    from fitting.selection.structure_choice import choose_structure
+    from mmg.errors import UnknownName
+    from mmg_ident.settings import settings_of
+
+    objective = values.pop("objective", "regression")
+    if objective not in ("regression", "paper"):
+        raise UnknownName(f"--objective {objective}: must be regression or paper")
+    seeds = values.pop("seeds", 1) if objective == "paper" else 0
+    made = {name: values.pop(name) for name in settings_of(Rules) if name in values}
+    rules = Rules(**checked_settings(Rules, made))
+    settings = Settings(**{"time_limit": 300.0, "passes": 2, **checked_settings(Settings, values)})
+    *sets, _ = parted_trials(trials, validate, test)
+    first, second, third = ready_trials(*sets, unchecked=unchecked)
+    model, names = ship_of(ship), listed(only)
+    tried = [candidate(model, name, rules) for name in names] if names else list(candidates(model, rules))
+    return choose_structure(model, tried, (first, second, third), settings, bool(names), progress, seeds)
+
+
+@keywords(Settings)
+def months(
+    folder: str | Path,
+    ship: Model,
+    fit: bool = True,
+    windows: int = 24,
+    progress: OnProgress | None = None,
+    **values: Any,
+) -> tuple[MonthStudy, FitResult | None]:
+    """Study months of operational data in partitioned Parquet, as ``mmg months`` does: cut, fit, date what changed.
+
+    folder: of the log; ship: that made it; fit: calibrate her on the windows that tell most, at most ``windows`` of
+    them; progress: of the calibration; values: fields of ``Settings``. Returns what the log says, and the calibration.
+    Raises UserError for a folder without a readable part.
+    """
+    from diagnosis.groups.months import study_months
+
+    # huber unless another loss is given: nobody has looked through months of a log as through trials
+    settings = Settings(**{"loss": "huber", **checked_settings(Settings, values)})
+    return study_months(folder, ship_of(ship), settings, None, windows if fit else 0, progress)
+
+
+def fleet(
+    plan: str | Path, out: str | Path | None = None, workers: int = 1, progress: OnProgress | None = None
+) -> Fleet:
+    """Fit, judge, diagnose and compare the ships of a ``plan`` (TOML), as ``mmg fleet`` does.
+
+    out: folder of their runs, default beside the plan: what lies there of the same ships and files is not done again;
+    workers: processes; progress: told of each ship. Returns the rows of all. Raises UserError for a plan with a fault.
+    """
+    from mmg_ident.fleet.plan import read_plan
+    from mmg_ident.fleet.run import run_fleet
+
+    return run_fleet(read_plan(plan), Path(plan).with_suffix("") if out is None else Path(out), workers, "", progress)
+
+
+def view(
+    runs: str | Path | Sequence[str | Path],
+    out: str | Path,
+    trials: Sequence[str | Path] = (),
+    diagnosis: str | Path | None = None,
+    window: Sequence[float] = (),
+) -> Path:
+    """Write one interactive page on ``runs``, run folders, as ``mmg view`` does; returns the file ``out``.
+
+    trials: to show, default those of the runs; diagnosis: whose force is marked, default one beside a run; window:
+    seconds between restarts of the predictions, 0: none. Raises UserError where no trial is left to show.
+    """
+    from delivery.view.page import LENGTHS, gather, write_view
+
+    folders = [Path(run) for run in ([runs] if isinstance(runs, (str, Path)) else runs)]
+    write_view(gather(folders, trials, None if diagnosis is None else Path(diagnosis)), Path(out), window or LENGTHS)
+    return Path(out)
