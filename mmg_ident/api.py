@@ -186,11 +186,14 @@ def simulate(
     from cases.maneuvers.definitions import parse_maneuver
     from cases.shipfiles.effects import with_effects
     from cases.simulation.given_inputs import given_inputs
+    from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed
     from cases.trial import Trial
     from mmg.errors import Conflict
 
     campaign = values.pop("campaign", None)
     model = with_effects(ship_of_campaign(ship_of(ship), campaign), listed(effects))
+    if isinstance(maneuver, str) and (own := harbour_seed(maneuver, seed)) is not None:
+        maneuver = harbour_inputs(model, values.pop("duration", None), own, values.pop("dt", None))
     if isinstance(maneuver, str):
         orders, dt = taken(values, "n speed rudder_rate duration"), values.pop("dt", None)
         sampled = values.pop("sampled_helm", False)
