@@ -111,8 +111,9 @@ class FitAxes:
         colours = LinearSegmentedColormap.from_list("correlation", [BEFORE, "white", AFTER])
         image = ax.imshow(matrix, cmap=colours, vmin=-1, vmax=1)
         ax.grid(False)
-        ax.set_xticks(range(len(symbols)), symbols, rotation=90)
-        ax.set_yticks(range(len(symbols)), symbols)
+        size = min(8.0, 260.0 / len(symbols))  # points: a row of axes 4 inch high holds one line each
+        ax.set_xticks(range(len(symbols)), symbols, rotation=90, fontsize=size)
+        ax.set_yticks(range(len(symbols)), symbols, fontsize=size)
         ax.figure.colorbar(image, ax=ax, shrink=0.8)
         return ax
 
