@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import textwrap
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -25,7 +26,7 @@ from safetensors.numpy import save_file
 from cases.shipfiles.network_file import NETWORK, load_network, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
-from fitting.record import FigureRow, FitObjects, FitRecord, MessageRow, read_record
+from fitting.record import CoefficientRow, FigureRow, FitObjects, FitRecord, MessageRow, read_record
 from fitting.report import run_folder
 from fitting.report.plot_style import FigureFolder
 from fitting.solvers.control import left_out_message, unless_interrupted
@@ -40,6 +41,10 @@ if TYPE_CHECKING:
     from fitting.report.use import Delivered
     from fitting.solvers.reduced import ReducedProblem
     from fitting.solvers.rollout_loss import RolloutLoss
+
+
+SUMMED_UP = 8
+"""Coefficients and warnings of a summary. Set by hand: a screen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +116,36 @@ class FitResult(FitRecord):
         table = pd.DataFrame.from_dict({s: vars(row) for s, row in self.coefficients.items()}, orient="index")
         return table[list(names)].rename_axis("coefficient")
 
+    @property
+    def _best_known(self) -> list[tuple[str, CoefficientRow]]:
+        """The coefficients, those first of which the data say most beside the prior."""
+        return sorted(
+            self.coefficients.items(), key=lambda row: 2.0 if row[1].prior_share is None else row[1].prior_share
+        )
+
+    def summary(self) -> str:
+        """What one wants to know first, in lines of text: data, errors, verdicts, the coefficients that the data
+        determine best, warnings."""
+        from fitting.prediction.unit_errors import STATE_ERRORS
+
+        lines = [repr(self).strip("<>"), f"{self.seconds_used:.0f} s of data; loss {self.settings.loss}"]
+        for name, pair in self.scores.items():
+            if pair.before.units and pair.after.units:
+                before, after = pair.before.units.pooled, pair.after.units.pooled
+                told = (
+                    (label, unit, getattr(before, k), getattr(after, k)) for k, (label, unit) in STATE_ERRORS.items()
+                )
+                each = ", ".join(f"{label} {a:.3g} -> {b:.3g} {unit}" for label, unit, a, b in told if a and b)
+                lines.append(f"{name}, rms over windows: {each}")
+        rows = self._best_known
+        lines += [
+            f"  {s:<10} {c.value:>11.4g} +- {c.std or 0:.2g} {c.unit} {c.verdict}".rstrip() for s, c in rows[:SUMMED_UP]
+        ]
+        left = len(rows) - SUMMED_UP
+        lines += [f"  and {left} others: coefficients, to_pandas()"] * (left > 0)
+        lines += [textwrap.shorten(f"warning: {words}", 160) for words in self.warnings[:SUMMED_UP]]
+        return "\n".join(lines)
+
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged ({self.status})"
         verdicts = Counter(re.split(r"[:(]", row.verdict)[0].strip() for row in self.coefficients.values())
@@ -125,7 +160,7 @@ class FitResult(FitRecord):
             for name, pair in self.scores.items()
             if pair.before.units and pair.after.units
         )
-        rows = [(s, c.value, c.std, c.unit, c.prior_value, c.verdict) for s, c in self.coefficients.items()]
+        rows = [(s, c.value, c.std, c.unit, c.prior_value, c.verdict) for s, c in self._best_known]
         header = ("coefficient", "value", "std", "unit", "prior", "verdict")
         return html_table(f"{self.ship.title}, {state}{scores}", header, rows)
 

@@ -53,11 +53,11 @@ def messages_from(rows: Iterable[dict[str, str]]) -> tuple[Message, ...]:
     return tuple(Message(row["text"], row["code"]) for row in rows)
 
 
-def html_table(caption: str, header: Sequence[str], rows: Iterable[Sequence[object]], most: int = 60) -> str:
+def html_table(caption: str, header: Sequence[str], rows: Iterable[Sequence[object]], most: int = 20) -> str:
     """A table as HTML.
 
     caption: above the table; header: (C,) names of the columns; rows: of C cells each, floats shown with four digits;
-    most: rows shown, the number of those left out is said.
+    most: rows shown, as many as a screen holds; the number of those left out is said.
     """
 
     def cell(value: object) -> str:

@@ -28,9 +28,15 @@ SETTINGS = tuple(name for name in SidecarEntry.model_fields if name not in ("col
 
 
 def trial_from_pandas(
-    frame: pd.DataFrame, name: str, units: Mapping[str, str] | None, settings: Mapping[str, Any]
+    frame: pd.DataFrame | Any, name: str, units: Mapping[str, str] | None, settings: Mapping[str, Any]
 ) -> Trial:
     """As ``Trial.from_pandas``, with its ``frame``, ``name``, ``units`` and ``settings``. Raises UserError as that."""
+    if hasattr(frame, "data_vars"):  # a Dataset of xarray says units of its own
+        units = {
+            **{str(k): v.attrs["units"] for k, v in frame.variables.items() if "units" in v.attrs},
+            **(units or {}),
+        }
+        frame = frame.to_dataframe()
     if not hasattr(frame, "columns"):
         raise BadValue(f"{name}: from_pandas takes a DataFrame, not {type(frame).__name__}; see from_arrays")
     header, columns = [str(cell) for cell in frame.columns], [frame[cell].to_numpy() for cell in frame.columns]

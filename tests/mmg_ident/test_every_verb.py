@@ -209,6 +209,14 @@ def test_results_say_what_they_are_in_a_few_lines(fit: mi.FitResult) -> None:
     assert {type(one).__name__: repr(one).count("\n") for one in objects if len(repr(one)) > 1500} == {}
 
 
+def test_a_summary_begins_with_what_the_data_say(fit: mi.FitResult) -> None:
+    lines = fit.summary().splitlines()
+    first = min(fit.coefficients.items(), key=lambda row: row[1].prior_share)
+    at = next(k for k, line in enumerate(lines) if line.startswith("  "))
+    assert lines[at].split()[:2] == [first[0], f"{first[1].value:.4g}"] and len(lines) < 40
+    assert fit._repr_html_().count("<tr>") <= 21
+
+
 def test_raw_logs_become_trials_and_what_is_open_is_an_error(tmp_path: Path) -> None:
     write_trial(runs()[0][0], tmp_path / "log.csv")
     trials = mi.import_logs(tmp_path / "log.csv", tmp_path / "trials", reference_point=[0.0, 0.0])

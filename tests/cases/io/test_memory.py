@@ -39,6 +39,16 @@ def test_a_frame_in_degrees_and_knots_is_the_trial_of_arrays_in_si() -> None:
     assert {m.code for m in found.notices} >= {"unit_converted"}  # type: ignore[union-attr]
 
 
+def test_a_dataset_of_xarray_says_its_own_units() -> None:
+    xarray = pytest.importorskip("xarray")
+    t = np.arange(0.0, 5.0, 0.5)
+    units = {"psi": "deg", "u": "kn", "v": "kn", "r": "deg/s", "n": "rpm", "delta": "deg"}
+    columns = {name: ("t", np.linspace(1.0, 2.0, len(t)), {"units": unit}) for name, unit in units.items()}
+    found = Trial.from_pandas(xarray.Dataset(columns, coords={"t": ("t", t, {"units": "s"})}))
+    assert np.array_equal(found.t, t) and found["n"] == pytest.approx(np.linspace(1.0, 2.0, len(t)) / 60)
+    assert found["psi"][-1] == pytest.approx(np.radians(2.0)) and found["u"][0] == pytest.approx(1852 / 3600)
+
+
 def test_a_frame_and_its_file_are_the_same_trial(tmp_path: Path) -> None:
     """What ``to_pandas`` gives is read as what was written; settings are those of trials.toml."""
     trial = pushed_trials(3, [], RUNS[:1])[0]
