@@ -6,7 +6,7 @@ import difflib
 import hashlib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,18 +18,13 @@ from cases.quantities import accepted, is_canonical, quantity
 from cases.trial import Trial
 from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 COLUMNS = ("t", "x", "y", "psi", "u", "v", "r", "n", "delta")
 """What most trials hold, for a hint."""
 SETTINGS = tuple(name for name in SidecarEntry.model_fields if name not in ("columns", "units", "name"))
 """What may be said of a trial beside its columns: the keys of ``trials.toml``."""
 
 
-def trial_from_pandas(
-    frame: pd.DataFrame | Any, name: str, units: Mapping[str, str] | None, settings: Mapping[str, Any]
-) -> Trial:
+def trial_from_pandas(frame: Any, name: str, units: Mapping[str, str] | None, settings: Mapping[str, Any]) -> Trial:
     """As ``Trial.from_pandas``, with its ``frame``, ``name``, ``units`` and ``settings``. Raises UserError as that."""
     if hasattr(frame, "data_vars"):  # a Dataset of xarray says units of its own
         units = {
