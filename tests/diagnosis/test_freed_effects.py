@@ -70,6 +70,7 @@ def test_the_probability_is_that_of_the_diagnosis_of_the_same_trials() -> None:
     assert test.parameters[SYMBOL].value == pytest.approx(with_it.value(SYMBOL), abs=0.2 * with_it.std(SYMBOL))
 
 
+@pytest.mark.slow
 def test_of_several_effects_each_is_tested_beside_the_others() -> None:
     result = fitted(0.06, "rudder_offset", "tow:X=0,Y,N=0")
     assert result.effects is not None
@@ -171,6 +172,7 @@ def calibrated(ship: Ship, **options: Any) -> FitResult:
     return mmg_ident.calibrate(ship, with_current(), (), Settings(step=1.0), FitOptions(next_trial=False, **options))
 
 
+@pytest.mark.slow
 def test_a_fit_fits_its_suspects_along_and_a_diagnosis_judges_them_anew(tmp_path: Path) -> None:
     result = calibrated(FEW)
     assert suspects_said(result) == ["warning"]
@@ -211,6 +213,7 @@ def test_a_fit_that_was_interrupted_before_its_suspects_were_known_goes_on(tmp_p
         assert resumed.coefficients[s].value == pytest.approx(row.value, abs=0.02 * row.std)
 
 
+@pytest.mark.slow
 def test_suspects_of_a_calibration_before_are_asked_anew(tmp_path: Path) -> None:
     """Also by a run that goes on: it ends at the mean of the same two estimates."""
     whole, run = calibrated(FEW), tmp_path / "run"

@@ -51,6 +51,7 @@ def short_trainings() -> tuple[object, ...]:
     return tuple(2 if f.name == "epochs" else f.default for f in fields(residual_settings.TrainSettings))
 
 
+@pytest.mark.slow
 def test_one_call_makes_all_lines_and_parts(compared: Path) -> None:
     found = json.loads((compared / "gap.json").read_text())
     rows = {row["name"]: row for row in found["rows"]}
@@ -62,6 +63,7 @@ def test_one_call_makes_all_lines_and_parts(compared: Path) -> None:
     assert [one["effect"] for one in found["witness"]] == ["current"]
 
 
+@pytest.mark.slow
 def test_another_call_goes_on_with_the_parts_that_are_there(
     compared: Path, files: dict[str, list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
