@@ -8,13 +8,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from cases.quantities import UNITS, is_canonical, quantity
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, check_name
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName, check_name
 from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS, RUDDERS
 from mmg.states import STATES
@@ -78,6 +79,9 @@ class Trial:
     def __post_init__(self) -> None:
         check_name(self.name, str(self.path or "trial"))
         shapes = {name: np.shape(values) for name, values in self.columns.items()}
+        for name, values in self.columns.items():
+            if np.asarray(values).dtype.kind not in "fiub":
+                raise BadValue(f"{self.name}: column {name} holds what is no number")
         if "t" not in shapes or len(shapes["t"]) != 1:
             raise Missing(f"{self.name}: a trial needs a column t [s] of one dimension")
         for name, shape in shapes.items():
@@ -133,6 +137,8 @@ class Trial:
     def between(self, begin: float, end: float) -> Trial:
         """The samples from ``begin`` to ``end`` [s], both included, on the clock of the trial; so is trial[begin:end].
         Raises UserError where fewer than two lie there."""
+        if not (isinstance(begin, Real) and isinstance(end, Real)):
+            raise BadValue(f"{self.name}: from {begin!r} to {end!r}: times [s] are numbers")
         rows = (self.t >= begin - 1e-9) & (self.t <= end + 1e-9)
         if rows.sum() < 2:
             span = f"it lasts from {self.t[0]:g} to {self.t[-1]:g} s"
@@ -142,8 +148,8 @@ class Trial:
     def resample(self, dt: float) -> Trial:
         """The run every ``dt`` [s] from its first sample on: states along lines, directions the short way round, inputs
         as they are read (held, or along lines where they were sampled). Missing where a neighbour is."""
-        if not (math.isfinite(dt) and 0 < dt <= self.duration):
-            raise OutOfRange(f"{self.name}: dt = {dt:g} s must be positive and no longer than its {self.duration:g} s")
+        if not (isinstance(dt, Real) and 0 < dt <= self.duration):
+            raise OutOfRange(f"{self.name}: dt = {dt!r} s must be positive and no longer than its {self.duration:g} s")
         t = self.t[0] + dt * np.arange(math.floor(self.duration / dt + 1e-9) + 1)
         after = np.clip(np.searchsorted(self.t, t - 1e-9), 0, len(self) - 1)
         before = np.clip(np.searchsorted(self.t, t + 1e-9, side="right") - 1, 0, len(self) - 1)
@@ -180,6 +186,8 @@ class Trial:
     def __getitem__(self, key: str | slice) -> np.ndarray | Trial:
         """A column by its name, or the samples between two times [s], both included: trial[20.0:80.0]."""
         if not isinstance(key, slice):
+            if key not in self.columns:
+                raise UnknownName(f"{self.name}: has no column {key!r}; it has {', '.join(self.columns)}")
             return self.columns[key]
         if key.step is not None:
             raise Conflict(f"{self.name}: trial[begin:end] takes times [s]; resample(dt) takes another interval")

@@ -6,7 +6,7 @@ Every command makes one of its files, and every function that takes trials takes
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
@@ -24,7 +24,7 @@ from cases.io.campaigns import Campaigns, Groups, campaign_labels, campaigns_of,
 from cases.io.read import read_trials
 from cases.io.sidecar import line_for
 from cases.trial import LEFT_OUT, Trial, left_out, looked_at
-from mmg.errors import Conflict, Missing
+from mmg.errors import BadValue, Conflict, Missing
 from mmg.messages import Message
 from mmg.ship import Ship
 
@@ -50,7 +50,10 @@ class TrialSet(Sequence[Trial]):
         cannot be read."""
         if isinstance(given, TrialSet):
             return given
-        several = [given] if isinstance(given, (str, Path, Trial)) else list(given)
+        several = [given] if isinstance(given, (str, Path, Trial)) or not isinstance(given, Iterable) else list(given)
+        for item in several:
+            if not isinstance(item, (str, Path, Trial)):
+                raise BadValue(f"trials: {type(item).__name__} is none: give files, folders or Trial objects")
         paths = [item for item in several if not isinstance(item, Trial)]
         if len(paths) == len(several):
             return cls(tuple(read_trials(paths) if paths else ()))

@@ -16,7 +16,7 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import longest_step
 from fitting.report.run_folder import RESULT, SHIP, read_result, versions
 from mmg.effects import effect
-from mmg.errors import NotCalibrated, UnknownName
+from mmg.errors import BadValue, NotCalibrated, UnknownName
 from mmg.messages import Message
 from mmg.model import Model, assemble
 from mmg.motion.flow import INPUTS
@@ -171,6 +171,8 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     caveats. without: effects to leave out. Raises UserError for a ship that cannot be read, for one that only leaves
     by force, and for an effect that it does not have.
     """
+    if not isinstance(where, (str, Path)):
+        raise BadValue(f"{type(where).__name__} is no run folder, ship file or name of a ship; save() a result first")
     path = Path(where)
     folder = path if path.is_dir() else path.parent  # of a run, or of the ship.toml in it
     is_run = (path.is_dir() or path.name == SHIP) and (folder / RESULT).is_file()

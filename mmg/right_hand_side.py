@@ -86,7 +86,10 @@ class RightHandSide:
 
     def _points(self, state: Any, controls: Any) -> tuple[np.ndarray, np.ndarray, bool]:
         """States (S, M), controls (C, M), and whether one point was given."""
-        z, c = np.asarray(state, dtype=float), self._as_array(controls)
+        try:
+            z, c = np.asarray(state, dtype=float), self._as_array(controls)
+        except (TypeError, ValueError):
+            raise BadValue("state or controls: hold what is no number") from None
         S, C = len(self.states), len(self.controls)
         if z.ndim not in (1, 2) or len(z) not in (6, S):
             raise BadValue(f"state of shape {z.shape}; needed: ({S},) or ({S}, M), of {', '.join(self.states)}")

@@ -15,7 +15,7 @@ import numpy as np
 from mmg.components.catalogue import actuators, coefficient_table, required_particulars
 from mmg.components.coefficients import Coefficient
 from mmg.effects import EFFECTS, effect
-from mmg.errors import Conflict, UnknownName, check_name
+from mmg.errors import BadValue, Conflict, UnknownName, check_name
 from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS
 from mmg.network import Network, features_of
@@ -176,9 +176,12 @@ class Ship:
 
     def with_effect(self, name: str, values: Mapping[str, float] | None = None, **named: float) -> Ship:
         """A copy with an effect, its parameters at their neutral values or at ``values`` (symbol -> value), also by
-        keyword: with_effect("current", x=0.1). Raises KeyError for a parameter that it has not, UserError for an
-        unknown effect."""
+        keyword: with_effect("current", x=0.1). Raises UserError for an effect that is unknown, and for a parameter that
+        it has not."""
         p, chosen = self.namespace, {**(values or {}), **named}
+        if name not in EFFECTS:
+            near = get_close_matches(name, EFFECTS, 1)
+            raise UnknownName(f"effect {name!r}: unknown; {f'did you mean {near[0]}?' if near else 'see mmg effects'}")
         rows = {}
         for parameter in effect(name).parameters(p, dict(self.components)):
             row = self.coefficients.get(f"{name}.{parameter.symbol}") or parameter.coefficient(name)
@@ -186,7 +189,7 @@ class Ship:
                 row = row.with_(value=float(chosen.pop(parameter.symbol)), source="given with the effect")
             rows[row.symbol] = row
         if chosen:
-            raise KeyError(f"{name} has no parameter {next(iter(chosen))!r}")
+            raise UnknownName(f"{name}: has no parameter {next(iter(chosen))!r}")
         order = tuple(e for e in EFFECTS if e in (*self.effects, name))
         return replace(self, effects=order, coefficients={**self.coefficients, **rows})
 
@@ -251,11 +254,17 @@ class Ship:
         UserError for an unknown symbol."""
         chosen = {**(values or {}), **named}
         for symbol in chosen:
-            if symbol not in self.coefficients:
-                near = get_close_matches(symbol, self.coefficients, 1)
-                hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(self.symbols)}"
-                raise UnknownName(f"{self.name}: has no coefficient {symbol}; {hint}")
+            self._check_symbol(symbol)
+            if isinstance(chosen[symbol], str) or not np.all(np.isfinite(chosen[symbol])):
+                raise BadValue(f"{self.name}: {symbol} = {chosen[symbol]!r}: is no finite number")
         return self.with_coefficients({s: self.coefficients[s].with_(value=float(v)) for s, v in chosen.items()})
+
+    def _check_symbol(self, symbol: str) -> None:
+        """Raises UserError for a ``symbol`` that she has not."""
+        if symbol not in self.coefficients:
+            near = get_close_matches(symbol, self.coefficients, 1)
+            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(self.symbols)}"
+            raise UnknownName(f"{self.name}: has no coefficient {symbol}; {hint}")
 
     def of_campaign(self, name: str) -> Ship:
         """A copy as the trials of the campaign ``name`` have it, which knows no campaigns. Raises KeyError."""
@@ -269,5 +278,8 @@ class Ship:
         return replace(self, coefficients={**self.coefficients, **changed})
 
     def fixing(self, symbols: Iterable[str], fixed: bool = True) -> Ship:
-        """A copy in which these coefficients are fixed (or freed)."""
+        """A copy in which these coefficients are fixed (or freed). Raises UserError for an unknown symbol."""
+        symbols = list(symbols)
+        for symbol in symbols:
+            self._check_symbol(symbol)
         return self.with_coefficients({s: self.coefficients[s].with_(fixed=fixed) for s in symbols})

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -106,13 +107,17 @@ def ready_trials(*sets: Trials, unchecked: bool = False) -> tuple[TrialSet, ...]
 
 
 def ship_of(model: Any) -> Ship:
-    """The ship of a ``model``."""
+    """The ship of a ``model``. Raises UserError for what is none."""
     from cases.shipfiles.ship_file import load_ship
+    from mmg.errors import BadValue
     from mmg.ship import Ship
 
     if isinstance(model, (str, Path)):
         return load_ship(model)
-    return model if isinstance(model, Ship) else model.ship
+    ship = model if isinstance(model, Ship) else getattr(model, "ship", None)
+    if not isinstance(ship, Ship):
+        raise BadValue(f"{type(model).__name__} is no model: give a ship, its name or file, a run folder, or a result")
+    return ship
 
 
 def predictor(model: Model) -> Simulator | Forecaster:
@@ -147,6 +152,7 @@ def content_of(model: Model) -> dict[str, Any]:
     return model.to_dict() if hasattr(model, "to_dict") else {}
 
 
+@keywords()
 def check(trials: Trials) -> list[CheckReport]:
     """Check ``trials`` before anything is fitted to them: units, signs, frames, gaps, copies, lags, excitation.
 
@@ -157,7 +163,7 @@ def check(trials: Trials) -> list[CheckReport]:
     return list(TrialSet.of(trials).reports)
 
 
-@keywords(also="duration dt n speed rudder_rate sampled_helm campaign x0 delta")
+@keywords(also="duration# dt# n speed# rudder_rate# sampled_helm campaign x0 delta", others=True)
 def simulate(
     ship: Model,
     maneuver: str | Trial | Sequence[float] | np.ndarray,
@@ -245,7 +251,7 @@ OPTIONS = "measurement per_run per_campaign profile bootstrap next_trial estimat
 """Keywords of ``calibrate`` that are fields of its options."""
 
 
-@keywords(Settings, also=f"{CHANGES} {OPTIONS} captive captive_sigma")
+@keywords(Settings, also=f"{CHANGES} {OPTIONS} captive captive_sigma".replace("bootstrap", "bootstrap#"))
 def calibrate(
     ship: Model,
     trials: Trials,
@@ -296,6 +302,7 @@ def calibrate(
     return result
 
 
+@keywords()
 def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnProgress | None = None) -> FitResult:
     """The calibration ``fit`` of this session again, from where it ended, for pages on which a coefficient is moved.
 
@@ -306,7 +313,11 @@ def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnP
     a folder, for a symbol that is not free and a value outside its bounds.
     """
     from fitting.calibrate import refit as solved_again
+    from fitting.result import FitResult
+    from mmg.errors import BadValue
 
+    if not isinstance(fit, FitResult):
+        raise BadValue(f"fit: {type(fit).__name__} is no result of calibrate")
     return solved_again(fit, hold or {}, progress)
 
 
@@ -317,6 +328,7 @@ def _second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool, surroundi
     return second_estimate(ship, trials, frees, surroundings)
 
 
+@keywords()
 def score(
     model: Model,
     trials: Trials,
@@ -349,7 +361,11 @@ def score(
     if window is not None and not 0 <= window < float("inf"):
         raise OutOfRange(f"window = {window:g}: must be 0 or a positive number of seconds")
     origin = "the scored trials" if sigma is None else "the caller"
-    given = None if sigma is None else np.asarray(sigma, dtype=float)
+    given = None if sigma is None else np.array([x if isinstance(x, Real) else np.nan for x in sigma], dtype=float)
+    if given is not None and not (given.shape == (6,) and (given > 0).all()):
+        raise OutOfRange("sigma: give six positive numbers, of x, y [m], psi [rad], u, v [m/s], r [rad/s]")
+    if adapt is not None and not 0 <= adapt < float("inf"):
+        raise OutOfRange(f"adapt = {adapt:g}: must be 0 or a positive number of seconds")
     (runs, fitted), simulator = ready_trials(trials, baseline, unchecked=unchecked), predictor(model)
     particulars = simulator.ship.particulars if isinstance(simulator, Simulator) else {}
     if window is None:
@@ -358,6 +374,7 @@ def score(
     return scored(simulator, runs, given, origin, method, adapt=adapt, units=window, baseline=box)
 
 
+@keywords()
 def predict(
     model: Model,
     trials: Trials,
@@ -491,7 +508,7 @@ def diagnose(
     return found.told_by(content_of(model))
 
 
-@keywords(also="seeds seed workers")
+@keywords(also="seeds# seed# workers#")
 def gap(
     model: Ship | str | Path,
     trials: Trials,
@@ -521,6 +538,7 @@ def gap(
     return compare_models(model, runs, held, options, progress, calibrate)
 
 
+@keywords()
 def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:
     """The result in a run ``folder`` of ``mmg fit``, ``train`` or ``diagnose``, or of ``save`` of its result.
 
@@ -545,6 +563,7 @@ def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:
     raise BadValue(f"{folder}: result.json says kind {kind!r}; known are calibration, training and diagnosis")
 
 
+@keywords()
 def write_report(
     runs: str | Path | Sequence[str | Path], out: str | Path, pdf: str | Path | None = None,
     full_load: float | None = None, imo: bool = True,

@@ -10,6 +10,7 @@ import functools
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import Field, fields
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_type_hints
 
@@ -115,22 +116,59 @@ def refuse_gone_options(arguments: list[str]) -> None:
             refuse_gone({option[2:].replace("-", "_"): following})
 
 
-def keywords(*kinds: type, also: str = "") -> Callable[[F], F]:
-    """A decorator of a function that takes settings as ``**values``: its signature shows them, for completions.
+def keywords(*kinds: type, also: str = "", others: bool = False) -> Callable[[F], F]:
+    """A decorator of a function for notebooks: its signature shows the settings that it takes as ``**values``, for
+    completions, and a keyword that it does not have or a number that is none is a UserError.
 
-    kinds: dataclasses of whose ``settings_of`` they are; also: further names, separated by spaces.
+    kinds: dataclasses of whose ``settings_of`` they are; also: further names, separated by spaces, those of numbers
+    with a "#" behind; others: whether the function judges further ones itself.
     """
-    names = dict.fromkeys([*also.split(), *(name for kind in kinds for name in settings_of(kind))])
+    names = {name.rstrip("#"): "float | None" if "#" in name else "" for name in also.split()}
+    names |= {name: "" for kind in kinds for name in settings_of(kind) if name not in names}
 
     def shown(function: F) -> F:
         signature = inspect.signature(function)
         own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
-        more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None) for name in names
-                if name not in signature.parameters]  # fmt: skip
-        function.__signature__ = signature.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
-        return function
+        more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind or Any)
+                for name, kind in names.items() if name not in signature.parameters]  # fmt: skip
+        whole = signature.replace(parameters=[*own, *more])
+
+        @functools.wraps(function)
+        def called(*given: Any, **values: Any) -> Any:
+            from cases.io.toml_file import unknown
+
+            for name in values:
+                if name not in whole.parameters and name not in GONE and not others:
+                    raise UnknownName(f"{function.__name__}: {unknown('keyword', name, whole.parameters)}")
+            for name, value in [*zip(whole.parameters, given, strict=False), *values.items()]:
+                if name in whole.parameters:
+                    _check_kind(name, str(whole.parameters[name].annotation), value)
+            return function(*given, **values)
+
+        called.__signature__ = whole  # type: ignore[attr-defined]
+        return called  # type: ignore[return-value]
 
     return shown
+
+
+def _check_kind(name: str, annotation: str, value: Any) -> None:
+    """Raises UserError where the argument ``name``, by its ``annotation`` a number, a path or settings, is none."""
+    kind, _, rest = annotation.partition(" | ")
+    if value is None and annotation.endswith("None"):
+        return
+    if kind in ("float", "int") and rest in ("", "None") and not isinstance(value, Real):
+        raise BadValue(f"{name} = {value!r}: is no number")
+    several = "Sequence" in rest and isinstance(value, Iterable)
+    if (
+        annotation.startswith("str | Path")
+        and "Any" not in annotation
+        and not (isinstance(value, (str, Path)) or several)
+    ):
+        raise BadValue(f"{name}: {type(value).__name__} is no path")
+    if kind.endswith(("Settings", "Options")) and kind not in [c.__name__ for c in type(value).__mro__]:
+        raise BadValue(
+            f"{name}: {type(value).__name__} is no {kind}; give mmg_ident.{kind}(...), or its values by name"
+        )
 
 
 def taken(values: dict[str, Any], names: str) -> dict[str, Any]:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from fitting.selection.structure_choice import StructureChoice
     from mmg.progress import OnProgress
     from mmg_ident.api import Model, Trials
-    from mmg_ident.fleet.rows import Fleet
+    from mmg_ident.fleets.rows import Fleet
 
 
 def import_map(file: str | Path | None = None, **changes: Any) -> ImportMap:
@@ -58,7 +58,7 @@ def complete(imported: Imported) -> Imported:
     return imported
 
 
-@keywords(also="rudder_positive wind_direction velocity_frame zone_hours")
+@keywords(also="rudder_positive wind_direction velocity_frame zone_hours", others=True)
 def import_logs(
     logs: str | Path | Sequence[str | Path],
     out: str | Path,
@@ -89,7 +89,7 @@ MEASURED, SIMULATED = "length kind correct current", "speed rudder_rate maneuver
 """Keywords of ``imo`` for measured trials, and for a ship that is simulated."""
 
 
-@keywords(also=f"{MEASURED} {SIMULATED}")
+@keywords(also="length# kind correct current speed# rudder_rate# maneuver scatter# seed# workers#")
 def imo(
     model: Model,
     trials: Trials = (),
@@ -109,20 +109,24 @@ def imo(
     """
     from cases.criteria.imo import WaterVelocity, imo_figures, imo_figures_of_trials
     from fitting.prediction.figure_intervals import JudgedFigures
-    from mmg.errors import Conflict, UnknownName
+    from mmg.errors import BadValue, Conflict, OutOfRange
 
     ship, measured, simulated = ship_of(model), taken(values, MEASURED), taken(values, SIMULATED)
-    for name in values:
-        raise UnknownName(f"{name}: is no keyword of imo; it takes {MEASURED} {SIMULATED}")
     if isinstance(trials, (str, Path)) or len(trials):
         if simulated:
             raise Conflict(f"{next(iter(simulated))}: belongs to a ship that is simulated; trials have their own")
         water: bool | WaterVelocity = measured.get("correct", False)
         if "current" in measured:
-            speed, towards = measured["current"][0], math.radians(measured["current"][1])
+            try:
+                speed, towards = (float(x) for x in measured["current"])
+            except (TypeError, ValueError):
+                raise BadValue("current: give its speed [m/s] and the direction it goes to [deg]") from None
+            towards = math.radians(towards)
             water = WaterVelocity(speed * math.cos(towards), speed * math.sin(towards), 0.0, "as given")
         (runs,) = ready_trials(trials, unchecked=unchecked)
         length, kind = measured.get("length"), measured.get("kind", "")
+        if length is not None and not 0 < length < math.inf:
+            raise OutOfRange(f"length = {length:g}: must be a positive number of metres")
         return JudgedFigures.of(imo_figures_of_trials(runs, ship, length, kind, scale, water))
     if measured:
         raise Conflict(f"{next(iter(measured))}: belongs to measured trials; give trials")
@@ -182,6 +186,8 @@ def plan(
     values = checked_settings(
         Wish, {n: listed(v) if n in ("coefficients", "figures") else v for n, v in values.items()}
     )
+    if start is not None and len(start) != 3:
+        raise BadValue("start: give x, y [m] and heading [deg]")
     place = None if start is None else (start[0], start[1], math.radians(start[2]))
     wish = Wish(area=area, seconds=time, start=place, rudder_limit=math.radians(rudder_limit), **values)
     result: Any = load_run(run) if isinstance(run, (str, Path)) else run
@@ -272,6 +278,7 @@ def months(
     return study_months(folder, ship_of(ship), settings, None, windows if fit else 0, progress)
 
 
+@keywords()
 def fleet(
     plan: str | Path, out: str | Path | None = None, workers: int = 1, progress: OnProgress | None = None
 ) -> Fleet:
@@ -280,12 +287,13 @@ def fleet(
     out: folder of their runs, default beside the plan: what lies there of the same ships and files is not done again;
     workers: processes; progress: told of each ship. Returns the rows of all. Raises UserError for a plan with a fault.
     """
-    from mmg_ident.fleet.plan import read_plan
-    from mmg_ident.fleet.run import run_fleet
+    from mmg_ident.fleets.plan import read_plan
+    from mmg_ident.fleets.run import run_fleet
 
     return run_fleet(read_plan(plan), Path(plan).with_suffix("") if out is None else Path(out), workers, "", progress)
 
 
+@keywords()
 def view(
     runs: str | Path | Sequence[str | Path],
     out: str | Path,

@@ -157,6 +157,8 @@ def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -
     paths: one or several; a folder stands for the .csv and .parquet files in it, or in its sub-folders when it holds
     none itself; refuse: files whose units the numbers refute. Raises UserError for all that cannot be read.
     """
+    if not isinstance(paths, (str, Path, Iterable)):
+        raise BadValue(f"trials: {type(paths).__name__} is none: give files or folders")
     files, found, problems = trial_files(paths), list[Trial](), list[UserError]()
     for file in files:
         try:

@@ -11,6 +11,7 @@ errors of the ships left out demand.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from numbers import Real
 from types import SimpleNamespace
 
 import numpy as np
@@ -284,6 +285,11 @@ def new_ship(name: str, given: Mapping[str, float], hull: str | None = None) -> 
         raise Missing(f"--new: {', '.join(lacking)} missing; a ship with pods needs {', '.join(POD)}")
     if podded(given) and (strange := [key for key in SCREW if key in given]):
         raise Conflict(f"--new: {', '.join(strange)}: pods (D_az) take the place of propeller and rudder")
+    for key, value in given.items():
+        if not isinstance(value, Real):
+            raise BadValue(f"{key} = {value!r}: is no number")
+    if lacking := [key for key in LEAST if key not in given]:
+        raise Missing(f"{', '.join(lacking)} missing; a ship needs at least {', '.join(LEAST)}")
     check_plausible(given)
     p, notices = complete(given)
     check_plausible(p)

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime, timezone
 from functools import partial
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,7 @@ from fitting.report.run_folder import FIGURES, content_on, of_predictions, versi
 from fitting.result import FitResult, read_fit
 from fitting.settings import Settings
 from mmg.components.friction import ROUGHNESS
-from mmg.errors import UserError
+from mmg.errors import BadValue, UserError
 from mmg.motion.froude import GRAVITY, reference_speed, time_scale
 from mmg.ship import Ship
 
@@ -130,6 +131,10 @@ def scale(
     coefficients, covariance, ranges and bands, whose ``scaling`` holds what was assumed. Raises UserError for
     particulars that are lacking.
     """
+    if not isinstance(length, Real):
+        raise BadValue(f"length = {length!r}: is no number of metres")
+    if not isinstance(model, (str, Path, Ship, FitResult)) and not hasattr(model, "ship"):
+        raise BadValue(f"{type(model).__name__} is no model: give a ship, its name or file, a run folder, or a result")
     scaling = Scaling(length, speed, density, form_factor, roughness, froude_only, name)
     return scaled_result(model if isinstance(model, (str, Path, Ship, FitResult)) else model.ship, scaling)
 

@@ -12,7 +12,7 @@ from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
-    from mmg_ident.fleet.rows import Fleet
+    from mmg_ident.fleets.rows import Fleet
 
 
 def fleet(
@@ -31,9 +31,9 @@ def fleet(
     Example: mmg fleet plan.toml --workers 2 --out runs/fleet
     """
     from fitting.report.run_folder import check_target, reserved
-    from mmg_ident.fleet.plan import read_plan
-    from mmg_ident.fleet.rows import write_page, write_tables
-    from mmg_ident.fleet.run import PARTS, run_fleet
+    from mmg_ident.fleets.plan import read_plan
+    from mmg_ident.fleets.rows import write_page, write_tables
+    from mmg_ident.fleets.run import PARTS, run_fleet
 
     out = plan.with_suffix("") if out is None else out
     if not (resume and out.exists()):

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from fitting.prediction.score import ScorePair
     from fitting.result import FitResult
     from fitting.selection.sisters import SisterWidths
-    from mmg_ident.fleet.plan import PlannedShip
+    from mmg_ident.fleets.plan import PlannedShip
 
 SHIPS, DIAGNOSIS = "ships", "diagnosis"
 """Folder of the run folders in that of a fleet, and that of a diagnosis in a run folder."""
@@ -86,8 +86,8 @@ class SisterGroup:
 
 @dataclass(frozen=True)
 class Fleet:
-    """What was found of a fleet. name; rows: of each ship, in the order of the plan (``mmg_ident.fleet.rows``); groups:
-    of sisters; timing: seconds by ship and stage; seconds: of this run; command."""
+    """What was found of a fleet. name; rows: of each ship, in the order of the plan (``mmg_ident.fleets.rows``);
+    groups: of sisters; timing: seconds by ship and stage; seconds: of this run; command."""
 
     name: str
     rows: tuple[Mapping[str, Any], ...]
@@ -330,7 +330,7 @@ def write_page(fleet: Fleet, folder: Path) -> None:
     moved = Counter(symbol for row in fleet.rows for symbol in row["moved"])
     with FigureFolder(folder).making(PAGE):
         text = page.rendered(
-            "fleet", "mmg_ident.fleet",
+            "fleet", "mmg_ident.fleets",
             fleet=fleet,
             rows=[_shown(row, folder) for row in fleet.rows],
             groups=[_group(group) for group in fleet.groups],

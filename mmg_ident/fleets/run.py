@@ -40,8 +40,8 @@ from fitting.settings import Settings
 from mmg.errors import Conflict, NotCalibrated, UserError, writing
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg_ident.api import calibrate
-from mmg_ident.fleet.plan import FleetPlan, FleetTable, PlannedShip
-from mmg_ident.fleet.rows import DIAGNOSIS, SHIPS, Fleet, SisterGroup, failed_row, ship_row
+from mmg_ident.fleets.plan import FleetPlan, FleetTable, PlannedShip
+from mmg_ident.fleets.rows import DIAGNOSIS, SHIPS, Fleet, SisterGroup, failed_row, ship_row
 
 PARTS = "parts"
 ALONE, DONE = "alone", "done"

@@ -13,10 +13,10 @@ import pytest
 from diagnosis.findings import Between, GroupDifference, GroupParameter, GroupValue
 from mmg.errors import BadValue, UserError
 from mmg_ident.commands.main import main
-from mmg_ident.fleet import run as fleet_run
-from mmg_ident.fleet.plan import read_plan
-from mmg_ident.fleet.rows import one_of_several
-from mmg_ident.fleet.run import fit_alone
+from mmg_ident.fleets import run as fleet_run
+from mmg_ident.fleets.plan import read_plan
+from mmg_ident.fleets.rows import one_of_several
+from mmg_ident.fleets.run import fit_alone
 from tests.support.dask_processes import scheduler, worker
 from tests.support.small_fleets import sister_of, small_ship, write_plan, write_runs, write_start
 
