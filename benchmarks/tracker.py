@@ -2,7 +2,7 @@
 
 The ship is fitted on Train-TZRB. Windows of 60 s every 15 s are predicted open loop from the measured state, with 30 s
 of past as ``mmg predict --adapt 30`` does, and by a tracker that has been fed all samples until their start. Errors are
-those of ``mmg score``: squares in units of the sigma of the states, summed over these, mean of files.
+those of ``mmg score``: squares in units of the sigma of the states, summed over these.
 
 Run from the repository root: python -m benchmarks.tracker [--record]
 """
@@ -58,23 +58,28 @@ def forecasts() -> dict[str, Figure]:
     )
     sigma, past = pooled_sigma(held), Adaptation.of(fit.ship, PAST)
     words = {"open": "from the measured state", "past": f"with {PAST:g} s of past", "tracker": "Tracker"}
-    errors, inside = {name: [] for name in words}, {name: [] for name in words}
+    errors: dict[str, list[np.ndarray]] = {name: [] for name in words}
+    inside: dict[str, list[np.ndarray]] = {name: [] for name in words}
     for trial in held:
         made = {"open": predict(simulator, trial, WINDOW, STRIDE, False, bands=bands)[0]}
         made["past"] = predict(simulator, trial, WINDOW, STRIDE, False, adaptation=past, bands=bands)[0]
         made["tracker"] = tracked(fit, trial, made["open"])
         for name, windows in made.items():
             error = np.concatenate([w.error(trial.states)[1:] for w in windows])
-            std = np.concatenate([w.std[1:] for w in windows])
-            errors[name].append(np.nanmean((error / sigma) ** 2, axis=0).sum())
-            inside[name].append(np.nanmean(np.abs(error) < NORMAL * std))
-        print(f"{trial.name}: {' / '.join(f'{rows[-1]:.4f}' for rows in errors.values())}; inside "
-              f"{' / '.join(f'{rows[-1]:.3f}' for rows in inside.values())}", flush=True)  # fmt: skip
-    what, cover = "hold-outs, 60 s windows, mean of files", "hold-outs, 60 s windows, rows inside the 90 % band"
-    figures = {f"minute_{n}": Figure(f"{what}: {w}", float(np.mean(errors[n]))) for n, w in words.items()}
-    return figures | {
-        f"minute_bands_{n}": Figure(f"{cover}: {w}", float(np.mean(inside[n])), "%") for n, w in words.items()
-    }
+            std = np.concatenate([np.zeros((0, 6)) if w.std is None else w.std[1:] for w in windows])
+            known = np.isfinite(error).all(axis=1)
+            errors[name].append(((error / sigma) ** 2)[known].sum(axis=1))
+            inside[name].append((np.abs(error) < NORMAL * std)[known])
+        shown = (" / ".join(f"{rows[-1].mean():.4f}" for rows in kind.values()) for kind in (errors, inside))
+        print(f"{trial.name}: {'; inside '.join(shown)}", flush=True)
+    what, cover, figures = "hold-outs, 60 s windows", "rows inside the 90 % band, hold-outs, 60 s", {}
+    for name, by in words.items():
+        mean = float(np.mean([rows.mean() for rows in errors[name]]))
+        share = float(np.concatenate(inside[name]).mean())
+        figures[f"minute_{name}"] = Figure(f"{what}, pooled: {by}", float(np.concatenate(errors[name]).mean()))
+        figures[f"minute_files_{name}"] = Figure(f"{what}, mean of files: {by}", mean)
+        figures[f"minute_bands_{name}"] = Figure(f"{cover}, pooled: {by}", share, "%")
+    return figures
 
 
 def update_time() -> dict[str, Figure]:

@@ -12,7 +12,6 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from cases.shipfiles.effects import calm_and_deep
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column, parameters
 from diagnosis.estimation.gridded_trials import possible_readings
-from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import priors_of_effects, set_values
@@ -49,7 +47,6 @@ from mmg.effects import EFFECTS
 from mmg.errors import NotCalibrated, Unsupported, UserError
 from mmg.messages import Message
 from mmg.ship import Ship
-from mmg.states import STATES
 
 MOST = 40_000
 """Steps of a filter that take 2 GB (13,460 s of a 3 m model: 0.6 GB). So it was measured; set by hand: it bounds
@@ -108,20 +105,9 @@ def second_estimate(
     except Exception as error:  # a fit is not lost by what it is compared with
         return SecondEstimate(f"a filter could not be fitted ({error or type(error).__name__})")
     symbols = tuple(s for c in suspects for s in c.symbols)
-    noise = _sizes(final.noise, max(ready.problem.data.h, ready.problem.data.sample))
+    force = dict(zip("XYN", final.noise.force.tolist(), strict=True)) | {"memory_s": float(final.noise.tau)}
     values = {s: final.value(s) for s in free.symbols if "." not in s or s in symbols}
-    return SecondEstimate(values, symbols, frees and bool(read), messages, noise)
-
-
-def _sizes(noise: NoiseModel, interval: float) -> dict[str, Any]:
-    """Sizes of the ``noise`` as result.json has them; interval: from one sample on its grid to the next [s]."""
-    sensors = np.hypot(noise.white, noise.coloured)
-    return {
-        "force": dict(zip("XYN", noise.force.tolist(), strict=True)),
-        "force_memory_s": float(noise.tau),
-        "sensors": dict(zip(STATES, sensors.tolist(), strict=True)),
-        "interval_s": float(interval),
-    }
+    return SecondEstimate(values, symbols, frees and bool(read), messages, force)
 
 
 def _prepared(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tuple[Prepared, Sequence[Trial]]:
