@@ -90,7 +90,7 @@ def test_it_is_as_sure_as_it_is_right(name: str) -> None:
     ship, (n, speed) = lagging(name), SHIPS[name]
     noise = noise_of(ship)
     truth = Truth(ship, speed, n, noise)
-    nis, nees, tracker = [], [], None
+    nis, squares, tracker = [], [], None
     for run in range(RUNS):
         tracker = Tracker(ship, noise=noise)
         found = truth.follow(tracker, run)
@@ -101,10 +101,10 @@ def test_it_is_as_sure_as_it_is_right(name: str) -> None:
         for state, row in zip(apart, true, strict=True):
             error = state.mean - row
             error[2] = math.remainder(error[2], 2 * math.pi)
-            nees.append(error @ np.linalg.solve(state.covariance, error))
+            squares.append(error @ np.linalg.solve(state.covariance, error))
     assert all(s.compared == 6 for s in found[1:])
     assert abs(np.mean(nis) - 6) < CHANCE * math.sqrt(2 * 6 / len(nis))
-    assert abs(np.mean(nees) - 11) < CHANCE * math.sqrt(2 * 11 / len(nees))
+    assert abs(np.mean(squares) - 11) < CHANCE * math.sqrt(2 * 11 / len(squares))
 
 
 def test_forecasts_hold_what_comes_in_their_band() -> None:
