@@ -105,8 +105,9 @@ def second_estimate(
     except Exception as error:  # a fit is not lost by what it is compared with
         return SecondEstimate(f"a filter could not be fitted ({error or type(error).__name__})")
     symbols = tuple(s for c in suspects for s in c.symbols)
+    force = dict(zip("XYN", final.noise.force.tolist(), strict=True)) | {"memory_s": float(final.noise.tau)}
     values = {s: final.value(s) for s in free.symbols if "." not in s or s in symbols}
-    return SecondEstimate(values, symbols, frees and bool(read), messages)
+    return SecondEstimate(values, symbols, frees and bool(read), messages, force)
 
 
 def _prepared(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tuple[Prepared, Sequence[Trial]]:

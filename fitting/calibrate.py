@@ -303,6 +303,7 @@ def _content(
         "identifiability": identifiability_dict(found.identifiability, made.get("next trial")),
         "bands": made.get("prediction bands"),
         "adaptation": made.get("worth of adaptation"),
+        "random_force": made["second estimate"].random_force if "second estimate" in made else None,
         "envelope": made["envelope"] if "envelope" in made else trial_envelope(found.ship, trials),
         "left_out": made.get("worth of what was left out"),
         "campaigns": fit.content,

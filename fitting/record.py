@@ -200,6 +200,7 @@ class FitRecord:
     profiles: tuple[dict[str, Any], ...] | None = None
     bands: dict[str, Any] | None = None
     adaptation: dict[str, Any] | None = None
+    random_force: dict[str, float] | None = None
     envelope: dict[str, list[float]] | None = None
     left_out: dict[str, Any] | None = None
     campaigns: dict[str, Any] | None = None

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from mmg_ident.api import write_report as report
     from mmg_ident.model_gap import GapOptions
     from mmg_ident.studies import fleet, imo, import_logs, months, plan, select, view
+    from mmg_ident.tracker import Tracker
     from residual.result import TrainResult
     from residual.settings import BlackBoxSettings, TrainSettings
 
@@ -61,21 +62,22 @@ _HOMES = {
     "Gap": "diagnosis.validation.gap", "GapOptions": "mmg_ident.model_gap", "Message": "mmg.messages",
     "OnProgress": "mmg.progress", "Progress": "mmg.progress", "ReducedProblem": "fitting.solvers.reduced",
     "Score": "fitting.prediction.score", "Settings": "fitting.settings", "Ship": "mmg.ship",
-    "TrainResult": "residual.result", "TrainSettings": "residual.settings", "Trial": "cases.trial",
-    "TrialSet": "cases.trial_set", "UserError": "mmg.errors", "export": "delivery.export:export_ship",
-    "export_ship": "delivery.export", "load_ship": "cases.shipfiles.ship_file", "new_ship": "cases.shipfiles.new_ship",
-    "read_trials": "cases.io.read", "report": "mmg_ident.api:write_report", "scale": "delivery.full_scale.result",
+    "Tracker": "mmg_ident.tracker", "TrainResult": "residual.result", "TrainSettings": "residual.settings",
+    "Trial": "cases.trial", "TrialSet": "cases.trial_set", "UserError": "mmg.errors",
+    "export": "delivery.export:export_ship", "export_ship": "delivery.export",
+    "load_ship": "cases.shipfiles.ship_file", "new_ship": "cases.shipfiles.new_ship", "read_trials": "cases.io.read",
+    "report": "mmg_ident.api:write_report", "scale": "delivery.full_scale.result",
     **dict.fromkeys(_STUDIES, "mmg_ident.studies"),
 }  # fmt: skip
 """Public name -> the module it is taken from, and behind a colon its name there; else it is in ``mmg_ident.api``."""
 
 __all__ = [
     "BlackBoxSettings", "CheckReport", "Diagnosis", "DiagnosisOptions", "FitOptions", "FitResult", "Gap", "GapOptions",
-    "Message", "OnProgress", "Prediction", "Progress", "ReducedProblem", "Score", "Settings", "Ship", "TrainResult",
-    "TrainSettings", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose", "export",
-    "export_ship", "fleet", "gap", "imo", "import_logs", "load_run", "load_ship", "months", "new_ship", "plan",
-    "predict", "read_trials", "refit", "report", "scale", "score", "select", "simulate", "simulate_many", "train",
-    "view", "write_report",
+    "Message", "OnProgress", "Prediction", "Progress", "ReducedProblem", "Score", "Settings", "Ship", "Tracker",
+    "TrainResult", "TrainSettings", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose",
+    "export", "export_ship", "fleet", "gap", "imo", "import_logs", "load_run", "load_ship", "months", "new_ship",
+    "plan", "predict", "read_trials", "refit", "report", "scale", "score", "select", "simulate", "simulate_many",
+    "train", "view", "write_report",
 ]  # fmt: skip
 
 __version__ = "0.2.0"

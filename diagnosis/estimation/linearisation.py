@@ -178,6 +178,9 @@ def initial_trajectory(steps: TransitionModel, data: GriddedTrials, theta: np.nd
     return Trajectory(z.T.reshape(K1, R, -1), np.zeros((K1, R, 3)))
 
 
+FIRST = np.array([3.0, 3.0, 0.3, 0.3, 0.3, 0.1])
+"""Standard deviations of x, y, psi, u, v, r [m, m, rad, m/s, m/s, rad/s] of a 3 m model that are as good as unknown, by
+``state_scale``. Set by hand."""
 SETTLED = 0.03  # set by hand
 """Standard deviation of a memory state about its settled value at the start of a window, in typical sizes."""
 
@@ -191,7 +194,7 @@ def initial_covariance(
     steps: model; z: (R, S) first states; theta: coefficients (all,) or (all, R); active: (A,) positions of states.
     """
     R = len(z)
-    six = np.array([3.0, 3.0, 0.3, 0.3, 0.3, 0.1]) * state_scale(steps.ship.particulars["L"])
+    six = FIRST * state_scale(steps.ship.particulars["L"])
     slope = np.zeros((R, steps.S, 6))
     slope[:, np.arange(6), np.arange(6)] = six
     if len(active) > 6:

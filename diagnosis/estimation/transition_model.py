@@ -80,7 +80,7 @@ class TransitionModel:
         )
         kernel, self.interpreted_because = None, "compilation switched off"
         if compiled:
-            kernel, self.interpreted_because = IntervalKernel.of(whole, partial(_faults, whole), what)
+            kernel, self.interpreted_because = IntervalKernel.of(whole, partial(step_faults, whole), what)
         self._intervals = kernel or PortableIntervals(whole)
         rates, self._rates_at = self._derivatives(self.model.rates(q, c, every), [q, c, every], self.force)
         logged, self._logged_at = self._derivatives(self.model.columns(q, every), [q, every], self.at)
@@ -299,8 +299,9 @@ def _groups(theta: np.ndarray, window: np.ndarray) -> np.ndarray:
     return window if theta.ndim > 1 else np.zeros_like(window)
 
 
-def _faults(whole: ca.Function, kernel: IntervalKernel) -> str:
-    """What is wrong with two steps of a new ``kernel`` of the function ``whole``, "" for nothing."""
+def step_faults(whole: ca.Function, kernel: IntervalKernel) -> str:
+    """What is wrong with two steps of a new ``kernel`` of the function ``whole`` (as of ``derivatives``), "" for
+    nothing."""
     M, S = LANES + 1, kernel.S
     (q, c, theta), _ = finite_points(whole, M, 0)
     controls = np.repeat(np.vstack([c, 0.1 * c])[None], 2, axis=0)

@@ -22,6 +22,8 @@ measured in November 2026."""
 
 Wanted = tuple[np.ndarray, np.ndarray]
 """Rows (states) and columns (states, then free coefficients) of sensitivities, by number."""
+Steps = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Of start states and coefficients, end states and their sensitivities."""
 
 
 class _IntervalRun(ctypes.Structure):
@@ -240,10 +242,36 @@ class IntervalKernel:
             interior = np.where(lanes.beyond[:, None, :], 0.0, interior)
         return run["end"][:, lanes.position], interior
 
+    def repeated(self, lanes: Lanes, theta: np.ndarray, wanted: Wanted) -> Steps:
+        """``linearise`` of the same ``lanes`` of one step again and again, where setting up its arrays takes longer.
+
+        theta: coefficients (1, all), of the same shape each time; wanted: as of ``linearise``. What is called takes
+        start states (S, M) and coefficients (1, all), and what is written into ``lanes.controls``; it returns end
+        states (S, M) and their sensitivities (M, rows, columns).
+        """
+        run = self._sensitivities(lanes, np.zeros((self.S, lanes.M)), theta, np.zeros((0, self.S, lanes.M)), wanted)
+        request = self._request(lanes, run)
+
+        def again(start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            run["start"][...], run["theta"][...] = start[:, lanes.interval], theta.T
+            self._call("linearise", request)
+            return run["end"][:, lanes.position], run["ends"].copy()
+
+        return again
+
     def _work(self, name: str, lanes: Lanes, arrays: dict[str, np.ndarray], middle: bool = False) -> None:
-        h, call = np.array([lanes.h]), getattr(self.library, name)
-        own = {"controls": lanes.controls, "count": lanes.steps, "group": lanes.group, "slot": lanes.slot, "h": h}
-        whole = own | {"interval": lanes.interval} | arrays
+        self._call(name, self._request(lanes, arrays, middle))
+
+    def _call(self, name: str, request: tuple[_IntervalRun, object]) -> None:
+        if getattr(self.library, name)(ctypes.byref(request[0])):
+            raise MemoryError("no memory for the sensitivities of a block of intervals")
+
+    def _request(
+        self, lanes: Lanes, arrays: dict[str, np.ndarray], middle: bool = False
+    ) -> tuple[_IntervalRun, dict[str, np.ndarray]]:
+        """The struct of a call, and the arrays that it points to."""
+        own = {"controls": lanes.controls, "count": lanes.steps, "group": lanes.group, "slot": lanes.slot}
+        whole = own | {"h": np.array([lanes.h]), "interval": lanes.interval} | arrays
         sizes = {
             "lanes": len(lanes.interval),
             "steps": len(lanes.controls),
@@ -254,9 +282,7 @@ class IntervalKernel:
             "tall": len(arrays.get("states", ())),
             "wide": len(arrays.get("columns", ())),
         }
-        run = _IntervalRun(**sizes, **{key: value.ctypes.data for key, value in whole.items()})
-        if call(ctypes.byref(run)):
-            raise MemoryError("no memory for the sensitivities of a block of intervals")
+        return _IntervalRun(**sizes, **{key: value.ctypes.data for key, value in whole.items()}), whole
 
 
 def _without_repetition(function: ca.Function) -> ca.Function:
