@@ -47,7 +47,7 @@ from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_
 from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.settings import Settings, check_estimator
 from fitting.solvers.control import Made, left_out_message, make_in_turn
-from fitting.uncertainty.posterior import sampled_posterior
+from fitting.uncertainty.posterior import APART, sampled_posterior
 from fitting.uncertainty.refits import check_request, refit_rows
 from mmg.errors import Conflict
 from mmg.messages import Message, message_rows
@@ -192,7 +192,15 @@ def refit(earlier: FitResult, hold: Mapping[str, float], progress: OnProgress | 
     fit = with_values(CampaignFit(found, earlier.campaigns), TrialSet(objects.trials).campaigns)
     options = FitOptions(command=earlier.command, name=earlier.ship.name)
     remarks = TrialSet((*objects.trials, *objects.validation)).remarks
-    return _result(fit, made, replace(objects, calibration=found, after=after), earlier.start, options, remarks, began)
+    return _result(
+        fit,
+        made,
+        replace(objects, calibration=found, after=after, posterior=None),
+        earlier.start,
+        options,
+        remarks,
+        began,
+    )
 
 
 def _result(
@@ -213,7 +221,11 @@ def _result(
     warnings += [left_out_message(made.missing)] if made.missing else []
     warnings += doubtful_revolutions(start, trials)
     drawn = objects.posterior.messages if objects.posterior else ()
-    said: dict[str, Sequence[Message]] = {"warning": warnings, "notice": [*found.notices, *fit.messages, *drawn]}
+    warnings += [message for message in drawn if message.code == APART]
+    said: dict[str, Sequence[Message]] = {
+        "warning": warnings,
+        "notice": [*found.notices, *fit.messages, *(m for m in drawn if m.code != APART)],
+    }
     content |= {
         "ship_name": named.name,
         "mark": vars(named.mark),

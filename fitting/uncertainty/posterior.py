@@ -40,6 +40,8 @@ TUNING = 200
 """Draws of each chain that find the step, and are thrown away. Set by hand: the metric is known before."""
 AGREE = 1.01
 """R-hat up to which chains count as draws of one distribution. (Vehtari et al. 2021, section 4.)"""
+APART = "chains_apart"
+"""Code of the message that chains do not agree."""
 NAMED = 3
 """Coefficients named for which Laplace's interval is farthest off. Set by hand: display."""
 SKEWED = 0.1
@@ -277,7 +279,7 @@ def _messages(trace: Any, table: pd.DataFrame, density: JointDensity, seconds: f
     lost = int(statistics["diverging"].sum())
     if not worst < AGREE or lost:
         words = f"the chains have not come together (R-hat below {AGREE} is wanted, {lost} divergences): draw more"
-        found.append(Message(words, "chains_apart"))
+        found.append(Message(words, APART))
     farthest = table.loc[table["wider"].abs().sort_values(ascending=False).index[:NAMED]]
     told = [
         f"{s} {abs(row.wider):.0%} {'wider' if row.wider > 0 else 'narrower'}"

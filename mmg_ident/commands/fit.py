@@ -23,7 +23,8 @@ OPEN = ("starts_left_out", "parts_left_out")
 @o.options(
     Settings,
     Model="with_ without only fix measurement per_run per_campaign captive",
-    Estimate="loss weight sigma captive_sigma estimator bootstrap profile posterior next_trial",
+    Estimate="loss weight sigma captive_sigma estimator",
+    Uncertainty="bootstrap profile posterior next_trial",
     Solver="window step starts seed max_iterations time_limit workers scheduler",
 )
 def fit(
