@@ -47,6 +47,7 @@ from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_
 from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.settings import Settings, check_estimator
 from fitting.solvers.control import Made, left_out_message, make_in_turn
+from fitting.uncertainty.posterior import APART, sampled_posterior
 from fitting.uncertainty.refits import check_request, refit_rows
 from mmg.errors import Conflict
 from mmg.messages import Message, message_rows
@@ -63,10 +64,11 @@ if TYPE_CHECKING:
 class FitOptions:
     """Options of a calibration besides the settings of its solver.
 
-    bootstrap: refits to runs drawn with replacement; profile: coefficients whose likelihood is profiled; next_trial:
-    whether trials are named that would determine what is left open; per_run: effects of which each run has its own
-    constants ("NAME" or "NAME:parameter=prior"); per_campaign: instruments that may differ between campaigns, () for
-    the usual ones, ("none",) for none; instruments: as of ``with_instruments``, and with ("none",) suspects of the
+    bootstrap: refits to runs drawn with replacement; profile: coefficients whose likelihood is profiled; posterior:
+    draws from the posterior by the no-U-turn sampler; next_trial: whether trials are named that would determine what is
+    left open; per_run: effects of which each run has its own constants ("NAME" or "NAME:parameter=prior");
+    per_campaign: instruments that may differ between campaigns, () for the usual ones, ("none",) for none;
+    instruments: as of ``with_instruments``, and with ("none",) suspects of the
     second estimate are not fitted along; captive: points of captive tests that are fitted too; start: values from which
     the solver begins, by symbol; hold: these stay, and only what else is free and the noise is estimated; resume: an
     interrupted run of the same data and ship, from whose iterate to go on; command: what is stored as the command that
@@ -79,6 +81,7 @@ class FitOptions:
 
     bootstrap: int = 0
     profile: tuple[str, ...] = ()
+    posterior: int = 0
     next_trial: bool = True
     per_run: tuple[str, ...] = ()
     per_campaign: tuple[str, ...] = ()
@@ -158,8 +161,11 @@ def calibrate(
         parts["--bootstrap"] = lambda: refit_rows(found, options.bootstrap)
     if options.profile:
         parts["--profile"] = lambda: refit_rows(found, 0, options.profile)
+    if options.posterior and found.converged:
+        parts["--posterior"] = lambda: sampled_posterior(found, options.posterior, settings.seed)
     make_in_turn(parts, made)
-    objects = FitObjects(found, before, after, tuple(trials), tuple(validation), made.get("next trial"))
+    told = made.get("next trial"), made.get("--posterior")
+    objects = FitObjects(found, before, after, tuple(trials), tuple(validation), *told)
     return _result(replace(fit, messages=(*fit.messages, *rates)), made, objects, ship, options, remarks, began)
 
 
@@ -186,7 +192,15 @@ def refit(earlier: FitResult, hold: Mapping[str, float], progress: OnProgress | 
     fit = with_values(CampaignFit(found, earlier.campaigns), TrialSet(objects.trials).campaigns)
     options = FitOptions(command=earlier.command, name=earlier.ship.name)
     remarks = TrialSet((*objects.trials, *objects.validation)).remarks
-    return _result(fit, made, replace(objects, calibration=found, after=after), earlier.start, options, remarks, began)
+    return _result(
+        fit,
+        made,
+        replace(objects, calibration=found, after=after, posterior=None),
+        earlier.start,
+        options,
+        remarks,
+        began,
+    )
 
 
 def _result(
@@ -206,7 +220,12 @@ def _result(
     warnings += [*shared_rows(trials, validation), *_of_scores(content["scores"])]
     warnings += [left_out_message(made.missing)] if made.missing else []
     warnings += doubtful_revolutions(start, trials)
-    said: dict[str, Sequence[Message]] = {"warning": warnings, "notice": [*found.notices, *fit.messages]}
+    drawn = objects.posterior.messages if objects.posterior else ()
+    warnings += [message for message in drawn if message.code == APART]
+    said: dict[str, Sequence[Message]] = {
+        "warning": warnings,
+        "notice": [*found.notices, *fit.messages, *(m for m in drawn if m.code != APART)],
+    }
     content |= {
         "ship_name": named.name,
         "mark": vars(named.mark),
@@ -310,6 +329,7 @@ def _content(
         **uncertainty_rows(found),
         **made.get("--bootstrap", {}),
         **made.get("--profile", {}),
+        "posterior": made["--posterior"].to_dict() if "--posterior" in made else None,
         "timings_s": {**found.timings, **seconds},
     }
 
@@ -340,7 +360,7 @@ def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> N
             "fitted together; leave out --per-campaign or --per-run"
         )
     check_estimator(options.estimator)
-    check_request(options.bootstrap, options.profile, ship.free)
+    check_request(options.bootstrap, options.profile, ship.free, options.posterior)
     if options.per_run and len(train) == 1:
         same = f"--with {' --with '.join(options.per_run)}"
         LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")

@@ -22,6 +22,7 @@ from mmg.rollout import Simulator
 if TYPE_CHECKING:  # slow to import, and not needed to read a result
     from fitting.calibration import Calibration
     from fitting.design.next_trial import NextTrial
+    from fitting.uncertainty.posterior import Posterior
 
 RENAMED = {"ship": "ship_name", "calibration": "mark"}
 """Keys of result.json whose attribute has another name."""
@@ -156,6 +157,7 @@ class FitRecord:
 
     envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.use``);
     mark: name, date, hash of the data, and the ship that it began from (``mmg.ship.CalibrationMark``);
+    posterior: what draws from it say (``fitting.uncertainty.posterior``);
     left_out: what stretches left out of the trials were worth (``fitting.prediction.score``);
     campaigns: their runs, values and what was tried (``fitting.selection.campaigns``); scaling: of a ship
     scaled from a model, what changed and what was assumed (``delivery.full_scale.result``).
@@ -198,6 +200,7 @@ class FitRecord:
     uncertainty: dict[str, Any] | None = None
     bootstrap: dict[str, Any] | None = None
     profiles: tuple[dict[str, Any], ...] | None = None
+    posterior: dict[str, Any] | None = None
     bands: dict[str, Any] | None = None
     adaptation: dict[str, Any] | None = None
     random_force: dict[str, float] | None = None
@@ -242,7 +245,8 @@ class FitObjects:
     """What stands behind a result and is not stored: figures are drawn from it.
 
     before, after: simulators of the ship before and after; trials, validation: calibrated on, and held out;
-    next_trial: possible trials and what they would add, None where none were scored.
+    next_trial: possible trials and what they would add, None where none were scored; posterior: draws, None where none
+    were asked for.
     """
 
     calibration: Calibration
@@ -251,6 +255,7 @@ class FitObjects:
     trials: tuple[Trial, ...]
     validation: tuple[Trial, ...] = ()
     next_trial: NextTrial | None = None
+    posterior: Posterior | None = None
 
 
 def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:

@@ -16,9 +16,10 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as changed
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from safetensors.numpy import save_file
@@ -30,19 +31,23 @@ from fitting.record import CoefficientRow, FigureRow, FitObjects, FitRecord, Mes
 from fitting.report import run_folder
 from fitting.report.plot_style import FigureFolder
 from fitting.solvers.control import left_out_message, unless_interrupted
-from mmg.errors import Missing, UserError, name_fault
+from mmg.errors import Missing, OutOfRange, UnknownName, UserError, name_fault
 from mmg.messages import html_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from fitting.calibration import Calibration
     from fitting.report.axes import FitAxes
     from fitting.report.use import Delivered
     from fitting.solvers.reduced import ReducedProblem
     from fitting.solvers.rollout_loss import RolloutLoss
+    from fitting.uncertainty.posterior import Posterior
 
-
+METHODS = ("laplace", "nuts")
+"""Ways to draw coefficients."""
 SUMMED_UP = 8
 """Coefficients and warnings of a summary. Set by hand: a screen."""
 
@@ -146,6 +151,55 @@ class FitResult(FitRecord):
         lines += [textwrap.shorten(f"warning: {words}", 160) for words in self.warnings[:SUMMED_UP]]
         return "\n".join(lines)
 
+    @property
+    def covariance(self) -> pd.DataFrame:
+        """Covariance (P, P) of the estimates in their units, coefficient by coefficient: the Laplace approximation with
+        the standard errors of the fit. Raises UserError where it could not be computed."""
+        import pandas as pd
+
+        symbols, matrix = self._correlated
+        std = np.array([self.coefficients[s].std for s in symbols], dtype=float)
+        return pd.DataFrame(np.outer(std, std) * matrix, index=symbols, columns=symbols)
+
+    @property
+    def _correlated(self) -> tuple[list[str], np.ndarray]:
+        symbols, matrix = list(self.correlation.symbols), np.array(self.correlation.matrix, dtype=float)
+        if not np.isfinite(matrix).all() or any(self.coefficients[s].std is None for s in symbols):
+            raise Missing(f"{self.ship.title}: has no covariance; add trials that excite more, or fix coefficients")
+        return symbols, matrix
+
+    @overload
+    def sample(self, n: int, method: Literal["laplace"] = "laplace", seed: int = 0) -> pd.DataFrame: ...
+
+    @overload
+    def sample(self, n: int, method: Literal["nuts"], seed: int = 0) -> Posterior: ...
+
+    def sample(self, n: int, method: str = "laplace", seed: int = 0) -> pd.DataFrame | Posterior:
+        """``n`` draws of the coefficients, in their units and within their bounds.
+
+        method: "laplace", from the normal distribution of ``covariance`` about the estimates: a DataFrame (n, P), draws
+        beyond a bound put on it; or "nuts", from the posterior of multiple shooting itself, by the no-U-turn sampler on
+        its exact gradient: a ``Posterior`` of n draws or a few more. seed: of the draws. Raises UserError for n < 1, an
+        unknown method, a fit without covariance, and for "nuts" without nutpie or for a result that was read from a
+        folder.
+        """
+        if n < 1:
+            raise OutOfRange(f"n = {n}: give at least one draw")
+        if method not in METHODS:
+            near = get_close_matches(method, METHODS, 1)
+            hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(METHODS)}"
+            raise UnknownName(f"method {method!r}: unknown; {hint}")
+        correlation = self._correlated
+        if method == "nuts":
+            from fitting.uncertainty.posterior import sampled_posterior
+
+            return sampled_posterior(self.fitted_objects.calibration, n, seed)
+        import pandas as pd
+
+        from cases.criteria.scatter import draw_coefficients
+
+        return pd.DataFrame(draw_coefficients(self.ship, n, seed, correlation))[correlation[0]]
+
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged ({self.status})"
         verdicts = Counter(re.split(r"[:(]", row.verdict)[0].strip() for row in self.coefficients.values())
@@ -218,6 +272,8 @@ class FitResult(FitRecord):
             (scratch / run_folder.ITERATE).chmod(0o644)
         if loss := self.loss:
             loss.save(scratch / run_folder.LOSS)
+        if self.objects and self.objects.posterior:
+            self.objects.posterior.save(scratch)
         if self.ship.network is not None:
             save_network(scratch / NETWORK, self.ship.network, self.ship)
         if self.folder and (self.folder / run_folder.FIGURES).is_dir() and not self.objects:

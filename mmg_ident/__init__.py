@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from fitting.result import FitResult
     from fitting.settings import Settings
     from fitting.solvers.reduced import ReducedProblem
+    from fitting.uncertainty.posterior import Posterior
     from mmg.errors import UserError
     from mmg.messages import Message
     from mmg.progress import OnProgress, Progress
@@ -60,11 +61,11 @@ _HOMES = {
     "BlackBoxSettings": "residual.settings", "CheckReport": "cases.checks.report", "Diagnosis": "diagnosis.result",
     "DiagnosisOptions": "diagnosis.inputs", "FitOptions": "fitting.calibrate", "FitResult": "fitting.result",
     "Gap": "diagnosis.validation.gap", "GapOptions": "mmg_ident.model_gap", "Message": "mmg.messages",
-    "OnProgress": "mmg.progress", "Progress": "mmg.progress", "ReducedProblem": "fitting.solvers.reduced",
-    "Score": "fitting.prediction.score", "Settings": "fitting.settings", "Ship": "mmg.ship",
-    "Tracker": "mmg_ident.tracker", "TrainResult": "residual.result", "TrainSettings": "residual.settings",
-    "Trial": "cases.trial", "TrialSet": "cases.trial_set", "UserError": "mmg.errors",
-    "export": "delivery.export:export_ship", "export_ship": "delivery.export",
+    "OnProgress": "mmg.progress", "Posterior": "fitting.uncertainty.posterior", "Progress": "mmg.progress",
+    "ReducedProblem": "fitting.solvers.reduced", "Score": "fitting.prediction.score", "Settings": "fitting.settings",
+    "Ship": "mmg.ship", "Tracker": "mmg_ident.tracker", "TrainResult": "residual.result",
+    "TrainSettings": "residual.settings", "Trial": "cases.trial", "TrialSet": "cases.trial_set",
+    "UserError": "mmg.errors", "export": "delivery.export:export_ship", "export_ship": "delivery.export",
     "load_ship": "cases.shipfiles.ship_file", "new_ship": "cases.shipfiles.new_ship", "read_trials": "cases.io.read",
     "report": "mmg_ident.api:write_report", "scale": "delivery.full_scale.result",
     **dict.fromkeys(_STUDIES, "mmg_ident.studies"),
@@ -73,8 +74,8 @@ _HOMES = {
 
 __all__ = [
     "BlackBoxSettings", "CheckReport", "Diagnosis", "DiagnosisOptions", "FitOptions", "FitResult", "Gap", "GapOptions",
-    "Message", "OnProgress", "Prediction", "Progress", "ReducedProblem", "Score", "Settings", "Ship", "Tracker",
-    "TrainResult", "TrainSettings", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose",
+    "Message", "OnProgress", "Posterior", "Prediction", "Progress", "ReducedProblem", "Score", "Settings", "Ship",
+    "Tracker", "TrainResult", "TrainSettings", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose",
     "export", "export_ship", "fleet", "gap", "imo", "import_logs", "load_run", "load_ship", "months", "new_ship",
     "plan", "predict", "read_trials", "refit", "report", "scale", "score", "select", "simulate", "simulate_many",
     "train", "view", "write_report",

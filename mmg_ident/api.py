@@ -247,7 +247,7 @@ def _refuse(values: Mapping[str, Any], why: str) -> None:
 
 CHANGES = "with_ without fix only"
 """Keywords of ``calibrate`` that change the ship."""
-OPTIONS = "measurement per_run per_campaign profile bootstrap next_trial estimator name"
+OPTIONS = "measurement per_run per_campaign profile bootstrap posterior next_trial estimator name"
 """Keywords of ``calibrate`` that are fields of its options."""
 
 

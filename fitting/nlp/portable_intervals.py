@@ -60,6 +60,13 @@ class PortableIntervals:
         end, ends, slope = self._run(lanes, kind, start, theta, pull)
         return end, _matrices(ends, len(rows)), slope.T
 
+    def gradient(
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, weight: np.ndarray
+    ) -> np.ndarray:
+        """As of ``IntervalKernel``."""
+        _, ends, slope = self.linearise(lanes, start, theta, pull)
+        return slope + (weight.T[:, None] @ ends)[:, 0]
+
     def curve(
         self,
         lanes: Lanes,

@@ -248,6 +248,7 @@ class Kernels:
             both_ways = [shooting.quadratics(start, both, cost, by_window) for by_window in (False, True)]
             both_ways += [shooting.hessian(start, both, cost, weight, middle) for middle in (False, True)]
             parts = [part for c in both_ways for part in (c.ends, c.slope, c.rows, c.shared)]
+            parts += [shooting.gradient(start, both, pull, weight)]
             found.append([*shooting.values(start, both), *shooting.linearise(start, both, pull), *parts])
         wrong = differences(found[0], found[1], 1e-9)  # by rounding
         return f"its numbers differ from those without compiled code {wrong}" if wrong else ""
@@ -282,6 +283,11 @@ class Shooting:
         """Sensitivities of the ends (M, S, S + P) to start nodes and coefficients, and the gradient (M, S + P) of a
         cost of the interior states whose own gradient is ``pull`` (K - 1, S, M); start, theta: as of ``values``."""
         return self.kernel.linearise(self.lanes, start, np.atleast_2d(theta), pull)[1:]
+
+    def gradient(self, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Gradient (M, S + P), to start nodes and coefficients, of a cost of the interior states and the ends, whose
+        own gradients are ``pull`` (K - 1, S, M) and ``weight`` (S, M); start, theta: as of ``values``."""
+        return self.kernel.gradient(self.lanes, start, np.atleast_2d(theta), pull, weight)
 
     def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, by_window: bool = True) -> Curved:
         """The same, and the Hessian of the ``cost`` to first order in the states; start, theta: as of ``values``.

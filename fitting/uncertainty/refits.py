@@ -26,6 +26,7 @@ from fitting.nlp.problem import Problem
 from fitting.parallel import Shared, run_all, width
 from fitting.solvers.control import Control
 from fitting.solvers.solve import solve
+from fitting.uncertainty.posterior import needs_nutpie
 from mmg.errors import OutOfRange, UnknownName
 
 REFIT_TOLERANCE, REFIT_ITERATIONS = 1e-4, 100
@@ -40,11 +41,14 @@ STRIDE = 0.75
 """Between these points [robust standard errors]. Set by hand."""
 
 
-def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str]) -> None:
-    """Raises UserError for fewer than 0 bootstrap ``replicates`` and for ``symbols`` to profile that are not
-    ``free``."""
-    if replicates < 0:
-        raise OutOfRange(f"--bootstrap {replicates} must not be negative")
+def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str], draws: int = 0) -> None:
+    """Raises UserError for fewer than 0 bootstrap ``replicates`` or ``draws`` from the posterior, for these without
+    their sampler, and for ``symbols`` to profile that are not ``free``."""
+    for option, count in (("--bootstrap", replicates), ("--posterior", draws)):
+        if count < 0:
+            raise OutOfRange(f"{option} {count} must not be negative")
+    if draws:
+        needs_nutpie()
     unknown = [s for s in symbols if s not in free]
     if unknown:
         raise UnknownName(f"--profile: {', '.join(unknown)} is not among the free coefficients: {', '.join(free)}")

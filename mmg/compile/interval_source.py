@@ -2,10 +2,11 @@
 
 An interval integrates at most K Runge-Kutta steps from its start state with inputs held over each step. ``values``
 gives its states. ``linearise`` also carries the sensitivities Z (S, N) of the state, N = S + P columns for the start
-state and the P free coefficients, through the stages. ``curve`` goes back over the steps with the adjoints of a
-weighted sum and collects its Hessian. What is summed there has the form A^T B + B^T A: with the sensitivities Q of a
-stage's arguments and the Hessian (H_qq, H_qc, H_cc) of the weighted rates, A = Q and B = 1/2 H_qq Q + H_qc; with the
-Hessian F of the samples' cost, A = Z and B = 1/2 F Z. The rows of A and B of all stages and steps stay in the
+state and the P free coefficients, through the stages. ``gradient`` goes back over the steps with the adjoints of a
+cost alone, for long intervals of which nobody asks the sensitivities. ``curve`` goes back with those of a weighted sum
+and collects its Hessian. What is summed there has the form A^T B + B^T A: with the sensitivities Q of a stage's
+arguments and the Hessian (H_qq, H_qc, H_cc) of the weighted rates, A = Q and B = 1/2 H_qq Q + H_qc; with the Hessian F
+of the samples' cost, A = Z and B = 1/2 F Z. The rows of A and B of all stages and steps stay in the
 processor's cache, and the products run in registers. Everything is emitted from the one symbolic expression of the
 rates. Where asked, the stage in the middle of a step stands for all four in the second derivatives.
 """
@@ -57,7 +58,7 @@ def derivatives(
 
 
 def interval_source(whole: ca.Function) -> str:
-    """C source, in units, with ``values``, ``linearise`` and ``curve``, all ``(const Run*)``.
+    """C source, in units, with ``values``, ``linearise``, ``gradient`` and ``curve``, all ``(const Run*)``.
 
     whole: as of ``derivatives``; without second ones there is no ``curve``. Raises NotImplementedError for an operation
     without C.
@@ -96,17 +97,18 @@ def _head(sizes: dict[str, int]) -> str:
 
 def _through(J: ca.Sparsity, S: int, Q: int) -> str:
     """C functions that apply the Jacobian: ``through`` carries each column of the sensitivities through the stages of a
-    step, in registers, and ``pulled`` is J_q^T u."""
+    step, in registers, ``pulled`` is J_q^T u, and ``pulled_free`` adds J_c^T u for the free coefficients c."""
     rows, columns = J.get_triplet()
     ahead: list[list[str]] = [[] for _ in range(S)]
     back: list[list[str]] = [[] for _ in range(Q)]
     mixed = sorted({r for r, c in zip(rows, columns, strict=True) if c >= Q})
-    own = []
+    own, free = [], []
     for at, (r, c) in enumerate(zip(rows, columns, strict=True)):
         if c < Q:
             ahead[r].append(f"J[{at}], g{c}")
             back[c].append(f"J[{at}] * u[{r}]")
         else:
+            free.append(f"b[{c - Q}] = more(J[{at}], u[{r}], b[{c - Q}]);")
             own.append(f"own[{mixed.index(r)} * W + {S + c - Q}] = J[{at}];")
     moved = [r for r in range(S) if ahead[r] or r in mixed]
     sums = {r: f"own[{mixed.index(r)} * W + j]" if r in mixed else "fill(0.0)" for r in moved}
@@ -150,6 +152,9 @@ static void through(const Run* r, Work* w, long long k, V h, M active, const V* 
 }}
 static void pulled(const V* J, const V* u, V* b) {{
   {NEWLINE.join(pulled)}
+}}
+static void pulled_free(const V* J, const V* u, V* b) {{
+  {NEWLINE.join(free)}
 }}
 """
 

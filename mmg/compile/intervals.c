@@ -137,6 +137,39 @@ EXPORT int linearise(const Run* r) {
   return w == 0;
 }
 
+/* The multipliers u of the rates of stage g of step k, and what they add to the adjoints ``back`` of its begin. */
+static void back_stage(const Run* r, const Work* w, long long k, int g, const V* adjoint, V* u, V* later, V* back) {
+  const V h = fill(*r->h);
+  const M active = w->b.steps > (double)k;
+  V moved[Q];
+  for (int s = 0; s < S; s++) u[s] = choose(active, h * PART[g] * adjoint[s] + later[s], fill(0.0));
+  pulled(w->J + (k * 4 + g) * NJ, u, moved);
+  for (int s = 0; s < Q; s++) { back[FIRST + s] += moved[s]; later[FIRST + s] = h * AT[g] * moved[s]; }
+}
+
+EXPORT int gradient(const Run* r) {
+  void* base;
+  Work* w = work(r, 1, &base);
+  for (long long i = 0; w && i < r->lanes; i += LANES) {
+    V slope[W], adjoint[S], later[S], u[S];
+    begin_block(r, i, &w->b, 1);
+    for (long long k = 0; k < r->steps; k++) one_step(r, w, k, i);
+    for (int c = S; c < W; c++) slope[c] = fill(0.0);
+    for (int s = 0; s < S; s++) slope[s] = load(r->weight + s * r->lanes + i);
+    for (long long k = r->steps - 1; k >= 0; k--) {
+      if (k < r->steps - 1) for (int s = 0; s < S; s++) slope[s] += load(r->pull + (k * S + s) * r->lanes + i);
+      for (int s = 0; s < S; s++) { later[s] = fill(0.0); adjoint[s] = slope[s]; }
+      for (int g = 3; g >= 0; g--) {
+        back_stage(r, w, k, g, adjoint, u, later, slope);
+        pulled_free(w->J + (k * 4 + g) * NJ, u, slope + S);
+      }
+    }
+    give_rows(r, i, slope, r->slope, 0, 1);
+  }
+  free(base);
+  return w == 0;
+}
+
 #if CURVE
 static const V* sensitivity(const Work* w, long long k, int s) {
   return s < FIRST ? w->F + (k * FIRST + s) * W : w->G + (k * 4 * Q + s - FIRST) * W;
@@ -188,15 +221,11 @@ static void add_stage(Work* w, long long k, int g, const V* u, const V* held) {
 
 /* Rows of step k from the adjoints of its end, which are moved to its begin. */
 static void add_stages(const Run* r, Work* w, long long k, V* adjoint) {
-  const V h = fill(*r->h);
-  const M active = w->b.steps > (double)k;
-  V held[HELD], later[S], back[S], u[S], whole[S], moved[Q];
+  V held[HELD], later[S], back[S], u[S], whole[S];
   hessian_inputs(w->c + k * C, w->b.p, w->b.shared_h, held);
   for (int s = 0; s < S; s++) { later[s] = whole[s] = fill(0.0); back[s] = adjoint[s]; }
   for (int g = 3; g >= 0; g--) {
-    for (int s = 0; s < S; s++) u[s] = choose(active, h * PART[g] * adjoint[s] + later[s], fill(0.0));
-    pulled(w->J + (k * 4 + g) * NJ, u, moved);
-    for (int s = 0; s < Q; s++) { back[FIRST + s] += moved[s]; later[FIRST + s] = h * AT[g] * moved[s]; }
+    back_stage(r, w, k, g, adjoint, u, later, back);
     if (r->middle) for (int s = 0; s < S; s++) whole[s] += u[s];
     else add_stage(w, k, g, u, held);
   }

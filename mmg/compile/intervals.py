@@ -186,6 +186,16 @@ class IntervalKernel:
         self._work("linearise", lanes, run)
         return run["end"][:, lanes.position], run["ends"], run["slope"]
 
+    def gradient(
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, weight: np.ndarray
+    ) -> np.ndarray:
+        """Gradient (M, S + P), to start and free coefficients, of a cost of the interior states and the ends, whose own
+        gradients are ``pull`` (K - 1, S, M) and ``weight`` (S, M); start, theta: as of ``values``."""
+        run = self._states(lanes, start, theta) | {"pull": lanes.spread(pull), "weight": lanes.spread(weight)}
+        run["slope"] = np.empty((lanes.M, self.S + self.P))
+        self._work("gradient", lanes, run)
+        return run["slope"]
+
     def curve(
         self,
         lanes: Lanes,

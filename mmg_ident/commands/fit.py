@@ -23,7 +23,8 @@ OPEN = ("starts_left_out", "parts_left_out")
 @o.options(
     Settings,
     Model="with_ without only fix measurement per_run per_campaign captive",
-    Estimate="loss weight sigma captive_sigma estimator bootstrap profile next_trial",
+    Estimate="loss weight sigma captive_sigma estimator",
+    Uncertainty="bootstrap profile posterior next_trial",
     Solver="window step starts seed max_iterations time_limit workers scheduler",
 )
 def fit(
@@ -47,6 +48,7 @@ def fit(
     estimator: Annotated[str, Option(help="windows: multiple shooting alone; default both.")] = "both",
     bootstrap: Annotated[int, Option(min=0, help="Refits to runs drawn with replacement.")] = 0,
     profile: Annotated[list[str] | None, Option(help="Profile the likelihood of coefficients.")] = None,
+    posterior: Annotated[int, Option(min=0, help="Draws from the posterior, by NUTS.")] = 0,
     next_trial: Annotated[bool, Option(help="Do not look for the trial that tells most.")] = True,
     scheduler: o.Scheduler = None,
     resume: o.Resume = False,
@@ -102,6 +104,7 @@ def fit(
     options = FitOptions(
         bootstrap=bootstrap,
         profile=tuple(cli.names_of(profile)),
+        posterior=posterior,
         next_trial=next_trial,
         per_run=tuple(per_run or ()),
         per_campaign=tuple(cli.names_of(per_campaign)),

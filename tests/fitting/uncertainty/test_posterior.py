@@ -1,0 +1,167 @@
+"""Draws of the coefficients: the density and its gradient, a Gaussian, a small fit, and what is refused."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import mmg_ident as mi
+from cases.shipfiles.ship_file import load_ship
+from fitting.calibrate import FitOptions
+from fitting.nlp.prior import Prior
+from fitting.uncertainty import posterior as room
+from fitting.uncertainty.posterior import JointDensity
+from mmg.errors import Missing, NotCalibrated, NotInstalled, OutOfRange, UnknownName
+from tests.support.synthetic_runs import kernel, runs
+
+FREE = ("Y_v", "N_v", "N_r")
+
+
+def small_fit(loss: str, step: float, **effects: dict[str, float]) -> mi.FitResult:
+    ship = load_ship("esso_osaka_3m")
+    ship = ship.fixing(set(ship.free) - set(FREE))
+    for name, values in effects.items():
+        ship = ship.with_effect(name, **values)
+    options = FitOptions(next_trial=False, estimator="windows", instruments=("none",))
+    return mi.calibrate(ship, runs()[0][:2], options=options, loss=loss, window=60.0, step=step)
+
+
+@pytest.fixture(scope="module", params=["gaussian", "student"])
+def fitted(request: pytest.FixtureRequest) -> mi.FitResult:
+    return small_fit(request.param, 1.0, velocity_filter={"tau": 0.5})
+
+
+def test_adjoints_give_the_gradient_that_sensitivities_give() -> None:
+    from fitting.nlp.shooting import Shooting
+
+    rng, kernels = np.random.default_rng(0), kernel(FREE)
+    theta, steps = kernels.model.ship.values, np.array([6, 6, 4, 1])
+    start = np.array([[0, 0, 0.1, 0.5, 0.05, 0.02]]).T + 0.01 * rng.standard_normal((6, 4))
+    controls = np.abs(rng.standard_normal((6, len(kernels.model.controls), 4))) * 0.1
+    pull = rng.standard_normal((5, 6, 4)) * (steps > np.arange(1, 6)[:, None])[:, None]
+    weight = rng.standard_normal((6, 4))
+    found = [
+        Shooting(way, steps, controls, 0.5, np.zeros(4, int), np.arange(4)).gradient(start, theta, pull, weight)
+        for way in filter(None, (kernels.interval, kernels.portable))
+    ]
+    np.testing.assert_allclose(found[0], found[-1], rtol=1e-9, atol=1e-12 * np.abs(found[-1]).max())
+
+
+def test_the_gradient_of_the_density_is_that_of_finite_differences(fitted: mi.FitResult) -> None:
+    density, rng, step = JointDensity(fitted.calibration), np.random.default_rng(3), 1e-5
+    for _ in range(2):
+        y, along = rng.standard_normal((2, density.n))
+        difference = (density(y + step * along)[0] - density(y - step * along)[0]) / (2 * step)
+        assert density(y)[1] @ along == pytest.approx(difference, rel=1e-6, abs=1e-5)
+
+
+def test_the_density_is_that_of_the_fit(fitted: mi.FitResult) -> None:
+    density = JointDensity(fitted.calibration, power=1.0)
+    y = np.zeros(density.n)
+    here, volume = density.coefficients(y), density.within(y)[3]
+    assert density(y)[0] + volume == pytest.approx(fitted.problem.value(here), rel=1e-6)
+    away = np.abs(here - fitted.problem.start) / fitted.problem.scale
+    assert (away < np.sqrt(np.diag(density.covariance))).all()  # near a bound unbounded ones are bent
+
+
+def test_draws_stay_inside_the_bounds_and_the_density_is_right_there(fitted: mi.FitResult) -> None:
+    found = fitted.calibration
+    prior, half = found.problem.prior, 0.5 * np.sqrt(np.diag(found.covariance)) * found.prior.std
+    at = fitted.problem.start
+    near = found.problem.with_bounds(at - half, np.maximum(prior.upper, at + half))
+    density = JointDensity(SimpleNamespace(**{**vars(found), "problem": near}))
+    rng = np.random.default_rng(0)
+    y, along = rng.standard_normal((2, density.n))
+    step, far = 1e-5, np.full(density.n, -9.0)
+    difference = (density(y + step * along)[0] - density(y - step * along)[0]) / (2 * step)
+    assert density(y)[1] @ along == pytest.approx(difference, rel=1e-6, abs=1e-5)
+    assert (density.coefficients(far) >= at - half).all() and (density.coefficients(-far) <= near.prior.upper).all()
+
+
+@dataclass
+class Gaussian:
+    """A density whose draws are known: normal, of a covariance, far from all bounds."""
+
+    covariance: np.ndarray
+
+    def __post_init__(self) -> None:
+        self.n, self.power, self.centre = len(self.covariance), 1.0, np.array([1.0, -2.0, 0.5])
+        self.root, ones = np.linalg.cholesky(self.covariance), np.ones(self.n)
+        self.problem = SimpleNamespace(prior=Prior(FREE, 0 * ones, ones, -99 * ones, 99 * ones))
+
+    def __call__(self, y: np.ndarray) -> tuple[float, np.ndarray]:
+        return 0.5 * float(y @ y), y
+
+    def coefficients(self, y: np.ndarray) -> np.ndarray:
+        return self.centre + self.root @ y
+
+
+def test_draws_of_a_gaussian_are_those_of_its_laplace_approximation() -> None:
+    pytest.importorskip("nutpie", reason="needs the extra bayes")
+    density = Gaussian(np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.3], [0.0, 0.3, 4.0]]))
+    trace = room.draws_of_density(density, FREE, 1000, seed=1)  # type: ignore[arg-type]
+    table = room.table_of(trace, density)  # type: ignore[arg-type]
+    values = np.array([trace.posterior[s].values.ravel() for s in FREE])
+    std = np.sqrt(np.diag(density.covariance))
+    error = std / np.sqrt(table["effective"])
+    assert (np.abs(table["mean"] - density.centre) < 4 * error).all() and (table["r_hat"] < 1.01).all()
+    np.testing.assert_allclose(np.cov(values), density.covariance, atol=0.25)
+    assert (table["wider"].abs() < 0.08).all() and (table["skewness"].abs() < 0.05).all()
+
+
+def test_a_small_fit_is_sampled_and_its_draws_are_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("nutpie", reason="needs the extra bayes")
+    import pandas as pd
+
+    monkeypatch.setattr(room, "TUNING", 60)
+    fitted = small_fit("gaussian", 2.0)
+    drawn = fitted.sample(200, method="nuts", seed=2)
+    table, draws = drawn.table, drawn.to_pandas()
+    assert draws.shape == (200, len(fitted.coefficients)) and list(draws) == list(fitted.coefficients)
+    assert (table["r_hat"] < 1.05).all() and (table["wider"].abs() < 0.3).all()
+    frame = fitted.to_pandas()
+    low, high = (frame[key].to_numpy(dtype=float) for key in ("lower", "upper"))
+    assert ((low <= draws) & (draws <= high)).all(axis=None)
+    # the power makes them scatter about as widely as the fit says
+    assert 0.5 < np.median(table["std"] / frame["std"].astype(float)) < 1.5
+    drawn.save(tmp_path)
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "posterior.parquet"), draws)
+    assert [m.code for m in drawn.messages][::2][0] == "posterior" and drawn.messages[-1].code == "against_laplace"
+
+
+def test_laplace_draws_have_the_covariance_of_the_fit(fitted: mi.FitResult) -> None:
+    frame, covariance = fitted.sample(4000, seed=1), fitted.covariance
+    assert list(frame) == list(covariance) == list(covariance.index)
+    std = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(std, [row.std for row in fitted.coefficients.values()])
+    found, expected = (part / np.outer(std, std) for part in (np.cov(frame.T.to_numpy()), covariance.to_numpy()))
+    np.testing.assert_allclose(found, expected, atol=0.1)
+    assert frame.equals(fitted.sample(4000, "laplace", 1)) and not frame.equals(fitted.sample(4000, seed=2))
+
+
+def test_what_cannot_be_drawn_is_refused(fitted: mi.FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from dataclasses import replace
+
+    for n, method, error in ((0, "laplace", OutOfRange), (0, "nuts", OutOfRange), (5, "nut", UnknownName)):
+        with pytest.raises(error):
+            fitted.sample(n, method)  # type: ignore[call-overload]
+    rows = {s: replace(row, std=None) for s, row in fitted.coefficients.items()}
+    unknown = replace(fitted, coefficients=rows)
+    for ask in (lambda: unknown.covariance, lambda: unknown.sample(5), lambda: unknown.sample(5, "nuts")):
+        with pytest.raises(Missing):
+            ask()
+    read = mi.load_run(fitted.save(tmp_path / "run", report=False).folder)
+    assert isinstance(read, mi.FitResult) and read.covariance.equals(fitted.covariance)
+    with pytest.raises(Missing):
+        read.sample(5, "nuts")
+    found = replace(fitted.calibration, solution=replace(fitted.calibration.solution, converged=False))
+    with pytest.raises(NotCalibrated):
+        room.sampled_posterior(found, 5)
+    monkeypatch.setitem(sys.modules, "nutpie", None)
+    with pytest.raises(NotInstalled):
+        fitted.sample(5, "nuts")
