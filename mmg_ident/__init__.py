@@ -75,10 +75,10 @@ _HOMES = {
 __all__ = [
     "BlackBoxSettings", "CheckReport", "Diagnosis", "DiagnosisOptions", "FitOptions", "FitResult", "Gap", "GapOptions",
     "Message", "OnProgress", "Posterior", "Prediction", "Progress", "ReducedProblem", "Score", "Settings", "Ship",
-    "Tracker", "TrainResult", "TrainSettings", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose",
-    "export", "export_ship", "fleet", "gap", "imo", "import_logs", "load_run", "load_ship", "months", "new_ship",
-    "plan", "predict", "read_trials", "refit", "report", "scale", "score", "select", "simulate", "simulate_many",
-    "train", "view", "write_report",
+    "Tracker", "TrainResult", "TrainSettings", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check",
+    "diagnose", "export", "export_ship", "fleet", "gap", "imo", "import_logs", "load_run", "load_ship", "months",
+    "new_ship", "plan", "predict", "read_trials", "refit", "report", "scale", "score", "select", "simulate",
+    "simulate_many", "train", "view", "write_report",
 ]  # fmt: skip
 
 __version__ = "0.2.0"
