@@ -277,7 +277,7 @@ def test_a_plug_in_is_loaded_when_its_name_is_looked_up(
     monkeypatch.setattr(own, "loading", [])
     monkeypatch.setattr(own, "entry_points", lambda group: entries if group == own.GROUP else [])
     ship = SHIP.with_models(hull="sails_hull")
-    assert ship.coefficients["X_u"].unit == "kg/s" and module("hull", "sails_hull").origin == "the plug-in sails"
+    assert ship.coefficients["X_u"].unit == "kg/s" and module("hull", "sails_hull").origin.split()[-1] == "sails"
     with pytest.raises(mi.UserError, match="sails_hull"):
         SHIP.with_models(hull="sail_hull")
     assert "no_such_module_at_all" in caplog.text
