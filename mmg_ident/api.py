@@ -7,7 +7,7 @@ stretches, and is refused where its data refute what it says (``check``); unchec
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -21,7 +21,6 @@ from residual.settings import BlackBoxSettings, TrainSettings
 if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
-    import torch
 
     from cases.checks.report import CheckReport
     from cases.trial import Trial
@@ -461,9 +460,9 @@ def train(
     ship is recommended; progress: called after each epoch or seed; unchecked: take contradictory trials and broken
     stretches too; values: settings that differ, by name, such as seeds=3, and model="fnn", "rnn" or "rnn-window" for a
     black box. network=module: a residual of your own, a torch.nn.Sequential of Linear layers with Tanh between them
-    from ``ship.features`` (M, F), over their scales, to scaled accelerations (M, 3); it starts with its weights, but for
-    the last layer, at zero. loss may be a function of the errors (N, 6, M) of x, y, psi, u, v, r over their noise, of N
-    rows in M windows, 0 where not measured, to a tensor of one number. Returns the result with both ships. Raises
+    from ``ship.features`` (M, F), over their scales, to scaled accelerations (M, 3); it starts with its weights, but
+    for the last layer, at zero. loss may be a function of the errors (N, 6, M) of x, y, psi, u, v, r over their noise,
+    of N rows in M windows, 0 where not measured, to a tensor of one number. Returns the result with both ships. Raises
     UserError where there is too little to train on, and for a network or loss that cannot be.
     """
     from mmg.errors import Conflict, needs_torch
@@ -482,7 +481,7 @@ def train(
     from residual import pipeline
     from residual.own_network import own_kind
 
-    what = own_kind(_ship(run), network, loss, settings.seed) if own else None
+    what = own_kind(ship_of(run), network, loss, settings.seed) if own else None
     runs, held_out = ready_trials(trials, validate, unchecked=unchecked)
     return pipeline.train(run, runs, held_out, settings, keep, progress, kind=what)  # type: ignore[arg-type]
 
