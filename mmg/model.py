@@ -175,7 +175,7 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
     key: tuple[Any, ...] = (
         *(tuple(m.items()) for m in (ship.particulars, ship.components, ship.monomials)),
         tuple((name, None if name in chosen else value) for name, value in values.items()),
-        (ship.effects, *map(effect, ship.effects), chosen, exact, acted),
+        (ship.effects, *map(effect, ship.effects), *ship.own, chosen, exact, acted),
     )
     entry = next((each for each in list(_KNOWN) if each[0] == key), None)
     if entry is None:

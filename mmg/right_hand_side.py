@@ -32,7 +32,7 @@ class RightHandSide:
     """
 
     def __init__(self, ship: Ship) -> None:
-        self.ship, self._simulator = ship, Simulator(ship)
+        self.ship, self.own, self._simulator = ship, ship.own, Simulator(ship)
         self.states, self.controls = self._simulator.model.states, self._simulator.model.controls
         known = {**UNITS, **{name: unit for name, (_, unit) in INPUTS.items()}, **dict.fromkeys(AIR, "m/s")}
         self.units = {name: known.get(name, "s" if name == "time" else "") for name in (*self.states, *self.controls)}

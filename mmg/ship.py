@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from mmg.components.catalogue import actuators, coefficient_table, required_particulars
+from mmg.components.catalogue import actuators, coefficient_table, module, own_models, required_particulars
 from mmg.components.coefficients import Coefficient
+from mmg.components.own import Own
 from mmg.effects import EFFECTS, effect
-from mmg.errors import BadValue, Conflict, UnknownName, check_name
+from mmg.errors import BadValue, Conflict, Missing, UnknownName, check_name
 from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS
 from mmg.network import Network, features_of
@@ -83,8 +84,18 @@ class Ship:
             self.network.check(self.name, self.actuators)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Without ``rhs``, which is made of the ship and belongs to this process."""
-        return {name: value for name, value in vars(self).items() if name != "rhs"}
+        """Without ``rhs``, which is made of the ship and belongs to this process; with the models that a user
+        registered, which the process that reads it may not know."""
+        return {name: value for name, value in vars(self).items() if name != "rhs"} | {"own": self.own}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update({name: value for name, value in state.items() if name != "own"})
+
+    @property
+    def own(self) -> tuple[Own, ...]:
+        """Her force models and effects that a user registered."""
+        effects = (EFFECTS[name] for name in self.effects if name in EFFECTS)
+        return (*own_models(self.components), *(e for e in effects if isinstance(e, Own)))
 
     def to_pandas(self) -> Any:
         """The coefficients as a DataFrame: a row per symbol, the attributes of ``Coefficient`` as columns."""
@@ -207,6 +218,31 @@ class Ship:
             ship = ship.without_effect(name) if name in ship.effects else ship._without_component(name)
         return ship
 
+    def with_models(self, **models: str) -> Ship:
+        """A copy with other force models, by role: with_models(hull="my_hull"). Coefficients that both have stay, and
+        new ones are at the defaults of the models. Raises UserError for an unknown role or model, and where she lacks
+        a particular that it needs."""
+        components = {**self.components, **models}
+        for role, name in models.items():
+            module(role, name)
+        lacking = [key for key in required_particulars(components) if key not in self.particulars]
+        if lacking:
+            models_in_words = ", ".join(f"{role} {name}" for role, name in models.items())
+            raise Missing(f"{self.name}: has no particular {', '.join(lacking)}, needed by {models_in_words}")
+        return self._with_components(components)
+
+    def _with_components(self, components: dict[str, str], notices: tuple[str, ...] = ()) -> Ship:
+        """A copy with just these models, their coefficients and those of her effects."""
+        rows = coefficient_table(components, self.particulars)
+        rows |= {s: c for s, c in self.coefficients.items() if s.partition(".")[0] in self.effects}
+        rows |= {s: self.coefficients[s] for s in self.monomials if "expansion" in components}
+        return replace(
+            self.without_network(),
+            components=components,
+            coefficients={s: self.coefficients.get(s, c) for s, c in rows.items()},
+            notices=notices,
+        ).with_network(self.network)
+
     def _without_component(self, role: str) -> Ship:
         if role not in self.components:
             known = ", ".join((*self.components, *self.effects))
@@ -219,25 +255,21 @@ class Ship:
             words = f"effect {needing[0]} needs a {role} model, which {self.name} would lack"
             raise Conflict(f"--without {role}: {words}")
         components = {r: n for r, n in self.components.items() if r != role}
-        rows = coefficient_table(components, self.particulars)
-        rows |= {s: c for s, c in self.coefficients.items() if s.partition(".")[0] in self.effects}
-        rows |= {s: self.coefficients[s] for s in self.monomials if "expansion" in components}
         needed = set(required_particulars(self.components)) - set(required_particulars(components))
         unused = [key for key in self.particulars if key in needed]
         words = f"[ship] {', '.join(unused)}: not used by any model"
-        return replace(
-            self.without_network(),
-            components=components,
-            coefficients={s: self.coefficients.get(s, c) for s, c in rows.items()},
-            notices=(Message(words, "unused_particulars"),) if unused else (),
-        ).with_network(self.network)
+        return self._with_components(components, (Message(words, "unused_particulars"),) if unused else ())
 
-    @cached_property
+    @property
     def rhs(self) -> Any:
         """Her equations of motion as a function, ``ship.rhs(state, controls)``, with ``jacobian``, ``forces``, and
-        ``function`` for CasADi: a ``mmg.right_hand_side.RightHandSide``."""
-        # by its name: users look for it here, and it is made of what knows ships
-        return import_module("mmg.right_hand_side").RightHandSide(self)
+        ``function`` for CasADi: a ``mmg.right_hand_side.RightHandSide``. Made once, and again where a function that a
+        user registered has changed."""
+        made = vars(self).get("rhs")
+        if made is None or made.own != self.own:
+            # by its name: users look for it here, and it is made of what knows ships
+            made = vars(self)["rhs"] = import_module("mmg.right_hand_side").RightHandSide(self)
+        return made
 
     @property
     def free(self) -> tuple[str, ...]:

@@ -30,8 +30,11 @@ if TYPE_CHECKING:
     from fitting.settings import Settings
     from fitting.solvers.reduced import ReducedProblem
     from fitting.uncertainty.posterior import Posterior
+    from mmg.components.coefficients import Coefficient
+    from mmg.effects.effect import Parameter
     from mmg.errors import UserError
     from mmg.messages import Message
+    from mmg.motion.flow import Force, Slipstream
     from mmg.progress import OnProgress, Progress
     from mmg.ship import Ship
     from mmg_ident.api import (
@@ -51,6 +54,7 @@ if TYPE_CHECKING:
     )
     from mmg_ident.api import write_report as report
     from mmg_ident.model_gap import GapOptions
+    from mmg_ident.own_models import effect, force
     from mmg_ident.studies import fleet, imo, import_logs, months, plan, select, view
     from mmg_ident.tracker import Tracker
     from residual.result import TrainResult
@@ -58,14 +62,16 @@ if TYPE_CHECKING:
 
 _STUDIES = ("fleet", "imo", "import_logs", "months", "plan", "select", "view")
 _HOMES = {
-    "BlackBoxSettings": "residual.settings", "CheckReport": "cases.checks.report", "Diagnosis": "diagnosis.result",
+    "BlackBoxSettings": "residual.settings", "CheckReport": "cases.checks.report",
+    "Coefficient": "mmg.components.coefficients", "Diagnosis": "diagnosis.result",
     "DiagnosisOptions": "diagnosis.inputs", "FitOptions": "fitting.calibrate", "FitResult": "fitting.result",
-    "Gap": "diagnosis.validation.gap", "GapOptions": "mmg_ident.model_gap", "Message": "mmg.messages",
-    "OnProgress": "mmg.progress", "Posterior": "fitting.uncertainty.posterior", "Progress": "mmg.progress",
-    "ReducedProblem": "fitting.solvers.reduced", "Score": "fitting.prediction.score", "Settings": "fitting.settings",
-    "Ship": "mmg.ship", "Tracker": "mmg_ident.tracker", "TrainResult": "residual.result",
-    "TrainSettings": "residual.settings", "Trial": "cases.trial", "TrialSet": "cases.trial_set",
-    "UserError": "mmg.errors", "export": "delivery.export:export_ship", "export_ship": "delivery.export",
+    "Force": "mmg.motion.flow", "Gap": "diagnosis.validation.gap", "GapOptions": "mmg_ident.model_gap", "Message":
+    "mmg.messages", "OnProgress": "mmg.progress", "Parameter": "mmg.effects.effect", "Posterior":
+    "fitting.uncertainty.posterior", "Progress": "mmg.progress", "ReducedProblem": "fitting.solvers.reduced", "Score":
+    "fitting.prediction.score", "Settings": "fitting.settings", "Ship": "mmg.ship", "Slipstream": "mmg.motion.flow",
+    "Tracker": "mmg_ident.tracker", "TrainResult": "residual.result", "TrainSettings": "residual.settings", "Trial":
+    "cases.trial", "TrialSet": "cases.trial_set", "UserError": "mmg.errors", "effect": "mmg_ident.own_models", "export":
+    "delivery.export:export_ship", "export_ship": "delivery.export", "force": "mmg_ident.own_models",
     "load_ship": "cases.shipfiles.ship_file", "new_ship": "cases.shipfiles.new_ship", "read_trials": "cases.io.read",
     "report": "mmg_ident.api:write_report", "scale": "delivery.full_scale.result",
     **dict.fromkeys(_STUDIES, "mmg_ident.studies"),
@@ -73,12 +79,13 @@ _HOMES = {
 """Public name -> the module it is taken from, and behind a colon its name there; else it is in ``mmg_ident.api``."""
 
 __all__ = [
-    "BlackBoxSettings", "CheckReport", "Diagnosis", "DiagnosisOptions", "FitOptions", "FitResult", "Gap", "GapOptions",
-    "Message", "OnProgress", "Posterior", "Prediction", "Progress", "ReducedProblem", "Score", "Settings", "Ship",
-    "Tracker", "TrainResult", "TrainSettings", "Trial", "TrialSet", "UserError", "__version__", "calibrate", "check",
-    "diagnose", "export", "export_ship", "fleet", "gap", "imo", "import_logs", "load_run", "load_ship", "months",
-    "new_ship", "plan", "predict", "read_trials", "refit", "report", "scale", "score", "select", "simulate",
-    "simulate_many", "train", "view", "write_report",
+    "BlackBoxSettings", "CheckReport", "Coefficient", "Diagnosis", "DiagnosisOptions", "FitOptions", "FitResult",
+    "Force", "Gap", "GapOptions", "Message", "OnProgress", "Parameter", "Posterior", "Prediction", "Progress",
+    "ReducedProblem", "Score", "Settings", "Ship", "Slipstream", "Tracker", "TrainResult", "TrainSettings", "Trial",
+    "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose", "effect", "export", "export_ship",
+    "fleet", "force", "gap", "imo", "import_logs", "load_run", "load_ship", "months", "new_ship", "plan", "predict",
+    "read_trials", "refit", "report", "scale", "score", "select", "simulate", "simulate_many", "train", "view",
+    "write_report",
 ]  # fmt: skip
 
 __version__ = "0.2.0"

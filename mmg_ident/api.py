@@ -442,7 +442,7 @@ def predict(
     return results
 
 
-@keywords(TrainSettings, BlackBoxSettings, also="model")
+@keywords(TrainSettings, BlackBoxSettings, also="model network")
 def train(
     run: Model,
     trials: Trials,
@@ -459,18 +459,31 @@ def train(
     to judge by; settings: ``TrainSettings``, or ``BlackBoxSettings`` for a black box; keep: "better" or "always", which
     ship is recommended; progress: called after each epoch or seed; unchecked: take contradictory trials and broken
     stretches too; values: settings that differ, by name, such as seeds=3, and model="fnn", "rnn" or "rnn-window" for a
-    black box. Returns the result with both ships. Raises UserError where there is too little to train on.
+    black box. network=module: a residual of your own, a torch.nn.Sequential of Linear layers with Tanh between them
+    from ``ship.features`` (M, F), over their scales, to scaled accelerations (M, 3); it starts with its weights, but
+    for the last layer, at zero. loss may be a function of the errors (N, 6, M) of x, y, psi, u, v, r over their noise,
+    of N rows in M windows, 0 where not measured, to a tensor of one number. Returns the result with both ships. Raises
+    UserError where there is too little to train on, and for a network or loss that cannot be.
     """
-    from residual import pipeline
+    from mmg.errors import Conflict, needs_torch
 
-    kind = values.pop("model", None)
+    kind, network = values.pop("model", None), values.pop("network", None)
+    loss = values.pop("loss") if callable(values.get("loss")) else None
     if settings is None and kind not in (None, "hybrid"):
         settings, values = BlackBoxSettings(), {**values, "kind": kind}
     settings = settings or TrainSettings()
     settings = replace(settings, **checked_settings(type(settings), values))
     check_settings(settings)
+    own = network is not None or loss is not None
+    if own and (isinstance(settings, BlackBoxSettings) or (loss is not None and settings.loss != "state")):
+        raise Conflict("network, loss: belong to a residual on a ship; leave out the black box and settings.loss")
+    needs_torch("mi.train")
+    from residual import pipeline
+    from residual.own_network import own_kind
+
+    what = own_kind(ship_of(run), network, loss, settings.seed) if own else None
     runs, held_out = ready_trials(trials, validate, unchecked=unchecked)
-    return pipeline.train(run, runs, held_out, settings, keep, progress=progress)  # type: ignore[arg-type]
+    return pipeline.train(run, runs, held_out, settings, keep, progress, kind=what)  # type: ignore[arg-type]
 
 
 @keywords(DiagnosisOptions, also="without")

@@ -244,7 +244,7 @@ def _trained(
     settings = replace(o.settings or TrainSettings(), workers=o.workers)
     ship = base if isinstance(base, Ship) else load_ship(base) if isinstance(base, (str, Path)) else base.ship
     store = training_store(place, ship.without_network(), trials, (), settings, place.exists()) if place else None
-    result = train(base, trials, (), settings, command=o.command, progress=progress, store=store)
+    result = replace(train(base, trials, (), settings, progress=progress, store=store), command=o.command)
     if result.interrupted:
         raise KeyboardInterrupt
     if place is not None:

@@ -162,17 +162,17 @@ class Symmetric(TwoLayers):
 class Hybrid(TrainableSystem):
     """A calibrated ship and a residual acceleration of its u, v, r.
 
-    physics: ``residual.physics.Physics`` of the ship; residual: the network; features: (F, R) of the training
-    rows, on which its size is penalised.
+    physics: ``residual.physics.Physics`` of the ship; residual: the network, ``TwoLayers`` or another;
+    features: (F, R) of the training rows, on which its size is penalised.
     """
 
     features: torch.Tensor
 
-    def __init__(self, physics: Any, residual: TwoLayers, features: np.ndarray) -> None:
+    def __init__(self, physics: Any, residual: Any, features: np.ndarray) -> None:
         super().__init__()
         self.physics, self.residual = physics, residual
         # compiled only when it is first used: scoring a single system needs no compiler
-        self.fused = FusedRollout(physics, len(residual.b1))
+        self.fused = FusedRollout(physics, len(residual.b1)) if isinstance(residual, TwoLayers) else None
         self.register_buffer("features", torch.as_tensor(np.ascontiguousarray(features, dtype=float)), persistent=False)
 
     def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
@@ -189,7 +189,7 @@ class Hybrid(TrainableSystem):
     def simulate(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
         """As of any system, as one compiled loop where there is a compiler."""
         # single operators give the same states (tests/residual/test_physics.py) some seven times slower
-        if self.fused.library is None:
+        if self.fused is None or self.fused.library is None:
             return super().simulate(z, controls, h, method)
         return self.fused(z, controls, h, self.residual.plain(), method)
 
@@ -208,9 +208,7 @@ def mirror_of(features: Sequence[str]) -> np.ndarray:
     return result
 
 
-def to_network(
-    residuals: Sequence[TwoLayers], actuators: Sequence[str], lower: np.ndarray, upper: np.ndarray
-) -> Network:
+def to_network(residuals: Sequence[Any], actuators: Sequence[str], lower: np.ndarray, upper: np.ndarray) -> Network:
     """The mean of residuals of the same scales, for a ship with these actuators; lower, upper: envelope (F,)."""
     first = residuals[0]
     return Network(

@@ -49,18 +49,18 @@ def train(
     validation: Sequence[Trial] = (),
     settings: TrainSettings | None = None,
     keep: str = "better",
-    command: str = "",
     progress: OnProgress | None = None,
     store: Store | None = None,
+    kind: ModelKind | None = None,
 ) -> TrainResult:
     """Train a residual on a calibrated ship, or a black box, from several seeds; decide, score and say what to know.
 
     ship_or_fit: a ship, its library name, file or run folder, or the result of a calibration; trials: to train on, but
     for those whose sidecar holds them out; validation: trials to judge and to score by; settings: of a hybrid
     (default), or ``BlackBoxSettings`` for a black box; keep: "better": the decision recommends the hybrid or the
-    calibrated ship, "always": the hybrid; command: to be noted; progress: called after each epoch or seed; store: of
-    finished seeds, which are not trained again. Returns the result. Raises UserError where there is too little to
-    train on, stop or judge by, KeyboardInterrupt after Ctrl-C before any training began.
+    calibrated ship, "always": the hybrid; progress: called after each epoch or seed; store: of finished seeds, which
+    are not trained again; kind: of what is trained, default by the settings. Returns the result. Raises UserError where
+    there is too little to train on, stop or judge by, KeyboardInterrupt after Ctrl-C before any training began.
     """
     began = time.perf_counter()
     if keep not in KEEP:
@@ -73,7 +73,7 @@ def train(
     taken = assumed([*trained_on, *validation], ship.inputs)
     ship, black_box = ship.without_network(), isinstance(settings, BlackBoxSettings)
     settings, loss, other_loss = loss_of(settings, read_loss, ship, trained_on)
-    kind = BOX_KIND if black_box else HYBRID_KIND
+    kind = kind or (BOX_KIND if black_box else HYBRID_KIND)
     try:
         tasks = tasks_of(kind, ship, trained_on, settings, validation, judged_apart=not black_box, loss=loss)
         outcomes, interrupted = train_seeds(tasks, progress, store)
@@ -101,7 +101,7 @@ def train(
         timings_s={"train": seconds, "seeds": [o.seconds for o in outcomes]},
         versions={**run_folder.versions(), "torch": metadata.version("torch")},
         created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        command=command,
+        command="",
         warnings=(
             *_seed_warnings(outcomes, task.settings),
             *by_role,

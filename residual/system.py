@@ -127,15 +127,20 @@ def rollout(system: TrainableSystem, batch: RolloutBatch, method: str = "rk4") -
     return system.columns(every.reshape(Z, rows * M), inputs).reshape(6, rows, M).transpose(0, 1)
 
 
-def squares(predicted: torch.Tensor, batch: RolloutBatch, sigma: torch.Tensor) -> torch.Tensor:
-    """Mean over the rows after the start of squared normalised errors, summed over the six columns: (M,), as Eq. 23.
+def normalised_errors(predicted: torch.Tensor, batch: RolloutBatch, sigma: torch.Tensor) -> torch.Tensor:
+    """Errors (N, 6, M) of the columns ``predicted`` (N + 1, 6, M) in the windows of ``batch``, over ``sigma`` (6,).
 
-    predicted: columns (N + 1, 6, M) of the windows of ``batch``; sigma: (6,). A column that was not measured counts
-    nothing; heading errors are taken as they are, since both headings are continuous from the same start.
+    A column that was not measured counts nothing; heading errors are taken as they are, since both headings are
+    continuous from the same start.
     """
     # without row 0, which is the start and has no error
-    error = (predicted[1:] - batch.targets[1:]) * batch.mask[1:] / sigma[:, None]
-    return (error**2).sum(dim=1).mean(dim=0)
+    return (predicted[1:] - batch.targets[1:]) * batch.mask[1:] / sigma[:, None]
+
+
+def squares(predicted: torch.Tensor, batch: RolloutBatch, sigma: torch.Tensor) -> torch.Tensor:
+    """Mean over the rows after the start of squared ``normalised_errors``, summed over the six columns: (M,), as Eq.
+    23. predicted: (N + 1, 6, M); batch, sigma (6,): as of those."""
+    return (normalised_errors(predicted, batch, sigma) ** 2).sum(dim=1).mean(dim=0)
 
 
 def state_loss(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Tensor, method: str = "rk4") -> torch.Tensor:

@@ -30,11 +30,20 @@ from fitting.prediction.score import WINDOW
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
 from fitting.solvers.control import Control, interrupts_noted
 from fitting.solvers.rollout_loss import RolloutLoss
+from mmg.errors import BadValue
 from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.ship import Ship
 from residual.settings import TrainSettings
 from residual.splits import Split, splits_of
-from residual.system import RolloutBatch, TrainableSystem, acceleration_loss, calibration_loss, state_loss
+from residual.system import (
+    RolloutBatch,
+    TrainableSystem,
+    acceleration_loss,
+    calibration_loss,
+    normalised_errors,
+    rollout,
+    state_loss,
+)
 from residual.windows import (
     STRIDE,
     Scales,
@@ -77,7 +86,8 @@ BuildSystem = Callable[[Ship, Scales, TrainSettings, int], TrainableSystem]
 @dataclass(frozen=True)
 class Task:
     """One training: build(ship, scales, settings, seed) makes the system, which trains, stops and is judged by
-    ``split``. loss: of the calibration, where it trains; seconds: limit of this one; stop: a file that ends it.
+    ``split``. loss: of the calibration, where it trains; seconds: limit of this one; stop: a file that ends it;
+    own_loss: of a user, of normalised errors (N, 6, M), in place of that of states.
     """
 
     build: BuildSystem
@@ -89,6 +99,7 @@ class Task:
     loss: RolloutLoss | None = None
     seconds: float | None = None
     stop: Path | None = None
+    own_loss: Callable[[Tensor], Any] | None = None
 
     @property
     def h(self) -> float:
@@ -254,6 +265,10 @@ class _Attempt:
             loss = acceleration_loss(self.system, batch, torch.as_tensor(self.task.scales.acceleration))
         elif self.task.loss:
             loss = self._calibration(batch) / self.unit
+        elif own := self.task.own_loss:
+            loss = own(normalised_errors(rollout(self.system, batch, t.method), batch, self.sigma))
+            if not isinstance(loss, Tensor) or loss.dim() or not loss.requires_grad:
+                raise BadValue("loss: must return a tensor of one number that is made of the errors (N, 6, M)")
         else:
             loss = state_loss(self.system, batch, self.sigma, t.method)
         return loss + t.penalty * self.system.penalty() if t.penalty else loss
@@ -315,7 +330,7 @@ class ModelKind(NamedTuple):
 
     build: makes the untrained system; scales(ship, pieces, trials, h): of the training data; inputs(ship): their names;
     features(ship): (logged columns (6, M), inputs (C, M)) -> what the network sees, (F, M); campaigns: whether the
-    values that campaigns of the ship have for themselves are inputs.
+    values that campaigns of the ship have for themselves are inputs; own_loss: as of ``Task``.
     """
 
     build: BuildSystem
@@ -323,6 +338,7 @@ class ModelKind(NamedTuple):
     inputs: Callable[[Ship], tuple[str, ...]]
     features: Callable[[Ship], Callable[[Tensor, Tensor], Tensor]]
     campaigns: bool = False
+    own_loss: Callable[[Tensor], Any] | None = None
 
     def pieces(self, ship: Ship, trials: Sequence[Trial], h: float) -> list[Stretch]:
         """The pieces of ``trials`` on a grid of ``h`` [s] with what the model reads."""
@@ -352,7 +368,8 @@ def tasks_of(
     # of all pieces, those that judge included: the mean network needs one set of scales for all seeds
     scales = kind.scales(ship, pieces, trials, h)
     # each seed takes the next turn of the split, so that seeds differ in weights and in what judges
-    return [Task(kind.build, ship, scales, settings, settings.seed + i, split, loss) for i, split in enumerate(splits)]
+    first = Task(kind.build, ship, scales, settings, settings.seed, splits[0], loss, own_loss=kind.own_loss)
+    return [replace(first, seed=settings.seed + i, split=split) for i, split in enumerate(splits)]
 
 
 FREE = ("workers", "time_limit")

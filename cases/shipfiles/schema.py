@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import math
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, create_model
 
 from cases.io.toml_file import Name, Section, number
-from mmg.components.catalogue import MODELS
+from mmg.components.catalogue import ROLES, model_names
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import present_name
+from mmg.ship import Ship
 
 
 def _not_nan(value: float) -> float:
@@ -54,6 +56,19 @@ class _Effects(Section):
     """it names the force model of each role: hull, propeller, rudder, wind"""
 
     effects: list[Present] = Field(default_factory=list)
+    registered: dict[str, str] = Field(default_factory=dict)
+
+
+def _known_to(role: str) -> AfterValidator:
+    """Refuses a force model that ``role`` does not have."""
+
+    def known(name: str) -> str:
+        if name not in (names := model_names(role)):
+            choices = ", ".join(json.dumps(each) for each in names)
+            raise ValueError(f"must be {choices} or one that @mi.force has registered")
+        return name
+
+    return AfterValidator(known)
 
 
 class CalibrationSection(Section):
@@ -71,7 +86,7 @@ if TYPE_CHECKING:
 else:
     _quantities = {name: (float | None, number(unit, None)) for name, (_, unit) in PARTICULARS.items()}
     ShipSection = create_model("ShipSection", __base__=_Words, __doc__=_Words.__doc__, **_quantities)
-    _roles = {role: (Literal[tuple(models)] | None, None) for role, models in MODELS.items()}
+    _roles = {role: (Annotated[str, _known_to(role)] | None, None) for role in ROLES}
     ModelSection = create_model("ModelSection", __base__=_Effects, __doc__=_Effects.__doc__, **_roles)
 
 
@@ -84,3 +99,10 @@ class ShipFile(Section):
     sources: dict[Present, str] = Field(default_factory=dict)
     calibration: CalibrationSection | None = None
     campaigns: dict[Name, dict[Present, Finite]] = Field(default_factory=dict)
+
+
+def model_table(ship: Ship) -> dict[str, Any]:
+    """The table [model] of a ``ship``: force models by role, effects, and where those are from that are no part of the
+    library."""
+    effects, own = list(ship.effects), {model.name: model.origin for model in ship.own}
+    return {**ship.components, **({"effects": effects} if effects else {}), **({"registered": own} if own else {})}

@@ -20,9 +20,10 @@ from cases.io.files import read_json
 from cases.io.toml_file import checked, header, parse_toml, read_toml, refuse, unknown
 from cases.shipfiles.network_file import NETWORK, NetworkTable, is_black_box, load_network, network_of, network_text
 from cases.shipfiles.particulars import RATES, wrong_particulars
-from cases.shipfiles.schema import CoefficientEntry, ShipFile
-from mmg.components.catalogue import ROLES, coefficient_table, derived, required_particulars
+from cases.shipfiles.schema import CoefficientEntry, ShipFile, model_table
+from mmg.components.catalogue import ROLES, coefficient_table, derived, model_names, required_particulars
 from mmg.components.coefficients import Coefficient
+from mmg.components.own import PLUG_IN
 from mmg.components.particulars import ENGINE, PARTICULARS
 from mmg.effects import EFFECTS, GONE
 from mmg.errors import BadValue, OutOfRange, UnknownName, UserError
@@ -115,6 +116,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
     assert content is not None
     chosen = {role: getattr(content.model, role) for role in ROLES}
     components = {role: name for role, name in chosen.items() if name is not None}
+    problems += _not_registered(content.model.registered)
     given = {key: getattr(content.ship, key) for key in data["ship"] if key in content.ship.model_fields_set}
     particulars = {key: value for key, value in given.items() if key in PARTICULARS}
     contradictions = _contradictions(data["model"], components, data["ship"], particulars)
@@ -166,6 +168,17 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         mark=CalibrationMark(**vars(content.calibration)) if content.calibration else None,
         campaigns=content.campaigns, sources=content.sources,
     )  # fmt: skip
+
+
+def _not_registered(origins: Mapping[str, str]) -> list[str]:
+    """Sentences on the models of users that a ship was saved with and that are not known here: where they were made."""
+    known = {*EFFECTS, *(name for role in ROLES for name in model_names(role))}
+    advice = {True: "install it", False: "register it by @mi.force or @mi.effect before the ship is read"}
+    return [
+        f"{name} is a model of {origin}: {advice[origin.startswith(PLUG_IN)]}"
+        for name, origin in origins.items()
+        if name not in known
+    ]
 
 
 def _strange_campaigns(campaigns: dict[str, dict[str, float]], known: dict[str, Coefficient]) -> list[str]:
@@ -274,7 +287,7 @@ def dump_ship(ship: Ship, comment: str = "") -> str:
     document.add("ship", stated)
     if ship.sources:
         document.add("sources", dict(ship.sources))
-    document.add("model", {**ship.components, **({"effects": list(ship.effects)} if ship.effects else {})})
+    document.add("model", model_table(ship))
     if ship.mark:
         document.add("calibration", dict(vars(ship.mark)))
     document.add("coefficients", {symbol: _entry(c) for symbol, c in ship.coefficients.items()})

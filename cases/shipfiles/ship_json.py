@@ -13,7 +13,7 @@ from math import inf, isinf
 from typing import Any
 
 from cases.shipfiles.network_file import network_table
-from cases.shipfiles.schema import CoefficientEntry
+from cases.shipfiles.schema import CoefficientEntry, model_table
 from mmg.components.particulars import PARTICULARS
 from mmg.errors import BadValue
 from mmg.motion.flow import INPUTS
@@ -54,7 +54,7 @@ def dump_ship_json(ship: Ship, more: Mapping[str, Any] | None = None) -> str:
         inputs.append({"name": name, "unit": unit, "description": what})
     content = {
         "format": FORMAT, "conventions": CONVENTIONS, "primes": PRIMES, "ship": words, "particulars": particulars,
-        "model": {**ship.components, "effects": list(ship.effects)}, "coefficients": coefficients, "inputs": inputs,
+        "model": {**model_table(ship), "effects": list(ship.effects)}, "coefficients": coefficients, "inputs": inputs,
         "calibration": dict(vars(ship.mark)) if ship.mark else None,
         "network": network, **({"campaigns": ship.campaigns} if ship.campaigns else {}),
         **({"sources": dict(ship.sources)} if ship.sources else {}), **(more or {}),

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, MutableMapping
 from importlib import import_module
-from types import ModuleType
+from types import SimpleNamespace
+from typing import Any, ClassVar
+
+import casadi as ca
 
 from mmg.components.coefficients import Coefficient, names
+from mmg.components.own import Own, load_plug_ins
 from mmg.components.rigid_body import INERTIA
-from mmg.motion.flow import INPUTS, pods
+from mmg.errors import BadValue, Conflict, UnknownName
+from mmg.motion.flow import INPUTS, Flow, Force, pods
+from mmg.motion.smooth import Smoothing
 
 FORCES = ("hull", "propeller", "rudder", "bow_thruster", "stern_thruster", "azimuth", "expansion", "wind", "waves")
 """Roles that exert forces, in the order of evaluation: the rudder sees the propeller's slipstream."""
@@ -16,7 +24,7 @@ FORCES = ("hull", "propeller", "rudder", "bow_thruster", "stern_thruster", "azim
 ROLES = (*FORCES, "actuators", "roll")
 """All roles: the last two move rudder and propeller to their orders, and add a degree of freedom."""
 
-MODELS = {
+MODELS: dict[str, dict[str, Any]] = {
     "hull": {
         "unified": "hull.unified",
         "harbour": "hull.harbour",
@@ -50,22 +58,84 @@ MODELS = {
     "actuators": {"rate_limited": "actuators.rate_limited", "lag": "actuators.lag"},
     "roll": {"linear": "roll.linear"},
 }
-"""Role -> name -> file in this folder. Those of a ship are read when she needs them."""
+"""Role -> name -> file in this folder, or a model of a user. Those of a ship are read when she needs them."""
 
 BASE_PARTICULARS = ("L", "B", "d", "m", "x_G", "rho")
 """Particulars that every ship needs, whatever its force models."""
 
 
-def module(role: str, name: str) -> ModuleType:
-    """The force model ``name`` of a role; KeyError with the choices if there is none."""
-    if name not in MODELS.get(role, {}):
-        choices = ", ".join(MODELS.get(role, {})) or "no such role; roles are " + ", ".join(ROLES)
-        raise KeyError(f"{role} = {name!r} is unknown; known: {choices}")
-    return import_module(f"mmg.components.{MODELS[role][name]}")
+class OwnForce(Own):
+    """A force model of a user, which answers as a module of this folder does.
+
+    role, name: by which a ship finds it; function: (flow, p, c, s) -> Force, or X, Y [N], N [N m], as
+    mmg/motion/flow.py says; COEFFICIENTS, PARTICULARS, INPUTS: as of a module.
+    """
+
+    stated: ClassVar[tuple[str, ...]] = (*Own.stated, "role", "COEFFICIENTS", "PARTICULARS", "INPUTS")
+    role: str
+    COEFFICIENTS: tuple[Coefficient, ...]
+    PARTICULARS: tuple[str, ...]
+    INPUTS: tuple[str, ...]
+
+    def __init__(self, function: Callable[..., Any], **stated: Any) -> None:
+        super().__init__(function, **stated)
+        self.__doc__ = function.__doc__ or f"{self.name.replace('_', ' ')}, a {self.role} model of {self.origin}"
+
+    @property
+    def names(self) -> MutableMapping[str, Any]:
+        """The force models of its role."""
+        return MODELS[self.role]
+
+    def force(self, flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
+        """X, Y [N], N [N m]. flow, p, c, s: as in mmg/motion/flow.py. Raises UserError for another result."""
+        return as_force(self.function(flow, p, c, s), f"{self.role} model {self.name}")
+
+
+def as_force(result: Any, where: str) -> Force:
+    """The ``result`` of a function of a user, X, Y [N] and N [N m] or a Force. where: which function, for messages.
+    Raises UserError where it is neither."""
+    if isinstance(result, Force):
+        as_force((result.X, result.Y, result.N), where)
+        return result
+    if isinstance(result, (ca.SX, ca.DM)):
+        result = ca.vertsplit(ca.vec(result))
+    if not isinstance(result, (tuple, list)) or len(result) != 3:
+        size = f"{len(result)} values" if isinstance(result, (tuple, list)) else f"a {type(result).__name__}"
+        raise BadValue(f"{where}: returns {size}; return X, Y [N] and N [N m], or mi.Force(X, Y, N)")
+    for name, part in zip("XYN", result, strict=True):
+        if not (isinstance(part, (int, float)) or (isinstance(part, (ca.SX, ca.DM)) and part.numel() == 1)):
+            raise BadValue(f"{where}: {name} is a {type(part).__name__}; return one CasADi expression or number each")
+        if isinstance(part, float) and not math.isfinite(part):
+            raise BadValue(f"{where}: {name} is {part}; use operators and functions of casadi, not of math")
+    return Force(*result)
+
+
+def model_names(role: str) -> list[str]:
+    """The force models of ``role``, those of plug-ins too. Raises UserError for an unknown role."""
+    if role not in MODELS:
+        raise UnknownName(f"role = '{role}' is unknown; roles are {', '.join(ROLES)}")
+    load_plug_ins()
+    return list(MODELS[role])
+
+
+def own_models(components: Mapping[str, str]) -> tuple[OwnForce, ...]:
+    """Those of the force models ``components`` (role -> name) that a user registered."""
+    found = (MODELS.get(role, {}).get(name) for role, name in components.items())
+    return tuple(model for model in found if isinstance(model, OwnForce))
+
+
+def module(role: str, name: str) -> Any:
+    """The force model ``name`` of a role; UserError with the choices if there is none."""
+    found = MODELS.get(role, {}).get(name)
+    if found is None and name not in model_names(role):
+        words = f"known: {', '.join(MODELS[role])}; one of your own is registered first, by @mi.force"
+        raise UnknownName(f"{role} = '{name}' is unknown; {words}")
+    found = found or MODELS[role][name]
+    return found if isinstance(found, OwnForce) else import_module(f"mmg.components.{found}")
 
 
 def summary(role: str, name: str) -> str:
-    """Docstring of the force model ``name`` of ``role``: title, equations and their source; KeyError as ``module``."""
+    """Docstring of the force model ``name`` of ``role``: title, equations and their source; UserError as ``module``."""
     return (module(role, name).__doc__ or "").strip().replace("``", "")
 
 
@@ -77,12 +147,17 @@ def required_particulars(components: Mapping[str, str]) -> tuple[str, ...]:
 
 def coefficient_table(components: Mapping[str, str], particulars: Mapping[str, float]) -> dict[str, Coefficient]:
     """All coefficients of a choice of force models with their defaults, in the fixed order of the library. components:
-    role -> model; particulars: symbol -> SI value."""
+    role -> model; particulars: symbol -> SI value. Raises UserError where two of them share a symbol."""
     models = [module(role, components[role]) for role in ROLES if role in components]
-    return {row.symbol: row for row in (*INERTIA, *(row for model in models for row in _rows(model, particulars)))}
+    rows = [*INERTIA, *(row for model in models for row in _rows(model, particulars))]
+    found = {row.symbol: row for row in rows}
+    if len(found) < len(rows):  # of the library no two roles share a symbol
+        (twice, _), *_ = Counter(row.symbol for row in rows).most_common(1)
+        raise Conflict(f"coefficients: {twice} belongs to two parts of the model; rename it in your own")
+    return found
 
 
-def _rows(model: ModuleType, particulars: Mapping[str, float]) -> tuple[Coefficient, ...]:
+def _rows(model: Any, particulars: Mapping[str, float]) -> tuple[Coefficient, ...]:
     """Coefficient table of a force model: a constant, or made from the particulars."""
     if hasattr(model, "coefficients"):
         return model.coefficients(names(dict(particulars)))

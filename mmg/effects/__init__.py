@@ -1,14 +1,16 @@
 """Effects that a gap between model and trial may consist of: one file each, one object each.
 
 An effect is switched on by the synthetic generator, freed by a fit and screened by the diagnosis. EFFECTS lists them
-in the order in which they enter the model; adding one is adding its file and its line here.
+in the order in which they enter the model; adding one is adding its file and its line here. Those that a user
+registers follow them.
 """
 
 from collections import UserDict
-from collections.abc import MutableMapping
+from collections.abc import Iterator, MutableMapping
 from importlib import import_module
 from typing import Any
 
+from mmg.components.own import load_plug_ins
 from mmg.effects.effect import Effect, Parameter
 
 
@@ -20,6 +22,15 @@ class _EffectsByName(UserDict[str, Any]):
             kind = name.title().replace("_", "")  # gnss_delay: the class GnssDelay of gnss_delay.py
             self.data[name] = getattr(import_module(f"mmg.effects.{name}"), kind)()
         return self.data[name]  # type: ignore[no-any-return]
+
+    def __contains__(self, name: object) -> bool:
+        if name not in self.data:
+            load_plug_ins()
+        return name in self.data
+
+    def __iter__(self) -> Iterator[str]:
+        load_plug_ins()
+        return iter(self.data)
 
 
 EFFECTS: MutableMapping[str, Effect] = _EffectsByName(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -130,7 +131,7 @@ def _trained(folder: Path, data: str, name: str, trials: Sets, seed: int) -> Tra
     )
     try:
         with cli.working("learning a residual"):
-            result = train(folder / "run", *trials, s, command=command, progress=cli.progress())
+            result = replace(train(folder / "run", *trials, s, progress=cli.progress()), command=command)
             result.save(folder / name, report=False)
     except UserError as error:
         cli.say(f"   nothing was learned: {error}")

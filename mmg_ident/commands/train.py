@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -78,7 +79,8 @@ def train(
     store = training_store(out, start, trained_on, held_out, chosen_settings, resume)
     try:
         with reserved(out):
-            result = trained(run, chosen, held_out, chosen_settings, keep, cli.command_line(), cli.progress(), store)
+            result = trained(run, chosen, held_out, chosen_settings, keep, cli.progress(), store)
+            result = replace(result, command=cli.command_line())
             result.save(out, replace=True, report=not no_report)
     except KeyboardInterrupt:
         if not store.folder.is_dir():
