@@ -15,7 +15,7 @@ import numpy as np
 from mmg.components.catalogue import actuators, coefficient_table, required_particulars
 from mmg.components.coefficients import Coefficient
 from mmg.effects import EFFECTS, effect
-from mmg.errors import BadValue, Conflict, UnknownName, check_name
+from mmg.errors import BadValue, Conflict, Missing, UnknownName, check_name
 from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS
 from mmg.network import Network, features_of
@@ -162,6 +162,14 @@ class Ship:
     def without_network(self) -> Ship:
         """A copy that is the forces alone."""
         return self.with_network(None)
+
+    @property
+    def members(self) -> list[Ship]:
+        """Each network of the ensemble alone, as a ship: what they differ by, trials leave open (Wakita et al. 2025).
+        Raises UserError where she has no network."""
+        if self.network is None:
+            raise Missing(f"{self.name} has no network, so there is no ensemble: train one with mmg train --seeds 5")
+        return [self.with_network(replace(self.network, members=(member,))) for member in self.network.members]
 
     @property
     def namespace(self) -> SimpleNamespace:
