@@ -71,10 +71,18 @@ def compare(
         cli.refuse_given({**others, "--fractions": None if fractions == "1" else fractions}, words)
     needs_torch("mmg compare")  # before the imports below, whose error would name no remedy
     from fitting.report.plot_style import FigureFolder
-    from residual.papers.comparison import MODELS, Study, Subset, comparison_dict, tables_text
+    from residual.papers.comparison import (
+        MODELS,
+        PAPERS,
+        TYPES,
+        Study,
+        Subset,
+        comparison_dict,
+        paper_models,
+        tables_text,
+    )
     from residual.papers.comparison import compare as compared
     from residual.papers.comparison_figures import write_figures
-    from residual.papers.published import PAPERS, TYPES, paper_models
 
     if paper and paper not in PAPERS:
         raise UnknownName(f"--paper {paper}: unknown; choose one of {', '.join(PAPERS)}")

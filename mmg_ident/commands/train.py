@@ -21,7 +21,6 @@ _ONLY = {
     "zero": ("fnn",),
     "memory": ("rnn", "rnn-window"),
     "initial": KINDS,
-    "symmetric": ("hybrid",),
 }
 """Settings that only some models take."""
 

@@ -10,8 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fitting.report.plot_style import DASHES, FigureFolder, dress, new_figure
-from residual.papers.comparison import HORIZONS, Comparison
-from residual.papers.published import TYPES
+from residual.papers.comparison import HORIZONS, TYPES, Comparison
 
 COLOURS = {
     "captive": "#8A8A8A", "calibrated": "#0072B2", "hybrid": "#009E73", "fnn": "#D58A00", "rnn": "#CC79A7",

@@ -31,7 +31,7 @@ PARTICLES = 100
 
 
 def members_of(model: Ship | BlackBox) -> list[TrainableSystem]:
-    """The members of a hybrid ship's network, each on the same physics, or those of a black box.
+    """The members of a ``model``: of a hybrid ship's network, each on the same physics, or of a black box.
 
     Raises UserError for a ship without a network.
     """

@@ -26,6 +26,10 @@ from mmg_ident.commands.main import main
 from residual.papers.black_box import load_box
 from residual.papers.comparison import (
     HORIZONS,
+    SHORTER,
+    TABLE_9,
+    TABLE_9_TEST,
+    TYPES,
     Comparison,
     Entry,
     Study,
@@ -38,11 +42,12 @@ from residual.papers.comparison import (
     growth,
     horizon,
     mean_and_std,
+    paper_models,
     published,
     subset_of,
+    table_9_errors,
     tables_text,
 )
-from residual.papers.published import SHORTER, TABLE_9, TABLE_9_TEST, TYPES, paper_models, table_9_errors
 from residual.settings import BlackBoxSettings
 from tests.support import hybrids
 from tests.support.commands import refused
