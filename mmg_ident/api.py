@@ -435,7 +435,8 @@ def predict(
         if members:
             from residual.papers.ensemble import predict_members
 
-            found, notes = predict_members(ship or simulator, run, window, step, short, members, seed)
+            whole: Any = ship or simulator
+            found, notes = predict_members(whole, run, window, step, short, members, seed)
         else:
             found, notes = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=bands)
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None

@@ -71,7 +71,7 @@ TYPES = {
     "type5": ("rnn-window", "state", "train-tzrb"),
 }
 """Type of network -> kind, loss and split of the records (Table 7)."""
-NETWORK = {
+NETWORK: dict[str, Any] = {
     "width": 200, "memory": 10, "step": 0.1, "curriculum": ((6.0, 1.0),), "method": "euler", "penalty": 0.0,
     "symmetric": False,
 }  # fmt: skip
@@ -98,7 +98,7 @@ def paper_models(trials: Sequence[Trial], names: Sequence[str], epochs: int | No
         if not own:
             raise Missing(f"--models {name}: none of its training records is here, or all of them are test trials")
         rate = 2e-5 if loss == "state" else 1e-4
-        plan = {"batch": 512, "stride": 0.1, "rate": rate, "last_rate": rate, "epochs": epochs}
+        plan: dict[str, Any] = {"batch": 512, "stride": 0.1, "rate": rate, "last_rate": rate, "epochs": epochs}
         if epochs is None:
             passes = STEPS * BATCH * EVERY / sum(t.duration for t in own)
             plan = {"batch": BATCH, "stride": EVERY, "rate": RATE, "last_rate": 2e-5, "epochs": max(1, round(passes))}

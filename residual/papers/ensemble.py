@@ -58,11 +58,11 @@ def predict_members(
     """
     if sampling not in SAMPLINGS:
         raise UnknownName(f"--members {sampling}: unknown; choose one of {', '.join(SAMPLINGS)}")
-    members, box = members_of(model), model if isinstance(model, BlackBox) else None
+    members, method = members_of(model), model.settings.method if isinstance(model, BlackBox) else "rk4"
     kept, notes = planned_windows(trial, model.inputs, length, stride, short_last)
     if not kept:
         return [], notes
-    h, method = (box.h, box.settings.method) if box else (default_step([trial], model.particulars["L"]), "rk4")
+    h = model.h if isinstance(model, BlackBox) else default_step([trial], model.particulars["L"])
     batch = gridded(list(kept.values()), h, members[0].past)
     paths = particles(members, batch, len(members) if sampling != "ts1" else PARTICLES, sampling, method, seed)
     windows, apart = [], []
