@@ -391,11 +391,11 @@ def predict(
     window: length [s], 0: the whole run; stride: between starts [s], None: the window; adapt: seconds before each
     window (never the window itself) from which the disturbance of the run is estimated, 0: none, None: those that pay,
     by the result of a calibration; progress: told before each trial; unchecked: predict contradictory trials too; rows
-    of broken stretches are predicted always; members: predict by particles that follow the
-    members of a hybrid or black box instead, without a past: "ts-infinity": each keeps its member, "ts1": each draws
-    one at every step, by ``seed`` (Wakita et al. 2025, section 4). Returns a prediction per trial, with standard
-    deviations where ``model`` is a result that knows them, or those of the particles.
-    Raises UserError where no window can be predicted, and for a black box or ``members`` with ``adapt``.
+    of broken stretches are predicted always; members: predict by particles that follow the members of a hybrid or black
+    box instead, without a past: "ts-infinity": each keeps its member, "ts1": each draws one at every step, by ``seed``
+    (Wakita et al. 2025, section 4). Returns a prediction per trial, with standard deviations where ``model`` is a
+    result that knows them, or those of the particles. Raises UserError where no window can be predicted, and for a
+    black box or ``members`` with ``adapt``.
     """
     from cases.inputs import assumed
     from cases.io.campaigns import campaigns_taken
