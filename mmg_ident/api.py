@@ -384,7 +384,6 @@ def predict(
     progress: OnProgress | None = None,
     unchecked: bool = False,
     members: str = "",
-    seed: int = 0,
 ) -> list[Prediction]:
     """Predict open-loop windows of ``trials``, each started from the measured state, as ``mmg predict`` does.
 
@@ -392,7 +391,7 @@ def predict(
     window (never the window itself) from which the disturbance of the run is estimated, 0: none, None: those that pay,
     by the result of a calibration; progress: told before each trial; unchecked: predict contradictory trials too; rows
     of broken stretches are predicted always; members: predict by particles that follow the members of a hybrid or black
-    box instead, without a past: "ts-infinity": each keeps its member, "ts1": each draws one at every step, by ``seed``
+    box instead, without a past: "ts-infinity": each keeps its member, "ts1": each draws one at every step
     (Wakita et al. 2025, section 4). Returns a prediction per trial, with standard deviations where ``model`` is a
     result that knows them, or those of the particles. Raises UserError where no window can be predicted, and for a
     black box or ``members`` with ``adapt``.
@@ -436,7 +435,7 @@ def predict(
             from residual.papers.ensemble import predict_members
 
             whole: Any = ship or simulator
-            found, notes = predict_members(whole, run, window, step, short, members, seed)
+            found, notes = predict_members(whole, run, window, step, short, members)
         else:
             found, notes = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=bands)
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None

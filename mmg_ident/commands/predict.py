@@ -12,7 +12,7 @@ from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
 
-@o.options(Prediction="window stride adapt members seed campaign")
+@o.options(Prediction="window stride adapt members campaign")
 def predict(
     model: o.Ship,
     trials: o.Trials,
@@ -21,7 +21,6 @@ def predict(
     stride: Annotated[float | None, Option(help="Between window starts [s]; default the window.")] = None,
     adapt: Annotated[float | None, Option(help="Past of a window [s]; default what the run says pays.")] = None,
     members: Annotated[str, Option(help="By each member of an ensemble: ts-infinity or ts1.")] = "",
-    seed: Annotated[int, Option(help="Seed of ts1.")] = 0,
     campaign: o.Campaign = None,
     force: o.Force = False,
     unchecked: o.Unchecked = False,
@@ -71,7 +70,7 @@ def predict(
     title = ship.title if ship else model
     if campaign is not None:
         runs = runs.said_campaign(campaign, ship or load_ship(model))
-    found = api.predict(model, runs, window, stride, adapt, cli.progress(), members, seed)
+    found = api.predict(model, runs, window, stride, adapt, cli.progress(), members=members)
     if all(p.diverged == len(p.windows) for p in found):
         raise NoSolution(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")
     notes: list[str] = [*past_to_use(api.content_of(model), 0.0 if members else adapt)[1]]
