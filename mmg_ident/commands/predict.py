@@ -70,7 +70,7 @@ def predict(
     title = ship.title if ship else model
     if campaign is not None:
         runs = runs.said_campaign(campaign, ship or load_ship(model))
-    found = api.predict(model, runs, window, stride, adapt, cli.progress(), members=members)
+    found = api.predict(model, runs, window, stride, adapt, cli.progress(), unchecked, members)
     if all(p.diverged == len(p.windows) for p in found):
         raise NoSolution(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")
     notes: list[str] = [*past_to_use(api.content_of(model), 0.0 if members else adapt)[1]]
