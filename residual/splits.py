@@ -51,14 +51,13 @@ def split_pieces(
 
     Of FOLDS runs with a piece of ``least`` [s] or more, whole runs; of WHOLE, one run judges and blocks of the
     others, as long as ``settings`` say, stop; of fewer all are blocks, GAP apart. judge: without it only one part is
-    taken away, to stop by: of a black box blocks, as a run that it lacks is a motion that it never learns. A part is
-    empty where the data are too few.
+    taken away, to stop by. A part is empty where the data are too few.
     """
     h = settings.step
     assert h is not None
     # only runs in which a window fits can judge or stop; the slack is for steps that are no binary fractions
     runs = list(dict.fromkeys(p.run for p in pieces if p.steps * h >= least - 1e-9))
-    if len(runs) >= FOLDS and (judge or not isinstance(settings, BlackBoxSettings)):
+    if len(runs) >= FOLDS:
         fold = turn % FOLDS
         of_run = {run: _role(number, turn, FOLDS, judge) for number, run in enumerate(runs)}
         # runs too short for a window are still worth training on
