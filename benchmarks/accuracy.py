@@ -174,7 +174,7 @@ def black_box() -> dict[str, Figure]:
     sigma, place = pooled_sigma(held), next(i for i, t in enumerate(held) if is_random(t))
     box = train(SHIP, trials_of(splits.TRAIN_TZRB), settings=BlackBoxSettings(kind="rnn-window", seeds=3)).black_box
     assert box is not None
-    models = [SHIP, box, *(replace(box, systems=(one,)) for one in box.systems)]
+    models: list[Any] = [SHIP, box, *(replace(box, systems=(one,)) for one in box.systems)]
     rows = [score(model, held, sigma).trials[place] for model in models]
     figures = {}
     for key, name in METRICS.items():
