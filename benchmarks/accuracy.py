@@ -5,8 +5,10 @@ makes of the others: 30 s windows and 100 s restarts in units of the sigma of al
 jackknife error, without and with 30 s of past; and how many of their rows the 90 % bands hold.
 hold-outs: five records by the captive ship and by ships fitted on Train-TZRB and on the rest of Train-TZRB+, in units
 of their own sigma. Nothing is chosen by them. Broken stretches are left out, as by ``mmg fit`` and ``mmg score``.
+black-box: the windowed network of ``mmg train --model rnn-window`` on Train-TZRB, by default: its errors on the random
+record of the hold-outs over those of the captive ship, of each seed and of the mean of their trajectories.
 
-Run from the repository root: python -m benchmarks.accuracy [folds] [hold-outs] [--record]
+Run from the repository root: python -m benchmarks.accuracy [folds] [hold-outs] [black-box] [--record]
 """
 
 from __future__ import annotations
@@ -29,7 +31,9 @@ from fitting.prediction.predict import predict_all
 from fitting.prediction.score import pooled_sigma
 from fitting.result import FitResult
 from mmg.ship import Ship
-from mmg_ident.api import calibrate, score
+from mmg_ident.api import calibrate, score, train
+from residual.papers.comparison import is_random
+from residual.settings import BlackBoxSettings
 
 METRICS = {"30": "30 s windows", "100": "100 s restarts"}
 
@@ -164,11 +168,30 @@ def hold_outs() -> dict[str, Figure]:
     }
 
 
+def black_box() -> dict[str, Figure]:
+    """The windowed network on the random record of the hold-outs, over the captive ship."""
+    held = trials_of(splits.DEVELOPMENT_HOLDOUT)
+    sigma, place = pooled_sigma(held), next(i for i, t in enumerate(held) if is_random(t))
+    box = train(SHIP, trials_of(splits.TRAIN_TZRB), settings=BlackBoxSettings(kind="rnn-window", seeds=3)).black_box
+    assert box is not None
+    models: list[Any] = [SHIP, box, *(replace(box, systems=(one,)) for one in box.systems)]
+    rows = [score(model, held, sigma).trials[place] for model in models]
+    figures = {}
+    for key, name in METRICS.items():
+        captive, mean, *each = (row.window if key == "30" else row.paper for row in rows)
+        what = f"windowed network on Train-TZRB over the captive ship, random hold-out, {name}"
+        seeds = np.array(each) / captive
+        error = float(seeds.std(ddof=1) / np.sqrt(len(seeds)))
+        figures[f"box_seeds_{key}"] = Figure(f"{what}: a seed alone", float(seeds.mean()), "", error)
+        figures[f"box_mean_{key}"] = Figure(f"{what}: mean of {len(each)} seeds", mean / captive)
+    return figures
+
+
 def main() -> None:
     """Measure, print and, if asked, record."""
-    parts = {"folds": folds, "hold-outs": hold_outs}
+    parts = {"folds": folds, "hold-outs": hold_outs, "black-box": black_box}
     parser = parser_of("accuracy", __doc__)
-    parser.add_argument("parts", nargs="*", default=list(parts), help="folds, hold-outs; default both")
+    parser.add_argument("parts", nargs="*", default=list(parts), help="folds, hold-outs, black-box; default all")
     given = parser.parse_args()
     for part in given.parts:
         report(parts[part](), f"accuracy {part}", given.record)

@@ -175,6 +175,14 @@ class Ship:
         return self.with_network(None)
 
     @property
+    def members(self) -> list[Ship]:
+        """Each network of the ensemble alone, as a ship: what they differ by, trials leave open (Wakita et al. 2025).
+        Raises UserError where she has no network."""
+        if self.network is None:
+            raise Missing(f"{self.name} has no network, so there is no ensemble: train one with mmg train --seeds 5")
+        return [self.with_network(replace(self.network, members=(member,))) for member in self.network.members]
+
+    @property
     def namespace(self) -> SimpleNamespace:
         """The particulars by attribute."""
         return SimpleNamespace(**self.particulars)

@@ -383,15 +383,18 @@ def predict(
     adapt: float | None = None,
     progress: OnProgress | None = None,
     unchecked: bool = False,
+    members: str = "",
 ) -> list[Prediction]:
     """Predict open-loop windows of ``trials``, each started from the measured state, as ``mmg predict`` does.
 
     window: length [s], 0: the whole run; stride: between starts [s], None: the window; adapt: seconds before each
     window (never the window itself) from which the disturbance of the run is estimated, 0: none, None: those that pay,
     by the result of a calibration; progress: told before each trial; unchecked: predict contradictory trials too; rows
-    of broken stretches are predicted always. Returns a prediction per trial, with standard
-    deviations where ``model`` is a result that knows them.
-    Raises UserError where no window can be predicted, and for a black box with ``adapt``.
+    of broken stretches are predicted always; members: predict by particles that follow the members of a hybrid or black
+    box instead, without a past: "ts-infinity": each keeps its member, "ts1": each draws one at every step
+    (Wakita et al. 2025, section 4). Returns a prediction per trial, with standard deviations where ``model`` is a
+    result that knows them, or those of the particles. Raises UserError where no window can be predicted, and for a
+    black box or ``members`` with ``adapt``.
     """
     from cases.inputs import assumed
     from cases.io.campaigns import campaigns_taken
@@ -401,7 +404,7 @@ def predict(
     from fitting.prediction.predict import predict as windows_of
     from fitting.prediction.score import past_to_use
     from fitting.prediction.stretches import Adaptation
-    from mmg.errors import OutOfRange, TooFewData, Unsupported
+    from mmg.errors import Conflict, OutOfRange, TooFewData, Unsupported, needs_torch
     from mmg.messages import Message
     from mmg.progress import Progress
     from mmg.rollout import Simulator
@@ -415,6 +418,11 @@ def predict(
     ship = simulator.ship if isinstance(simulator, Simulator) else None
     if adapt and not ship:
         raise Unsupported(f"--adapt: {model} is a black box, whose disturbance cannot be estimated; leave it out")
+    if members:
+        needs_torch("predicting by members")
+        if adapt:
+            raise Conflict("--adapt: the members of an ensemble are predicted without a past; leave it out")
+        adapt = 0.0
     content = content_of(model) if ship else {}
     bands, seconds = bands_of(content, ship) if ship else None, past_to_use(content, adapt)[0]
     past = Adaptation.of(ship, seconds) if seconds and ship else None
@@ -423,7 +431,13 @@ def predict(
     for number, run in enumerate(runs):
         if progress:
             progress(Progress("predicting", number, len(runs)))
-        found, notes = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=bands)
+        if members:
+            from residual.papers.ensemble import predict_members
+
+            whole: Any = ship or simulator
+            found, notes = predict_members(whole, run, window, step, short, members)
+        else:
+            found, notes = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=bands)
         outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
         made = Prediction(run, tuple(found), (), outside, seconds)
         notes = [*notes, *assumed([run], simulator.inputs), *(campaigns_taken(ship, [run]) if ship else ())]

@@ -26,15 +26,16 @@ class TrainSettings:
     """How to train a residual on a calibrated ship: seeds seed, seed + 1, ...
 
     Each stage (length [s], share) of the ``curriculum`` gets its share of the epochs; ``clip`` limits the norm of
-    gradients.
+    gradients. ``sigma``: default a third of a ship length, 0.3 rad and the deviations of u, v, r. ``stop_after``: from
+    this epoch on the rule of Wakita et al. (2024, Eq. 25) ends a training.
     """
 
     seeds: int = setting(5, "Trainings, from seeds one apart.", ge=1)
     seed: int = setting(0, "The first seed.")
     workers: int = setting(1, "Processes over which tasks are spread.", ge=1)
     width: int = setting(32, "Neurons of a hidden layer; default 32, black box 64.", ge=1)
-    symmetric: bool = setting(True, "hybrid: port and starboard may differ.")
-    penalty: float = setting(0.001, "Weight of residual^2; black box: of weights^2, default 1e-4.", ge=0)
+    symmetric: bool = setting(True, "Port and starboard may differ.")
+    penalty: float = setting(0.001, "Weight of residual^2; black box: of weights^2.", ge=0)
     rate: float = setting(3e-3, "First learning rate of Adam.", gt=0)
     last_rate: float = setting(2e-5, "Last learning rate of Adam.", gt=0)
     clip: float = setting(1.0, "Largest norm of gradients.", gt=0)
@@ -46,10 +47,12 @@ class TrainSettings:
     stride: float = setting(5.0, "Seconds between windows.", gt=0)
     jitter: float = setting(0.0, "Noise on states, in the instruments' noise.", ge=0)
     loss: str = setting("state", "state, acceleration or calibration.", choices=LOSSES)
+    sigma: tuple[float, ...] | None = setting(None, "Sigma of x,y,psi,u,v,r in the loss.", count=6)
     method: str = setting("rk4", "Integration.", choices=("rk4", "euler"))
     step: float | None = setting(None, "Step of integration [s]; default 0.05 L/U.", gt=0)
     block: float = setting(150.0, "Length of blocks [s] of few runs.", gt=0)
     augment: str = setting("", "Of Wakita 2024: sli2, jit10, d-ref, ...", choices=(*SETS, ""))
+    stop_after: int = setting(0, "Epochs after which a risen error ends it; 0: none.", ge=0)
     time_limit: float | None = setting(None, "Limit of the training [s].", gt=0)
 
 
@@ -61,7 +64,6 @@ class BlackBoxSettings(TrainSettings):
     """How to train a black box, beside what ``TrainSettings`` says; kind: one of KINDS."""
 
     width: int = field(default=64, metadata=_OF["width"])
-    penalty: float = field(default=1e-4, metadata=_OF["penalty"])
     epochs: int = field(default=60, metadata=_OF["epochs"])
     kind: str = "fnn"
     layers: int = setting(2, "fnn: hidden layers.", ge=1)
@@ -74,4 +76,5 @@ def settings_from(values: dict[str, Any]) -> TrainSettings:
     """Settings from their plain ``values``, as ``dataclasses.asdict`` gives them; unknown names are left out."""
     kind = BlackBoxSettings if "kind" in values else TrainSettings
     known = {f.name: values[f.name] for f in fields(kind) if f.name in values}
+    known["sigma"] = tuple(map(float, known.get("sigma") or ())) or None
     return kind(**known | {"curriculum": tuple((float(a), float(b)) for a, b in known["curriculum"])})

@@ -32,8 +32,8 @@ from fitting.solvers.control import Control, interrupts_noted
 from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import BadValue
 from mmg.progress import LOGGER, OnProgress, Progress
-from mmg.ship import Ship
-from residual.settings import TrainSettings
+from mmg.ship import AIR, Ship
+from residual.settings import BlackBoxSettings, TrainSettings
 from residual.splits import Split, splits_of
 from residual.system import (
     RolloutBatch,
@@ -54,6 +54,7 @@ from residual.windows import (
     jittered,
     window_errors,
     windows,
+    with_mirror_images,
 )
 
 
@@ -77,6 +78,9 @@ class Adam:
         )  # fmt: skip
 
 
+RISE, NEWEST = 0.1, 0.1
+"""Share of its fall by which a stop error has to rise again, and weight of the newest one in its moving average, for a
+training to end (Wakita et al. 2024, Eq. 25 and 24)."""
 RESTARTS, LOWER = 2, 0.2
 """How often a diverged training starts again, and the factor on its learning rate. Set by hand."""
 BuildSystem = Callable[[Ship, Scales, TrainSettings, int], TrainableSystem]
@@ -203,7 +207,7 @@ class _Attempt:
         assert held is not None
         self.held, self.best = held, self._state()
         # the untrained weights are the first best ones: a training that never helps ends where it began
-        self.before = self.least = self._stop_error()
+        self.before = self.least = self.average = self._stop_error()
         # row 0 is the untrained system, which has no rollouts and no loss yet
         self.history: list[tuple[int, float, float, float]] = [(0, 0.0, float("nan"), self.before)]
 
@@ -231,6 +235,9 @@ class _Attempt:
                 self.control.progress(Progress(f"seed {self.task.seed}", done + 1, len(plan), values))
             if self.control.stops:
                 return "stopped"
+            risen = self.average > self.least + RISE * (self.before - self.least)
+            if t.stop_after and risen and done + 1 >= t.stop_after:
+                break
         return "finished"
 
     def _epoch(self, optimizer: Adam, rate: float, batch: RolloutBatch) -> float:
@@ -244,6 +251,8 @@ class _Attempt:
             if t.jitter:
                 # noise anew in each epoch, so that it cannot be learned
                 some = jittered(some, t.jitter * torch.as_tensor(scales.noise), self.draw)
+            if isinstance(t, BlackBoxSettings) and t.symmetric:  # a hybrid's network is its own mirror image
+                some = with_mirror_images(some, (*self.task.ship.actuators, *AIR))
             self.system.zero_grad()
             loss = self._loss(some)
             loss.backward()
@@ -287,6 +296,7 @@ class _Attempt:
         # the small term serves data on which the ship has no error to begin with
         if not math.isfinite(error) or error > 100 * self.before + 1e-9:
             raise _Diverged
+        self.average += NEWEST * (error - self.average)
         if error < self.least:
             self.least, self.best = error, self._state()
 
@@ -367,6 +377,10 @@ def tasks_of(
     splits = splits_of(settings, pieces, held_out, judged_apart)
     # of all pieces, those that judge included: the mean network needs one set of scales for all seeds
     scales = kind.scales(ship, pieces, trials, h)
+    if settings.sigma is not None:
+        if len(settings.sigma) != 6 or not min(settings.sigma) > 0:
+            raise BadValue("sigma must be six positive numbers: x, y [m], psi [rad], u, v [m/s], r [rad/s]")
+        scales = replace(scales, sigma=np.array(settings.sigma, dtype=float))
     # each seed takes the next turn of the split, so that seeds differ in weights and in what judges
     first = Task(kind.build, ship, scales, settings, settings.seed, splits[0], loss, own_loss=kind.own_loss)
     return [replace(first, seed=settings.seed + i, split=split) for i, split in enumerate(splits)]

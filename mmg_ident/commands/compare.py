@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 @o.options(
     TrainSettings,
     file=False,
-    Study="ship measurement models fractions no_random",
+    Study="paper ship measurement models fractions no_random",
     Solver="seeds seed epochs step time_limit workers scheduler",
 )
 def compare(
@@ -33,7 +33,8 @@ def compare(
     out: Annotated[Path | None, Option(help="Folder for tables, result.json and figures.")] = None,
     ship: Annotated[str, Option(help="The captive ship.")] = "esso_osaka_3m",
     measurement: Annotated[str, Option(help="Instruments to fit, or none.")] = "shown",
-    models: Annotated[str, Option(help="Which, by commas.")] = "captive,calibrated,hybrid,fnn,rnn,rnn-window",
+    models: Annotated[str | None, Option(help="Which, by commas; default all.")] = None,
+    paper: Annotated[str | None, Option(help="Instead the networks of a paper: wakita2022.")] = None,
     fractions: Annotated[str, Option(help="Shares of training data, such as 0.1,0.3,1.")] = "1",
     no_random: Annotated[bool, Option("--no-random", help="Again without runs of random manoeuvres.")] = False,
     scheduler: o.Scheduler = None,
@@ -47,10 +48,15 @@ def compare(
     of Wakita et al. (2022) as published. Nothing is chosen by the test trials. Ctrl-C and --time-limit keep what is
     done (exit code 130 after Ctrl-C or when something was left out); with --out, --resume goes on from there.
 
+    --paper wakita2022 trains Types 1 to 5 of that paper (type1 ... type5 of --models) on its own sets of records, and
+    scores them by the protocol of its Table 9: by a schedule that is shorter than the published one, and says so, or
+    with --epochs N by the published one.
+
     Example: mmg compare --train train-tzrb --seeds 5 --fractions 0.1,0.3,1 --no-random --workers 2 --out comparison
     """
     import shutil
     from contextlib import nullcontext
+    from dataclasses import replace
 
     from cases.shipfiles.model_changes import with_instruments
     from cases.shipfiles.ship_file import load_ship
@@ -59,16 +65,32 @@ def compare(
     from fitting.report.run_folder import PENDING, RESULT, check_target, reserved, write_json, write_whole
     from mmg.messages import message_rows
 
-    names = tuple(dict.fromkeys(cli.names_of([models])))
+    if paper:
+        words = f"does not belong to --paper {paper}, which has training trials and a grid of its own; leave it out"
+        others = {"--train": train, "--no-random": no_random or None, "--step": settings.get("step")}
+        cli.refuse_given({**others, "--fractions": None if fractions == "1" else fractions}, words)
     needs_torch("mmg compare")  # before the imports below, whose error would name no remedy
     from fitting.report.plot_style import FigureFolder
-    from residual.papers.comparison import MODELS, Study, Subset, comparison_dict, tables_text
+    from residual.papers.comparison import (
+        MODELS,
+        PAPERS,
+        TYPES,
+        Study,
+        Subset,
+        comparison_dict,
+        paper_models,
+        tables_text,
+    )
     from residual.papers.comparison import compare as compared
     from residual.papers.comparison_figures import write_figures
 
-    unknown = [name for name in names if name not in MODELS]
+    if paper and paper not in PAPERS:
+        raise UnknownName(f"--paper {paper}: unknown; choose one of {', '.join(PAPERS)}")
+    known = ("captive", *TYPES) if paper else MODELS
+    names = known if models is None else tuple(dict.fromkeys(cli.names_of([models])))
+    unknown = [name for name in names if name not in known]
     if unknown or not names:
-        raise UnknownName(f"--models {models}: unknown {', '.join(unknown)}; choose from {', '.join(MODELS)}")
+        raise UnknownName(f"--models {models}: unknown {', '.join(unknown)}; choose from {', '.join(known)}")
     try:
         shares = sorted({float(part) for part in fractions.split(",")}, reverse=True)
     except ValueError:
@@ -83,7 +105,7 @@ def compare(
     tests = _trials(test or ["development-holdout"], "--test")
     # by name and by content: splits of the same records share names, copies share bytes
     tested = {t.name for t in tests} | {t.sha256 for t in tests if t.sha256}
-    given = _trials(train or ["train-tzrb"], "--train")
+    given = _trials(train or ["train-tzrb+" if paper else "train-tzrb"], "--train")
     trained_on = [t for t in given if t.name not in tested and t.sha256 not in tested]
     if not trained_on:
         raise Missing("--train: nothing is left to train on besides the test trials")
@@ -92,10 +114,14 @@ def compare(
     instruments = tuple(cli.names_of([measurement]))
     with_instruments(captive, instruments)  # freed later; what is wrong with them is said now
     study = Study(captive, train_set.trials, test_set.trials, names, subsets, instruments=instruments, **settings)
+    if paper:
+        own = [name for name in names if name in TYPES]
+        study = replace(study, paper=paper_models(study.train, own, study.epochs, seeds=study.seeds, seed=study.seed))
     about = {
         "--seeds": [study.seeds, study.seed],
         "--models": list(study.models),
         "settings": {"epochs": study.epochs, "step": study.step, "instruments": list(study.instruments)},
+        "--paper": paper,
         "--fractions": [subset.words for subset in study.subsets],
         "ship": hash_of_ship(study.ship),
         "--train": hashes_of_trials(study.train),

@@ -12,6 +12,7 @@ from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
 
+@o.options(Prediction="window stride adapt members campaign")
 def predict(
     model: o.Ship,
     trials: o.Trials,
@@ -19,6 +20,7 @@ def predict(
     window: Annotated[float, Option(help="Window length [s]; 0 is the whole run.")] = 100.0,
     stride: Annotated[float | None, Option(help="Between window starts [s]; default the window.")] = None,
     adapt: Annotated[float | None, Option(help="Past of a window [s]; default what the run says pays.")] = None,
+    members: Annotated[str, Option(help="By each member of an ensemble: ts-infinity or ts1.")] = "",
     campaign: o.Campaign = None,
     force: o.Force = False,
     unchecked: o.Unchecked = False,
@@ -32,6 +34,10 @@ def predict(
     current that fades and the state of the ship's lags, where that paid on trials that the run was not calibrated on,
     which it says; --adapt 0 turns it off, --adapt A uses A seconds whatever the run says. Of a hybrid it says which
     share of the predicted rows lies outside the range of the data that its network was trained on.
+
+    --members predicts a hybrid or a black box by particles that follow the networks of its seeds, each its own
+    (ts-infinity) or one drawn at every step (ts1): their mean, and as x_std ... r_std their spread, which is not the
+    error of the prediction but what the trials leave open.
 
     Files that mmg check calls contradictory are refused. Every row is predicted, also those of broken stretches, which
     no score counts: it says which windows begin in one, as their measured state is not to be believed.
@@ -64,10 +70,10 @@ def predict(
     title = ship.title if ship else model
     if campaign is not None:
         runs = runs.said_campaign(campaign, ship or load_ship(model))
-    found = api.predict(model, runs, window, stride, adapt, cli.progress())
+    found = api.predict(model, runs, window, stride, adapt, cli.progress(), unchecked, members)
     if all(p.diverged == len(p.windows) for p in found):
         raise NoSolution(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")
-    notes: list[str] = [*past_to_use(api.content_of(model), adapt)[1]]
+    notes: list[str] = [*past_to_use(api.content_of(model), 0.0 if members else adapt)[1]]
     notes += [note for note in sound.remarks if has_code([note], DOUBT)]
     for p, kept in zip(found, sound, strict=True):
         left_out = inside(kept, spans_left_out(kept))

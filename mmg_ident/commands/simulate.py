@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from mmg.ship import Ship
 
 
-@o.options(Run="n speed duration rudder_rate sampled_helm dt seed campaign", Draws="scatter plot")
+@o.options(Run="n speed duration rudder_rate sampled_helm dt seed campaign", Draws="scatter members plot")
 def simulate(
     ship: o.Ship,
     maneuver: Annotated[
@@ -41,6 +42,9 @@ def simulate(
     seed: Annotated[int, Option(help="Seed of gusts, noise and random manoeuvres.")] = 0,
     campaign: Annotated[str | None, Option(help="Whose instruments log the run; default the mean.")] = None,
     scatter: Annotated[int | None, Option(help="Ships drawn: median and 90 % interval of each figure.")] = None,
+    members: Annotated[
+        bool, Option("--members", help="Each network of a hybrid alone: spread of each figure.")
+    ] = False,
     plot: Annotated[Path | None, Option(help="Figure of their tracks (.png, .svg or .pdf).")] = None,
     out: Annotated[Path | None, Option(help="Trial file to write (.csv or .parquet).")] = None,
     force: o.Force = False,
@@ -48,7 +52,8 @@ def simulate(
 ) -> None:
     """Simulate a manoeuvre, or the inputs of a trial file, on a ship and write the motion as a trial file.
 
-    Lengths of standard manoeuvres are counted from midship at the order (IMO MSC.137(76)), in ship lengths L.
+    Lengths of standard manoeuvres are counted from midship at the order (IMO MSC.137(76)), in ship lengths L. With
+    --members a controller or criterion is judged by the worst network of the ensemble (Wakita et al. 2025, 5.4).
 
     Example: mmg simulate esso_osaka_3m --maneuver zigzag:20/20 --wind 1.5:60:gusty --noise --out zigzag.csv
     """
@@ -86,7 +91,7 @@ def simulate(
         from fitting.report.plot_maneuvers import maneuver_figure
         from fitting.report.run_folder import content_on
 
-        others = {"--controls": controls, "--wind": wind, "--noise": noise or None}
+        others = {"--controls": controls, "--wind": wind, "--noise": noise or None, "--members": members or None}
         cli.refuse_given(others, "does not belong to --scatter, which is a manoeuvre in calm air; leave it out")
         if plan is None:
             raise Conflict("--scatter is a standard manoeuvre, not random inputs; leave it out")
@@ -115,6 +120,8 @@ def simulate(
     with cli.working("simulating"):
         trial = simulated_trial(model, plan, source, wind, seed=seed, dt=dt)
     figures = figures_of(trial, plan) if plan else {}
+    if members and not (plan and figures):
+        raise Conflict("--members is of figures, which this run has not; mmg predict --members follows recorded inputs")
     summary = _summary(model, trial, plan.name if plan else trial.name, figures)
     if noise and out is None:
         cli.say("note: --noise changes nothing without --out: it belongs to the trial file, not to the summary")
@@ -122,6 +129,10 @@ def simulate(
         noisy = add_noise(trial, SensorNoise.for_length(model.particulars["L"]), seed) if noise else trial
         write_trial(noisy, out)
     summary |= {"seed": seed, "noise": noise, "wind": wind}
+    if members and plan:
+        with cli.working(f"simulating {len(model.members)} members"):
+            trials = [simulated_trial(member, plan, None, wind, seed=seed, dt=dt) for member in model.members]
+        summary["members"] = _spread([figures_of(own, plan) for own in trials])
     summary["effects"] = {name: vars(model.parameters_of(name)) for name in model.effects}
     summary["out"] = None if out is None else str(out)
     cli.print_json(summary) if json else _print(summary, figures, model)
@@ -176,6 +187,16 @@ def _summary(ship: Ship, trial: Trial, run: str, found: dict[str, float]) -> dic
     }
 
 
+def _spread(each: list[dict[str, float]]) -> dict[str, dict[str, float]]:
+    """Mean, standard deviation and ends of each figure over the members of an ensemble that reach it."""
+    rows = {name: [own[name] for own in each if name in own] for name in dict.fromkeys(n for own in each for n in own)}
+    return {
+        name: {"mean": statistics.fmean(v), "std": statistics.pstdev(v), "lowest": min(v), "highest": max(v)}
+        | {"count": len(v)}
+        for name, v in rows.items()
+    }
+
+
 def _print(summary: dict[str, Any], figures: dict[str, float], ship: Ship) -> None:
     from cases.criteria.figures import figure_unit
 
@@ -198,3 +219,6 @@ def _print(summary: dict[str, Any], figures: dict[str, float], ship: Ship) -> No
         unit, factor, form = _unit(figure_unit(name), ship.particulars["L"])
         metres = f"{value:.2f} m = " if unit == "L" else ""
         print(f"  {name.replace('_', ' ')}  {metres}{factor * value:{form}} {unit}")
+        if row := summary.get("members", {}).get(name):
+            mean, std, *ends = (f"{factor * row[key]:{form}}" for key in ("mean", "std", "lowest", "highest"))
+            print(f"    of {row['count']} members  {mean} ± {std}, {' to '.join(ends)} {unit}")

@@ -22,7 +22,6 @@ _ONLY = {
     "zero": ("fnn",),
     "memory": ("rnn", "rnn-window"),
     "initial": KINDS,
-    "symmetric": ("hybrid",),
 }
 """Settings that only some models take."""
 
@@ -39,7 +38,7 @@ def train(
     out: o.RunFolder,
     settings: o.Given,
     validate: Annotated[list[Path] | None, Option(help="Judged by; default parts in turn.", metavar="TRIAL...")] = None,
-    model: Annotated[str, Option(help="hybrid, or a black box: fnn, rnn, rnn-window.")] = "hybrid",
+    model: Annotated[str, Option(help="Or a black box: fnn, rnn, rnn-window.")] = "hybrid",
     keep: Annotated[str, Option(help="Recommended ship: better, or always the hybrid.")] = "better",
     scheduler: o.Scheduler = None,
     resume: o.Resume = False,

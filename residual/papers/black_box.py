@@ -172,11 +172,6 @@ class Standard(TrainableSystem):
         """What features (F, M) feed into the hidden layer, bias included (width, M)."""
         return torch.addmm(self.b0[:, None], self.W0, values / self.feature_scale[:, None])
 
-    def _row(self, fed: torch.Tensor, z1: torch.Tensor | None) -> torch.Tensor:
-        """z1 (width, M) from what is fed and the one before; None: nothing is remembered."""
-        inside = fed if z1 is None else torch.addmm(fed, self.Wr, z1)
-        return torch.tanh(inside) - torch.tanh(self.b0)[:, None]
-
     def _last(self, z1: torch.Tensor) -> torch.Tensor:
         """Accelerations (3, M) of a hidden layer (width, M)."""
         return self.scale[:, None] * (self.W3 @ hidden(hidden(z1, self.W1, self.b1), self.W2, self.b2))
@@ -187,7 +182,7 @@ class Standard(TrainableSystem):
 
     def _remember(self, memory: torch.Tensor, fed: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """z1 of the present row (width, M) and the memory for the next one."""
-        z1 = self._row(fed, memory)
+        z1 = torch.tanh(torch.addmm(fed, self.Wr, memory)) - torch.tanh(self.b0)[:, None]
         return z1, z1
 
     def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
@@ -218,20 +213,17 @@ class Standard(TrainableSystem):
 class Windowed(Standard):
     """Eq. 9: the hidden layer runs anew along the last m rows; what was before is forgotten.
 
-    What each row feeds is remembered beside the six columns, so that only the recurrence is repeated. Rows before the
-    first one feed b_0, as the origin does: it leaves z1 at zero.
+    Of the windows that end in the next m - 1 rows it remembers how far each has come: every row takes all of them one
+    further, by one product. Rows before the first one leave z1 at zero, as the origin does.
     """
 
     def _fresh(self, M: int) -> torch.Tensor:
-        return self.b0.repeat(self.past)[:, None].expand(-1, M)
+        return torch.zeros(self.past * self.width, M, dtype=torch.float64)
 
     def _remember(self, memory: torch.Tensor, fed: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        every = torch.cat([memory, fed])
-        z1 = None
-        for row in every.split(self.width):
-            z1 = self._row(row, z1)
-        assert z1 is not None
-        return z1, every[self.width :]
+        begun = torch.cat([self.Wr @ memory.reshape(self.past, *fed.shape), torch.zeros_like(fed)[None]])
+        every = torch.tanh(fed + begun) - torch.tanh(self.b0)[:, None]
+        return every[0], every[1:].reshape(memory.shape)
 
 
 class InitialState(TrainableSystem):
@@ -363,12 +355,18 @@ class BlackBox:
         path = np.mean(paths, axis=0)
         rows = max(s.last - s.first for s in stretches) + 1
         out = np.full((rows, 6, len(stretches)), np.nan)
-        grid = self.h * np.arange(len(path))
         for i, s in enumerate(stretches):
-            t = s.record.t[s.first : s.last + 1] - s.record.t[s.first]
-            out[: len(t), :, i] = np.column_stack([np.interp(t, grid, path[:, j, i]) for j in range(6)])
+            out[: s.steps + 1, :, i] = at_samples(path[:, :, i], self.h, s)
             out[0, :, i] = s.record.states[s.first]
         return out
+
+
+def at_samples(path: np.ndarray, h: float, stretch: Stretch) -> np.ndarray:
+    """A ``path`` (N + 1, ...) on a grid of ``h`` [s] from the first row of a ``stretch``, interpolated to its rows."""
+    place = np.minimum((stretch.t - stretch.t[0]) / h, len(path) - 1)
+    below = np.minimum(place.astype(int), len(path) - 2)
+    share = (place - below).reshape(-1, *(1,) * (path.ndim - 1))
+    return (1 - share) * path[below] + share * path[below + 1]
 
 
 def gridded(stretches: Sequence[Stretch], h: float, past: int) -> RolloutBatch:

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fitting.report.plot_style import DASHES, FigureFolder, dress, new_figure
-from residual.papers.comparison import HORIZONS, Comparison
+from residual.papers.comparison import HORIZONS, TYPES, Comparison
 
 COLOURS = {
     "captive": "#8A8A8A", "calibrated": "#0072B2", "hybrid": "#009E73", "fnn": "#D58A00", "rnn": "#CC79A7",
@@ -19,9 +19,12 @@ COLOURS = {
 DASHED = dict(zip(COLOURS, DASHES, strict=True))
 MARKERS = dict(zip(COLOURS, "oDs^vX", strict=True))
 """Of the lines of the models: they differ without their colours too."""
+AS = {model: model for model in COLOURS} | dict(zip(TYPES, list(COLOURS)[1:], strict=True))
+"""Model -> the one whose look it has: those of a paper stand beside the captive ship alone."""
 
 
 def _look(model: str) -> dict[str, Any]:
+    model = AS[model]
     return {"color": COLOURS[model], "marker": MARKERS[model], "markersize": 4}
 
 
@@ -35,8 +38,9 @@ def growth_plot(comparison: Comparison) -> Figure:
         for model in comparison.study.models:
             rows = [factor * e.growth[:, column] for e in comparison.of(model)]
             if rows:
-                ax.plot(HORIZONS, np.mean(rows, axis=0), linestyle=DASHED[model], label=model, **_look(model))
-                ax.fill_between(HORIZONS, np.min(rows, axis=0), np.max(rows, axis=0), color=COLOURS[model], alpha=0.15)
+                ax.plot(HORIZONS, np.mean(rows, axis=0), linestyle=DASHED[AS[model]], label=model, **_look(model))
+                ends, colour = (np.min(rows, axis=0), np.max(rows, axis=0)), COLOURS[AS[model]]
+                ax.fill_between(HORIZONS, *ends, color=colour, alpha=0.15)
         ax.set_ylim(bottom=0)
     axes[0].legend(fontsize=7.5, frameon=False)
     return figure

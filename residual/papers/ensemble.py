@@ -8,39 +8,74 @@ Particles start from one measured state; under TS-infinity each keeps its member
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import torch
 
-from mmg.errors import Missing
+from cases.trial import Trial
+from fitting.nlp.windows import default_step
+from fitting.prediction.predict import Window, planned_windows
+from mmg.errors import UnknownName
+from mmg.messages import Message
 from mmg.ship import Ship
 from residual.hybrid import Hybrid, Residual
+from residual.papers.black_box import BlackBox, at_samples, gridded
 from residual.physics import Physics
-from residual.splits import blocks
 from residual.system import RolloutBatch, TrainableSystem, rollout
-from residual.train import Task
 
 VELOCITIES = slice(3, 6)
 """Rows u, v, r of the logged columns, on which Eq. 30 and 31 are taken."""
+SAMPLINGS = ("ts-infinity", "ts1")
+PARTICLES = 100
+"""Particles of each window under TS1; under TS-infinity more than the members add nothing. Set by hand."""
 
 
-def members_of_ship(ship: Ship) -> list[TrainableSystem]:
-    """The members of a hybrid ship's network, each on the same physics. UserError for a ship without a network."""
-    if ship.network is None:
-        raise Missing(f"{ship.name} has no network, so there is no ensemble: train one with mmg train --seeds 5")
-    physics = Physics(ship.without_network())
-    nothing = np.zeros((len(ship.features), 1))
-    count = range(len(ship.network.members))
-    return [Hybrid(physics, Residual.of_network(ship.network, i), nothing) for i in count]
+def members_of(model: Ship | BlackBox) -> list[TrainableSystem]:
+    """The members of a ``model``: of a hybrid ship's network, each on the same physics, or of a black box.
+
+    Raises UserError for a ship without a network.
+    """
+    if isinstance(model, BlackBox):
+        return list(model.systems)
+    physics, nothing = Physics(model.without_network()), np.zeros((len(model.features), 1))
+    return [Hybrid(physics, Residual.of_network(m.network), nothing) for m in model.members if m.network]
 
 
-def bootstrapped(task: Task) -> Task:
-    """The ``task`` on blocks of its training pieces, as many as they hold, drawn with replacement by its seed."""
-    cut = blocks(task.split.train, task.settings.block, task.h)
-    draws = np.random.default_rng([11, task.seed]).integers(0, len(cut), len(cut))
-    return replace(task, split=task.split._replace(train=[cut[i] for i in draws]))
+def predict_members(
+    model: Ship | BlackBox,
+    trial: Trial,
+    length: float,
+    stride: float,
+    short_last: bool,
+    sampling: str = "ts-infinity",
+    seed: int = 0,
+) -> tuple[list[Window], list[Message]]:
+    """Windows of a ``trial`` with mean and standard deviation (Eq. 30) of particles that follow the members of
+    ``model``, and notes: windows that were left out, and how far the measured u, v, r are from the particles (Eq. 31).
+
+    length, stride [s], short_last: as of ``fitting.prediction.predict.window_rows``; sampling, seed: as of
+    ``particles``. Raises UserError for an unknown sampling and for a ship without a network.
+    """
+    if sampling not in SAMPLINGS:
+        raise UnknownName(f"--members {sampling}: unknown; choose one of {', '.join(SAMPLINGS)}")
+    members, method = members_of(model), model.settings.method if isinstance(model, BlackBox) else "rk4"
+    kept, notes = planned_windows(trial, model.inputs, length, stride, short_last)
+    if not kept:
+        return [], notes
+    h = model.h if isinstance(model, BlackBox) else default_step([trial], model.particulars["L"])
+    batch = gridded(list(kept.values()), h, members[0].past)
+    paths = particles(members, batch, len(members) if sampling != "ts1" else PARTICLES, sampling, method, seed)
+    windows, apart = [], []
+    for i, (number, s) in enumerate(kept.items()):
+        cloud = at_samples(paths[:, :, :, i], h, s)
+        mean, covariance = (values[..., 0] for values in moments(cloud[..., None]))
+        std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+        windows.append(Window(number, s.first, s.last, mean, std))
+        apart.append(mahalanobis(cloud, trial.states[s.first : s.last + 1]))
+    words = f"{trial.name}: std is the spread of {len(members)} members, not the error of a prediction"
+    if np.isfinite(apart).all():
+        words += f"; u, v, r are {np.sqrt(np.mean(apart) / 3):.1f} times as far from their mean (rms)"
+    return windows, [*notes, Message(words, "spread_of_members")]
 
 
 @torch.no_grad()
@@ -55,13 +90,11 @@ def particles(
     """Logged columns (N + 1, 6, P, M) of P = ``count`` particles per window of ``batch``, from its measured start.
 
     members: systems that they follow; method: "rk4" or "euler"; seed: of TS1; sampling: "ts1" or "ts-infinity". Under
-    the latter member i is followed by the particles i, i + E, i + 2E, ... Raises ValueError for another sampling.
+    the latter member i is followed by the particles i, i + E, i + 2E, ...
     """
     if sampling == "ts-infinity":
         paths = torch.stack([rollout(member, batch, method) for member in members[:count]], dim=2)
         return paths[:, :, torch.arange(count) % len(members)].numpy()
-    if sampling != "ts1":
-        raise ValueError(f"sampling {sampling!r} is neither ts1 nor ts-infinity")
     draw, M = torch.Generator().manual_seed(seed), len(batch)
     which = torch.randint(len(members), (count * M,), generator=draw)
     starts = torch.stack([member.start(batch.targets[0], batch.controls[0], batch.past) for member in members])
@@ -88,42 +121,18 @@ def moments(paths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return mean, np.einsum("nipm,njpm->nijm", off, off) / paths.shape[2]
 
 
-class Distances(NamedTuple):
-    """Of the truth from the particles, per window (M,), in u, v, r; Eq. 31 and what belongs to it.
+def mahalanobis(paths: np.ndarray, truth: np.ndarray) -> float:
+    """Eq. 31b: mean over the rows after the start of the squared distance of u, v, r of ``truth`` (N + 1, 6) from the
+    mean of particles ``paths`` (N + 1, 6, P), by their inverse covariance.
 
-    euclidean: mean over the rows of |truth - mean|^2; mahalanobis: the same weighted by the inverse covariance;
-    variance: mean trace of the covariance. The roots of the first two hardly correlate where the spread grows with the
-    bias (Fig. 6).
+    Rows with NaN in the truth count nothing. NaN where a covariance is singular: of fewer than four members, or of
+    members that agree.
     """
-
-    euclidean: np.ndarray
-    mahalanobis: np.ndarray
-    variance: np.ndarray
-
-
-def distances(paths: np.ndarray, truth: np.ndarray, mask: np.ndarray, noise: np.ndarray | None = None) -> Distances:
-    """Distances of ``truth`` (N + 1, 6, M) from particles over the rows after the start.
-
-    paths: (N + 1, 6, P, M); mask: (N + 1, 6, M), 1 where measured: a row counts where u, v, r were; noise: (6,)
-    standard deviations of the measurement, added to the covariance of the particles (not in Eq. 31, where the truth is
-    known). Raises ValueError when a covariance is singular: fewer than four members, or members that agree.
-    """
-    mean, covariance = moments(paths[1:])
-    C = np.moveaxis(covariance[:, VELOCITIES, VELOCITIES], -1, 1).copy()
-    if noise is not None:
-        C += np.diag(noise[VELOCITIES] ** 2)
-    scale = np.sqrt(np.maximum(np.diagonal(C, axis1=2, axis2=3), 1e-300))
-    alike = C / (scale[..., :, None] * scale[..., None, :])
-    if np.linalg.eigvalsh(alike)[..., 0].min() < 1e-13:
-        raise ValueError("the covariance of u, v, r is singular: 4 different members are needed")
-    error = np.moveaxis((truth[1:] - mean)[:, VELOCITIES], 1, -1)
-    counted = mask[1:, VELOCITIES].all(axis=1)
-    rows = np.maximum(counted.sum(axis=0), 1)
-
-    def averaged(values: np.ndarray) -> np.ndarray:
-        return np.where(counted, values, 0.0).sum(axis=0) / rows
-
+    mean, covariance = (values[1:, VELOCITIES, ..., 0] for values in moments(paths[..., None]))
+    C, error = covariance[:, :, VELOCITIES], truth[1:, VELOCITIES] - mean
+    scale = np.sqrt(np.maximum(np.diagonal(C, axis1=1, axis2=2), 1e-300))
+    alike = C / (scale[:, :, None] * scale[:, None, :])
+    if np.linalg.eigvalsh(alike).min() < 1e-13:
+        return float("nan")
     scaled = error / scale
-    weighted = (scaled * np.linalg.solve(alike, scaled[..., None])[..., 0]).sum(axis=-1)
-    variance = np.trace(C, axis1=2, axis2=3)
-    return Distances(averaged((error**2).sum(axis=-1)), averaged(weighted), averaged(variance))
+    return float(np.nanmean((scaled * np.linalg.solve(alike, scaled[..., None])[..., 0]).sum(axis=-1)))

@@ -29,7 +29,7 @@ NAMES: dict[str, dict[str, str]] = {
 """Of a verb: name of an argument -> that of the function, where one argument takes what two options do."""
 LEFT: dict[str, set[str]] = {
     "fit": set(),
-    "simulate": {"scatter"},  # imo gives figures of draws, simulate_many their runs
+    "simulate": {"scatter", "members"},  # imo gives figures of draws, simulate_many their runs; each of ship.members
     "predict": {"campaign"},  # TrialSet.said_campaign
     "diagnose": {"campaign"},
     "gap": {"time_limit"},  # of the parts that a folder keeps

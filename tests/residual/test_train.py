@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,14 @@ import torch
 
 import delivery.view
 from fitting.nlp.windows import pieces_of
+from mmg.errors import BadValue
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.figures import learning_plot
 from residual.hybrid import HYBRID_KIND
 from residual.papers.comparison_figures import COLOURS, DASHED, MARKERS
 from residual.pipeline import train
-from residual.settings import TrainSettings
+from residual.settings import TrainSettings, settings_from
 from residual.train import (
     Adam,
     load_outcome,
@@ -61,6 +63,30 @@ def test_by_default_noise_alone_is_declined() -> None:
     quiet = train(hybrids.ship(), hybrids.trials(hybrids.ship()), settings=replace(DEFAULT, seeds=1, epochs=4))
     assert quiet.decision and not quiet.decision.kept and quiet.ship.network is None
     assert quiet.network is not None, "what was declined can still be compared"
+
+
+def test_a_training_ends_when_its_stop_error_has_risen_by_a_tenth_of_its_fall() -> None:
+    """Eq. 24 and 25 of Wakita et al. (2024), by the history: at a rate of learning that is far too high."""
+    settings = replace(DEFAULT, seeds=1, epochs=60, rate=0.1, last_rate=0.1, penalty=0.0)
+    task = tasks_of(HYBRID_KIND, hybrids.ship(), hybrids.trials(hybrids.lacking()), settings)[0]
+    whole, early = (train_one(replace(task, settings=replace(task.settings, stop_after=k))) for k in (0, 5))
+    errors = [row[3] for row in early.history]
+    average, ends = errors[0], []
+    for k, error in enumerate(errors[1:], 1):
+        average, least = 0.9 * average + 0.1 * error, min(errors[: k + 1])
+        ends += [k] if k >= 5 and average > least + 0.1 * (errors[0] - least) else []
+    assert len(whole.history) == 61 and early.status == "finished"
+    assert ends == [len(errors) - 1] and errors == [row[3] for row in whole.history][: len(errors)]
+
+
+def test_a_given_sigma_is_that_of_the_loss() -> None:
+    settings = replace(DEFAULT, seeds=1, sigma=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    tasks = tasks_of(HYBRID_KIND, hybrids.ship(), hybrids.trials(hybrids.lacking()), settings)
+    np.testing.assert_array_equal(tasks[0].scales.sigma, [1, 2, 3, 4, 5, 6])
+    assert settings_from(json.loads(json.dumps(asdict(settings)))) == settings
+    for sigma in ((1.0,) * 5, (1.0, 1.0, 1.0, 1.0, 1.0, 0.0)):
+        with pytest.raises(BadValue):
+            tasks_of(HYBRID_KIND, hybrids.ship(), hybrids.trials(hybrids.lacking()), replace(settings, sigma=sigma))
 
 
 def test_a_seed_that_was_kept_comes_back_to_the_last_bit(tmp_path: Path) -> None:

@@ -9,17 +9,19 @@ import numpy as np
 import pytest
 
 import mmg_ident as mi
+from cases.criteria.standard_runs import figures_of, simulated_trial
+from cases.maneuvers.definitions import parse_maneuver
 from cases.simulation.simulate import write_trial
 from mmg.network import Layers
 from mmg.ship import Ship
 from mmg_ident.commands.main import main
 from tests.support import hybrids
 from tests.support.calibrated import small_result
-from tests.support.commands import shown
+from tests.support.commands import refused, shown
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
-QUICK = ["--seeds", "1", "--epochs", "1", "--width", "4", "--step", "1", "--keep", "always"]
+QUICK = ["--seeds", "2", "--epochs", "1", "--width", "4", "--step", "1", "--keep", "always"]
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +41,7 @@ VERBS = {
     "simulate": ["RUN", "--maneuver", "turning:20", "--wind", "1.5:60", "--duration", "20", "--out", "OUT.csv"],
     "simulate scattered": ["RUN", "--maneuver", "turning:20", "--scatter", "2", "--duration", "20"],
     "predict": ["RUN", "TRIALS", "--out", "OUT"],
+    "predict by members": ["RUN", "TRIALS", "--members", "ts1", "--window", "30", "--out", "OUT"],
     "score": ["RUN", "TRIALS"],
     "imo": ["RUN", "--scatter", "0"],
     "scale": ["RUN", "--length", "100", "--out", "OUT"],
@@ -64,6 +67,31 @@ def test_every_verb_takes_a_hybrid(name: str, folder: Path, tmp_path: Path, caps
     for word, place in places.items():
         words = [text.replace(word, place) if text.startswith(word) else text for text in words]
     assert main([name.split()[0], *words]) == 0, capsys.readouterr().err
+
+
+def test_figures_are_those_of_each_member_of_the_ensemble(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = shown("simulate", folder / "run", "--maneuver", "turning:20", "--members")["members"]
+    hybrid = mi.load_ship(folder / "run")
+    ships, plan = hybrid.members, parse_maneuver("turning:20", hybrid)
+    each = [figures_of(simulated_trial(ship, plan), plan) for ship in ships]
+    assert len(ships) == 2 and {*found} == {*each[0]}
+    for name, row in found.items():
+        values = [own[name] for own in each]
+        assert row == pytest.approx(
+            {"mean": np.mean(values), "std": np.std(values), "lowest": min(values), "highest": max(values), "count": 2}
+        )
+    refused(capsys, "simulate", folder / "run", "--controls", folder / "trials" / "run0.csv", "--members")
+    refused(capsys, "simulate", folder / "fit", "--maneuver", "turning:20", "--members")
+
+
+def test_a_prediction_by_members_has_no_past(folder: Path) -> None:
+    trial = folder / "trials" / "run0.csv"
+    (found,) = mi.predict(folder / "run", trial, members="ts-infinity")
+    assert found.past_s == 0.0 and found.table.shape[1] == 14 and {m.code for m in found.notes} >= {"spread_of_members"}
+    with pytest.raises(mi.UserError):
+        mi.predict(folder / "run", trial, adapt=30.0, members="ts-infinity")
+    with pytest.raises(mi.UserError):
+        mi.predict(folder / "fit", trial, members="ts-infinity")
 
 
 @pytest.mark.slow

@@ -19,15 +19,17 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
-from fitting.prediction.score import Score, TrialScore
+from fitting.prediction.score import Score, TrialScore, pooled_sigma
 from fitting.report.run_folder import read_result
-from mmg.errors import TooFewData
+from mmg.errors import Missing, TooFewData
 from mmg_ident.commands.main import main
 from residual.papers.black_box import load_box
 from residual.papers.comparison import (
     HORIZONS,
+    SHORTER,
     TABLE_9,
     TABLE_9_TEST,
+    TYPES,
     Comparison,
     Entry,
     Study,
@@ -35,14 +37,18 @@ from residual.papers.comparison import (
     accuracy,
     blocks_of,
     compare,
+    comparison_dict,
     efficiency,
     growth,
     horizon,
     mean_and_std,
+    paper_models,
     published,
     subset_of,
+    table_9_errors,
     tables_text,
 )
+from residual.settings import BlackBoxSettings
 from tests.support import hybrids
 from tests.support.commands import refused
 
@@ -261,4 +267,62 @@ def test_tables_give_mean_and_standard_deviation_over_seeds() -> None:
 def test_table_9_is_complete() -> None:
     assert len(TABLE_9_TEST) == 6 and all(len(cells) == 6 for cells in TABLE_9.values())
     assert len(published()) == 2 + 6 and "4834 ± 4041" in "\n".join(published())
-    assert "train-tzrb" in SPLITS and "development-holdout" in SPLITS
+    assert "train-tzrb" in SPLITS and "development-holdout" in SPLITS and {*TABLE_9} == {"captive", *TYPES}
+
+
+def named(records: Sequence[str], seconds: int = 60) -> list[Trial]:
+    """Synthetic trials with the names of published records."""
+    runs = hybrids.trials(hybrids.ship(), len(records), seconds)
+    return [replace(run, name=name) for run, name in zip(runs, records, strict=True)]
+
+
+def test_the_networks_of_the_paper_have_its_settings_and_records() -> None:
+    records = [*SPLITS["train-tzb"][:2], *SPLITS["train-tzrb"][:1], "another"]
+    trials = named(records)
+    found = paper_models(trials, list(TYPES), 7, seeds=3, seed=2)
+    for name, (settings, own) in found.items():
+        kind, loss, split = TYPES[name]
+        assert [t.name for t in own] == [r for r in records if r in SPLITS[split]]
+        assert (settings.kind, settings.loss, settings.width, settings.memory) == (kind, loss, 200, 10)
+        assert (settings.step, settings.method, settings.curriculum) == (0.1, "euler", ((6.0, 1.0),))
+        assert (settings.epochs, settings.batch, settings.seeds, settings.seed) == (7, 512, 3, 2)
+        assert settings.rate == settings.last_rate == (1e-4 if loss == "acceleration" else 2e-5)
+        assert settings.sigma == pytest.approx(np.vstack([t.states for t in own]).std(axis=0))
+    shorter = paper_models(trials, ["type5"], None)["type5"][0]
+    assert (shorter.batch, shorter.stride, shorter.rate) == (128, 3.0, 1e-3) and shorter.epochs > 200
+    with pytest.raises(Missing):
+        paper_models(named(["another"]), ["type1"], None)
+
+
+def test_table_9_restarts_random_and_turning_runs_alone() -> None:
+    trials = named(["random_1", "zigzag_1"], 250)
+    random, zigzag = table_9_errors(Drifting(), trials)
+    sigma = pooled_sigma(trials)
+    rate = (np.array([0.03, -0.04, 0.01, 0, 0, 0]) / sigma) ** 2
+    restarted = np.concatenate([np.arange(101.0), np.arange(101.0), np.arange(51.0)])
+    assert random == pytest.approx(rate.sum() * (restarted**2).mean(), rel=1e-6)
+    assert zigzag == pytest.approx(rate.sum() * (np.arange(251.0) ** 2).mean(), rel=1e-6)
+
+
+def test_a_study_of_the_paper_trains_on_trials_of_its_own_and_says_its_schedule() -> None:
+    trials, tests = hybrids.trials(hybrids.ship(), 5, 60), tuple(named(["turn_1"], 120))
+    values = {"width": 6, "memory": 3, "epochs": 1, "step": 1.0, "curriculum": ((6.0, 1.0),)}
+    settings = BlackBoxSettings(kind="rnn-window", seeds=1, sigma=(1.0, 1.0, 0.1, 1.0, 1.0, 1.0), **values)
+    study = Study(
+        hybrids.ship(), tests, tests, ("captive", "type5"), seeds=1, paper={"type5": (settings, tuple(trials))}
+    )
+    found = compare(study)
+    assert [(e.model, e.status, e.seconds, len(e.table_9)) for e in found.entries] == [
+        ("captive", "finished", 120.0, 1), ("type5", "finished", 300.0, 1),
+    ]  # fmt: skip
+    content = comparison_dict(found, "mmg compare")
+    assert content["schedule"] == SHORTER and content["paper"]["type5"]["settings"]["sigma"][2] == 0.1
+    assert SHORTER in tables_text(found)
+    longer = comparison_dict(replace(found, study=replace(study, epochs=9)), "mmg compare")
+    assert longer["schedule"] is None
+
+
+def test_the_paper_has_trials_and_models_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words in (["--train", tmp_path], ["--fractions", "0.5"], ["--step", "1"], ["--models", "fnn"]):
+        refused(capsys, "compare", "--paper", "wakita2022", *words)
+    refused(capsys, "compare", "--paper", "wakita2030")

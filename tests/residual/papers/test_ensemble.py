@@ -9,13 +9,16 @@ import pytest
 import torch
 
 from fitting.nlp.windows import pieces_of
-from mmg.errors import Missing
-from residual.hybrid import HYBRID_KIND, Hybrid, Residual, to_network
-from residual.papers.ensemble import bootstrapped, distances, members_of_ship, moments, particles
+from fitting.prediction.predict import predict_all
+from mmg.errors import Missing, UnknownName
+from mmg.rollout import Simulator
+from residual.hybrid import Hybrid, Residual, to_network
+from residual.papers.black_box import BOX_KIND, box_of
+from residual.papers.ensemble import mahalanobis, members_of, moments, particles, predict_members
 from residual.physics import Physics
-from residual.settings import TrainSettings
+from residual.settings import BlackBoxSettings
 from residual.system import RolloutBatch, TrainableSystem, rollout
-from residual.train import restored, tasks_of, train_one
+from residual.train import tasks_of, train_one
 from residual.windows import windows
 from tests.support import hybrids
 
@@ -97,41 +100,42 @@ def test_the_same_seed_gives_the_same_particles_and_another_one_others() -> None
     one, same, other = (particles(members, batch, 4, "ts1", seed=s) for s in (3, 3, 4))
     np.testing.assert_array_equal(one, same)
     assert np.abs(one - other).max() > 1e-6
-    with pytest.raises(ValueError, match="ts2"):
-        particles(members, batch, 4, "ts2")
 
 
 def test_the_members_of_a_saved_network_are_those_it_was_made_of() -> None:
     residuals, batch = random_residuals(2), hybrid_batch()
     limit = np.full(len(hybrids.ship().features), np.inf)
     ship = hybrids.ship().with_network(to_network(residuals, hybrids.ship().actuators, -limit, limit))
-    paths = particles(members_of_ship(ship), batch, 2)
+    paths = particles(members_of(ship), batch, 2)
     physics = Physics(hybrids.ship())
     for p, residual in enumerate(residuals):
         with torch.no_grad():
             expected = rollout(Hybrid(physics, residual, np.zeros((7, 1))), batch).numpy()
         np.testing.assert_allclose(paths[:, :, p], expected, rtol=0, atol=1e-12)
     with pytest.raises(Missing):
-        members_of_ship(hybrids.ship())
+        members_of(hybrids.ship())
+    alone = [Simulator(member, compiled=False).rates(np.ones((6, 1)), np.ones((4, 1))) for member in ship.members]
+    both = Simulator(ship, compiled=False).rates(np.ones((6, 1)), np.ones((4, 1)))
+    np.testing.assert_allclose(np.mean(alone, axis=0), both, rtol=0, atol=1e-12)
 
 
 # Moments and distances
 
 
 def hand_made() -> tuple[np.ndarray, np.ndarray]:
-    """Particles (3, 6, 4, 1) and truth (3, 6, 1): in u, v, r independent, with deviations 1, 2 and 0.5 about 1."""
-    paths, truth = np.zeros((3, 6, 4, 1)), np.zeros((3, 6, 1))
+    """Particles (3, 6, 4) and truth (3, 6): in u, v, r independent, with deviations 1, 2 and 0.5 about 1."""
+    paths, truth = np.zeros((3, 6, 4)), np.zeros((3, 6))
     signs = np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]])
     for c, (sign, deviation) in enumerate(zip(signs, (1.0, 2.0, 0.5), strict=True)):
-        paths[:, 3 + c, :, 0] = 1.0 + deviation * sign
+        paths[:, 3 + c] = 1.0 + deviation * sign
     truth[:, 3:] = 1.0
-    truth[1, 3:, 0] += (1.0, 2.0, 0.0)
-    truth[2, 3:, 0] += (0.0, 0.0, 1.5)
+    truth[1, 3:] += (1.0, 2.0, 0.0)
+    truth[2, 3:] += (0.0, 0.0, 1.5)
     return paths, truth
 
 
 def test_mean_and_covariance_by_hand() -> None:
-    mean, covariance = moments(hand_made()[0])
+    mean, covariance = moments(hand_made()[0][..., None])
     np.testing.assert_allclose(mean[1, 3:, 0], 1.0)
     np.testing.assert_allclose(covariance[1, 3:, 3:, 0], np.diag([1.0, 4.0, 0.25]), atol=1e-15)
     tied = np.array([1.0, 2.0, 3.0, 6.0])
@@ -141,71 +145,54 @@ def test_mean_and_covariance_by_hand() -> None:
 
 
 def test_distances_by_hand() -> None:
-    """Rows after the start: |e|^2 = 5 and 2.25; weighted 1 + 1 and 2.25 / 0.25."""
+    """Rows after the start: 1 + 1 and 2.25 / 0.25; a row that was not measured counts nothing; three members: none."""
     paths, truth = hand_made()
-    found = distances(paths, truth, np.ones_like(truth))
-    assert found.euclidean[0] == pytest.approx((5 + 2.25) / 2)
-    assert found.mahalanobis[0] == pytest.approx((2 + 9) / 2)
-    assert found.variance[0] == pytest.approx(5.25)
-    mask = np.ones_like(truth)
-    mask[1, 4] = 0.0
-    assert distances(paths, truth, mask).mahalanobis[0] == pytest.approx(9)
-    noisy = distances(paths, truth, np.ones_like(truth), np.array([9, 9, 9, 0.0, 0.0, math.sqrt(0.75)]))
-    assert noisy.mahalanobis[0] == pytest.approx((2 + 2.25) / 2)
-    with pytest.raises(ValueError, match="4"):
-        distances(paths[:, :, :2], truth, mask)
+    assert mahalanobis(paths, truth) == pytest.approx((2 + 9) / 2)
+    truth[1, 4] = math.nan
+    assert mahalanobis(paths, truth) == pytest.approx(9)
+    assert math.isnan(mahalanobis(paths[:, :, :3], truth))
 
 
 def test_distances_see_correlated_states() -> None:
     """u and v that move together make an error across the line dear: e = (1, -1), Cov = [[1, .5], [.5, 1]] -> 4."""
     root = np.linalg.cholesky(np.array([[1, 0.5, 0], [0.5, 1, 0], [0, 0, 1]]))
     signs = np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]])
-    paths, truth = np.zeros((2, 6, 4, 1)), np.zeros((2, 6, 1))
-    paths[:, 3:, :, 0], truth[1, 3:, 0] = root @ signs, (1, -1, 0)
-    found = distances(paths, truth, np.ones_like(truth))
-    assert found.mahalanobis[0] == pytest.approx(4.0)
-    assert found.euclidean[0] == pytest.approx(2.0)
+    paths, truth = np.zeros((2, 6, 4)), np.zeros((2, 6))
+    paths[:, 3:], truth[1, 3:] = root @ signs, (1, -1, 0)
+    assert mahalanobis(paths, truth) == pytest.approx(4.0)
 
 
-def test_correlation_is_lower_when_the_spread_grows_with_the_bias() -> None:
-    rng = np.random.default_rng(0)
-    size = rng.uniform(0.1, 10, 400)
-    draw = rng.normal(size=(2, 6, 20, 400))
-    error = rng.normal(size=(2, 6, 400))
-    truth, mask = error * size, np.ones((2, 6, 400))
-    told, untold = distances(draw * size, truth, mask), distances(draw * 3.0, truth, mask)
+# Predictions
 
-    def correlation(one: np.ndarray, other: np.ndarray) -> float:
-        return float(np.corrcoef(np.sqrt(one), np.sqrt(other))[0, 1])
 
-    weighted, spread = ([correlation(d.euclidean, d[i]) for d in (told, untold)] for i in (1, 2))
-    assert weighted[0] < 0.5 < 0.95 < weighted[1] and spread[0] > 0.6 > abs(spread[1])
+@pytest.mark.parametrize("sampling", ["ts1", "ts-infinity"])
+def test_a_prediction_by_members_has_their_mean_and_their_spread(sampling: str) -> None:
+    limit, own = np.full(len(hybrids.ship().features), np.inf), hybrids.ship().actuators
+    trial = hybrids.trials(hybrids.ship(), 1, 60)[0]
+    four = hybrids.ship().with_network(to_network(random_residuals(4), own, -limit, limit))
+    windows, notes = predict_members(four, trial, 20.0, 20.0, True, sampling, 1)
+    assert [(w.first, w.last) for w in windows] == [(0, 20), (20, 40), (40, 60)] and len(notes) == 1
+    alone = [predict_all(Simulator(m, compiled=False), [trial], 20.0, 20.0)[0][0] for m in four.members]
+    for k, window in enumerate(windows):
+        assert window.std is not None and (window.std[0] < 1e-12).all() and (window.std[1:, 3:] > 0).all()
+        if sampling == "ts-infinity":
+            paths = np.array([own[k].states for own in alone])
+            np.testing.assert_allclose(window.states, paths.mean(axis=0), rtol=0, atol=2e-3)
+            np.testing.assert_allclose(window.std, paths.std(axis=0), rtol=0, atol=2e-3)
+    with pytest.raises(UnknownName):
+        predict_members(four, trial, 20.0, 20.0, True, "ts2")
 
 
 # Training
 
 
-def test_members_differ_by_seed_or_resampled_blocks_and_come_back_the_same() -> None:
-    trials = hybrids.trials(hybrids.lacking(), 2, 150)
-    ship = hybrids.ship()
-    settings = TrainSettings(seeds=2, epochs=2, width=6, step=1.0, curriculum=((10.0, 1.0),), block=50.0)
-
-    def trained(bootstrap: bool) -> list[TrainableSystem]:
-        tasks = tasks_of(HYBRID_KIND, ship, trials, settings, trials, judged_apart=False)
-        return restored(tasks[0], [train_one(bootstrapped(t) if bootstrap else t) for t in tasks])
-
-    batch = hybrid_batch()
-    first, again, resampled = (particles(trained(b), batch, 2) for b in (False, False, True))
-    np.testing.assert_array_equal(first, again)
-    assert np.abs(first[-1, :, 0] - first[-1, :, 1]).max() > 0
-    assert np.abs(first - resampled).max() > 0
-
-
-def test_resampled_blocks_are_as_many_as_there_were() -> None:
-    trials = hybrids.trials(hybrids.ship(), 3, 200)
-    settings = TrainSettings(seeds=2, step=1.0, block=50.0)
-    tasks = tasks_of(HYBRID_KIND, hybrids.ship(), trials, settings, trials, judged_apart=False)
-    one, again, other = (bootstrapped(task).split.train for task in (tasks[0], tasks[0], tasks[1]))
-    assert sum(p.steps for p in one) == 600 and {p.steps for p in one} == {50}
-    assert len({(p.run, p.first) for p in one}) < 12
-    assert one == again != other
+def test_members_of_a_black_box_differ_by_seed_and_come_back_the_same() -> None:
+    trials = hybrids.trials(hybrids.ship(), 5, 60)
+    settings = BlackBoxSettings(kind="rnn-window", seeds=2, epochs=2, width=6, step=1.0, curriculum=((10.0, 1.0),))
+    tasks = tasks_of(BOX_KIND, hybrids.ship(), trials, settings, trials, judged_apart=False)
+    box = box_of(tasks[0], [train_one(task) for task in tasks])
+    (one, _), (again, _) = (predict_members(box, trials[0], 20.0, 20.0, True, "ts1", 3) for _ in range(2))
+    np.testing.assert_array_equal(one[0].states, again[0].states)
+    assert one[0].std is not None and (one[0].std[1:, 3:] > 0).all()
+    kept = predict_members(box, trials[0], 20.0, 20.0, True)[0]
+    np.testing.assert_allclose(kept[0].states[1:], predict_all(box, trials[:1], 20.0, 20.0)[0][0][0].states[1:])
