@@ -55,12 +55,12 @@ if TYPE_CHECKING:
     from mmg_ident.api import write_report as report
     from mmg_ident.model_gap import GapOptions
     from mmg_ident.own_models import effect, force
-    from mmg_ident.studies import fleet, imo, import_logs, months, plan, select, view
+    from mmg_ident.studies import compare, fleet, imo, import_logs, months, plan, select, view
     from mmg_ident.tracker import Tracker
     from residual.result import TrainResult
     from residual.settings import BlackBoxSettings, TrainSettings
 
-_STUDIES = ("fleet", "imo", "import_logs", "months", "plan", "select", "view")
+_STUDIES = ("compare", "fleet", "imo", "import_logs", "months", "plan", "select", "view")
 _HOMES = {
     "BlackBoxSettings": "residual.settings", "CheckReport": "cases.checks.report",
     "Coefficient": "mmg.components.coefficients", "Diagnosis": "diagnosis.result",
@@ -82,10 +82,10 @@ __all__ = [
     "BlackBoxSettings", "CheckReport", "Coefficient", "Diagnosis", "DiagnosisOptions", "FitOptions", "FitResult",
     "Force", "Gap", "GapOptions", "Message", "OnProgress", "Parameter", "Posterior", "Prediction", "Progress",
     "ReducedProblem", "Score", "Settings", "Ship", "Slipstream", "Tracker", "TrainResult", "TrainSettings", "Trial",
-    "TrialSet", "UserError", "__version__", "calibrate", "check", "diagnose", "effect", "export", "export_ship",
-    "fleet", "force", "gap", "imo", "import_logs", "load_run", "load_ship", "months", "new_ship", "plan", "predict",
-    "read_trials", "refit", "report", "scale", "score", "select", "simulate", "simulate_many", "train", "view",
-    "write_report",
+    "TrialSet", "UserError", "__version__", "calibrate", "check", "compare", "diagnose", "effect", "export",
+    "export_ship", "fleet", "force", "gap", "imo", "import_logs", "load_run", "load_ship", "months", "new_ship", "plan",
+    "predict", "read_trials", "refit", "report", "scale", "score", "select", "simulate", "simulate_many", "train",
+    "view", "write_report",
 ]  # fmt: skip
 
 __version__ = "0.2.0"

@@ -16,6 +16,7 @@ from mmg_ident.settings import checked_settings, keywords, listed, taken
 if TYPE_CHECKING:
     from cases.importing.import_logs import Imported
     from cases.importing.import_map import ImportMap
+    from cases.trial import Trial
     from cases.trial_set import TrialSet
     from diagnosis.groups.months import MonthStudy
     from fitting.design.planned_trial import PlannedTrial
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from mmg.progress import OnProgress
     from mmg_ident.api import Model, Trials
     from mmg_ident.fleets.rows import Fleet
+    from residual.papers.comparison import Comparison, Study
 
 
 def import_map(file: str | Path | None = None, **changes: Any) -> ImportMap:
@@ -254,6 +256,99 @@ def select(
     model, names = ship_of(ship), listed(only)
     tried = [candidate(model, name, rules) for name in names] if names else list(candidates(model, rules))
     return choose_structure(model, tried, (first, second, third), settings, bool(names), progress, seeds)
+
+
+def comparison_study(
+    train: Trials = (), test: Trials = (), ship: Model = "esso_osaka_3m", models: str | Sequence[str] | None = None,
+    fractions: str | Sequence[float] = "1", unchecked: bool = False, paper: str | None = None, **values: Any,
+) -> Study:  # fmt: skip
+    """What ``compare`` is asked for: ``train``, ``test``, ``ship``, ``models``, ``fractions``, ``unchecked`` and
+    ``values`` are its own, and ``paper`` one of these. Raises UserError for what is unknown, and where nothing is left
+    to train on."""
+    from cases.shipfiles.model_changes import with_instruments
+    from mmg.errors import Missing, OutOfRange, UnknownName
+    from residual.papers.comparison import MODELS, PAPERS, TYPES, Study, Subset, paper_models
+
+    if paper and paper not in PAPERS:
+        raise UnknownName(f"--paper {paper}: unknown; choose one of {', '.join(PAPERS)}")
+    known = ("captive", *TYPES) if paper else MODELS
+    names = known if models is None else tuple(dict.fromkeys(_by_commas(models)))
+    strange = [name for name in names if name not in known]
+    if strange or not names:
+        raise UnknownName(f"--models {models}: unknown {', '.join(strange)}; choose from {', '.join(known)}")
+    try:
+        given = fractions.split(",") if isinstance(fractions, str) else fractions
+        shares = sorted({float(part) for part in given}, reverse=True)
+    except (TypeError, ValueError):
+        shares = []
+    if not shares or not all(0 < share <= 1 for share in shares):
+        raise OutOfRange(f"--fractions {fractions}: give shares above 0 and up to 1, separated by commas")
+    kinds = (True, False)[: 1 + bool(values.pop("no_random", False))]
+    tests = _positioned(test or ["development-holdout"], "--test")
+    # by name and by content: splits of the same records share names, copies share bytes
+    tested = {t.name for t in tests} | {t.sha256 for t in tests if t.sha256}
+    usual = ["train-tzrb+" if paper else "train-tzrb"]
+    trained_on = [t for t in _positioned(train or usual, "--train") if not {t.name, t.sha256} & tested]
+    if not trained_on:
+        raise Missing("--train: nothing is left to train on besides the test trials")
+    first, second = ready_trials(trained_on, tests, unchecked=unchecked)
+    captive, instruments = ship_of(ship).without_network(), _by_commas(values.pop("measurement", "shown"))
+    with_instruments(captive, instruments)  # freed later; what is wrong with them is said now
+    subsets = tuple(Subset(share, random) for random in kinds for share in shares)
+    study = Study(captive, first.trials, second.trials, names, subsets, instruments=instruments, **values)
+    if not paper:
+        return study
+    own = [name for name in names if name in TYPES]
+    return replace(study, paper=paper_models(study.train, own, study.epochs, seeds=study.seeds, seed=study.seed))
+
+
+def _by_commas(value: str | Sequence[str]) -> tuple[str, ...]:
+    """Names that are given as one text, with commas between them, or as several."""
+    return tuple(name.strip() for text in listed(value) for name in text.split(",") if name.strip())
+
+
+def _positioned(given: Trials, option: str) -> list[Trial]:
+    """Trials, files, folders and names of splits, as trials with positions."""
+    from cases.io.published_splits import SPLITS, find
+    from cases.trial_set import TrialSet
+    from mmg.errors import Missing
+
+    several = [given] if isinstance(given, (str, Path)) or not isinstance(given, Sequence) else list(given)
+    found: list[Trial] = []
+    for one in several:
+        split = SPLITS.get(one.lower()) if isinstance(one, str) else None
+        found += TrialSet.of(find(split) if split else one)
+    without = [t.name for t in found if not t.has_position]
+    if without:
+        raise Missing(f"{option}: {', '.join(without)}: no position columns x [m], y [m], which the metrics need")
+    return found
+
+
+@keywords(also="measurement no_random paper seeds# seed# epochs# step# workers# time_limit#")
+def compare(
+    train: Trials = (),
+    test: Trials = (),
+    ship: Model = "esso_osaka_3m",
+    models: str | Sequence[str] | None = None,
+    fractions: str | Sequence[float] = "1",
+    unchecked: bool = False,
+    progress: OnProgress | None = None,
+    **values: Any,
+) -> Comparison:
+    """Calibrate and train every model on the same trials and score all of them on others, as ``mmg compare`` does.
+
+    train, test: trials, or names of splits, default "train-tzrb" and "development-holdout"; ship: the captive one;
+    models: which, by commas or several, default all; fractions: shares of the training data; unchecked: take
+    contradictory trials and broken stretches too; progress: told of each model; values: measurement, no_random,
+    paper="wakita2022", seeds, seed, epochs, step [s], workers, time_limit [s]. Returns the entries, scored. Raises
+    UserError for what is unknown, and without torch.
+    """
+    from mmg.errors import needs_torch
+
+    needs_torch("mi.compare")
+    from residual.papers.comparison import compare as compared
+
+    return compared(comparison_study(train, test, ship, models, fractions, unchecked, **values), None, progress)
 
 
 @keywords(Settings)

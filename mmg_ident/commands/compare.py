@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
-from mmg.errors import Conflict, Missing, NoSolution, OutOfRange, UnknownName, UserError, needs_torch
+from mmg.errors import Conflict, NoSolution, UserError, needs_torch
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 from residual.settings import TrainSettings
 
 if TYPE_CHECKING:
-    from cases.trial import Trial
+    pass
 
 
 @o.options(
@@ -56,11 +56,7 @@ def compare(
     """
     import shutil
     from contextlib import nullcontext
-    from dataclasses import replace
 
-    from cases.shipfiles.model_changes import with_instruments
-    from cases.shipfiles.ship_file import load_ship
-    from cases.trial_set import ready
     from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
     from fitting.report.run_folder import PENDING, RESULT, check_target, reserved, write_json, write_whole
     from mmg.messages import message_rows
@@ -71,52 +67,19 @@ def compare(
         cli.refuse_given({**others, "--fractions": None if fractions == "1" else fractions}, words)
     needs_torch("mmg compare")  # before the imports below, whose error would name no remedy
     from fitting.report.plot_style import FigureFolder
-    from residual.papers.comparison import (
-        MODELS,
-        PAPERS,
-        TYPES,
-        Study,
-        Subset,
-        comparison_dict,
-        paper_models,
-        tables_text,
-    )
+    from mmg_ident.studies import comparison_study
     from residual.papers.comparison import compare as compared
+    from residual.papers.comparison import comparison_dict, tables_text
     from residual.papers.comparison_figures import write_figures
 
-    if paper and paper not in PAPERS:
-        raise UnknownName(f"--paper {paper}: unknown; choose one of {', '.join(PAPERS)}")
-    known = ("captive", *TYPES) if paper else MODELS
-    names = known if models is None else tuple(dict.fromkeys(cli.names_of([models])))
-    unknown = [name for name in names if name not in known]
-    if unknown or not names:
-        raise UnknownName(f"--models {models}: unknown {', '.join(unknown)}; choose from {', '.join(known)}")
-    try:
-        shares = sorted({float(part) for part in fractions.split(",")}, reverse=True)
-    except ValueError:
-        shares = []
-    if not shares or not all(0 < share <= 1 for share in shares):
-        raise OutOfRange(f"--fractions {fractions}: give shares above 0 and up to 1, separated by commas")
-    subsets = tuple(Subset(share, random) for random in (True, False)[: 1 + no_random] for share in shares)
     if resume and not out:
         raise Conflict("--resume needs the --out of the interrupted comparison")
     if out and not (resume and out.exists()):
         check_target(out)
-    tests = _trials(test or ["development-holdout"], "--test")
-    # by name and by content: splits of the same records share names, copies share bytes
-    tested = {t.name for t in tests} | {t.sha256 for t in tests if t.sha256}
-    given = _trials(train or ["train-tzrb+" if paper else "train-tzrb"], "--train")
-    trained_on = [t for t in given if t.name not in tested and t.sha256 not in tested]
-    if not trained_on:
-        raise Missing("--train: nothing is left to train on besides the test trials")
-    train_set, test_set = ready(trained_on, tests, unchecked=unchecked)
-    captive = load_ship(ship).without_network()
-    instruments = tuple(cli.names_of([measurement]))
-    with_instruments(captive, instruments)  # freed later; what is wrong with them is said now
-    study = Study(captive, train_set.trials, test_set.trials, names, subsets, instruments=instruments, **settings)
-    if paper:
-        own = [name for name in names if name in TYPES]
-        study = replace(study, paper=paper_models(study.train, own, study.epochs, seeds=study.seeds, seed=study.seed))
+    study = comparison_study(
+        train or (), test or (), ship, models, fractions, unchecked,
+        measurement=measurement, no_random=no_random, paper=paper, **settings,
+    )  # fmt: skip
     about = {
         "--seeds": [study.seeds, study.seed],
         "--models": list(study.models),
@@ -164,18 +127,3 @@ def compare(
     if found.interrupted and out:
         cli.say(f"not everything was done: {cli.RESUMED}")
     return 130 if found.interrupted else 0
-
-
-def _trials(given: list[str], option: str) -> list[Trial]:
-    """Trials of files, folders and names of splits, with positions."""
-    from cases.io.published_splits import SPLITS, find
-    from cases.io.read import read_trials
-
-    files: list[Path] = []
-    for name in given:
-        files += find(SPLITS[name.lower()]) if name.lower() in SPLITS else [Path(name)]
-    found = read_trials(files)
-    without = [t.name for t in found if not t.has_position]
-    if without:
-        raise Missing(f"{option}: {', '.join(without)}: no position columns x [m], y [m], which the metrics need")
-    return found

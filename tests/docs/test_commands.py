@@ -147,7 +147,17 @@ NOTEBOOKS = [path for path in PAGES if cells(path)]
 
 def test_the_notebooks_are_known() -> None:
     names = {path.stem for path in NOTEBOOKS}
-    assert names == {"tutorial", "own_ship", "own_force", "mpc", "actuators", "dataframe", "controller", "tracker"}
+    assert names == {
+        "tutorial",
+        "own_ship",
+        "own_force",
+        "mpc",
+        "actuators",
+        "dataframe",
+        "controller",
+        "tracker",
+        "own_network",
+    }
 
 
 @pytest.mark.slow
