@@ -29,6 +29,7 @@ from mmg.compile.batch import batch_functions
 from mmg.compile.interval_source import derivatives
 from mmg.compile.intervals import IntervalKernel, Lanes
 from mmg.errors import BadValue, Conflict, Missing, NoSolution, OutOfRange, UnknownName, Unsupported
+from mmg.model import Model as SymbolicModel
 from mmg.model import assemble, states_behind
 from mmg.motion.froude import state_scale, time_scale
 from mmg.rollout import Simulator
@@ -176,8 +177,9 @@ class Tracker:
         ship = ship if campaign is None else ship.of_campaign(campaign)
         for name in ("tow", "current"):
             ship = ship if name in ship.effects else ship.with_effect(name, {})
-        self.noise = noise or Noise.of(content_of(model), ship)
-        self.ship, self.inputs = ship, (*ship.actuators, *WIND)
+        self.noise: Noise = noise or Noise.of(content_of(model), ship)
+        self.ship: Ship = ship
+        self.inputs: tuple[str, ...] = (*ship.actuators, *WIND)
         self._longest = LONGEST * time_scale(ship.particulars["L"])
         k = time_scale(ship.particulars["L"])
         rows = [(s, std, self.noise.memory) for s, std in zip(FORCE, self.noise.force, strict=True)]
@@ -186,7 +188,7 @@ class Tracker:
         self._random, sizes, memories = zip(*sorted(rows, key=lambda row: order(row[0])), strict=True)
         self._sizes, self._memories = np.array(sizes), np.array(memories)
         self._names = (*FORCE, *CURRENT, *stds)
-        self.equations = Equations(ship, self._random, compiled)
+        self.equations: Equations = Equations(ship, self._random, compiled)
         places = np.array([self._random.index(s) for s in self._names])
         self._means = self.equations.values[places]
         self._shown = np.eye(len(places) + self.equations.S)[self.equations.S + places]
@@ -351,10 +353,11 @@ class Equations:
     """
 
     def __init__(self, ship: Ship, random: Sequence[str], compiled: bool) -> None:
-        self.model = assemble(ship)
-        self.S, self._theta = len(self.model.states), ship.values.copy()
+        self.model: SymbolicModel = assemble(ship)
+        self.S: int = len(self.model.states)
+        self._theta = ship.values.copy()
         self._at = np.array([ship.symbols.index(s) for s in random])
-        self.values = self._theta[self._at]
+        self.values: np.ndarray = self._theta[self._at]
         sizes = {"q": self.S, "c": len(self.model.controls), "h": 1, "theta": len(ship.symbols)}
         q, c, h, theta = (ca.SX.sym(name, size) for name, size in sizes.items())
         whole = derivatives(ca.cse(h * self.model.rates(q, c, theta)), q, ca.vertcat(c, h), theta, self._at, False)
@@ -365,7 +368,7 @@ class Equations:
         self._lanes = Lanes.of(one + 1, np.zeros((1, whole.numel_in(1), 1)), 1.0, one, one)
         wanted = np.arange(self.S), np.arange(self.S + len(random))
         kernel = IntervalKernel.of(whole, partial(step_faults, whole), what)[0] if compiled else None
-        self.is_compiled = kernel is not None
+        self.is_compiled: bool = kernel is not None
         if kernel is not None:
             self._step = kernel.repeated(self._lanes, self._theta[None], wanted)
         else:
