@@ -180,8 +180,8 @@ class Tracker:
         self.noise: Noise = noise or Noise.of(content_of(model), ship)
         self.ship: Ship = ship
         self.inputs: tuple[str, ...] = (*ship.actuators, *WIND)
-        self._longest = LONGEST * time_scale(ship.particulars["L"])
         k = time_scale(ship.particulars["L"])
+        self._longest = LONGEST * k
         rows = [(s, std, self.noise.memory) for s, std in zip(FORCE, self.noise.force, strict=True)]
         rows += [(s, self.noise.current, FADES * k) for s in CURRENT] + [(s, std, math.inf) for s, std in stds.items()]
         order = ship.symbols.index

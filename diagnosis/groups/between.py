@@ -32,7 +32,7 @@ from diagnosis.findings import Between, GroupDifference, GroupParameter, group_r
 from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.refit import SearchProblem, refit
 from diagnosis.report.words import shown_unit
-from diagnosis.validation.held_out import Z90
+from fitting.prediction.band_calibration import NORMAL
 from fitting.report.sections import plus_minus
 from fitting.uncertainty.group_test import (
     LEAST,
@@ -487,9 +487,9 @@ def size(p: GroupParameter, group: str, d: GroupDifference) -> str:
     x = p.groups[group]
     factor, unit = shown_unit(p.unit)
     rest = x.value - x.difference
-    if d.name not in EFFECTS and d.source == "dynamics" and abs(rest) > Z90 * x.difference_std:
+    if d.name not in EFFECTS and d.source == "dynamics" and abs(rest) > NORMAL * x.difference_std:
         factor, unit = 100.0 / rest, "%"
-    text = plus_minus(factor * x.difference, Z90 * abs(factor) * x.difference_std)
+    text = plus_minus(factor * x.difference, NORMAL * abs(factor) * x.difference_std)
     return f"{'+' if factor * x.difference > 0 else ''}{text} {unit}".rstrip()
 
 

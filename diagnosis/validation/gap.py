@@ -20,8 +20,9 @@ import numpy as np
 
 from cases.trial import Trial
 from diagnosis.findings import Budget
-from diagnosis.validation.held_out import DRAWS, MOST, Z90, WindowErrors, redrawn_means
+from diagnosis.validation.held_out import DRAWS, MOST, WindowErrors, redrawn_means
 from fitting.nlp.windows import default_step, pieces_of
+from fitting.prediction.band_calibration import NORMAL
 from fitting.prediction.predict import change_over, predict_all
 from fitting.report.run_folder import SCHEMA_VERSION, Real, plain
 from mmg.errors import TooFewData
@@ -201,7 +202,7 @@ def compared(
         base = NAMED if NAMED in ships else REFITTED
         left = budget.floor / budget.after if budget.after > 0 else 1.0
         share = np.array([left, *((u[2] / u[1]) ** 2 if u[1] > 0 else 1.0 for u in budget.units.values())])
-        std = (budget.floor_by_after[1] - budget.floor_by_after[0]) / (2 * Z90)
+        std = (budget.floor_by_after[1] - budget.floor_by_after[0]) / (2 * NORMAL)
         # how well the floor is known: its share of the error, drawn normally, moves all three alike
         moved = np.clip(left + std * rng.standard_normal(DRAWS), 0.0, 1.0) / max(left, 1e-300)
         # no model that was measured can lie below what no model can reach

@@ -24,8 +24,6 @@ from mmg.ship import Ship
 DRAWS = 2000
 """Draws of runs or blocks, for intervals. Set by hand: the ends of a 90 % interval are known to 0.05 standard
 errors."""
-Z90 = 1.645
-"""Half width of a 90 % interval, in standard errors. (Abramowitz & Stegun 1964, chapter 26.)"""
 MOST = 1e6
 """Largest scaled squared error [-], also of a prediction that diverges. Set by hand: it bounds a mean."""
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from cases.io.toml_file import unknown
 from cases.trial import Trial
+from fitting.prediction.band_calibration import NORMAL
 from fitting.prediction.forces import forces_along
 from fitting.prediction.predict import predict_all
 from fitting.record import FitObjects, FitRecord
@@ -93,8 +94,8 @@ class FitAxes:
         ax = dress(own_axes(ax, height=1.0 + 0.2 * len(rows)), "from the prior [prior standard deviations]")
         places = np.arange(len(rows))[::-1]
         at = [(c.value - float(c.prior_value or 0)) / float(c.prior_std or 1) for c in rows.values()]
-        half = [1.645 * (c.std or 0.0) / float(c.prior_std or 1) for c in rows.values()]  # 90 % of a normal
-        ax.axvspan(-1.645, 1.645, color=GREY, alpha=0.15, lw=0)
+        half = [NORMAL * (c.std or 0.0) / float(c.prior_std or 1) for c in rows.values()]  # 90 % of a normal
+        ax.axvspan(-NORMAL, NORMAL, color=GREY, alpha=0.15, lw=0)
         ax.errorbar(at, places, xerr=half, fmt="o", ms=3.5, lw=1.1, color=AFTER)
         ax.set_yticks(places, list(rows))
         return ax

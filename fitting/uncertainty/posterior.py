@@ -26,6 +26,7 @@ from fitting.identifiability.analysis import information_discount
 from fitting.nlp.fisher_information import Eliminated, Quadratics
 from fitting.nlp.shooting import Shooting
 from fitting.parallel import with_one_thread
+from fitting.prediction.band_calibration import NORMAL
 from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import NotCalibrated, NotInstalled, OutOfRange
 from mmg.messages import Message, html_table
@@ -46,8 +47,6 @@ NAMED = 3
 """Coefficients named for which Laplace's interval is farthest off. Set by hand: display."""
 SKEWED = 0.1
 """Share of an interval by which its middle is off the median for it to be called skewed. Set by hand: a word."""
-NORMAL = 1.644854
-"""Standard normal quantile at 95 %. (Abramowitz & Stegun 1964, chapter 26.)"""
 
 
 @dataclass(frozen=True, eq=False)
