@@ -24,7 +24,15 @@ from residual.physics import FusedRollout, Physics
 from residual.settings import TrainSettings
 from residual.system import Past, TrainableSystem
 from residual.train import ModelKind, Outcome, Task, restored
-from residual.windows import LEAST_SCALE, STRIDE, Scales, campaign_symbols, mirror_of, training_scales, windows
+from residual.windows import LEAST_SCALE, STRIDE, Scales, campaign_symbols, training_scales, windows
+
+SWAPPED = {"delta_port": "delta_starboard", "delta_starboard": "delta_port", "n": "n_2", "n_2": "n"}
+"""Features that change places when port becomes starboard, where a ship has both."""
+SIGN_CHANGING = (
+    "v", "r", "a_y", "delta", "delta_port", "delta_starboard", "n_bow", "n_stern",
+    "azimuth", "azimuth_2", "azimuth_3", "azimuth_4",
+)  # fmt: skip
+"""Features that change sign."""
 
 
 def uniform(draw: torch.Generator, rows: int, columns: int) -> nn.Parameter:
@@ -189,6 +197,15 @@ class Hybrid(TrainableSystem):
         """Mean of (residual / its scale)^2 over the training rows and components."""
         # by its scale: surge, sway and yaw, of unlike units, then count alike
         return ((self.residual(self.features) / self.residual.scale[:, None]) ** 2).mean()
+
+
+def mirror_of(features: Sequence[str]) -> np.ndarray:
+    """(F, F) that turns ``features`` of these names into those of the motion mirrored at the ship's centre plane."""
+    result = np.zeros((len(features), len(features)))
+    for row, name in enumerate(features):
+        other = SWAPPED.get(name, name)
+        result[row, features.index(other if other in features else name)] = -1.0 if name in SIGN_CHANGING else 1.0
+    return result
 
 
 def to_network(residuals: Sequence[Any], actuators: Sequence[str], lower: np.ndarray, upper: np.ndarray) -> Network:

@@ -16,11 +16,11 @@ from mmg.components.own import Own, origin_of
 from mmg.errors import BadValue
 from mmg.network import Layers, features_of
 from mmg.ship import Ship
-from residual.hybrid import HYBRID_KIND, Hybrid
+from residual.hybrid import HYBRID_KIND, Hybrid, mirror_of
 from residual.physics import Physics
 from residual.settings import TrainSettings
 from residual.train import ModelKind
-from residual.windows import Scales, campaign_symbols, mirror_of
+from residual.windows import Scales, campaign_symbols
 
 FORM = "torch.nn.Sequential of Linear layers with Tanh between them"
 

@@ -67,6 +67,7 @@ def _run(
 ) -> dict[str, Any]:
     """All that the template shows of one training, and on the use of its ``ship``, in sections after the others."""
     hybrid, outside = "decision" in result, result["outside"].get("trials", {})
+    settings = {k: v for k, v in result["settings"].items() if hybrid or k != "symmetric"}
     shown = {
         "id": f"run{number}",
         "label": label,
@@ -83,7 +84,7 @@ def _run(
         "size": result.get("residual_size") or {},
         "envelope": envelope_rows(result),
         "outside": outside,
-        "settings": result["settings"],
+        "settings": settings,
         "citations": citations_of(result),
         "use": ship is not None,
     }

@@ -34,8 +34,8 @@ class TrainSettings:
     seed: int = setting(0, "The first seed.")
     workers: int = setting(1, "Processes over which tasks are spread.", ge=1)
     width: int = setting(32, "Neurons of a hidden layer; default 32, black box 64.", ge=1)
-    symmetric: bool = setting(True, "Port and starboard may differ.")
-    penalty: float = setting(0.001, "Weight of residual^2; black box: of weights^2.", ge=0)
+    symmetric: bool = setting(True, "hybrid: port and starboard may differ.")
+    penalty: float = setting(0.001, "Weight of residual^2; black box: of weights^2, default 1e-4.", ge=0)
     rate: float = setting(3e-3, "First learning rate of Adam.", gt=0)
     last_rate: float = setting(2e-5, "Last learning rate of Adam.", gt=0)
     clip: float = setting(1.0, "Largest norm of gradients.", gt=0)
@@ -64,6 +64,7 @@ class BlackBoxSettings(TrainSettings):
     """How to train a black box, beside what ``TrainSettings`` says; kind: one of KINDS."""
 
     width: int = field(default=64, metadata=_OF["width"])
+    penalty: float = field(default=1e-4, metadata=_OF["penalty"])
     epochs: int = field(default=60, metadata=_OF["epochs"])
     kind: str = "fnn"
     layers: int = setting(2, "fnn: hidden layers.", ge=1)

@@ -32,8 +32,8 @@ from fitting.solvers.control import Control, interrupts_noted
 from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import BadValue
 from mmg.progress import LOGGER, OnProgress, Progress
-from mmg.ship import AIR, Ship
-from residual.settings import BlackBoxSettings, TrainSettings
+from mmg.ship import Ship
+from residual.settings import TrainSettings
 from residual.splits import Split, splits_of
 from residual.system import (
     RolloutBatch,
@@ -54,7 +54,6 @@ from residual.windows import (
     jittered,
     window_errors,
     windows,
-    with_mirror_images,
 )
 
 
@@ -251,8 +250,6 @@ class _Attempt:
             if t.jitter:
                 # noise anew in each epoch, so that it cannot be learned
                 some = jittered(some, t.jitter * torch.as_tensor(scales.noise), self.draw)
-            if isinstance(t, BlackBoxSettings) and t.symmetric:  # a hybrid's network is its own mirror image
-                some = with_mirror_images(some, (*self.task.ship.actuators, *AIR))
             self.system.zero_grad()
             loss = self._loss(some)
             loss.backward()

@@ -21,7 +21,6 @@ from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import TooFewData
 from mmg.motion.froude import length_scale
 from mmg.ship import Ship
-from mmg.states import STATES
 from residual.settings import SETS
 from residual.system import Past, RolloutBatch, TrainableSystem, measured_accelerations, rollout, squares
 
@@ -121,37 +120,6 @@ def augmented(
     velocities = torch.cat([torch.zeros(3, dtype=torch.float64), noise[3:]])
     copied = batch.chosen(torch.arange(len(batch)).repeat(copies))
     return jittered(copied, velocities, torch.Generator().manual_seed(seed))
-
-
-SWAPPED = {"delta_port": "delta_starboard", "delta_starboard": "delta_port", "n": "n_2", "n_2": "n"}
-"""Quantities that change places when port becomes starboard, where a ship has both."""
-SIGN_CHANGING = (
-    "y", "psi", "v", "r", "a_y", "wind_east", "delta", "delta_port", "delta_starboard", "n_bow", "n_stern",
-    "azimuth", "azimuth_2", "azimuth_3", "azimuth_4",
-)  # fmt: skip
-"""Quantities that change sign."""
-
-
-def mirror_of(features: Sequence[str]) -> np.ndarray:
-    """(F, F) that turns ``features``, states or inputs of these names into those of the mirrored motion."""
-    result = np.zeros((len(features), len(features)))
-    for row, name in enumerate(features):
-        other = SWAPPED.get(name, name)
-        result[row, features.index(other if other in features else name)] = -1.0 if name in SIGN_CHANGING else 1.0
-    return result
-
-
-def with_mirror_images(batch: RolloutBatch, inputs: Sequence[str]) -> RolloutBatch:
-    """The windows of ``batch`` with these ``inputs`` and, behind them, their images with port and starboard exchanged:
-    what a hull and its rudder do to one side, they do to the other."""
-    states, own = (torch.as_tensor(mirror_of(names)) for names in (STATES, inputs))
-
-    def both(rows: torch.Tensor, mirror: torch.Tensor) -> torch.Tensor:
-        return torch.cat([rows, mirror @ rows], dim=2)
-
-    past = batch.past and Past(both(batch.past.logged, states), both(batch.past.controls, own))
-    mask = batch.mask.repeat(1, 1, 2)
-    return RolloutBatch(batch.h, both(batch.controls, own), both(batch.targets, states), mask, past)
 
 
 def compare_errors(

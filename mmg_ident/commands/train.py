@@ -22,6 +22,7 @@ _ONLY = {
     "zero": ("fnn",),
     "memory": ("rnn", "rnn-window"),
     "initial": KINDS,
+    "symmetric": ("hybrid",),
 }
 """Settings that only some models take."""
 

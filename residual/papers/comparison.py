@@ -73,9 +73,8 @@ TYPES = {
 """Type of network -> kind, loss and split of the records (Table 7)."""
 NETWORK: dict[str, Any] = {
     "width": 200, "memory": 10, "step": 0.1, "curriculum": ((6.0, 1.0),), "method": "euler", "penalty": 0.0,
-    "symmetric": False,
 }  # fmt: skip
-"""Eq. 7 and Table 8: 200 neurons, m = 10 rows, N_T = 60 rows of 0.1 s; without mirror images and penalty of weights."""
+"""Eq. 7 and Table 8: 200 neurons, m = 10 rows, N_T = 60 rows of 0.1 s; without penalty of weights."""
 STEPS, EVERY, BATCH, RATE = 200, 3.0, 128, 1e-3
 """Of the shorter schedule: gradient steps, seconds between windows, windows a step, and first rate. Set by hand: some
 ten minutes a network on one core."""

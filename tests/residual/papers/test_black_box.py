@@ -38,7 +38,7 @@ from residual.physics import Physics
 from residual.pipeline import train
 from residual.settings import KINDS, BlackBoxSettings
 from residual.system import Past, RolloutBatch, TrainableSystem, acceleration_loss, rollout, state_loss
-from residual.windows import augmented, windows, with_mirror_images
+from residual.windows import augmented, windows
 from tests.support import hybrids
 from tests.support.differences import check_gradients
 from tests.support.quick import first_quick
@@ -248,32 +248,6 @@ def test_jittering_replaces_windows_by_noisy_copies_of_the_velocities() -> None:
     copies = torch.corrcoef(torch.stack([added[:, 3, :M].flatten(), added[:, 3, M : 2 * M].flatten()]))[0, 1]
     assert abs(float(copies)) < 0.2, "every copy has noise of its own"
     assert noisy.past is not None and noisy.past.logged.shape[2] == len(noisy)
-
-
-def test_mirror_images_are_what_a_symmetric_ship_does_on_the_other_side() -> None:
-    """Its surge is even, its sway and yaw are odd in v, r, rudder and side wind; twice mirrored is as before."""
-
-    class Symmetric(TrainableSystem):
-        def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
-            u, v, r, n, delta, a_x, a_y = features(z, controls)
-            surge, sway, yaw = 0.01 * n - 0.1 * u + v * r + 0.02 * a_x, 0.1 * a_y - v - u * r, 0.3 * u * delta - 0.2 * r
-            return torch.cat([kinematics(z), torch.stack([surge, sway, yaw])])
-
-    batch, inputs = batch_of(2), hybrids.ship().inputs
-    both = with_mirror_images(batch, inputs)
-    M = len(batch)
-    assert len(both) == 2 * M and both.past is not None
-    for name, rows in (("psi", both.targets[:, 2]), ("delta", both.controls[:, inputs.index("delta")])):
-        torch.testing.assert_close(rows[:, M:], -rows[:, :M], msg=name)
-    torch.testing.assert_close(both.controls[:, inputs.index("n"), M:], batch.controls[:, inputs.index("n")])
-    again = with_mirror_images(both.chosen(torch.arange(M, 2 * M)), inputs).chosen(torch.arange(M, 2 * M))
-    torch.testing.assert_close(again.targets, batch.targets)
-    windy = replace(both, controls=both.controls.clone())
-    windy.controls[:, -1] = torch.cat([torch.ones(12, M), -torch.ones(12, M)], dim=1)
-    port, starboard = rollout(Symmetric(), windy).split(M, dim=2)
-    sides = torch.tensor([1.0, -1.0, -1.0, 1.0, -1.0, -1.0], dtype=torch.float64)[:, None]
-    torch.testing.assert_close(starboard, sides * port, rtol=0, atol=1e-12)
-    assert (port[-1, 3:].abs() > 1e-5).all()
 
 
 def test_the_initial_state_starts_as_measured_and_never_goes_far() -> None:
