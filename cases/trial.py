@@ -118,9 +118,9 @@ class Trial:
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw its track, north up, on ``ax`` (None: new axes), which it returns; without positions its velocities over
         time."""
-        from matplotlib import pyplot  # late: slow to import
-
         if ax is None:
+            from matplotlib import pyplot  # late: slow to import
+
             ax = pyplot.subplots(layout="constrained")[1]
         if self.has_position:
             ax.plot(self["y"], self["x"], label=self.name)
