@@ -139,7 +139,7 @@ def figure_hits(seed: int) -> tuple[list[bool], list[bool]]:
             break
     known = {(row.run, row.figure): row.value for row in truth.rows}
     found = calibrate(base, trials, (), None, FitOptions(next_trial=False))
-    judged = with_intervals(imo_figures(found.ship, speed), found.ship, found.to_dict(), DRAWS, seed).assessment
+    judged = with_intervals(imo_figures(found.ship, speed), found.ship, found.to_dict(), DRAWS, seed)
     hits: tuple[list[bool], list[bool]] = [], []
     for row in judged.rows:
         value = known.get((row.run, row.figure))

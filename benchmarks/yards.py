@@ -152,7 +152,7 @@ def judged(kind: str, seed: int) -> Judgement:
             command(["start", str(logs), "--particulars", sizes, "--out", str(out), "--yes", "--json"])
         suspects = [m["text"] for m in json.loads(printed.getvalue())["messages"] if m["code"] == "suspect"]
         fit = read_fit(out / "run")
-        found = with_intervals(imo_figures(fit.ship), fit.ship, fit.to_dict(), DRAWS, seed).assessment
+        found = with_intervals(imo_figures(fit.ship), fit.ship, fit.to_dict(), DRAWS, seed)
     rows = []
     for row in found.rows:
         wanted = JUDGED.get(row.run.split(":")[0], ())
