@@ -1,19 +1,25 @@
-"""The inputs that a ship's model takes, from the columns of a trial."""
+"""The inputs that a ship's model takes: from the columns of a trial, or as a program gives them, as numbers, arrays or
+functions of time."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from cases.io.toml_file import unknown
 from cases.quantities import wraps
 from cases.trial import Trial
-from mmg.errors import Conflict, Missing
+from mmg.errors import BadValue, Conflict, Missing, UnknownName
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
+from mmg.states import STATES
+
+if TYPE_CHECKING:
+    from mmg.ship import Ship
 
 STANDARD = ("n", "delta", "wind_north", "wind_east")
 """Inputs of a single-screw, single-rudder ship."""
@@ -222,3 +228,52 @@ def with_corners(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     good = (into > 0) & (into < t[k + 1] - t[k])
     k, into, before = k[good], into[good], before[good]
     return np.insert(t, k + 1, t[k] + into), np.insert(values, k + 1, values[k] + before * into)
+
+
+WIND = ("wind_speed", "wind_direction")
+"""Columns of the true wind [m/s, rad that it comes from]."""
+
+
+def given_inputs(ship: Ship, t: Any, given: Mapping[str, Any], start: Any = None) -> Trial:
+    """What a ``ship`` is to follow.
+
+    t: times (N,) [s], increasing; given: by name of her actuators (n [1/s], delta [rad], ...), and wind_speed [m/s] and
+    wind_direction [rad] that it comes from: a number, an array (N,), or a function of the time [s]; start: (6,) x, y
+    [m], psi [rad], u, v [m/s], r [rad/s], default at rest in the origin. Raises UserError with the name of what is
+    missing, unknown, of another shape or no number.
+    """
+    clock = _numbers("t", t)
+    if clock.ndim != 1 or len(clock) < 2 or not (np.diff(clock) > 0).all():
+        raise BadValue(f"t: {clock.shape} values; give two or more times [s] in one dimension, increasing")
+    first = _numbers("x0", np.zeros(6) if start is None else start)
+    if first.shape != (6,):
+        raise BadValue(f"x0: shape {first.shape}; give {', '.join(STATES)}")
+    known = (*ship.actuators, *WIND)
+    for name in given:
+        if name not in known:
+            raise UnknownName(f"{ship.name}: {unknown('input', name, known)}")
+    lacking = [name for name in ship.actuators if name not in given]
+    lacking += [name for name in WIND if len(set(WIND) & set(given)) == 1 and name not in given]
+    if lacking:
+        raise Missing(f"{lacking[0]}: missing; {ship.name} has {', '.join(ship.actuators)}")
+    columns = {"t": clock, **{name: np.full(len(clock), value) for name, value in zip(STATES, first, strict=True)}}
+    columns |= {name: _column(name, values, clock) for name, values in given.items()}
+    return Trial("simulated", columns)
+
+
+def _column(name: str, values: Any | Callable[[float], float], t: np.ndarray) -> np.ndarray:
+    found = _numbers(name, [values(float(time)) for time in t] if callable(values) else values)
+    if found.ndim > 1 or found.size not in (1, len(t)):
+        raise BadValue(f"{name}: shape {found.shape}; give a number, {len(t)} numbers (as t has), or a function of t")
+    return np.array(np.broadcast_to(found, t.shape))
+
+
+def _numbers(name: str, values: Any) -> np.ndarray:
+    """``values`` as finite numbers."""
+    try:
+        found = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise BadValue(f"{name}: holds what is no number") from None
+    if not np.isfinite(found).all():
+        raise BadValue(f"{name}: holds {int((~np.isfinite(found)).sum())} values that are not finite")
+    return found

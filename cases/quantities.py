@@ -10,7 +10,6 @@ import math
 import re
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
 
 from mmg.errors import UnknownName
 from mmg.motion.flow import INPUTS, PODS
@@ -93,10 +92,9 @@ class Quantity:
 
     name: canonical; unit: in a Trial, or of a raw log once it is read; canonical: whether trial files hold it, or only
     raw logs; period: in ``unit``, after which its values begin anew, 0 of what is no direction; compass: whether it is
-    counted from north, so that it turns with the whole record; mirror: its sign in the record that port and starboard
-    exchange; partner: the one of the other side, which it then becomes, or itself; limits: within which it is on any
-    ship or model, in ``unit``; headers: regular expression of the words, in lower case with "_" between them, by which
-    logs call it; valid: likewise of the column that says whether it holds.
+    counted from north, so that it turns with the whole record; limits: within which it is on any ship or model, in
+    ``unit``; headers: regular expression of the words, in lower case with "_" between them, by which logs call it;
+    valid: likewise of the column that says whether it holds.
 
     Between samples all run along lines, directions the short way round; whether actuators are held instead is said by
     ``inputs`` of the sidecar.
@@ -107,8 +105,6 @@ class Quantity:
     canonical: bool = True
     period: float = 0.0
     compass: bool = False
-    mirror: Literal[1, -1] = 1
-    partner: str = ""
     limits: tuple[float, float] = (-math.inf, math.inf)
     headers: str = ""
     valid: str = ""
@@ -131,10 +127,10 @@ SPEED_LIMIT = 60.0
 """m/s; the fastest boats reach 50, a hurricane's mean wind 60 (Beaufort 12 begins at 33). The limit was set by hand
 between them."""
 _FIX = r"(gps|gnss|fix|position|nav)?_?(fix|quality|qual|status|mode|valid|validity|ok)(_indicator|_flag|_type)?"
-_direction = partial(Quantity, unit="rad", period=TURN, mirror=-1)
+_direction = partial(Quantity, unit="rad", period=TURN)
 _speed = partial(Quantity, unit="m/s", limits=(-SPEED_LIMIT, SPEED_LIMIT))
 _amount = partial(Quantity, unit="m/s", limits=(0.0, SPEED_LIMIT))
-_rudder = partial(Quantity, unit="rad", mirror=-1, limits=(-RUDDER_LIMIT, RUDDER_LIMIT))
+_rudder = partial(Quantity, unit="rad", limits=(-RUDDER_LIMIT, RUDDER_LIMIT))
 _shaft = partial(Quantity, unit="rps", limits=(-REVOLUTIONS_LIMIT, REVOLUTIONS_LIMIT))
 _REVS = "rpm|rps|revs|revolutions"
 _REL = "apparent|relative|rel|app"
@@ -146,7 +142,7 @@ _ROWS = (
         "seconds|(header_)?stamp(_secs?)?|date_?num|(gps_|gnss_)?(i?tow|sow|time_of_week|seconds?_of_week)(_m?s)?",
     ),
     Quantity("x", "m", headers=r"(utm_)?(northing|north|n)_?(position|utm)?|x_north|pos_north|x0", valid=_FIX),
-    Quantity("y", "m", mirror=-1, headers=r"(utm_)?(easting|east|e)_?(position|utm)?|y_east|pos_east|y0", valid=_FIX),
+    Quantity("y", "m", headers=r"(utm_)?(easting|east|e)_?(position|utm)?|y_east|pos_east|y0", valid=_FIX),
     _direction(
         "psi", compass=True,
         headers=r"(true_|gyro_|ship_)?(heading|hdg|hdt|yaw)(_true|_t|_angle|_gyro)?|gyro(_heading)?|psi",
@@ -157,43 +153,43 @@ _ROWS = (
         headers=r"surge(_velocity|_speed)?|u_velocity|longitudinal_(speed|velocity)|speed_longitudinal",
     ),
     _speed(
-        "v", mirror=-1,
+        "v",
         headers=r"sway(_velocity|_speed)?|v_velocity|(transverse|lateral)_(speed|velocity)|speed_transverse",
     ),
     Quantity(
-        "r", "rad/s", mirror=-1, limits=(-SPIN_LIMIT, SPIN_LIMIT),
+        "r", "rad/s", limits=(-SPIN_LIMIT, SPIN_LIMIT),
         headers="rot|rate_of_turn|turn_rate|yaw_rate|yawrate|gyro_rate|yaw_velocity|angular_velocity_z",
         valid="rot_(status|mode|valid|validity|ok)",
     ),
     _shaft(
-        "n", partner="n_2",
+        "n",
         headers=rf"(propeller|prop|shaft|main_engine|engine|me)?_?({_REVS}|n_prop|shaft_speed)"
         r"|(propeller|prop|shaft)_(speed|rate)",
         valid="(rpm|shaft|engine)_(status|valid|validity|ok)",
     ),
-    _shaft("n_2", partner="n"),
+    _shaft("n_2"),
     _rudder(
         "delta",
         headers=r"rudder(_angle|_feedback|_actual|_position|_response)?|rsa|delta|actual_rudder",
         valid="(rudder|rsa)_(status|valid|validity|ok)",
     ),
-    _rudder("delta_port", partner="delta_starboard"),
-    _rudder("delta_starboard", partner="delta_port"),
-    _shaft("n_bow", mirror=-1, headers="bow_thruster(_rpm|_speed)?"),
-    _shaft("n_stern", mirror=-1, headers="stern_thruster(_rpm|_speed)?"),
+    _rudder("delta_port"),
+    _rudder("delta_starboard"),
+    _shaft("n_bow", headers="bow_thruster(_rpm|_speed)?"),
+    _shaft("n_stern", headers="stern_thruster(_rpm|_speed)?"),
     Quantity("pitch", "rad", headers="(pitch_)?(propeller_pitch|cpp_pitch|pitch_feedback)"),
     _shaft(
-        "n_azimuth", partner="n_azimuth_2",
+        "n_azimuth",
         headers=rf"(n_azimuth|n_pod)|(azimuth|pod)(_thruster)?_({_REVS}|speed)",
     ),
-    Quantity("phi", "rad", mirror=-1),
-    Quantity("p", "rad/s", mirror=-1),
+    Quantity("phi", "rad"),
+    Quantity("p", "rad/s"),
     _direction(
-        "azimuth", partner="azimuth_2",
+        "azimuth",
         headers="(azimuth|pod)(_thruster)?(_angle|_direction)?",
     ),
-    _shaft("n_azimuth_2", partner="n_azimuth"),
-    _direction("azimuth_2", partner="azimuth"),
+    _shaft("n_azimuth_2"),
+    _direction("azimuth_2"),
     *(_shaft(f"n_azimuth_{pod}") for pod in range(3, PODS + 1)),
     *(_direction(f"azimuth_{pod}") for pod in range(3, PODS + 1)),
     _amount("wind_speed", headers="true_wind_speed|wind_speed_true|tws"),
@@ -250,7 +246,7 @@ UNITS = {row.name: row.unit for row in _ROWS if row.canonical}
 def quantity(name: str) -> Quantity:
     """The row of ``name``, "n_3" to "n_9" included. Raises KeyError for what is none."""
     if re.fullmatch(r"n_[3-9]", name):
-        return replace(QUANTITIES["n_2"], name=name, partner="")
+        return replace(QUANTITIES["n_2"], name=name)
     return QUANTITIES[name]
 
 

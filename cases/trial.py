@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-READER = "cases.io.memory"
+READER = "cases.io.read"
 """What makes trials of frames and arrays; by its name, as users look for it here and it knows trials."""
 LEFT_OUT = "left_out"
 """Code of the notice on what was left out."""

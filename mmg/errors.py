@@ -6,7 +6,9 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import PureWindowsPath
+from typing import Any
 
 from mmg.messages import printable
 
@@ -118,6 +120,15 @@ def writing(what: object, advice: str = "choose another --out") -> Iterator[None
         yield
     except OSError as error:
         raise NotWritable(f"{what}: cannot be written ({error.strerror or error}); {advice}") from None
+
+
+def needed(package: str, what: str, extra: str = "import") -> Any:
+    """The ``package`` that ``what`` needs, imported. Raises UserError, which names the ``extra`` that brings it."""
+    try:
+        return import_module(package)
+    except ImportError:
+        name = package.partition(".")[0]
+        raise NotInstalled(f"{what} needs {name}; pip install 'mmg-ident[{extra}]'") from None
 
 
 def needs_torch(what: str) -> None:

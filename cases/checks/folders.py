@@ -28,14 +28,14 @@ from cases.checks.stretches import DRIFTING, stretch_findings
 from cases.evidence.competition import FRAMES, Judged, Keys, Scores, judged, rudder_nats, scores, standing, wrong_inputs
 from cases.evidence.shifts import LAGS, TRACK, TURN, Scale, Shift, Value, candidates, nats, scale, shifts
 from cases.evidence.signals import Signals, independent, signals
-from cases.io.conventions import SENTINEL, converted, mislabelled, without_sentinels
+from cases.io.conventions import SENTINEL, converted, masked, mislabelled, remarks
 from cases.io.read import SUFFIXES, read_trial
 from cases.io.sidecar import NAME, SidecarEntry, line_for, sidecar_entry
 from cases.io.toml_file import as_toml
 from cases.quantities import quantity, to_si, unit_by_factor
 from cases.trial import Trial, left_out
 from mmg.errors import UserError
-from mmg.messages import Message, message_rows
+from mmg.messages import message_rows
 
 COLUMNS = ("psi", "u", "v", "r")
 """Required of every trial and noisy, so that rows of different runs never agree in all of them."""
@@ -191,9 +191,8 @@ def _without_sentinels(trial: Trial) -> Trial:
     """``trial`` without numbers that stand for no value, where it was not read from a file."""
     if trial.path is not None:
         return trial
-    notices: list[Message] = []
-    columns = without_sentinels(trial.columns, {name: (0, 1.0) for name in trial.columns}, (), notices)
-    return replace(trial, columns=columns, notices=(*trial.notices, *notices)) if notices else trial
+    columns, counts = masked(trial.columns, {name: (0, 1.0) for name in trial.columns}, ())
+    return replace(trial, columns=columns, notices=(*trial.notices, *remarks(counts))) if counts else trial
 
 
 def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[CheckReport]:

@@ -28,7 +28,7 @@ from cases.importing.series import SourceSeries, table_of_series
 from cases.importing.vocabulary import meaning
 from cases.io.files import LARGEST, read_bytes
 from cases.io.trial_table import MOST_CELLS
-from mmg.errors import BadValue, NotInstalled, OutOfRange, TooFewData, Unreadable, UserError
+from mmg.errors import BadValue, OutOfRange, TooFewData, Unreadable, UserError, needed
 from mmg.messages import Message
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -248,11 +248,7 @@ def _as_tree(value: Any, depth: int = 0) -> Any:
 
 def _hdf5(path: Path, content: bytes, accounts: list[Account]) -> dict[str, Any]:
     """The groups of an HDF5 file as dicts."""
-    try:
-        import h5py
-    except ImportError:
-        words = "HDF5 and MATLAB 7.3 need h5py; pip install 'mmg-ident[import]'"
-        raise NotInstalled(f"{path}: {words}") from None
+    h5py = needed("h5py", f"{path}: HDF5, also of MATLAB 7.3,")
     with h5py.File(io.BytesIO(content), "r") as file:
         return _group(file, accounts, h5py)
 

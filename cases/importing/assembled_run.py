@@ -22,7 +22,7 @@ from cases.io.sidecar import ReferencePoint, SidecarEntry
 from cases.io.trial_table import MOST_ROWS
 from cases.quantities import is_canonical, wraps
 from cases.quantities import quantity as known
-from mmg.errors import BadValue, Conflict, Missing, NotInstalled, OutOfRange, TooFewData
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, needed
 from mmg.messages import Message
 from mmg.motion.flow import RUDDERS
 
@@ -359,9 +359,4 @@ def globe_positions(northing: np.ndarray, easting: np.ndarray, zone: str, where:
 
 
 def _projection(where: str, **parameters: Any) -> Any:
-    try:
-        from pyproj import Proj
-    except ImportError:
-        words = "latitudes and longitudes need pyproj; pip install 'mmg-ident[import]'"
-        raise NotInstalled(f"{where}: {words}") from None
-    return Proj(ellps="WGS84", **parameters)
+    return needed("pyproj", f"{where}: a position in latitude and longitude").Proj(ellps="WGS84", **parameters)

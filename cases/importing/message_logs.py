@@ -19,7 +19,7 @@ from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
 from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, number, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
-from mmg.errors import BadValue, Conflict, NotInstalled
+from mmg.errors import BadValue, Conflict, needed
 from mmg.messages import Message
 
 PATHS = {
@@ -288,13 +288,10 @@ Found = tuple[float, int, int, Any]
 
 def _decoders(path: Path) -> tuple[Any, Any]:
     """What decodes frames, as candump writes them, and whole messages, as canboat does."""
-    try:
-        from nmea2000.decoder import NMEA2000Decoder
-        from nmea2000.input_formats import N2KFormat
-    except ImportError:
-        words = "NMEA 2000 needs nmea2000 (Python 3.11 or later); pip install 'mmg-ident[import]'"
-        raise NotInstalled(f"{path}: {words}") from None
-    frames, whole = (NMEA2000Decoder(kind, units="si") for kind in (N2KFormat.CANDUMP3, N2KFormat.BASIC_STRING))
+    decoder, formats = (needed(f"nmea2000.{part}", f"{path}: a log of NMEA 2000, with Python 3.11 or later,")
+                        for part in ("decoder", "input_formats"))  # fmt: skip
+    kinds = formats.N2KFormat.CANDUMP3, formats.N2KFormat.BASIC_STRING
+    frames, whole = (decoder.NMEA2000Decoder(kind, units="si") for kind in kinds)
     return frames, whole
 
 

@@ -27,7 +27,7 @@ from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable, raw_ta
 from cases.importing.series import mostly
 from cases.io.files import read_bytes
 from cases.quantities import KNOT
-from mmg.errors import Missing, NotInstalled
+from mmg.errors import Missing, needed
 from mmg.messages import Message
 
 EMPTY = "empty"
@@ -72,11 +72,8 @@ def decoded(kind: str, content: str) -> Decoded:
 @functools.cache
 def field_names() -> dict[str, tuple[str, ...]]:
     """Names of the fields of each kind. Raises UserError where pynmeagps is missing."""
-    try:
-        from pynmeagps import NMEA_PAYLOADS_GET
-    except ImportError:
-        raise NotInstalled("NMEA logs need pynmeagps; pip install 'mmg-ident[import]'") from None
-    return {kind: tuple(NMEA_PAYLOADS_GET[kind]) for kind in DECODERS}
+    payloads = needed("pynmeagps", "a log of NMEA 0183").NMEA_PAYLOADS_GET
+    return {kind: tuple(payloads[kind]) for kind in DECODERS}
 
 
 def checksum(content: str) -> int:

@@ -18,7 +18,7 @@ from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import Account, Clock, RawTable
 from cases.importing.series import SourceSeries, table_of_series
 from cases.importing.vocabulary import Meaning, is_order, meaning
-from mmg.errors import NotInstalled, Unreadable
+from mmg.errors import Unreadable, needed
 from mmg.messages import Message
 
 MAGIC = (b"#ROSBAG V2", b"\x89MCAP", b"SQLite format 3\0")
@@ -73,15 +73,11 @@ def read_bag(path: Path, chosen: ImportMap) -> RawTable:
     chosen: the map; it may name topics in ``ignore``, and ``axes``. Raises UserError where rosbags is missing, for a
     file that is cut off or damaged, and where two topics of one type say the same.
     """
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError:
-        raise NotInstalled(f"{path}: ROS bags need rosbags; pip install 'mmg-ident[import]'") from None
+    highlevel, typesys = (needed(f"rosbags.{part}", f"{path}: a ROS bag") for part in ("highlevel", "typesys"))
     accounts: list[Account] = []
     try:
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        with AnyReader([path.parent if _in_parts(path) else path], default_typestore=store) as reader:
+        store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        with highlevel.AnyReader([path.parent if _in_parts(path) else path], default_typestore=store) as reader:
             topics = _topics(reader, chosen.ignored_in(path), accounts)
     except Exception as error:  # rosbags and its decoders raise many kinds for damaged files
         why = " ".join(str(error).split())[:120] or type(error).__name__

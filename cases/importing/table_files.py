@@ -34,7 +34,7 @@ from cases.io.text_table import (
 )
 from cases.io.trial_table import MOST_CELLS
 from cases.quantities import QUANTITIES, as_number
-from mmg.errors import BadValue, NotInstalled, OutOfRange, TooFewData, Unreadable, UserError
+from mmg.errors import BadValue, OutOfRange, TooFewData, Unreadable, UserError, needed
 from mmg.messages import Message
 
 LARGEST_LOG, SMALL = 8 * 2**30, 2**25
@@ -323,12 +323,7 @@ def read_excel_tables(path: Path) -> list[RawTable]:
     Raises UserError where openpyxl is missing, the file is no workbook, no sheet holds a table, or a cell holds a
     formula that no program has calculated.
     """
-    try:
-        import openpyxl
-    except ImportError:
-        raise NotInstalled(
-            f"{path}: Excel files need openpyxl; pip install 'mmg-ident[import]', or save it as CSV"
-        ) from None
+    openpyxl = needed("openpyxl", f"{path}: save it as CSV, as an Excel file")
     content = read_bytes(path)
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive, warnings.catch_warnings():

@@ -40,18 +40,6 @@ LARGER = 0.95
 """The larger changes from row to row: this quantile of them. Set by hand."""
 
 
-def without_sentinels(
-    columns: Mapping[str, np.ndarray],
-    wanted: Mapping[str, tuple[int, float]],
-    further: Sequence[float],
-    notices: list[Message],
-) -> dict[str, np.ndarray]:
-    """As ``masked`` of ``columns`` (N,), ``wanted`` and ``further``; each number adds one of the ``notices``."""
-    out, counts = masked(columns, wanted, further)
-    notices += remarks(counts)
-    return out
-
-
 def masked(
     columns: Mapping[str, np.ndarray], wanted: Mapping[str, tuple[int, float]], further: Sequence[float]
 ) -> tuple[dict[str, np.ndarray], Counter[tuple[str, float]]]:

@@ -78,12 +78,7 @@ def tables(content: Mapping[str, Any], where: str) -> dict[str, Any]:
         for symbol, row in content["coefficients"].items():
             bounds = {key: unknown for key, unknown in RANGES.items() if row.get(key) is None}
             rows[symbol] = {**{k: v for k, v in row.items() if v is not None}, **bounds}
-        if content.get("calibration") is not None:
-            found["calibration"] = dict(content["calibration"])
-        if content.get("campaigns"):
-            found["campaigns"] = {name: dict(values) for name, values in content["campaigns"].items()}
-        if content.get("sources"):
-            found["sources"] = dict(content["sources"])
+        found |= {key: dict(content[key]) for key in ("calibration", "campaigns", "sources") if content.get(key)}
         if content.get("network") is not None:
             network = found["network"] = dict(content["network"])
             for key, unknown in RANGES.items():

@@ -10,9 +10,8 @@ import pytest
 
 from cases.maneuvers.definitions import Maneuver, Turning, parse_maneuver
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.actuator_ramps import ramps
 from cases.simulation.simulate import simulate
-from cases.simulation.simulate_batch import SimulatedRuns, coefficient_array, simulate_batch, simulate_pushed
+from cases.simulation.simulate_batch import SimulatedRuns, coefficient_array, ramps, simulate_batch, simulate_pushed
 from cases.trial import Trial
 from mmg.errors import Unsupported, UserError
 from mmg.rollout import Simulator
