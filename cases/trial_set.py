@@ -25,7 +25,7 @@ from cases.io.read import read_trials
 from cases.io.sidecar import line_for
 from cases.trial import LEFT_OUT, Trial, left_out, looked_at
 from mmg.errors import BadValue, Conflict, Missing
-from mmg.messages import Message
+from mmg.messages import Message, listed
 from mmg.ship import Ship
 
 Given: TypeAlias = "str | Path | Trial | Sequence[str | Path | Trial]"
@@ -78,7 +78,7 @@ class TrialSet(Sequence[Trial]):
 
     def __repr__(self) -> str:
         seconds = sum(trial.duration for trial in self)
-        names = _listed([trial.name for trial in self])
+        names = listed([trial.name for trial in self], MOST_LISTED)
         return f"<TrialSet of {len(self)} trials, {seconds:.4g} s: {names}>"
 
     @cached_property
@@ -168,7 +168,7 @@ class TrialSet(Sequence[Trial]):
         campaign = campaign_labels(self.trials) if copies else []
         for first, others in copies.items():
             name, its = self[first].name, campaign[first]
-            names = _listed([self[i].name for i in others])
+            names = listed([self[i].name for i in others], MOST_LISTED)
             words = f"{names}: copies of {name}, which say nothing more; left out, so that no run counts twice"
             messages.append(Message(words, "copies_left_out"))
             for i in [i for i in others if campaign[i] != its]:
@@ -266,9 +266,3 @@ def _content(trial: Trial) -> bytes:
         found.update(name.encode())
         found.update(np.ascontiguousarray(np.round(values, 9) + 0.0, dtype=float).tobytes())
     return found.digest()
-
-
-def _listed(names: Sequence[str]) -> str:
-    """The ``names``, of more than MOST_LISTED only the first and how many there are."""
-    more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
-    return ", ".join(names[:MOST_LISTED]) + more

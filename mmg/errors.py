@@ -122,6 +122,11 @@ def writing(what: object, advice: str = "choose another --out") -> Iterator[None
         raise NotWritable(f"{what}: cannot be written ({error.strerror or error}); {advice}") from None
 
 
+def reason(error: object, most: int = 120) -> str:
+    """What an ``error`` of another library says, in one line of at ``most`` so many characters; else its kind."""
+    return " ".join(str(error).split())[:most] or type(error).__name__
+
+
 def needed(package: str, what: str, extra: str = "import") -> Any:
     """The ``package`` that ``what`` needs, imported. Raises UserError, which names the ``extra`` that brings it."""
     try:

@@ -33,6 +33,11 @@ class Message(str):
         return str(self), self.code
 
 
+def listed(names: Sequence[str], most: int = 3) -> str:
+    """The first ``most`` of ``names``, and how many more there are."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
 def has_code(messages: Iterable[str], code: str) -> bool:
     """Whether one of ``messages`` carries ``code``."""
     return any(isinstance(m, Message) and m.code == code for m in messages)

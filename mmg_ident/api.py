@@ -188,10 +188,10 @@ def simulate(
     import math
 
     from cases.criteria.standard_runs import simulated_trial
+    from cases.inputs import given_inputs
     from cases.io.campaigns import ship_of_campaign
     from cases.maneuvers.definitions import parse_maneuver
     from cases.shipfiles.effects import with_effects
-    from cases.inputs import given_inputs
     from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed
     from cases.trial import Trial
     from mmg.errors import Conflict

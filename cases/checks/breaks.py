@@ -18,7 +18,7 @@ import numpy as np
 from cases.evidence.signals import MAD, independent, white_noise
 from cases.inputs import integral
 from cases.trial import Trial
-from mmg.motion.flow import RUDDERS
+from mmg.motion.flow import INPUTS
 
 Break = tuple[int, int, str, tuple[str, ...]]
 """First and last row, what, channels."""
@@ -259,8 +259,7 @@ def spike_trains(trial: Trial) -> Iterator[Break]:
                 yield int(train[0]), int(train[-1]), f"spikes of {name}", (name,)
 
 
-PODS = tuple(f"{name}_{i}" for i in (2, 3, 4) for name in ("n_azimuth", "azimuth"))
-STEERING = (*RUDDERS, "n_bow", "n_stern", "n_azimuth", "azimuth", *PODS)
+STEERING = tuple(name for name in INPUTS if name not in ("n", "n_2", "pitch"))
 """What turns a ship. The propeller does so by its flow on the rudder, and pushes her on."""
 SWINGING = "the turn rate swings while rudder and propeller rest"
 """What is said of such a spell."""

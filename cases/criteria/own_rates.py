@@ -24,7 +24,7 @@ from cases.maneuvers.self_propulsion import diameter_for
 from cases.shipfiles.particulars import BY_RULE, RATIOS
 from cases.trial import Trial
 from mmg.errors import UserError
-from mmg.messages import Message
+from mmg.messages import Message, listed
 from mmg.ship import Ship
 
 MEASURED = "measured in "
@@ -219,9 +219,9 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
     for name, (value, names) in found.items():
         stated = name in particulars and not sources.get(name, "").startswith((MEASURED, BY_RULE))
         if not stated:
-            particulars[name], sources[name] = value, f"{MEASURED}{_listed(names)}"
+            particulars[name], sources[name] = value, f"{MEASURED}{listed(names)}"
         elif abs(particulars[name] / value - 1) > NOTED:
-            text = f"{name} is {particulars[name]:.3g} in the ship file, {value:.3g} by {_listed(names)}; it stays"
+            text = f"{name} is {particulars[name]:.3g} in the ship file, {value:.3g} by {listed(names)}; it stays"
             messages.append(Message(text, f"{name}_differs"))
     rules = tuple(f"{name} = " for name in found)  # of a starting ship, that the trials replace
     notices = tuple(note for note in ship.notices if not str(note).startswith(rules))
@@ -294,8 +294,3 @@ def _diameter(ship: Ship, approach: Approach) -> float | None:
     except UserError:
         return None
     return float(f"{diameter:.4g}") if low <= diameter <= high else None
-
-
-def _listed(names: Sequence[str]) -> str:
-    """At most three ``names``, and how many more."""
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

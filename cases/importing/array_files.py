@@ -28,7 +28,7 @@ from cases.importing.series import SourceSeries, table_of_series
 from cases.importing.vocabulary import meaning
 from cases.io.files import LARGEST, read_bytes
 from cases.io.trial_table import MOST_CELLS
-from mmg.errors import BadValue, OutOfRange, TooFewData, Unreadable, UserError, needed
+from mmg.errors import BadValue, OutOfRange, TooFewData, Unreadable, UserError, needed, reason
 from mmg.messages import Message
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -78,8 +78,7 @@ def read_arrays(path: Path, chosen: ImportMap) -> list[RawTable]:
     except UserError:
         raise
     except Exception as error:  # both libraries raise many kinds for damaged files
-        why = " ".join(str(error).split())[:120] or type(error).__name__
-        raise Unreadable(f"{path}: is cut off, damaged or no file of MATLAB or HDF5 ({why})") from None
+        raise Unreadable(f"{path}: is cut off, damaged or no file of MATLAB or HDF5 ({reason(error)})") from None
     if not found:
         words = "; ".join(f"{a.what} is {a.why}" for a in accounts[:3])
         raise TooFewData(f"{path}: holds no vectors of one length{': ' + words if words else ''}")

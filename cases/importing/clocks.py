@@ -13,7 +13,7 @@ import numpy as np
 from cases.importing.raw_table import Clock, RawTable
 from cases.importing.vocabulary import plain_words
 from cases.quantities import FACTORS, factor_of
-from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName, UserError
+from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName, UserError, reason
 from mmg.messages import Message
 
 DAY, WEEK = 86400.0, 604800.0
@@ -342,7 +342,7 @@ def _stamps(cells: Any, where: str, zone_hours: float | None, before: int, clock
         parsed = pd.to_datetime(text, utc=True, errors="coerce", **order)
         since = (parsed - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(dtype=float)
     except (ValueError, OverflowError, TypeError) as error:  # years before our era, among others
-        raise BadValue(f"{where}: holds a time that no clock shows ({' '.join(str(error).split())[:80]})") from None
+        raise BadValue(f"{where}: holds a time that no clock shows ({reason(error, 80)})") from None
     if np.nanmax(since, initial=0.0) > LAST_STAMP:
         raise BadValue(f"{where}: holds a time after the year 9999, which no clock shows")
     _refuse(parsed.isna() & text.notna(), text, where, before)

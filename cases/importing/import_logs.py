@@ -141,17 +141,26 @@ def _files_of(path: Path) -> list[Path]:
     if not path.is_dir():
         return [bag_of(path)]
     found = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file() and p.name != SIDECAR)
-    found = list(dict.fromkeys(bag_of(p) for p in found if p.suffix.lower() not in JSON or _is_log(p)))
+    found = list(dict.fromkeys(bag_of(p) for p in found if p.suffix.lower() not in JSON or _messages_in(_begin(p))))
     if not found:
         raise Missing(f"{path}: no logs in this folder ({', '.join(SUFFIXES)})")
     return found
 
 
-def _is_log(path: Path) -> bool:
-    """Whether a file of JSON is a log of one of the formats that are read."""
+MESSAGES = (
+    (is_nmea2000, read_nmea2000), (is_nmea, read_nmea), (is_iso19848, read_iso19848), (is_signal_k, read_signal_k)
+)  # fmt: skip
+"""What tells the format of a log of messages by its begin, and what reads it."""
+
+
+def _begin(path: Path) -> bytes:
     with opened(path) as stream:
-        begin = stream.read(BEGIN)
-    return is_signal_k(begin) or is_iso19848(begin) or is_nmea2000(begin)
+        return stream.read(BEGIN)
+
+
+def _messages_in(begin: bytes) -> Callable[[Path, ImportMap], RawTable] | None:
+    """What reads the messages in a file of this ``begin``, None of other files."""
+    return next((read for is_of, read in MESSAGES if is_of(begin)), None)
 
 
 def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
@@ -160,20 +169,13 @@ def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
     check_file(file, LARGEST if suffix in BINARY and suffix not in BAGS else LARGEST_LOG)  # of bags topics are read
     if not file.stat().st_size:
         raise TooFewData(f"{file}: the file is empty")
-    with opened(file) as stream:
-        begin = stream.read(BEGIN)
+    begin = _begin(file)
     if suffix in BAGS or begin.startswith(MAGIC):
         return [read_bag(file, chosen)]
     if suffix in ARRAYS or begin.startswith(MATLAB) or is_hdf5(begin):
         return read_arrays(file, chosen)
-    if is_nmea2000(begin):
-        return [read_nmea2000(file, chosen)]
-    if is_nmea(begin):
-        return [read_nmea(file, chosen)]
-    if is_iso19848(begin):
-        return [read_iso19848(file, chosen)]
-    if is_signal_k(begin) or suffix in JSON:
-        return [read_signal_k(file, chosen)]
+    if read := _messages_in(begin) or (read_signal_k if suffix in JSON else None):
+        return [read(file, chosen)]
     if suffix == ".xls":
         raise BadValue(f"{file}: an old Excel file; save it as .xlsx or CSV")
     if suffix in (".xlsx", ".xlsm"):

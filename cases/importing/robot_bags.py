@@ -18,7 +18,7 @@ from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import Account, Clock, RawTable
 from cases.importing.series import SourceSeries, table_of_series
 from cases.importing.vocabulary import Meaning, is_order, meaning
-from mmg.errors import Unreadable, needed
+from mmg.errors import Unreadable, needed, reason
 from mmg.messages import Message
 
 MAGIC = (b"#ROSBAG V2", b"\x89MCAP", b"SQLite format 3\0")
@@ -80,8 +80,7 @@ def read_bag(path: Path, chosen: ImportMap) -> RawTable:
         with highlevel.AnyReader([path.parent if _in_parts(path) else path], default_typestore=store) as reader:
             topics = _topics(reader, chosen.ignored_in(path), accounts)
     except Exception as error:  # rosbags and its decoders raise many kinds for damaged files
-        why = " ".join(str(error).split())[:120] or type(error).__name__
-        raise Unreadable(f"{path}: is cut off, damaged or no bag ({why})") from None
+        raise Unreadable(f"{path}: is cut off, damaged or no bag ({reason(error)})") from None
     stamped = [topic for topic in topics if min(topic.stamps) > 0]
     received = np.array([t for topic in stamped for t in topic.received])
     stamps = np.array([t for topic in stamped for t in topic.stamps])

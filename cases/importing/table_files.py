@@ -32,9 +32,9 @@ from cases.io.text_table import (
     is_comment,
     rows_together,
 )
-from cases.io.trial_table import MOST_CELLS
+from cases.io.trial_table import MOST_CELLS, no_parquet
 from cases.quantities import QUANTITIES, as_number
-from mmg.errors import BadValue, OutOfRange, TooFewData, Unreadable, UserError, needed
+from mmg.errors import BadValue, OutOfRange, TooFewData, Unreadable, UserError, needed, reason
 from mmg.messages import Message
 
 LARGEST_LOG, SMALL = 8 * 2**30, 2**25
@@ -346,7 +346,7 @@ def read_excel_tables(path: Path) -> list[RawTable]:
     except zipfile.BadZipFile:
         raise Unreadable(f"{path}: is cut off, damaged or no Excel workbook (.xlsx)") from None
     except Exception as error:  # openpyxl raises many kinds for damaged files
-        raise Unreadable(f"{path}: not a readable Excel workbook ({' '.join(str(error).split())[:120]})") from None
+        raise Unreadable(f"{path}: not a readable Excel workbook ({reason(error)})") from None
     if not tables:
         others = f" (hidden ones, not read: {', '.join(hidden)})" if hidden else ""
         raise BadValue(f"{path}: no sheet holds numbers below a line of headers{others}")
@@ -403,9 +403,7 @@ def read_parquet(path: Path) -> RawTable:
     try:
         frame = pd.read_parquet(path)
     except Exception as error:  # pyarrow raises many kinds for damaged files
-        why = " ".join(str(error).split())
-        why = "it is cut off, damaged or none" if "magic bytes" in why else why[:120]
-        raise Unreadable(f"{path}: not a readable Parquet file ({why})") from None
+        raise no_parquet(path, error) from None
     cells = [str(c) for c in frame.columns]
     frame.columns = pd.RangeIndex(len(cells))
     return raw_table(path, str(path), cells, [""] * len(cells), frame, [])

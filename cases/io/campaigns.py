@@ -18,7 +18,7 @@ from pathlib import Path
 from cases.io.sidecar import line_for
 from cases.trial import Trial
 from mmg.errors import Conflict, Missing, TooFewData, UnknownName
-from mmg.messages import Message
+from mmg.messages import Message, listed
 from mmg.ship import Ship
 
 CLOCK = (631_152_000.0, 4_102_444_800.0)
@@ -130,8 +130,6 @@ UNKNOWN = "no campaign"
 """Name of what trials belong to of which nothing is known."""
 TAKEN, MEAN = "campaign", "campaign_mean"
 """Codes of messages: instruments as in a campaign, as in the mean of all."""
-MOST_LISTED = 3
-"""Trials named in one message. Set by hand: display."""
 
 
 @dataclass(frozen=True)
@@ -225,20 +223,15 @@ def campaigns_taken(ship: Ship, trials: Sequence[Trial]) -> list[Message]:
     for trial in trials:
         of.setdefault(campaign_among(trial, ship.campaigns), []).append(trial.name)
     unknown = of.pop(None, [])
-    messages = [
-        Message(f"{_listed(of[name])}: {names} as in campaign {name}", TAKEN) for name in sorted(filter(None, of))
-    ]
+    known = sorted(filter(None, of))
+    messages = [Message(f"{listed(of[name])}: {names} as in campaign {name}", TAKEN) for name in known]
     if unknown:
         words = (
-            f"{_listed(unknown)}: of no campaign that the calibration knows ({', '.join(ship.campaigns)}): {names} at "
+            f"{listed(unknown)}: of no campaign that the calibration knows ({', '.join(ship.campaigns)}): {names} at "
             "the mean of all, with wider bands; --campaign NAME says which one"
         )
         messages.append(Message(words, MEAN))
     return messages
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names) if len(names) <= MOST_LISTED else f"{names[0]} and {len(names) - 1} others"
 
 
 def _refuse_contradiction(trial: Trial, said: str, day: str, folder: str, folders: Sequence[str]) -> None:

@@ -44,7 +44,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, field_validator, mo
 from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.quantities import is_canonical, to_si
 from mmg.errors import UserError
-from mmg.messages import Message
+from mmg.messages import Message, listed
 from mmg.states import STATES
 
 NAME = "trials.toml"
@@ -206,7 +206,6 @@ def sidecar_entry(trial: Path, notices: list[Message] | None = None) -> SidecarE
     sidecar, there = read_sidecar(path), {name for file in trial.parent.iterdir() for name in (file.name, file.stem)}
     absent = [name for name in sidecar.files if name not in there]
     if absent and notices is not None:
-        more = f" and {len(absent) - 3} more" if len(absent) > 3 else ""
-        text = f"{path} says something of files that are not there: {', '.join(absent[:3])}{more}"
+        text = f"{path} says something of files that are not there: {listed(absent)}"
         notices.append(Message(text, "sidecar_file_absent"))
     return sidecar.entry(trial)

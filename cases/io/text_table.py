@@ -17,7 +17,7 @@ import numpy as np
 
 from cases.io.files import opened
 from cases.quantities import as_number
-from mmg.errors import BadValue, OutOfRange, UserError
+from mmg.errors import BadValue, OutOfRange, UserError, reason
 from mmg.messages import Message
 
 MOST_KEPT = 400_000
@@ -313,7 +313,7 @@ class TextTable:
             except pa.ArrowInvalid:
                 return read(numbers=False), len(odd)
         except pa.ArrowInvalid as error:
-            raise BadValue(f"{self.path}: not a table ({' '.join(str(error).split())[:120]})") from None
+            raise BadValue(f"{self.path}: not a table ({reason(error)})") from None
 
     def _by_rows(self, kept: bytes, wanted: Collection[int], block: bytes, line: int, last: bool) -> Any:
         """As ``_parsed``, for rows of which some have other numbers of cells. line: number of the first of a block."""

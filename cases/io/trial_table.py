@@ -18,7 +18,7 @@ from cases.io.files import LARGEST as LARGEST_FILE
 from cases.io.files import check_file, lines_and_hash
 from cases.io.text_table import LONGEST_LINE, BlockMeans, TextTable, blocks, floats_of_cells, rows_together
 from cases.quantities import as_number, quantity
-from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData, Unreadable, UserError
+from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData, Unreadable, UserError, reason
 from mmg.messages import Message, printable
 
 LARGEST_CSV = 8 * 2**30
@@ -198,14 +198,15 @@ def _texts(chunk: Any) -> np.ndarray:
     return rows
 
 
+def no_parquet(path: Path, error: Exception) -> UserError:
+    """What is said of the file ``path`` that pyarrow cannot read, by its ``error``."""
+    why = "it is cut off, damaged or none" if "magic bytes" in str(error) else reason(error)
+    return Unreadable(f"{path}: not a readable Parquet file ({why})")
+
+
 def _parquet(path: Path) -> TrialTable:
     import pyarrow as pa
     import pyarrow.parquet as pq
-
-    def refused(error: Exception) -> UserError:
-        why = " ".join(str(error).split())
-        why = "it is cut off, damaged or none" if "magic bytes" in why else why[:120]
-        return Unreadable(f"{path}: not a readable Parquet file ({why})")
 
     try:
         file = pq.ParquetFile(path, page_checksum_verification=True)
@@ -215,7 +216,7 @@ def _parquet(path: Path) -> TrialTable:
         if unpacked > MOST_UNPACKED:
             raise ValueError(f"it has {unpacked / 2**20:.0f} MB unpacked, more than {MOST_UNPACKED // 2**20}")
     except Exception as error:
-        raise refused(error) from None
+        raise no_parquet(path, error) from None
 
     def column(index: int) -> np.ndarray:
         kind, name = file.schema_arrow.types[index], header[index]
@@ -239,7 +240,7 @@ def _parquet(path: Path) -> TrialTable:
                 found = found.cast(pa.float64())
             return np.asarray(found.to_numpy())
         except Exception as error:
-            raise refused(error) from None
+            raise no_parquet(path, error) from None
 
     def read(wanted: Collection[int]) -> Iterator[dict[int, np.ndarray]]:
         yield {i: column(i) for i in wanted}

@@ -32,7 +32,7 @@ from cases.quantities import to_si
 from cases.simulation.simulate import write_trial
 from cases.trial import Span, Trial, inside, spans_left_out
 from cases.trial_set import TrialSet
-from mmg.errors import BadValue, Missing, Unreadable, UserError
+from mmg.errors import BadValue, Missing, Unreadable, UserError, reason
 from mmg.messages import Message
 from mmg.motion.flow import RUDDERS
 from mmg.motion.froude import reference_speed
@@ -99,7 +99,7 @@ class OperationLog:
                 if len(columns["t"]) > 1:
                     yield converted(columns, entry, notices)
         except (OSError, ValueError, pa.ArrowException) as error:
-            raise Unreadable(f"{path}: is damaged ({_short(error)})") from None
+            raise Unreadable(f"{path}: is damaged ({reason(error)})") from None
         finally:
             for notice in notices:
                 _once(self.notices, str(notice))
@@ -131,7 +131,7 @@ def read_log(folder: str | Path) -> OperationLog:
         except UserError as error:
             log.left_out.append(str(error))
         except (OSError, ValueError, pa.ArrowException) as error:
-            log.left_out.append(f"{path}: is damaged ({_short(error)})")
+            log.left_out.append(f"{path}: is damaged ({reason(error)})")
     if not begins:
         raise Unreadable(f"{folder}: no part can be read; {log.left_out[0]}")
     log.parts = sorted(begins, key=lambda path: (begins[path], path))
@@ -178,10 +178,6 @@ def _numbers(path: Path, cell: str, values: object) -> np.ndarray:
     if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
         raise BadValue(f"{path}: column '{cell}' holds {kind}, which is no number")
     return np.array(pc.cast(values, pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=float)
-
-
-def _short(error: object) -> str:
-    return " ".join(str(error).split())[:120]
 
 
 WINDOW = 15.0

@@ -17,7 +17,7 @@ from typing import Any
 
 from fitting.parallel.executors import executing
 from fitting.report.run_folder import NOT_INSTALLED, versions
-from mmg.errors import Conflict, NotInstalled, ProgramFailed, UserError
+from mmg.errors import Conflict, NotInstalled, ProgramFailed, UserError, reason
 from mmg.progress import LOGGER
 
 PACKAGE = "mmg-ident"
@@ -99,7 +99,7 @@ def dask_cluster(address: str) -> Iterator[DaskCluster]:
             warnings.simplefilter("ignore", distributed.versions.VersionMismatchWarning)
             client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError, distributed.TimeoutError) as error:
-        why = " ".join(str(error).split())[:200] or type(error).__name__
+        why = reason(error, 200)
         raise ProgramFailed(f"--scheduler {address}: no Dask scheduler answers there ({why})") from None
     try:
         check_workers(client, address)

@@ -30,7 +30,7 @@ from fitting.prediction.stretches import Adaptation, default_past
 from fitting.prediction.unit_errors import REFERENCES, STATE_ERRORS, RunErrors, UnitErrors, errors_in_units, is_worse
 from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError
-from mmg.messages import Message, html_table
+from mmg.messages import Message, html_table, listed
 from mmg.motion.flow import INPUTS
 from mmg.rollout import Simulator
 from mmg.states import STATES
@@ -337,8 +337,7 @@ class ScorePair:
         names = self.after.diverged
         if not names:
             return []
-        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-        where = ", ".join(names[:MOST_NAMED]) + more
+        where = listed(names, MOST_NAMED)
         return [Message(f"no score of the {name} trials: the prediction diverges on {where}", NO_SCORE)]
 
     def undescribed(self) -> list[Message]:

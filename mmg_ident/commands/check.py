@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Option
 
 from mmg.errors import UserError, together
+from mmg.messages import listed
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -120,8 +121,7 @@ def _print(reports: list[CheckReport], every: bool, unreadable: Mapping[Path, Us
             if finding.level != "info" or finding.code in ("broken_stretch", "not_checked"):
                 shared.setdefault((finding.level, finding.text), []).append(report.name)
     for (level, text), names in sorted(shared.items(), key=lambda item: ORDER.index(item[0][0])):
-        more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-        whose = "all files" if len(names) == len(reports) else f"{', '.join(names[:4])}{more}"
+        whose = "all files" if len(names) == len(reports) else listed(names, 4)
         cli.print_wrapped(marks[level], f"{whose}: {text}")
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from mmg.messages import listed
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -91,8 +92,7 @@ def _answered(imported: Imported, chosen: ImportMap, before: set[tuple[Path, str
     for (words, choices), questions in together.items():
         names = [imported.names.get(question.file, "") for question in questions]
         before |= {(question.file, words) for question in questions}
-        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-        cli.say(f"{', '.join(names[:3])}{more}: {words}".removeprefix(": "))
+        cli.say(f"{listed(names)}: {words}".removeprefix(": "))
         answer = _choice(choices)
         if point := _point(answer):
             chosen = changed_map(chosen, {"reference_point": list(point)})
