@@ -13,7 +13,7 @@ import numpy as np
 from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_zones, within_stamps, without_jumps
 from cases.importing.companions import Masks, hold_signs, masked_rows, masks_of, sign_columns, signed
 from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question
-from cases.importing.raw_table import NUMBERED, Account, RawTable, split_unit
+from cases.importing.raw_table import NUMBERED, Account, Clock, RawTable, split_unit
 from cases.importing.vocabulary import WATER, factor, is_order, known_units, meaning, plain_words, turn_in
 from cases.io.conventions import remarks, sentinels_in, without_dropouts
 from cases.io.text_table import BlockMeans, rows_together
@@ -137,12 +137,11 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     count, nothing = rows_together(table.rows), Counter[tuple[str, float]]()
     means = BlockMeans(count, {q: known(q).period for q in scales if known(q).period})
     words: dict[str, set[str]] = {"ship": set(), "zone": set()}
-    completing = {name: column.header for name, column in mapped.items() if name == "date" or name.startswith("t_")}
     clock, anew, end, lost = None, 0.0, -np.inf, Counter[str]()
     for piece in table.pieces([*(column.header for column in mapped.values()), *of.masks.headers]):
         if not piece.cells(mapped["t"].header).notna().any():
             continue
-        own = table.clock or clock_of(piece, mapped["t"].header, mapped["t"].unit, completing, chosen.zone_hours)
+        own = table.clock or _clock(piece, mapped, chosen)
         clock = clock or own
         if own.absolute != clock.absolute:
             raise BadValue(f"{table.name}: column '{own.header}' changes its kind of time after row {piece.before}")
@@ -233,6 +232,11 @@ def _scales(
         if name in mapped and mapped[name].unit == "ddmm":
             notices.append(Message(f"{name}: degrees and minutes in one number (ddmm.mm)", "degrees_minutes"))
     return scales, unitless
+
+
+def _clock(piece: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap) -> Clock:
+    time_columns = {name: column.header for name, column in mapped.items() if name == "date" or name.startswith("t_")}
+    return clock_of(piece, mapped["t"].header, mapped["t"].unit, time_columns, chosen.zone_hours)
 
 
 def _true_heading(

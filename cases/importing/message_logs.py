@@ -16,9 +16,10 @@ import numpy as np
 from cases.importing.clocks import DAY
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
-from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, number, seconds_of_stamp, table_of_series
+from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
 from cases.io.files import read_bytes
+from cases.io.text_table import number_of
 from mmg.errors import BadValue, Conflict, needed
 from mmg.messages import Message
 
@@ -114,7 +115,7 @@ def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
             gears[gear[1]] = str(value).lower()
         elif engine := REVOLUTIONS.fullmatch(name):
             ahead = -1.0 if gears.get(engine[1]) == "reverse" else 1.0
-            heard.say(header, t, header, ahead * number(value), Meaning("", "Hz", ENGINE))
+            heard.say(header, t, header, ahead * number_of(value), Meaning("", "Hz", ENGINE))
         elif name in PATHS:
             at = f"navigation.position ({source})" if ".position." in name else header  # both of one source
             heard.say(at, t, header, value, PATHS[name], rank=int("Magnetic" in name))
@@ -347,10 +348,10 @@ def _heard(t: np.ndarray, messages: list[Found], units: dict[str, str]) -> Heard
         part = reference if pgn == 130306 else said.get("instance") if pgn in (127245, 127488) else None
         name = f"{pgn} (source {source})" + ("" if part is None else f" {part}")
         for field, quantity, kind in FIELDS[pgn]:
-            value, may_be, rank = number(said.get(field)), "", int(pgn in (127258, 129029))
+            value, may_be, rank = number_of(said.get(field)), "", int(pgn in (127258, 129029))
             if field == "heading" and reference == "Magnetic":
                 quantity, rank = "heading_magnetic", 1
-                value += np.nan_to_num(number(said.get("deviation")))
+                value += np.nan_to_num(number_of(said.get("deviation")))
             elif field in ("heading", "cog") and reference != "True":
                 continue
             elif pgn == 127488:

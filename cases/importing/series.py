@@ -16,7 +16,7 @@ from cases.importing.clocks import DAY, check_forward, clock_of, within_stamps
 from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion
 from cases.importing.raw_table import Account, Clock, RawTable
 from cases.importing.vocabulary import Meaning, meaning, plain_words, turn_in
-from cases.io.text_table import floats_of_cells
+from cases.io.text_table import floats_of_cells, number_of
 from cases.io.trial_table import MOST_CELLS
 from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData
 from mmg.messages import Message
@@ -74,7 +74,7 @@ class Heard:
         rows = self._rows.setdefault((name, rank), [])
         if not rows or rows[-1][0] != t or header in rows[-1][1]:
             rows.append((t, {}))
-        rows[-1][1][header] = number(value)
+        rows[-1][1][header] = number_of(value)
         if means is not None:
             self._means[header] = means
 
@@ -87,14 +87,6 @@ class Heard:
             means = {h: self._means[h] for h in headers if h in self._means}
             out.append(SourceSeries(name, np.array([t for t, _ in rows]), columns, means, rank))
         return out
-
-
-def number(value: Any) -> float:
-    """A ``value`` of a message as a number, NaN of one that is none."""
-    try:
-        return float(value)
-    except (TypeError, ValueError, OverflowError):
-        return np.nan
 
 
 def mostly(content: bytes, *patterns: re.Pattern[str]) -> bool:

@@ -151,12 +151,13 @@ def floats_of_cells(cells: Any) -> tuple[np.ndarray, Text | None]:
     cells = np.asarray(cells)
     if cells.dtype.kind in "iuf":
         return cells.astype(float), None
-    values = np.array([_number(cell) for cell in cells], dtype=float)
+    values = np.array([number_of(cell) for cell in cells], dtype=float)
     unread = [i for i in np.flatnonzero(np.isnan(values)).tolist() if str(cells[i]).strip().lower() not in EMPTY]
     return values, Text(unread[0], str(cells[unread[0]]), len(unread)) if unread else None
 
 
-def _number(cell: Any) -> float:
+def number_of(cell: Any) -> float:
+    """The number in a ``cell``, or of a value of a message; NaN where it is none."""
     if isinstance(cell, str):
         return np.nan if "_" in cell else as_number(cell)  # Python reads 1_0 as ten
     try:

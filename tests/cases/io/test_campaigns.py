@@ -82,7 +82,7 @@ def test_predictions_say_which_campaign_they_take_and_which_trials_are_of_none()
     assert taken.code == TAKEN and taken == "x_12-Nov-2020, y_12-Nov-2020: gyro.T as in campaign 2020-11-12"
     assert mean.code == MEAN and "z_01-Jan-2021" in mean
     many = campaigns_taken(knowing, [trial(f"{k}_12-Nov-2020.csv") for k in range(9)])
-    assert many == ["0_12-Nov-2020 and 8 others: gyro.T as in campaign 2020-11-12"]
+    assert len(many) == 1 and "6 more" in many[0]
 
 
 @pytest.mark.parametrize(
