@@ -21,7 +21,7 @@ from diagnosis.estimation.candidates import (
     ship_with_all_effects,
 )
 from diagnosis.estimation.first_fit import MAX_FITS, FirstFit, fit_without_effects
-from diagnosis.estimation.gridded_trials import COARSE, can_divide, possible_readings
+from diagnosis.estimation.gridded_trials import COARSE, can_divide, grid_trials, possible_readings
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
@@ -171,7 +171,9 @@ def prepare(
         raise Missing(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
     length = float(ship.particulars["L"])
     notices: list[Message] = []
-    steps = TransitionModel(full.ship, [*base.symbols, *full.symbols], step or default_step(trials, length))
+    h = step or default_step(trials, length)
+    grid_trials(trials, full.ship.inputs, length, h)  # trials that are too short are refused before code is compiled
+    steps = TransitionModel(full.ship, [*base.symbols, *full.symbols], h)
     values = full.ship.values
     at = [full.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cases.criteria.standard_runs import simulated_trial
+from cases.io.site import Site
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import CURRENT, SHIP, demo_trials
 from cases.simulation.simulate import SensorNoise, add_noise
@@ -17,6 +18,7 @@ from diagnosis.hypotheses.forward_selection import select_effects
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.prepare import prepare
 from mmg.ship import Ship
+from tests.support.diagnosis_cases import BANK, FEW
 from tests.support.quick import first_quick
 
 SAMPLE, FINE = 0.2, 0.02
@@ -44,8 +46,7 @@ def trials(ship: Ship, held: bool, seed: int) -> list[Trial]:
 
 @pytest.mark.parametrize("held", first_quick([True, False]))
 def test_nothing_is_seen_in_trials_without_random_forces_however_actuators_are_sampled(held: bool) -> None:
-    start = load_ship("esso_osaka_3m")
-    ready = prepare(start, trials(drawn(start, np.random.default_rng(5)), held, 5))
+    ready = prepare(FEW, trials(drawn(FEW, np.random.default_rng(5)), held, 5), Site({"bank": BANK}, {}))
     assert ready.reading.straight is not held and ready.problem.data.straight is not held
     assert ready.reading.gain > 2.0
     tests = score_tests(slopes(ready.problem.steps, ready.problem.data, ready.null, ready.full.candidates),

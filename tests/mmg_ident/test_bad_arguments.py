@@ -10,7 +10,7 @@ import pytest
 
 import mmg_ident as mi
 from tests.support.calibrated import small_result
-from tests.support.synthetic_runs import runs
+from tests.support.synthetic_runs import coarse_runs
 
 SHIP = "esso_osaka_3m"
 FRAME = pd.DataFrame({"t": [0.0, 1.0], "x": [0.0, 1.0]})
@@ -157,7 +157,7 @@ mi.TrainSettings(seeds=-1) and mi.train(SHIP, train,settings=mi.TrainSettings(se
 @pytest.mark.parametrize("call", CALLS.strip().splitlines())
 def test_what_makes_no_sense_is_a_user_error(call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    train, held = runs()
+    train, held = coarse_runs()
     names = {"mi": mi, "np": np, "pd": pd, "SHIP": SHIP, "FRAME": FRAME, "REST": REST, "train": train, "held": held}
     with pytest.raises(mi.UserError) as found:
         eval(call, {**names, "t": train[0], "fit": small_result()})

@@ -83,7 +83,7 @@ def test_an_interrupted_fit_goes_on_to_the_same_estimate(tmp_path: Path) -> None
     shutil.copytree(FOLDERS / "interrupted", tmp_path / "run")
     earlier = load_run(tmp_path / "run")
     trials = read_trials(FOLDERS / "trials" / "spring")
-    found = calibrate(earlier.start, trials, options=FitOptions(next_trial=False, resume=earlier))
+    found = calibrate(earlier.start, trials, options=FitOptions(next_trial=False, resume=earlier), compiled=False)
     assert found.converged
     same({s: [found.ship.coefficients[s].value] for s in found.ship.free}, EXPECTED["resumed"], 1e-3)
 

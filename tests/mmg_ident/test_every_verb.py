@@ -14,7 +14,8 @@ import pytest
 
 import mmg_ident as mi
 from cases.simulation.simulate import write_trial
-from tests.support.synthetic_runs import runs
+from tests.support.calibrated import FREE
+from tests.support.synthetic_runs import coarse_runs
 
 # Of commands alone: what is printed and where files go; trials and models are arguments of other names there
 PRINTED = {"json", "out", "force", "resume", "no_report", "scheduler", "plot", "pdf", "command"}
@@ -44,8 +45,8 @@ VERBS = ("fit", "train", "select", "score", "predict", "imo", "diagnose", "gap",
 
 @pytest.fixture(scope="module")
 def fit(tmp_path_factory: pytest.TempPathFactory) -> mi.FitResult:
-    train, held_out = runs()
-    options = {"only": ["Y_v", "N_r"], "next_trial": False, "estimator": "windows"}
+    train, held_out = coarse_runs()
+    options = {"only": list(FREE), "next_trial": False, "estimator": "windows"}
     return mi.calibrate("esso_osaka_3m", train[:2], held_out[:1], **options)
 
 
@@ -60,7 +61,7 @@ def test_a_function_takes_what_its_command_takes(verb: str) -> None:
 
 
 def test_settings_by_name_are_checked() -> None:
-    train, _ = runs()
+    train, _ = coarse_runs()
     for call in (
         lambda: mi.calibrate("esso_osaka_3m", train, windw=20.0),
         lambda: mi.train("esso_osaka_3m", train, epoch=3),
@@ -76,7 +77,7 @@ def test_settings_by_name_are_checked() -> None:
 
 
 def test_what_contradicts_itself_is_refused_unless_told_to_take_it() -> None:
-    trial = runs()[0][0]
+    trial = coarse_runs()[0][0]
     wrong = mi.Trial.from_arrays(
         name="other_frame", **{n: v for n, v in trial.columns.items() if n not in "uv"}, u=3.0 * trial["u"],
         v=trial["v"],
@@ -203,7 +204,7 @@ def test_measured_runs_are_judged_as_the_command_judges_them() -> None:
 
 def test_results_say_what_they_are_in_a_few_lines(fit: mi.FitResult) -> None:
     turn = mi.simulate("esso_osaka_3m", "turning:35", duration=20.0)
-    held_out = runs()[1][:1]
+    held_out = coarse_runs()[1][:1]
     judged = (mi.imo("esso_osaka_3m", scatter=0), mi.score(fit.ship, held_out), mi.predict(fit.ship, held_out)[0])
     objects = (fit, fit.ship, turn, mi.TrialSet.of([turn]), *judged, fit.loss, fit.plot, fit.ship.rhs, fit.problem)
     assert {type(one).__name__: repr(one).count("\n") for one in objects if len(repr(one)) > 1500} == {}
@@ -218,7 +219,7 @@ def test_a_summary_begins_with_what_the_data_say(fit: mi.FitResult) -> None:
 
 
 def test_raw_logs_become_trials_and_what_is_open_is_an_error(tmp_path: Path) -> None:
-    write_trial(runs()[0][0], tmp_path / "log.csv")
+    write_trial(coarse_runs()[0][0], tmp_path / "log.csv")
     trials = mi.import_logs(tmp_path / "log.csv", tmp_path / "trials", reference_point=[0.0, 0.0])
     assert len(trials) == 1 and (tmp_path / "trials" / "import.toml").exists()
     with pytest.raises(mi.UserError):
@@ -228,6 +229,6 @@ def test_raw_logs_become_trials_and_what_is_open_is_an_error(tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_structures_are_chosen_from_python() -> None:
-    train, held_out = runs()
+    train, held_out = coarse_runs()
     choice = mi.select("esso_osaka_3m", train[:2], held_out[:1], only="mmg")
     assert choice.chosen == "mmg" and choice.result.converged

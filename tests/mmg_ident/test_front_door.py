@@ -18,12 +18,12 @@ from cases.simulation.simulate import write_trial
 from fitting.calibrate import FitOptions
 from mmg_ident import shadowing_mmg
 from mmg_ident.commands.main import main
+from tests.support.calibrated import FREE
 from tests.support.quick import first_quick
-from tests.support.synthetic_runs import runs
+from tests.support.synthetic_runs import coarse_runs
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 ROOT = Path(__file__).parents[2]
-FREE = ("X_0F", "Y_v", "N_r", "k_0", "gamma_P", "Y_A1")
 HEAVY = ("torch", "casadi", "matplotlib", "pandas", "pydantic", "scipy", "numpy")
 
 
@@ -31,7 +31,7 @@ HEAVY = ("torch", "casadi", "matplotlib", "pandas", "pydantic", "scipy", "numpy"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Trial files, and what the functions of the package make of them."""
     folder = tmp_path_factory.mktemp("door")
-    train, held_out = runs()
+    train, held_out = coarse_runs()
     (folder / "train").mkdir()
     for trial in train[:2]:
         write_trial(trial, folder / "train" / f"{trial.name}.csv")

@@ -39,8 +39,8 @@ from mmg.errors import BadValue, Conflict, Unsupported
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from tests.support.c_products import product
+from tests.support.calibrated import FREE
 
-FREE = ("X_0F", "Y_v", "N_r")
 SHIP = mi.load_ship("esso_osaka_3m")
 STATE = np.array([0.0, 0.0, 0.3, 0.4, 0.05, 0.04])
 DRAG = mi.Coefficient("X_uu", 0.02, 0.01, 0.0, 0.1, prime="mmg", description="resistance")
@@ -115,7 +115,7 @@ def test_fitted_and_exported_it_equals_the_model_of_the_library_that_it_repeats(
     assert other.ship.components["hull"] == "notebook_hull" and other.converged
     for name in FREE:
         a, b = one.ship.coefficients[name], other.ship.coefficients[name]
-        assert a.value != SHIP.coefficients[name].value
+        assert a.value != SHIP.coefficients[name].value or name == "Y_A1"  # there is no wind
         assert (b.value, b.std) == (pytest.approx(a.value, rel=1e-12), pytest.approx(a.std, rel=1e-12))
     # the last digits of a fit are those of its solver, so that sources are compared at equal values
     same = other.ship.with_values(dict(zip(one.ship.symbols, one.ship.values.tolist(), strict=True)))

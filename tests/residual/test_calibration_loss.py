@@ -27,9 +27,9 @@ from residual.settings import TrainSettings
 from residual.system import RolloutBatch, calibration_loss, rollout
 from residual.train import tasks_of, train_one
 from residual.windows import by_campaign, calibration_windows, campaign_symbols, windows
+from tests.support.calibrated import FREE
 from tests.support.small_fleets import DAYS, fleet
 
-FREE = ("Y_v", "N_r", "k_0")
 ESSO = load_ship("esso_osaka_3m").fixing([s for s in load_ship("esso_osaka_3m").symbols if s not in FREE])
 SHIPS = ("plain", "student", "campaigns")
 

@@ -126,7 +126,7 @@ class Compiled:
 
 
 def compiled(
-    of: Product, folder: Path, which: str = "gcc, C", flags: Sequence[str] = ("-O1",), single: bool = False
+    of: Product, folder: Path, which: str = "gcc, C", flags: Sequence[str] = ("-O0",), single: bool = False
 ) -> Compiled:
     """The product as a shared library of the C compiler ``which``, initialised with its own coefficients."""
     command = compiler(which)

@@ -38,6 +38,8 @@ FREE = ("X_0F", "Y_v", "N_r", "k_0", "gamma_P", "t_R")
 FEW = SHIP.fixing([s for s in SHIP.symbols if s not in FREE])
 """The ship with nothing else free."""
 
+BANK = {"distance": 6.0, "bearing": -np.pi / 2}
+"""Of the bank line [m] and [rad]."""
 OFF_NEUTRAL = {
     "current.x": 0.03, "current.y": -0.02, "wind_force.X": 1.3, "wind_force.Y": 0.7, "wind_force.N": 1.2,
     "wind_sensor_bias.x": 0.4, "wind_sensor_bias.y": -0.3, "shallow_water.d_h": 0.25, "bank.suction": 0.03,
@@ -71,7 +73,7 @@ def pushed_trials(
 @lru_cache(maxsize=1)
 def full_model() -> FullModel:
     """ESSO OSAKA with every effect, a bank line 6 m to the west known."""
-    return ship_with_all_effects(SHIP, None, {"bank": {"distance": 6.0, "bearing": -np.pi / 2}})
+    return ship_with_all_effects(SHIP, None, {"bank": BANK})
 
 
 @lru_cache(maxsize=4)

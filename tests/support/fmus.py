@@ -26,7 +26,7 @@ from mmg.ship import Ship
 from mmg.states import STATES
 from tests.support.c_products import product
 
-binaries.FLAGS = tuple(flag.replace("-O2", "-O1") for flag in binaries.FLAGS)  # a third of the time to compile
+binaries.FLAGS = tuple(flag.replace("-O2", "-O0") for flag in binaries.FLAGS)  # a fifth of the time to compile
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 MEMORY = {
     "control_delay": {"tau": 0.43},

@@ -81,7 +81,13 @@ def ship_of(name: str) -> Ship:
     return found
 
 
-LONGER = ("kvlcc2_full", "hybrid of three networks of one layer", "hybrid of three layers", "generated")
+LONGER = (
+    "esso_osaka_3m",
+    "kvlcc2_full",
+    "hybrid of three networks of one layer",
+    "hybrid of three layers",
+    "generated",
+)
 EVERY = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONGER)) for name in SHIPS]
 
 

@@ -111,7 +111,7 @@ def fit_to(
     trials: Sequence[Trial], h: float = 1.0, iterations: int = 40
 ) -> tuple[TransitionModel, GriddedTrials, Estimate]:
     """A fit of all coefficients to trials."""
-    full_model, base = ship_with_all_effects(SHIP, trials), priors_before(SHIP)
+    full_model, base = ship_with_all_effects(SHIP, trials, names=("tow",)), priors_before(SHIP)
     data = grid_trials(trials, full_model.ship.inputs, 3.0, h)
     steps = TransitionModel(full_model.ship, [*base.symbols, *full_model.symbols], h)
     start = initial_point(steps, data, full_model.ship.values, base, initial_noise(full_model.ship))

@@ -12,6 +12,7 @@ from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
 from fitting.solvers.solve import solve
 from mmg.rollout import Simulator
+from tests.support.calibrated import FREE
 from tests.support.synthetic_runs import SIGMA, assert_exact_derivatives, kernel, problem, runs
 
 
@@ -58,9 +59,8 @@ def test_the_optimum_does_not_depend_on_the_shooting_interval(K: int) -> None:
 
 
 def test_scipy_finds_the_same_optimum_of_a_small_problem() -> None:
-    symbols = ("Y_v", "N_v", "N_r", "C_D", "k_x", "X_0F")
     ship = load_ship("esso_osaka_3m")
-    ship = ship.fixing([s for s in ship.symbols if s not in symbols])
+    ship = ship.fixing([s for s in ship.symbols if s not in FREE])
     prior = Prior.of(ship)
     trials = runs()[0][:2]
     ours = Problem(ship, prior, kernel(prior.symbols), cut(trials, 1.0, 60.0, 5), SIGMA)

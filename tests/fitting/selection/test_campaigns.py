@@ -43,11 +43,11 @@ from fitting.solvers.solve import Solution
 from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.rollout import Simulator
+from tests.support.calibrated import FREE
 from tests.support.quick import first_quick
 from tests.support.small_fleets import DAYS, fleet
 
 ESSO = load_ship("esso_osaka_3m")
-FREE = ("Y_v", "N_v", "Y_r", "N_r", "k_0")
 HIDDEN = ESSO.with_values({s: 1.08 * ESSO.coefficients[s].value for s in FREE})
 RUNS = ("zigzag:20/20", "turning:35", "zigzag:10/10")
 LAGS = (0.0, 0.9)

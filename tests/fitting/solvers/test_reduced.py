@@ -9,17 +9,16 @@ import mmg_ident as mi
 from cases.shipfiles.ship_file import load_ship
 from fitting.calibrate import FitOptions
 from mmg.errors import Missing, OutOfRange, UnknownName
-from tests.support.synthetic_runs import runs
-
-FREE = ("X_0F", "Y_v", "N_v", "N_r", "C_3")
+from tests.support.calibrated import FREE
+from tests.support.synthetic_runs import coarse_runs
 
 
 @pytest.fixture(scope="module", params=["gaussian", "student"])
 def fitted(request: pytest.FixtureRequest) -> mi.FitResult:
     ship = load_ship("esso_osaka_3m")
     ship = ship.fixing(set(ship.free) - set(FREE))
-    options = FitOptions(next_trial=False)
-    return mi.calibrate(ship, runs()[0][:3], options=options, loss=request.param, window=60.0)
+    options = FitOptions(next_trial=False, instruments=("none",), estimator="windows")
+    return mi.calibrate(ship, coarse_runs()[0][:2], options=options, loss=request.param, window=60.0)
 
 
 def elsewhere(problem: mi.ReducedProblem, seed: int = 0) -> np.ndarray:

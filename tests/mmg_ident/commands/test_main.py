@@ -16,19 +16,20 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import write_trial
 from mmg_ident.commands.main import expand, main
 from tests.fitting.nlp.test_captive import points, write
+from tests.support import calibrated
 from tests.support.commands import refused, shown
-from tests.support.synthetic_runs import runs
+from tests.support.synthetic_runs import coarse_runs, runs
 from tests.support.trial_files import motion_columns, write_csv
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
-FREE = "Y_v,N_v,N_r,k_0"
+FREE = ",".join(calibrated.FREE)
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with two training trials, one held-out trial and a finished run."""
     folder = tmp_path_factory.mktemp("cli")
-    train, held_out = runs()
+    train, held_out = coarse_runs()
     (folder / "train").mkdir()
     for trial in train[:2]:
         write_trial(trial, folder / "train" / f"{trial.name}.csv")
@@ -87,7 +88,7 @@ def test_a_run_folder_is_complete(folder: Path) -> None:
     for name in ("ship.toml", "start.toml", "result.json", "iterate.safetensors", "report.html"):
         assert (run / name).stat().st_size > 0
     assert content["converged"] and content["status"] == "Solve_Succeeded"
-    assert {*FREE.split(",")} < {*content["coefficients"]} and content["versions"]["casadi"]
+    assert {*FREE.split(",")} <= {*content["coefficients"]} and content["versions"]["casadi"]
     assert all(len(row["sha256"]) == 64 for row in content["data"])
     assert content["scores"]["validation"]["after"]["window"] < content["scores"]["validation"]["before"]["window"]
     assert content["figures"] and all((run / "figures" / f["file"]).exists() or (run / f["file"]).exists()
@@ -104,7 +105,7 @@ def test_predictions_follow_the_contract(folder: Path, tmp_path: Path) -> None:
     assert header == bare + ",x_std [m],y_std [m],psi_std [rad],u_std [m/s],v_std [m/s],r_std [rad/s]"
     table = np.array([[float(cell) for cell in row.split(",")] for row in rows])
     windows = table[:, 0].astype(int)
-    assert (np.bincount(windows) == 301).all()
+    assert (np.bincount(windows) == 61).all()
     assert windows.max() == 7  # 140 s: windows start at 0, 15, ..., 105 s
     assert main([*arguments, "--out", str(out)]) == 2  # never overwritten without being asked
     assert main(["predict", "esso_osaka_3m", str(folder / "train"), "--window", "0", "--out", str(tmp_path / "d")]) == 0

@@ -17,6 +17,7 @@ from cases.trial import Trial
 from mmg.errors import UserError
 from mmg_ident.commands.main import main
 from tests.cases.shipfiles.test_new_ship import AZIMUTH
+from tests.support.calibrated import FREE
 from tests.support.synthetic_runs import coarse_runs
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -96,7 +97,8 @@ def test_every_function_says_what_a_fit_says_of_the_inputs() -> None:
 
 
 # mmg fit refuses what mmg check calls contradictory, and fits it when told to; mmg train says at once what is too
-WORDS = ["--only", "X_0F", "--no-next-trial", "--measurement", "none", "--window", "10", "--max-iterations", "1"]
+WORDS = ["--only", ",".join(FREE), "--no-next-trial", "--measurement", "none", "--estimator", "windows"]
+WORDS += ["--window", "10", "--max-iterations", "1"]
 
 
 @pytest.mark.parametrize("verb", ["fit", "train", "diagnose", "score", "predict", "imo", "select", "compare"])

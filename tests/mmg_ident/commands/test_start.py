@@ -15,6 +15,7 @@ from cases.criteria.standard_runs import simulated_trial
 from cases.io.read import read_trials
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship, load_ship
+from delivery.fmi import binaries
 from fitting.report import imo_form
 from mmg_ident import start as steps
 from mmg_ident.commands.main import main
@@ -25,10 +26,11 @@ SIZES = "3,0.48925,0.20125,0.831,D_P=0.084"
 
 
 @pytest.fixture(scope="module", autouse=True)
-def few_draws() -> Iterator[None]:
-    """Intervals by 40 ships, of which the 90 % are as wide within a fifth."""
+def quick() -> Iterator[None]:
+    """Intervals by 40 ships, of which the 90 % are as wide within a fifth; an FMU that no optimiser has seen."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(imo_form, "DRAWS", 40)
+        patch.setattr(binaries, "FLAGS", tuple(f for f in binaries.FLAGS if f != "-O2"))
         yield
 
 

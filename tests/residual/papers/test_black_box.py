@@ -296,7 +296,7 @@ def test_an_initial_state_network_finds_velocities_under_noise() -> None:
 
 @pytest.mark.parametrize("kind", first_quick(KINDS))
 def test_a_black_box_learns_and_its_file_keeps_all(kind: str, tmp_path) -> None:  # type: ignore[no-untyped-def]
-    settings = replace(QUICK, kind=kind, seeds=2, initial=1 if kind == "rnn" else 0)
+    settings = replace(QUICK, kind=kind, seeds=2, epochs=6, initial=1 if kind == "rnn" else 0)
     trained = train(hybrids.ship(), runs(), settings=settings)
     assert all(e["after"] < 0.7 * e["before"] for e in (row["judged_window"] for row in trained.per_seed))
     assert trained.black_box is not None
