@@ -444,8 +444,7 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
             own = {name: a for name, a in arrays.items() if name.startswith(f"{k}.")}
             system.load_state_dict({name.partition(".")[2]: a for name, a in own.items()})
         box = BlackBox(settings, actuators, float(about["h"]), systems, about["ship"], about["ship_hash"], scales)
-        if fault := _fault(box):
-            raise ValueError(fault)
+        _check(box)
     except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RuntimeError) as error:
         raise BadValue(f"{path}: cannot be used ({str(error).splitlines()[0]}); train it again") from None
     if ship and (actuators != ship.actuators or box.ship_hash != ship_hash(ship)):
@@ -476,13 +475,12 @@ def _scales(arrays: dict[str, torch.Tensor]) -> Scales:
     return Scales(**scales, **{name: np.empty(0) for name in ("sigma", "score", "noise", "features")})
 
 
-def _fault(box: BlackBox) -> str:
-    """What is wrong with it, in words; "" if nothing."""
+def _check(box: BlackBox) -> None:
+    """Raises ValueError where something is wrong with it."""
     if box.settings.kind not in KINDS or not box.systems or not box.h > 0:
-        return "it names no kind of network, or has no member, or no step"
+        raise ValueError("it names no kind of network, or has no member, or no step")
     if any(name not in INPUTS for name in box.actuators):
-        return f"{OTHER}: it takes {', '.join(box.actuators)}"
+        raise ValueError(f"{OTHER}: it takes {', '.join(box.actuators)}")
     # NaN is not smaller either
     if not all((abs(a) <= LARGEST).all() for system in box.systems for a in system.state_dict().values()):
-        return f"some of its numbers are not finite, or larger than {LARGEST:g}"
-    return ""
+        raise ValueError(f"some of its numbers are not finite, or larger than {LARGEST:g}")
