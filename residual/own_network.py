@@ -40,10 +40,12 @@ class OwnLoss(Own):
 def layers_of(module: nn.Module) -> Layers:
     """The ``module`` less its value at the origin as layers tanh(W x + b) - tanh(b), the last one zero."""
     *inner, last = (layer for layer in module.modules() if isinstance(layer, nn.Linear))
-    biases, rest = [], torch.zeros(inner[0].in_features, dtype=torch.float64)
+    biases: list[np.ndarray] = []
+    rest = torch.zeros(inner[0].in_features, dtype=torch.float64)
     for layer in inner:
         # what is subtracted goes into the next bias
-        b = layer.weight.double() @ rest + (0.0 if layer.bias is None else layer.bias)
+        own = getattr(layer, "bias", None)
+        b = layer.weight.double() @ rest + (0.0 if own is None else own)
         biases, rest = [*biases, b.numpy()], torch.tanh(b)
     # zero, so that training starts from the calibrated ship
     weights = *(layer.weight.numpy() for layer in inner), np.zeros((last.out_features, last.in_features))
