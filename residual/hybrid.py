@@ -53,79 +53,89 @@ def hidden(x: torch.Tensor, W: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
     return torch.tanh(torch.addmm(column, W, x)) - torch.tanh(column)
 
 
-class TwoLayers(nn.Module):
+class Layered(nn.Module):
     """du, dv, dr [m/s2, rad/s2] (3, M) from the features of ``mmg.network`` (F, M): motion, actuators, relative air.
 
-    h1 = tanh(W1 q + b1) - tanh(b1), h2 = tanh(W2 h1 + b2) - tanh(b2), a = scale * (W3 h2), with q the features over
-    feature_scale (F,).
+    h1 = tanh(W1 q + b1) - tanh(b1), h2 = tanh(W2 h1 + b2) - tanh(b2), ..., a = scale * (W h), with q the features over
+    feature_scale (F,), h the last hidden layer. weights: (H, F), ..., (3, H); biases: (H,), ... of the hidden layers.
     """
 
     scale: torch.Tensor
     feature_scale: torch.Tensor
-    W1: torch.Tensor
-    W2: torch.Tensor
-    W3: torch.Tensor
-    b1: torch.Tensor
-    b2: torch.Tensor
+
+    @property
+    def weights(self) -> list[torch.Tensor]:
+        raise NotImplementedError
+
+    @property
+    def biases(self) -> list[torch.Tensor]:
+        raise NotImplementedError
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
         """Accelerations (3, M) at features (F, M)."""
-        h1 = hidden(features / self.feature_scale[:, None], self.W1, self.b1)
-        return self.scale[:, None] * (self.W3 @ hidden(h1, self.W2, self.b2))
+        h, (*inner, last) = features / self.feature_scale[:, None], self.weights
+        for W, b in zip(inner, self.biases, strict=True):
+            h = hidden(h, W, b)
+        return self.scale[:, None] * (last @ h)
 
-    def plain(self) -> tuple[torch.Tensor, ...]:
-        """W1 (H, F), b1 (H,), W2 (H, H), b2 (H,), W3 (3, H), b3 (3,) of layers W tanh(.) + b of the same output."""
+    def plain(self) -> list[torch.Tensor]:
+        """W1 (H, F), b1 (H,), ..., W (3, H), b (3,) of layers W tanh(.) + b of the same output."""
         # scales go into the outer weights and tanh(b) into the next biases: the C loop then has plain layers only
-        W3 = self.scale[:, None] * self.W3
-        return (
-            self.W1 / self.feature_scale, self.b1,
-            self.W2, self.b2 - self.W2 @ torch.tanh(self.b1),
-            W3, -(W3 @ torch.tanh(self.b2)),
-        )  # fmt: skip
-
-    @torch.no_grad()
-    def bound(self) -> np.ndarray:
-        """What |du|, |dv|, |dr| never exceed, whatever the inputs (3,): scale_j sum_i |W3_ji| (1 + |tanh b2_i|)."""
-        return (self.scale * (self.W3.abs() @ (1 + torch.tanh(self.b2).abs()))).numpy()
+        first, *inner, last = self.weights
+        weights, biases = [*inner, self.scale[:, None] * last], [*self.biases[1:], torch.zeros_like(self.scale)]
+        result = [first / self.feature_scale, self.biases[0]]
+        for W, b, before in zip(weights, biases, self.biases, strict=True):
+            result += [W, b - W @ torch.tanh(before)]
+        return result
 
     @torch.no_grad()
     def layers(self) -> Layers:
         """Its weights and biases as numpy arrays."""
-        weights, biases = (self.W1, self.W2, self.W3), (self.b1, self.b2)
-        return Layers(tuple(w.numpy().copy() for w in weights), tuple(b.numpy().copy() for b in biases))
+        return Layers(*(tuple(a.numpy().copy() for a in some) for some in (self.weights, self.biases)))
 
 
-class Residual(TwoLayers):
-    """Two layers of free weights. W3 starts at zero, so that training starts from the calibrated ship."""
+class Residual(Layered):
+    """``layers`` of free weights W1, W2, ... and biases b1, ...; feature_scale (F,), scale (3,): as of ``Layered``."""
 
-    def __init__(self, feature_scale: np.ndarray, scale: np.ndarray, width: int = 32, seed: int = 0) -> None:
+    def __init__(self, feature_scale: np.ndarray, scale: np.ndarray, layers: Layers) -> None:
         super().__init__()
-        F = len(feature_scale)
-        draw = torch.Generator().manual_seed(seed)
-        # the order of the draws is part of a seed: another order is another training
-        self.W1, self.W2 = uniform(draw, width, F), uniform(draw, width, width)
-        # zeros here alone: with W3 = 0 the gradient by W3 is not zero, so that training leaves this point
-        self.W3 = nn.Parameter(torch.zeros(3, width, dtype=torch.float64))
-        self.b1, self.b2 = normal(draw, width), normal(draw, width)
+        for letter, arrays in (("W", layers.weights), ("b", layers.biases)):
+            for number, values in enumerate(arrays, 1):
+                self.register_parameter(f"{letter}{number}", nn.Parameter(torch.tensor(values, dtype=torch.float64)))
+        self.depth = len(layers.biases)
         self.register_buffer("scale", torch.as_tensor(np.array(scale, dtype=float)))
         self.register_buffer("feature_scale", torch.as_tensor(np.array(feature_scale, dtype=float)))
 
     @classmethod
+    def drawn(cls, feature_scale: np.ndarray, scale: np.ndarray, width: int = 32, seed: int = 0) -> Residual:
+        """Two layers of this ``width``, by ``seed``; the last weights are zero: training starts from the calibrated
+        ship."""
+        F, draw = len(feature_scale), torch.Generator().manual_seed(seed)
+        # the order of the draws is part of a seed: another order is another training
+        made = [uniform(draw, width, F), uniform(draw, width, width), normal(draw, width), normal(draw, width)]
+        W1, W2, b1, b2 = (p.detach().numpy() for p in made)
+        # zeros here alone: with W3 = 0 the gradient by W3 is not zero, so that training leaves this point
+        return cls(feature_scale, scale, Layers((W1, W2, np.zeros((3, width))), (b1, b2)))
+
+    @classmethod
     def of_network(cls, network: Network, member: int = 0) -> Residual:
-        """A member of a network of ``mmg`` as something to train further."""
-        layers = network.members[member]
-        result = cls(network.feature_scales, network.output_scales, len(layers.biases[0]))
-        with torch.no_grad():
-            for name, values in zip(("W1", "W2", "W3", "b1", "b2"), (*layers.weights, *layers.biases), strict=True):
-                getattr(result, name).copy_(torch.as_tensor(values))
-        return result
+        """A ``member`` of a network of ``mmg`` as something to train further."""
+        return cls(network.feature_scales, network.output_scales, network.members[member])
+
+    @property
+    def weights(self) -> list[torch.Tensor]:
+        return [getattr(self, f"W{i + 1}") for i in range(self.depth + 1)]
+
+    @property
+    def biases(self) -> list[torch.Tensor]:
+        return [getattr(self, f"b{i + 1}") for i in range(self.depth)]
 
 
-class Symmetric(TwoLayers):
+class Symmetric(Layered):
     """The mean of a residual and its mirror image: what port does, starboard does mirrored, whatever the weights.
 
     a(q) = (b(q) + S b(Q q)) / 2, where b is the residual ``own``, Q turns the features of a ship with these actuators
-    into those of the mirrored motion and S = diag(1, -1, -1). It is again two layers, twice as wide.
+    into those of the mirrored motion and S = diag(1, -1, -1). It is again a network, twice as wide.
     """
 
     mirror: torch.Tensor
@@ -137,42 +147,40 @@ class Symmetric(TwoLayers):
         scales = own.feature_scale
         # weights see scaled features, and two features that change places may have unlike scales
         mirror = torch.as_tensor(mirror_of(features_of(actuators))) * scales[None, :] / scales[:, None]
-        # not in the file of weights: it follows from the actuators
-        self.register_buffer("mirror", mirror, persistent=False)
-        self.register_buffer("turned", torch.tensor([[1.0], [-1.0], [-1.0]], dtype=torch.float64), persistent=False)
+        turned = torch.tensor([[1.0], [-1.0], [-1.0]], dtype=torch.float64)
+        # not in the file of weights: they follow from the actuators and the residual
+        parts = {"mirror": mirror, "turned": turned, "scale": own.scale, "feature_scale": scales}
+        for name, value in parts.items():
+            self.register_buffer(name, value, persistent=False)
 
-    def __getattr__(self, name: str) -> Any:
-        """The weights of both as those of one network."""
-        if name in ("scale", "feature_scale"):
-            return getattr(self.own, name)
-        if name == "W1":
-            return torch.cat([self.own.W1, self.own.W1 @ self.mirror])
+    @property
+    def weights(self) -> list[torch.Tensor]:
+        first, *inner, last = self.own.weights
         # the halves do not mix before the last layer, where their mean is taken
-        if name == "W2":
-            return torch.block_diag(self.own.W2, self.own.W2)
-        if name == "W3":
-            return 0.5 * torch.cat([self.own.W3, self.turned * self.own.W3], dim=1)
+        ends = torch.cat([first, first @ self.mirror]), 0.5 * torch.cat([last, self.turned * last], dim=1)
+        return [ends[0], *(torch.block_diag(W, W) for W in inner), ends[1]]
+
+    @property
+    def biases(self) -> list[torch.Tensor]:
         # tanh(b) is subtracted from each half, so that both have the biases of the one residual
-        if name in ("b1", "b2"):
-            return getattr(self.own, name).repeat(2)
-        # nn.Module finds parameters and buffers there
-        return super().__getattr__(name)
+        return [b.repeat(2) for b in self.own.biases]
 
 
 class Hybrid(TrainableSystem):
     """A calibrated ship and a residual acceleration of its u, v, r.
 
-    physics: ``residual.physics.Physics`` of the ship; residual: the network, ``TwoLayers`` or another;
-    features: (F, R) of the training rows, on which its size is penalised.
+    physics: ``residual.physics.Physics`` of the ship; residual: the network; features: (F, R) of the training rows, on
+    which its size is penalised.
     """
 
     features: torch.Tensor
 
-    def __init__(self, physics: Any, residual: Any, features: np.ndarray) -> None:
+    def __init__(self, physics: Any, residual: Layered, features: np.ndarray) -> None:
         super().__init__()
         self.physics, self.residual = physics, residual
+        widths = [len(b) for b in residual.biases]
         # compiled only when it is first used: scoring a single system needs no compiler
-        self.fused = FusedRollout(physics, len(residual.b1)) if isinstance(residual, TwoLayers) else None
+        self.fused = FusedRollout(physics, widths[0]) if widths == 2 * widths[:1] else None
         self.register_buffer("features", torch.as_tensor(np.ascontiguousarray(features, dtype=float)), persistent=False)
 
     def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
@@ -208,7 +216,7 @@ def mirror_of(features: Sequence[str]) -> np.ndarray:
     return result
 
 
-def to_network(residuals: Sequence[Any], actuators: Sequence[str], lower: np.ndarray, upper: np.ndarray) -> Network:
+def to_network(residuals: Sequence[Layered], actuators: Sequence[str], lower: np.ndarray, upper: np.ndarray) -> Network:
     """The mean of residuals of the same scales, for a ship with these actuators; lower, upper: envelope (F,)."""
     first = residuals[0]
     return Network(
@@ -225,13 +233,23 @@ OUTPUT = 0.3
 """Scale of the residual as a share of the rms accelerations of the ship on the training rows. Set by hand."""
 
 
+def physics_of(ship: Ship) -> Physics:
+    """The equations of a ``ship``, with the values that her campaigns have for themselves as inputs."""
+    return Physics(ship, symbols=campaign_symbols(ship))
+
+
 def build_hybrid(ship: Ship, scales: Scales, settings: TrainSettings, seed: int) -> Hybrid:
     """A calibrated ``ship`` with a residual of these ``scales``, ``settings`` and ``seed`` that is still zero."""
     # half as wide, since the mirror image doubles it: the cost stays what the width asks for
     width = max(1, settings.width // 2) if settings.symmetric else settings.width
-    own = Residual(scales.feature, scales.output, width, seed)
-    residual: TwoLayers = Symmetric(own, ship.actuators) if settings.symmetric else own
-    return Hybrid(Physics(ship, symbols=campaign_symbols(ship)), residual, scales.features)
+    return hybrid_with(Residual.drawn(scales.feature, scales.output, width, seed), ship, scales, settings)
+
+
+def hybrid_with(own: Residual, ship: Ship, scales: Scales, settings: TrainSettings) -> Hybrid:
+    """A calibrated ``ship`` with the residual ``own``, and its mirror image where ``settings`` say so; scales: of the
+    training data."""
+    residual = Symmetric(own, ship.actuators) if settings.symmetric else own
+    return Hybrid(physics_of(ship), residual, scales.features)
 
 
 def hybrid_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial], h: float) -> Scales:
@@ -239,7 +257,7 @@ def hybrid_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial]
 
     Raises UserError where there are no rows, or nothing moves in them.
     """
-    physics = Physics(ship, symbols=campaign_symbols(ship))
+    physics = physics_of(ship)
     scales, rows = training_scales(ship, pieces, trials, h, physics.logged_features), windows(pieces, h, 1, 1)
     assert rows is not None
     logged, controls = rows.targets[0], rows.controls[0]
@@ -252,11 +270,7 @@ def hybrid_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial]
 
 
 HYBRID_KIND = ModelKind(
-    build_hybrid,
-    hybrid_scales,
-    lambda s: s.inputs,
-    lambda s: Physics(s, symbols=campaign_symbols(s)).logged_features,
-    campaigns=True,
+    build_hybrid, hybrid_scales, lambda s: s.inputs, lambda s: physics_of(s).logged_features, campaigns=True
 )
 """A residual on a ship without a network."""
 

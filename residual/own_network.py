@@ -14,13 +14,12 @@ from torch import nn
 
 from mmg.components.own import Own, origin_of
 from mmg.errors import BadValue
-from mmg.network import Layers, features_of
+from mmg.network import Layers
 from mmg.ship import Ship
-from residual.hybrid import HYBRID_KIND, Hybrid, mirror_of
-from residual.physics import Physics
+from residual.hybrid import HYBRID_KIND, Hybrid, Residual, hybrid_with
 from residual.settings import TrainSettings
 from residual.train import ModelKind
-from residual.windows import Scales, campaign_symbols
+from residual.windows import Scales
 
 FORM = "torch.nn.Sequential of Linear layers with Tanh between them"
 
@@ -37,65 +36,20 @@ class OwnLoss(Own):
         return self.function(errors)
 
 
-class OwnResidual(nn.Module):
-    """du, dv, dr [m/s2, rad/s2] (3, M) from features (F, M) by a ``module`` of a user, which is copied.
-
-    a = scale (m(q) - m(0)), q the features over feature_scale: zero at the origin, as every residual. Its last layer
-    starts at zero, so that training starts from the calibrated ship. actuators: of a ship whose port and starboard are
-    to be alike, by the mean with the mirror image (``residual.hybrid.Symmetric``); None: as the module is.
-    """
-
-    scale: torch.Tensor
-    feature_scale: torch.Tensor
-    mirror: torch.Tensor | None
-    turned: torch.Tensor
-
-    def __init__(
-        self, module: nn.Sequential, feature_scale: np.ndarray, scale: np.ndarray, actuators: Any = None
-    ) -> None:
-        super().__init__()
-        self.module = copy.deepcopy(module).double().requires_grad_(True)
-        with torch.no_grad():
-            self.linear[-1].weight.zero_()
-        F = torch.as_tensor(np.array(feature_scale, dtype=float))
-        mirror = None if actuators is None else torch.as_tensor(mirror_of(features_of(actuators))) * F / F[:, None]
-        self.register_buffer("scale", torch.as_tensor(np.array(scale, dtype=float)))
-        self.register_buffer("feature_scale", F)
-        self.register_buffer("mirror", mirror, persistent=False)
-        self.register_buffer("turned", torch.tensor([[1.0], [-1.0], [-1.0]], dtype=torch.float64), persistent=False)
-
-    @property
-    def linear(self) -> list[nn.Linear]:
-        """Its linear layers."""
-        return [layer for layer in self.module.modules() if isinstance(layer, nn.Linear)]
-
-    def forward(self, features: torch.Tensor) -> torch.Tensor:
-        """Accelerations (3, M) at features (F, M)."""
-        q = features / self.feature_scale[:, None]
-        rest = self.module(q.new_zeros(1, len(q)))
-        made = (self.module(q.T) - rest).T
-        if self.mirror is not None:
-            made = 0.5 * (made + self.turned * (self.module((self.mirror @ q).T) - rest).T)
-        return self.scale[:, None] * made
-
-    @torch.no_grad()
-    def layers(self) -> Layers:
-        """The same as layers tanh(W x + b) - tanh(b): what is subtracted goes into the next bias."""
-        *inner, last = self.linear
-        weights: list[torch.Tensor] = []
-        biases: list[torch.Tensor] = []
-        rest = torch.zeros(inner[0].in_features, dtype=torch.float64)
-        for i, layer in enumerate(inner):
-            W, own = layer.weight, getattr(layer, "bias", None)
-            b = layer.weight @ rest + (0.0 if own is None else own)
-            rest = torch.tanh(b)
-            if self.mirror is not None:
-                W = torch.cat([W, W @ self.mirror]) if i == 0 else torch.block_diag(W, W)
-                b = b.repeat(2)
-            weights, biases = [*weights, W], [*biases, b]
-        W3 = last.weight
-        weights.append(W3 if self.mirror is None else 0.5 * torch.cat([W3, self.turned * W3], dim=1))
-        return Layers(tuple(w.numpy().copy() for w in weights), tuple(b.numpy().copy() for b in biases))
+@torch.no_grad()
+def layers_of(module: nn.Module) -> Layers:
+    """The ``module`` less its value at the origin as layers tanh(W x + b) - tanh(b), the last one zero."""
+    *inner, last = (layer for layer in module.modules() if isinstance(layer, nn.Linear))
+    biases: list[np.ndarray] = []
+    rest = torch.zeros(inner[0].in_features, dtype=torch.float64)
+    for layer in inner:
+        # what is subtracted goes into the next bias
+        own = getattr(layer, "bias", None)
+        b = layer.weight.double() @ rest + (0.0 if own is None else own)
+        biases, rest = [*biases, b.numpy()], torch.tanh(b)
+    # zero, so that training starts from the calibrated ship
+    weights = *(layer.weight.numpy() for layer in inner), np.zeros((last.out_features, last.in_features))
+    return Layers(weights, tuple(biases))
 
 
 def build_own(
@@ -110,8 +64,7 @@ def build_own(
             for layer in made.modules():
                 if isinstance(layer, nn.Linear):
                     layer.reset_parameters()
-    residual = OwnResidual(made, scales.feature, scales.output, ship.actuators if settings.symmetric else None)
-    return Hybrid(Physics(ship, symbols=campaign_symbols(ship)), residual, scales.features)
+    return hybrid_with(Residual(scales.feature, scales.output, layers_of(made)), ship, scales, settings)
 
 
 def own_kind(ship: Ship, network: Any, loss: Callable[[torch.Tensor], torch.Tensor] | None, first: int) -> ModelKind:

@@ -151,10 +151,9 @@ class Physics:
         """What a network on this ship sees at logged columns (6, M) under inputs (C, M), (F, M); without gradient."""
         return self.features(self.start(logged, controls), controls)
 
-    def rates_and_features(self, z: Tensor, controls: Tensor) -> tuple[Tensor, Tensor]:
+    def rates_and_features(self, z: Tensor, controls: Tensor) -> tuple[Tensor, ...]:
         """Both at once, (S, M) and (F, M)."""
-        rates, features = self.call("rates_and_features", z, controls)
-        return rates, features
+        return self.call("rates_and_features", z, controls)
 
     def columns(self, z: Tensor, controls: Tensor | None = None) -> Tensor:
         """The six columns as they are logged, (6, M); under any inputs where none is a coefficient."""
@@ -221,15 +220,12 @@ class FusedRollout:
     ) -> Tensor:
         """States (N + 1, S, M) from start (S, M) under inputs (N, C, M) held over steps of h [s], float64.
 
-        layers: W1 (H, F), b1, W2 (H, H), b2, W3 (3, H), b3 of ``residual.hybrid.TwoLayers.plain``; gradients go to them
-        and to the start. method: "rk4" or "euler". Raises ValueError for other shapes, RuntimeError without a C
-        compiler.
+        layers: W1 (H, F), b1, W2 (H, H), b2, W3 (3, H), b3 of ``residual.hybrid.Layered.plain``; gradients go to them
+        and to the start. method: "rk4" or "euler". Raises ValueError for other shapes. There must be a ``library``.
         """
         M = start.shape[1]
         if start.shape != (self.S, M) or controls.shape[1:] != (self.C, M) or layers[0].shape != (self.H, self.F):
             raise ValueError(f"start {tuple(start.shape)}, inputs {tuple(controls.shape)} or weights do not fit")
-        if self.library is None:
-            raise RuntimeError("no C compiler for fused rollouts")
         # the last point is repeated: any valid state will do, and zeros could be where a ship never is
         extra = padded(M) - M
         if extra:
@@ -285,4 +281,4 @@ def _run(fused: FusedRollout, which: str, settings: Sequence[Any], arrays: dict[
     if any(a.dtype != torch.float64 or not a.is_cpu for a in arrays.values()):
         raise ValueError("fused rollouts need float64 tensors on the processor")
     pointers = [arrays[name].data_ptr() if name in arrays else None for name in _ARRAYS]
-    getattr(fused.library, which)(ctypes.byref(_Run(*settings[:3], settings[3], *pointers)))
+    getattr(fused.library, which)(ctypes.byref(_Run(*settings, *pointers)))

@@ -153,16 +153,13 @@ def loss_of(
 def _known(folder: Path) -> Mapping[str, Any]:
     """The content of result.json on the ship in ``folder``, {} where there is none; UserError where it is not as
     written."""
-    folder = run_folder.described_in(folder)
-    if not (folder / run_folder.RESULT).exists():
-        return {}
-    content = run_folder.read_result(folder)
-    if content["kind"] == "training":
+    content, folder = run_folder.content_on(folder), run_folder.described_in(folder)
+    if content.get("kind") == "training":
         return read_training(folder).to_dict()
-    if content["kind"] == "calibration":
+    if content.get("kind") == "calibration":
         read_record(folder / run_folder.RESULT, content)
         return content
-    return {**run_folder.of_predictions(content), "data": run_folder.trial_rows(folder)}
+    return content and {**run_folder.of_predictions(content), "data": run_folder.trial_rows(folder)}
 
 
 def _hybrid(
@@ -206,11 +203,12 @@ def _black_box(task: Task, outcomes: Sequence[Outcome], name: str) -> dict[str, 
 
 def _seed_warnings(outcomes: Sequence[Outcome], settings: TrainSettings) -> tuple[Message, ...]:
     """Warnings on the seeds that did not come to their end."""
-    status = {o.seed: o.status for o in outcomes}
+    status = {o.seed: "restarted" if o.restarts and o.status == "finished" else o.status for o in outcomes}
     seeds = range(settings.seed, settings.seed + settings.seeds)
     kinds = {
         "diverged": "diverged, also at lower rates, and left out",
         "stopped": "stopped before the end",
+        "restarted": "diverged at first and trained again at a lower rate",
         "missing": "not begun",
     }
     found = {kind: ", ".join(str(s) for s in seeds if status.get(s, "missing") == kind) for kind in kinds}

@@ -104,9 +104,6 @@ def _warnings(result: Mapping[str, Any], outside: Mapping[str, float]) -> list[s
         words.append(f"much of these validation trials lies outside the network's training range: {far}")
     if "decision" not in result and not result["validation_data"]:
         words.append("no trials were held out: the scores are those of the training trials; give some with --validate")
-    restarted = [str(row["seed"]) for row in result["per_seed"] if row["restarts"] and row["status"] != "diverged"]
-    if restarted:
-        words.append(f"diverged at first and trained again at a lower rate: seed(s) {', '.join(restarted)}")
     return words
 
 
@@ -152,20 +149,15 @@ def judged_table(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     table = []
     for name, parts in sorted(runs.items()):
         before, after = (sum(p[k] or nan for p in parts.values()) / len(parts) for k in ("before", "after"))
+        known = {s: p["after"] / p["before"] - 1 for s, p in parts.items() if p["before"] and p["after"] is not None}
         table.append(
             {
                 "run": name, "windows": next(iter(parts.values()))["windows"], "before": before, "after": after,
                 "change": percent(after / before - 1 if before else None), "worse": after > 1.0005 * before,
-                "seeds": [_change(parts.get(seed)) for seed in seeds],
+                "seeds": [percent(known[seed]) if seed in known else "" for seed in seeds],
             }
         )  # fmt: skip
     return table
-
-
-def _change(part: Mapping[str, Any] | None) -> str:
-    if not part or not part["before"] or part["after"] is None:
-        return ""
-    return percent(part["after"] / part["before"] - 1)
 
 
 def envelope_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -345,8 +337,7 @@ class TrainResult(TrainRecord):
             write_figures(written, content, self.models(), self.trials or ())
         done = changed(self, figures=tuple(written.rows), warnings=(*self.warnings, *written.failures))
         with written.making(run_folder.PAGE):
-            page = page_of([(label_of(folder), folder, done.to_dict(), self.for_use)])
-            write_page(page, folder / run_folder.PAGE)
+            write_page(page_of([(label_of(folder), folder, done.to_dict(), self.for_use)]), folder / run_folder.PAGE)
         # once more, as the page may have failed after the figures
         done = changed(done, warnings=(*self.warnings, *written.failures))
         with written.making(run_folder.RESULT):  # last, as it says that all is there

@@ -45,12 +45,10 @@ class TrainSettings:
         ((10.0, 0.3), (30.0, 0.7)), "Length [s] of windows and share of the epochs."
     )
     stride: float = setting(5.0, "Seconds between windows.", gt=0)
-    jitter: float = setting(0.0, "Noise on states, in the instruments' noise.", ge=0)
     loss: str = setting("state", "state, acceleration or calibration.", choices=LOSSES)
     sigma: tuple[float, ...] | None = setting(None, "Sigma of x,y,psi,u,v,r in the loss.", count=6)
     method: str = setting("rk4", "Integration.", choices=("rk4", "euler"))
     step: float | None = setting(None, "Step of integration [s]; default 0.05 L/U.", gt=0)
-    block: float = setting(150.0, "Length of blocks [s] of few runs.", gt=0)
     augment: str = setting("", "Of Wakita 2024: sli2, jit10, d-ref, ...", choices=(*SETS, ""))
     stop_after: int = setting(0, "Epochs after which a risen error ends it; 0: none.", ge=0)
     time_limit: float | None = setting(None, "Limit of the training [s].", gt=0)

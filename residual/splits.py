@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import accumulate
+from itertools import accumulate, groupby
 from typing import NamedTuple
 
 from fitting.nlp.windows import Stretch
@@ -19,20 +19,14 @@ from fitting.prediction.score import WINDOW
 from mmg.errors import TooFewData
 from residual.settings import BlackBoxSettings, TrainSettings
 
-
-def blocks(pieces: Sequence[Stretch], seconds: float, h: float) -> list[Stretch]:
-    """``pieces`` on a grid of ``h`` [s] cut evenly into blocks of about ``seconds`` that share only their end rows."""
-    return [part for piece in pieces for part in piece.evenly(max(1, round(piece.steps * h / seconds)))]
-
-
 FOLDS = 5
 """Parts into which the runs are split, or the blocks of fewer runs. Set by hand."""
 WHOLE = 3
 """Fewest runs of which whole ones judge. Set by hand."""
 GAP = 30.0  # set by hand: one window of the scores
 """Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind."""
-SHORTER = (120.0, 90.0, 75.0)
-"""Lengths of blocks [s] tried where longer ones are fewer than FOLDS. Set by hand."""
+BLOCKS = (150.0, 120.0, 90.0, 75.0)
+"""Lengths of blocks [s], of which shorter ones are tried where longer ones are fewer than FOLDS. Set by hand."""
 
 
 class Split(NamedTuple):
@@ -49,9 +43,9 @@ def split_pieces(
 ) -> Split:
     """The split of the training number ``turn`` = 0, 1, ..., in which one part of ``pieces`` judges after the other.
 
-    Of FOLDS runs with a piece of ``least`` [s] or more, whole runs; of WHOLE, one run judges and blocks of the
-    others, as long as ``settings`` say, stop; of fewer all are blocks, GAP apart. judge: without it only one part is
-    taken away, to stop by. A part is empty where the data are too few.
+    Of FOLDS runs with a piece of ``least`` [s] or more, whole runs; of WHOLE, one run judges and blocks of the others
+    stop; of fewer all are blocks, GAP apart. ``settings``: with the step; judge: without it only one part is taken
+    away, to stop by. A part is empty where the data are too few.
     """
     h = settings.step
     assert h is not None
@@ -66,10 +60,10 @@ def split_pieces(
         fold = turn % len(runs)
         others = [p for p in pieces if p.run != runs[fold]]
         # the judging run stays whole, as it decides; stopping may be by blocks, which cost fewer data to train on
-        cut, _ = _blocks_by_role(others, turn, settings.block, h, least + GAP, judge=False)
+        cut, _ = _blocks_by_role(others, turn, h, least + GAP, judge=False)
         parts = [*cut, *((p, 2) for p in pieces if p.run == runs[fold])]
     else:
-        parts, fold = _blocks_by_role(pieces, turn, settings.block, h, least + GAP, judge)
+        parts, fold = _blocks_by_role(pieces, turn, h, least + GAP, judge)
     train, stop, judging = ([p for p, part in parts if part == number] for number in range(3))
     return Split(train, stop, judging, fold)
 
@@ -83,12 +77,11 @@ def _role(number: int, turn: int, folds: int, judge: bool) -> int:
 
 
 def _blocks_by_role(
-    pieces: Sequence[Stretch], turn: int, seconds: float, h: float, least: float, judge: bool
+    pieces: Sequence[Stretch], turn: int, h: float, least: float, judge: bool
 ) -> tuple[list[tuple[Stretch, int]], int]:
-    """Blocks of ``seconds``, or shorter for FOLDS of them, GAP apart, and what each serves for; those shorter than
-    ``least`` [s] are trained on."""
-    for length in (seconds, *(s for s in SHORTER if s < seconds)):
-        cut = blocks(pieces, length, h)
+    """Blocks GAP apart, and what each serves for; those shorter than ``least`` [s] are trained on."""
+    for length in BLOCKS:
+        cut = [part for piece in pieces for part in piece.evenly(max(1, round(piece.steps * h / length)))]
         long = [b.steps * h >= least - 1e-9 for b in cut]
         # as long as possible: each cut loses a gap to either side
         if sum(long) >= FOLDS:
@@ -99,33 +92,20 @@ def _blocks_by_role(
         _role(n - 1, turn, folds, judge) if is_long else 0 for is_long, n in zip(long, accumulate(long), strict=True)
     ]
     # half of the gap on either side of a cut, rounded up, so that no more rows than needed are lost
-    apart = _with_gaps(list(zip(cut, roles, strict=True)), math.ceil(GAP / 2 / h - 1e-9))
-    return _joined(apart), turn % folds
+    return _apart(list(zip(cut, roles, strict=True)), math.ceil(GAP / 2 / h - 1e-9)), turn % folds
 
 
-def _with_gaps(parts: Sequence[tuple[Stretch, int]], rows: int) -> list[tuple[Stretch, int]]:
-    """Blocks cut short by ``rows`` wherever the next one of the same run serves differently."""
-    result = []
-    for k, (block, part) in enumerate(parts):
-        before, after = (
-            rows if 0 <= j < len(parts) and parts[j][0].run == block.run and parts[j][1] != part else 0
-            for j in (k - 1, k + 1)
-        )
+def _apart(parts: Sequence[tuple[Stretch, int]], rows: int) -> list[tuple[Stretch, int]]:
+    """Neighbouring blocks that serve alike joined, cut short by ``rows`` where the next of the same run serves
+    differently."""
+    # a joined block holds longer rollouts than its parts
+    alike = [list(some) for _, some in groupby(parts, lambda one: (id(one[0].record), one[1]))]
+    joined, result = [(replace(some[0][0], last=some[-1][0].last), some[0][1]) for some in alike], []
+    for k, (block, part) in enumerate(joined):
+        beside = [joined[j] if 0 <= j < len(joined) else (None, part) for j in (k - 1, k + 1)]
+        before, after = (rows * (other is not None and other.run == block.run and p != part) for other, p in beside)
         if block.steps > before + after:
             result.append((replace(block, first=block.first + before, last=block.last - after), part))
-    return result
-
-
-def _joined(parts: Sequence[tuple[Stretch, int]]) -> list[tuple[Stretch, int]]:
-    """Neighbouring blocks that are trained on, joined again."""
-    result: list[tuple[Stretch, int]] = []
-    for block, part in parts:
-        last = result[-1][0] if result else None
-        # a joined block holds longer rollouts than its parts
-        if last and part == result[-1][1] == 0 and last.record is block.record and last.last == block.first:
-            result[-1] = (replace(last, last=block.last), 0)
-        else:
-            result.append((block, part))
     return result
 
 
@@ -149,13 +129,13 @@ def splits_of(
             elif not judged_apart:
                 split = split._replace(judge=split.stop)
         # each split: with few runs a later turn can lack what the first has
-        _check(split, settings, bool(held_out))
+        _check(split, settings, pieces, bool(held_out))
         splits.append(split)
     return splits
 
 
-def _check(split: Split, settings: TrainSettings, given: bool) -> None:
-    """Raises UserError unless a window fits into each part; given: whether what judges is of other trials."""
+def _check(split: Split, settings: TrainSettings, pieces: Sequence[Stretch], given: bool) -> None:
+    """Raises UserError unless a window fits into each part of ``pieces``; given: whether other trials judge."""
     h = settings.step
     assert h is not None
     shortest, rows = settings.curriculum[0][0], round(WINDOW / h)
@@ -164,9 +144,7 @@ def _check(split: Split, settings: TrainSettings, given: bool) -> None:
     if given and all(p.steps < rows for p in split.judge):
         raise TooFewData(f"--validate: no trial holds {WINDOW:g} s without a gap, so nothing can be held out")
     if any(all(p.steps < rows for p in part) for part in (split.stop, split.judge)):
-        # a piece may serve for two: its seconds count once
-        every = {id(p): p for p in (*split.train, *split.stop, *(() if given else split.judge))}
-        total = sum(p.steps * h for p in every.values())
+        total = sum(p.steps * h for p in pieces)
         raise TooFewData(
             f"too little data for {what}: {total:.0f} s in pieces without gaps; {FOLDS} runs of at least {WINDOW:g} s, "
             f"or three blocks of {WINDOW + GAP:g} s, are needed to train, to stop and to judge by different ones. Keep "

@@ -77,8 +77,9 @@ class TrainableSystem(nn.Module):
         return self.rates(self.start(rows, inputs), inputs)[3:6].reshape(3, N, M).transpose(0, 1)
 
     def penalty(self) -> torch.Tensor:
-        """What its size costs, a scalar; times ``TrainSettings.penalty`` beside the loss."""
-        return torch.zeros((), dtype=torch.float64)
+        """What its size costs, a scalar, times ``TrainSettings.penalty`` beside the loss: the sum of squared weights
+        (Wakita et al. 2024, Eq. 11)."""
+        return sum(((p**2).sum() for p in self.parameters() if p.ndim == 2), torch.zeros((), dtype=torch.float64))
 
     def learned(self) -> list[nn.Parameter]:
         """The parameters that training changes."""

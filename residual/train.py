@@ -8,7 +8,6 @@ finish; ``--resume`` continues from them.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import tempfile
 import time
@@ -51,7 +50,6 @@ from residual.windows import (
     by_campaign,
     calibration_windows,
     compare_errors,
-    jittered,
     window_errors,
     windows,
 )
@@ -241,17 +239,13 @@ class _Attempt:
 
     def _epoch(self, optimizer: Adam, rate: float, batch: RolloutBatch) -> float:
         """One pass over the windows in random order at a ``rate``; mean loss."""
-        t, scales = self.task.settings, self.task.scales
+        t = self.task.settings
         # parts of about equal size, where a fixed size would leave a last part of few windows and noisy gradients
         parts = torch.randperm(len(batch), generator=self.draw).tensor_split(max(1, round(len(batch) / t.batch)))
         losses = []
         for which in parts:
-            some = batch.chosen(which)
-            if t.jitter:
-                # noise anew in each epoch, so that it cannot be learned
-                some = jittered(some, t.jitter * torch.as_tensor(scales.noise), self.draw)
             self.system.zero_grad()
-            loss = self._loss(some)
+            loss = self._loss(batch.chosen(which))
             loss.backward()
             # one rollout that nearly diverges has a gradient orders larger than the others and would undo the epoch
             norm = torch.nn.utils.clip_grad_norm_(self.system.learned(), t.clip)
@@ -436,10 +430,6 @@ _ROWS = ("before", "after", "history", "judged", "restarts_judged")
 """What of an outcome is kept as arrays, beside its state."""
 
 
-STARTED = "started_"
-"""Beginning of the names of files by which a process says that it trains."""
-
-
 def train_seeds(
     tasks: Sequence[Task], progress: OnProgress | None = None, store: Store | None = None
 ) -> tuple[list[Outcome], bool]:
@@ -469,8 +459,6 @@ def train_seeds(
         def interrupted() -> None:
             # processes of a pool get no signal of their own on every system; all of them can look for a file
             stop.touch()
-            if not any(stop.parent.glob(f"{STARTED}*")):
-                raise KeyboardInterrupt  # nothing to keep: do not wait for processes that are still starting
             LOGGER.info("interrupted: keeping the best weights so far")
 
         def note(outcome: Outcome | None) -> None:
@@ -503,8 +491,6 @@ def _trained(job: tuple[Task, Store | None], progress: OnProgress | None = None)
     assert task.stop is not None
     if task.stop.exists():
         return None
-    with contextlib.suppress(OSError):  # a worker of another machine has no such folder
-        task.stop.with_name(f"{STARTED}{task.seed}").touch()
     outcome = train_one(task, progress)
     # a stopped seed is not kept: continued, it is trained whole, to the same numbers as without an interruption
     if store and outcome.status != "stopped":

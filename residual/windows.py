@@ -90,19 +90,6 @@ def calibration_windows(loss: RolloutLoss, pieces: Sequence[Stretch]) -> Rollout
     return RolloutBatch(loss.h, controls, targets, mask, states=torch.as_tensor(loss.starts[:, some].copy()))
 
 
-def jittered(batch: RolloutBatch, noise: torch.Tensor, draw: torch.Generator) -> RolloutBatch:
-    """The ``batch`` with independent normal noise on its states (Wakita et al. 2024, Eq. 20).
-
-    noise: (6,) standard deviations; draw: the random numbers.
-    """
-
-    def noisy(states: torch.Tensor) -> torch.Tensor:
-        return torch.randn(states.shape, generator=draw, dtype=torch.float64) * noise[:, None]
-
-    targets, past = batch.targets + noisy(batch.targets) * batch.mask, batch.past
-    return replace(batch, targets=targets, past=past and Past(past.logged + noisy(past.logged), past.controls))
-
-
 def augmented(
     pieces: Sequence[Stretch], h: float, rows: int, name: str, noise: torch.Tensor, seed: int, past: int = 0
 ) -> RolloutBatch | None:
@@ -117,9 +104,15 @@ def augmented(
     if batch is None or not copies:
         return batch
     # positions and heading stay as measured, as in Table 5
-    velocities = torch.cat([torch.zeros(3, dtype=torch.float64), noise[3:]])
-    copied = batch.chosen(torch.arange(len(batch)).repeat(copies))
-    return jittered(copied, velocities, torch.Generator().manual_seed(seed))
+    std = torch.cat([torch.zeros(3, dtype=torch.float64), noise[3:]])[:, None]
+    draw = torch.Generator().manual_seed(seed)
+    batch = batch.chosen(torch.arange(len(batch)).repeat(copies))
+    targets, before = batch.targets, batch.past
+    targets = targets + torch.randn(targets.shape, generator=draw, dtype=torch.float64) * std * batch.mask
+    if before:
+        noisy = before.logged + torch.randn(before.logged.shape, generator=draw, dtype=torch.float64) * std
+        before = Past(noisy, before.controls)
+    return replace(batch, targets=targets, past=before)
 
 
 def compare_errors(

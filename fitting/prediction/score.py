@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import GetPydanticSchema, TypeAdapter
+from pydantic import GetPydanticSchema
 from pydantic_core.core_schema import no_info_plain_validator_function
 
 from cases.inputs import assumed
@@ -113,11 +113,6 @@ class Score:
     def to_dict(self) -> dict[str, Any]:
         """Both metrics as plain values, per trial and pooled, with their sigma."""
         return asdict(self) | {"sigma": dict(zip(STATES, self.sigma.tolist(), strict=True)), "notes": list(self.notes)}
-
-    @classmethod
-    def from_dict(cls, row: Mapping[str, Any]) -> Score:
-        """The score behind ``row``, as ``to_dict`` made it. Raises ValueError for any other row."""
-        return TypeAdapter(cls).validate_python(row)
 
     def __repr__(self) -> str:
         pooled = self.units.pooled if self.units else None

@@ -30,7 +30,7 @@ _ONLY = {
 @o.options(
     BlackBoxSettings,
     Network="model width symmetric layers memory zero initial keep",
-    Training="epochs penalty rate batch jitter loss augment step",
+    Training="epochs penalty rate batch loss augment step",
     Solver="seeds seed time_limit workers scheduler",
 )
 def train(

@@ -134,15 +134,6 @@ class Feedforward(TrainableSystem):
     def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
         return torch.cat([kinematics(z), self.acceleration(features(z, controls))])
 
-    def penalty(self) -> torch.Tensor:
-        """Sum of squared weights (2024, Eq. 11)."""
-        return squared_weights(self)
-
-
-def squared_weights(system: nn.Module) -> torch.Tensor:
-    """Sum of squares of the weight matrices (out, in) of ``system``, a scalar."""
-    return torch.stack([(p**2).sum() for p in system.parameters() if p.ndim == 2]).sum()
-
 
 class Standard(TrainableSystem):
     """Eq. 7: all that was before is remembered in z1, which is zero ``past`` rows before the start.
@@ -205,10 +196,6 @@ class Standard(TrainableSystem):
             result.append(self._last(z1))
         return torch.stack(result)
 
-    def penalty(self) -> torch.Tensor:
-        """Sum of squared weights."""
-        return squared_weights(self)
-
 
 class Windowed(Standard):
     """Eq. 9: the hidden layer runs anew along the last m rows; what was before is forgotten.
@@ -227,7 +214,7 @@ class Windowed(Standard):
 
 
 class InitialState(TrainableSystem):
-    """Any system, started from estimated u, v, r instead of the measured ones.
+    """A black box, started from estimated u, v, r instead of the measured ones.
 
     The estimate is the measured velocity plus reach * tanh(net(standardised features of the start and of ``rows`` rows
     before it)): never further than reach (3,) from the measurement, and equal to it before training. The paper reads
@@ -266,19 +253,12 @@ class InitialState(TrainableSystem):
         return self.reach * torch.tanh(self.net(values.T).T)
 
     def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
-        if past is None:
-            raise ValueError("the estimate of the initial state needs the rows before the start")
+        assert past is not None
         z = self.inner.start(logged, controls, past.latest(self.inner.past))
         return torch.cat([z[:3], z[3:6] + self.shift(logged, controls, past), z[6:]])
 
-    def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
-        return self.inner.rates(z, controls)
-
     def step(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
         return self.inner.step(z, controls, h, method)
-
-    def columns(self, z: torch.Tensor, controls: torch.Tensor | None = None) -> torch.Tensor:
-        return self.inner.columns(z, controls)
 
     def accelerations(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
         return self.inner.accelerations(logged, controls, past and past.latest(self.inner.past))
@@ -393,12 +373,11 @@ def gridded(stretches: Sequence[Stretch], h: float, past: int) -> RolloutBatch:
 def _before(s: Stretch, h: float, rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Logged rows (P, 6) h [s] apart before a stretch and inputs (P, C) over the steps after them."""
     record, first = s.record, s.first
-    longest = 2.5 * float(np.median(np.diff(record.t)))
-    k = first
-    while k > 0 and record.good[k - 1] and record.t[k] - record.t[k - 1] <= max(longest, 2 * h):
-        k -= 1
-        if record.t[first] - record.t[k] >= rows * h:
-            break
+    longest = max(2.5 * float(np.median(np.diff(record.t))), 2 * h)
+    broken = ~record.good[:first] | (np.diff(record.t[: first + 1]) > longest)
+    # no further back than is read: what was long before must not move a digit
+    read = int(np.searchsorted(record.t, record.t[first] - rows * h, "right")) - 1
+    k = max(int(np.flatnonzero(broken).max(initial=-1)) + 1, read)
     t = record.t[k : first + 1]
     known = min(rows, int((t[-1] - t[0]) / h + 1e-6))
     edges = t[-1] - h * np.arange(known, -1, -1)
@@ -465,11 +444,9 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
             own = {name: a for name, a in arrays.items() if name.startswith(f"{k}.")}
             system.load_state_dict({name.partition(".")[2]: a for name, a in own.items()})
         box = BlackBox(settings, actuators, float(about["h"]), systems, about["ship"], about["ship_hash"], scales)
-        fault = _fault(box)
+        _check(box)
     except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RuntimeError) as error:
-        raise BadValue(f"{path}: is incomplete ({str(error).splitlines()[0]}); train it again") from None
-    if fault:
-        raise BadValue(f"{path}: {fault}; train it again")
+        raise BadValue(f"{path}: cannot be used ({str(error).splitlines()[0]}); train it again") from None
     if ship and (actuators != ship.actuators or box.ship_hash != ship_hash(ship)):
         raise Conflict(
             f"{path}: {OTHER}: it was trained for {box.ship} with {', '.join(actuators)}; "
@@ -498,14 +475,12 @@ def _scales(arrays: dict[str, torch.Tensor]) -> Scales:
     return Scales(**scales, **{name: np.empty(0) for name in ("sigma", "score", "noise", "features")})
 
 
-def _fault(box: BlackBox) -> str:
-    """What is wrong with it, in words; "" if nothing."""
+def _check(box: BlackBox) -> None:
+    """Raises ValueError where something is wrong with it."""
     if box.settings.kind not in KINDS or not box.systems or not box.h > 0:
-        return "it names no kind of network, or has no member, or no step"
+        raise ValueError("it names no kind of network, or has no member, or no step")
     if any(name not in INPUTS for name in box.actuators):
-        return f"{OTHER}: it takes {', '.join(box.actuators)}"
-    if not all(torch.isfinite(a).all() for system in box.systems for a in system.state_dict().values()):
-        return "some of its numbers are not finite"
-    if not all((abs(a) <= LARGEST).all() for system in box.systems for a in system.parameters()):
-        return f"some of its weights are larger than {LARGEST:g}"
-    return ""
+        raise ValueError(f"{OTHER}: it takes {', '.join(box.actuators)}")
+    # NaN is not smaller either
+    if not all((abs(a) <= LARGEST).all() for system in box.systems for a in system.state_dict().values()):
+        raise ValueError(f"some of its numbers are not finite, or larger than {LARGEST:g}")

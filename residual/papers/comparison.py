@@ -6,6 +6,7 @@ fixed beforehand. The networks of Wakita et al. (2022) are compared as published
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
 from collections.abc import Sequence
@@ -26,7 +27,7 @@ from fitting.parallel import run_all
 from fitting.prediction.predict import Forecaster, predict, predict_all
 from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score
 from fitting.report.parts import Store
-from fitting.report.run_folder import SCHEMA_VERSION, data_rows
+from fitting.report.run_folder import SCHEMA_VERSION, Real, adapter, data_rows, plain
 from fitting.settings import Settings
 from fitting.solvers.control import interrupts_noted
 from mmg.errors import Missing, NoSolution, TooFewData, UserError
@@ -44,8 +45,6 @@ HORIZONS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
 """Seconds after a start at which the growth of the error is read: up to the restarts of Wakita et al. (2022)."""
 BLOCK = 65.0
 """Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``. Set by hand."""
-MINIMUM_SECONDS = 10.0
-"""Seconds that have to be left of a time limit for something to be started. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -128,26 +127,40 @@ class Study:
     paper: PaperModels = field(default_factory=dict)
 
 
+GROWTH = {
+    "position_m": ("position error, rms [m]", 1.0, 2),
+    "heading_rad": ("heading error, rms [deg]", math.degrees(1.0), 1),
+}
+"""Errors whose growth is read, by their names in result.json: words, factor and digits with which they are shown."""
+
+
 @dataclass(frozen=True)
 class Entry:
-    """A model from one seed (None: it has none) on a subset of ``seconds`` of data, scored on the test trials.
+    """A model from one seed (None: it has none) on a ``Subset`` of training_s seconds of data, scored on the test
+    trials: its row in result.json.
 
-    status: "finished", "stopped" (early, with what it had), or why there is nothing. score: both metrics; growth:
-    (horizons, 2) rms of position [m] and heading [rad] errors, NaN where no window is that long. held_out: error of the
-    30 s windows by which the training stopped; table_9: errors of the test trials by that protocol, of a study with
-    models of a paper.
+    status: "finished", "stopped" (early, with what it had), or why there is nothing; took_s: how long it took. score:
+    both metrics; growth: rms errors of GROWTH at the HORIZONS, NaN where no window is that long. held_out_window: error
+    of the 30 s windows by which the training stopped; table_9: errors of the test trials by that protocol, of a study
+    with models of a paper.
     """
 
     model: str
-    subset: Subset
+    fraction: float
+    random: bool
     seed: int | None
     status: str
-    seconds: float
-    took: float = 0.0
+    training_s: float
+    took_s: float = 0.0
+    held_out_window: Real = math.nan
     score: Score | None = None
-    growth: np.ndarray = field(default_factory=lambda: np.full((len(HORIZONS), 2), np.nan))
-    held_out: float = float("nan")
-    table_9: Sequence[float] = ()
+    growth: dict[str, tuple[Real, ...]] = field(default_factory=lambda: dict.fromkeys(GROWTH, (math.nan,) * 6))
+    table_9: tuple[Real, ...] = ()
+
+    @property
+    def subset(self) -> Subset:
+        """The part of the data that it was trained on."""
+        return Subset(self.fraction, self.random)
 
     @property
     def name(self) -> str:
@@ -157,37 +170,8 @@ class Entry:
     @property
     def file(self) -> str:
         """Name of the file by which ``mmg compare --resume`` knows it."""
-        data = f"{self.subset.fraction:g}" + ("" if self.subset.random else "_no_random")
+        data = f"{self.fraction:g}" + ("" if self.random else "_no_random")
         return f"{self.model}_{data}" + ("" if self.seed is None else f"_seed_{self.seed}")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Its row in result.json, and the content of its file."""
-        return {
-            "model": self.model,
-            "fraction": self.subset.fraction,
-            "random": self.subset.random,
-            "seed": self.seed,
-            "status": self.status,
-            "training_s": self.seconds,
-            "took_s": self.took,
-            "held_out_window": self.held_out,
-            "score": self.score.to_dict() if self.score else None,
-            "growth": {"position_m": self.growth[:, 0], "heading_rad": self.growth[:, 1]},
-            "table_9": self.table_9,
-        }
-
-    def filled(self, row: dict[str, Any]) -> Entry:
-        """This entry with what ``to_dict`` wrote to its file."""
-        held_out, growth = row["held_out_window"], row["growth"]
-        return replace(
-            self,
-            status=row["status"],
-            took=row["took_s"],
-            score=Score.from_dict(row["score"]) if row["score"] else None,
-            growth=np.array([growth["position_m"], growth["heading_rad"]], dtype=float).T,
-            held_out=float("nan") if held_out is None else held_out,
-            table_9=row["table_9"],
-        )
 
 
 @dataclass(frozen=True)
@@ -226,7 +210,7 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
 
         def job(subset: Subset, model: str, ship: Ship, seed: int | None = None, keep: Store | None = store) -> _Job:
             trials = study.paper[model][1] if model in study.paper else chosen[subset]
-            entry = Entry(model, subset, seed, "", sum(t.duration for t in trials))
+            entry = Entry(model, subset.fraction, subset.random, seed, "", sum(t.duration for t in trials))
             return study, entry, trials, ship, end, stop, keep
 
         def note(made: tuple[Entry, Ship | None]) -> None:
@@ -235,7 +219,7 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
             if progress:
                 progress(Progress("comparing", len(entries)))
             figure = f"30 s windows {entry.score.window:.4f}, " if entry.score else ""
-            LOGGER.info(f"{entry.name}, {entry.subset.words} of the data: {figure}{entry.status} in {entry.took:.0f} s")
+            LOGGER.info(f"{entry.name}, {entry.subset.words} of data: {figure}{entry.status} in {entry.took_s:.0f} s")
 
         def interrupted() -> None:
             stop.touch()
@@ -266,8 +250,8 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
     again = entry.model == "calibrated" and "hybrid" in study.models
     known = store.load(entry.file) if store and not again else None
     if known:
-        return entry.filled(known[0]), None
-    if stop.exists() or (left is not None and left < MINIMUM_SECONDS):
+        return adapter(Entry).validate_python(known[0]), None
+    if stop.exists() or (left is not None and left <= 0):
         return replace(entry, status="not begun"), None
     model: Simulator | Forecaster | None = None
     try:
@@ -280,17 +264,16 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
         else:
             model, entry = _trained(job, left)
     except UserError as error:
-        return replace(entry, status=str(error), took=time.monotonic() - began), None
+        return replace(entry, status=str(error), took_s=time.monotonic() - began), None
     model, tests = model or Simulator(ship), study.test
     scored = score(model, tests, pooled_sigma(tests), "the test trials")
     if scored.diverged:
         status = f"no score: the prediction diverges on {', '.join(scored.diverged)}"
-        return replace(entry, status=status, took=time.monotonic() - began), ship
+        return replace(entry, status=status, took_s=time.monotonic() - began), ship
     table_9 = table_9_errors(model, tests) if study.paper else ()
-    entry = replace(entry, score=scored, growth=growth(model, tests), table_9=table_9)
-    entry = replace(entry, took=time.monotonic() - began)
+    entry = replace(entry, score=scored, growth=growth(model, tests), table_9=table_9, took_s=time.monotonic() - began)
     if store and entry.status == "finished":
-        store.save(entry.file, entry.to_dict())
+        store.save(entry.file, plain(entry))
     return entry, ship
 
 
@@ -308,7 +291,7 @@ def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, Ent
     outcome = train_one(task)
     if outcome.status == "diverged":
         raise NoSolution("diverged, also at lower rates")
-    entry = replace(entry, status=outcome.status, held_out=outcome.after[0])
+    entry = replace(entry, status=outcome.status, held_out_window=outcome.after[0])
     if hybrid:
         return Simulator(ship.with_network(network_of(task, [outcome]))), entry
     return box_of(task, [outcome]), entry
@@ -344,8 +327,8 @@ def blocks_of(trial: Trial) -> list[Trial]:
     ]
 
 
-def growth(model: Simulator | Forecaster, trials: Sequence[Trial]) -> np.ndarray:
-    """Rms of position [m] and heading [rad] errors (horizons, 2) of ``model`` on ``trials`` over windows in a row."""
+def growth(model: Simulator | Forecaster, trials: Sequence[Trial]) -> dict[str, tuple[float, ...]]:
+    """Rms errors of GROWTH at the HORIZONS, of ``model`` on ``trials`` over windows in a row."""
     squares: list[list[tuple[float, float]]] = [[] for _ in HORIZONS]
     for trial, (windows, _) in zip(trials, predict_all(model, trials, PAPER_WINDOW, PAPER_WINDOW), strict=True):
         for w in windows:
@@ -355,14 +338,15 @@ def growth(model: Simulator | Forecaster, trials: Sequence[Trial]) -> np.ndarray
                 if t[-1] >= horizon - trial.dt:
                     k = int(np.abs(t - horizon).argmin())
                     found.append((error[k, 0] ** 2 + error[k, 1] ** 2, error[k, 2] ** 2))
-    return np.array([np.sqrt(np.mean(found, axis=0)) if found else (np.nan, np.nan) for found in squares])
+    rms = [np.sqrt(np.mean(found, axis=0)).tolist() if found else (math.nan, math.nan) for found in squares]
+    return dict(zip(GROWTH, zip(*rms, strict=True), strict=True))
 
 
 RESTARTED = ("random", "turn")
 """Parts of the names of runs that are restarted every 100 s (section 4), as runs with gaps are here."""
 
 
-def table_9_errors(model: Simulator | Forecaster, trials: Sequence[Trial]) -> list[float]:
+def table_9_errors(model: Simulator | Forecaster, trials: Sequence[Trial]) -> tuple[float, ...]:
     """Eq. 25 of ``model`` on each of ``trials`` by the protocol of Table 9, with sigma of all; NaN of no whole run."""
     sigma, result = pooled_sigma(trials), []
     for trial in trials:
@@ -370,8 +354,8 @@ def table_9_errors(model: Simulator | Forecaster, trials: Sequence[Trial]) -> li
         windows = [] if again else predict(model, trial, 0.0, PAPER_WINDOW)[0]
         windows = windows or predict(model, trial, PAPER_WINDOW, PAPER_WINDOW)[0]
         errors = [((w.error(trial.states) / sigma) ** 2).sum(axis=1) for w in windows]
-        result.append(float(np.concatenate(errors).mean()) if errors else float("nan"))
-    return result
+        result.append(float(np.concatenate(errors).mean()) if errors else math.nan)
+    return tuple(result)
 
 
 TABLE_9 = {
@@ -422,24 +406,19 @@ def efficiency(comparison: Comparison) -> list[str]:
     """Pooled 30 s windows of ``comparison`` over the amount of training data."""
     models, rows = [m for m in comparison.study.models if m != "captive"], []
     for subset in comparison.study.subsets:
-        seconds = next(
-            (e.seconds for e in comparison.entries if e.subset == subset and e.model != "captive"), float("nan")
-        )
+        took = (e.training_s for e in comparison.entries if e.subset == subset and e.model != "captive")
+        seconds = next(took, math.nan)
         values = [mean_and_std([e.score.window for e in comparison.of(m, subset) if e.score]) for m in models]
         rows.append([subset.words, f"{seconds:.0f}", *values])
     return markdown(["training data", "seconds", *models], rows)
 
 
-def horizon(comparison: Comparison, column: int) -> list[str]:
-    """Growth of the position error [m] (``column`` 0) or of the heading error [deg] (1) of ``comparison``."""
-    models = comparison.study.models
-    factor, digits = (1.0, 2) if column == 0 else (np.degrees(1.0), 1)
+def horizon(comparison: Comparison, error: str) -> list[str]:
+    """Growth of an ``error`` of GROWTH of ``comparison``."""
+    models, (_, factor, digits) = comparison.study.models, GROWTH[error]
     rows = [
-        [
-            f"{seconds:g}",
-            *[mean_and_std([factor * e.growth[k, column] for e in comparison.of(m)], digits) for m in models],
-        ]
-        for k, seconds in enumerate(HORIZONS)
+        [f"{s:g}", *[mean_and_std([factor * e.growth[error][k] for e in comparison.of(m)], digits) for m in models]]
+        for k, s in enumerate(HORIZONS)
     ]
     return markdown(["after [s]", *models], rows)
 
@@ -477,8 +456,8 @@ def tables_text(comparison: Comparison) -> str:
     ]
     for metric, words in METRICS.items():
         lines += ["", f"### {words}", "", *accuracy(comparison, metric)]
-    lines += ["", "### Growth of the position error, rms [m]", "", *horizon(comparison, 0)]
-    lines += ["", "### Growth of the heading error, rms [deg]", "", *horizon(comparison, 1)]
+    for error, (words, *_) in GROWTH.items():
+        lines += ["", f"### Growth of the {words}", "", *horizon(comparison, error)]
     if len(study.subsets) > 1:
         lines += ["", "### Data efficiency: 30 s windows, all rows pooled", "", *efficiency(comparison)]
     if study.paper:
@@ -518,7 +497,7 @@ def comparison_dict(comparison: Comparison, command: str) -> dict:
         "interrupted": comparison.interrupted,
         "horizons_s": list(HORIZONS),
         "past_s": 0.0,
-        "entries": [e.to_dict() for e in comparison.entries],
+        "entries": plain(comparison.entries),
         "paper": {
             name: {"settings": asdict(settings), "trials": [t.name for t in trials]}
             for name, (settings, trials) in comparison.study.paper.items()

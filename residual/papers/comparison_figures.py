@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fitting.report.plot_style import DASHES, FigureFolder, dress, new_figure
-from residual.papers.comparison import HORIZONS, TYPES, Comparison
+from residual.papers.comparison import GROWTH, HORIZONS, TYPES, Comparison
 
 COLOURS = {
     "captive": "#8A8A8A", "calibrated": "#0072B2", "hybrid": "#009E73", "fnn": "#D58A00", "rnn": "#CC79A7",
@@ -32,11 +32,10 @@ def growth_plot(comparison: Comparison) -> Figure:
     """Position and heading error over the horizon, of ``comparison``; mean and range over the seeds."""
     figure = new_figure(3.2)
     axes = figure.subplots(1, 2)
-    panels = ("position error, rms [m]", 1.0, "Growth of the error"), ("heading error, rms [deg]", np.degrees(1.0), "")
-    for column, (words, factor, title) in enumerate(panels):
-        ax = dress(axes[column], "time since the start [s]", words, title)
+    for ax, (error, (words, factor, _)) in zip(axes, GROWTH.items(), strict=True):
+        dress(ax, "time since the start [s]", words, "" if ax is axes[1] else "Growth of the error")
         for model in comparison.study.models:
-            rows = [factor * e.growth[:, column] for e in comparison.of(model)]
+            rows = [factor * np.array(e.growth[error]) for e in comparison.of(model)]
             if rows:
                 ax.plot(HORIZONS, np.mean(rows, axis=0), linestyle=DASHED[AS[model]], label=model, **_look(model))
                 ends, colour = (np.min(rows, axis=0), np.max(rows, axis=0)), COLOURS[AS[model]]
@@ -53,7 +52,7 @@ def efficiency_plot(comparison: Comparison) -> Figure:
     style = {True: "-", False: "--"}
     for model, random in itertools.product((m for m in comparison.study.models if m != "captive"), style):
         parts = [comparison.of(model, subset) for subset in comparison.study.subsets if subset.random is random]
-        points = sorted((p[0].seconds, np.mean([e.score.window for e in p if e.score])) for p in parts if p)
+        points = sorted((p[0].training_s, np.mean([e.score.window for e in p if e.score])) for p in parts if p)
         if points:
             label = model if random else None
             ax.plot(*zip(*points, strict=True), style[random], label=label, **_look(model))

@@ -23,8 +23,6 @@ from residual.papers.black_box import BlackBox, at_samples, gridded
 from residual.physics import Physics
 from residual.system import RolloutBatch, TrainableSystem, rollout
 
-VELOCITIES = slice(3, 6)
-"""Rows u, v, r of the logged columns, on which Eq. 30 and 31 are taken."""
 SAMPLINGS = ("ts-infinity", "ts1")
 PARTICLES = 100
 """Particles of each window under TS1; under TS-infinity more than the members add nothing. Set by hand."""
@@ -68,9 +66,8 @@ def predict_members(
     windows, apart = [], []
     for i, (number, s) in enumerate(kept.items()):
         cloud = at_samples(paths[:, :, :, i], h, s)
-        mean, covariance = (values[..., 0] for values in moments(cloud[..., None]))
-        std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-        windows.append(Window(number, s.first, s.last, mean, std))
+        # divided by their number: particles that follow the same member add nothing
+        windows.append(Window(number, s.first, s.last, cloud.mean(axis=2), cloud.std(axis=2)))
         apart.append(mahalanobis(cloud, trial.states[s.first : s.last + 1]))
     words = f"{trial.name}: std is the spread of {len(members)} members, not the error of a prediction"
     if np.isfinite(apart).all():
@@ -111,16 +108,6 @@ def particles(
     return torch.stack(states).reshape(len(states), 6, count, M).numpy()
 
 
-def moments(paths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eq. 30: mean (N + 1, 6, M) and covariance (N + 1, 6, 6, M) of the particles ``paths`` (N + 1, 6, P, M).
-
-    Divided by P: particles that follow the same member add nothing.
-    """
-    mean = paths.mean(axis=2)
-    off = paths - mean[:, :, None]
-    return mean, np.einsum("nipm,njpm->nijm", off, off) / paths.shape[2]
-
-
 def mahalanobis(paths: np.ndarray, truth: np.ndarray) -> float:
     """Eq. 31b: mean over the rows after the start of the squared distance of u, v, r of ``truth`` (N + 1, 6) from the
     mean of particles ``paths`` (N + 1, 6, P), by their inverse covariance.
@@ -128,8 +115,10 @@ def mahalanobis(paths: np.ndarray, truth: np.ndarray) -> float:
     Rows with NaN in the truth count nothing. NaN where a covariance is singular: of fewer than four members, or of
     members that agree.
     """
-    mean, covariance = (values[1:, VELOCITIES, ..., 0] for values in moments(paths[..., None]))
-    C, error = covariance[:, :, VELOCITIES], truth[1:, VELOCITIES] - mean
+    cloud = paths[1:, 3:6]
+    mean = cloud.mean(axis=2)
+    off, error = cloud - mean[:, :, None], truth[1:, 3:6] - mean
+    C = np.einsum("nip,njp->nij", off, off) / cloud.shape[2]
     scale = np.sqrt(np.maximum(np.diagonal(C, axis1=1, axis2=2), 1e-300))
     alike = C / (scale[:, :, None] * scale[:, None, :])
     if np.linalg.eigvalsh(alike).min() < 1e-13:

@@ -58,7 +58,7 @@ def still(found: Calibration, symbols: tuple[str, ...]) -> Hybrid:
     """A network of zeros on the ship that was fitted, whose values of ``symbols`` are inputs."""
     physics = Physics(found.ship, symbols=symbols)
     F = len(found.ship.features)
-    return Hybrid(physics, Residual(np.ones(F), np.ones(3), 4), np.ones((F, 1)))
+    return Hybrid(physics, Residual.drawn(np.ones(F), np.ones(3), 4), np.ones((F, 1)))
 
 
 @pytest.mark.parametrize("kind", SHIPS)

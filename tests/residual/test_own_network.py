@@ -12,7 +12,9 @@ from torch import nn
 
 import mmg_ident as mi
 from delivery.c.source import c_files
-from residual.own_network import OwnResidual
+from residual.hybrid import Hybrid, Residual, Symmetric, to_network
+from residual.own_network import layers_of
+from residual.physics import Physics
 from residual.settings import BlackBoxSettings, TrainSettings
 from tests.support import hybrids
 from tests.support.c_products import product
@@ -29,18 +31,28 @@ def three_hidden() -> nn.Sequential:
     )
 
 
-@pytest.mark.parametrize("actuators", [None, SHIP.actuators])
-def test_it_is_exactly_layers_of_a_network_whatever_its_depth_and_biases(actuators: Any) -> None:
-    rng = np.random.default_rng(0)
-    own = OwnResidual(three_hidden(), np.linspace(0.1, 2.0, F), np.array([1e-3, 2e-3, 5e-4]), actuators)
-    x = rng.normal(size=(F, 20))
-    assert (own(torch.as_tensor(x)) == 0).all()
+@pytest.mark.parametrize("symmetric", [False, True])
+def test_it_is_the_module_less_its_value_at_the_origin_whatever_its_depth_and_biases(symmetric: bool) -> None:
+    rng, module, scale = np.random.default_rng(0), three_hidden().double(), np.array([1e-3, 2e-3, 5e-4])
+    residual = Residual(np.linspace(0.1, 2.0, F), scale, layers_of(module))
+    q = torch.as_tensor(rng.normal(size=(F, 20)))
+    x = q * residual.feature_scale[:, None]
+    assert (residual(x) == 0).all()
     with torch.no_grad():
-        own.linear[-1].weight.normal_()
-    expected = own(torch.as_tensor(x)).detach().numpy()
-    found = own.scale.numpy()[:, None] * own.layers()(x / own.feature_scale.numpy()[:, None])
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-17)
-    assert (own(torch.zeros(F, 1, dtype=torch.float64)).abs() < 1e-18).all()
+        residual.W3.copy_(module[-1].weight)
+        made = (module(q.T) - module(torch.zeros(1, F, dtype=torch.float64))).T
+    own = Symmetric(residual, SHIP.actuators) if symmetric else residual
+    found = to_network([own], SHIP.actuators, -np.ones(F), np.ones(F)).accelerations(x.numpy())
+    np.testing.assert_allclose(found, own(x).detach().numpy(), rtol=1e-12, atol=1e-17)
+    if not symmetric:
+        np.testing.assert_allclose(found, scale[:, None] * made.numpy(), rtol=1e-12, atol=1e-17)
+
+
+def test_two_layers_of_one_width_go_through_the_compiled_loop() -> None:
+    two = nn.Sequential(nn.Linear(F, 6), nn.Tanh(), nn.Linear(6, 6), nn.Tanh(), nn.Linear(6, 3))
+    for module, fused in ((two, True), (three_hidden(), False)):
+        residual = Residual(np.ones(F), np.ones(3), layers_of(module))
+        assert (Hybrid(Physics(SHIP), residual, np.ones((F, 1))).fused is not None) == fused
 
 
 def test_trained_with_an_own_loss_it_is_in_the_ship_that_is_saved_and_exported(tmp_path: Path) -> None:

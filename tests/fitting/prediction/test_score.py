@@ -23,7 +23,7 @@ from fitting.prediction.score import (
     scores_by_set,
 )
 from fitting.prediction.stretches import wrapped_error
-from fitting.report.run_folder import plain
+from fitting.report.run_folder import adapter, plain
 from mmg.errors import TooFewData, UserError
 from mmg.rollout import Simulator
 from tests.support.synthetic_runs import runs
@@ -71,7 +71,7 @@ def test_a_prediction_that_diverges_has_no_score_and_is_said_to() -> None:
     trials = runs()[0][:2]
     found = score(Diverging(), trials)
     assert np.isinf([found.paper, found.window]).all() and found.diverged == tuple(t.name for t in trials)
-    again = Score.from_dict(plain(found.to_dict()))  # null in the file
+    again = adapter(Score).validate_python(plain(found.to_dict()))  # null in the file
     assert np.isinf([again.paper, again.window]).all() and again.diverged == found.diverged
     ship = Simulator(load_ship("esso_osaka_3m"), compiled=False)
     kept, lost = (scores_by_set(model, {"a": trials}) for model in (ship, Diverging()))
@@ -93,7 +93,7 @@ def test_a_trial_without_a_whole_restart_beside_broken_rows_has_nothing_to_score
         assert np.isnan(first.paper) and np.isfinite(first.window) and np.isfinite(found.window)
         assert np.isnan(found.paper) == (len(trials) == 1)
         assert [note.code for note in found.notes].count("nothing_scored") == 1
-        again = Score.from_dict(plain(found.to_dict()))
+        again = adapter(Score).validate_python(plain(found.to_dict()))
         assert np.isnan(again.trials[0].paper) and again.diverged == ()
     assert in_words(first.paper) == NOTHING
 
@@ -166,9 +166,9 @@ def test_a_score_with_a_number_of_windows_that_is_none_is_refused() -> None:
     by_state = dict.fromkeys(("x", "y", "psi", "u", "v", "r"), 1.0)
     trial = {"name": "a", "paper": 1.0, "paper_by_state": by_state, "window": 1.0, "window_by_state": by_state}
     row = {"sigma": by_state, "sigma_from": "these", "paper": 1.0, "window": 1.0, "notes": []}
-    assert Score.from_dict(row | {"trials": [trial | {"windows": 3}]}).trials[0].windows == 3
+    assert adapter(Score).validate_python(row | {"trials": [trial | {"windows": 3}]}).trials[0].windows == 3
     with pytest.raises(ValueError):
-        Score.from_dict(row | {"trials": [trial | {"windows": float("inf")}]})
+        adapter(Score).validate_python(row | {"trials": [trial | {"windows": float("inf")}]})
 
 
 def test_scores_need_positions() -> None:

@@ -21,6 +21,7 @@ from fitting.prediction.baselines import GreyBox, Persistence, fit_grey_box
 from fitting.prediction.predict import predict
 from fitting.prediction.score import Score, ScorePair, pooled_sigma, score
 from fitting.prediction.unit_errors import StateErrors, UnitErrors, errors_in_units, ship_time, window_for
+from fitting.report.run_folder import adapter
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg_ident.commands.main import app, expand
@@ -198,11 +199,11 @@ def test_scores_with_and_without_units_are_read_back(ship: Ship, trials: list[Tr
     box = fit_grey_box(trials, ship.inputs, {}, 20.0)
     found = score(Simulator(ship), trials, units=20.0, baseline=box)
     assert found.units is not None and set(found.units.ratio) == {"persistence", "baseline"}
-    again = Score.from_dict(json.loads(json.dumps(found.to_dict())))
+    again = adapter(Score).validate_python(json.loads(json.dumps(found.to_dict())))
     assert again.to_dict() == found.to_dict() and isinstance(again.units, UnitErrors)
     assert isinstance(again.units.pooled.after["window"], StateErrors)
     old = {key: value for key, value in found.to_dict().items() if key != "units"}
-    assert Score.from_dict(old).units is None
+    assert adapter(Score).validate_python(old).units is None
 
 
 def test_verb_tells_first_which_model_does_not_beat_its_rivals(trials: list[Trial], tmp_path: Path) -> None:

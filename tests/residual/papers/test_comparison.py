@@ -25,6 +25,7 @@ from mmg.errors import Missing, TooFewData
 from mmg_ident.commands.main import main
 from residual.papers.black_box import load_box
 from residual.papers.comparison import (
+    GROWTH,
     HORIZONS,
     SHORTER,
     TABLE_9,
@@ -219,10 +220,10 @@ class Drifting:
 
 def test_growth_is_read_at_the_horizons_from_windows_that_are_long_enough() -> None:
     found = growth(Drifting(), hybrids.trials(hybrids.ship(), 2, 140))
-    np.testing.assert_allclose(found[:, 0], 0.05 * np.array(HORIZONS), rtol=1e-9)
-    np.testing.assert_allclose(found[:, 1], 0.01 * np.array(HORIZONS), rtol=1e-9)
+    np.testing.assert_allclose(found["position_m"], 0.05 * np.array(HORIZONS), rtol=1e-9)
+    np.testing.assert_allclose(found["heading_rad"], 0.01 * np.array(HORIZONS), rtol=1e-9)
     short = growth(Drifting(), hybrids.trials(hybrids.ship(), 1, 40))
-    assert np.isfinite(short[:4]).all() and np.isnan(short[4:]).all()
+    assert np.isfinite(short["position_m"][:4]).all() and np.isnan(short["position_m"][4:]).all()
 
 
 def trial(name: str, seconds: int, kind: str = "") -> Trial:
@@ -248,7 +249,8 @@ def test_shares_of_the_data_are_blocks_spread_evenly() -> None:
 def entry(model: str, seed: int | None, value: float, subset: Subset = Subset()) -> Entry:
     row = TrialScore("one", 2 * value, {}, value, {}, 3)
     found = Score((row,), 20 * value, 10 * value, np.ones(6), "")
-    return Entry(model, subset, seed, "finished", 100.0, 1.0, found, np.full((len(HORIZONS), 2), value))
+    growth = dict.fromkeys(GROWTH, (value,) * len(HORIZONS))
+    return Entry(model, subset.fraction, subset.random, seed, "finished", 100.0, 1.0, 0.5, found, growth)
 
 
 def test_tables_give_mean_and_standard_deviation_over_seeds() -> None:
@@ -260,7 +262,7 @@ def test_tables_give_mean_and_standard_deviation_over_seeds() -> None:
     pooled = [c.strip() for c in accuracy(found, "paper")[3].split("|")[1:-1]]
     assert pooled[1:] == ["60.000", "30.000 ± 14.142"]
     assert [line.split("|")[3].strip() for line in efficiency(found)[2:]] == ["15.000 ± 7.071", "50.000"]
-    assert horizon(found, 1)[2].split("|")[2].strip() == f"{np.degrees(3.0):.1f}"
+    assert horizon(found, "heading_rad")[2].split("|")[2].strip() == f"{np.degrees(3.0):.1f}"
     assert mean_and_std([]) == "-" and mean_and_std([1.0, float("nan")]) == "-"
 
 
@@ -312,7 +314,7 @@ def test_a_study_of_the_paper_trains_on_trials_of_its_own_and_says_its_schedule(
         hybrids.ship(), tests, tests, ("captive", "type5"), seeds=1, paper={"type5": (settings, tuple(trials))}
     )
     found = compare(study)
-    assert [(e.model, e.status, e.seconds, len(e.table_9)) for e in found.entries] == [
+    assert [(e.model, e.status, e.training_s, len(e.table_9)) for e in found.entries] == [
         ("captive", "finished", 120.0, 1), ("type5", "finished", 300.0, 1),
     ]  # fmt: skip
     content = comparison_dict(found, "mmg compare")

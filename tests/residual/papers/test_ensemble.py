@@ -1,4 +1,4 @@
-"""Ensembles: particles are rollouts of members, moments and distances by hand."""
+"""Ensembles: particles are rollouts of members, distances by hand."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mmg.errors import Missing, UnknownName
 from mmg.rollout import Simulator
 from residual.hybrid import Hybrid, Residual, to_network
 from residual.papers.black_box import BOX_KIND, box_of
-from residual.papers.ensemble import mahalanobis, members_of, moments, particles, predict_members
+from residual.papers.ensemble import mahalanobis, members_of, particles, predict_members
 from residual.physics import Physics
 from residual.settings import BlackBoxSettings
 from residual.system import RolloutBatch, TrainableSystem, rollout
@@ -46,7 +46,7 @@ def yaw_batch(M: int = 3, N: int = 10) -> RolloutBatch:
 def random_residuals(count: int) -> list[Residual]:
     F, result = len(hybrids.ship().features), []
     for seed in range(count):
-        residual = Residual(np.linspace(0.1, 1.0, F), np.array([1e-3, 2e-3, 5e-4]), 8, seed)
+        residual = Residual.drawn(np.linspace(0.1, 1.0, F), np.array([1e-3, 2e-3, 5e-4]), 8, seed)
         with torch.no_grad():
             residual.W3.normal_(generator=torch.Generator().manual_seed(seed))
         result.append(residual)
@@ -119,7 +119,7 @@ def test_the_members_of_a_saved_network_are_those_it_was_made_of() -> None:
     np.testing.assert_allclose(np.mean(alone, axis=0), both, rtol=0, atol=1e-12)
 
 
-# Moments and distances
+# Distances
 
 
 def hand_made() -> tuple[np.ndarray, np.ndarray]:
@@ -132,16 +132,6 @@ def hand_made() -> tuple[np.ndarray, np.ndarray]:
     truth[1, 3:] += (1.0, 2.0, 0.0)
     truth[2, 3:] += (0.0, 0.0, 1.5)
     return paths, truth
-
-
-def test_mean_and_covariance_by_hand() -> None:
-    mean, covariance = moments(hand_made()[0][..., None])
-    np.testing.assert_allclose(mean[1, 3:, 0], 1.0)
-    np.testing.assert_allclose(covariance[1, 3:, 3:, 0], np.diag([1.0, 4.0, 0.25]), atol=1e-15)
-    tied = np.array([1.0, 2.0, 3.0, 6.0])
-    paths = np.zeros((1, 6, 4, 1))
-    paths[0, 0, :, 0], paths[0, 4, :, 0] = tied, 2 * tied
-    assert moments(paths)[1][0, 0, 4, 0] == pytest.approx(2 * tied.var())
 
 
 def test_distances_by_hand() -> None:
