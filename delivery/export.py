@@ -46,6 +46,7 @@ class Format:
 
 FORMATS: dict[str, Format] = {
     "c": Format("c.source:write_c"),
+    "c-tracker": Format("c.tracker:write_c_tracker", options=("coefficients",)),
     "matlab": Format("matlab.package:write_matlab"),
     "toml": Format("export:write_toml", ".toml"),
     "json": Format("export:write_json_ship", ".json"),

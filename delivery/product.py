@@ -7,7 +7,7 @@ import re
 import shlex
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -86,7 +86,7 @@ class Product:
     quantity (``ship.features`` and "beta") -> its range in the trials (lower, upper), SI; empty where none is known.
     provenance: hashes of the run and of its data, when and by which command it was made, versions, as plain
     values; never a path, so that a run gives the same product wherever it lies. caveats: what a user of the product
-    must know, each with a code.
+    must know, each with a code. random_force: its sizes as the calibration estimated them, as in result.json.
     """
 
     ship: Ship
@@ -94,6 +94,7 @@ class Product:
     ranges: Mapping[str, tuple[float, float]]
     provenance: Mapping[str, Any]
     caveats: tuple[Message, ...]
+    random_force: Mapping[str, float] = field(default_factory=dict, kw_only=True)
 
     @cached_property
     def model(self) -> Model:
@@ -205,7 +206,8 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     if silent := [symbol for symbol, row in rows.items() if row["kind"] == "silent"]:
         words = f"{len(silent)} of {len(rows)} free coefficients are not excited by the trials and stand at their prior"
         caveats.append(Message(f"{words}: {', '.join(silent)}", UNEXCITED))
-    return Product(ship, identifier, ranges, _provenance(Path(where), place, content), tuple(caveats))
+    origin, force_sizes = _provenance(Path(where), place, content), content.get("random_force") or {}
+    return Product(ship, identifier, ranges, origin, tuple(caveats), random_force=force_sizes)
 
 
 def filled(template: Path, product: Product, markup: bool = False, **words: Any) -> str:

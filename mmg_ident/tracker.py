@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -21,14 +20,14 @@ import numpy as np
 
 from cases.io.toml_file import unknown
 from diagnosis.estimation.linearisation import FIRST, SETTLED
-from diagnosis.estimation.noise_sizes import initial_noise
+from diagnosis.estimation.random_states import DIFFERENCE, LONGEST, Noise, RandomStates, deviations, disturbed
 from diagnosis.estimation.transition_model import FORCE, step_faults
 from fitting.nlp.portable_intervals import PortableIntervals
 from fitting.prediction.band_calibration import NORMAL
 from mmg.compile.batch import batch_functions
 from mmg.compile.interval_source import derivatives
 from mmg.compile.intervals import IntervalKernel, Lanes
-from mmg.errors import BadValue, Conflict, Missing, NoSolution, OutOfRange, UnknownName, Unsupported
+from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, UnknownName, Unsupported
 from mmg.model import Model as SymbolicModel
 from mmg.model import assemble, states_behind
 from mmg.motion.froude import state_scale, time_scale
@@ -42,45 +41,10 @@ if TYPE_CHECKING:
 
     from mmg_ident.api import Model
 
-CURRENT = ("current.x", "current.y")
-SIZE, FADES = 0.01, 120.0
-"""Standard deviation of a current [m/s] and the time in which it fades [s], of a 3 m model. The time is that of
-``fitting.prediction.stretches``. On 22 records of Train-TZRB+ that the calibration had not seen, errors over a minute
-are 1 % less with .005 and 9 % more with .02. Without it they are 14 % more on hold-outs of the tanker, 2 % on runs of a
-full-scale ship, 8 % on trials of another generator (world "pond" of ``benchmarks/blind``). So it was measured."""
-LONGEST = 1.0
-"""Longest step of the equations [s] of a 3 m model, that of a calibration of one; and the time over which samples share
-their errors: twice as long is the same within 1 %, and with errors of their own samples every .3 s forecast 5 % worse
-than every .5 s (those records). So it was measured."""
 WIND = ("wind_speed", "wind_direction")
 """Inputs that may be left out: the air is calm then."""
 
 Row: TypeAlias = Mapping[str, float] | Sequence[float] | np.ndarray
-
-
-@dataclass(frozen=True)
-class Noise:
-    """Standard deviations of the random forces X, Y, N (3,) [N, N, N m] with the time ``memory`` [s] in which they
-    fade, of the current north and east [m/s], and of the errors of logged x, y, psi, u, v, r (6,).
-
-    interval: samples nearer than this [s] share their errors, so that many of them tell no more than one (0: none do).
-    """
-
-    force: np.ndarray
-    memory: float
-    sensors: np.ndarray
-    current: float
-    interval: float
-
-    @classmethod
-    def of(cls, content: Mapping[str, Any], ship: Ship) -> Noise:
-        """Usual sizes for a ``ship``, with forces as her calibration estimated them (``content`` of result.json)."""
-        k, usual = time_scale(ship.particulars["L"]), initial_noise(ship)
-        force, memory = usual.force, usual.tau
-        with suppress(KeyError, TypeError, ValueError):
-            *sizes, memory = (float(content["random_force"][name]) for name in ("X", "Y", "N", "memory_s"))
-            force = np.array(sizes)
-        return cls(force, memory, usual.white, SIZE * k, LONGEST * k)
 
 
 @dataclass(frozen=True)
@@ -171,23 +135,18 @@ class Tracker:
         ship = simulator.ship
         if campaign is not None and campaign not in ship.campaigns:
             raise UnknownName(f"campaign: {unknown('campaign', campaign, ship.campaigns)}")
-        stds = _deviations(coefficients, ship)
-        ship = ship if campaign is None else ship.of_campaign(campaign)
-        for name in ("tow", "current"):
-            ship = ship if name in ship.effects else ship.with_effect(name, {})
-        self.noise: Noise = noise or Noise.of(content_of(model), ship)
+        stds = deviations(coefficients, ship)
+        ship = disturbed(ship if campaign is None else ship.of_campaign(campaign))
+        self.noise: Noise = noise or Noise.of(content_of(model).get("random_force"), ship)
         self.ship: Ship = ship
         self.inputs: tuple[str, ...] = (*ship.actuators, *WIND)
-        k = time_scale(ship.particulars["L"])
-        self._longest = LONGEST * k
-        rows = [(s, std, self.noise.memory) for s, std in zip(FORCE, self.noise.force, strict=True)]
-        rows += [(s, self.noise.current, FADES * k) for s in CURRENT] + [(s, std, math.inf) for s, std in stds.items()]
-        order = ship.symbols.index
-        self._random, sizes, memories = zip(*sorted(rows, key=lambda row: order(row[0])), strict=True)
-        self._sizes, self._memories = np.array(sizes), np.array(memories)
-        self._names = (*FORCE, *CURRENT, *stds)
+        self._longest = LONGEST * time_scale(ship.particulars["L"])
+        random = RandomStates.of(ship, self.noise, stds)
+        order = np.argsort([ship.symbols.index(s) for s in random.names])
+        self._names, self._sizes, self._memories = random.names, random.sizes[order], random.memories[order]
+        self._random = tuple(random.names[i] for i in order)
         self.equations: Equations = Equations(ship, self._random, compiled)
-        places = np.array([self._random.index(s) for s in self._names])
+        places = np.argsort(order)
         self._means = self.equations.values[places]
         self._shown = np.eye(len(places) + self.equations.S)[self.equations.S + places]
         self._t: float | None = None
@@ -233,7 +192,7 @@ class Tracker:
         if not np.isfinite(change).all():
             raise NoSolution(f"measured: the model runs away before {t:g} s; begin anew with another Tracker")
         self._t, self._z, self._P, self._held = t, z + change, 0.5 * (P + P.T), held
-        return self._state(expected + H @ change, H, float(error @ solved[:, -1]), len(good))
+        return self._state(*self.equations.logged(self._z), float(error @ solved[:, -1]), len(good))
 
     def forecast(
         self, seconds: float, controls: Mapping[str, Any] | np.ndarray | Callable[[float], Row] | None = None
@@ -338,10 +297,6 @@ class Tracker:
         return [self._controls(given)] * count
 
 
-DIFFERENCE = 1e-4
-"""Step of the differences by which the first covariance is made [SI]. Set by hand: it needs no more digits."""
-
-
 class Equations:
     """Steps of a ``ship`` and her logged columns, with derivatives by her S states and the coefficients ``random``, in
     the order of the ship.
@@ -392,21 +347,6 @@ class Equations:
             return z[:6], self._plain
         y, slope = self._columns.at(z[: self.S, None], self._coefficients(z))
         return y[:, 0], slope[:, 0].reshape(len(z), 6).T
-
-
-def _deviations(chosen: Iterable[str] | Mapping[str, float], ship: Ship) -> dict[str, float]:
-    """Standard deviations of the ``chosen`` coefficients, those of the ``ship`` where they are not given."""
-    found = {}
-    for symbol in [chosen] if isinstance(chosen, str) else chosen:
-        if symbol in (*FORCE, *CURRENT):
-            raise Conflict(f"coefficients: {symbol} is a random state of every tracker; leave it out")
-        if symbol not in ship.symbols:
-            raise UnknownName(f"coefficients: {unknown('coefficient', str(symbol), ship.symbols)}")
-        std = chosen[symbol] if isinstance(chosen, Mapping) else ship.coefficients[symbol].std
-        if not (std and 0 < (std := _number("coefficients", std)) < math.inf):
-            raise Missing(f"coefficients: {symbol} has no standard deviation; give {{'{symbol}': deviation}}")
-        found[symbol] = std
-    return found
 
 
 def _row(argument: str, given: Row, names: Sequence[str], needed: Sequence[str]) -> np.ndarray:

@@ -141,10 +141,10 @@ def number(value: float | None) -> str:
 def tables(product: Product) -> list[tuple[str, Sequence[str]]]:
     """Tables of a ``product``, empty ones left out: declaration, elements as C text."""
     model, coefficients = product.model, product.coefficients
-    words = "const char *const"
+    words, units = "const char *const", {s: c.unit for s, c in product.ship.coefficients.items()}
     named: list[tuple[str, str, Sequence[str]]] = [
         (words, "state_names", [quoted(s) for s in model.states]),
-        (words, "state_units", [quoted(unit_of(s)) for s in model.states]),
+        (words, "state_units", [quoted(unit_of(s) or units.get(s, "")) for s in model.states]),
         (words, "input_names", [quoted(s) for s in model.controls]),
         (words, "input_units", [quoted(unit_of(s)) for s in model.controls]),
         (words, "role_names", [quoted(s) for s in model.roles]),
@@ -174,8 +174,9 @@ def definitions(product: Product) -> str:
     )
 
 
-def header_c(product: Product, kept: int) -> str:
-    """The header of a ``product`` whose coefficient stage leaves ``kept`` numbers behind."""
+def header_c(product: Product, kept: int, more: str = "") -> str:
+    """The header of a ``product`` whose coefficient stage leaves ``kept`` numbers behind. more: declarations after its
+    own."""
     p, model = product.identifier, product.model
     S, C, P, R = (len(names) for names in (model.states, model.controls, model.symbols, model.roles))
     sizes = {"STATES": S, "INPUTS": C, "COEFFICIENTS": P, "ROLES": R, "COLUMNS": 6, "RANGES": len(product.ranges)}
@@ -184,7 +185,7 @@ def header_c(product: Product, kept: int) -> str:
         for kind, names in (("state", model.states), ("input", model.controls), ("role", model.roles))
     )
     return filled(
-        TEMPLATES / "ship.h", product, PLACES=places, P1=max(P, 1), KEPT=max(kept, 1),
+        TEMPLATES / "ship.h", product, PLACES=places, P1=max(P, 1), KEPT=max(kept, 1), MORE=more,
         ABOUT=comment([*product.sentences, "SI units and radians. Names and units are in the tables at the end."]),
         SIZES="".join(f"#define {p.upper()}_{name} {count}\n" for name, count in sizes.items()),
         TABLES="".join(f"extern {declared};\n" for declared, _ in tables(product)),
@@ -193,9 +194,9 @@ def header_c(product: Product, kept: int) -> str:
 
 COEFFICIENTS, INPUTS, STATE = 1, 2, 3
 """Stages: what depends on the coefficients alone, on these and the inputs, and on the state."""
-EVERY = RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z, FEATURES_C = tuple(range(9))
+EVERY = RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z, FEATURES_C, COLUMNS_Z = tuple(range(10))
 """Outputs: rates without network (S,), forces (R, 3), logged columns (6,), state with settled memory (S,) from the
-first six, features (F,); derivatives of rates and features by state (S) and inputs (C)."""
+first six, features (F,); derivatives of rates and features by state (S) and inputs (C), of logged columns by state."""
 RUDDER = 0.3
 """Rudder angle [rad] of the turn in an example. Set by hand."""
 MOST_VALUES = 1500  # set by hand: 12 kB an array of them
@@ -210,17 +211,18 @@ def equations(product: Product) -> Program:
     model = product.model_of(product.ship.without_network())
     z, c = ca.SX.sym("state", len(model.states)), ca.SX.sym("inputs", len(model.controls))
     theta = ca.SX.sym("coefficients", len(model.symbols))
-    rates, features = model.rates(z, c, theta), model.features(z, c, theta)
-    outputs = [rates, model.forces(z, c, theta), model.columns(z, theta), model.initial(z[:6], c, theta), features]
+    rates, features, columns = model.rates(z, c, theta), model.features(z, c, theta), model.columns(z, theta)
+    outputs = [rates, model.forces(z, c, theta), columns, model.initial(z[:6], c, theta), features]
     outputs += [ca.jacobian(of, by) for of in (rates, features) for by in (z, c)]
+    outputs.append(ca.jacobian(columns, z))
     function = ca.Function("ship", [z, c, theta], outputs, {"cse": True})
     return Program.of(function, (STATE, INPUTS, COEFFICIENTS))
 
 
-def source_c(product: Product) -> tuple[str, int]:
+def source_c(product: Product, more: str = "") -> tuple[str, int]:
     """The whole source file of a ``product``, and how many numbers its coefficient stage leaves behind.
 
-    Raises UserError for equations that cannot be written.
+    more: functions after its own. Raises UserError for equations that cannot be written.
     """
     program, network, features = equations(product), product.ship.network, product.ship.features
     model, S, C = product.model, len(product.model.states), len(product.model.controls)
@@ -265,7 +267,7 @@ def source_c(product: Product) -> tuple[str, int]:
             "INIT": first.statements(stage(EVERY, 0)) + passed(kept, first),
             "INPUT_STAGE": emitter.statements(stage(shown, COEFFICIENTS)) + passed(held, emitter),
             "STATE_STAGE": state_stage, "JACOBIANS": jacobians, "FORCES": made(FORCES, "forces", 3),
-            "COLUMNS": made(COLUMNS, "columns"), "SETTLED": made(SETTLED, "settled"), "FEATURE": feature,
+            "COLUMNS": made(COLUMNS, "columns"), "COLUMNS_Z": made(COLUMNS_Z, "by_state", S), "SETTLED": made(SETTLED, "settled"), "FEATURE": feature,
             "RANGE_STATEMENTS": emitter.statements(program.leading_to(wanted, COEFFICIENTS)),
             "RANGES": product.ranges, "SLOW": product.slow_squared,
         }  # fmt: skip
@@ -283,7 +285,7 @@ def source_c(product: Product) -> tuple[str, int]:
     text = filled(
         TEMPLATES / "ship.c", product, **{"LANES": 0} | words, ABOUT=comment(product.sentences),
         PRELUDE=prelude(used, f"{product.identifier.upper()}_SINGLE"), TABLES=definitions(product),
-        MEASURED=model.measured, INVERSIONS=INVERSIONS, UNDONE=["real", "R", *(f"m_{name}" for name in used)],
+        MEASURED=model.measured, INVERSIONS=INVERSIONS, MORE=more, UNDONE=["real", "R", *(f"m_{name}" for name in used)],
     )  # fmt: skip
     return text, len(kept)
 

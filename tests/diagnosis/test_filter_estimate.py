@@ -11,6 +11,7 @@ import pytest
 
 import diagnosis.for_calibration as module
 from cases.trial import Trial
+from diagnosis.estimation.random_states import Noise
 from diagnosis.for_calibration import second_estimate
 from fitting.calibrate import FitOptions
 from fitting.selection.left_out_runs import coefficients_without, each_alone
@@ -18,7 +19,6 @@ from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.ship import Ship
 from mmg_ident import calibrate
-from mmg_ident.tracker import Noise
 from tests.support.diagnosis_cases import FEW, SHIP, pushed_trials, quiet
 
 TRUE = {"X_0F": 1.1, "N_r": 0.95}
@@ -100,7 +100,7 @@ def test_a_calibration_is_the_mean_of_both(trials: list[Trial]) -> None:
         assert c.std >= alone.ship.coefficients[s].std
     known, how = both.to_dict()["random_force"], quiet()
     assert "random_force" not in alone.to_dict()
-    assert Noise.of(both.to_dict(), both.ship).force == pytest.approx([known[s] for s in "XYN"])
+    assert Noise.of(known, both.ship).force == pytest.approx([known[s] for s in "XYN"])
     assert all(0.3 < known[s] / true < 3 for s, true in zip("XYN", (how.X, how.Y, how.N), strict=True))
     codes = [{m["code"] for m in result.to_dict()["messages"]} for result in (alone, both)]
     assert "two_estimates" not in codes[0] and "two_estimates" in codes[1]

@@ -13,11 +13,12 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from diagnosis.estimation import kalman
 from diagnosis.estimation.kalman import LinearSystem
+from diagnosis.estimation.random_states import CURRENT, FADES, FORCE, Noise
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, Unsupported, UserError
 from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg_ident.tracker import CURRENT, FADES, FORCE, Noise, State, Tracker
+from mmg_ident.tracker import State, Tracker
 from tests.support.hybrids import lacking
 
 SHIPS = {"esso_osaka_3m": (10.0, 0.4), "kvlcc2_full": (1.6, 7.0)}

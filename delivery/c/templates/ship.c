@@ -66,6 +66,14 @@ void SHIP_columns(const SHIP_model *model, const real *state, real *columns) {
   (void)model;
 }
 
+void SHIP_columns_jacobian(const SHIP_model *model, const real *state, real *by_state) {
+{% for line in COLUMNS_Z %}
+  {{ line }}
+{% endfor %}
+  (void)model;
+  (void)state;
+}
+
 static void settle(const SHIP_model *model, const real *state, const real *inputs, real *settled) {
 {% for line in SETTLED %}
   {{ line }}
@@ -122,7 +130,6 @@ void SHIP_jacobians(const SHIP_model *model, const real *state, const real *inpu
   (void)inputs;
 }
 
-/* whether a state is finite, also under -ffast-math: by the bits of its exponents */
 /* whether the last byte of a number comes first in memory */
 static int bytes_reversed(void) {
   const double one = 1.0;
@@ -131,10 +138,11 @@ static int bytes_reversed(void) {
   return bytes[0] != 0;
 }
 
-static int finite_state(const real *state) {
+/* whether numbers are finite, also under -ffast-math: by the bits of their exponents */
+static int finite_numbers(const real *numbers, int count) {
   int i, good = 1;
-  for (i = 0; i < {{ S }}; i++) {
-    const double x = (double)state[i];
+  for (i = 0; i < count; i++) {
+    const double x = (double)numbers[i];
     unsigned char bytes[sizeof(double)];
     unsigned high, low;
     memcpy(bytes, &x, sizeof x);
@@ -171,7 +179,7 @@ static int advance(const SHIP_model *model, real *state, const real *inputs, dou
     state_stage(model, held, at, inputs, k);
     for (i = 0; i < {{ S }}; i++) z[i] += step / R(6.0) * (sum[i] + k[i]);
   }
-  if (!finite_state(z)) return 1;
+  if (!finite_numbers(z, {{ S }})) return 1;
   for (i = 0; i < {{ S }}; i++) state[i] = z[i];
   return 0;
 }
@@ -234,7 +242,7 @@ static int lanes_advance(const SHIP_model *model, real *states, const real *inpu
   }
   for (l = 0; l < {{ LANES }} && !odd; l++) {
     for (i = 0; i < {{ S }}; i++) one[i] = z[i][l];
-    odd |= !finite_state(one);
+    odd |= !finite_numbers(one, {{ S }});
   }
   if (odd) return 1;
   for (l = 0; l < {{ LANES }}; l++)
@@ -268,7 +276,7 @@ int SHIP_step_many(const SHIP_model *model, int count, real *states, const real 
 double SHIP_extrapolation(const SHIP_model *model, const real *state, const real *inputs) {
 {% if RANGES %}
   (void)model; (void)inputs;
-  if (!finite_state(state)) return DBL_MAX;
+  if (!finite_numbers(state, {{ S }})) return DBL_MAX;
 {% for line in RANGE_STATEMENTS %}
   {{ line }}
 {% endfor %}
@@ -297,6 +305,6 @@ double SHIP_extrapolation(const SHIP_model *model, const real *state, const real
   return -1.0;
 {% endif %}
 }
-{% for name in UNDONE %}
+{{ MORE }}{% for name in UNDONE %}
 #undef {{ name }}
 {% endfor %}

@@ -38,6 +38,9 @@ void SHIP_forces(const SHIP_model *model, const SHIP_real *state, const SHIP_rea
 /* x, y, psi, u, v, r as the ship's instruments log them */
 void SHIP_columns(const SHIP_model *model, const SHIP_real *state, SHIP_real *columns);
 
+/* derivatives of the logged columns, row by row: by_state[6 x {{ S }}] */
+void SHIP_columns_jacobian(const SHIP_model *model, const SHIP_real *state, SHIP_real *by_state);
+
 /* derivatives of the rates, row by row: by_state[{{ S }} x {{ S }}], by_inputs[{{ S }} x {{ C }}] */
 void SHIP_jacobians(const SHIP_model *model, const SHIP_real *state, const SHIP_real *inputs, SHIP_real *by_state,
   SHIP_real *by_inputs);
@@ -56,7 +59,7 @@ int SHIP_step_many(const SHIP_model *model, int count, SHIP_real *states, const 
  * where the state is not finite */
 double SHIP_extrapolation(const SHIP_model *model, const SHIP_real *state, const SHIP_real *inputs);
 
-/* Of bounds DBL_MAX is none; of standard deviations -1 is not known. */
+{{ MORE }}/* Of bounds DBL_MAX is none; of standard deviations -1 is not known. */
 {{ TABLES }}extern const char SHIP_about[];
 
 #ifdef __cplusplus
