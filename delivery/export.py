@@ -57,6 +57,7 @@ FORMATS: dict[str, Format] = {
     "gazebo": Format("dictionaries.gazebo:write_hull", ".sdf", {"form": "gazebo"}),
     "vrx": Format("dictionaries.gazebo:write_hull", ".sdf", {"form": "vrx"}),
     "fmu": Format("fmi.write:write_fmu", ".fmu", {"version": 2}, ("platforms", "replace")),
+    "fmu-tracker": Format("fmi.write:write_fmu_tracker", ".fmu", options=("platforms", "coefficients")),
     "fmu3": Format("fmi.write:write_fmu", ".fmu", {"version": 3}, ("platforms", "replace")),
 }
 """The formats of ``mmg export`` by name."""

@@ -71,12 +71,13 @@ class FmuVariable:
 
 @dataclass(frozen=True)
 class VariableTable:
-    """All variables in the order of their references, and the number of each kind that can be set."""
+    """All variables in the order of their references, and the number of each kind that can be set: between the
+    ``inputs``, of which the ``actuators`` come first, and the ``parameters`` are six more."""
 
     rows: tuple[FmuVariable, ...]
     actuators: int
     inputs: int
-    parameters: tuple[ProductCoefficient, ...]
+    parameters: int
 
     def of(self, causality: str) -> tuple[FmuVariable, ...]:
         """Those of one ``causality``."""
@@ -105,15 +106,15 @@ def variable_table(ship: CoSimulatedShip) -> VariableTable:
     for state in STATES:
         words = f"{QUANTITIES[state][0]}, at the start"
         rows.append(FmuVariable(f"initial.{state}", "parameter", unit_of(state), words, 0.0, "fixed"))
-    rows += [_parameter(c) for c in parameters] + _outputs(ship)
+    rows += [coefficient_row(c) for c in parameters] + _outputs(ship)
     words = "whether the ship moves inside what the trials held, that is extrapolation = 0"
     rows.append(FmuVariable("valid", "output", None, words, variability="discrete"))
     numbered = tuple(replace(row, reference=i) for i, row in enumerate(rows))
-    return VariableTable(numbered, len(actuators), len(actuators) + 4, parameters)
+    return VariableTable(numbered, len(actuators), len(actuators) + 4, len(parameters))
 
 
-def _parameter(c: ProductCoefficient) -> FmuVariable:
-    """The tunable parameter of a coefficient; its words say how well it is known."""
+def coefficient_row(c: ProductCoefficient) -> FmuVariable:
+    """The tunable parameter of a coefficient ``c``; its words say how well it is known."""
     words = [c.description or c.symbol]
     if not c.unit:
         words.append("dimensionless")

@@ -1,4 +1,5 @@
-"""``mmg export --format fmu`` and ``fmu3``: the ship as a functional mock-up unit for co-simulation.
+"""``mmg export --format fmu``, ``fmu3`` and ``fmu-tracker``: the ship, or a filter that follows her, as a functional
+mock-up unit for co-simulation.
 
 Its sources are the ship's C code, the tables of its variables, a wrapper, and the headers of the standard.
 
@@ -15,20 +16,24 @@ import math
 import sys
 import uuid
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeAlias
 from xml.sax.saxutils import escape
 
 from cases.shipfiles.ship_file import dump_ship
 from delivery.c.source import c_files
+from delivery.c.tracker import TrackedShip, tracker_files
 from delivery.fmi.binaries import MAIN, PLATFORMS, build, build_here, platforms_of
 from delivery.fmi.ship import TIME, CoSimulatedShip
+from delivery.fmi.tracker import tracker_table
 from delivery.fmi.variables import SHOWN, VariableTable, exponents, variable_table
 from delivery.product import Product, filled
 from fitting.report.run_folder import plain, versions
 from mmg.errors import TargetExists
 from mmg.messages import Message
 
+FmuShip: TypeAlias = CoSimulatedShip | TrackedShip
 TEMPLATES = Path(__file__).parent / "c"
 ORDER = ("Generic", "Force", "Torque", "LinearVelocity", "AngularVelocity", "LinearDisplacement",
          "AngularDisplacement")  # fmt: skip
@@ -41,7 +46,7 @@ def xml(text: str) -> str:
     return escape(" ".join(printable.split()), {'"': "&quot;"})
 
 
-def description(ship: CoSimulatedShip, table: VariableTable, version: int, token: str, files: Sequence[str]) -> str:
+def description(ship: FmuShip, table: VariableTable, version: int, token: str, files: Sequence[str]) -> str:
     """modelDescription.xml of a ``ship`` and its variables ``table``.
 
     version: of FMI, 2 or 3; token: the GUID or instantiation token; files: sources, which FMI 2.0 lists here.
@@ -55,7 +60,7 @@ def description(ship: CoSimulatedShip, table: VariableTable, version: int, token
     )  # fmt: skip
 
 
-def build_description(ship: CoSimulatedShip, main: str) -> str:
+def build_description(ship: FmuShip, main: str) -> str:
     """sources/buildDescription.xml of FMI 3.0 for ``ship``. main: the source to compile."""
     return filled(TEMPLATES / "buildDescription.xml", ship, IDENTIFIER=ship.identifier, MAIN=main)
 
@@ -101,17 +106,18 @@ def osp_description(ship: CoSimulatedShip, table: VariableTable) -> str:
     )  # fmt: skip
 
 
-def fmu_page(ship: CoSimulatedShip, table: VariableTable) -> str:
+def fmu_page(ship: FmuShip, table: VariableTable) -> str:
     """The HTML page of ``ship`` with the variables of ``table``."""
     groups = [(title, table.of(title.lower()[:-1])) for title in ("Inputs", "Outputs", "Parameters")]
     return filled(
         TEMPLATES / "page.html", ship, markup=True, NAME=ship.identifier, STEP=f"{ship.longest_step:g}",
-        WORDS=ship.plain.sentences, RANGES=ship.ranges, GROUPS=groups,
+        TRACKS=isinstance(ship, TrackedShip), WORDS=ship.plain.sentences, RANGES=ship.ranges, GROUPS=groups,
     )  # fmt: skip
 
 
 OWN, STANDARD = Path(__file__).parent / "c", Path(__file__).parent / "headers"
 INSTANCE, MODEL = ("fmu-instance.h", "fmu-instance.c"), "fmu-model.h"
+CALCULATED = {CoSimulatedShip: "fmu-ship.c", TrackedShip: "fmu-tracker.c"}
 WRAPPER = {2: "fmi2-functions.c", 3: "fmi3-functions.c"}
 HEADERS = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
@@ -147,12 +153,28 @@ def write_fmu(
     return [*messages, Message(words, OSP_DESCRIPTION)]
 
 
+def write_fmu_tracker(
+    product: Product,
+    target: Path,
+    platforms: Sequence[str] = (),
+    coefficients: Iterable[str] | Mapping[str, float] = (),
+) -> list[Message]:
+    """Write the filter of ``product`` as an FMU of version 2 to the file ``target``.
+
+    platforms: as for ``write_fmu``; coefficients: as of ``TrackedShip.of``. Returns what is to be said of the FMU.
+    Raises UserError for these, for a ship that C cannot hold and for a platform without compiler.
+    """
+    files, messages = fmu_files(TrackedShip.of(product, coefficients), 2, platforms)
+    write_archive(target, files)
+    return messages
+
+
 def fmu_files(
-    ship: CoSimulatedShip, version: int, platforms: Sequence[str] = ()
+    ship: FmuShip, version: int, platforms: Sequence[str] = ()
 ) -> tuple[dict[str, bytes], list[Message]]:
     """Content of the archive of ``ship`` by name, and what is to be said of it. version: of FMI, 2 or 3; platforms: as
     for ``write_fmu``. Raises UserError as that does."""
-    table = variable_table(ship)
+    table = tracker_table(ship) if isinstance(ship, TrackedShip) else variable_table(ship)
     sources = fmu_sources(ship, version)
     token = _token(ship, table, version, sources)
     sources |= {MODEL: model_header(ship, table, token)}
@@ -177,38 +199,34 @@ def fmu_files(
     return files, messages
 
 
-def fmu_sources(ship: CoSimulatedShip, version: int) -> dict[str, str]:
+def fmu_sources(ship: FmuShip, version: int) -> dict[str, str]:
     """Text of the files in the folder sources, by name, but for MODEL. ship: of the FMU; version: of FMI, 2 or 3.
 
     Raises UserError for equations that cannot be written in C.
     """
-    file_names = (*INSTANCE, WRAPPER[version])
+    own = CALCULATED[type(ship)]
+    file_names = (*INSTANCE, own, WRAPPER[version])
     files = {name: (OWN / name).read_text(encoding="utf-8") for name in file_names}
     files |= {name: (STANDARD / name).read_text(encoding="utf-8") for name in HEADERS[version]}
-    files |= c_files(ship)
-    includes = (f"{ship.identifier}.c", INSTANCE[1], WRAPPER[version])
+    files |= tracker_files(ship) if isinstance(ship, TrackedShip) else c_files(ship)
+    includes = (f"{ship.identifier}.c", INSTANCE[1], own, WRAPPER[version])
     note = "/* The one file to compile, with this folder among the include directories; link with libm. */\n"
     files[MAIN] = note + "".join(f'#include "{name}"\n' for name in includes)
     return files
 
 
-def model_header(ship: CoSimulatedShip, table: VariableTable, token: str) -> str:
+def model_header(ship: FmuShip, table: VariableTable, token: str) -> str:
     """The file MODEL: sizes, start values and bounds. ship, table: of the FMU; token: GUID or instantiation token."""
-    states, start = ship.model.states, [row.start for row in table.rows[1:] if row.start is not None]
-    bounds = table.rows[1 + table.inputs + 6 :][: len(table.parameters)]
+    start = [row.start for row in table.rows[1:] if row.start is not None]
+    bounds = table.rows[1 + table.inputs + 6 :][: table.parameters]
     sizes = {
-        "FMU_STATES": len(states),
+        "FMU_STATES": len(ship.model.states),
         "FMU_ACTUATORS": table.actuators,
         "FMU_INPUTS": table.inputs,
-        "FMU_PARAMETERS": len(table.parameters),
+        "FMU_PARAMETERS": table.parameters,
         "FMU_ROLES": len(ship.model.roles),
-        "FMU_TIMED": int(TIME in ship.model.controls),
-        "FMU_DELAYED": int(ship.late is not None),
-        "FMU_LOGS_LATE": int(ship.late_log is not None),
-        "FMU_DELAY": table.inputs + 6 + len(ship.coefficients),
-        "FMU_LOG_DELAY": table.inputs + 6 + len(table.parameters) - 1,
-        "FMU_ROLL": states.index("phi") if "phi" in states else -1,
-        "FMU_ROLL_RATE": states.index("p") if "p" in states else -1,
+        "FMU_TRACKS": int(isinstance(ship, TrackedShip)),
+        **(_filter_sizes(ship, table) if isinstance(ship, TrackedShip) else _motion_sizes(ship, table)),
     }
     return filled(
         OWN / MODEL, ship, TOKEN=token, SIZES=sizes, START=_numbers(start),
@@ -217,9 +235,34 @@ def model_header(ship: CoSimulatedShip, table: VariableTable, token: str) -> str
     )  # fmt: skip
 
 
+def _motion_sizes(ship: CoSimulatedShip, table: VariableTable) -> dict[str, int]:
+    """Sizes and places that fmu-ship.c needs."""
+    states = ship.model.states
+    return {
+        "FMU_TIMED": int(TIME in ship.model.controls),
+        "FMU_DELAYED": int(ship.late is not None),
+        "FMU_LOGS_LATE": int(ship.late_log is not None),
+        "FMU_DELAY": table.inputs + 6 + len(ship.coefficients),
+        "FMU_LOG_DELAY": table.inputs + 6 + table.parameters - 1,
+        "FMU_ROLL": states.index("phi") if "phi" in states else -1,
+        "FMU_ROLL_RATE": states.index("p") if "p" in states else -1,
+    }
+
+
+def _filter_sizes(ship: TrackedShip, table: VariableTable) -> dict[str, int]:
+    """Sizes and places that fmu-tracker.c needs."""
+    return {
+        "FMU_DELAYED": 0,
+        "FMU_LOGS_LATE": 0,
+        "FMU_ESTIMATES": 6 + len(ship.random.names),
+        "FMU_NOISE": table.inputs + 6 + len(ship.coefficients),
+        "FMU_HORIZON": table.inputs + 6 + table.parameters - 1,
+    }
+
+
 def _numbers(values: Sequence[float]) -> tuple[int, str]:
     """How many ``values`` there are, and their C text."""
-    return len(values), ",\n  ".join(repr(float(x)) for x in values)
+    return len(values), ",\n  ".join("NAN" if math.isnan(x) else repr(float(x)) for x in values)
 
 
 def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
@@ -233,7 +276,7 @@ def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
             archive.writestr(entry, files[name], compresslevel=9)
 
 
-def _token(ship: CoSimulatedShip, table: VariableTable, version: int, sources: dict[str, str]) -> str:
+def _token(ship: FmuShip, table: VariableTable, version: int, sources: dict[str, str]) -> str:
     """A token that two FMUs share only where they are the same: made of all that it stands for."""
     parts = [*sources.items(), (MODEL, model_header(ship, table, ""))]
     parts.append(("", description(ship, table, version, "", ())))
@@ -241,7 +284,7 @@ def _token(ship: CoSimulatedShip, table: VariableTable, version: int, sources: d
     return f"{{{uuid.UUID(digest[:32])}}}"
 
 
-def _papers(ship: CoSimulatedShip, table: VariableTable) -> dict[str, bytes]:
+def _papers(ship: FmuShip, table: VariableTable) -> dict[str, bytes]:
     """Files of an FMU for people and for this program: a page, licences, the ship file, what is known of the ship."""
     header = (STANDARD / HEADERS[3][0]).read_text(encoding="utf-8")
     licence = header[header.index("Copyright (C)") : header.index("*/", header.index("Copyright (C)"))]

@@ -1,10 +1,11 @@
-/* One instance of the ship in a co-simulation, as both versions of FMI need it: variables, phases, stepping, saved
-   states. It knows nothing of FMI itself. Variables have value references in this order:
+/* One instance of the ship, or of a filter of her (FMU_TRACKS), in a co-simulation, as both versions of FMI need it:
+   variables, phases, stepping, saved states. It knows nothing of FMI itself. Variables have value references in this
+   order:
 
      0                          time
      1 .. FMU_INPUTS            inputs
-     .. + 6                     initial.*: position, heading and velocities at the start
-     .. + FMU_PARAMETERS        coefficients.*
+     .. + 6                     initial.*: position, heading and velocities at the start; of a filter measured.*
+     .. + FMU_PARAMETERS        coefficients.*; of a filter then noise.*, memory.* and horizon
      then the outputs in the order of enum FmuOutput, and last the Boolean `valid`.
 
    All that changes lies in an instance: there are no global variables. */
@@ -18,6 +19,18 @@
 #define FMU_SET (FMU_INPUTS + 6 + FMU_PARAMETERS)
 #define FMU_REMEMBERED (FMU_STATES - 6)
 
+#if FMU_TRACKS
+enum FmuOutput {
+  FMU_ESTIMATE = 0,                               /* logged x, y, psi, u, v, r and random states at the time */
+  FMU_STD = FMU_ESTIMATES,                        /* their standard deviations */
+  FMU_NIS = 2 * FMU_ESTIMATES,
+  FMU_COMPARED,
+  FMU_EXPECTED,                                   /* x, y, psi, u, v, r that will be logged after the horizon */
+  FMU_EXPECTED_STD = FMU_EXPECTED + 6,
+  FMU_EXTRAPOLATION = FMU_EXPECTED_STD + 6,
+  FMU_OUTPUTS
+};
+#else
 enum FmuOutput {
   FMU_POSITION = 0,                               /* north, east, down, roll, pitch, yaw */
   FMU_VELOCITY = 6,                               /* surge, sway, heave, roll, pitch, yaw */
@@ -27,6 +40,7 @@ enum FmuOutput {
   FMU_EXTRAPOLATION = FMU_MEMORY + FMU_REMEMBERED,
   FMU_OUTPUTS
 };
+#endif
 
 #define FMU_FIRST_OUTPUT (1 + FMU_SET)
 #define FMU_VALID (FMU_FIRST_OUTPUT + FMU_OUTPUTS)
@@ -54,13 +68,18 @@ typedef struct {
   int state_stale;     /* what `state` follows from was written since; only before the first step */
   int forces_stale, columns_stale, extrapolation_stale;
   double start, stop, time;
-  double set[FMU_SET]; /* inputs, initial values, coefficients */
+  double set[FMU_SET]; /* inputs, initial values or what is measured, parameters */
+#if FMU_TRACKS
+  SHIP(filter) filter, now; /* after the last sample, and at the time */
+  double outputs[FMU_OUTPUTS];
+#else
   double acting[FMU_INPUTS];
   double state[FMU_STATES];
   double forces[3 * FMU_ROLES];
   double columns[6];
   double extrapolation;
   SHIP(model) model;
+#endif
 } FmuCore;
 
 #define FMU_REMEMBERS (FMU_DELAYED || FMU_LOGS_LATE)

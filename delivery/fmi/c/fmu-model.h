@@ -2,6 +2,7 @@
 #ifndef FMU_MODEL_H
 #define FMU_MODEL_H
 #include <float.h>
+#include <math.h>
 #include "SHIP.h"
 #define FMU_TOKEN "{{ TOKEN }}"
 #define {{ "SH" "IP" }}(name) SHIP_##name
