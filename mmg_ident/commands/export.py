@@ -24,7 +24,8 @@ def export(
     format: Annotated[
         str,
         Option(
-            help="c, matlab, fmu, fmu3, toml, json, casadi, onnx, shipmmg, pvs, gazebo, vrx.", autocompletion=_formats
+            help="c, c-tracker, matlab, fmu, fmu3, fmu-tracker, toml, json, casadi, onnx, shipmmg, pvs, gazebo, vrx.",
+            autocompletion=_formats,
         ),
     ],
     out: Annotated[Path, Option(help="Folder or file to write.")],
@@ -35,6 +36,9 @@ def export(
             help="Of an FMU: libraries for these, such as x86_64-windows or aarch64-linux, or none; may be repeated. "
             "Default: this platform, where there is a compiler."
         ),
+    ] = None,
+    coefficients: Annotated[
+        list[str] | None, Option(help="Of a tracker: coefficients to estimate along; may be repeated.")
     ] = None,
     force: Annotated[bool, Option("--force", help="Also what is not calibrated; replace what exists.")] = False,
     json: o.Json = False,
@@ -52,7 +56,8 @@ def export(
 
     with cli.working("reading"):
         product = product_of(model, force, cli.names_of(without))
-    options = {"platforms": cli.names_of(platforms)} if platforms else {}
+    given = {"platforms": cli.names_of(platforms), "coefficients": cli.names_of(coefficients)}
+    options = {name: names for name, names in given.items() if names}
     with cli.working(f"exporting {product.ship.name}"):
         said = write(product, format, out, force, **options)
     if json:
