@@ -194,7 +194,9 @@ def header_c(product: Product, kept: int, more: str = "") -> str:
 
 COEFFICIENTS, INPUTS, STATE = 1, 2, 3
 """Stages: what depends on the coefficients alone, on these and the inputs, and on the state."""
-EVERY = RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z, FEATURES_C, COLUMNS_Z = tuple(range(10))
+EVERY = RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z, FEATURES_C, COLUMNS_Z = tuple(
+    range(10)
+)
 """Outputs: rates without network (S,), forces (R, 3), logged columns (6,), state with settled memory (S,) from the
 first six, features (F,); derivatives of rates and features by state (S) and inputs (C), of logged columns by state."""
 RUDDER = 0.3
@@ -267,7 +269,8 @@ def source_c(product: Product, more: str = "") -> tuple[str, int]:
             "INIT": first.statements(stage(EVERY, 0)) + passed(kept, first),
             "INPUT_STAGE": emitter.statements(stage(shown, COEFFICIENTS)) + passed(held, emitter),
             "STATE_STAGE": state_stage, "JACOBIANS": jacobians, "FORCES": made(FORCES, "forces", 3),
-            "COLUMNS": made(COLUMNS, "columns"), "COLUMNS_Z": made(COLUMNS_Z, "by_state", S), "SETTLED": made(SETTLED, "settled"), "FEATURE": feature,
+            "COLUMNS": made(COLUMNS, "columns"), "SETTLED": made(SETTLED, "settled"),
+            "COLUMNS_Z": made(COLUMNS_Z, "by_state", S), "FEATURE": feature,
             "RANGE_STATEMENTS": emitter.statements(program.leading_to(wanted, COEFFICIENTS)),
             "RANGES": product.ranges, "SLOW": product.slow_squared,
         }  # fmt: skip
@@ -285,7 +288,8 @@ def source_c(product: Product, more: str = "") -> tuple[str, int]:
     text = filled(
         TEMPLATES / "ship.c", product, **{"LANES": 0} | words, ABOUT=comment(product.sentences),
         PRELUDE=prelude(used, f"{product.identifier.upper()}_SINGLE"), TABLES=definitions(product),
-        MEASURED=model.measured, INVERSIONS=INVERSIONS, MORE=more, UNDONE=["real", "R", *(f"m_{name}" for name in used)],
+        MEASURED=model.measured, INVERSIONS=INVERSIONS, MORE=more,
+        UNDONE=["real", "R", *(f"m_{name}" for name in used)],
     )  # fmt: skip
     return text, len(kept)
 

@@ -109,9 +109,7 @@ def tracker_files(ship: TrackedShip) -> dict[str, str]:
     return {f"{p}.h": header_c(ship, kept, filled(TEMPLATES / "tracker.h", ship, **words)), f"{p}.c": text}
 
 
-def write_c_tracker(
-    product: Product, target: Path, coefficients: Iterable[str] | Mapping[str, float] = ()
-) -> None:
+def write_c_tracker(product: Product, target: Path, coefficients: Iterable[str] | Mapping[str, float] = ()) -> None:
     """Write the filter of ``product`` in C into the folder ``target``. coefficients: as of ``TrackedShip.of``. Raises
     UserError for these, and where C cannot hold the ship."""
     ship = TrackedShip.of(product, coefficients)

@@ -63,7 +63,7 @@ def _noise(ship: TrackedShip) -> list[FmuVariable]:
 
 def _outputs(ship: TrackedShip) -> list[FmuVariable]:
     names, rows = (*STATES, *ship.random.names), []
-    for kind, words in (("estimate", "estimate from all samples before"), ("std", "standard deviation of the estimate")):
+    for kind, words in (("estimate", "from all samples before"), ("std", "standard deviation of the estimate")):
         rows += [(f"{kind}.{name}", _unit(ship, name), f"{name}: {words}") for name in names]
     rows.append(("nis", "", "squared distance of the last sample from what was expected of it: chi-square"))
     rows.append(("compared", "", "numbers of the last sample that were compared: the degrees of freedom of nis"))

@@ -169,9 +169,7 @@ def write_fmu_tracker(
     return messages
 
 
-def fmu_files(
-    ship: FmuShip, version: int, platforms: Sequence[str] = ()
-) -> tuple[dict[str, bytes], list[Message]]:
+def fmu_files(ship: FmuShip, version: int, platforms: Sequence[str] = ()) -> tuple[dict[str, bytes], list[Message]]:
     """Content of the archive of ``ship`` by name, and what is to be said of it. version: of FMI, 2 or 3; platforms: as
     for ``write_fmu``. Raises UserError as that does."""
     table = tracker_table(ship) if isinstance(ship, TrackedShip) else variable_table(ship)
