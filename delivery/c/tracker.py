@@ -67,7 +67,7 @@ class TrackedShip(Product):
             found = found if after is None else ca.vertcat(found, after)
             return ca.Function(name, [*given, theta], [found], {"cse": True})
 
-        functions: dict[str, ca.Function] = {name: function(name, z, c) for name in ("forces", "features")}
+        functions: dict[str, Any] = {name: function(name, z, c) for name in ("forces", "features")}
         functions["rates"] = function("rates", z, c, after=ca.SX.zeros(len(random)))
         functions["initial"] = function("initial", six, c, after=first)
         functions["columns"] = function("columns", z)
@@ -92,7 +92,7 @@ def tracker_words(ship: TrackedShip) -> dict[str, Any]:
     """What the templates of the filter take of a ``ship``."""
     scales, K = state_scale(ship.ship.particulars["L"]), len(ship.random.names)
     memories = [m if np.isfinite(m) else 0.0 for m in ship.random.memories]
-    tables = {"sizes": ship.random.sizes, "memories": memories, "sensors": ship.noise.sensors}
+    tables: dict[str, Any] = {"sizes": ship.random.sizes, "memories": memories, "sensors": ship.noise.sensors}
     tables |= {"means": ship.means, "unknown": FIRST * scales, "settled": SETTLED * ship.model.sizes}
     constants = {name: (len(values), ", ".join(number(float(x)) for x in values)) for name, values in tables.items()}
     return {
