@@ -157,6 +157,7 @@ def test_the_notebooks_are_known() -> None:
         "controller",
         "tracker",
         "own_network",
+        "gallery",
     }
 
 
