@@ -24,6 +24,7 @@ from diagnosis.estimation.linearisation import (
 from diagnosis.estimation.noise_sizes import initial_noise, noise_step, updated_noise
 from diagnosis.estimation.parameters import Priors, active_states, set_values
 from diagnosis.estimation.transition_model import TransitionModel
+from fitting.solvers.condensing import within_bounds
 from fitting.solvers.control import check_time
 from mmg.errors import UserError
 from mmg.ship import Ship
@@ -129,7 +130,8 @@ def _iteration(here: Linearisation, typical: NoiseModel | None) -> _Iteration:
     gram = flat.T @ flat
     A = gram[:-1, :-1] + np.eye(len(at.p))  # p is in prior standard deviations
     slope = gram[:-1, -1] + at.p + here.logdet_gradient.sum(axis=0)
-    dp = bounded_step(A, slope, at.p, *at.free.scaled_bounds)
+    low, high = at.free.scaled_bounds
+    dp = within_bounds(A, slope, low - at.p, high - at.p)
     mean, r, u = here.smoothed(dp)
     dz, count = np.zeros_like(at.path.z), len(active)
     dz[..., active] = mean[..., :count]
@@ -200,20 +202,3 @@ def estimate(
     assert likeliest is not None  # a slope may be far off near a bend of the model, and the last point worse
     at, A = likeliest.at, likeliest.A
     return Estimate(at.theta, at.free, at.p, at.path, at.noise, np.linalg.inv(A), likeliest.nll, used, converged)
-
-
-def bounded_step(
-    hessian: np.ndarray, slope: np.ndarray, p: np.ndarray, lower: np.ndarray, upper: np.ndarray
-) -> np.ndarray:
-    """The minimum d (P,) of slope d + 1/2 d hessian d with lower <= p + d <= upper.
-
-    hessian: (P, P), positive definite; slope, p, lower, upper: (P,) each, with lower < upper. Where the free minimum
-    leaves the bounds, the least squares that have the same minimum are solved by an active set (Stark and Parker 1995).
-    """
-    d = np.linalg.solve(hessian, -slope)
-    if not ((p + d < lower - 1e-12) | (p + d > upper + 1e-12)).any():
-        return d
-    from scipy.optimize import lsq_linear  # late: slow to import, and seldom needed
-
-    root = np.linalg.cholesky(hessian)
-    return lsq_linear(root.T, -np.linalg.solve(root, slope), (lower - p, upper - p), method="bvls").x

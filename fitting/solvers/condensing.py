@@ -154,26 +154,33 @@ def _positive(blocks: np.ndarray) -> np.ndarray:
     return (vectors * values[:, None, :]) @ np.swapaxes(vectors, 1, 2)
 
 
-def within_bounds(H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.ndarray, most: int = 60) -> np.ndarray:
+def within_bounds(H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """The d (P,) that minimises g . d + d . H d / 2 between ``lower`` and ``upper`` (P,), for H (P, P) positive.
 
-    Primal-dual active set (Hintermueller, Ito & Kunisch 2002), at most ``most`` changes of the set; then clipped.
+    Where the free minimum leaves the bounds, the least squares that have the same minimum are solved by an active set
+    (Stark and Parker 1995, Bounded-variable least squares).
     """
-    at_lower, at_upper = np.zeros(len(g), dtype=bool), np.zeros(len(g), dtype=bool)
-    d = np.zeros(len(g))
-    for _ in range(most):
-        d = np.where(at_lower, lower, np.where(at_upper, upper, 0.0))
-        free = ~(at_lower | at_upper)
-        d[free] = np.linalg.solve(H[np.ix_(free, free)], -(g + H @ d)[free])
-        push = -(H @ d + g)  # positive: the minimum without this bound lies higher
-        now_lower = np.where(at_lower, push < 0, free & (d < lower))  # one that pulls inside is let go
-        now_upper = np.where(at_upper, push > 0, free & (d > upper))
-        if (now_lower == at_lower).all() and (now_upper == at_upper).all():
-            break
-        at_lower, at_upper = now_lower, now_upper
-    return np.clip(d, lower, upper)
+    d = np.linalg.solve(H, -g)
+    if ((d >= lower) & (d <= upper)).all():
+        return d
+    from scipy.optimize import lsq_linear  # late: slow to import, and seldom needed
+
+    d = np.clip(d, lower, upper)
+    free = lower < upper
+    if free.any():
+        d[free] = 0.0  # what is held pulls on the others
+        root, slope = np.linalg.cholesky(H[np.ix_(free, free)]), (g + H @ d)[free]
+        bounds, most = (lower[free], upper[free]), CHANGES * len(slope)
+        # its tolerance is by the sum of squares, which may be far larger than what a step gains
+        d[free] = lsq_linear(root.T, -np.linalg.solve(root, slope), bounds, "bvls", tol=1e-15, max_iter=most).x
+    for bound in (lower, upper):  # what stops at a bound is there but for rounding
+        d = np.where(np.isclose(d, bound, rtol=1e-12, atol=1e-12), bound, d)
+    return d
 
 
+CHANGES = 10
+"""Changes of the set of bounds that hold, by the number of coefficients, before a quadratic program ends. Set by hand:
+each lets go one bound, and most programs need fewer than there are coefficients."""
 CUTS = 10
 """Halvings of a step before it counts as failed. 2^-10 of a step gains nothing. Set by hand."""
 CORRECTIONS = 3

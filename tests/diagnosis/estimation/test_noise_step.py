@@ -1,4 +1,4 @@
-"""Steps of a fit: of coefficients within bounds, which are the best ones, and of the sizes of the noise."""
+"""Steps of a fit: when it ends in vain, and the sizes of the noise."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from diagnosis.estimation import map_estimate, noise_sizes
 from diagnosis.estimation.filtering import filtered, whitened
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Linearisation, linearise_and_filter
-from diagnosis.estimation.map_estimate import bounded_step, estimate
+from diagnosis.estimation.map_estimate import estimate
 from diagnosis.estimation.noise_sizes import initial_noise, least_force
 from tests.diagnosis.estimation.test_latent import fitted
 
@@ -106,24 +104,3 @@ def test_a_fit_ends_where_that_is_enough_and_where_iterations_are_in_vain(monkey
     monkeypatch.setattr(map_estimate, "linearised_if_finite", no_better)
     vain = estimate(steps, data, start, 30, tolerance=1e-9)
     assert vain.iterations == 1 + map_estimate.IN_VAIN and not vain.converged
-
-
-def pulls(hessian: np.ndarray, slope: np.ndarray, d: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Slope (P,) at ``d`` of what may still move: zero at the minimum (Karush, Kuhn and Tucker)."""
-    pull = slope + hessian @ d
-    stopped = (np.isclose(d, low) & (pull > 0.0)) | (np.isclose(d, high) & (pull < 0.0))
-    return np.where(stopped, 0.0, pull)
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.floats(0.0, 0.999))
-def test_nothing_that_may_move_would_gain(seed: int, count: int, alike: float) -> None:
-    rng = np.random.default_rng(seed)
-    columns = rng.standard_normal((20, count))
-    columns = alike * columns[:, :1] + np.sqrt(1 - alike**2) * columns  # hardly told apart
-    hessian = columns.T @ columns + np.eye(count)
-    slope, p = 20 * rng.standard_normal(count), rng.uniform(-1, 1, count)
-    low, high = p - rng.uniform(0, 1, count) * (rng.random(count) < 0.7), p + rng.uniform(0.01, 2, count)
-    d = bounded_step(hessian, slope, p, low, high)
-    assert (p + d >= low - 1e-9).all() and (p + d <= high + 1e-9).all()
-    assert np.abs(pulls(hessian, slope, d, low - p, high - p)).max() < 1e-6
-    assert slope @ d + 0.5 * d @ hessian @ d <= 1e-9
