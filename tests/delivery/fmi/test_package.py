@@ -274,7 +274,8 @@ PAGE = ROOT / "docs" / "how-to" / "fmu.md"
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A folder with the FMU of the page's first command, in which the tests work."""
-    (command,) = (line for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("mmg export"))
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    command = next(line for line in lines if line.startswith("mmg export"))
     folder = tmp_path_factory.mktemp("example")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
