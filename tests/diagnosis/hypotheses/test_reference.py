@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from cases.io.read import read_trials
-from cases.io.site import Site
 from cases.shipfiles.ship_file import dump_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
@@ -28,12 +27,10 @@ from diagnosis.summary import usual_values
 from fitting.report.run_folder import RESULT, data_rows, write_json
 from mmg.messages import has_code
 from mmg.ship import Ship
-from tests.support.diagnosis_cases import BANK, FEW, FREE, problem_of, pushed_problem, pushed_trials
+from tests.support.diagnosis_cases import FEW, FREE, problem_of, pushed_problem, pushed_trials
 from tests.support.quick import first_quick
 
 H = 1.0
-SITE = Site({"bank": BANK}, {})
-"""With the bank of the other tests the equations are theirs, and are compiled once."""
 BEFORE = (("zigzag:20/20", 60.0), ("random:11", 60.0), ("turning:-20", 60.0), ("zigzag:-10/10", 60.0))
 """Runs that the ship was calibrated on."""
 NEW = (("zigzag:-20/20", 60.0), ("random:5", 60.0), ("turning:25", 60.0))
@@ -64,7 +61,7 @@ def calibrated() -> Ship:
 
 
 def diagnosed(trials: Sequence[Trial], reference: Sequence[Trial]) -> tuple[Prepared, Selection]:
-    ready = prepare(calibrated(), trials, SITE, H, other_trials=True, reference=reference)
+    ready = prepare(calibrated(), trials, step=H, other_trials=True, reference=reference)
     return ready, select_effects(ready.problem, ready.null)
 
 
@@ -106,7 +103,7 @@ def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_which_more_run
 def test_what_is_random_in_the_reference_is_usual_in_other_trials() -> None:
     """One short record says little of its own noise: it stays near that of the reference."""
     one = new()[:1]
-    ready, alone = (prepare(calibrated(), one, SITE, H, other_trials=True, reference=r) for r in (before(), ()))
+    ready, alone = (prepare(calibrated(), one, step=H, other_trials=True, reference=r) for r in (before(), ()))
     usual = ready.null.noise.prior
     assert usual is not None and usual.prior is None and alone.null.noise.prior is None
     np.testing.assert_allclose(usual.white, known()[1].noise.white, rtol=0.05)
@@ -178,11 +175,11 @@ def wrong(trials: Sequence[Trial]) -> list[Trial]:
 
 @pytest.mark.slow
 def test_what_has_no_name_in_the_reference_either_is_usual_and_grows_with_the_number_of_samples() -> None:
-    few, many = (prepare(calibrated(), wrong(t), SITE, H, reference=wrong(before())) for t in (new()[:1], new()))
+    few, many = (prepare(calibrated(), wrong(t), step=H, reference=wrong(before())) for t in (new()[:1], new()))
     assert many.problem.data.samples > 2.5 * few.problem.data.samples
     usual = [ready.problem.expected_unnamed / ready.problem.data.samples for ready in (few, many)]
     assert usual[0] == pytest.approx(usual[1], rel=1e-9) and few.problem.expected_unnamed > LIMIT
-    alone = prepare(calibrated(), wrong(new()), SITE, H)
+    alone = prepare(calibrated(), wrong(new()), step=H)
     assert alone.problem.expected_unnamed == 0.0
     left = [unnamed_forms(r.problem.steps, r.problem.data, r.null).mixture for r in (many, alone)]
     assert min(left) > 10 * LIMIT  # it is seen

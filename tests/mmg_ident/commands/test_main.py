@@ -125,7 +125,8 @@ def test_scores_of_several_models_come_side_by_side(folder: Path) -> None:
 
 @pytest.mark.slow
 def test_a_component_can_be_left_out_and_coefficients_fixed(folder: Path, tmp_path: Path) -> None:
-    assert main(fit(folder, tmp_path / "run", "--without", "wind", "--fix", "m_x,m_y")) == 0
+    given = ("fit", "esso_osaka_3m", folder / "train", "--without", "wind", "--fix", "m_x,m_y", "--no-next-trial")
+    assert main([*map(str, given), "--out", str(tmp_path / "run")]) == 0
     content = json.loads((tmp_path / "run" / "result.json").read_text())
     assert not [s for s in content["coefficients"] if s.startswith(("X_A", "Y_A", "N_A"))]
     assert {"m_x", "m_y"} <= set(content["fixed"]) and not {"m_x", "m_y"} & set(content["coefficients"])
