@@ -127,13 +127,13 @@ def reason(error: object, most: int = 120) -> str:
     return " ".join(str(error).split())[:most] or type(error).__name__
 
 
-def needed(package: str, what: str, extra: str = "import") -> Any:
-    """The ``package`` that ``what`` needs, imported. Raises UserError, which names the ``extra`` that brings it."""
+def needed(package: str, what: str) -> Any:
+    """The ``package`` of the extra "import" that ``what`` needs, imported. Raises UserError where it is missing."""
     try:
         return import_module(package)
     except ImportError:
         name = package.partition(".")[0]
-        raise NotInstalled(f"{what} needs {name}; pip install 'mmg-ident[{extra}]'") from None
+        raise NotInstalled(f"{what} needs {name}; pip install 'mmg-ident[import]'") from None
 
 
 def needs_torch(what: str) -> None:

@@ -323,7 +323,7 @@ def read_excel_tables(path: Path) -> list[RawTable]:
     Raises UserError where openpyxl is missing, the file is no workbook, no sheet holds a table, or a cell holds a
     formula that no program has calculated.
     """
-    openpyxl = needed("openpyxl", f"{path}: save it as CSV, as an Excel file")
+    openpyxl = needed("openpyxl", f"{path}: an Excel file, which may be saved as CSV instead,")
     content = read_bytes(path)
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive, warnings.catch_warnings():
