@@ -143,7 +143,7 @@ def ship_values(values: Mapping[str, float], change: Change) -> dict[str, float]
     t = v.get("t_P", 0.0)
     w = change.wake(v["w_P0"], t)
     scaled_values["w_P0"] = w
-    for symbol in ("tau", "C_P"):  # the change of wake in a drift is a share of the wake
+    for symbol in ("tau", "tau_a", "C_P"):  # the change of wake in a drift is a share of the wake
         if symbol in v and v["w_P0"] > 0:
             scaled_values[symbol] = v[symbol] * w / v["w_P0"]
     if "epsilon" in v:

@@ -1,7 +1,7 @@
 """Single screw in four quadrants: open-water polynomial ahead, Hachii's effective thrust and side force reversed.
 
 Ahead (n >= 0): X_P = (1 - t_P) rho n^2 D^4 K_T(J), K_T = k_0 + k_1 J + k_2 J^2, with the wake in manoeuvring
-  w_P = w_P0 - tau |v' + x_P' r'| - C_P (v' + x_P' r')^2  (Hirano type), 1 - w_P clipped to (0, 1], 1 for u <= 0.
+  w_P = w_P0 - tau |a| - tau_a a - C_P a^2, a = v' + x_P' r'  (Hirano type), 1 - w_P clipped to (0, 1], 1 for u <= 0.
 Reversed (n < 0), J_s = u/(n D): X_P = rho n^2 D^4 (C_6 + C_7 J_s) for J_s >= C_10, else rho n^2 D^4 C_3;
   Y_P = 1/2 rho L d (n D)^2 {A_5 | A_1 + A_2 J_s | A_3 + A_4 J_s} for J_s > -0.06 | between | < -0.35, N_P alike.
 Ahead with sternway (n >= 0, u < 0): Y_P = 1/2 rho L d (n P)^2 (A_6 J_s^2 + A_7 J_s + A_8), N_P alike with B.

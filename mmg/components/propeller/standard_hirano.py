@@ -1,6 +1,6 @@
 """Standard MMG propeller (see ``standard``) with the wake of Hirano type.
 
-w_P = w_P0 - tau |v' + x_P' r'| - C_P (v' + x_P' r')^2, as in ``hachii``.
+w_P = w_P0 - tau |a| - tau_a a - C_P a^2, a = v' + x_P' r', as in ``hachii``.
 """
 
 from functools import partial

@@ -1,9 +1,10 @@
 """Wake fraction in manoeuvring: 1 - w_P as a function of the flow. In sternway 1 - w_P = 1 for all of them.
 
 beta_P = beta - x_P' r' is the geometric inflow angle at the propeller, v' = v/U, r' = r L/U, and
-  hirano         w_P = w_P0 - tau |v' + x_P' r'| - C_P (v' + x_P' r')^2, 1 - w_P clipped to (0, 1]
+  hirano         w_P = w_P0 - tau |a| - tau_a a - C_P a^2 with a = v' + x_P' r', 1 - w_P clipped to (0, 1]
   kijima         w_P = w_P0 exp(-4 beta_P^2)
   yasukawa_2015  (1 - w_P)/(1 - w_P0) = 1 + [1 - exp(-C_1 |beta_P|)] (C_2 - 1), C_2 by the sign of beta_P
+The wake of a single screw changes more with flow from one side than from the other: tau_a as C_2 by its sign.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ X_P = ("x_P", -0.48, 0.05, -0.7, -0.3, "mmg", "effective longitudinal position o
 HIRANO = (
     W_P0,
     ("tau", 0.8, 0.25, 0.0, 2.0, "", "change of wake linear in the geometric inflow angle"),
+    ("tau_a", 0.0, 0.3, -1.5, 1.5, "", "by how much tau is larger in flow from starboard, smaller from port"),
     ("C_P", -0.35, 0.15, -1.5, 0.5, "", "change of wake quadratic in the geometric inflow angle"),
     ("x_P", -0.5, 0.05, -0.7, -0.3, "mmg", "effective longitudinal position of the propeller, by L"),
 )
@@ -34,18 +36,19 @@ YASUKAWA_2015 = (
     ("C_2_minus", 1.1, 0.3, 0.5, 2.5, "", "largest change of 1 - w_P, inflow angle beta_P < 0"),
     X_P,
 )
-"""Rows of the coefficient tables of each wake model."""
+"""Rows of the coefficient tables of each wake model. The deviation of tau_a is its size for KVLCC2: half the difference
+of the slopes (1 - w_P0) C_1 (C_2 - 1) of Yasukawa & Yoshimura (2015) in flow from port and from starboard."""
 
 BLEND = 0.01
 """Width [rad] within which |beta_P| and its sign are rounded. Set by hand: it rounds a corner of the published law."""
 
 
 def hirano(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Any:
-    """1 - w_P [-], in (0, 1]; 1 with sternway. Hirano type, as in the public ESSO OSAKA code. flow, p, c, s: as in
-    mmg/motion/flow.py."""
+    """1 - w_P [-], in (0, 1]; 1 with sternway. Hirano type, as in the public ESSO OSAKA code, which has
+    no tau_a. flow, p, c, s: as in mmg/motion/flow.py."""
     U = s.root(flow.u**2 + flow.v**2, s.speed)
     angle = s.divide(flow.v + c.x_P * p.L * flow.r, U, 0.0)
-    one_minus = 1 - c.w_P0 + c.tau * s.absolute(angle, 0.01) + c.C_P * angle**2
+    one_minus = 1 - c.w_P0 + c.tau * s.absolute(angle, 0.01) + c.tau_a * angle + c.C_P * angle**2
     clipped = s.positive(1 - s.positive(1 - one_minus, 0.01), 0.01)
     return 1 + s.step(flow.u, s.speed) * (clipped - 1)
 

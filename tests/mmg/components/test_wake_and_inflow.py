@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 
 from mmg.components.hull.unified import cross_flow
-from mmg.components.propeller import hachii
+from mmg.components.propeller import hachii, wake
 from mmg.components.rudder import single
 from mmg.motion.flow import Flow
 from mmg.motion.smooth import Exact, Smooth, Smoothing
@@ -36,16 +38,29 @@ def flow(u: float = 0.0, v: float = 0.0, r: float = 0.0, n: float = 0.0) -> Flow
 @settings(max_examples=200, deadline=None)
 @given(speeds, sways, yaw_rates, st.booleans())
 def test_wake_stays_between_none_and_all(u: float, v: float, r: float, exact: bool) -> None:
-    wake = number(hachii.wake(flow(u=u, v=v, r=r), P, C, Exact() if exact else Smooth()))
-    assert 0 <= wake <= 1 + 3e-5  # the rounded clip exceeds 1 by at most width^2 / 4
+    found = number(hachii.wake(flow(u=u, v=v, r=r), P, C, Exact() if exact else Smooth()))
+    assert 0 <= found <= 1 + 3e-5  # the rounded clip exceeds 1 by at most width^2 / 4
 
 
-def test_wake_is_the_hirano_formula_in_an_oblique_flow() -> None:
-    u, v, r = 0.3, -0.05, 0.01
-    inflow = (v + C.x_P * P.L * r) / np.hypot(u, v)
-    by_hand = 1 - (C.w_P0 - C.tau * abs(inflow) - C.C_P * inflow**2)
+@pytest.mark.parametrize("tau_a", [0.0, -0.3])
+@pytest.mark.parametrize("side", [1, -1])
+def test_wake_is_the_hirano_formula_in_an_oblique_flow(side: int, tau_a: float) -> None:
+    u, v, r, c = 0.3, -0.05 * side, 0.01 * side, SimpleNamespace(**{**vars(C), "tau_a": tau_a})
+    inflow = (v + c.x_P * P.L * r) / np.hypot(u, v)
+    by_hand = 1 - (c.w_P0 - c.tau * abs(inflow) - tau_a * inflow - c.C_P * inflow**2)
     assert 0 < by_hand < 1
-    assert number(hachii.wake(flow(u=u, v=v, r=r), P, C, Exact())) == pytest.approx(by_hand, rel=1e-12)
+    assert number(hachii.wake(flow(u=u, v=v, r=r), P, c, Exact())) == pytest.approx(by_hand, rel=1e-12)
+
+
+def test_both_wakes_of_a_single_screw_differ_by_the_side_of_the_flow_alike() -> None:
+    """The slopes of Yasukawa & Yoshimura (2015) at small angles, (1 - w_P0) C_1 (C_2 - 1), are tau -+ tau_a."""
+    p, published = particulars_and_coefficients("kvlcc2_full")
+    slopes = [(1 - published.w_P0) * published.C_1 * (x - 1) for x in (published.C_2_plus, published.C_2_minus)]
+    rows = {"tau": sum(slopes) / 2, "tau_a": (slopes[1] - slopes[0]) / 2, "C_P": 0.0}
+    c = SimpleNamespace(**{**vars(published), **rows})
+    for v in (-0.005, 0.005):
+        own, other = (number(f(flow(u=1.0, v=v), p, c, Exact())) for f in (wake.hirano, wake.yasukawa_2015))
+        assert own - 1 + c.w_P0 == pytest.approx(other - 1 + c.w_P0, rel=0.01)
 
 
 @pytest.mark.parametrize("u", [0.1, 0.3, 0.5])
