@@ -153,8 +153,8 @@ class FitResult(FitRecord):
 
     @property
     def covariance(self) -> pd.DataFrame:
-        """Covariance (P, P) of the estimates in their units, coefficient by coefficient: the Laplace approximation with
-        the standard errors of the fit. Raises UserError where it could not be computed."""
+        """Covariance (P, P) of the estimates in their units, coefficient by coefficient: robust to autocorrelated
+        residuals, with half the distance between two estimates. Raises UserError where it could not be computed."""
         import pandas as pd
 
         symbols, matrix = self._correlated

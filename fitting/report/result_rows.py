@@ -69,8 +69,13 @@ def coefficient_rows(found: Calibration) -> dict[str, dict[str, Any]]:
 
 
 def correlation_of(found: Calibration) -> dict[str, Any]:
-    """Correlation of the estimates of the calibration ``found``, as of ``Correlation``."""
-    return {"symbols": found.prior.symbols, "matrix": np.round(found.identifiability.correlation, 4)}
+    """Correlation of the estimates of the calibration ``found``, as of ``Correlation``: with the standard errors it is
+    her covariance. That of the discounted information is weaker, so that together with robust errors sums and products
+    of coefficients that trials know well would seem unknown, and figures up to three times as uncertain."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        size = np.sqrt(np.diag(found.covariance))
+        matrix = found.covariance / np.outer(size, size)
+    return {"symbols": found.prior.symbols, "matrix": np.round(matrix, 6)}
 
 
 def uncertainty_rows(calibration: Calibration) -> dict:
