@@ -209,6 +209,18 @@ def test_figures_of_a_calibrated_ship_are_linear_in_the_draws() -> None:
         assert np.nanmedian(np.abs(np.log(nonlinear / expected))) < 0.2
 
 
+@pytest.mark.parametrize(("runs", "quantile"), [(1, 2.919986), (3, 2.919986), (5, 2.131847), (100_001, 1.644854)])
+def test_few_runs_make_figures_less_certain_as_student_s_t(runs: int, quantile: float) -> None:
+    """Quantiles of Abramowitz & Stegun 1964, table 26.10, with a degree of freedom less than runs, at least two."""
+    few = some_ship()
+    plan = parse_maneuver("turning:35", few, speed=SPEED)
+    drawn, known = draw_coefficients(few, 60, 3), content(few)
+    by_runs = drawn_figures(Simulator(few), plan, drawn, known | {"uncertainty": {"runs": runs}}, 0)[0].ship
+    as_drawn = drawn_figures(Simulator(few), plan, drawn, known, 0)[0].ship
+    spreads = [np.log(figures["advance"]).std() for figures in (by_runs, as_drawn)]
+    assert spreads[0] / spreads[1] == pytest.approx(quantile / 1.644854, rel=1e-5)
+
+
 def test_linear_figures_add_what_a_single_trial_changes() -> None:
     ships, trials = linearised(
         {"a": 2.0, "b": -1.0},

@@ -137,8 +137,11 @@ def test_a_small_fit_is_sampled_and_its_draws_are_saved(tmp_path: Path, monkeypa
 def test_laplace_draws_have_the_covariance_of_the_fit(fitted: mi.FitResult) -> None:
     frame, covariance = fitted.sample(4000, seed=1), fitted.covariance
     assert list(frame) == list(covariance) == list(covariance.index)
-    std = np.sqrt(np.diag(covariance))
+    std, prior = np.sqrt(np.diag(covariance)), fitted.calibration.prior.std
     np.testing.assert_allclose(std, [row.std for row in fitted.coefficients.values()])
+    np.testing.assert_allclose(
+        covariance / np.outer(std, std), fitted.calibration.covariance * np.outer(prior / std, prior / std), atol=1e-6
+    )
     found, expected = (part / np.outer(std, std) for part in (np.cov(frame.T.to_numpy()), covariance.to_numpy()))
     np.testing.assert_allclose(found, expected, atol=0.1)
     assert frame.equals(fitted.sample(4000, "laplace", 1)) and not frame.equals(fitted.sample(4000, seed=2))
