@@ -46,7 +46,7 @@ ORDERS = ("zigzag:10/10", "zigzag:-10/10", "zigzag:20/20", "turning:35", "turnin
 STANDARD = (*ORDERS, "zigzag:-20/20")
 JUDGED = {"turning": ("advance", "transfer", "tactical_diameter"), "zigzag": ("overshoot_1", "overshoot_2")}
 DEG = math.pi / 180
-FIRST = 201
+FIRST = 301
 """Seed of the first ship of each generator: the propeller by rule was made on those from 1, the asymmetry of the wake
 and the draws of figures on those from 101."""
 SUSPECTS = {"antenna_offset": "antenna", "current": "current"}
