@@ -22,6 +22,7 @@ from mmg.components.catalogue import coefficient_table, required_particulars
 from mmg.components.coefficients import Coefficient
 from mmg.components.particulars import ENGINE
 from mmg.components.propeller.b_series import thrust_parabola
+from mmg.components.propeller.wake import ASYMMETRY
 from mmg.effects.wind_force import upper_works
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName
 from mmg.messages import Message
@@ -324,6 +325,7 @@ def new_ship(name: str, given: Mapping[str, float], hull: str | None = None) -> 
             std = float(f"{share * abs(value):.3g}")
             lower, upper = _widened(row, value, 3 * std)
             rows[symbol] = row.with_(value=value, std=std, lower=lower, upper=upper, source=source)
+    rows |= {c.symbol: c.with_(fixed=False) for c in ASYMMETRY if c.symbol in ship.coefficients}
     return ship.with_coefficients(rows)
 
 

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from mmg.components.coefficients import table
-from mmg.components.propeller.wake import HIRANO
+from mmg.components.propeller.wake import ASYMMETRY, HIRANO
 from mmg.components.propeller.wake import hirano as wake
 from mmg.motion.flow import Flow, Force, Slipstream
 from mmg.motion.smooth import Smoothing
@@ -40,19 +40,22 @@ def _side(letter: str, values: tuple[float, ...], bound: float, what: str) -> li
     ]
 
 
-COEFFICIENTS = table(
-    "default of the four-quadrant propeller model",
-    ("k_0", 0.32, 0.032, 0.05, 0.8, "", "open-water thrust, constant"),
-    ("k_1", -0.33, 0.05, -1.0, 0.2, "", "open-water thrust, linear in J"),
-    ("k_2", -0.15, 0.045, -1.0, 0.5, "", "open-water thrust, quadratic in J"),
-    ("t_P", 0.20, 0.05, 0.0, 0.5, "", "thrust deduction fraction"),
-    *HIRANO,
-    ("C_3", -0.251, 0.05, -1.0, 0.0, "", "effective reverse thrust at strongly negative advance ratio"),
-    ("C_6", -0.175, 0.04, -1.0, 0.0, "", "effective reverse thrust at zero speed"),
-    ("C_7", 0.330, 0.10, 0.0, 1.0, "", "slope of the effective reverse thrust with J_s"),
-    ("C_10", -0.233, 0.05, -0.6, -0.05, "", "advance ratio at which the reverse thrust levels off"),
-    *_side("A", _A, 0.05, "side force of the reversing propeller or in sternway"),
-    *_side("B", _B, 0.02, "yaw moment of the reversing propeller or in sternway"),
+COEFFICIENTS = (
+    table(
+        "default of the four-quadrant propeller model",
+        ("k_0", 0.32, 0.032, 0.05, 0.8, "", "open-water thrust, constant"),
+        ("k_1", -0.33, 0.05, -1.0, 0.2, "", "open-water thrust, linear in J"),
+        ("k_2", -0.15, 0.045, -1.0, 0.5, "", "open-water thrust, quadratic in J"),
+        ("t_P", 0.20, 0.05, 0.0, 0.5, "", "thrust deduction fraction"),
+        *HIRANO,
+        ("C_3", -0.251, 0.05, -1.0, 0.0, "", "effective reverse thrust at strongly negative advance ratio"),
+        ("C_6", -0.175, 0.04, -1.0, 0.0, "", "effective reverse thrust at zero speed"),
+        ("C_7", 0.330, 0.10, 0.0, 1.0, "", "slope of the effective reverse thrust with J_s"),
+        ("C_10", -0.233, 0.05, -0.6, -0.05, "", "advance ratio at which the reverse thrust levels off"),
+        *_side("A", _A, 0.05, "side force of the reversing propeller or in sternway"),
+        *_side("B", _B, 0.02, "yaw moment of the reversing propeller or in sternway"),
+    )
+    + ASYMMETRY
 )
 
 

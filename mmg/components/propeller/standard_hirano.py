@@ -3,11 +3,20 @@
 w_P = w_P0 - tau |a| - tau_a a - C_P a^2, a = v' + x_P' r', as in ``hachii``.
 """
 
-from functools import partial
+from __future__ import annotations
 
+from functools import partial
+from types import SimpleNamespace
+
+from mmg.components.coefficients import Coefficient
 from mmg.components.propeller import standard, wake
 
 PARTICULARS, INPUTS = standard.PARTICULARS, standard.INPUTS
 
-coefficients = partial(standard.coefficients_with, wake.HIRANO)
+
+def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
+    """Coefficients of thrust and wake. p: particulars."""
+    return standard.coefficients_with(wake.HIRANO, p) + wake.ASYMMETRY
+
+
 force = partial(standard.force_with, wake.hirano)

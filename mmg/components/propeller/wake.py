@@ -14,6 +14,7 @@ from typing import Any
 
 import casadi as ca
 
+from mmg.components.coefficients import table
 from mmg.motion.flow import Flow
 from mmg.motion.frames import drift_angle
 from mmg.motion.smooth import Smoothing
@@ -24,7 +25,6 @@ X_P = ("x_P", -0.48, 0.05, -0.7, -0.3, "mmg", "effective longitudinal position o
 HIRANO = (
     W_P0,
     ("tau", 0.8, 0.25, 0.0, 2.0, "", "change of wake linear in the geometric inflow angle"),
-    ("tau_a", 0.0, 0.3, -1.5, 1.5, "", "by how much tau is larger in flow from starboard, smaller from port"),
     ("C_P", -0.35, 0.15, -1.5, 0.5, "", "change of wake quadratic in the geometric inflow angle"),
     ("x_P", -0.5, 0.05, -0.7, -0.3, "mmg", "effective longitudinal position of the propeller, by L"),
 )
@@ -36,8 +36,15 @@ YASUKAWA_2015 = (
     ("C_2_minus", 1.1, 0.3, 0.5, 2.5, "", "largest change of 1 - w_P, inflow angle beta_P < 0"),
     X_P,
 )
-"""Rows of the coefficient tables of each wake model. The deviation of tau_a is its size for KVLCC2: half the difference
-of the slopes (1 - w_P0) C_1 (C_2 - 1) of Yasukawa & Yoshimura (2015) in flow from port and from starboard."""
+"""Rows of the coefficient tables of each wake model."""
+ASYMMETRY = table(
+    "Yasukawa & Yoshimura (2015): that of KVLCC2 is 0.3",
+    ("tau_a", 0.0, 0.3, -1.5, 1.5, "", "by how much tau is larger in flow from starboard, smaller from port"),
+    fixed=True,
+)
+"""Further coefficient of the Hirano type. Its deviation is its size for KVLCC2, half the difference of the slopes
+(1 - w_P0) C_1 (C_2 - 1) in flow from port and from starboard. Fixed: ship files of earlier releases lack it, and a
+starting ship frees it."""
 
 BLEND = 0.01
 """Width [rad] within which |beta_P| and its sign are rounded. Set by hand: it rounds a corner of the published law."""
