@@ -89,7 +89,7 @@ def slew_rate(trials: Sequence[Trial], columns: Sequence[np.ndarray]) -> SlewRat
     known = [ramp for ramp in ramps if ramp.resolved]
     if not known:
         return None
-    largest = max(ramp.size for ramp in ramps)
+    largest = max(ramp.size for ramp in known)  # a ramp that begins in a move has no size of its own
     large = [ramp for ramp in ramps if ramp.size >= 0.5 * largest]
     for fastest in sorted(known, key=lambda ramp: -ramp.rate):
         alike = [ramp for ramp in known if ramp.straight and abs(ramp.rate / fastest.rate - 1) <= AGREE]

@@ -61,6 +61,19 @@ def test_the_rate_of_the_rudder_comes_back_and_simulations_use_it(name: str, rat
     assert again.sources == found.sources and again.particulars == found.particulars
 
 
+def test_a_move_that_begins_in_another_has_no_size_that_others_are_judged_by() -> None:
+    """An autopilot goes to and fro, then the rudder is put over at the same rate, without a stand before."""
+    t, rate, swing, half = np.arange(0.0, 120.0, 1.0), 2.5, 4.5, 3.6
+    begin = 9 * 2 * half + half - 3.5
+    fro = rate * np.abs((t + 3.5) % (2 * half) - half) - swing
+    over = np.where(t < begin, fro, np.minimum(rate * (t - begin) - swing, 35.0))
+    turn = np.clip(rate * (t - 20), 0, 9) - np.clip(rate * (t - 70), 0, 18) + np.clip(rate * (t - 100), 0, 18)
+    rest = {k: np.zeros(len(t)) for k in ("x", "y", "psi", "v", "r")} | {"n": np.ones(len(t)), "u": np.ones(len(t))}
+    runs = [Trial(str(k), {"t": t, "delta": np.radians(x), **rest}) for k, x in enumerate((over, turn))]
+    found = slew_rate(runs, [run["delta"] for run in runs])
+    assert found is not None and found.limit and math.degrees(found.rate) == pytest.approx(rate, rel=0.01)
+
+
 def test_the_rate_of_an_engine_and_a_rudder_that_is_not_midships_come_back() -> None:
     ship = bare("esso_osaka_3m")
     runs = trials("esso_osaka_3m", 20.0, 0.1)
