@@ -80,6 +80,22 @@ def test_the_published_coefficients_lie_within_the_wide_priors() -> None:
     assert all(estimate.coefficients[s].std > 0 for s in shared)
 
 
+def test_a_starting_ship_may_turn_differently_to_port_and_to_starboard() -> None:
+    """By the asymmetry of her wake alone, and as her mirror image by that of the other sign."""
+    ship = new_ship("mine", KVLCC2)
+    assert "tau_a" in ship.free and ship.coefficients["tau_a"].value == 0.0
+
+    def diameters(tau_a: float) -> tuple[float, ...]:
+        drawn = ship.with_values({"tau_a": tau_a})
+        plans = [parse_maneuver(f"turning:{angle}", drawn) for angle in (35, -35)]
+        return tuple(figures_of(simulate(drawn, plan), plan)["tactical_diameter"] for plan in plans)
+
+    starboard, port = diameters(0.3)
+    assert abs(port / starboard - 1) > 0.02
+    assert diameters(-0.3) == pytest.approx((port, starboard), rel=1e-6)
+    assert np.ptp(diameters(0.0)) == pytest.approx(0.0, abs=1e-6)
+
+
 def test_resistance_of_the_kvlcc2_model() -> None:
     p, _ = complete(KVLCC2)
     assert resistance(p) == pytest.approx(0.022, rel=0.30)
