@@ -42,7 +42,9 @@ SCHEMA_VERSION = 1
 """Of every result file; it grows when an older reader would misread them (docs/releasing.md)."""
 MODEL = "model"
 """Folder in the run of a scaled ship that holds the run of its model."""
-OF_PREDICTIONS = ("coefficients", "correlation", "per_run", "campaigns", "bands", "adaptation", "random_force")
+OF_PREDICTIONS = (
+    "coefficients", "correlation", "uncertainty", "per_run", "campaigns", "bands", "adaptation", "random_force",
+)  # fmt: skip
 """Keys of a calibration's result.json that tell of predictions by her ship: what is made of her has them too."""
 NOT_INSTALLED = "not installed"
 """Version of a package that is not there."""

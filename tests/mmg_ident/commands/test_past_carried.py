@@ -29,7 +29,7 @@ from tests.support.calibrated import small_result
 from tests.support.commands import shown
 from tests.support.figures import unrendered
 
-KNOWN = ("coefficients", "correlation", "bands", "adaptation", "campaigns")
+KNOWN = ("coefficients", "correlation", "uncertainty", "bands", "adaptation", "campaigns")
 """Of a calibration with bands, a past that pays and values by campaign."""
 CAMPAIGNS = {"values": {"2026-11-01": {"gyro.share": {"value": 0.1, "std": 0.01}}}}
 
