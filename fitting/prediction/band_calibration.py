@@ -45,6 +45,12 @@ COVER = 0.9
 """Share of the errors of trials left out in that band. Set with NORMAL. Set by hand: a usual level."""
 
 
+def student_factor(runs: int) -> float:
+    """Ends of a 90 % interval by Student's t over those by the normal distribution, where so many ``runs`` tell it:
+    errors are alike in a run, so the degrees of freedom are one less than runs, and two at least."""
+    return student_quantile(0.95, max(runs - 1, 2)) / NORMAL
+
+
 def sample_noise(trials: Sequence[Trial]) -> np.ndarray:
     """White noise of the logged states of ``trials`` (6,), from third differences of neighbouring samples; 0 where
     there are none.
@@ -89,8 +95,7 @@ def fit_bands(
         more = _wanted(errors.error[:, s][early], np.full(int(early.sum()), 2.0), total[:, s][early])
         process.noise[s] = np.sqrt(process.noise[s] ** 2 + max(0.0, float(np.nan_to_num(more))))
     fixed += bands.measurement_variance(errors.times, errors.states)
-    # errors are alike in a run, so the runs are what a band is known by: Student's quantile over the normal one
-    sure = student_quantile(0.95, max(len({id(s.record) for s in stretches}) - 1, 2)) / NORMAL
+    sure = student_factor(len({id(s.record) for s in stretches}))
     water, offset = adapt(simulator, stretches, Adaptation.of(ship, default_past(ship)))
     adapted = _WindowErrors(simulator, stretches, batch, rollout(simulator, batch, water, offset)[0], along=out)
     process = replace(process, factor=sure * errors.factors(rest, fixed), adapted=sure * adapted.factors(rest, fixed))

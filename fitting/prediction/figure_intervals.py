@@ -21,12 +21,11 @@ from cases.criteria.imo import FAIL, NONE, OPEN, PASS, Assessment, Row, assess, 
 from cases.criteria.scatter import ManeuverScatter, draw_coefficients
 from cases.criteria.scatter import scatter as scattered
 from cases.criteria.standard_runs import Run, figures_of_each, planned_run, since_each
-from cases.evidence.tails import student_quantile
 from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
 from cases.simulation.simulate_batch import Push, SimulatedRuns, input_array, simulate_batch, simulate_pushed
 from fitting.parallel import Shared, run_all
-from fitting.prediction.band_calibration import NORMAL
+from fitting.prediction.band_calibration import student_factor
 from fitting.prediction.bands import Bands, acceleration_sizes, bands_of, correlation_in
 from fitting.prediction.envelope import HeldMotion, outside_of, outside_words, ranges_of, untried
 from mmg.effects import EFFECTS
@@ -226,13 +225,16 @@ def drawn_figures(
     own = figures_of_each(nominal, plan)[0]
     near = NEAR if bands is not None and plan.kind not in STOPS and all(map(math.isfinite, own.values())) else 1.0
 
+    runs_told = content.get("uncertainty", {}).get("runs")
+    farther = student_factor(runs_told) if runs_told and near < 1 else 1.0  # of accelerations the bands have it already
+
     def moved(many: int, share: float) -> SimulatedRuns:
         copies = 2 if bands is not None else 1
         push = accelerations(bands, ship, plan, nominal, many, dt, seed, share)
         values = {}  # draws at a share of their distance from the ship
         for symbol, x in drawn.items():
             at = ship.coefficients[symbol].value
-            values[symbol] = np.tile(x[:many] if share == 1 else at + share * (x[:many] - at), copies)
+            values[symbol] = np.tile(x[:many] if share == 1 else at + share * farther * (x[:many] - at), copies)
         order = plan if plan.engine is None else replace(plan, engine=plan.engine.drawn(many, seed).repeated(copies))
         runs = simulate_pushed(simulator, order, values, dt, push)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -246,7 +248,7 @@ def drawn_figures(
     ships, trials = ({name: column[part] for name, column in table.items()}
                      for part in (slice(count), slice(-count, None)))  # fmt: skip
     if near < 1:
-        ships, trials = linearised(own, ships, trials, near / widening(content))
+        ships, trials = linearised(own, ships, trials, near)
     whole = runs if near == 1 else moved(tracks, 1.0)
     kept = np.arange(len(whole.last) - (count if near == 1 else tracks), len(whole.last))[:tracks]
     motions = SimulatedRuns(whole.t, whole.states[:, :, kept], whole.inputs[:, :, kept], whole.last[kept])
@@ -255,15 +257,6 @@ def drawn_figures(
     lost = int(np.isnan(runs.states[-1, 0, :count]).sum())
     widened = bands is not None and bands.held is not None
     return FigureScatter(ships, trials, outside, lost, shown, ranges_of(nominal), widened), motions
-
-
-def widening(content: Mapping[str, Any]) -> float:
-    """By how much draws of coefficients lie farther from the ship as she was told by few runs, in the ``content`` of a
-    result.json: the ends of a 90 % interval by Student's t, with a degree of freedom less than runs, as in
-    ``band_calibration`` (what a model lacks is the same throughout a run), over those by the normal distribution.
-    """
-    runs = content.get("uncertainty", {}).get("runs")
-    return student_quantile(0.95, max(runs - 1, 2)) / NORMAL if runs else 1.0
 
 
 def linearised(
