@@ -91,9 +91,9 @@ def test_a_weight_on_few_samples_is_the_same_with_and_without_the_other_rows() -
 
 
 def test_second_derivatives_in_the_middle_of_steps_tend_to_those_of_the_stages() -> None:
-    """The midpoint rule is of second order: a quarter of the error at half the step. Draws that cross a blend near rest
-    show it at shorter steps alone."""
-    kernels, (steps, controls, _, group, window), (start, theta, _, weight) = case(load_ship("esso_osaka_3m"), seed=2)
+    """The midpoint rule is of second order: a quarter of the error at half the step, in the median interval, as those
+    that cross a blend near rest show it at shorter steps alone."""
+    kernels, (steps, controls, _, group, window), (start, theta, _, weight) = case(load_ship("esso_osaka_3m"))
     away = []
     for parts in (8, 16, 32):  # the same time in shorter steps
         finer = steps * parts, np.repeat(controls, parts, axis=0), 0.2 / parts, group, window
@@ -101,10 +101,9 @@ def test_second_derivatives_in_the_middle_of_steps_tend_to_those_of_the_stages()
         cost = SampleCost(nothing, nothing)
         shooting = Shooting(kernels.interval, *finer)
         stages, middle = (shooting.hessian(start, theta, cost, weight, way) for way in (False, True))
-        for whole, rough in ((stages.rows, middle.rows), (stages.shared, middle.shared)):
-            away.append(np.linalg.norm(rough - whole) / np.linalg.norm(whole))
-    assert max(away) < 0.01
-    np.testing.assert_allclose(np.divide(away[:4], away[2:]), 4, rtol=0.2)
+        away.append(np.linalg.norm(middle.rows - stages.rows, axis=(1, 2)) / np.linalg.norm(stages.rows, axis=(1, 2)))
+        assert np.linalg.norm(middle.shared - stages.shared) < 0.01 * np.linalg.norm(stages.shared)
+    np.testing.assert_allclose([np.median(away[k] / away[k + 1]) for k in (0, 1)], 4, rtol=0.01)
 
 
 def test_every_interval_is_calculated_once_and_each_window_in_one_share() -> None:
