@@ -6,12 +6,11 @@ imported when a name is looked up that is none of the library's, or when all nam
 
 from __future__ import annotations
 
-import pickle
 import sys
 from collections.abc import Callable, MutableMapping
-from contextlib import suppress
 from functools import cached_property
 from importlib.metadata import entry_points
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -68,8 +67,8 @@ class Own:
 
     @property
     def names(self) -> MutableMapping[str, Any]:
-        """The models or effects among which its name is."""
-        raise NotImplementedError
+        """The models or effects among which its name is; none where nobody looks it up."""
+        return {}
 
     @property
     def place(self) -> tuple[str, str]:
@@ -77,24 +76,30 @@ class Own:
         return self.function.__module__.replace("__mp_main__", "__main__"), self.function.__qualname__
 
     @cached_property
-    def packed(self) -> bytes:
-        """The function for other processes: by its name where they can import it, else its code by cloudpickle.
+    def packed(self) -> Callable[..., Any] | bytes:
+        """The function for other processes: itself where they can import it, else its code by cloudpickle.
 
         Raises UserError where neither is possible.
         """
         here = self.function.__module__ == "__main__"
-        if not here:
-            with suppress(pickle.PicklingError, AttributeError):  # of a function within another
-                return pickle.dumps(self.function)
+        if not here and self._is_found_by_name:
+            return self.function
         try:
             import cloudpickle
         except ImportError:
             if here and hasattr(sys.modules["__main__"], "__file__"):  # a script, which each process reads
-                return pickle.dumps(self.function)
+                return self.function
             words = f"{self.name}, which is registered in {self.origin}, reaches other processes by cloudpickle alone"
             raise Unsupported(f"{words}: pip install cloudpickle, move it into a file, or use one worker") from None
         data: bytes = cloudpickle.dumps(self.function)
         return data
+
+    @property
+    def _is_found_by_name(self) -> bool:
+        try:
+            return attrgetter(self.function.__qualname__)(sys.modules[self.function.__module__]) is self.function
+        except (AttributeError, KeyError):  # a function within another, or of a file that was run
+            return False
 
     def register(self) -> None:
         """Makes it known. Raises UserError where another one has its name."""
@@ -106,9 +111,14 @@ class Own:
         self.names[self.name] = self
 
 
-def _restored(kind: type[Own], stated: dict[str, Any], packed: bytes) -> Own:
+def _restored(kind: type[Own], stated: dict[str, Any], packed: Callable[..., Any] | bytes) -> Own:
     """A model that comes from another process of this user, known here from now on."""
-    made = kind(pickle.loads(packed), **stated)  # of our own tasks and pickles, never of files
+    if isinstance(packed, bytes):
+        import cloudpickle
+
+        made = kind(cloudpickle.loads(packed), **stated)  # of our own tasks, never of files
+    else:
+        made = kind(packed, **stated)
     known = made.names.get(made.name)
     if isinstance(known, Own) and known.packed == packed:
         return known
