@@ -13,6 +13,7 @@ import numpy as np
 from benchmarks.ablation.diagnoses import BETTER, RARE, RULES, UNNAMED
 from benchmarks.ablation.fits import BANDS, FIGURES, METRICS, SWITCHES, change
 from benchmarks.ablation.switches import Switch
+from benchmarks.ablation.yard_figures import yard_lines, yard_rows
 from benchmarks.blind.score import Answer, is_right, is_wrong
 from benchmarks.measured import ROOT, Record
 from benchmarks.record import table
@@ -50,11 +51,19 @@ that something without a name is there, of nothing hidden that nothing is missin
 Change of right answers [%], with its paired error; worlds in which it is 1 % or more."""
 
 
-def write_table(fits: Record, diagnoses: Record) -> None:
+YARDS = """## Figures of new ships
+
+IMO figures after `mmg start --yes`, by ships of three generators that no rule was made on (`benchmarks/yards.py`): 90 %
+intervals that hold the true figure, their median width by it, error of the figures, hidden antennas and currents that
+are said, suspects said that are not there."""
+
+
+def write_table(fits: Record, diagnoses: Record, yards: Record) -> None:
     """Bring what was measured into the kept rows, and write the page."""
     kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {"fits": {}, "diagnoses": {}}
     kept["fits"] |= {s.name: row for s in SWITCHES if (row := fit_row(fits, s))}
     kept["diagnoses"] |= diagnosis_rows(diagnoses)
+    kept["yards"] = kept.get("yards", {}) | yard_rows(yards)
     sections = [f'"{part}": {{\n{_rows(rows)}\n}}' for part, rows in kept.items()]  # a line a row
     KEPT.write_text("{\n" + ",\n".join(sections) + "\n}\n", encoding="utf-8")
     PAGE.write_text(page(kept, datetime.date.today().isoformat()), encoding="utf-8")
@@ -183,7 +192,7 @@ def page(kept: Mapping[str, Any], date: str) -> str:
     lines += table(
         head, [_diagnosis_cells(n, row, n in own[1] or REPLAYED in row["off"]) for n, row in kept["diagnoses"].items()]
     )
-    return "\n".join([*lines, ""])
+    return "\n".join([*lines, "", YARDS, "", *yard_lines(kept["yards"]), ""])
 
 
 def _percent(value: float | None, error: float | None) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 import pytest
 
-from benchmarks.ablation import switches
+from benchmarks.ablation import switches, yard_figures
 from benchmarks.ablation.diagnoses import RARE, REMEMBERED, RULES, TOLD_ONLY
 from benchmarks.ablation.fits import SWITCHES, change
 from benchmarks.ablation.switches import Memo, Switch, place_of, replaced
@@ -15,7 +15,7 @@ from benchmarks.ablation.table import is_right, two_numbers
 from fitting.calibrate import FitOptions
 from fitting.settings import Settings
 
-EVERY = (*SWITCHES, *RULES, *RARE)
+EVERY = (*SWITCHES, *RULES, *RARE, *yard_figures.SWITCHES)
 
 
 @pytest.mark.parametrize("switch", EVERY, ids=lambda s: s.name)
@@ -36,7 +36,7 @@ def test_what_is_remembered_exists() -> None:
 
 def test_names_of_rows_are_unique() -> None:
     """Each row of a table has its own."""
-    for some in (SWITCHES, (*RULES, *RARE)):
+    for some in (SWITCHES, (*RULES, *RARE), yard_figures.SWITCHES):
         assert len({s.name for s in some}) == len(some)
 
 
