@@ -210,7 +210,7 @@ def with_effect_tests(result: FitResult, ship: Ship) -> FitResult:
 
     As given where none was, and for a result that was read. What fails is a warning, and the result stays.
     """
-    free = set(result.coefficients)
+    free = set(result.estimates)
     names = [e for e in ship.effects if any(s.startswith(f"{e}.") for s in free)]
     if not names or result.objects is None:
         return result
@@ -248,7 +248,7 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
     steps = TransitionModel(full, [*base.symbols, *symbols, *FORCE], step)
     ready = fit_as_read(steps, trials, full.values, base, initial_noise(full))[0]
     data, null = ready.data, ready.null
-    start = {Column(s): result.coefficients[s].value for s in symbols}
+    start = {Column(s): result.estimates[s].value for s in symbols}
     every = refit(steps, data, base, null, candidates, start)
     tests = []
     for c in candidates:
@@ -268,7 +268,7 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
 
 def _freed(ship: Ship, result: FitResult, name: str) -> Candidate:
     """The parameters of an effect that the fit freed, as a candidate."""
-    free = [p for p in parameters(ship, name) if f"{name}.{p.symbol}" in result.coefficients]
+    free = [p for p in parameters(ship, name) if f"{name}.{p.symbol}" in result.estimates]
     sizes = (np.array([getattr(p, k) for p in free]) for k in ("neutral", "typical", "lower", "upper"))
     return Candidate(name, "", tuple(Column(f"{name}.{p.symbol}") for p in free), *sizes)
 
@@ -276,7 +276,7 @@ def _freed(ship: Ship, result: FitResult, name: str) -> Candidate:
 def _test(result: FitResult, c: Candidate, found: Estimate, chance: float) -> EffectTest:
     """The test of one effect beside what the fit says of it."""
     at = [result.correlation.symbols.index(s) for s in c.symbols]
-    rows = [result.coefficients[s] for s in c.symbols]
+    rows = [result.estimates[s] for s in c.symbols]
     stds = np.array([math.nan if row.std is None else row.std for row in rows])
     known = np.array([[result.correlation.matrix[i][j] for j in at] for i in at], dtype=float)
     off = (np.array([row.value for row in rows]) - c.neutral) / stds
@@ -299,7 +299,7 @@ def _words(
     tau: float,
 ) -> tuple[str, bool]:
     """Both estimates in a sentence, and whether they disagree. p: by chance, with a random force and by the fit."""
-    (chance, by_fit), rows = p, {s: result.coefficients[s] for s in found}
+    (chance, by_fit), rows = p, {s: result.estimates[s] for s in found}
     sizes = (f"{s.partition('.')[2]} = {v.value:.3g} ± {v.std:.2g} {rows[s].unit}".rstrip() for s, v in found.items())
     words = f"{c.effect}: p = {chance:.2g} by a likelihood with a random force ({', '.join(sizes)})"
     if by_fit is None:

@@ -273,7 +273,7 @@ def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], con
     constants: symbols of which each run has its own.
     """
     where, suspects = earlier.folder, set(suspects_in(ship))  # unknown where it was interrupted before they were
-    if set(earlier.coefficients) - suspects != set(ship.free) - _by_campaign(earlier) - suspects:
+    if set(earlier.estimates) - suspects != set(ship.free) - _by_campaign(earlier) - suspects:
         raise Conflict(f"{where}: --resume needs the same --without, --fix and --only as the interrupted run")
     if {symbol for rows in (earlier.per_run or {}).values() for symbol in rows} != set(constants):
         raise Conflict(f"{where}: --resume needs the same --per-run as the interrupted run")
@@ -285,7 +285,7 @@ def iterate_of(earlier: FitResult, model: Ship) -> dict[str, np.ndarray] | None:
     """Where the interrupted run ``earlier`` goes on: at its iterate; with values by campaign at the coefficients that
     all runs of ``model`` share, "p" (P,), from which these values are found again; None where it begins anew."""
     own = _by_campaign(earlier)
-    if set(earlier.coefficients) != set(model.free) - own:  # of suspects
+    if set(earlier.estimates) != set(model.free) - own:  # of suspects
         return None
     if earlier.iterate is None or not own:
         return earlier.iterate

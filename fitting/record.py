@@ -24,7 +24,7 @@ if TYPE_CHECKING:  # slow to import, and not needed to read a result
     from fitting.design.next_trial import NextTrial
     from fitting.uncertainty.posterior import Posterior
 
-RENAMED = {"ship": "ship_name", "calibration": "mark"}
+RENAMED = {"ship": "ship_name", "calibration": "mark", "coefficients": "estimates"}
 """Keys of result.json whose attribute has another name."""
 
 
@@ -156,6 +156,7 @@ class FitRecord:
     """What a calibration found, as result.json holds it; ``docs/reference/files.md`` lists the keys.
 
     envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.use``);
+    estimates: the free coefficients by symbol (key "coefficients");
     mark: name, date, hash of the data, and the ship that it began from (``mmg.ship.CalibrationMark``);
     posterior: what draws from it say (``fitting.uncertainty.posterior``);
     left_out: what stretches left out of the trials were worth (``fitting.prediction.score``);
@@ -187,7 +188,7 @@ class FitRecord:
     seconds_used: float
     sigma: dict[str, float | None]
     noise: dict[str, StateNoise]
-    coefficients: dict[str, CoefficientRow]
+    estimates: dict[str, CoefficientRow]
     fixed: tuple[str, ...]
     correlation: Correlation
     scores: dict[str, ScorePair]
@@ -211,8 +212,9 @@ class FitRecord:
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> FitRecord:
-        """The record with the attributes in ``content``, plain or typed. Raises pydantic's error for wrong ones."""
-        record: FitRecord = adapter(FitRecord).validate_json(json.dumps(plain(content)), strict=True)
+        """The record of the ``content`` of result.json, plain or typed. Raises pydantic's error for wrong keys."""
+        named = {RENAMED.get(str(key), str(key)): value for key, value in content.items()}
+        record: FitRecord = adapter(FitRecord).validate_json(json.dumps(plain(named)), strict=True)
         return record
 
     @property
@@ -264,9 +266,8 @@ def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:
 
     if content.get("kind") != "calibration":
         raise BadValue(f"{path}: kind = {content.get('kind')!r}: not that of a calibration; give a run of mmg fit")
-    content = {RENAMED.get(str(key), str(key)): value for key, value in content.items()}
     if isinstance(settings := content.get("settings"), dict):  # a loss still to be chosen was null in earlier versions
-        content["settings"] = {key: value for key, value in settings.items() if value is not None}
+        content = {**content, "settings": {key: value for key, value in settings.items() if value is not None}}
     try:
         return FitRecord.of(content)
     except ValidationError as error:

@@ -19,7 +19,7 @@ from dataclasses import replace as changed
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Literal, overload
 
 import numpy as np
 from safetensors.numpy import save_file
@@ -112,21 +112,24 @@ class FitResult(FitRecord):
         message = left_out_message([name])
         return changed(self, messages=(MessageRow("warning", message.code, message), *self.messages))
 
-    def to_pandas(self) -> Any:
-        """A DataFrame with a row per free coefficient: value, std, unit, bounds, prior, its share, verdict."""
+    @property
+    def coefficients(self) -> pd.DataFrame:
+        """A row per free coefficient by its symbol: value, std, unit, bounds, prior, its share, verdict."""
         import pandas as pd
 
-        names = ("value", "std", "unit", "lower", "upper", "at_bound", "prior_value", "prior_std", "prior_share",
-                 "verdict", "description")  # fmt: skip
-        table = pd.DataFrame.from_dict({s: vars(row) for s, row in self.coefficients.items()}, orient="index")
-        return table[list(names)].rename_axis("coefficient")
+        names = ["value", "std", "unit", "lower", "upper", "at_bound", "prior_value", "prior_std", "prior_share",
+                 "verdict", "description"]  # fmt: skip
+        rows = [[getattr(row, name) for name in names] for row in self.estimates.values()]
+        return pd.DataFrame(rows, index=pd.Index(self.estimates, name="coefficient"), columns=names)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """``coefficients``, under the name that every result's table has."""
+        return self.coefficients
 
     @property
     def _best_known(self) -> list[tuple[str, CoefficientRow]]:
         """The coefficients, those first of which the data say most beside the prior."""
-        return sorted(
-            self.coefficients.items(), key=lambda row: 2.0 if row[1].prior_share is None else row[1].prior_share
-        )
+        return sorted(self.estimates.items(), key=lambda row: 2.0 if row[1].prior_share is None else row[1].prior_share)
 
     def summary(self) -> str:
         """What one wants to know first, in lines of text: data, errors, verdicts, the coefficients that the data
@@ -147,7 +150,7 @@ class FitResult(FitRecord):
             f"  {s:<10} {c.value:>11.4g} +- {c.std or 0:.2g} {c.unit} {c.verdict}".rstrip() for s, c in rows[:SUMMED_UP]
         ]
         left = len(rows) - SUMMED_UP
-        lines += [f"  and {left} others: coefficients, to_pandas()"] * (left > 0)
+        lines += [f"  and {left} others: fit.coefficients"] * (left > 0)
         lines += [textwrap.shorten(f"warning: {words}", 160) for words in self.warnings[:SUMMED_UP]]
         return "\n".join(lines)
 
@@ -158,13 +161,13 @@ class FitResult(FitRecord):
         import pandas as pd
 
         symbols, matrix = self._correlated
-        std = np.array([self.coefficients[s].std for s in symbols], dtype=float)
+        std = np.array([self.estimates[s].std for s in symbols], dtype=float)
         return pd.DataFrame(np.outer(std, std) * matrix, index=symbols, columns=symbols)
 
     @property
     def _correlated(self) -> tuple[list[str], np.ndarray]:
         symbols, matrix = list(self.correlation.symbols), np.array(self.correlation.matrix, dtype=float)
-        if not np.isfinite(matrix).all() or any(self.coefficients[s].std is None for s in symbols):
+        if not np.isfinite(matrix).all() or any(self.estimates[s].std is None for s in symbols):
             raise Missing(f"{self.ship.title}: has no covariance; add trials that excite more, or fix coefficients")
         return symbols, matrix
 
@@ -202,7 +205,7 @@ class FitResult(FitRecord):
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged ({self.status})"
-        verdicts = Counter(re.split(r"[:(]", row.verdict)[0].strip() for row in self.coefficients.values())
+        verdicts = Counter(re.split(r"[:(]", row.verdict)[0].strip() for row in self.estimates.values())
         told = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
         warned = f"; {len(self.warnings)} warnings" if self.warnings else ""
         return f"<FitResult {self.ship.title}: {state}, {len(self.data)} trials; coefficients: {told}{warned}>"

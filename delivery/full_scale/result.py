@@ -66,7 +66,7 @@ def _without_trials(ship: Ship, start: Ship) -> FitResult:
         converged=True, status=NOT_CALIBRATED, advice="", objective=None, constraint_violation=None,
         condition_number=None, iterations=0, passes=(), starts=(), settings=Settings(), versions=versions(),
         compiled=False, timings_s={}, data=(), validation_data=(), windows=0, intervals=0, seconds_used=0.0, sigma={},
-        noise={}, coefficients={}, fixed=tuple(s for s in ship.symbols if ship.coefficients[s].fixed),
+        noise={}, estimates={}, fixed=tuple(s for s in ship.symbols if ship.coefficients[s].fixed),
         correlation=Correlation((), ()), scores={}, identifiability={}, messages=(), ship=ship, start=start,
     )  # fmt: skip
 
@@ -79,7 +79,7 @@ def _of_ship(ship: Ship) -> FitResult:
         rows[s] = CoefficientRow(c.value, c.std, c.value, c.std, _finite(c.lower), _finite(c.upper), None, 1.0,
                                  c.verdict or "prior", c.description, c.unit, c.prime)  # fmt: skip
     independent = Correlation(tuple(free), tuple(tuple(float(a == b) for b in free) for a in free))
-    return replace(_without_trials(ship, ship), coefficients=rows, correlation=independent)
+    return replace(_without_trials(ship, ship), estimates=rows, correlation=independent)
 
 
 def scaled_result(source: str | Path | Ship | FitResult, scaling: Scaling, command: str = "") -> FitResult:
@@ -94,19 +94,19 @@ def scaled_result(source: str | Path | Ship | FitResult, scaling: Scaling, comma
     fastest = max(map(abs, (model.envelope or {}).get("u", [0.0])))
     scaled = scaled_ship(model.ship, scaling, model.correlation.symbols, matrix if matrix.size else None, fastest)
     priors = scaled_ship(_prior_ship(model), scaling, fastest=fastest).ship
-    coefficients = _coefficient_rows(model, scaled, priors)
+    estimates = _coefficient_rows(model, scaled, priors)
     named = {
         s: scaled.ship.coefficients[s].with_(verdict=row.verdict, prior_value=row.prior_value, prior_std=row.prior_std)
-        for s, row in coefficients.items()
+        for s, row in estimates.items()
     }
-    symbols = tuple(s for s in scaled.symbols if s in coefficients)
+    symbols = tuple(s for s in scaled.symbols if s in estimates)
     at = [scaled.symbols.index(s) for s in symbols]
     matrix = scaled.correlation[np.ix_(at, at)]
     start = scaled_ship(model.start, scaling, fastest=fastest).ship
     return replace(
         _without_trials(scaled.ship.with_coefficients(named), start), command=command, model=model,
         converged=model.converged, status=model.status, advice=model.advice, settings=model.settings,
-        compiled=model.compiled, fixed=model.fixed, coefficients=coefficients, messages=_messages(model, scaled),
+        compiled=model.compiled, fixed=model.fixed, estimates=estimates, messages=_messages(model, scaled),
         correlation=Correlation(symbols, tuple(tuple(map(float, row)) for row in matrix)),
         bands=similar_bands(model.bands, scaled.law), adaptation=similar_adaptation(model.adaptation, scaled.law),
         envelope=similar_envelope(model.envelope, scaled.law), scaling=_account(model, scaled, scaling),
@@ -146,7 +146,7 @@ def _finite(value: float) -> float | None:
 def _prior_ship(model: FitResult) -> Ship:
     """The model with the priors of its coefficients in place of the estimates."""
     rows = {}
-    for s, row in model.coefficients.items():
+    for s, row in model.estimates.items():
         if s in model.ship.coefficients and row.prior_value is not None:
             rows[s] = model.ship.coefficients[s].with_(value=row.prior_value, std=row.prior_std or 0.0)
     return model.ship.without_network().with_coefficients(rows)
@@ -156,7 +156,7 @@ def _coefficient_rows(model: FitResult, scaled: ScaledShip, priors: Ship) -> dic
     rows = {}
     for s in scaled.symbols:
         c, prior = scaled.ship.coefficients[s], priors.coefficients[s]
-        old = model.coefficients.get(s)
+        old = model.estimates.get(s)
         verdict = (old.verdict if old else c.verdict) or "prior"
         if s in scaled.changed:
             verdict = f"{model.ship.coefficients[s].value:.4g} of the model, scaled by ITTC-78; there: {verdict}"

@@ -90,7 +90,7 @@ class FitAxes:
     def coefficients(self, ax: Axes | None = None) -> Axes:
         """Each free coefficient in standard deviations of its prior: the prior as a grey bar, the estimate with its 90
         % interval."""
-        rows = {s: c for s, c in self.record.coefficients.items() if c.prior_std and c.prior_value is not None}
+        rows = {s: c for s, c in self.record.estimates.items() if c.prior_std and c.prior_value is not None}
         ax = dress(own_axes(ax, height=1.0 + 0.2 * len(rows)), "from the prior [prior standard deviations]")
         places = np.arange(len(rows))[::-1]
         at = [(c.value - float(c.prior_value or 0)) / float(c.prior_std or 1) for c in rows.values()]

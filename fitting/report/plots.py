@@ -317,7 +317,7 @@ def write_figures(
             f"(dots and ship outlines; dotted lines) over {length:.0f} s. North is up. {words}",
         )  # fmt: skip
     for row in record.profiles or ():
-        known = record.coefficients[row["symbol"]]
+        known = record.estimates[row["symbol"]]
         written.write(
             f"identifiability_profile_{row['symbol']}", partial(profile_plot, row, known.std, known.unit),
             f"Profile of {row['symbol']}",

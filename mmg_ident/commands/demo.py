@@ -64,7 +64,7 @@ def demo(
         fit = calibrate(SHIP, *first, None, options, cli.progress(), seed=seed).save(folder / "run")
     state = "converged" if fit.converged else f"NOT converged, {fit.advice}"
     trials = f"{len(first[0])} trials by multiple shooting"
-    cli.say(f" 3 fit       {len(fit.coefficients)} coefficients to {trials}: {state}, {fit.timings_s['total']:.1f} s")
+    cli.say(f" 3 fit       {len(fit.estimates)} coefficients to {trials}: {state}, {fit.timings_s['total']:.1f} s")
     pair, truth = fit.scores["validation"], compare_with_truth(fit.ship)
     before, after = (score.units.pooled for score in (pair.before, pair.after) if score.units)
     words = f"position {before.position_m:.3g} -> {after.position_m:.3g} m, "

@@ -152,7 +152,7 @@ def _summary(result: FitResult) -> None:
     cli.say(
         f"{words} ({result.status}) after {sum(p.iterations for p in result.passes)} iterations "
         f"in {result.timings_s['total']:.1f} s; objective {result.objective or float('nan'):.6g}; "
-        f"{len(result.coefficients)} free coefficients{own}, {result.seconds_used:.0f} s of data, "
+        f"{len(result.estimates)} free coefficients{own}, {result.seconds_used:.0f} s of data, "
         f"seed {result.settings.seed}"
     )
     cli.say_remarks(result)

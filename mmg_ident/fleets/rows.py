@@ -169,7 +169,7 @@ def ship_row(
 def _coefficients(ship: PlannedShip, result: FitResult) -> dict[str, dict[str, Any]]:
     """Estimate and start of each coefficient, and by how many standard deviations of the start it moved."""
     rows = {}
-    for symbol, c in result.coefficients.items():
+    for symbol, c in result.estimates.items():
         start = ship.start.coefficients.get(symbol)
         value, std = (start.value, start.std) if start else (c.prior_value, c.prior_std)
         # in the start's own deviations, as coefficients have no common unit

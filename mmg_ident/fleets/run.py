@@ -195,7 +195,7 @@ def fit_alone(task: FleetTask) -> None:
     words = {
         "key": task.key,
         "symbols": list(found.symbols),
-        "coefficients": plain(result.coefficients),
+        "coefficients": plain(result.estimates),
         "scores": plain(result.scores),
         "wall_s": time.perf_counter() - began,
     }

@@ -82,8 +82,8 @@ def test_of_several_effects_each_is_tested_beside_the_others() -> None:
 def doubted(value: float, std: float, offset: float = 0.0) -> FitResult:
     """The fit of trials with this offset, as if it had found that."""
     result = fitted(offset, "rudder_offset")
-    row = replace(result.coefficients[SYMBOL], value=value, std=std)
-    return replace(result, coefficients={**result.coefficients, SYMBOL: row})
+    row = replace(result.estimates[SYMBOL], value=value, std=std)
+    return replace(result, estimates={**result.estimates, SYMBOL: row})
 
 
 def test_where_both_disagree_a_sentence_says_so_and_why() -> None:
@@ -105,7 +105,7 @@ def test_what_fails_is_a_warning_and_the_fit_stays(monkeypatch: pytest.MonkeyPat
     result, given = replace(fitted(0.0, "rudder_offset"), effects=None), freeing_effects(FEW, ["rudder_offset"])
     monkeypatch.setattr(for_calibration, "effect_tests", broken)
     kept = with_effect_tests(result, given)
-    assert kept.effects is None and kept.coefficients == result.coefficients
+    assert kept.effects is None and kept.estimates == result.estimates
     assert kept.messages[-1].code == "effect_not_tested"
 
 
@@ -177,7 +177,7 @@ def test_a_fit_fits_its_suspects_along_and_a_diagnosis_judges_them_anew(tmp_path
     result = calibrated(FEW)
     assert suspects_said(result) == ["warning"]
     for name, value in CURRENT.items():
-        row = result.coefficients[f"current.{name}"]
+        row = result.estimates[f"current.{name}"]
         assert abs(row.value - value) < 2 * row.std and row.std < 0.01
     result.save(tmp_path / "run")
     found = mmg_ident.diagnose(tmp_path / "run", with_current())
@@ -187,7 +187,7 @@ def test_a_fit_fits_its_suspects_along_and_a_diagnosis_judges_them_anew(tmp_path
 def test_suspects_are_said_only_where_they_may_not_be_fitted_or_are_free() -> None:
     said = calibrated(FEW, instruments=("none",))
     assert suspects_said(said) == ["warning"]
-    assert set(said.coefficients) == set(FEW.free)
+    assert set(said.estimates) == set(FEW.free)
     assert second_estimate(freeing_effects(FEW, ("current",)), with_current()).suspects == ()
 
 
@@ -205,12 +205,12 @@ def test_a_fit_that_was_interrupted_before_its_suspects_were_known_goes_on(tmp_p
     with interrupts_noted():
         INTERRUPTED.requested = True
         stopped = calibrated(FEW)
-    assert not stopped.converged and set(stopped.coefficients) == set(FEW.free)
+    assert not stopped.converged and set(stopped.estimates) == set(FEW.free)
     stopped.save(run)
     resumed = calibrated(FEW, resume=read_fit(run))
     assert resumed.converged
-    for s, row in whole.coefficients.items():
-        assert resumed.coefficients[s].value == pytest.approx(row.value, abs=0.02 * row.std)
+    for s, row in whole.estimates.items():
+        assert resumed.estimates[s].value == pytest.approx(row.value, abs=0.02 * row.std)
 
 
 @pytest.mark.slow
@@ -219,13 +219,13 @@ def test_suspects_of_a_calibration_before_are_asked_anew(tmp_path: Path) -> None
     whole, run = calibrated(FEW), tmp_path / "run"
     options = FitOptions(next_trial=False)
     stopped = mmg_ident.calibrate(FEW, with_current(), (), Settings(step=1.0, max_iterations=1), options)
-    assert not stopped.converged and set(stopped.coefficients) == set(whole.coefficients)
+    assert not stopped.converged and set(stopped.estimates) == set(whole.estimates)
     stopped.save(run)
     earlier = read_fit(run)
     resumed = calibrated(earlier.start, resume=earlier)
     again = calibrated(whole.ship)
-    for s, row in whole.coefficients.items():
-        assert resumed.coefficients[s].value == pytest.approx(row.value, abs=0.02 * row.std)
+    for s, row in whole.estimates.items():
+        assert resumed.estimates[s].value == pytest.approx(row.value, abs=0.02 * row.std)
     for found in (resumed, again):
         assert suspects_said(found) == ["warning"] and "two_estimates" in [m.code for m in found.messages]
         assert found.effects is None or not found.effects

@@ -184,9 +184,9 @@ def test_with_values_by_campaign_the_shared_coefficients_go_on() -> None:
 
 def test_a_constant_that_campaigns_took_over_is_no_other_model_and_begins_anew() -> None:
     result = small_result(100)
-    first = next(iter(result.coefficients))
-    rest = {s: row for s, row in result.coefficients.items() if s != first}
-    taken = replace(result, coefficients=rest, campaigns={"values": {"2026-03-02": {first: ROW}}})
+    first = next(iter(result.estimates))
+    rest = {s: row for s, row in result.estimates.items() if s != first}
+    taken = replace(result, estimates=rest, campaigns={"values": {"2026-03-02": {first: ROW}}})
     trials = result.objects.trials if result.objects else ()
     check_resumable(taken, result.start, trials)
     assert iterate_of(taken, result.start) is None

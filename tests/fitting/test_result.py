@@ -122,9 +122,12 @@ def test_all_that_is_wrong_is_said_at_once(folder: Path, tmp_path: Path) -> None
 def test_results_are_tables(folder: Path) -> None:
     pytest.importorskip("pandas")
     result = read_fit(folder)
-    table = result.to_pandas()
-    assert list(table.index) == list(FREE) or set(table.index) == set(FREE)
+    table = result.coefficients
+    assert set(table.index) == set(FREE) and table.index.name == "coefficient" and table.equals(result.to_pandas())
     assert {"value", "std", "lower", "upper", "unit", "verdict"} <= set(table.columns)
+    assert {s: (row.value, row.std) for s, row in result.estimates.items()} == {
+        s: (table.value[s], table["std"][s]) for s in FREE
+    }
     scores = result.scores["validation"].after.to_pandas()
     assert list(scores.index) == [row.name for row in result.validation_data]
     evil = replace(result, ship_name="<script>")
@@ -146,7 +149,7 @@ def test_what_was_saved_without_report_gets_the_same_figures_later(tmp_path: Pat
     assert seen[0].ship == saved.ship and not saved.figures
     assert not {"figures", "report.html"} & {p.name for p in (tmp_path / "run").iterdir()}
     read = read_fit(tmp_path / "run")
-    assert read.coefficients == saved.coefficients and not has_code(read.warnings, "parts_left_out")
+    assert read.estimates == saved.estimates and not has_code(read.warnings, "parts_left_out")
     objects = result.objects
     assert objects
     late = read.with_late_figures((*objects.trials, *objects.validation))
@@ -168,7 +171,7 @@ def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr("fitting.report.page.build_page", broken)
     saved = small_result().save(tmp_path / "run")
     read = read_fit(tmp_path / "run")
-    assert read.coefficients == small_result().coefficients and read.ship == named(small_result().ship, "run")
+    assert read.estimates == small_result().estimates and read.ship == named(small_result().ship, "run")
     failed = [str(m) for m in read.warnings if m.code == "figure_failed"]
     assert not has_code(read.warnings, "parts_left_out")
     assert len(failed) == 2

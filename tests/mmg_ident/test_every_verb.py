@@ -212,7 +212,7 @@ def test_results_say_what_they_are_in_a_few_lines(fit: mi.FitResult) -> None:
 
 def test_a_summary_begins_with_what_the_data_say(fit: mi.FitResult) -> None:
     lines = fit.summary().splitlines()
-    first = min(fit.coefficients.items(), key=lambda row: row[1].prior_share)
+    first = min(fit.estimates.items(), key=lambda row: row[1].prior_share)
     at = next(k for k, line in enumerate(lines) if line.startswith("  "))
     assert lines[at].split()[:2] == [first[0], f"{first[1].value:.4g}"] and len(lines) < 40
     assert fit._repr_html_().count("<tr>") <= 21

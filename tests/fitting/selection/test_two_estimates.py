@@ -50,7 +50,7 @@ def test_estimates_meet_halfway_and_half_their_difference_is_uncertain() -> None
 
 def assert_said_of_what_is_shown(result: FitResult) -> None:
     """Findings, verdicts, bounds and warnings of a ``result`` are those of its rows."""
-    rows, said = result.coefficients, result.identifiability["coefficients"]
+    rows, said = result.estimates, result.identifiability["coefficients"]
     shift = {s: (c.value - c.prior_value) / c.prior_std for s, c in rows.items()}
     assert result.calibration is not None
     for finding in result.calibration.identifiability.findings:

@@ -72,22 +72,22 @@ def test_states_that_are_not_finite_give_an_infinite_value(fitted: mi.FitResult)
 def test_a_refit_that_holds_nothing_changes_nothing(fitted: mi.FitResult) -> None:
     again = mi.refit(fitted)
     assert again.converged and again.objective == pytest.approx(fitted.objective, rel=1e-8)
-    for symbol, row in fitted.coefficients.items():
-        new = again.coefficients[symbol]
+    for symbol, row in fitted.estimates.items():
+        new = again.estimates[symbol]
         assert new.value == pytest.approx(row.value, abs=1e-4 * row.prior_std)
         assert new.std == pytest.approx(row.std, rel=1e-3)
     assert again.scores["training"].after.window == pytest.approx(fitted.scores["training"].after.window, rel=1e-4)
 
 
 def test_a_refit_holds_and_minimises_over_the_others(fitted: mi.FitResult, tmp_path) -> None:  # type: ignore[no-untyped-def]
-    row, problem = fitted.coefficients["N_r"], fitted.problem
+    row, problem = fitted.estimates["N_r"], fitted.problem
     value = row.value + 0.2 * row.prior_std
     again = mi.refit(fitted, {"N_r": value})
-    assert again.converged and again.coefficients["N_r"].value == pytest.approx(value, rel=1e-12)
+    assert again.converged and again.estimates["N_r"].value == pytest.approx(value, rel=1e-12)
     assert fitted.objective < again.objective < problem.objective({"N_r": value})[0]
     saved = again.save(tmp_path / "held", report=False)
     read = mi.load_run(saved.folder)
-    assert read.coefficients == again.coefficients
+    assert read.estimates == again.estimates
     with pytest.raises(Missing):
         mi.refit(read)
     for wrong, error in (({"N_rr": 0.0}, UnknownName), ({"N_r": 1e9}, OutOfRange)):

@@ -122,7 +122,7 @@ def test_a_small_fit_is_sampled_and_its_draws_are_saved(tmp_path: Path, monkeypa
     fitted = small_fit("gaussian", 2.0)
     drawn = fitted.sample(200, method="nuts", seed=2)
     table, draws = drawn.table, drawn.to_pandas()
-    assert draws.shape == (200, len(fitted.coefficients)) and list(draws) == list(fitted.coefficients)
+    assert draws.shape == (200, len(fitted.estimates)) and list(draws) == list(fitted.estimates)
     assert (table["r_hat"] < 1.05).all() and (table["wider"].abs() < 0.3).all()
     frame = fitted.to_pandas()
     low, high = (frame[key].to_numpy(dtype=float) for key in ("lower", "upper"))
@@ -138,7 +138,7 @@ def test_laplace_draws_have_the_covariance_of_the_fit(fitted: mi.FitResult) -> N
     frame, covariance = fitted.sample(4000, seed=1), fitted.covariance
     assert list(frame) == list(covariance) == list(covariance.index)
     std, prior = np.sqrt(np.diag(covariance)), fitted.calibration.prior.std
-    np.testing.assert_allclose(std, [row.std for row in fitted.coefficients.values()])
+    np.testing.assert_allclose(std, [row.std for row in fitted.estimates.values()])
     np.testing.assert_allclose(
         covariance / np.outer(std, std), fitted.calibration.covariance * np.outer(prior / std, prior / std), atol=1e-6
     )
@@ -153,8 +153,8 @@ def test_what_cannot_be_drawn_is_refused(fitted: mi.FitResult, tmp_path: Path, m
     for n, method, error in ((0, "laplace", OutOfRange), (0, "nuts", OutOfRange), (5, "nut", UnknownName)):
         with pytest.raises(error):
             fitted.sample(n, method)  # type: ignore[call-overload]
-    rows = {s: replace(row, std=None) for s, row in fitted.coefficients.items()}
-    unknown = replace(fitted, coefficients=rows)
+    rows = {s: replace(row, std=None) for s, row in fitted.estimates.items()}
+    unknown = replace(fitted, estimates=rows)
     for ask in (lambda: unknown.covariance, lambda: unknown.sample(5), lambda: unknown.sample(5, "nuts")):
         with pytest.raises(Missing):
             ask()
