@@ -97,8 +97,8 @@ def of_plant(seed: int) -> Yard:
               "wind_direction": np.full(len(t["t"]), weather.direction % (2 * math.pi))}  # fmt: skip
         t |= {"x": t["x"] + arm * np.cos(t["psi"]), "y": t["y"] + arm * np.sin(t["psi"]), "v": t["v"] + arm * t["r"]}
         trials.append(logged(t, L, rng, order))
-    for order in STANDARD:
-        _, t = made(order, Weather(), 0.0, 0.5)
+    for order in STANDARD:  # finely logged: half a second at a reversal is 5 % of an overshoot
+        _, t = made(order, Weather(), 0.0, 0.1)
         truth[order] = measured_runs(Trial("true", t, kind=order.split(":")[0]), L)[0].figures
     sizes = {"L": L, "B": B, "d": d, "C_b": block, "U_0": speed}
     return Yard(tuple(trials), sizes, {"antenna": aft, "current": flows}, truth)
