@@ -36,7 +36,7 @@ ROOT = Path(__file__).parents[1]
 KEPT = tables(Path(__file__).with_suffix(".toml"))
 """Tests by room, and faults that change nothing."""
 ROOMS: dict[str, list[str]] = KEPT["rooms"]
-QUIET = ("-x", "-q", "-n0", "-p", "no:cacheprovider", "--hypothesis-seed=0", "--tb=line", "-m", "not slow")
+QUIET = ("-x", "-q", "-n0", "-p", "no:cacheprovider", "--hypothesis-seed=0", "--tb=line", "-m", "not longest")
 LONGEST = 240.0
 """Time [s] after which a test that does not end counts as one that fails."""
 

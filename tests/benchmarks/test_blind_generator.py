@@ -218,6 +218,7 @@ def test_the_true_model_predicts_better_with_its_effects() -> None:
     assert without[0] == pytest.approx(floor[0], rel=0.05)
 
 
+@pytest.mark.slow
 def test_without_random_force_the_floor_is_the_noise() -> None:
     case = prepared()
     quiet = replace(case, force=0 * case.force)
@@ -247,6 +248,7 @@ def test_a_world_scales_the_size_of_a_stranger_and_of_nothing_else() -> None:
     assert set(WORLDS["vectwin"].sizes) <= known and not WORLDS["pond"].sizes and not WORLDS["basin"].sizes
 
 
+@pytest.mark.slow
 def test_a_twin_has_the_same_chance_and_hides_nothing() -> None:
     limit = next(one for one in NEW if one.name == "rudder_rate_limit")
     case = prepared(Hand("foreign", ((limit, "medium"),)))
@@ -265,6 +267,7 @@ def test_the_mix_is_dealt_in_its_shares() -> None:
     assert len(named) >= 60
 
 
+@pytest.mark.slow
 def test_the_hash_is_that_of_the_key_and_the_key_of_all_files(written: tuple[Path, str]) -> None:
     folder, digest = written
     content = (folder / "key.json").read_bytes()
@@ -289,6 +292,7 @@ def test_the_same_seed_gives_the_same_bytes(written: tuple[Path, str], tmp_path:
         generate(folder, 1, 1)
 
 
+@pytest.mark.slow
 def test_the_package_reads_the_trials(written: tuple[Path, str]) -> None:
     folder, _ = written
     for case in sorted(folder.glob("case_*")):

@@ -87,6 +87,7 @@ def test_misses_are_listed_with_their_first_candidates() -> None:
     assert "median 2, most 9" in scored(pairs(), "basin")[0]
 
 
+@pytest.mark.slow
 def test_a_key_is_read_only_as_it_was_sealed(tmp_path: Path) -> None:
     folder = tmp_path / "cases"
     digest = dealt(folder, "pond", "library", 1, 11)

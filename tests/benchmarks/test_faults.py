@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 
+import pytest
+
 from benchmarks.mutants import ROOT, drawn, equivalent, faults, physics, room_tests
 
 TEXT = '''"""Not 1 + 1."""
@@ -38,6 +40,7 @@ def test_faults_are_those_of_equations() -> None:
     }
 
 
+@pytest.mark.slow
 def test_faults_of_the_physics_are_python_and_their_tests_are_there() -> None:
     for fault in drawn(3, 100):
         ast.parse(fault.text)

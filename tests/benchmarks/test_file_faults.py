@@ -23,6 +23,7 @@ def test_the_plant_turns_to_starboard_drifts_outward_and_mirrors() -> None:
     assert np.allclose(starboard["y"], -port["y"], atol=1e-3 * hull.length)
 
 
+@pytest.mark.slow
 def test_sound_files_are_quiet_and_a_fault_of_one_file_is_named() -> None:
     truth = drawn(NAME, 5)
     assert judged(truth, truth, None)[0] == "quiet"

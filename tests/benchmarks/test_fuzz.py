@@ -33,16 +33,19 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Reader]
         yield FOUND
 
 
+@pytest.mark.slow
 def test_every_reader_reads_the_good_file(made: dict[str, Reader]) -> None:
     assert set(REPRODUCERS) | set(LOGS) == set(made)
     assert {name: outcome(reader, reader.seeds[0])[0] for name, reader in made.items()} == dict.fromkeys(made, "read")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "content"), list(reproducers()))
 def test_what_once_did_harm_is_answered(name: str, content: bytes, made: dict[str, Reader]) -> None:
     assert outcome(made[name], content)[0] in ("read", "refused")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "number"),
     [
@@ -57,6 +60,7 @@ def test_what_fuzzing_found_is_answered(name: str, number: int, made: dict[str, 
     assert outcome(made[name], numbered(name, number, made[name].seeds))[0] in ("read", "refused")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(number=st.integers(0, 2**32))
@@ -64,6 +68,7 @@ def test_damaged_files_are_read_or_refused(name: str, number: int, made: dict[st
     assert outcome(made[name], numbered(name, number, made[name].seeds))[0] in ("read", "refused")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(

@@ -110,6 +110,7 @@ def orders_followed(
     return t, angle
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("every", "noise", "share"), [(0.78, 0.0, 0.35), (0.3, 0.0, 0.25), (0.78, 0.1, 0.5)])
 def test_where_an_actuator_of_limited_rate_starts_and_stops_between_samples_is_found(
     every: float, noise: float, share: float

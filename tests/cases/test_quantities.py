@@ -194,6 +194,7 @@ PLACES = {
 """Latitude, longitude and begin of logs with this column of the wind."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wind", list(PLACES))
 def test_a_log_that_is_turned_mirrored_or_taken_to_another_place_and_day_gives_the_same_trial(
     tmp_path: Path, wind: str

@@ -99,6 +99,7 @@ def contents(target: Path) -> dict[str, bytes]:
 PROJECTED = ("shipmmg", "pvs", "vrx")  # slow, and gazebo stands for them
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "form", [pytest.param(form, marks=[pytest.mark.slow] * (form in PROJECTED)) for form in sorted(FORMATS)]
 )

@@ -52,6 +52,7 @@ def test_the_priors_are_those_of_the_calibration_at_hand_not_of_one_before_it(tr
     assert not isinstance(found, str) and found["N_r"] == pytest.approx(c.value, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("can_be_fitted", [True, False])
 def test_many_trials_begin_at_the_fit_of_a_few(
     can_be_fitted: bool, trials: list[Trial], monkeypatch: pytest.MonkeyPatch
@@ -86,6 +87,7 @@ def test_it_says_why_there_is_no_estimate(trials: list[Trial], monkeypatch: pyte
     assert isinstance(much, str) and "memory" in much
 
 
+@pytest.mark.slow
 def test_a_calibration_is_the_mean_of_both(trials: list[Trial]) -> None:
     options = FitOptions(next_trial=False, instruments=(), per_campaign=("none",))
     settings = Settings(loss="gaussian", weight=1.0, passes=2)

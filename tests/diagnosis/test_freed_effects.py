@@ -50,6 +50,7 @@ def only(result: FitResult) -> EffectTest:
     return result.effects[0]
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_there_has_a_small_probability_and_its_size() -> None:
     test = only(fitted(0.06, "rudder_offset"))
     value = test.parameters[SYMBOL]
@@ -86,6 +87,7 @@ def doubted(value: float, std: float, offset: float = 0.0) -> FitResult:
     return replace(result, estimates={**result.estimates, SYMBOL: row})
 
 
+@pytest.mark.slow
 def test_where_both_disagree_a_sentence_says_so_and_why() -> None:
     given = freeing_effects(FEW, ["rudder_offset"])
     sure = with_effect_tests(replace(doubted(0.03, 0.004), messages=()), given)
@@ -118,6 +120,7 @@ def test_what_cannot_be_tested_is_said(changed: dict[str, object], words: str) -
     assert kept.effects is None and kept.messages[-1].code == "effect_not_tested" and words in kept.messages[-1].text
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blank_figures")
 def test_the_folder_the_page_and_the_console_have_the_probability(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -136,6 +139,7 @@ def test_the_folder_the_page_and_the_console_have_the_probability(
     assert test.sentence in " ".join(said.split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "name"),
     [
@@ -184,6 +188,8 @@ def test_a_fit_fits_its_suspects_along_and_a_diagnosis_judges_them_anew(tmp_path
     assert [e.name for e in found.effects] == ["current"]
 
 
+@pytest.mark.longest
+@pytest.mark.slow
 def test_suspects_are_said_only_where_they_may_not_be_fitted_or_are_free() -> None:
     said = calibrated(FEW, instruments=("none",))
     assert suspects_said(said) == ["warning"]
@@ -191,6 +197,7 @@ def test_suspects_are_said_only_where_they_may_not_be_fitted_or_are_free() -> No
     assert second_estimate(freeing_effects(FEW, ("current",)), with_current()).suspects == ()
 
 
+@pytest.mark.slow
 def test_a_current_of_several_days_is_said_and_not_fitted_as_one() -> None:
     """Instruments stay as they are from day to day, the water does not."""
     days = zip(with_current(), ("monday", "tuesday", "tuesday"), strict=True)
@@ -199,6 +206,8 @@ def test_a_current_of_several_days_is_said_and_not_fitted_as_one() -> None:
     assert [m.code for m in found.messages] == ["suspect"] and "--per-run current" in str(found.messages[0])
 
 
+@pytest.mark.longest
+@pytest.mark.slow
 def test_a_fit_that_was_interrupted_before_its_suspects_were_known_goes_on(tmp_path: Path) -> None:
     """Ctrl-C while the filter runs leaves a folder, of a ship without suspects; resumed, it ends where another does."""
     whole, run = calibrated(FEW), tmp_path / "run"

@@ -76,6 +76,7 @@ def low_passed(trial: Trial, in_body_axes: bool) -> Trial:
     return trial.with_columns(u=logged.real, v=logged.imag)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("in_body_axes", first_quick([True, False]))
 def test_filtered_velocities_are_a_fault_of_an_instrument_and_no_cause(in_body_axes: bool) -> None:
     trials = [low_passed(trial, in_body_axes) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]

@@ -44,6 +44,7 @@ def trials(ship: Ship, held: bool, seed: int) -> list[Trial]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held", first_quick([True, False]))
 def test_nothing_is_seen_in_trials_without_random_forces_however_actuators_are_sampled(held: bool) -> None:
     ready = prepare(FEW, trials(drawn(FEW, np.random.default_rng(5)), held, 5), Site({"bank": BANK}, {}))

@@ -119,6 +119,7 @@ def test_a_notebook_shows_the_sentence_and_the_candidates() -> None:
     assert "propeller_side_force" in html
 
 
+@pytest.mark.slow
 def test_a_figure_that_fails_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(d: Diagnosis) -> None:
         raise ValueError("no such colour")

@@ -11,6 +11,7 @@ from mmg.effects import EFFECTS
 from tests.support.diagnosis_cases import SHIP, candidate, full_model, pushed_problem
 
 
+@pytest.mark.slow
 def test_the_uncertainty_of_a_formula_is_in_the_standard_errors_of_its_sizes() -> None:
     problem, null = pushed_problem(1, "wave_drift:x=0.45,y=-0.35")
     drift, offset = candidate("wave_drift"), candidate("rudder_offset")

@@ -44,6 +44,7 @@ def run_page(path: Path, folder: Path, chosen: list[Command], capsys: pytest.Cap
         assert not missing(command.shown, err + out), (words, err + out)
 
 
+@pytest.mark.slow
 def test_the_first_commands_of_the_readme_work(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

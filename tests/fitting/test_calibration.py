@@ -27,12 +27,14 @@ def fitted() -> Calibration:
     return estimate_coefficients(load_ship("esso_osaka_3m"), runs()[0], Settings(starts=2))
 
 
+@pytest.mark.slow
 def test_it_converges_to_tolerance_and_every_start_agrees(fitted: Calibration) -> None:
     assert fitted.solution.status == "Solve_Succeeded" and fitted.solution.violation < 1e-6
     assert [s.converged for s in fitted.starts] == [True, True]
     assert max(s.distance for s in fitted.starts) < 1e-2
 
 
+@pytest.mark.slow
 def test_starts_spread_over_processes_give_the_same_solutions() -> None:
     inline, spread = (
         estimate_coefficients(few_free(), runs()[0][:2], Settings(passes=1, starts=3, workers=w)) for w in (1, 2)
@@ -41,11 +43,13 @@ def test_starts_spread_over_processes_give_the_same_solutions() -> None:
     np.testing.assert_allclose(spread.p, inline.p, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_noise_of_the_sensors_is_recovered(fitted: Calibration) -> None:
     np.testing.assert_allclose(fitted.noise.rms, [0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006], rtol=0.1)
     assert (fitted.noise.tau < 1.5).all()
 
 
+@pytest.mark.slow
 def test_the_fit_moves_towards_the_truth_and_predicts_better(fitted: Calibration) -> None:
     truth, start = hidden_ship(), load_ship("esso_osaka_3m")
     well = [s for i, s in enumerate(fitted.prior.symbols) if fitted.covariance[i, i] < 0.05]
@@ -62,6 +66,7 @@ def test_the_fit_moves_towards_the_truth_and_predicts_better(fitted: Calibration
     assert after.window < 0.6 * before.window and after.paper < 0.4 * before.paper
 
 
+@pytest.mark.slow
 def test_a_calibrated_ship_is_again_a_ship(fitted: Calibration) -> None:
     again = parse_ship(dump_ship(fitted.ship))
     np.testing.assert_array_equal(again.values, fitted.ship.values)
@@ -118,6 +123,7 @@ def test_constant_inputs_are_refused() -> None:
         estimate_coefficients(load_ship("esso_osaka_3m"), [constant])
 
 
+@pytest.mark.slow
 def test_intervals_of_one_seed_hold_most_true_values(fitted: Calibration) -> None:
     truth = hidden_ship().coefficients
     z = np.array(

@@ -143,6 +143,7 @@ def test_its_folder_holds_the_loss_of_its_trials(folder: Path) -> None:
     np.testing.assert_array_equal(read.loss.starts, made.loss.starts)
 
 
+@pytest.mark.slow
 def test_what_was_saved_without_report_gets_the_same_figures_later(tmp_path: Path) -> None:
     result, seen = small_result(), []
     saved = result.save(tmp_path / "run", report=False, numbers=seen.append)

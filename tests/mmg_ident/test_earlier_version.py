@@ -58,6 +58,7 @@ def same(found: Any, expected: Any, tolerance: float) -> None:
         assert found == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CALIBRATED)
 def test_a_calibration_predicts_the_same(name: str) -> None:
     """Numbers to 1e-6: compilers may differ in the last digits."""
@@ -78,6 +79,8 @@ def test_it_is_exported(name: str, tmp_path: Path) -> None:
     assert list((tmp_path / "c").glob("*.c"))
 
 
+@pytest.mark.longest
+@pytest.mark.slow
 def test_an_interrupted_fit_goes_on_to_the_same_estimate(tmp_path: Path) -> None:
     """It was stopped after two iterations of each solve, with loss and run weight left open."""
     shutil.copytree(FOLDERS / "interrupted", tmp_path / "run")

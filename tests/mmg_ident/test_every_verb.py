@@ -156,6 +156,7 @@ def axes() -> Iterator[Callable[[], Any]]:
     pyplot.close("all")
 
 
+@pytest.mark.slow
 def test_figures_of_a_fit_are_drawn_on_the_axes_given(fit: mi.FitResult, axes: Callable[[], Any]) -> None:
     for draw in (fit.plot.tracks, fit.plot.residuals, fit.plot.forces, fit.plot.coefficients, fit.plot.correlation):
         ax = axes()
@@ -169,6 +170,7 @@ def test_figures_of_a_fit_are_drawn_on_the_axes_given(fit: mi.FitResult, axes: C
         fit.plot.tracks(trial="nowhere")
 
 
+@pytest.mark.slow
 def test_forces_of_a_figure_are_those_of_the_right_hand_side(fit: mi.FitResult, axes: Callable[[], Any]) -> None:
     trial = fit.fitted_objects.trials[0]
     drawn = {line.get_label(): line.get_ydata() for line in fit.plot.forces(axes(), component="N").lines}
@@ -179,6 +181,7 @@ def test_forces_of_a_figure_are_those_of_the_right_hand_side(fit: mi.FitResult, 
     assert set(drawn) == set(table.index)
 
 
+@pytest.mark.slow
 def test_figures_of_standard_manoeuvres_and_trials_are_axes(axes: Callable[[], Any]) -> None:
     judged = mi.imo("esso_osaka_3m", scatter=0)
     assert {row.figure for row in judged.rows} >= {"advance", "tactical_diameter", "overshoot_1"}
@@ -192,6 +195,7 @@ def test_figures_of_standard_manoeuvres_and_trials_are_axes(axes: Callable[[], A
     assert turn.plot(ax) is ax and np.array_equal(ax.lines[0].get_xdata(), turn["y"])
 
 
+@pytest.mark.slow
 def test_measured_runs_are_judged_as_the_command_judges_them() -> None:
     turn = mi.simulate("esso_osaka_3m", "turning:35", duration=150.0)
     measured = mi.imo("esso_osaka_3m", [turn])
@@ -202,6 +206,7 @@ def test_measured_runs_are_judged_as_the_command_judges_them() -> None:
         mi.imo("esso_osaka_3m", [turn], scatter=50)
 
 
+@pytest.mark.slow
 def test_results_say_what_they_are_in_a_few_lines(fit: mi.FitResult) -> None:
     turn = mi.simulate("esso_osaka_3m", "turning:35", duration=20.0)
     held_out = coarse_runs()[1][:1]
@@ -210,6 +215,7 @@ def test_results_say_what_they_are_in_a_few_lines(fit: mi.FitResult) -> None:
     assert {type(one).__name__: repr(one).count("\n") for one in objects if len(repr(one)) > 1500} == {}
 
 
+@pytest.mark.slow
 def test_a_summary_begins_with_what_the_data_say(fit: mi.FitResult) -> None:
     lines = fit.summary().splitlines()
     first = min(fit.estimates.items(), key=lambda row: row[1].prior_share)

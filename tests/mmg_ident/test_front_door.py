@@ -94,6 +94,7 @@ def test_types_that_an_editor_sees_are_those_that_are_loaded() -> None:
         assert getattr(__import__(str(module), fromlist=[there]), there) is getattr(mmg_ident, name)
 
 
+@pytest.mark.slow
 def test_a_notebook_and_the_command_leave_the_same_folder(folder: Path, tmp_path: Path) -> None:
     arguments = ["fit", "esso_osaka_3m", str(folder / "train"), "--validate", str(folder / "held_out.csv")]
     options = ["--only", ",".join(FREE), "--no-next-trial"]
@@ -107,6 +108,7 @@ def test_a_notebook_and_the_command_leave_the_same_folder(folder: Path, tmp_path
     assert (folder / "run" / "ship.toml").read_text() == (tmp_path / "run" / "ship.toml").read_text()
 
 
+@pytest.mark.slow
 def test_scores_are_those_of_the_command(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     held_out = mmg_ident.read_trials([folder / "held_out.csv"])
     ours = mmg_ident.score(mmg_ident.load_run(folder / "run"), held_out)
@@ -122,6 +124,7 @@ def test_scores_are_those_of_the_command(folder: Path, capsys: pytest.CaptureFix
     assert "baseline" in mmg_ident.score(folder / "run", held_out, baseline=folder / "held_out.csv").units.ratio
 
 
+@pytest.mark.slow
 def test_a_calibrated_ship_leaves_as_a_file_and_a_library_ship_only_by_force(folder: Path, tmp_path: Path) -> None:
     assert mmg_ident.export_ship(folder / "run", "toml", tmp_path / "ship.toml") == []
     again = mmg_ident.load_ship(tmp_path / "ship.toml")
@@ -133,6 +136,7 @@ def test_a_calibrated_ship_leaves_as_a_file_and_a_library_ship_only_by_force(fol
     assert "uncalibrated" in [note.code for note in said]
 
 
+@pytest.mark.slow
 def test_predictions_are_tables(folder: Path) -> None:
     (found,) = mmg_ident.predict(folder / "run", folder / "held_out.csv")
     table = found.to_pandas()
@@ -140,6 +144,7 @@ def test_predictions_are_tables(folder: Path) -> None:
     assert table["window"].nunique() == len(found.windows) == 8 and found.trial.name in found._repr_html_()
 
 
+@pytest.mark.slow
 def test_a_simulated_run_is_a_trial(folder: Path) -> None:
     turn = mmg_ident.simulate("esso_osaka_3m", "turning:35", duration=30.0)
     again = mmg_ident.simulate(mmg_ident.load_run(folder / "run"), turn)
@@ -151,6 +156,7 @@ def test_a_simulated_run_is_a_trial(folder: Path) -> None:
         mmg_ident.simulate("esso_osaka_3m", turn, duration=3.0)
 
 
+@pytest.mark.slow
 def test_reports_and_checks_are_functions_too(folder: Path, tmp_path: Path) -> None:
     mmg_ident.write_report(folder / "run", tmp_path / "page.html", imo=False)
     assert "<html" in (tmp_path / "page.html").read_text()
@@ -207,6 +213,7 @@ assert {{row["num_threads"] for row in threadpool_info()}} == {{2}}
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("module", "entry", "inner", "arguments"),
     first_quick(

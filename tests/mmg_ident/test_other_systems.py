@@ -94,6 +94,7 @@ def worked(folder: Path) -> str:
     return ended(folder, QUICK)
 
 
+@pytest.mark.slow
 def test_commands_run_without_posix_with_locked_files_and_a_narrow_console(folder: Path, worked: str) -> None:
     """A file is replaced while none holds it, names that the console does not know are written as escapes."""
     assert "\\u8235" in worked and worked.encode("cp1252")
@@ -145,6 +146,7 @@ with reserved(Path("held")):
 """
 
 
+@pytest.mark.slow
 def test_two_processes_do_not_work_on_one_folder_without_posix(tmp_path: Path) -> None:
     """The lock of msvcrt ends with the process that is killed, and what that process left hinders none."""
     place = tmp_path / "here"
@@ -200,6 +202,7 @@ def test_names_that_are_one_file_on_windows_or_macos_are_not_overwritten(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_line_ends_of_windows_change_no_value(folder: Path, tmp_path: Path) -> None:
     from cases.io.read import read_trials
 

@@ -109,6 +109,7 @@ TOKEN = re.compile(r'(?m)^#define FMU_TOKEN .*$|"\{[0-9a-f-]{36}\}"')
 QUICK = FitOptions(next_trial=False, instruments=())
 
 
+@pytest.mark.slow
 def test_fitted_and_exported_it_equals_the_model_of_the_library_that_it_repeats(tmp_path: Path) -> None:
     """Coefficients and standard errors to 1e-12; source of C and FMU to the last character."""
     one, other = (mi.calibrate(few(ship), [trial()], options=QUICK) for ship in (SHIP, with_notebook_hull()))
@@ -218,6 +219,7 @@ def test_a_measurement_is_one_hook_as_well() -> None:
     assert logged[1] == pytest.approx(1.1 * logged[0]) and EFFECTS["sway_scale"].measures
 
 
+@pytest.mark.slow
 def test_a_function_that_is_defined_again_is_the_one_that_counts() -> None:
     """Also for what was compiled or assembled of the one before: caches go by its body."""
 
@@ -287,6 +289,7 @@ def surge_rate(ship: Ship) -> float:
     return float(ship.rhs(STATE, controls(ship))[3])
 
 
+@pytest.mark.slow
 def test_copies_and_other_processes_have_the_same_model() -> None:
     """By its name where it can be imported, by its code where it is of a notebook."""
     drag_factor = 3.0

@@ -84,6 +84,7 @@ def lagging(name: str) -> Ship:
     return ship.with_effect("velocity_filter", {"tau": 1.0}) if name == "esso_osaka_3m" else ship
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHIPS)
 def test_it_is_as_sure_as_it_is_right(name: str) -> None:
     """Innovations by the chi-square law with six degrees of freedom, errors of all states by that with eleven; those
@@ -108,6 +109,7 @@ def test_it_is_as_sure_as_it_is_right(name: str) -> None:
     assert abs(np.mean(squares) - 11) < CHANCE * math.sqrt(2 * 11 / len(squares))
 
 
+@pytest.mark.slow
 def test_forecasts_hold_what_comes_in_their_band() -> None:
     """Nine of ten, of many runs; and nearer to it than where the ship goes by herself from the last sample."""
     ship, (n, speed) = lagging("esso_osaka_3m"), SHIPS["esso_osaka_3m"]
@@ -147,6 +149,7 @@ def pair() -> tuple[Tracker, Tracker]:
     return trackers[0], trackers[1]
 
 
+@pytest.mark.slow
 def test_it_is_that_of_numpy(pair: tuple[Tracker, Tracker]) -> None:
     compiled, portable = (t.forecast(5.0) for t in pair)
     assert not pair[1].is_compiled
@@ -154,6 +157,7 @@ def test_it_is_that_of_numpy(pair: tuple[Tracker, Tracker]) -> None:
     assert np.allclose(compiled.std, portable.std, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_its_covariances_are_those_of_the_filter_of_a_diagnosis() -> None:
     """Along the same linearisations, whose transitions and observations are given to it."""
     ship = load_ship("esso_osaka_3m")
@@ -207,6 +211,7 @@ def test_a_constant_disturbance_is_found() -> None:
     assert state["tow.X"] == state.disturbance[0]
 
 
+@pytest.mark.slow
 def test_a_wrong_coefficient_is_found() -> None:
     ship = load_ship("esso_osaka_3m")
     true = 1.3 * ship.coefficients["N_r"].value
@@ -230,6 +235,7 @@ def test_many_samples_of_shared_errors_tell_what_few_tell() -> None:
     assert stds[0] == pytest.approx(stds[1], rel=0.2)
 
 
+@pytest.mark.slow
 def test_what_is_missing_makes_it_less_sure_and_nothing_else(pair: tuple[Tracker, Tracker]) -> None:
     ship = load_ship("esso_osaka_3m")
     run = pushed(ship, 60)
@@ -259,6 +265,7 @@ def test_controls_ahead_may_be_given_in_each_way() -> None:
     assert list(found[0].to_pandas().columns[:3]) == ["t", "x", "y"] and len(repr(found[0])) < 300
 
 
+@pytest.mark.slow
 def test_a_hybrid_is_tracked() -> None:
     true = lacking()
     run = pushed(true, 60)

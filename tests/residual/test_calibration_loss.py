@@ -61,6 +61,7 @@ def still(found: Calibration, symbols: tuple[str, ...]) -> Hybrid:
     return Hybrid(physics, Residual.drawn(np.ones(F), np.ones(3), 4), np.ones((F, 1)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SHIPS)
 def test_value_and_gradient_are_those_of_the_calibration(kind: str) -> None:
     """Prior and memory of the first states apart, to 1e-9 of the value and 1e-6 of the gradient."""
@@ -92,6 +93,7 @@ def test_value_and_gradient_are_those_of_the_calibration(kind: str) -> None:
         assert np.linalg.norm(off) < 1e-6 * np.linalg.norm(slope * prior.std - scaled)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SHIPS)
 def test_a_training_sees_the_value_of_the_calibrated_ship_by_compiled_rollouts(kind: str) -> None:
     found, trials = calibrated(kind)
@@ -152,6 +154,7 @@ def test_a_training_takes_the_loss_of_these_trials_and_says_where_it_cannot() ->
         assert settings.loss == "state" and used is None and [m.code for m in said] == ["loss_of_states"]
 
 
+@pytest.mark.slow
 def test_a_network_is_trained_by_it() -> None:
     """Its history has the length of the windows of the calibration, and the error of the stop windows falls."""
     found, trials = calibrated("plain")

@@ -127,6 +127,7 @@ def test_what_judges_is_neither_trained_on_nor_stopped_by() -> None:
     np.testing.assert_allclose(found.judged[:, 2:].mean(axis=0), [found.before[0], found.after[0]])
 
 
+@pytest.mark.slow
 def test_validation_trials_judge_and_do_not_stop() -> None:
     ship = hybrids.ship()
     trials = drifting(6, [0.3, 0.3, 0.3, 0.3, 0.3, -0.3])
@@ -208,6 +209,7 @@ def test_few_runs_need_a_larger_gain_than_many() -> None:
     assert found.highest == pytest.approx(0.1 + 1.7959 * 0.05, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_parts_of_runs_that_were_trained_on_decide_nothing() -> None:
     even = [(1.0, 0.9), (1.0, 0.91), (1.0, 0.89), (1.0, 0.92), (1.0, 0.88)]
     found = decide([outcome(0.9, runs=even)] * 2, whole_runs=False)

@@ -56,6 +56,7 @@ def hybrid_and_batch(h: float = 1.0, steps: int = 12):  # type: ignore[no-untype
     return Hybrid(physics, random_residual(), np.ones((7, 4))), batch
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["rk4", "euler"])
 def test_gradient_of_the_rollout_loss_agrees_with_finite_differences(method: str) -> None:
     hybrid, batch = hybrid_and_batch()
@@ -114,6 +115,7 @@ def test_a_diverging_training_starts_again_lower_and_then_gives_up(rate: float, 
     assert found.rate == pytest.approx(rate * 0.04)
 
 
+@pytest.mark.slow
 def test_a_time_limit_keeps_the_best_weights_so_far() -> None:
     trials = hybrids.trials(hybrids.lacking(), 3, 150)
     trained = train(hybrids.ship(), trials, settings=replace(QUICK, seeds=1, epochs=5000, time_limit=0.5))

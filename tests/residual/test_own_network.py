@@ -55,6 +55,7 @@ def test_two_layers_of_one_width_go_through_the_compiled_loop() -> None:
         assert (Hybrid(Physics(SHIP), residual, np.ones((F, 1))).fused is not None) == fused
 
 
+@pytest.mark.slow
 def test_trained_with_an_own_loss_it_is_in_the_ship_that_is_saved_and_exported(tmp_path: Path) -> None:
     seen = []
 

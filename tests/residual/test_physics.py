@@ -72,6 +72,7 @@ COMPILED = ("esso_osaka_3m", "vectwin_3m", "hybrid")
 """Ships whose operators are also compiled in the default run; the others are in the slow one."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "way"),
     [
@@ -97,6 +98,7 @@ def test_values_and_gradients_are_those_of_casadi(name, way):
         close(one, other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_gradients_are_those_of_finite_differences(way):
     physics = physics_of(way)(ESSO)
@@ -111,6 +113,7 @@ def test_gradients_are_those_of_finite_differences(way):
     torch.autograd.gradcheck(step, (z, added), atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
 def test_features_and_columns_are_those_of_the_model(way):
     for ship in (OTHERS["measured"], OTHERS["place"], OTHERS["memory"]):
@@ -124,6 +127,7 @@ def test_features_and_columns_are_those_of_the_model(way):
         close(physics.columns(physics.start(logged, c)), logged.numpy(), 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "method"),
     [
@@ -198,6 +202,7 @@ def test_one_input_may_be_shared_by_all_points():
 FUSED = {"memory": OTHERS["memory"], "esso": ESSO, "vectwin": load_ship("vectwin_3m"), "hybrid": OTHERS["hybrid"]}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
 @pytest.mark.parametrize("method", ["euler", "rk4"])
 @pytest.mark.parametrize("name", first_quick(FUSED))

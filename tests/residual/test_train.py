@@ -49,6 +49,7 @@ def error_on_fresh_runs(ship: Ship) -> float:
     return float(((out - batch.targets.numpy())[:, 5] ** 2).mean())
 
 
+@pytest.mark.slow
 def test_by_default_a_missing_force_is_learned_in_stages() -> None:
     """Each stage of the curriculum has its share of the epochs."""
     found = train(hybrids.ship(), hybrids.trials(hybrids.lacking()), settings=DEFAULT)
@@ -59,12 +60,14 @@ def test_by_default_a_missing_force_is_learned_in_stages() -> None:
     assert lengths == [[0.0, *[10.0] * round(0.3 * DEFAULT.epochs), *[30.0] * round(0.7 * DEFAULT.epochs)]] * 2
 
 
+@pytest.mark.slow
 def test_by_default_noise_alone_is_declined() -> None:
     quiet = train(hybrids.ship(), hybrids.trials(hybrids.ship()), settings=replace(DEFAULT, seeds=1, epochs=4))
     assert quiet.decision and not quiet.decision.kept and quiet.ship.network is None
     assert quiet.network is not None, "what was declined can still be compared"
 
 
+@pytest.mark.slow
 def test_a_training_ends_when_its_stop_error_has_risen_by_a_tenth_of_its_fall() -> None:
     """Eq. 24 and 25 of Wakita et al. (2024), by the history: at a rate of learning that is far too high."""
     settings = replace(DEFAULT, seeds=1, epochs=60, rate=0.1, last_rate=0.1, penalty=0.0)
@@ -89,6 +92,7 @@ def test_a_given_sigma_is_that_of_the_loss() -> None:
             tasks_of(HYBRID_KIND, hybrids.ship(), hybrids.trials(hybrids.lacking()), replace(settings, sigma=sigma))
 
 
+@pytest.mark.slow
 def test_a_seed_that_was_kept_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     trials = hybrids.trials(hybrids.lacking(), 3, 100)
     settings = replace(DEFAULT, seeds=1, epochs=1, width=4)
@@ -111,6 +115,7 @@ def losses(net: torch.nn.Module, x: torch.Tensor, skipped: bool) -> torch.Tensor
     return (out - x.sum(dim=1, keepdim=True).sin()).square().mean()
 
 
+@pytest.mark.slow
 def test_steps_are_those_of_torch_bit_for_bit() -> None:
     for dtype in (torch.float32, torch.float64):
         torch.set_default_dtype(dtype)
@@ -136,6 +141,7 @@ def test_steps_are_those_of_torch_bit_for_bit() -> None:
 MODULES = ("residual.settings", "residual.result", "fitting.calibrate")
 
 
+@pytest.mark.slow
 def test_reading_and_calibrating_need_no_torch_and_training_not_its_compiler() -> None:
     lines = [f"import {module}; assert 'torch' not in sys.modules, '{module}'" for module in MODULES]
     lines += ["import torch; from residual.train import Adam; p = torch.nn.Parameter(torch.ones(2)); o = Adam([p])"]

@@ -1,4 +1,4 @@
-"""Of many like cases one in the default run, the others in the slow one."""
+"""Of many like cases one in a shorter run, the others in a longer one."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 
-def first_quick(cases: Iterable[Any]) -> list[Any]:
-    """The first of the ``cases``, and the others for the slow run."""
+def first_quick(cases: Iterable[Any], mark: pytest.MarkDecorator = pytest.mark.slow) -> list[Any]:
+    """The first of the ``cases``, and the others with a ``mark``: "slow" or, for those that are slow themselves,
+    "longest"."""
     first, *others = cases
-    mark = pytest.mark.slow
     return [first, *(pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=mark) for case in others)]

@@ -109,6 +109,7 @@ def test_what_is_never_excited_is_said_per_file_and_together():
     assert sum(alone.numbers["excitation"]["quadrants"].values()) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.0, 123.4])
 def test_a_part_of_another_file_is_found_whatever_its_clock_says(offset):
     whole = make_trial("whole")
@@ -205,6 +206,7 @@ def reports(frt):
     return {report.name: report for report in check(read_trials(frt))}
 
 
+@pytest.mark.slow
 @pytest.mark.data
 def test_the_cut_turn_is_found_inside_the_whole_one_and_nothing_else(reports):
     found = {name: r.numbers["duplicates"] for name, r in reports.items() if r.numbers["duplicates"]}
@@ -213,12 +215,14 @@ def test_the_cut_turn_is_found_inside_the_whole_one_and_nothing_else(reports):
     assert inside["relation"] == "inside" and inside["other_rows"] == [0, 2868]
 
 
+@pytest.mark.slow
 @pytest.mark.data
 def test_real_records_have_no_false_alarm(reports):
     warned = {name: text_of(r, "doubtful") for name, r in reports.items() if r.verdict != "ok"}
     assert set(warned) == {"turn_14-Sep-2020_15_58_08", "turn_cut_14-Sep-2020_15_58_08"}, warned
 
 
+@pytest.mark.slow
 @pytest.mark.data
 def test_real_velocities_lag_the_track_and_the_gyro_reads_low(reports):
     notes = [f.text for r in reports.values() for f in r.findings if f.code == "lag"]

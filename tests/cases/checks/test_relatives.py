@@ -94,6 +94,7 @@ def legs() -> list[Trial]:
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("offset", [0.0, 0.07, -0.1])
 def test_a_heading_error_is_told_from_a_current_by_legs_both_ways(offset: float) -> None:
     reports = check([derived(trial, offset) for trial in legs()])
@@ -122,6 +123,7 @@ def test_a_wind_that_turns_with_the_ship_is_none_over_ground(circle: Trial) -> N
     assert "wind_direction" in codes(check([with_ship])[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 12])
 def test_filtered_velocities_refute_nothing(seed: int) -> None:
     assert judged_sound(filtered(seed))[0] == "quiet"
@@ -238,6 +240,7 @@ def test_a_wind_that_turns_the_ship_does_not_turn_the_sign_of_her_rudder(order: 
     assert levels([sailed(order, 2.5, direction)]) == [[]]
 
 
+@pytest.mark.slow
 def test_one_reversed_rudder_of_seven_files_is_a_doubt_without_a_line() -> None:
     calm = [sailed(f"zigzag:{angle}/{angle}", 0.0, k) for k, angle in enumerate((5, 8, 10, 15, 20, 25))]
     odd = sailed("turning:15", 0.0, 6, -1)
@@ -246,6 +249,7 @@ def test_one_reversed_rudder_of_seven_files_is_a_doubt_without_a_line() -> None:
     assert "trials.toml" not in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("files", [1, 7])
 def test_rudders_that_are_all_reversed_or_all_else_mirrored_cannot_be_told(files: int) -> None:
     """Both lines are said, and none is advised."""

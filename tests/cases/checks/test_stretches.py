@@ -26,12 +26,14 @@ def runs() -> list[Trial]:
     return [trial for some in demo_trials(3, dt=0.2) for trial in some]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", [0.1, 0.5, 1.0])
 def test_sound_runs_are_sound_at_every_rate(dt: float) -> None:
     for trial in (t for some in demo_trials(4, dt=dt) for t in some):
         assert broken_stretches(trial) == [], trial.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_a_break_is_found_where_it_is(kind: str, runs: list[Trial]) -> None:
     rng = np.random.default_rng(2)
@@ -103,6 +105,7 @@ def test_the_touched_ship_and_the_broken_compass_are_named_within_two_seconds(fr
             assert abs(stretch.begin_s - begin) <= 2.0 and abs(stretch.end_s - end) <= 2.0 and stretch.moved == moved
 
 
+@pytest.mark.slow
 @pytest.mark.data
 def test_real_records_lose_little_and_breaks_put_into_them_are_found(frt) -> None:
     trials = read_trials(sorted((frt / "zigzag").glob("*.csv"))[1:4])

@@ -172,6 +172,7 @@ def mmg(*arguments: str | Path) -> Result:
     return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
+@pytest.mark.slow
 def test_verb_prints_the_table_and_writes_figure_json_and_runs(tmp_path: Path) -> None:
     folder, figure = tmp_path / "judged", tmp_path / "imo.png"
     result = mmg("imo", "esso_osaka_3m", "--scale", "108.33", "--speed", "0.5", "--plot", figure, "--out", folder)
@@ -185,6 +186,7 @@ def test_verb_prints_the_table_and_writes_figure_json_and_runs(tmp_path: Path) -
     assert isinstance(again.exception, UserError)
 
 
+@pytest.mark.slow
 def test_verb_reads_back_the_runs_it_wrote_with_the_same_figures(tmp_path: Path) -> None:
     texts = ("turning:35", "zigzag:20/20", "crash-stop")
     runs = {text: esso_run(text) for text in texts}
@@ -216,6 +218,7 @@ def test_verb_judges_measured_runs_and_says_why_not(frt: Path) -> None:
     assert data["verdict"] == "not judged"
 
 
+@pytest.mark.slow
 def test_figure_has_a_panel_per_run_and_marks_every_overshoot() -> None:
     texts = ("turning:35", "turning:-35", "crash-stop", "zigzag:20/20", "zigzag:10/10", "pull-out:20")
     runs = [esso_run(text) for text in texts]
@@ -231,6 +234,7 @@ def test_figure_has_a_panel_per_run_and_marks_every_overshoot() -> None:
         maneuver_figure([], "nothing")
 
 
+@pytest.mark.slow
 def test_a_manoeuvre_that_misses_its_event_is_not_judged_and_says_the_value(monkeypatch: pytest.MonkeyPatch) -> None:
     """A rudder that hardly moves: turn and zigzag are not judged, the stop still is, and the ship does not pass."""
     monkeypatch.setattr("cases.criteria.imo.STANDARD", ("turning:-35", "zigzag:20/20", "crash-stop"))
@@ -259,6 +263,7 @@ def tanker() -> Assessment:
     return imo_figures(load_ship("kvlcc2_full"))
 
 
+@pytest.mark.slow
 def test_a_simulated_ship_and_her_own_runs_read_as_measured_get_one_verdict_each() -> None:
     ship = load_ship("kvlcc2_full")
     found = tanker()
@@ -271,6 +276,7 @@ def test_a_simulated_ship_and_her_own_runs_read_as_measured_get_one_verdict_each
     assert advance == pytest.approx({row.figure: row.value for row in found.rows}["advance"], rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_calibration_is_named_and_keeps_the_published_values_of_the_ship_it_began_from() -> None:
     ship = load_ship("kvlcc2_full")
     mark = CalibrationMark("sea trial 3", "2026-01-02", "ab12", "kvlcc2_full")
@@ -304,6 +310,7 @@ def drifting() -> list[Trial]:
     return pair((0.5, -0.6))
 
 
+@pytest.mark.slow
 def test_the_current_of_a_circle_and_the_figures_without_it_are_those_of_still_water(drifting: list[Trial]) -> None:
     found = current_of(measured_runs(drifting[0], HULL.length)[0])
     assert found is not None and (found.north, found.east) == pytest.approx((0.5, -0.6), abs=0.01)

@@ -167,6 +167,7 @@ def titles(trial: Trial, length: float) -> list[str]:
     return [execute.title for execute in find_maneuvers(trial, length)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "side", "steps"),
     [(MODEL, 1, (5, 1)), (MODEL, -1, (20, 10)), (FULL_SIZE, -1, (5, 1)), (FULL_SIZE, 1, (20, 10))],
@@ -188,6 +189,7 @@ def test_a_5_1_with_many_reversals_is_one_zigzag_with_all_its_reversals() -> Non
     assert 0 < math.degrees(measured.figures["overshoot_1"]) < 5
 
 
+@pytest.mark.slow
 def test_several_manoeuvres_in_one_record_are_cut_judged_and_listed() -> None:
     some = SETS[FULL_SIZE]
     unit, rng = some.hull.length / some.hull.speed, np.random.default_rng(SEED)
@@ -204,6 +206,7 @@ def test_several_manoeuvres_in_one_record_are_cut_judged_and_listed() -> None:
     assert found.runs[0].end < found.runs[1].order_time < found.runs[1].end < found.runs[2].order_time
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begins", [-25.0, 3.0])
 def test_a_short_or_unrecorded_approach_is_judged_and_told(begins: float) -> None:
     """begins: first sample after the order [s] of a 320 m ship."""
@@ -217,6 +220,7 @@ def test_a_short_or_unrecorded_approach_is_judged_and_told(begins: float) -> Non
     assert row.value == pytest.approx(whole.figures["advance"] / case.length, abs=0.15)
 
 
+@pytest.mark.slow
 def test_a_record_that_begins_within_the_turn_is_not_judged() -> None:
     case = foreign(FULL_SIZE, "turning", 1, (35, 0), np.random.default_rng(SEED))
     whole = measured_runs(case.trial, case.length)[0]
@@ -226,6 +230,7 @@ def test_a_record_that_begins_within_the_turn_is_not_judged() -> None:
     assert {row.verdict for row in rows if row.limit} == {"not judged"}
 
 
+@pytest.mark.slow
 def test_a_turn_that_never_comes_round_says_what_it_does_not_reach() -> None:
     case = foreign(FULL_SIZE, "turning", 1, (35, 0), np.random.default_rng(SEED))
     whole = measured_runs(case.trial, case.length)[0]

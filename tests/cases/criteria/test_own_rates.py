@@ -43,6 +43,7 @@ def trials(name: str, rate: float, dt: float, noise: float = 0.2) -> tuple[Trial
     return tuple(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "rate", "dt"),
     [("kvlcc2_full", 2.5, 0.5), ("kvlcc2_full", 2.5, 1.0), ("esso_osaka_3m", 20.0, 0.1), ("esso_osaka_3m", 12.0, 0.1),
@@ -112,6 +113,7 @@ def test_what_the_ship_file_states_stays_and_a_difference_is_said() -> None:
     assert math.degrees(again.particulars["rudder_rate"]) == pytest.approx(12.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_what_is_a_rule_of_thumb_stands_beside_the_figures_that_hang_on_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cases.criteria.imo.STANDARD", ("turning:35", "zigzag:10/10", "crash-stop"))
     ship = new_ship("own", {"L": 120.0, "B": 20.0, "d": 7.0, "C_b": 0.75})
@@ -125,6 +127,7 @@ def test_what_is_a_rule_of_thumb_stands_beside_the_figures_that_hang_on_it(monke
     assert all("engine" in row.why for row in rows if row.run == "crash-stop")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gear", [1.0, 6.0])
 def test_a_propeller_by_rule_becomes_the_one_that_keeps_the_approach(gear: float) -> None:
     """Revolutions of an engine before a gear tell no diameter, nor does a trial of a ship that states hers."""

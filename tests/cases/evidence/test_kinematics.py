@@ -47,6 +47,7 @@ def symbols(found):
     return [r.symbol for r in found.found]
 
 
+@pytest.mark.slow
 def test_clean_trials_have_no_fault_and_say_what_cannot_be_seen():
     found = consistency(clean(), SHIP)
     assert found.found == () and found.effects() == {}
@@ -57,6 +58,7 @@ def test_clean_trials_have_no_fault_and_say_what_cannot_be_seen():
     assert found.pooled.track > 0.999 and found.pooled.turn > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "values", "symbol"),
     [
@@ -77,12 +79,14 @@ def test_a_fault_of_the_library_is_named_and_measured(effect, values, symbol):
     assert 0 < len(reading.runs) <= reading.checked <= len(clean())
 
 
+@pytest.mark.slow
 def test_two_faults_at_once_are_both_found():
     found = consistency(with_defect(with_defect(clean(), "velocity_filter", tau=0.5), "log_scale", share=0.03), SHIP)
     assert sorted(symbols(found)) == ["gain_u", "lag"]
     assert found.pooled["gain_u"].value == pytest.approx(0.03, abs=3 * found.pooled["gain_u"].std)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "values"),
     [
@@ -140,6 +144,7 @@ def test_late_columns_are_told_from_a_late_velocity_over_ground():
         assert found.pooled["lag"].value == pytest.approx(0.8, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", ["body", "earth"])
 def test_the_axes_of_a_short_filter_are_told_in_the_noise_of_usual_sensors(axes):
     """A low pass of 0.35 s in body axes leaves a steady turn as it is: in the earth frame no lag is seen then, and the
@@ -226,6 +231,7 @@ def test_values_and_thresholds_grow_with_the_ship():
     assert b.value == pytest.approx(root * a.value, rel=0.05) and b.verdict == a.verdict == "found"
 
 
+@pytest.mark.slow
 def test_as_bad_as_real_sensors_a_hidden_lag_is_still_recovered():
     how = Disturbed(X=0.05, Y=0.15, N=0.1, defects=("velocity_filter:tau=0.7", "log_scale:share=0.01"))
     found = consistency(disturbed_trials(SHIP, TRAIN, 1, how), SHIP)
@@ -264,12 +270,14 @@ def freed(ship, trials):
     return {s for s in with_instruments(ship, ["shown"], trials).free if s.startswith("velocity_filter")}
 
 
+@pytest.mark.slow
 def test_a_filter_is_fitted_along_where_trials_show_it_or_cannot_tell_and_not_where_they_rule_it_out():
     late = with_defect(clean(), "velocity_filter", tau=1.0)
     blind = [replace(t, columns={k: v for k, v in t.columns.items() if k not in ("x", "y")}) for t in clean()]
     assert freed(SHIP, late) and freed(SHIP, blind) and not freed(SHIP, clean())
 
 
+@pytest.mark.slow
 def test_another_plant_with_other_noise_and_sampling_has_no_filter():
     ship, zigzags, _ = plant_trials(51)
     assert not freed(ship, zigzags)

@@ -110,6 +110,7 @@ def test_a_lag_is_named_and_mended(tmp_path: Path) -> None:
     assert not loud(followed(tmp_path, reports)[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", [0.4 + 0.0j, -1.0 + 0.5j, -0.4j])
 def test_the_lever_arm_of_the_positions_is_named_and_mended(arm: complex, tmp_path: Path) -> None:
     c = motion_columns(seed=5)

@@ -57,6 +57,7 @@ def coarse_trials(count: int = 2) -> list[Trial]:
     return found
 
 
+@pytest.mark.slow
 def test_noisy_positions_of_a_slow_ship_are_not_late_and_late_ones_are() -> None:
     """With straight lines between rows these positions were 1 to 2 s late, whatever the truth."""
     trials = coarse_trials()
@@ -108,6 +109,7 @@ def straight(seed: int, gain: float, seconds: float = 100.0) -> Trial:
     return Trial("straight", {**columns, "delta": still})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.98, 1.0, 1.03])
 def test_a_gain_shows_in_100_s_of_straight_track(gain: float) -> None:
     for seed in range(4):

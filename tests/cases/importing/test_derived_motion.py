@@ -11,6 +11,7 @@ from mmg_ident import simulate
 from tests.support import raw_logs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.02, 0.5, 2.0])
 @pytest.mark.parametrize("with_rate", [False, True])
 def test_the_standard_error_of_a_rate_is_that_of_repeated_noise(noise: float, with_rate: bool) -> None:
@@ -103,6 +104,7 @@ def test_the_standard_error_holds_what_rounding_adds(ship: str, dt: float, digit
         assert least < np.sqrt(np.nanmean(off**2)) / found.std[name] < 2.0, name
 
 
+@pytest.mark.slow
 def test_speeds_rounded_to_a_tenth_of_a_knot_do_not_outweigh_good_positions() -> None:
     alone, truth = derived_of("kvlcc2_full", 0.1, 2)
     both, _ = derived_of("kvlcc2_full", 0.1, 2, sog=1)

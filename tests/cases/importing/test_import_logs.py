@@ -153,6 +153,7 @@ def test_an_unknown_antenna_is_said_with_the_line_that_answers_it_and_widens_the
             validated(ImportMap, {"reference_point": wrong}, "map")
 
 
+@pytest.mark.slow
 def test_force_replaces_what_an_import_wrote_and_keeps_what_a_person_wrote(tmp_path: Path) -> None:
     for name, maneuver in (("a", "zigzag:20/20"), ("b", "turning:35")):
         raw_logs.table(tmp_path / "logs" / f"{name}.csv", raw_logs.bridge(raw_logs.run(maneuver)))

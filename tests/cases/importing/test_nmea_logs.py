@@ -202,6 +202,7 @@ def test_a_loggers_clock_tells_when_a_heading_was_said(tmp_path: Path, name: str
     assert off(found, "psi") < 2 * TURN
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("late", "jitter", "logger"),
     [(0.25, 0.0, None), (0.0, 0.04, off_clock("%H:%M:%S.%f")), (0.3, 0.04, off_clock("%H:%M:%S.%f", 0.0))],
@@ -366,6 +367,7 @@ def test_what_is_not_valid_says_nothing(tmp_path: Path, name: str, void: Body) -
     assert "nmea_void" in codes(tmp_path / "run.nmea")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fields", "variation"), [("1.5,E,7.5,W", -6.0), (",,7.5,E", 7.5), ("2.0,W,3.0,W", -5.0)])
 def test_a_compass_with_its_variation_is_a_heading(tmp_path: Path, fields: str, variation: float) -> None:
     def hdg(t: float) -> str:
@@ -504,6 +506,7 @@ DATES: dict[str, tuple[tuple[Any, ...], Callable[[float], str] | None, str, str]
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DATES)
 def test_dates_of_a_receiver(tmp_path: Path, name: str) -> None:
     said, logger, day, code = DATES[name]

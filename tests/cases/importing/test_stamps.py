@@ -206,6 +206,7 @@ def written(
     return folder / "log.txt"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_what_is_imported_is_right_to_the_check(tmp_path: Path, seed: int) -> None:
     """Circles of one to six rounds, either way, from any heading, in any wind, anywhere, on any day, by any logger."""

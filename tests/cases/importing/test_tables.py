@@ -156,6 +156,7 @@ ASKED: dict[str, tuple[Callable[[Log], Log], int]] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("make", "answer"), ASKED.values(), ids=ASKED)
 def test_what_stays_open_is_asked_and_the_printed_line_leads_on(
     tmp_path: Path, make: Callable[[Log], Log], answer: int
@@ -274,6 +275,7 @@ def book(path: Path, heads: list[list[str | None]], since_1904: bool = False) ->
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("heads", "since_1904"), BOOKS.values(), ids=BOOKS)
 def test_workbooks(tmp_path: Path, heads: list[list[str | None]], since_1904: bool) -> None:
     book(tmp_path / "a.xlsx", heads, since_1904)
@@ -281,6 +283,7 @@ def test_workbooks(tmp_path: Path, heads: list[list[str | None]], since_1904: bo
     assert right(tmp_path / "a.xlsx") and found.runs[0].day == "2026-05-04"
 
 
+@pytest.mark.slow
 def test_hidden_sheets_are_left_out_and_formulas_without_a_value_named(tmp_path: Path) -> None:
     path = tmp_path / "a.xlsx"
     made = book(path, BOOKS["since 1904"][0])
@@ -422,6 +425,7 @@ def test_numbers_for_nothing_are_in_no_mean(tmp_path: Path, pieces: Callable[...
 Change = Callable[[list[str]], list[str]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [

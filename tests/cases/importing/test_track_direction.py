@@ -81,6 +81,7 @@ def test_x_to_the_east_is_refused_where_velocities_come_from_it(tmp_path: Path) 
     assert np.allclose(found.runs[0].columns["x"], truth["x"], atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scale", "speed", "lines"),
     [
@@ -163,6 +164,7 @@ def logs(folder: Path, truth: Trial, offset: float = 0.0, drift: float = 0.0) ->
     return paths
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ship", "maneuver", "duration"),
     [("kvlcc2_l7", "zigzag:20/20", 180), ("kvlcc2_l7", "turning:35", 300), ("esso_osaka_3m", "random:7", 300)],
@@ -173,6 +175,7 @@ def test_clocks_that_agree_are_no_problem(tmp_path: Path, ship: str, maneuver: s
     assert not found.problems and len(found.runs[0].logs) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("maneuver", "duration", "offset", "drift", "words"),
     [

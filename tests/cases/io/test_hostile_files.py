@@ -233,6 +233,7 @@ def test_rows_are_counted_before_they_are_read(tmp_path: Path) -> None:
         trial_table(path).numbers([0])
 
 
+@pytest.mark.slow
 def test_pieces_of_a_file_are_read_as_the_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.csv"
     write_csv(path)

@@ -235,6 +235,7 @@ def test_every_real_record_is_read_and_the_nan_tail_cut(frt):
     assert all(trial.has_wind and trial.has_position for trial in trials.values())
 
 
+@pytest.mark.slow
 @pytest.mark.data
 def test_real_records_with_a_wrong_angle_unit_are_refused(frt):
     for trial in read_trials(frt):

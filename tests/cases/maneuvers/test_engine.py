@@ -85,6 +85,7 @@ def test_astern_the_engine_reaches_its_limits_of_revolutions_and_torque() -> Non
     assert -weak.torque(shaft.share, np.array([0.0]))[0] == pytest.approx(0.1 - 0.05, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_laden_tanker_stops_in_ten_lengths_or_more_and_alike_in_every_command(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -109,6 +110,7 @@ def test_a_laden_tanker_stops_in_ten_lengths_or_more_and_alike_in_every_command(
     assert words == ["assumed_engine", "stopping_resistance"] == [m.code for m in stopping_notices(plan)]
 
 
+@pytest.mark.slow
 def test_a_slower_engine_a_weaker_one_and_a_lighter_resistance_need_more_way() -> None:
     def reach(**particulars: float) -> float:
         ship = kvlcc2(**particulars)

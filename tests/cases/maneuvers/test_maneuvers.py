@@ -343,6 +343,7 @@ def test_a_spiral_without_a_way_back_has_no_loop_to_measure() -> None:
     assert spiral_figures(since(there, 0.0)) == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side", [1, -1])
 def test_pull_out_of_a_stable_ship_decays_to_the_same_small_rate_from_either_side(side: int) -> None:
     run = simulated_run(SHIP, f"pull-out:{side * 20}", 0.38)

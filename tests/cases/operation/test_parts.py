@@ -262,6 +262,7 @@ def test_a_record_without_a_manoeuvre_says_why(record: Record) -> None:
             cut_record(straight, given)
 
 
+@pytest.mark.slow
 def test_the_trials_keep_what_the_sidecar_of_the_record_says(record: Record, tmp_path: Path) -> None:
     trial, times, length = record
     write_trial(trial, tmp_path / "record.csv")

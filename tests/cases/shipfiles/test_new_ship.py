@@ -160,6 +160,7 @@ def test_unphysical_particulars_are_refused_with_their_value(words: list[str], m
         new_ship("mine", parse_particulars(words))
 
 
+@pytest.mark.slow
 def test_the_newcomers_three_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Eight particulars to a ship file, a turning circle, an IMO table."""
     file = tmp_path / "mine.toml"
@@ -212,6 +213,7 @@ def test_priors_are_no_narrower_than_the_regressions_scatter_and_factors_are_sai
         assert share >= 0.99 * scatter[symbol] and ("times" in source) == (factor != 1.0)
 
 
+@pytest.mark.slow
 def test_imo_gives_a_starting_ship_intervals_and_a_ship_of_the_library_none(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

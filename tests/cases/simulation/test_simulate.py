@@ -158,6 +158,7 @@ def test_hidden_ship_lies_within_bounds_and_off_the_start() -> None:
         assert (c.value != ESSO.coefficients[symbol].value) == (symbol in OFFSETS)
 
 
+@pytest.mark.slow
 def test_demo_trials_are_reproducible_and_rich() -> None:
     train, validate = demo_trials(1, dt=0.2)
     assert (len(train), len(validate)) == (7, 2)

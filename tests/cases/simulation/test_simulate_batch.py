@@ -49,6 +49,7 @@ def test_held_inputs_give_the_motion_of_one_ship_by_herself(name: str, text: str
     assert_same_motion(batch, 0, simulate(simulator.ship, plan, dt))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["turning:35", "zigzag:10/10", "crash-stop"])
 def test_each_set_of_coefficients_is_a_ship_of_her_own(text: str) -> None:
     simulator = SIMULATORS["esso_osaka_3m"]

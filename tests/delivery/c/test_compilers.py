@@ -17,11 +17,17 @@ from fitting.selection.candidates import candidate
 from mmg.ship import Ship
 from tests.delivery.c.test_source import SHIPS, ship_of
 from tests.support.c_products import COMPILERS, STRICT, compiled, compiler, product, write_files
+from tests.support.quick import first_quick
 
 VARIED = ("esso_osaka_3m", "twin rudders", "hybrid", "memory effects")
-FEW = ["hybrid", *(pytest.param(name, marks=pytest.mark.slow) for name in VARIED if name != "hybrid")]
+FEW = first_quick(sorted(VARIED, key="hybrid".__ne__), pytest.mark.longest)
+ENVELOPES: tuple[dict[str, tuple[float, float]] | None, ...] = (
+    {"beta": (-0.1, 0.1), "u": (0.0, 1.0)}, None, {}, {"u": (0.0, 1.0)},
+)  # fmt: skip
+"""Ranges of the trials; what is written of them is the same for every ship."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("which", "single"), [("gcc, C", False), ("clang, C++", False), ("gcc, C++", True), ("clang, C", True)]
 )
@@ -52,7 +58,7 @@ def test_the_turn_of_the_example_begins_as_the_ship_runs() -> None:
 @pytest.mark.parametrize("name", list(SHIPS))
 @pytest.mark.parametrize("which", list(COMPILERS))
 def test_every_ship_compiles_without_a_warning(which: str, name: str, tmp_path: Path) -> None:
-    for held in (None, {}, {"u": (0.0, 1.0)}, {"beta": (-0.1, 0.1), "u": (0.0, 1.0)}):
+    for held in ENVELOPES if name == "esso_osaka_3m" else ENVELOPES[:1]:
         source = write_files(product(ship_of(name), held), tmp_path)
         done = subprocess.run([*compiler(which), *STRICT, "-O1", "-c", source, "-o", tmp_path / "ship.o"],
                               capture_output=True, text=True)  # fmt: skip
@@ -74,6 +80,7 @@ def test_it_needs_the_c_library_alone(tmp_path: Path) -> None:
         assert needed - {"memcpy", "memset", "_GLOBAL_OFFSET_TABLE_"} <= mathematics, needed
 
 
+@pytest.mark.slow
 def test_nothing_global_is_written(tmp_path: Path) -> None:
     command = compiler("gcc, C")
     source = write_files(product(ship_of("hybrid")), tmp_path)
@@ -161,6 +168,7 @@ def test_sanitizers_find_nothing(name: str, tmp_path: Path) -> None:
     assert ran.returncode == 0, ran.stderr[:3000]
 
 
+@pytest.mark.slow
 def test_the_example_prints_a_turn(tmp_path: Path) -> None:
     command, of = compiler("gcc, C"), product(ship_of("esso_osaka_3m"))
     write_c(of, tmp_path)
@@ -182,6 +190,7 @@ def odd_names() -> list[Ship]:
     return [replace(ship_of("esso_osaka_3m"), name=name, reference="*/ #error") for name in names]
 
 
+@pytest.mark.slow
 def test_any_name_of_a_ship_makes_an_identifier(tmp_path: Path) -> None:
     from delivery.product import identifiers
 

@@ -115,6 +115,7 @@ def close(found: np.ndarray, expected: np.ndarray, tolerance: float = 1e-12) -> 
     return bool((np.abs(found - expected) <= tolerance * np.maximum(size, 1e-3)).all())
 
 
+@pytest.mark.slow
 def test_rates_forces_columns_and_memory_agree_with_python(ship: Compiled) -> None:
     model, theta = ship.of.model, ship.of.ship.values
     for six, inputs in zip(*points(ship.of.ship), strict=True):
@@ -125,6 +126,7 @@ def test_rates_forces_columns_and_memory_agree_with_python(ship: Compiled) -> No
         assert close(ship.columns(state), columns(model, state[:, None], theta)[:, 0])
 
 
+@pytest.mark.slow
 def test_jacobians_agree_with_python(ship: Compiled) -> None:
     model, theta = ship.of.model, ship.of.ship.values
     z, c = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", len(model.controls))
@@ -136,6 +138,7 @@ def test_jacobians_agree_with_python(ship: Compiled) -> None:
             assert close(found, np.array(expected))
 
 
+@pytest.mark.slow
 def test_other_coefficients_agree_with_python(ship: Compiled) -> None:
     model, rng = ship.of.model, np.random.default_rng(5)
     theta = ship.of.ship.values * rng.uniform(0.9, 1.1, len(model.symbols))
@@ -147,6 +150,7 @@ def test_other_coefficients_agree_with_python(ship: Compiled) -> None:
     assert close(ship.rates(state, inputs), np.array(model.rates(state, inputs, ship.of.ship.values)).ravel())
 
 
+@pytest.mark.slow
 def test_600_s_agree_with_the_simulator(ship: Compiled) -> None:
     h, L = 0.5, ship.of.ship.particulars["L"]
     parts = max(1, int(np.ceil(h / ship.of.longest_step - 1e-9)))
@@ -166,6 +170,7 @@ def test_600_s_agree_with_the_simulator(ship: Compiled) -> None:
         assert np.abs(state - python[k * parts, :, 0]).max() < 1e-9, k
 
 
+@pytest.mark.slow
 def test_many_ships_move_as_one_by_one(ship: Compiled) -> None:
     rng, (six, inputs) = np.random.default_rng(2), points(ship.of.ship, 21)
     starts = np.array([ship.settle(a, b) for a, b in zip(six, inputs, strict=True)])
@@ -177,6 +182,7 @@ def test_many_ships_move_as_one_by_one(ship: Compiled) -> None:
         assert close(found, ship.step(start, held, h)[0], 1e-11)
 
 
+@pytest.mark.slow
 def test_a_ship_that_fails_leaves_the_others_alone(ship: Compiled) -> None:
     six, inputs = points(ship.of.ship, 17)
     starts = np.array([ship.settle(a, b) for a, b in zip(six, inputs, strict=True)])

@@ -20,6 +20,7 @@ from mmg_ident.tracker import Tracker
 from tests.support.actuator_ships import true_ship
 from tests.support.c_products import STRICT, compiler, product
 from tests.support.hybrids import lacking
+from tests.support.quick import first_quick
 
 EXACT = 1e-9
 HEADING = 2
@@ -85,7 +86,8 @@ def record(ship: Ship, seconds: int = 90) -> tuple[np.ndarray, np.ndarray, np.nd
     return times[kept], logged[kept], inputs[kept]
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", first_quick(KINDS, pytest.mark.longest))
 def test_each_sample_and_forecast_is_that_of_python(name: str, tmp_path: Path) -> None:
     made, coefficients = KINDS[name]
     ship = made()

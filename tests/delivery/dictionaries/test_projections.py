@@ -64,6 +64,7 @@ def test_a_ship_of_the_form_of_shipmmg_is_recovered() -> None:
     assert abs(p["N_r"] - own["N_r"]) < 0.03 * abs(own["N_r"]) and abs(p["Y_v"] - own["Y_v"]) < 0.03 * abs(own["Y_v"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHIPS)
 def test_projections_are_as_good_as_they_say(name: str) -> None:
     """The errors in the file are those of forces evaluated afresh on other motions of the same range."""
@@ -111,6 +112,7 @@ def test_the_first_order_model_answers_small_rudders() -> None:
     assert abs(z[5] / (K * delta) - 1) < 0.25 and 1.0 < T < 200.0
 
 
+@pytest.mark.slow
 def test_no_name_of_a_ship_ends_the_words_about_it(tmp_path: Path) -> None:
     name = 'A""" + print(1) + """ -- of "B"'
     named = replace(product(replace(load_ship("esso_osaka_3m"), name=name), {}), identifier="a")
@@ -123,6 +125,7 @@ def test_no_name_of_a_ship_ends_the_words_about_it(tmp_path: Path) -> None:
     assert ET.fromstring(text).tag == "sdf" and "- - of" in text.splitlines()[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHIPS)
 def test_the_vehicle_class_has_the_rates_of_the_projection(name: str) -> None:
     spec = importlib.util.spec_from_file_location("vehicle", exported(name, "pvs"))
@@ -185,6 +188,7 @@ def test_a_ship_of_generated_terms_is_refused_in_a_line(form: str, tmp_path: Pat
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "form"), [("esso_osaka_3m", "gazebo"), ("kvlcc2_l7", "gazebo"), ("esso_osaka_3m", "vrx")]
 )

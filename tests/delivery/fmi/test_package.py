@@ -42,6 +42,7 @@ def source_fmu(of: Product, version: int, folder: Path) -> Path:
     return folder / "ship.fmu"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "version"), [("esso_osaka_3m", 2), ("vectwin_3m", 3), ("kvlcc2_full", 3), ("mariner", 2)]
 )
@@ -90,6 +91,7 @@ def test_coefficients_say_how_well_they_are_known() -> None:
     assert "std 0.0123" in row.words and "well determined" in row.words
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_the_same_ship_gives_the_same_bytes(version: int, tmp_path: Path) -> None:
@@ -108,6 +110,7 @@ def test_what_is_logged_late_is_exact_or_said_to_be_near(tmp_path: Path) -> None
         assert has_code(said, LATE_COLUMNS)
 
 
+@pytest.mark.slow
 def test_a_changed_coefficient_changes_the_token(tmp_path: Path) -> None:
     ship = ship_of("plain")
     first = source_fmu(product(ship), 2, tmp_path).read_bytes()
@@ -119,6 +122,7 @@ def test_a_changed_coefficient_changes_the_token(tmp_path: Path) -> None:
     assert source_fmu(product(ship), 2, tmp_path).read_bytes() == first
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 def test_an_fmu_of_sources_alone_compiles_and_moves(version: int, tmp_path: Path) -> None:
@@ -221,6 +225,7 @@ def test_another_osp_description_is_replaced_by_force_alone(tmp_path: Path) -> N
     assert [m for m in said if m.code == OSP_DESCRIPTION and beside.name in str(m)]
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_written_coefficient_acts_from_the_next_step_on(version: int) -> None:
@@ -250,6 +255,7 @@ def test_it_says_when_it_leaves_what_the_trials_held() -> None:
         assert not instance.valid() and instance[["extrapolation"]][0] == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_forces_are_those_of_the_model() -> None:
     ship = ship_of("all")
@@ -357,6 +363,7 @@ def slow(*values: object) -> object:
     return pytest.param(*values, marks=pytest.mark.slow)
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize(("kind", "version"), [("plain", 2), ("plain", 3), slow("all", 2), slow("all", 3)])
 def test_wrong_calls_are_errors_and_saved_states_are_exact(kind: str, version: int, tmp_path: Path) -> None:

@@ -43,6 +43,7 @@ def check(kind: str, version: int, h: float, duration: float) -> None:
     assert difference(found[:, :6], simulate_controls(true, trial)) < EXACT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("version", "h"), [(2, 0.07), (3, 0.5)])
 def test_a_ship_with_memory_delay_and_network_moves_as_in_simulate(version: int, h: float) -> None:
     check("all", version, h, 60.0)
@@ -57,6 +58,7 @@ def test_ten_minutes_are_those_of_simulate(kind: str, version: int, h: float) ->
     check(kind, version, h, 600.0)
 
 
+@pytest.mark.slow
 def test_logged_columns_are_those_of_the_instruments_and_the_current_is_where_its_inputs_start(tmp_path: Path) -> None:
     adrift = ship_of("plain").with_effect("current", {"x": 0.05, "y": -0.03, "x_rate": 1e-4, "y_rate": 2e-4})
     ship = adrift.with_effect("antenna_offset", {"x": 0.7, "y": -0.2}).with_effect("heading_bias", {"psi": 0.05})

@@ -46,6 +46,7 @@ def fed(instance: RunningFmu, first: int, last: int, wanted: list[str]) -> np.nd
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_estimates_and_forecasts_are_those_of_python(path: Path) -> None:
     tracker = Tracker(SHIP, CHOSEN)
     _, logged, inputs = record(tracker.ship)
@@ -96,6 +97,7 @@ def test_a_saved_state_goes_on_as_it_did_and_less_noise_makes_it_surer(path: Pat
         instance.fmu.freeFMUState(kept)
 
 
+@pytest.mark.slow
 def test_its_sources_compile_without_a_warning(tmp_path: Path) -> None:
     files, _ = fmu_files(TrackedShip.of(product(SHIP)), 2, ["none"])
     for name, content in files.items():

@@ -144,6 +144,7 @@ def test_the_forces_add_up_to_the_motion_and_the_network_is_one_of_them() -> Non
     assert np.abs(found[NETWORK][:, 0] / mass).max() <= lacking().network.bound[0]
 
 
+@pytest.mark.slow
 def test_rows_keep_the_starts_of_windows_and_a_large_campaign_stays_small(run: Path) -> None:
     rows = shown_rows(5000, [33, 3333], 400)
     assert {0, 33, 3333, 4999} <= set(rows.tolist()) and len(rows) < 420 and (np.diff(rows) > 0).all()
@@ -184,6 +185,7 @@ def test_trials_are_those_of_the_run_where_they_are_as_they_were(run: Path, tmp_
     assert {view.role for view in given.trials} == {"calibration", "held out"}
 
 
+@pytest.mark.slow
 def test_a_diagnosis_beside_the_run_is_marked_and_one_of_two_must_be_chosen(run: Path, tmp_path: Path) -> None:
     own = campaign(tmp_path)
     assert gather([own]).diagnosis is None

@@ -22,6 +22,7 @@ def moved(trial: Trial, delay: float) -> Trial:
     return replace(trial, columns={**trial.columns, **later})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [0.3, 1.0, 2.7])
 def test_a_delay_moves_the_record_of_all_windows_with_what_was_before_them(delay: float) -> None:
     steps = full_steps(H)

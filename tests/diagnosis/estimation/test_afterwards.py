@@ -51,6 +51,7 @@ def swinging(period: float, seed: int, K: int = K, sensors: Sequence[int] = (4,)
     return white
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("every", "K", "memory", "between"),
     [(1, 150, 0.0, None), (15, 600, 0.0, None), (1, 150, 0.3, None), (1, 150, 0.65, None), (1, 150, 0.9, None),
@@ -78,6 +79,7 @@ def hill(seed: int, K: int) -> np.ndarray:
     return x
 
 
+@pytest.mark.slow
 def test_a_hill_of_a_spectrum_is_no_line(monkeypatch: pytest.MonkeyPatch) -> None:
     found = np.array([heard(hill(seed, 3000))[0] for seed in range(20)])
     assert found.min() > 10 * LINE_PROBABILITY

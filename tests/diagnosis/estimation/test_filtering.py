@@ -112,6 +112,7 @@ def test_a_singular_covariance_is_one_error_in_both(code: ctypes.CDLL, by: str) 
         filtered_by(code, broken) if by == "code" else kalman.filtered(broken)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("forgotten")
 @pytest.mark.parametrize("right, wrong", [("+= root[6 * l + a]", "-= root[6 * l + a]"), ("+= scale[j]", "-= scale[j]")])
 def test_wrong_code_is_not_used_and_one_line_says_so(

@@ -96,6 +96,7 @@ def test_of_a_ship_at_rest_it_grows_with_the_square_of_the_wind_and_turns_with_h
     assert with_gusts(steps, calm) is calm
 
 
+@pytest.mark.slow
 def test_their_size_and_memory_are_found() -> None:
     """The wind's own speed along it, little across; the random force stays as small as gusts leave it."""
     (data, found), typical = fitted(True), initial_noise(full_steps(STEP).ship)

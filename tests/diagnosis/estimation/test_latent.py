@@ -67,6 +67,7 @@ def settled_path(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray,
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effects", ["at neutral", "off neutral", "with memory", "in gusts"])
 def test_slope_of_the_likelihood_is_that_of_finite_differences(effects: str) -> None:
     """At a smoothed path: that of the sum of squares closely, that of the log determinant to what its middle-of-step
@@ -139,6 +140,7 @@ def against_truth(
     return 2 * (there.nll + 0.5 * float(p @ p) - found.nll), error / np.sqrt(np.diag(found.covariance))
 
 
+@pytest.mark.slow
 def test_coefficients_lie_within_their_errors() -> None:
     found = fitted(1)[2]
     loss, z = against_truth(*fitted(1))
@@ -280,6 +282,7 @@ def test_a_step_at_which_the_filter_breaks_down_is_shortened_and_a_start_refused
         estimate(steps, data, start)
 
 
+@pytest.mark.slow
 def test_a_rough_fit_ends_where_nothing_is_gained_and_is_as_likely(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a tolerance that no step meets, only that nothing is gained can end it before its last linearisation. Near
     the optimum of other seeds the model bends, where rounding decides how many steps both take."""

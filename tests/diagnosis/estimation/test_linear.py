@@ -126,6 +126,7 @@ def test_slopes_of_times_and_dead_bands_at_zero_point_into_what_they_allow(steps
     close(linear.G[0], G, 1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", [pytest.param("neutral", marks=pytest.mark.slow), "off neutral"])
 def test_derivatives_of_what_is_logged_are_those_of_finite_differences(steps: TransitionModel, where: str) -> None:
     theta = values(steps, where)

@@ -49,6 +49,8 @@ def test_groups_that_agree_are_not_told_apart() -> None:
     assert min(c.p_value for c in b.candidates) > 0.03
 
 
+@pytest.mark.longest
+@pytest.mark.slow
 def test_a_turn_rate_that_is_late_in_one_group_is_an_instrument_of_it() -> None:
     b = answer("gyro:T=0.5")
     assert b.verdict == "named" and not b.remainder
@@ -60,6 +62,7 @@ def test_a_turn_rate_that_is_late_in_one_group_is_an_instrument_of_it() -> None:
     assert late["B"].difference > 5 * late["B"].difference_std and "gyro in B, T +0." in b.sentence
 
 
+@pytest.mark.slow
 def test_a_current_in_one_group_is_of_its_surroundings() -> None:
     b = answer("current:x=0.05,y=-0.03")
     (d,) = b.differences
@@ -70,6 +73,7 @@ def test_a_current_in_one_group_is_of_its_surroundings() -> None:
         assert abs(x.difference - truth) < 3 * x.difference_std < 0.05
 
 
+@pytest.mark.slow
 def test_a_larger_resistance_is_named_by_its_cause_with_the_coefficient_that_says_the_same() -> None:
     b = answer("fouling:share=0.5")
     (d,) = b.differences
@@ -77,6 +81,7 @@ def test_a_larger_resistance_is_named_by_its_cause_with_the_coefficient_that_say
     assert d.parameters["share"].groups["B"].difference == pytest.approx(0.5, abs=0.2) and d.p_value < 0.01
 
 
+@pytest.mark.slow
 def test_what_differs_where_manoeuvres_differ_too_is_not_named() -> None:
     trials = [
         replace(t, kind="turning" if t.name[0] == "A" else "berthing")
@@ -103,6 +108,7 @@ def test_a_group_without_a_usable_piece_is_refused() -> None:
         compared([trials[0], short], (0, 1))
 
 
+@pytest.mark.slow
 def test_a_current_of_its_own_in_each_run_is_no_difference_between_groups() -> None:
     currents = ("x=0.12,y=0.05", "x=-0.1,y=0.1", "x=0.0,y=-0.12", "x=-0.1,y=-0.08", "x=0.13,y=0.0", "x=0.05,y=0.12")
     runs = [RUNS[i % 3] for i in range(6)]

@@ -41,6 +41,7 @@ def test_of_values_known_by_run_the_statistic_is_that_of_the_means() -> None:
     assert found.log_bayes > 3 and found.p_single == pytest.approx(float(chi2.sf(found.statistic, 1)), rel=1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scatter", [0.0, 3.0])
 def test_chance_differences_are_as_rare_as_said_whatever_runs_scatter(scatter: float) -> None:
     rng = np.random.default_rng(5)

@@ -41,6 +41,7 @@ def test_slow_growth_is_dated(test: ChangeTest) -> None:
         assert found.size == pytest.approx(15.0, rel=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lasting", [0.0, 1.5])
 def test_chances_of_series_without_a_change_are_even(test: ChangeTest, lasting: float) -> None:
     chances = []

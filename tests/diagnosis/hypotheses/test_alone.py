@@ -39,6 +39,7 @@ def searched(form: str) -> tuple[SearchProblem, Selection]:
     return problem, select_effects(problem, null)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", first_quick(FORMS))
 def test_it_is_named_with_its_own_parameters(form: str) -> None:
     (problem, found), c = searched(form), candidate_of(form)
@@ -61,6 +62,7 @@ def test_the_ranking_has_each_effect_once() -> None:
     assert set(rows) == {c.effect for c in full_model().candidates}
 
 
+@pytest.mark.slow
 def test_what_to_test_next_is_asked_of_the_form_and_told_of_the_effect() -> None:
     problem, found = searched("heading_bias alone")
     form = found.effects[0]

@@ -36,6 +36,7 @@ def assert_sizes(found: Selection, name: str, values: dict[str, float]) -> None:
         assert abs(found.final.value(f"{name}.{k}") - v) < 4 * std < 4 * abs(v), (name, k)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first_quick(NAMES))
 def test_a_strong_effect_is_named_and_only_it(name: str) -> None:
     problem, null = pushed_problem(1, text_of(name, NAMES[name]))
@@ -47,6 +48,7 @@ def test_a_strong_effect_is_named_and_only_it(name: str) -> None:
     assert verdict_of(found.evidence, [99.0, left.evidence].__getitem__) == ("named", 1, False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", first_quick([2, 3]))
 def test_none_is_named_by_chance(seed: int) -> None:
     problem, null = problem_of(pushed_trials(seed, ship=drawn_ship(FEW, seed)))
@@ -71,6 +73,7 @@ def test_two_effects_are_both_named() -> None:
     assert {c.symbol for c in one.free.columns if "." in c.symbol} == set(found.effects[0].symbols)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("truth", first_quick(["rudder_lag:T=0.4", "control_delay:tau=0.4"]))
 def test_what_looks_alike_is_in_one_class(truth: str) -> None:
     """A rudder behind its record and a delay of both actuators, here hardly to be told apart."""
@@ -131,6 +134,7 @@ def test_a_force_that_no_effect_of_the_library_has_is_seen(
         assert max(found.by_kind, key=lambda kind: found.by_kind[kind]).startswith("yaw force")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("column", "by", "kind"),
     [("r", 0.002, "sensor of r"), pytest.param("v", 0.015, "sensor of v", marks=pytest.mark.slow)],

@@ -136,6 +136,7 @@ def test_a_class_is_what_lies_within_the_odds_of_the_best() -> None:
     assert Search((), (), a_fit(0.0)).indistinguishable == () and Search((), (), a_fit(0.0)).best is None
 
 
+@pytest.mark.slow
 def test_an_effect_that_was_missing_no_longer_lengthens_the_memory_of_the_random_force() -> None:
     truth = quiet(tau=2.0)
     problem, null = pushed_problem(1, "current:x=0.05,y=-0.04", how=truth)

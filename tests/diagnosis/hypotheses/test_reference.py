@@ -72,6 +72,7 @@ def known(*effects: str, runs: int = 1) -> tuple[SearchProblem, Reference]:
     return p, fit_reference(p.steps, p.data, null, p.base, p.candidates, runs)
 
 
+@pytest.mark.slow
 def test_trials_of_the_ship_itself_show_little_and_hardly_scatter() -> None:
     """In typical sizes of each effect."""
     problem, found = known()
@@ -82,6 +83,7 @@ def test_trials_of_the_ship_itself_show_little_and_hardly_scatter() -> None:
     assert found.strong == () and 0.0 <= found.unnamed * problem.data.samples < LIMIT
 
 
+@pytest.mark.slow
 def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_which_more_runs_average() -> None:
     (problem, one), many, P = known(), known(runs=9)[1], len(FREE)
     assert one.priors.symbols == (*FREE, *(c.symbol for c in one.shift))
@@ -100,6 +102,8 @@ def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_which_more_run
     np.testing.assert_allclose(less, (1 - 1 / 9) * (prior.std * scatter) ** 2, rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.longest
+@pytest.mark.slow
 def test_what_is_random_in_the_reference_is_usual_in_other_trials() -> None:
     """One short record says little of its own noise: it stays near that of the reference."""
     one = new()[:1]
@@ -112,6 +116,7 @@ def test_what_is_random_in_the_reference_is_usual_in_other_trials() -> None:
     assert near < 0.7 and near < far
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first_quick(MODERATE))
 def test_a_moderate_effect_of_the_reference_is_its_neutral_value(name: str) -> None:
     found = known(MODERATE[name])[1]
@@ -151,6 +156,7 @@ def test_a_strong_effect_of_both_is_told_and_still_named(name: str) -> None:
     assert [c.label for c in found.effects] == [name]
 
 
+@pytest.mark.slow
 def test_the_ship_as_its_trials_show_it_needs_nothing() -> None:
     ready, found = diagnosed(new(), before())
     assert found.effects == () and found.final is ready.null
@@ -160,6 +166,7 @@ def test_the_ship_as_its_trials_show_it_needs_nothing() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", first_quick([102, 106]))
 def test_few_runs_do_not_take_the_random_force_away(seed: int) -> None:
     """With all effects free the likelihood alone is largest with a hundredth of it, and they were sure of it."""
@@ -194,6 +201,7 @@ BIASES = (0.03, -0.05, 0.02, -0.04, 0.06, -0.03)
 """Errors of the heading [rad] of six runs: drawn about none with a standard deviation of .04."""
 
 
+@pytest.mark.slow
 def test_the_scatter_between_runs_is_that_which_they_have() -> None:
     """Six runs, each with another error of its heading."""
     kinds = ("zigzag:20/20", "random:11", "turning:-20", "zigzag:-10/10", "random:12", "turning:15")
@@ -257,6 +265,7 @@ def shortened(path: Path, rows: int) -> str:
     return "\n".join(path.read_text().splitlines()[:-rows]) + "\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ["gone", "moved", "changed", "broken"])
 def test_trials_that_cannot_be_read_as_they_were_are_no_reference_and_that_is_said(what: str, folder: Path) -> None:
     path = folder / "old" / "turning.csv"

@@ -57,6 +57,7 @@ def rows_of(problem: SearchProblem, null: Estimate) -> dict[str, ScoreTest]:
     }
 
 
+@pytest.mark.slow
 def test_p_values_of_slopes_drawn_from_their_law_are_uniform() -> None:
     """That of the largest of all, and that of each by itself (a one-sided one is 1 every other time)."""
     candidates, S = made_up()
@@ -129,6 +130,7 @@ def by_chance() -> list[tuple[Slopes, list[ScoreTest]]]:
     return found
 
 
+@pytest.mark.slow
 def test_no_effect_is_found_where_there_is_chance_only(by_chance: list[tuple[Slopes, list[ScoreTest]]]) -> None:
     least = np.array([min(r.p_value for r in rows) for _, rows in by_chance])
     assert least.min() > 1e-3
@@ -136,6 +138,7 @@ def test_no_effect_is_found_where_there_is_chance_only(by_chance: list[tuple[Slo
     assert 0.1 < np.median(least) < 0.9
 
 
+@pytest.mark.slow
 def test_slopes_have_the_spread_that_is_stated_and_no_trend(by_chance: list[tuple[Slopes, list[ScoreTest]]]) -> None:
     g, S = (np.array(a) for a in ([s.g for s, _ in by_chance], [np.diag(s.S) for s, _ in by_chance]))
     z = g / np.sqrt(S)
@@ -171,6 +174,7 @@ def test_slopes_are_the_same_a_little_beside_the_best_coefficients() -> None:
     assert np.abs(a.g / np.sqrt(a.own)).max() > 5
 
 
+@pytest.mark.slow
 def test_effects_that_cannot_act_are_not_excited() -> None:
     """No reversal of the propeller and a bank far away; where it reverses, the side force is seen."""
     p, null = pushed_problem(1, runs=(("zigzag:20/20", 60.0), ("turning:-20", 60.0)))
@@ -186,6 +190,7 @@ def test_effects_that_cannot_act_are_not_excited() -> None:
     assert rows_of(p, null)["propeller_side_force"].excited
 
 
+@pytest.mark.slow
 def test_a_coefficient_hides_an_effect_the_more_the_wider_its_prior() -> None:
     """More resistance is imitated by X_0F, the others held, and an error of the heading is not."""
     p, null = pushed_problem(1, runs=RUNS[:2])

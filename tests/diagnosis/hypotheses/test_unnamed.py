@@ -156,6 +156,7 @@ def without_effects() -> tuple[SearchProblem, Estimate]:
     return pushed_problem(1, how=quiet(X=0.3, Y=0.6, N=0.4))
 
 
+@pytest.mark.slow
 def test_a_form_that_is_a_free_coefficient_has_no_slope_at_the_optimum() -> None:
     """The data pull at N_r as strongly as the log determinant, the other way; so they must at u r in the dictionary."""
     problem, null = without_effects()
@@ -193,6 +194,7 @@ def test_a_little_more_or_less_of_the_logged_wind_is_nothing() -> None:
         assert found.statistics(found.S @ lee)[2][UNLOGGED] > 8
 
 
+@pytest.mark.slow
 def test_residuals_correlated_in_time_are_less_news() -> None:
     """White sensors: hardly any dispersion. Errors of v with a memory of 2 s: the slopes of its sensor vary more."""
     plain = unnamed_slopes(*_parts(*without_effects())).dispersion
@@ -210,6 +212,7 @@ def test_residuals_correlated_in_time_are_less_news() -> None:
     assert coloured["sensor of v"] > 1.5 * plain["sensor of v"]
 
 
+@pytest.mark.slow
 def test_gusts_that_are_not_logged_make_shares_of_the_wind_less_news() -> None:
     """The ship feels the logged wind: no dispersion. Logged speeds off by a half, with a memory of 3 s: more."""
     trials, rng, gusty = pushed_trials(1, how=quiet(X=0.05, Y=0.1, N=0.05)), np.random.default_rng(0), []
@@ -276,6 +279,7 @@ def test_what_is_kept_of_compared_times_alone_says_the_same() -> None:
     assert few == pytest.approx(dispersion(columns, residual, g, S, 9), rel=1e-12) and few > 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "form", "size"), [(1, "nn", 0.5), (2, "cos", 0.4)])
 def test_a_single_form_that_the_ship_lacks_is_seen(axis: int, form: str, size: float) -> None:
     found = unnamed_forms(*pushed_by(pushed_problem(1, h=1.0)[0], 1, axis, form, size))
@@ -295,6 +299,7 @@ def pushed() -> tuple:
     return seen, null, unnamed, estimated_force(unnamed)
 
 
+@pytest.mark.slow
 def test_the_force_is_that_which_acted() -> None:
     data, null, unnamed, found = pushed()
     row = unexplained_force(data, null, unnamed.evidence, found, SHIP)
@@ -311,6 +316,7 @@ def test_the_force_is_that_which_acted() -> None:
     assert {t.trial for t in row.times} <= set(data.trials) and row.times[0].channel == "sway"
 
 
+@pytest.mark.slow
 def test_nothing_is_estimated_where_nothing_acts() -> None:
     steps, seen, null = pushed_by(pushed_problem(1)[0], 4, 1, "cos", 0.0)
     found = estimated_force(unnamed_forms(steps, seen, null))

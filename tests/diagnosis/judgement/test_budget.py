@@ -42,6 +42,7 @@ def streamed() -> tuple[SearchProblem, Selection]:
     return problem, select_effects(problem, null)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("has_tests", [True, False])
 def test_a_current_that_was_put_in_causes_the_avoidable_error(has_tests: bool) -> None:
     problem, found = streamed()
@@ -54,6 +55,7 @@ def test_a_current_that_was_put_in_causes_the_avoidable_error(has_tests: bool) -
     assert before > 2 * after >= 2 * floor > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", first_quick([3, 4, 5]))
 def test_where_nothing_is_missing_there_is_no_avoidable_error(seed: int) -> None:
     problem, null = pushed_problem(seed)

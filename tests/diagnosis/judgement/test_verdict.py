@@ -70,6 +70,7 @@ def off(*p: float) -> Estimate:
     return replace(null, p=np.array([*p, *np.zeros(len(null.p) - len(p))]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("p", "is_named", "expected"),
     [

@@ -113,6 +113,7 @@ def text_of(html: str) -> str:
     return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", re.sub(r"<style>.*?</style>", "", html, flags=re.S)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verdict", first_quick(["named", "none", "unknown"]))
 def test_page_stands_alone(tmp_path: Path, verdict: str) -> None:
     listed = write_report(case(verdict), tmp_path).rows

@@ -83,6 +83,7 @@ def learning(ship: Ship, size: float) -> Ship:
     return ship.with_network(Network(ship.features, scales, (layers,), np.array([size, 1.0, 1.0]), -limit, limit))
 
 
+@pytest.mark.slow
 def test_a_network_is_explained_by_the_effect_that_it_imitates(trials: list[Trial]) -> None:
     fouled = with_effects(FEW, ["fouling:share=0.4"])
     witness, channels = witnessed(learning(FEW, -1e-3), fouled, ["fouling"], trials)

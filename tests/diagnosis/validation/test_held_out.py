@@ -75,6 +75,7 @@ def test_the_true_model_predicts_its_own_motion_without_error() -> None:
         assert len(found) and found.max() < 1e-18
 
 
+@pytest.mark.slow
 def test_what_another_size_of_the_noise_gains_is_no_gain_of_the_effect() -> None:
     """The fit with an effect has smaller random forces in its own trials, and too small ones in others."""
     problem, null, true = fits()
@@ -86,6 +87,7 @@ def test_what_another_size_of_the_noise_gains_is_no_gain_of_the_effect() -> None
     assert abs(once[1] - once[0]) > 30.0  # what it would count for
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("effect", ["rudder_backlash.b", "rudder_lag.T", "control_delay.tau", "hull_memory.T"])
 def test_a_window_begins_with_what_the_actuators_and_the_hull_remember_of_the_run_before(effect: str) -> None:
     steps = full_steps(H)

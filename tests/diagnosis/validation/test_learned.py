@@ -30,6 +30,7 @@ OPTIONS = DiagnosisOptions()
 FOUND = LearnedResidual(0.4, 0.3, 0.25, (0.1, 0.4), 40, True, "residual kept: because", "")
 
 
+@pytest.mark.slow
 def test_what_is_missing_and_can_be_learned_is_closed() -> None:
     true = hybrids.lacking()
     tests = hybrids.trials(true, 3, 200, seed=9)
@@ -39,6 +40,7 @@ def test_what_is_missing_and_can_be_learned_is_closed() -> None:
     assert found.mse_after == pytest.approx((1 - found.reduction) * found.mse_before)
 
 
+@pytest.mark.slow
 def test_nothing_missing_nothing_closed() -> None:
     ship = hybrids.ship()
     quick = replace(QUICK, epochs=6, penalty=0.3)
@@ -46,6 +48,7 @@ def test_nothing_missing_nothing_closed() -> None:
     assert abs(found.reduction) < 0.03 and not found.kept
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_the_seed_decides_and_the_workers_do_not(workers: int) -> None:
     ship, few = hybrids.ship(), replace(QUICK, epochs=2)
@@ -56,6 +59,7 @@ def test_the_seed_decides_and_the_workers_do_not(workers: int) -> None:
     assert one == again and one.reduction != other.reduction
 
 
+@pytest.mark.slow
 def test_a_single_test_trial_gives_no_interval_and_no_claim() -> None:
     true, few = hybrids.lacking(), replace(QUICK, epochs=2)
     found = measure(hybrids.ship(), hybrids.trials(true, 2, 200), hybrids.trials(true, 1, 100, seed=9), settings=few)

@@ -47,6 +47,7 @@ def named(trials: list[Trial]) -> list[str]:
     return [w for w in estimate_coefficients(ESSO, trials, FAST).warnings if "leave it out" in w]
 
 
+@pytest.mark.slow
 def test_runs_that_belong_are_not_named() -> None:
     assert named(list(runs()[0])) == []
 
@@ -60,6 +61,7 @@ def test_a_run_that_is_all_outliers_is_refused_by_name_before_the_fit() -> None:
     refuse_outliers([bad, trials[0]], 1.0)  # two runs: nobody knows which
 
 
+@pytest.mark.slow
 def test_a_run_whose_residuals_are_white_is_called_outliers() -> None:
     trials = list(runs()[0])
     rng = np.random.default_rng(1)

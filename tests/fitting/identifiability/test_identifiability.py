@@ -71,6 +71,7 @@ def kinds(found: Identifiability) -> dict[str, str]:
     return {f.symbol: f.kind for f in found.findings}
 
 
+@pytest.mark.slow
 def test_rudder_coefficients_are_not_excited_by_straight_runs() -> None:
     _, found, _ = nearly_straight()
     assert all(kinds(found)[s] == "silent" for s in (*RUDDER, "Y_v", "Y_A1", "X_0A"))

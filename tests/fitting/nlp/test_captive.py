@@ -97,6 +97,7 @@ def test_hull_derivatives_are_recovered_and_agree_with_scipy() -> None:
     np.testing.assert_allclose(ours.p, theirs.x, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_joint_fit_uses_both_and_is_surer() -> None:
     truth = hidden_ship()
     trials = runs()[0][:2]

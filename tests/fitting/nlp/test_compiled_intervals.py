@@ -55,11 +55,12 @@ def case(ship: Ship, seed: int = 0) -> tuple[Kernels, tuple, tuple]:
     return kernels, (steps, controls, 0.2, group, window), (start, theta, cost, weight)
 
 
-SLOW = "twin rudders"
+LONGEST = "twin rudders"
 """20 s to compile."""
 
 
-@pytest.mark.parametrize("ship", [pytest.param(s, marks=pytest.mark.slow) if s == SLOW else s for s in SHIPS])
+@pytest.mark.slow
+@pytest.mark.parametrize("ship", [pytest.param(s, marks=pytest.mark.longest) if s == LONGEST else s for s in SHIPS])
 def test_kernel_and_portable_path_agree(ship: str) -> None:
     kernels, held, (start, theta, cost, weight) = case(SHIPS[ship]())
     assert kernels.interval is not None
@@ -118,6 +119,7 @@ def test_every_interval_is_calculated_once_and_each_window_in_one_share() -> Non
     assert len(seen) > 1 and sum(map(len, seen)) == len(set(window))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change", ["s/adjoint\\[s\\] + later/adjoint[s] - later/", "s/whole\\[s\\] += u/whole[s] -= u/"]
 )
@@ -155,11 +157,13 @@ def partly(u: ca.SX) -> ca.SX:
     return 1 + ca.sqrt(u + 0.03)
 
 
+@pytest.mark.slow
 def test_where_the_equations_have_no_value_the_compiler_is_not_blamed() -> None:
     kernels = Kernels(small_model(partly), np.arange(3))
     assert kernels.interval is not None and not kernels.interpreted_because
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["s/more(part, d3/more(part, -d3/"])
 def test_wrong_code_is_found_beside_points_without_a_value(
     change: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
@@ -171,6 +175,7 @@ def test_wrong_code_is_found_beside_points_without_a_value(
     assert float(re.findall(r"by ([0-9.e+-]+),", kernels.interpreted_because)[0]) > 1e-9
 
 
+@pytest.mark.slow
 def test_code_that_cannot_be_compared_is_used_and_no_compiler_is_blamed() -> None:
     q = ca.SX.sym("q")
     (batch,), reason = batch_functions([ca.Function("nothing", [q], [ca.sqrt(-1 - q * q)])])

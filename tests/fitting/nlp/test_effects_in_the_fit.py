@@ -51,6 +51,7 @@ def trials(ship: Ship, runs: tuple = RUNS, duration: float = 70.0, dt: float = 0
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow)
                                   for name in sorted(EFFECTS)])  # fmt: skip
 def test_a_fit_with_the_effect_freed_recovers_its_parameters(name: str) -> None:

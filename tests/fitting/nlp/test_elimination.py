@@ -24,6 +24,7 @@ def moved(kind: str) -> tuple[Problem, np.ndarray]:
     return p, p.start(0.1 * np.random.default_rng(1).normal(size=p.P))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PROBLEMS)
 def test_nodes_are_eliminated_as_in_numpy(kind: str) -> None:
     p, x = moved(kind)

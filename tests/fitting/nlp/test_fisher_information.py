@@ -23,6 +23,7 @@ def solved(kind: str) -> tuple[Problem, Solution]:
     return p, s
 
 
+@pytest.mark.slow
 def test_it_is_that_of_single_shooting() -> None:
     """On a plain ship; that of single shooting agrees with least squares of scipy (test_shooting)."""
     p, s = solved("plain")
@@ -55,6 +56,7 @@ def profiled(p: Problem, at: np.ndarray, windows: np.ndarray) -> float:
     return s.objective - 0.5 * float(at @ at)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["plain", "crowded"])
 def test_the_score_is_the_slope_of_the_profiled_cost_of_a_window(kind: str) -> None:
     p, s = solved(kind)

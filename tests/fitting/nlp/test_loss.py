@@ -40,6 +40,7 @@ def test_slope_and_bend_are_the_derivatives_of_the_cost(name: str) -> None:
     np.testing.assert_allclose(loss.cost(np.moveaxis(w[None], 1, 2), cube)[0].T, loss.cost(w, e))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["huber", "student"])
 @pytest.mark.parametrize("which", ["plain", "crowded"])
 def test_robust_derivatives_of_the_problem_are_exact(name: str, which: str) -> None:
@@ -74,6 +75,7 @@ def spiked(trial: Trial, seed: int) -> Trial:
     return Trial(trial.name, columns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", first_quick(["student", "huber"]))
 def test_spikes_ruin_the_gaussian_fit_but_not_the_robust_one(name: str) -> None:
     ship = load_ship("esso_osaka_3m")

@@ -82,6 +82,7 @@ def somewhere(p: Problem) -> np.ndarray:
     return p.start() + 0.05 * np.random.default_rng(0).normal(size=p.n)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("K", "captive"), [(1, False), (7, True)])
 def test_derivatives_are_exact(K: int, captive: bool) -> None:
     p = small(K, captive)
@@ -125,6 +126,7 @@ def test_information_and_its_shared_part_are_those_of_the_whole_program() -> Non
     np.testing.assert_allclose(shared.p + changes_without_each(shared), moved, rtol=1e-2, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_constants_of_a_single_run_are_those_of_an_effect_freed_for_all() -> None:
     ship, constants = varying_effects(start(), ["current"])
     settings = Settings(sigma=tuple(SIGMA), compiled=False)
@@ -140,6 +142,7 @@ def test_constants_of_a_single_run_are_those_of_an_effect_freed_for_all() -> Non
         assert own.ship.coefficients[s].value == pytest.approx(shared.ship.coefficients[s].value, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_each_run_gets_its_current_and_the_shared_coefficients_do_not_bend() -> None:
     own, without, truth = fitted(True), fitted(False), hidden()
     assert own.converged and own.constants is not None
@@ -167,6 +170,7 @@ def test_leaving_a_run_out_says_nothing_about_its_own_constants() -> None:
     assert (spread.moves[np.arange(3)[:, None] == owner] == 0).all() and spread.moves[:, owner < 0].any()
 
 
+@pytest.mark.slow
 def test_runs_without_data_keep_the_prior() -> None:
     ship, constants = varying_effects(start(), ["rudder_offset:delta=0.01"])
     whole = trials()[2]
@@ -240,6 +244,7 @@ def test_a_fit_from_files_stops_and_resumes(folder: Path, capsys: pytest.Capture
     assert main(["score", str(folder / "run"), *files]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("more", "said"),
     [

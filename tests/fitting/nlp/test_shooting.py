@@ -58,6 +58,7 @@ def test_the_optimum_does_not_depend_on_the_shooting_interval(K: int) -> None:
     assert other.objective == pytest.approx(reference.objective, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_scipy_finds_the_same_optimum_of_a_small_problem() -> None:
     ship = load_ship("esso_osaka_3m")
     ship = ship.fixing([s for s in ship.symbols if s not in FREE])

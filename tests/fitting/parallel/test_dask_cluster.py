@@ -60,6 +60,7 @@ def test_a_verb_hands_its_tasks_to_the_scheduler(
     assert code == 0 and f"of {address}" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_changes_nothing_but_the_tasks_it_had(tmp_path: Path) -> None:
     marks, count = tmp_path / "marks", 12
     marks.mkdir()
@@ -97,6 +98,7 @@ def test_a_scheduler_that_dies_is_one_line(tmp_path: Path) -> None:
             width(1)
 
 
+@pytest.mark.slow
 def test_an_absent_scheduler_and_one_without_workers_are_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -136,6 +138,7 @@ def test_other_versions_are_one_line(changed: dict, words: str, monkeypatch: pyt
         module.check_workers(client, "tcp://s")
 
 
+@pytest.mark.slow
 def test_without_dask_a_line_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -69,6 +69,7 @@ def seen(job: tuple[Shared[Opened], int]) -> float:
     return float(job[0].value.content[job[1]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [1, 2])
 def test_the_listener_hears_of_each_task_as_it_finishes(workers: int, tmp_path: Path) -> None:
     told: list[Progress] = []
@@ -82,6 +83,7 @@ def test_the_listener_hears_of_each_task_as_it_finishes(workers: int, tmp_path: 
     assert order == [1, 2, 3, 4, 5] if workers == 1 else order[0] >= 4  # the first outcome came among the last
 
 
+@pytest.mark.slow
 def test_kept_workers_serve_one_list_after_the_other_and_open_what_is_shared_once(tmp_path: Path) -> None:
     shared = Shared(Opened(tmp_path))
     assert run_all(seen, [(shared, k) for k in range(5)]) == list(range(5)) and not list(tmp_path.iterdir())
@@ -97,12 +99,14 @@ def test_kept_workers_serve_one_list_after_the_other_and_open_what_is_shared_onc
     assert pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(shared)))).value.content[3] == 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="ends a process by SIGKILL")
 def test_a_process_that_is_ended_from_outside_is_one_line() -> None:
     with pytest.raises(UserError, match="--workers"):
         run_all(ends_itself, list(range(4)), 2)
 
 
+@pytest.mark.slow
 def test_no_more_processes_than_there_is_memory_for(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -241,6 +245,7 @@ def alive(pid: int) -> bool:
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="looks for processes in /proc")
 def test_a_pool_whose_parent_is_killed_ends() -> None:
     process = subprocess.Popen([sys.executable, "-c", ORPHANED], stdout=subprocess.PIPE, text=True)

@@ -58,6 +58,7 @@ def coverage(known: Bands, length: float, stride: float) -> np.ndarray:
     return np.vstack(inside).mean(axis=0)
 
 
+@pytest.mark.slow
 def test_bands_hold_nine_tenths_of_the_errors_of_other_runs() -> None:
     share = coverage(bands(), 30.0, 15.0)
     assert (share > 0.84).all() and (share < 0.97).all(), share

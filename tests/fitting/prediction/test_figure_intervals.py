@@ -59,6 +59,7 @@ def figures() -> tuple[Any, Assessment]:
         return ship, imo.imo_figures(ship, SPEED, scale=325 / 3)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_figure_and_grow_with_what_is_not_known(figures: tuple[Any, Assessment]) -> None:
     ship, found = figures
     known = content(ship)
@@ -82,6 +83,7 @@ def test_intervals_hold_the_figure_and_grow_with_what_is_not_known(figures: tupl
         assert (row.probability is None) == (row.limit is None)
 
 
+@pytest.mark.slow
 def test_a_probability_counts_the_draws_that_meet_the_limit(figures: tuple[Any, Assessment]) -> None:
     ship, found = figures
     judged = with_intervals(found, ship, content(ship), 50)
@@ -95,6 +97,7 @@ def test_a_probability_counts_the_draws_that_meet_the_limit(figures: tuple[Any, 
     assert again.interval_90_trial == row.interval_90_trial  # by the seed alone
 
 
+@pytest.mark.slow
 def test_a_manoeuvre_outside_the_trials_is_said_to_be(figures: tuple[Any, Assessment]) -> None:
     ship, found = figures
     narrow = WIDE | {"n": [0.0, 30.0], "r": [-0.02, 0.02]}
@@ -130,6 +133,7 @@ def test_the_value_is_the_median_of_its_draws_and_is_judged_by_it(
         assert never.value is None and never.verdict == ("not judged" if row.limit else "-")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stops", [True, False])
 def test_what_no_trial_supports_has_no_say_in_the_verdict(figures: tuple[Any, Assessment], stops: bool) -> None:
     """Neither where it passes nor where it fails; what trials support has it alone, and that is said."""
@@ -188,6 +192,7 @@ def test_draws_that_never_come_so_far_count_as_beyond(figures: tuple[Any, Assess
     assert row.interval_90[0] < row.median < 10 and row.probability == pytest.approx(34 / 40)
 
 
+@pytest.mark.slow
 def test_figures_of_a_calibrated_ship_are_linear_in_the_draws() -> None:
     """Also where the coefficient is hardly known, and the manoeuvre far from linear in it."""
     ship = load_ship("esso_osaka_3m")
@@ -211,6 +216,7 @@ def test_figures_of_a_calibrated_ship_are_linear_in_the_draws() -> None:
         assert np.nanmedian(np.abs(np.log(nonlinear / expected))) < 0.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("runs", "quantile"), [(1, 2.919986), (3, 2.919986), (5, 2.131847), (100_001, 1.644854)])
 def test_few_runs_make_figures_less_certain_as_student_s_t(runs: int, quantile: float) -> None:
     """Quantiles of Abramowitz & Stegun 1964, table 26.10, with a degree of freedom less than runs, at least two."""
@@ -287,6 +293,7 @@ def test_the_command_prints_intervals_where_a_covariance_is_known(
     assert "--scatter 3: give 20 to" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_draws_that_take_longer_to_stop_than_the_ship_go_on_being_pushed() -> None:
     ship = load_ship("kvlcc2_full")
     kept = ("R_0", "k_0")

@@ -25,6 +25,7 @@ def ship() -> Any:
     return some_ship()
 
 
+@pytest.mark.slow
 def test_one_manoeuvre_has_the_intervals_of_the_table_of_the_standard(ship: Any) -> None:
     plan = parse_maneuver("turning:35", ship, speed=SPEED)
     found, run, drawn = maneuver_scatter(ship, plan, content(ship), 60, seed=4)
@@ -58,6 +59,7 @@ def test_without_a_calibration_the_coefficients_alone_are_drawn(ship: Any) -> No
     assert run is None and drawn is None and all(row.interval_90_trial is None for row in found.rows)
 
 
+@pytest.mark.slow
 def test_the_command_prints_both_intervals_and_the_criterion_and_draws_the_tracks(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

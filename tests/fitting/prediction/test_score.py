@@ -67,6 +67,7 @@ class Diverging:
         return out
 
 
+@pytest.mark.slow
 def test_a_prediction_that_diverges_has_no_score_and_is_said_to() -> None:
     trials = runs()[0][:2]
     found = score(Diverging(), trials)
@@ -81,6 +82,7 @@ def test_a_prediction_that_diverges_has_no_score_and_is_said_to() -> None:
     assert in_words(found.window) == in_words(None) == "diverges" and in_words(0.25) == "0.2500"
 
 
+@pytest.mark.slow
 def test_a_trial_without_a_whole_restart_beside_broken_rows_has_nothing_to_score_there_and_the_rest_is() -> None:
     """A rudder that is unknown for a second in each 45 s: no restart is whole, 30 s windows are."""
     trial, whole = runs()[0][:2]

@@ -96,6 +96,7 @@ def test_the_lasting_part_fades_with_the_square_of_the_speed() -> None:
     assert (at_rest[:, COUNT:].std(axis=1) > 0).all()  # gusts do not ask for speed
 
 
+@pytest.mark.slow
 def test_a_stop_never_tried_ends_however_little_the_model_explains() -> None:
     """The interval of a stop that no trial held is wide, and has an upper end."""
     ship, plan, _ = stopped()

@@ -173,6 +173,7 @@ TRUTH = np.array(
 """Coefficients of a ship of 3 m at 0.4 m/s in a current of 0.03 m/s north and 0.02 m/s west."""
 
 
+@pytest.mark.slow
 def test_a_grey_box_is_found_again_with_its_current_and_pods_are_as_rudders() -> None:
     inputs = ("n", "delta", "wind_north", "wind_east")
     box = GreyBox(inputs, {"n": (-1.0, 0.0)}, TRUTH, np.array([2.0, 2.0, 0.5]))
@@ -206,6 +207,7 @@ def test_scores_with_and_without_units_are_read_back(ship: Ship, trials: list[Tr
     assert adapter(Score).validate_python(old).units is None
 
 
+@pytest.mark.slow
 def test_verb_tells_first_which_model_does_not_beat_its_rivals(trials: list[Trial], tmp_path: Path) -> None:
     for trial in trials:
         write_trial(trial, tmp_path / f"{trial.name}.csv")

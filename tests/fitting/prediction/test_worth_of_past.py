@@ -87,6 +87,7 @@ def test_the_past_scales_by_froudes_law() -> None:
     assert default_past(load_ship("kvlcc2_full")) == round(30 * (length / 3.0) ** 0.5)
 
 
+@pytest.mark.slow
 def test_predict_and_score_follow_the_run_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, file = tmp_path / "run", tmp_path / "trial.csv"
     with unrendered():

@@ -68,6 +68,7 @@ class Page(HTMLParser):
         self.words += data + " "
 
 
+@pytest.mark.slow
 def test_what_differs_between_campaigns_is_a_sentence_and_tables(
     tmp_path: Path,
 ) -> None:
@@ -127,6 +128,7 @@ def test_words_from_files_are_escaped(tmp_path: Path) -> None:
     assert "root:" not in text
 
 
+@pytest.mark.slow
 def test_a_run_that_did_not_converge_says_so_before_anything_else(tmp_path: Path) -> None:
     text = report(run_folder(tmp_path / "run", iterations=1))
     assert 'role="alert"' in text
@@ -167,6 +169,7 @@ def test_several_runs_stand_side_by_side(tmp_path: Path) -> None:
     write_json(folders[1] / RESULT, content)
 
 
+@pytest.mark.slow
 def test_the_command_writes_into_the_run_and_replaces_only_its_own_report(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -224,6 +227,7 @@ def test_change_is_put_in_words() -> None:
 
 
 # The figure of the standard manoeuvres with drawn trials, and that there are no draws without a covariance
+@pytest.mark.slow
 def test_the_page_gets_a_picture_of_what_was_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     fit = small_result()
     found = imo_figures(fit.ship)

@@ -110,6 +110,7 @@ def known() -> Delivered:
         return Delivered(trials, (), form, "", 1.1 * fit.ship.particulars["d"], drawn)
 
 
+@pytest.mark.slow
 def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Delivered) -> None:
     form = known.form
     assert form is not None and form.tested and form.corrected and form.intervals
@@ -127,6 +128,7 @@ def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Deliv
     assert all(side.tested is None and side.corrected is None for side in zigzag.sides)
 
 
+@pytest.mark.slow
 def test_tested_figures_outside_of_the_models_intervals_are_the_first_line(
     known: Delivered, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -153,6 +155,7 @@ def test_tested_figures_outside_of_the_models_intervals_are_the_first_line(
     assert len(known_rate) == len(by_rule) - 1
 
 
+@pytest.mark.slow
 def test_the_first_screen_compares_tested_and_model_figures_and_says_what_hangs_on_a_rule(known: Delivered) -> None:
     fit, form = small_result(), known.form
     assert form is not None
@@ -221,6 +224,7 @@ def test_a_tested_stop_is_judged_where_that_of_the_model_is_the_priors(monkeypat
         assert any(model.basis in line for line in form.remarks) and "crash-stop" in model.basis
 
 
+@pytest.mark.slow
 def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:
     fit = small_result()
     model = standard_figures({**fit.to_dict(), "correlation": None}, fit.ship)
@@ -234,6 +238,7 @@ def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:
         imo_form(fit.ship, (), model, full_load=9.0)
 
 
+@pytest.mark.slow
 def test_the_page_has_the_form_the_limits_and_the_advice(known: Delivered, tmp_path: Path) -> None:
     fit = small_result()
     form = build_page([(fit, fit.ship, tmp_path)], [known])
@@ -290,6 +295,7 @@ def test_the_pdf_holds_every_heading(tmp_path: Path, capsys: pytest.CaptureFixtu
         write_pdf("<p>x</p>", tmp_path / "nowhere" / "x.pdf")
 
 
+@pytest.mark.slow
 def test_a_pdf_shows_the_pictures_of_its_page_and_no_others(tmp_path: Path) -> None:
     try:
         needs_weasyprint()
@@ -320,6 +326,7 @@ def test_without_weasyprint_one_line_says_what_to_do_and_nothing_is_written(
     assert not out.exists() and not out.with_suffix(".pdf").exists()
 
 
+@pytest.mark.slow
 def test_the_report_of_a_run_makes_the_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(imo_form_module, "DRAWS", 20)
     monkeypatch.setattr(imo, "STANDARD", TURNS)

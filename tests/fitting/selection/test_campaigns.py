@@ -66,6 +66,7 @@ def calibrated(differ: bool) -> tuple[Calibration, CampaignFit]:
     return found, by_campaign(found, TrialSet.of(trials), ("gyro", "log_scale"))
 
 
+@pytest.mark.slow
 def test_a_turn_rate_that_is_late_on_one_day_is_found_there_and_named() -> None:
     found, fit = calibrated(True)
     constants = fit.calibration.constants
@@ -105,6 +106,7 @@ def test_a_calibration_without_its_last_solve_keeps_the_same_instruments(differ:
     assert (np.abs(again.calibration.p - fit.calibration.p) < 0.05 * std).all()
 
 
+@pytest.mark.slow
 def test_equal_instruments_leave_the_calibration_as_it_is() -> None:
     found, fit = calibrated(False)
     assert fit.calibration is found and not found.ship.campaigns and fit.content is not None
@@ -130,6 +132,7 @@ def test_the_ship_file_holds_the_campaigns_and_predictions_take_that_of_the_tria
         trials.said_campaign("summer", ship)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("differ", first_quick([True, False]))
 def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_else_is(
     differ: bool, monkeypatch: pytest.MonkeyPatch
@@ -165,6 +168,7 @@ def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_els
     assert result.passes[-1].status == "Solve_Succeeded" and result.passes[-1].objective == result.objective
 
 
+@pytest.mark.slow
 def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_said() -> None:
     """Straight runs show no turn rate."""
     lags = {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, LAGS, strict=False)}

@@ -77,6 +77,7 @@ def test_all_runs_left_out_leaves_the_prior():
     assert np.allclose(estimates_without(quadratic(), [(0, 1, 2)], FAR)[0], 0.0)
 
 
+@pytest.mark.slow
 def test_scores_without_a_run_are_near_those_of_a_refit():
     trials, found = calibrated()
     sigma = pooled_sigma(trials)

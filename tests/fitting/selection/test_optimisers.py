@@ -71,6 +71,7 @@ def test_the_descent_converges_where_no_slope_is_left() -> None:
     assert gain < 5e-3 * last  # what a further step would bring
 
 
+@pytest.mark.slow
 def test_more_sparsity_leaves_fewer_terms_and_none_of_it_most() -> None:
     terms: list[int] = []
     errors: list[float] = []

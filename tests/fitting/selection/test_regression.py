@@ -94,6 +94,7 @@ def test_velocities_that_were_not_measured_are_left_out_and_none_is_one_line() -
         increments(EMPTY, [without])
 
 
+@pytest.mark.slow
 def test_held_coefficients_stay_where_the_solver_starts_and_still_have_errors() -> None:
     start, values = found(True).ship(EMPTY), found(True).values
     fit = estimate_coefficients(
@@ -107,6 +108,7 @@ def test_held_coefficients_stay_where_the_solver_starts_and_still_have_errors() 
         ), symbol
 
 
+@pytest.mark.slow
 def test_late_velocities_are_found_by_the_positions_and_put_right() -> None:
     late = EMPTY.with_effect("velocity_filter")
     late = late.with_coefficients({"velocity_filter.tau": late.coefficients["velocity_filter.tau"].with_(fixed=False)})

@@ -53,6 +53,7 @@ def test_a_named_candidate_that_cannot_be_determined_is_an_error() -> None:
         choose_structure(ESSO, [candidate(ESSO, "sm2-order1")], (runs[:1], (), ()))
 
 
+@pytest.mark.slow
 def test_a_polynomial_that_runs_away_does_not_within_the_range_of_the_trials(tmp_path: Path) -> None:
     made = candidate(ESSO, "sm1-order3").ship.with_values({"X_n_1": 0.02, "X_u_1": -0.02})
     row = made.coefficients["X_u_u_u_1"]
@@ -102,6 +103,7 @@ def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(t
     assert saved.folder is not None and load_ship(tmp_path / "run").monomials == choice.result.ship.monomials
 
 
+@pytest.mark.slow
 def test_ctrl_c_within_one_fit_ends_the_choice(monkeypatch: pytest.MonkeyPatch) -> None:
     """The solver returns its best iterate then, which is no estimate to choose by."""
 
@@ -250,6 +252,7 @@ def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
         assert {run.seed for run in whole[name]} == {0, 1}
 
 
+@pytest.mark.slow
 def test_a_learned_run_survives_its_file_to_the_last_digit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(learning, "SPARSITIES", (1e-1,))
     runs, store = harbour(), stored(tmp_path)

@@ -67,6 +67,7 @@ def assert_said_of_what_is_shown(result: FitResult) -> None:
     assert {s for s in rows if s in named.get("at_bound", "")} == {s for s, c in rows.items() if c.at_bound}
 
 
+@pytest.mark.slow
 def test_what_a_fit_says_it_says_of_the_mean() -> None:
     """Also where the second estimate lies nine prior standard deviations from the prior, in all coefficients."""
     ship, train = small_result().start, coarse_runs()[0][:1]
@@ -92,6 +93,7 @@ def test_what_no_longer_holds_of_the_mean_is_no_longer_said() -> None:
     assert back.identifiability.findings[k_0].shift == found.identifiability.findings[k_0].shift
 
 
+@pytest.mark.slow
 def test_a_mean_stays_within_the_bounds() -> None:
     found = calibration()
     far = {s: float(v) for s, v in zip(found.prior.symbols, found.prior.upper + 50 * found.prior.std, strict=True)}

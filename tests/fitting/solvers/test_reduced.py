@@ -27,6 +27,7 @@ def elsewhere(problem: mi.ReducedProblem, seed: int = 0) -> np.ndarray:
     return np.clip(problem.start + step, *problem.bounds)
 
 
+@pytest.mark.slow
 def test_the_gradient_is_that_of_finite_differences(fitted: mi.FitResult) -> None:
     problem = fitted.problem
     here = elsewhere(problem)
@@ -36,12 +37,14 @@ def test_the_gradient_is_that_of_finite_differences(fitted: mi.FitResult) -> Non
     np.testing.assert_allclose(gradient * problem.scale, np.array(differences) / 2e-4, rtol=1e-5, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_half_the_squares_of_the_residuals_are_the_value(fitted: mi.FitResult) -> None:
     problem = fitted.problem
     here = elsewhere(problem)
     assert 0.5 * (problem.residuals(here) ** 2).sum() == pytest.approx(problem.objective(here)[0], rel=1e-12)
 
 
+@pytest.mark.slow
 def test_its_minimum_is_where_the_fit_ended(fitted: mi.FitResult) -> None:
     problem = fitted.problem
     value, gradient = problem.objective(problem.start)
@@ -52,6 +55,7 @@ def test_its_minimum_is_where_the_fit_ended(fitted: mi.FitResult) -> None:
     assert all(problem.objective(elsewhere(problem, seed))[0] > value for seed in range(3))
 
 
+@pytest.mark.slow
 def test_coefficients_by_symbol_are_those_of_the_vector(fitted: mi.FitResult) -> None:
     problem = fitted.problem
     i = problem.symbols.index("N_r")
@@ -62,6 +66,7 @@ def test_coefficients_by_symbol_are_those_of_the_vector(fitted: mi.FitResult) ->
         problem.objective({"N_rr": 0.0})
 
 
+@pytest.mark.slow
 def test_states_that_are_not_finite_give_an_infinite_value(fitted: mi.FitResult) -> None:
     problem = fitted.problem
     wild = problem.start + 1e30 * problem.scale
@@ -69,6 +74,7 @@ def test_states_that_are_not_finite_give_an_infinite_value(fitted: mi.FitResult)
     assert value == np.inf and np.isinf(problem.residuals(wild)).all() and (gradient == 0).all()
 
 
+@pytest.mark.slow
 def test_a_refit_that_holds_nothing_changes_nothing(fitted: mi.FitResult) -> None:
     again = mi.refit(fitted)
     assert again.converged and again.objective == pytest.approx(fitted.objective, rel=1e-8)
@@ -79,6 +85,7 @@ def test_a_refit_that_holds_nothing_changes_nothing(fitted: mi.FitResult) -> Non
     assert again.scores["training"].after.window == pytest.approx(fitted.scores["training"].after.window, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_refit_holds_and_minimises_over_the_others(fitted: mi.FitResult, tmp_path) -> None:  # type: ignore[no-untyped-def]
     row, problem = fitted.estimates["N_r"], fitted.problem
     value = row.value + 0.2 * row.prior_std

@@ -64,6 +64,7 @@ def whole() -> FitResult:
     return fitted(SETTINGS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stop_at", [10, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 4, 7, 9))])
 def test_ctrl_c_at_any_iterate_changes_no_value(stop_at: int, whole: FitResult, tmp_path: Any) -> None:
     stopped = fitted(SETTINGS, stop_at)
@@ -99,6 +100,7 @@ def solved(p: Problem, resumed: Resumption | None = None, draft: bool = False, *
     return solve_with_noise_estimation(p, p.start(), Settings(**settings), Control(), resumed, draft=draft)
 
 
+@pytest.mark.slow
 def test_few_windows_come_first_and_the_last_solve_can_be_left_out_and_made_later() -> None:
     p = problem(window=10.0, trials=runs()[0])
     whole, early, once = solved(p), solved(p, draft=True), solved(p, sigma=tuple(SIGMA))

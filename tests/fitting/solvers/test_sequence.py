@@ -51,6 +51,7 @@ PROBLEMS: dict[str, Callable[[], Problem]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["crowded", "runs", "tight", "student"])
 def test_one_exact_step_balances_gradient_and_multipliers(kind: str) -> None:
     p = PROBLEMS[kind]()
@@ -82,6 +83,7 @@ def test_it_ends_at_a_point_that_is_optimal(kind: str) -> None:
     assert np.abs(found.bound[(at > lower + 1e-9) & (at < upper - 1e-9)]).max(initial=0.0) == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["crowded", "runs", "tight", "student"])
 def test_led_and_alone_ipopt_find_the_same_optimum_and_covariance(kind: str) -> None:
     p = PROBLEMS[kind]()
@@ -95,6 +97,7 @@ def test_led_and_alone_ipopt_find_the_same_optimum_and_covariance(kind: str) -> 
     assert led.iterations == len(led.history) - 1
 
 
+@pytest.mark.slow
 def test_random_starts_reach_the_same_optimum() -> None:
     p, rng = problem(), np.random.default_rng(3)
     reference = by_ipopt(p, p.start())

@@ -36,6 +36,7 @@ def fitted(request: pytest.FixtureRequest) -> mi.FitResult:
     return small_fit(request.param, 1.0, velocity_filter={"tau": 0.5})
 
 
+@pytest.mark.slow
 def test_adjoints_give_the_gradient_that_sensitivities_give() -> None:
     from fitting.nlp.shooting import Shooting
 
@@ -52,6 +53,7 @@ def test_adjoints_give_the_gradient_that_sensitivities_give() -> None:
     np.testing.assert_allclose(found[0], found[-1], rtol=1e-9, atol=1e-12 * np.abs(found[-1]).max())
 
 
+@pytest.mark.slow
 def test_the_gradient_of_the_density_is_that_of_finite_differences(fitted: mi.FitResult) -> None:
     density, rng, step = JointDensity(fitted.calibration), np.random.default_rng(3), 1e-5
     for _ in range(2):
@@ -60,6 +62,7 @@ def test_the_gradient_of_the_density_is_that_of_finite_differences(fitted: mi.Fi
         assert density(y)[1] @ along == pytest.approx(difference, rel=1e-6, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_the_density_is_that_of_the_fit(fitted: mi.FitResult) -> None:
     density = JointDensity(fitted.calibration, power=1.0)
     y = np.zeros(density.n)
@@ -69,6 +72,7 @@ def test_the_density_is_that_of_the_fit(fitted: mi.FitResult) -> None:
     assert (away < np.sqrt(np.diag(density.covariance))).all()  # near a bound unbounded ones are bent
 
 
+@pytest.mark.slow
 def test_draws_stay_inside_the_bounds_and_the_density_is_right_there(fitted: mi.FitResult) -> None:
     found = fitted.calibration
     prior, half = found.problem.prior, 0.5 * np.sqrt(np.diag(found.covariance)) * found.prior.std
@@ -114,6 +118,7 @@ def test_draws_of_a_gaussian_are_those_of_its_laplace_approximation() -> None:
     assert (table["wider"].abs() < 0.08).all() and (table["skewness"].abs() < 0.05).all()
 
 
+@pytest.mark.slow
 def test_a_small_fit_is_sampled_and_its_draws_are_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("nutpie", reason="needs the extra bayes")
     import pandas as pd
@@ -134,6 +139,7 @@ def test_a_small_fit_is_sampled_and_its_draws_are_saved(tmp_path: Path, monkeypa
     assert [m.code for m in drawn.messages][::2][0] == "posterior" and drawn.messages[-1].code == "against_laplace"
 
 
+@pytest.mark.slow
 def test_laplace_draws_have_the_covariance_of_the_fit(fitted: mi.FitResult) -> None:
     frame, covariance = fitted.sample(4000, seed=1), fitted.covariance
     assert list(frame) == list(covariance) == list(covariance.index)
@@ -147,6 +153,7 @@ def test_laplace_draws_have_the_covariance_of_the_fit(fitted: mi.FitResult) -> N
     assert frame.equals(fitted.sample(4000, "laplace", 1)) and not frame.equals(fitted.sample(4000, seed=2))
 
 
+@pytest.mark.slow
 def test_what_cannot_be_drawn_is_refused(fitted: mi.FitResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from dataclasses import replace
 

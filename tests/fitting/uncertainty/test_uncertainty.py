@@ -134,6 +134,7 @@ def small() -> tuple[Problem, Solution, Information]:
     return p, s, information(p, s.x)
 
 
+@pytest.mark.slow
 def test_windows_that_count_twice_cost_twice() -> None:
     p, s, info = small()
     part, _ = reweighted(p, s.x, np.full(len(info.run), 2), np.zeros(p.P))

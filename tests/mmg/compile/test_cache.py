@@ -234,6 +234,7 @@ exec {compiler} "$@"
 """A compiler that makes wrong code: it compiles another text than it was given."""
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_code_that_gives_wrong_numbers_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     expected, _ = short_run(compiled=False)

@@ -118,6 +118,7 @@ def compiled() -> dict[str, object]:
 # Operations
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("name", OPERATIONS)
 def test_an_operation_gives_the_same_compiled_and_interpreted(name: str, compiled: dict) -> None:

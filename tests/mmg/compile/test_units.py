@@ -64,6 +64,7 @@ def derivatives(ship: Ship) -> list[ca.Function]:
     return [ca.Function(name, [q, c, theta], [value], {"cse": True}) for name, value in each]
 
 
+@pytest.mark.slow
 def test_a_function_in_parts_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     ship = load_ship("mariner")
     functions, rng, theta, found = derivatives(ship), np.random.default_rng(0), ship.values, []
@@ -78,6 +79,7 @@ def test_a_function_in_parts_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch
         np.testing.assert_array_equal(whole, parts)
 
 
+@pytest.mark.slow
 def test_no_function_has_more_instructions_than_a_compiler_likes(tmp_path: Path) -> None:
     functions = derivatives(ship_of_four_pods(tmp_path))
     assert max(f.n_instructions() for f in functions) > 2 * stages.FUNCTION_SIZE
@@ -90,6 +92,7 @@ def test_no_function_has_more_instructions_than_a_compiler_likes(tmp_path: Path)
     assert max(len(unit) for unit in units[1:]) < 2 * stages.UNIT_TEXT
 
 
+@pytest.mark.slow
 def test_one_line_says_what_is_compiled(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

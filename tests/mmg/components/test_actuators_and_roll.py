@@ -63,6 +63,7 @@ def test_a_rate_limit_is_never_exceeded_and_reached_far_from_the_order() -> None
     assert y[-1] == pytest.approx(0.6, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("T", [0.0, 0.5])
 def test_lag_and_delay_shift_slow_signals_by_their_time(T: float) -> None:
     """A slow sine comes T later; the delay keeps its amplitude, the lag loses what a lag loses."""
@@ -109,6 +110,7 @@ def test_a_ship_with_actuators_follows_orders(name: str) -> None:
     assert turned["r"][-1] == pytest.approx(simulate(ESSO, ideal)["r"][-1], rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_rate_limit_can_be_calibrated() -> None:
     """Greatest rudder rate of a slow steering gear from a zigzag under recorded orders."""
     ship = with_role(ESSO, "actuators", "rate_limited")
@@ -126,6 +128,7 @@ def test_a_rate_limit_can_be_calibrated() -> None:
 ROLLING = with_role(ESSO, "roll", "linear", GM=0.02)
 
 
+@pytest.mark.slow
 def test_a_heeled_ship_at_rest_rolls_with_its_natural_period() -> None:
     simulator = Simulator(ROLLING, compiled=False)
     start = np.zeros((8, 1))

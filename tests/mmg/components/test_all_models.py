@@ -195,6 +195,7 @@ def test_mirrored_motion_gives_mirrored_forces(ship: Ship, exact: bool) -> None:
     assert max(uneven) > 1e-3 or ship not in SYMMETRIC[:3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["esso_osaka_3m", "kvlcc2_l7", "mariner"])
 def test_derivatives_by_state_controls_and_coefficients_are_finite(name: str) -> None:
     """First and second, at rest, on axes, in all quadrants and at creeping speed, in wind and calm."""
@@ -228,6 +229,7 @@ def test_accelerations_do_not_depend_on_heading_when_the_wind_turns_along(psi: f
     np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-14)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(st.floats(-0.5, 0.5), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2))
 def test_without_forces_only_the_munk_term_does_work(u: float, v: float, r: float) -> None:

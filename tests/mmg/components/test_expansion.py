@@ -83,6 +83,7 @@ def test_the_second_order_list_is_the_one_that_can_be_written_by_hand() -> None:
     assert len(monomials(Structure(VECTWIN), "X")) == 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("devices", ["n, delta", "n, delta_port, delta_starboard", "n+n_2, delta_starboard+delta_port"])
 @pytest.mark.parametrize("order", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_what_the_identity_leaves_is_independent_and_complete(devices: str, order: int) -> None:
@@ -344,6 +345,7 @@ def test_no_term_multiplies_actuators_of_two_units_and_all_differ(force: str, or
             assert [part.inputs <= set(unit) for part, unit in zip(actions[0].parts, units, strict=True)] == [True] * 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["twin", "vectwin", "thrusters", "esso"])
 def test_the_mirror_image_of_a_state_has_the_mirror_image_of_the_force(kind: str) -> None:
     own = load_ship("esso_osaka_3m").without_network() if kind == "esso" else true_ship(kind)

@@ -72,6 +72,7 @@ def test_another_pitch_by_the_two_factors(J: float, polynomial: float) -> None:
     assert abs(K_T(J) - polynomial) > 0.1
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(st.floats(-1, 1), st.floats(-15, 15), st.floats(0.1, 10.0))
 def test_thrust_grows_with_the_square_of_speed(V_A: float, n: float, factor: float) -> None:
@@ -167,6 +168,7 @@ def force(u: float, n: float, degrees: float, s: Exact | Smooth = EXACT_CPP) -> 
     return xyn(cpp.force(Flow(u=u, v=0.0, r=0.0, n=n, pitch=np.radians(degrees)), P_CPP, C_CPP, s))
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(st.floats(-1.5, 1.5), st.floats(1.0, 15.0), st.floats(-20.0, 40.0))
 def test_exact_force_is_the_published_one(u: float, n: float, degrees: float) -> None:
@@ -175,6 +177,7 @@ def test_exact_force_is_the_published_one(u: float, n: float, degrees: float) ->
     np.testing.assert_allclose(force(u, n, degrees), expected, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(st.floats(-1.5, 1.5), st.floats(3.0, 15.0), st.floats(-20.0, 40.0))
 def test_smooth_force_is_close_to_the_exact_one(u: float, n: float, degrees: float) -> None:

@@ -40,6 +40,7 @@ def published(u: float, v: float, r: float) -> np.ndarray:
     return 0.5 * P.rho * P.L * P.d * U**2 * np.array([X, Y, N * P.L])
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(st.floats(1e-3, 2.0), sways, yaw_rates)
 def test_the_exact_polynomial_is_the_published_one_ahead(u: float, v: float, r: float) -> None:
@@ -60,6 +61,7 @@ def test_the_smooth_polynomial_is_the_published_one_where_it_holds(U: float, deg
     assert np.abs((got - expected) / (unit, unit, unit * P.L)).max() < 1e-3 * max(C.R_0, np.abs(expected / unit).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("s", [Exact(), SMOOTH])
 @settings(max_examples=200, deadline=None)
 @given(u=speeds, v=sways, r=yaw_rates)
@@ -148,6 +150,7 @@ def run(delta: float, seconds: float, dt: float = 1.0) -> np.ndarray:
     return state
 
 
+@pytest.mark.slow
 def test_the_mariner_turns_steadily_and_loses_speed() -> None:
     """The printed polynomial turns wide (7 L at 35 degrees) and keeps 78 % of its speed; not symmetric.
 

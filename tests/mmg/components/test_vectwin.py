@@ -85,6 +85,7 @@ def test_sign_of_x_P_matters_in_a_turn() -> None:
     assert one / other == pytest.approx(1.1045, abs=1e-3)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(
     st.floats(0.02, 0.6), st.floats(-0.2, 0.2) | st.just(0.0), st.floats(-0.1, 0.1) | st.just(0.0),
@@ -102,6 +103,7 @@ def test_exact_forces_are_those_of_the_branches(
         np.testing.assert_allclose(xyn(rudders), expected, rtol=1e-8, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_smooth_forces_stay_near_the_branches() -> None:
     """By the thrust at rest, random motion and rudders: propeller within 0.6 %; rudders 0.02 % in the median, 0.5 % in
     95 of 100. The rest lies in the blends of the source's jumps (stall, C_j, r_i): up to 29 %.

@@ -129,6 +129,7 @@ def test_derivatives_with_respect_to_the_parameters_agree_with_finite_difference
         assert moved, "no parameter has any influence"
 
 
+@pytest.mark.slow
 def test_the_second_derivatives_of_all_effects_are_finite_at_rest() -> None:
     for name in EFFECTS:
         ship = ESSO.with_effect(name)

@@ -140,6 +140,7 @@ PLAIN = {
 CASES = [(verb, fault) for some in (BAD, PLAIN) for verb in some for fault in some[verb]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("command", "fault"), CASES, ids=[" ".join(case)[:70] for case in CASES])
 def test_bad_input_is_one_line_and_writes_nothing(
     command: str, fault: str, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

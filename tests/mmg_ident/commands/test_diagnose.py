@@ -61,6 +61,7 @@ def content(folder: Path) -> dict[str, Any]:
     return shown("diagnose", folder / "ship.toml", folder / "train", *where, *OPTIONS)
 
 
+@pytest.mark.slow
 def test_the_effect_is_named_with_its_size(content: dict[str, Any]) -> None:
     assert content["verdict"] == "named" and [e["name"] for e in content["effects"]] == ["current"]
     (effect,) = content["effects"]
@@ -71,6 +72,7 @@ def test_the_effect_is_named_with_its_size(content: dict[str, Any]) -> None:
     assert all(name in EFFECTS for name in content["equivalence_class"])
 
 
+@pytest.mark.slow
 def test_groups_are_compared_where_that_is_asked(content: dict[str, Any]) -> None:
     between = content["between"]
     assert between["by"] == "kind" and list(between["groups"]) == ["random", "turning", "zigzag"]
@@ -79,6 +81,7 @@ def test_groups_are_compared_where_that_is_asked(content: dict[str, Any]) -> Non
     assert {"current", "gyro", "velocity_filter", "X_0F"} <= names
 
 
+@pytest.mark.slow
 def test_candidates_are_all_that_could_be_screened(content: dict[str, Any]) -> None:
     names = [c["name"] for c in content["candidates"]]
     assert len(names) == len(set(names)) and set(content["not_screened"]) == {"bank"}
@@ -91,6 +94,7 @@ def test_candidates_are_all_that_could_be_screened(content: dict[str, Any]) -> N
     assert all(c["delta_bic"] is not None for c in content["candidates"][: len(gains)])
 
 
+@pytest.mark.slow
 def test_shares_and_errors_add_up(content: dict[str, Any]) -> None:
     where, held = content["where"], content["held_out"]
     assert all(c["force_rms"] > 0 and 0 <= c["share"] <= 1 for c in where["channels"].values())
@@ -102,6 +106,7 @@ def test_shares_and_errors_add_up(content: dict[str, Any]) -> None:
     assert held["reduction"] == pytest.approx(1 - held["mse_after"] / held["mse_before"])
 
 
+@pytest.mark.slow
 def test_the_folder_is_complete_and_stands_alone(folder: Path, content: dict[str, Any]) -> None:
     run = folder / "run"
     assert json.loads((run / "diagnosis.json").read_text()) == content
@@ -117,6 +122,7 @@ def test_the_folder_is_complete_and_stands_alone(folder: Path, content: dict[str
     assert not [p for p in folder.iterdir() if p.name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_the_ship_of_the_folder_has_what_was_named_and_can_be_used_again(folder: Path, content: dict[str, Any]) -> None:
     ship = load_ship(folder / "run")
     assert set(ship.effects) == {"current"}
@@ -129,6 +135,7 @@ def test_the_ship_of_the_folder_has_what_was_named_and_can_be_used_again(folder:
     assert scores[str(folder / "run")]["window"] < scores[str(folder / "ship.toml")]["window"]
 
 
+@pytest.mark.slow
 def test_trials_that_show_all_that_is_needed_are_not_warned_of(content: dict[str, Any]) -> None:
     codes = {row["code"] for row in content["messages"]}
     assert not codes & {"no_positions", "no_wind", "one_kind", "not_calibrated", "shared_rows", "no_tests"}
@@ -192,6 +199,7 @@ def test_without_test_trials_and_without_any_wind_it_still_concludes(folder: Pat
     assert {c["name"] for c in content["candidates"]}.isdisjoint(content["not_screened"])
 
 
+@pytest.mark.slow
 def test_a_breakdown_of_the_numerics_is_unknown_with_the_reason(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -205,6 +213,7 @@ def test_a_breakdown_of_the_numerics_is_unknown_with_the_reason(
     assert read_diagnosis(tmp_path / "run").verdict == "unknown"
 
 
+@pytest.mark.slow
 def test_a_time_limit_without_a_verdict_is_one_line(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -258,6 +267,7 @@ def made(monkeypatch: pytest.MonkeyPatch, verdict: str) -> None:
     monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *arguments, **more: case(verdict))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verdict", ["named", "none"])
 def test_a_person_is_told_the_verdict_the_ranking_and_the_warnings(
     verdict: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -275,6 +285,7 @@ def test_a_person_is_told_the_verdict_the_ranking_and_the_warnings(
     assert json.loads((tmp_path / "run" / "diagnosis.json").read_text())["verdict"] == verdict
 
 
+@pytest.mark.slow
 def test_nothing_is_left_when_writing_fails(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -115,6 +115,7 @@ def completed(*given: str) -> list[str]:
     return run.stdout.split()
 
 
+@pytest.mark.slow
 def test_a_shell_completes_verbs_ships_options_and_formats() -> None:
     assert completed("") == list(VERBS)
     assert completed("export", "kvl") == ["kvlcc2_full", "kvlcc2_l7"]

@@ -60,6 +60,7 @@ VERBS = {
 SLOW = ("fit", "train")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [pytest.param(v, marks=pytest.mark.slow) if v in SLOW else v for v in VERBS])
 def test_every_verb_takes_a_hybrid(name: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     places = {"RUN": str(folder / "run"), "TRIALS": str(folder / "trials"), "OUT": str(tmp_path / "out")}
@@ -69,6 +70,7 @@ def test_every_verb_takes_a_hybrid(name: str, folder: Path, tmp_path: Path, caps
     assert main([name.split()[0], *words]) == 0, capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_figures_are_those_of_each_member_of_the_ensemble(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = shown("simulate", folder / "run", "--maneuver", "turning:20", "--members")["members"]
     hybrid = mi.load_ship(folder / "run")
@@ -84,6 +86,7 @@ def test_figures_are_those_of_each_member_of_the_ensemble(folder: Path, capsys: 
     refused(capsys, "simulate", folder / "fit", "--maneuver", "turning:20", "--members")
 
 
+@pytest.mark.slow
 def test_a_prediction_by_members_has_no_past(folder: Path) -> None:
     trial = folder / "trials" / "run0.csv"
     (found,) = mi.predict(folder / "run", trial, members="ts-infinity")

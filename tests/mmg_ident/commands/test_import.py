@@ -61,6 +61,7 @@ def test_the_antenna_is_asked_for_and_the_map_repeats_it(tmp_path: Path) -> None
     assert code == 0 and left == ["unknown"] and same_folders(tmp_path / "one", tmp_path / "two")
 
 
+@pytest.mark.slow
 def test_logs_of_the_same_names_in_two_folders_stay_apart(tmp_path: Path) -> None:
     pytest.importorskip("pyproj", reason="needs the extra import")
     for number, maneuver in enumerate(("zigzag:20/20", "zigzag:10/10")):

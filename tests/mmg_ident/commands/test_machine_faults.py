@@ -37,6 +37,7 @@ def run(folder: Path, *words: str, before: str = "", **environment: str) -> subp
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores cannot be chosen")
 def test_one_core_without_a_temporary_folder_in_the_c_locale_is_enough(folder: Path) -> None:
     """Also where names are not ASCII."""
@@ -54,6 +55,7 @@ def test_where_python_may_not_read_utf_8_the_line_says_how(folder: Path) -> None
     assert made.returncode == 2 and len(made.stderr.strip().splitlines()) == 1 and "PYTHONUTF8=1" in made.stderr
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_one_line_and_nothing_is_left(folder: Path) -> None:
     """RLIMIT_FSIZE makes every write beyond it fail, as a full disk does."""
     pytest.importorskip("resource")
@@ -64,6 +66,7 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(folder: Path) -> None:
     assert sorted(p.name for p in folder.iterdir()) == before
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="needs Linux")
 @pytest.mark.parametrize(
     ("command", "said"),

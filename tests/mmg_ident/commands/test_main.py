@@ -44,6 +44,7 @@ def fit(folder: Path, out: Path, *more: str | Path) -> list[str]:
     return [str(word) for word in given]
 
 
+@pytest.mark.slow
 def test_names_of_trials_are_no_paths(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A sidecar cannot name a file above --out, nor anywhere else."""
     for name in ("../../evil", str(tmp_path / "evil")):
@@ -82,6 +83,7 @@ def test_the_version_is_that_of_the_distribution(capsys: pytest.CaptureFixture[s
     assert capsys.readouterr().out.split() == ["mmg-ident", mmg_ident.__version__]
 
 
+@pytest.mark.slow
 def test_a_run_folder_is_complete(folder: Path) -> None:
     run = folder / "run"
     content = json.loads((run / "result.json").read_text())
@@ -96,6 +98,7 @@ def test_a_run_folder_is_complete(folder: Path) -> None:
     assert not [p for p in folder.iterdir() if p.name.startswith(".")]
 
 
+@pytest.mark.slow
 def test_predictions_follow_the_contract(folder: Path, tmp_path: Path) -> None:
     out = tmp_path / "forecast.csv"
     arguments = ["predict", str(folder / "run"), str(folder / "held_out.csv"), "--window", "30", "--stride", "15"]
@@ -113,6 +116,7 @@ def test_predictions_follow_the_contract(folder: Path, tmp_path: Path) -> None:
     assert len(files) == 2 and all(file.read_text().splitlines()[0] == bare for file in files)
 
 
+@pytest.mark.slow
 def test_scores_of_several_models_come_side_by_side(folder: Path) -> None:
     arguments = ["score", "esso_osaka_3m", str(folder / "run"), str(folder / "held_out.csv")]
     data = shown(*arguments)["models"]
@@ -195,6 +199,7 @@ def test_a_role_in_the_sidecar_keeps_a_trial_out_of_the_training(folder: Path, t
     assert any(files[0].stem in w for w in content["warnings"])
 
 
+@pytest.mark.slow
 def test_a_readable_file_is_checked_even_when_another_is_broken(folder: Path, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
     broken = tmp_path / "broken.csv"
     broken.write_text("nonsense")
@@ -225,6 +230,7 @@ def test_all_problems_of_a_folder_stand_in_one_table(verb: str, tmp_path: Path, 
     assert main([*given, "--json"]) == 2 and len(capsys.readouterr().err.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_a_run_of_another_schema_is_refused_with_key_and_version(folder: Path, tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
     content = json.loads((folder / "run" / "result.json").read_text())
     (tmp_path / "ship.toml").write_bytes((folder / "run" / "ship.toml").read_bytes())
@@ -234,6 +240,7 @@ def test_a_run_of_another_schema_is_refused_with_key_and_version(folder: Path, t
         assert "result.json" in line and "schema_version = 2" in line
 
 
+@pytest.mark.slow
 def test_nothing_to_predict_is_an_error(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     held_out = folder / "held_out.csv"
     out = tmp_path / "p.csv"

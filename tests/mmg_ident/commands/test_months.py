@@ -34,6 +34,7 @@ def run(log: Path) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_a_change_is_named_and_dated(run: Path) -> None:
     content = json.loads((run / "months.json").read_text())
     first = content["changes"][0]
@@ -42,6 +43,7 @@ def test_a_change_is_named_and_dated(run: Path) -> None:
     assert len(content["log"]["left_out"]) == 1 and "day=05" in content["log"]["left_out"][0]
 
 
+@pytest.mark.slow
 def test_the_size_of_a_lag_is_that_of_the_gyro(tmp_path: Path) -> None:
     columns, late = sailed(HOURS, seed=5), 0.8
     after = columns["t"] >= 3600 * CHANGED
@@ -54,6 +56,7 @@ def test_the_size_of_a_lag_is_that_of_the_gyro(tmp_path: Path) -> None:
     assert first["size"] == pytest.approx(late, rel=0.15)
 
 
+@pytest.mark.slow
 def test_the_folder_holds_ship_windows_and_page(run: Path) -> None:
     windows = pd.read_parquet(run / "windows.parquet")
     content = json.loads((run / "months.json").read_text())

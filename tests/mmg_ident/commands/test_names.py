@@ -48,6 +48,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return home
 
 
+@pytest.mark.slow
 def test_a_run_is_called_by_its_name_date_data_and_start(folder: Path) -> None:
     named, second = load_ship(folder / "a"), load_ship(folder / "second")
     assert named.name == "MT Aurora" and second.name == "esso_osaka_3m"

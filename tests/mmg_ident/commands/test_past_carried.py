@@ -58,6 +58,7 @@ def breaks_down(*given: object) -> None:
     raise BrokenModelError("it explodes")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("out", ["declined", "always"])
 def test_a_training_has_what_its_calibration_knows_of_predictions(root: Path, out: str) -> None:
     before, after = read_result(root / "run"), read_result(root / out)
@@ -69,6 +70,7 @@ def test_a_training_has_what_its_calibration_knows_of_predictions(root: Path, ou
     assert {key: read_result(saved).get(key) for key in KNOWN} == {key: before[key] for key in KNOWN}
 
 
+@pytest.mark.slow
 def test_a_declined_folder_predicts_as_the_calibrated_one_to_the_digit(root: Path, tmp_path: Path) -> None:
     common = (root / "trials" / "run0.csv", "--window", "30", "--stride", "15", "--out")
     tables, pasts = {}, {}
@@ -83,6 +85,7 @@ def test_a_declined_folder_predicts_as_the_calibrated_one_to_the_digit(root: Pat
     assert len(header) == 1 and "x_std" in header.pop(), "bands go along"
 
 
+@pytest.mark.slow
 def test_score_compares_models_with_as_much_past(root: Path) -> None:
     models = ("esso_osaka_3m", str(root / "run"), str(root / "declined" / "hybrid"))
     found = shown("score", *models, root / "trials" / "run0.csv")
@@ -93,12 +96,14 @@ def test_score_compares_models_with_as_much_past(root: Path) -> None:
     assert bare["past_s"] == 0.0 and set(bare["models"]) == set(models)
 
 
+@pytest.mark.slow
 def test_what_a_training_decided_by_is_said(root: Path) -> None:
     content = read_result(root / "declined")
     assert content["decision"]["past_s"] == 0.0
     assert {part["past_s"] for pair in content["scores"].values() for part in pair.values()} == {0.0}
 
 
+@pytest.mark.slow
 def test_a_diagnosis_has_what_the_calibration_knows_of_predictions(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -119,6 +124,7 @@ def test_a_diagnosis_has_what_the_calibration_knows_of_predictions(
     assert mmg_ident.diagnose(memory, list(runs(True))).inputs.of_predictions["adaptation"] == PAID
 
 
+@pytest.mark.slow
 def test_a_diagnosis_of_another_model_tells_nothing_of_its_predictions(root: Path) -> None:
     ship = load_ship(root / "run")
     assert told_of_predictions(ship, root / "run")["adaptation"] == PAID
@@ -126,6 +132,7 @@ def test_a_diagnosis_of_another_model_tells_nothing_of_its_predictions(root: Pat
     assert told_of_predictions(ship, None) == told_of_predictions(ship, runs(True)) == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["run", "declined", "always/calibrated"])
 def test_a_scaled_ship_has_the_past_in_her_own_time(root: Path, name: str) -> None:
     scaled = mmg_ident.scale(result_of(root / name), 300.0)

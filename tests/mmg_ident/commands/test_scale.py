@@ -26,6 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
+@pytest.mark.slow
 def test_the_folder_says_what_changed_and_what_is_assumed(folder: Path) -> None:
     found = json.loads((folder / "ship" / "result.json").read_text())["scaling"]
     assert found["model"]["ship"] == "esso_osaka_3m" and found["scale"] == pytest.approx(325 / 3)
@@ -39,16 +40,18 @@ def test_the_folder_says_what_changed_and_what_is_assumed(folder: Path) -> None:
     assert all(words in page for words in found["assumptions"])
 
 
+@pytest.mark.slow
 def test_the_folder_is_read_back_and_its_model_with_it(folder: Path) -> None:
     ship, model = read_fit(folder / "ship"), read_fit(folder / "model")
     assert ship.model is not None
     assert ship.model.ship.values == pytest.approx(model.ship.values)
     assert ship.ship.particulars["L"] == pytest.approx(325.0)
-    assert {c.value for c in ship.coefficients.values()} == {ship.ship.coefficients[s].value for s in ship.coefficients}
+    assert {c.value for c in ship.estimates.values()} == {ship.ship.coefficients[s].value for s in ship.estimates}
     assert ship.envelope and model.envelope
     assert ship.envelope["u"] == pytest.approx([v * np.sqrt(325 / 3) for v in model.envelope["u"]])
 
 
+@pytest.mark.slow
 def test_scaling_twice_is_scaling_once(folder: Path, tmp_path: Path) -> None:
     mmg_ident.scale(folder / "model", 30.0).save(tmp_path / "between")
     once, twice = read_fit(folder / "ship"), mmg_ident.scale(tmp_path / "between", 325.0)
@@ -61,6 +64,7 @@ def test_scaling_twice_is_scaling_once(folder: Path, tmp_path: Path) -> None:
     assert again.ship.values == pytest.approx(once.ship.values, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_the_ship_is_predicted_and_exported(folder: Path, tmp_path: Path) -> None:
     run = str(folder / "ship")
     trial = mmg_ident.simulate(folder / "ship", "turning:20", dt=2.0, duration=600.0)
@@ -79,6 +83,7 @@ def test_the_ship_is_judged_and_reported(folder: Path, tmp_path: Path) -> None:
     assert main(["simulate", run, "--maneuver", "turning:35", "--scatter", "4"]) == 0
 
 
+@pytest.mark.slow
 def test_a_ship_of_the_library_is_scaled_with_its_priors(tmp_path: Path) -> None:
     found = shown("scale", "kvlcc2_l7", "--length", "320", "--name", "KVLCC2", "--out", tmp_path / "run")
     assert found["ship"] == "KVLCC2" and found["scaling"]["model"]["trials"] == []

@@ -65,6 +65,7 @@ def started(logs: Path, ship: Path, tmp_path_factory: pytest.TempPathFactory) ->
     return out
 
 
+@pytest.mark.slow
 def test_one_call_goes_from_logs_to_a_ship_an_fmu_and_answers(started: Path) -> None:
     assert {p.name for p in started.iterdir()} >= {"trials", "run", "ship.fmu", "answers.toml"}
     assert (started / "run" / "report.html").is_file() and len(read_trials([started / "trials"])) == len(RUNS)
@@ -76,6 +77,7 @@ def test_one_call_goes_from_logs_to_a_ship_an_fmu_and_answers(started: Path) -> 
     assert set(known.record["assumed"]) == set(known.given) and known.record["measured"]
 
 
+@pytest.mark.slow
 def test_a_second_call_makes_only_what_is_missing(
     started: Path, logs: Path, ship: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -91,6 +93,7 @@ def test_a_second_call_makes_only_what_is_missing(
     assert low < rows["Advance", "starboard"]["tested"] < high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "text"),
     [
@@ -124,6 +127,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert text in said[-1] and not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 def test_a_log_that_cannot_be_read_leaves_nothing(ship: Path, tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_text("no,log\nat,all\n")
@@ -131,6 +135,7 @@ def test_a_log_that_cannot_be_read_leaves_nothing(ship: Path, tmp_path: Path) ->
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 def test_a_folder_goes_on_with_the_answers_that_it_has(
     started: Path, logs: Path, ship: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -147,6 +152,7 @@ def test_a_folder_goes_on_with_the_answers_that_it_has(
         steps.starting_ship(str(ship), None, 0.3)
 
 
+@pytest.mark.slow
 def test_answers_reach_ship_and_sidecars(logs: Path, tmp_path: Path) -> None:
     """Trial files are taken as they are; the antenna goes into trials.toml, the depth into site.toml and the ship."""
     trials = tmp_path / "out" / "trials"
@@ -175,6 +181,7 @@ def test_answers_reach_ship_and_sidecars(logs: Path, tmp_path: Path) -> None:
             steps.answered(known, name, text)
 
 
+@pytest.mark.slow
 def test_tested_figures_are_of_midship_and_in_still_water() -> None:
     """The same circle with and without a current and a lever arm, both in the ship that looks at it."""
     arm, water = complex(-0.9, 0.2), complex(0.03, -0.02)

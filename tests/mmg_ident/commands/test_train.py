@@ -46,6 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_run_folder_tells_how_it_came_about(folder: Path) -> None:
     content = read_result(folder / "run")
     assert content["kind"] == "training" and content["kept"]
@@ -58,6 +59,7 @@ def test_the_run_folder_tells_how_it_came_about(folder: Path) -> None:
         assert (folder / "run" / name).is_file()
 
 
+@pytest.mark.slow
 def test_a_hybrid_is_a_ship(folder: Path) -> None:
     ship = load_ship(folder / "run")
     assert ship.network is not None and len(ship.network.members) == 2
@@ -67,6 +69,7 @@ def test_a_hybrid_is_a_ship(folder: Path) -> None:
     assert models[str(folder / "run")]["window"] < models["esso_osaka_3m"]["window"]
 
 
+@pytest.mark.slow
 def test_prediction_says_which_share_lies_outside_the_envelope(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -124,6 +127,7 @@ def test_always_recommends_the_hybrid_and_says_that_the_decision_declines_it(dec
     assert [m["code"] for m in content["messages"] if m["level"] == "notice"] == ["kept_always", "no_wind"]
 
 
+@pytest.mark.slow
 def test_a_kept_residual_leaves_the_calibrated_ship_beside_it(folder: Path) -> None:
     ship = load_ship(folder / "run" / "calibrated")
     assert ship.network is None and load_ship(folder / "run").without_network().coefficients == ship.coefficients
@@ -139,6 +143,7 @@ OF_A_HYBRID = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_keys_of_result_json_are_these(folder: Path, tmp_path: Path) -> None:
     content = read_result(folder / "run")
     assert set(content) == KEYS | OF_A_HYBRID and content["schema_version"] == 1
@@ -157,6 +162,7 @@ def test_the_keys_of_result_json_are_these(folder: Path, tmp_path: Path) -> None
     assert again.to_dict() == read_result(tmp_path / "box") and again.black_box is not None
 
 
+@pytest.mark.slow
 def test_a_run_folder_is_read_as_the_result_that_was_written(folder: Path, tmp_path: Path) -> None:
     result = read_training(folder / "run")
     assert result.to_dict() == read_result(folder / "run")
@@ -235,6 +241,7 @@ def test_resume_trains_what_is_missing_and_gives_the_same_weights(
     assert main(arguments) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -253,6 +260,7 @@ def test_resume_of_something_else_is_one_line(
     assert (out / "training" / "seed_0.json").exists() and not (out / "result.json").exists()
 
 
+@pytest.mark.slow
 def test_a_folder_without_a_training_is_not_resumed(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -276,6 +284,7 @@ def test_a_time_limit_leaves_a_folder_to_resume(
     assert {row["status"] for row in read_result(out)["per_seed"]} == {"finished"}
 
 
+@pytest.mark.slow
 def test_the_report_says_what_was_decided_and_can_be_made_again(folder: Path, tmp_path: Path) -> None:
     page = folder / "run" / "report.html"
     text = page.read_text()
@@ -287,6 +296,7 @@ def test_the_report_says_what_was_decided_and_can_be_made_again(folder: Path, tm
     assert main(["report", str(folder / "run"), "--no-imo"]) == 0 and page.read_text() == text
 
 
+@pytest.mark.slow
 def test_the_report_of_a_hybrid_has_the_form_for_imo(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -297,6 +307,7 @@ def test_the_report_of_a_hybrid_has_the_form_for_imo(
     assert "section 13" not in text
 
 
+@pytest.mark.slow
 def test_a_torch_that_cannot_be_imported_is_one_line(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -313,6 +324,7 @@ def test_a_torch_that_cannot_be_imported_is_one_line(
     refused(capsys, "train", "esso_osaka_3m", folder / "held_out.csv", "--out", tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_the_report_needs_no_figure(folder: Path) -> None:
     """Trials without positions show no growth of the error, and a figure that failed is none."""
     content = {**read_result(folder / "run"), "figures": []}

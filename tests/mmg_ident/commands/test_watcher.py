@@ -35,6 +35,7 @@ def deaf(state: str) -> subprocess.Popen[str]:
     return process
 
 
+@pytest.mark.slow
 def test_a_command_with_nothing_to_keep_is_ended_with_a_line() -> None:
     process = deaf("free")
     process.send_signal(signal.SIGINT)
@@ -42,6 +43,7 @@ def test_a_command_with_nothing_to_keep_is_ended_with_a_line() -> None:
     assert process.returncode == -signal.SIGKILL and error.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_one_with_something_to_keep_is_let_go_on_until_the_second() -> None:
     process = deaf("held")
     process.send_signal(signal.SIGINT)

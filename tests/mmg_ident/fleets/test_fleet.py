@@ -51,6 +51,7 @@ def same(one: Path, other: Path) -> None:
         pd.testing.assert_frame_equal(pd.read_parquet(one / name), pd.read_parquet(other / name), check_exact=True)
 
 
+@pytest.mark.slow
 def test_a_ship_that_fails_is_said_and_the_others_are_done(out: Path) -> None:
     table = pd.read_parquet(out / "fleet.parquet")
     assert list(table["status"]) == ["done", "done", "failed"]
@@ -61,6 +62,7 @@ def test_a_ship_that_fails_is_said_and_the_others_are_done(out: Path) -> None:
     assert content["failed"] == ["dora"] and set(content["sisters"]["barges"]["coefficients"]) >= {"Y_v", "N_r"}
 
 
+@pytest.mark.slow
 def test_each_ship_is_a_run_folder_that_other_commands_read(
     out: Path, plan: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -114,6 +116,7 @@ def test_processes_give_the_same_as_one(out: Path, plan: Path, tmp_path: Path) -
     same(out, tmp_path / "run")
 
 
+@pytest.mark.slow
 def test_a_folder_of_something_else_is_not_resumed(plan: Path, tmp_path: Path) -> None:
     (tmp_path / "note.txt").write_text("mine")
     assert main(["fleet", str(plan), "--out", str(tmp_path), "--resume"]) == 2

@@ -294,6 +294,7 @@ def test_an_initial_state_network_finds_velocities_under_noise() -> None:
     assert errors[6] < errors[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", first_quick(KINDS))
 def test_a_black_box_learns_and_its_file_keeps_all(kind: str, tmp_path) -> None:  # type: ignore[no-untyped-def]
     settings = replace(QUICK, kind=kind, seeds=2, epochs=6, initial=1 if kind == "rnn" else 0)

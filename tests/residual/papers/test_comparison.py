@@ -70,6 +70,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_a_black_box_run_is_scored_and_predicts_like_a_ship(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -90,6 +91,7 @@ def test_a_black_box_run_is_scored_and_predicts_like_a_ship(
     assert len(np.unique(rows[:, 0])) == 8 and np.isfinite(rows).all()
 
 
+@pytest.mark.slow
 def test_a_black_box_is_no_ship_and_belongs_to_its_inputs(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -145,6 +147,7 @@ def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: p
     assert seconds[1.0, True] == 1000 and seconds[1.0, False] == 600 and 400 < seconds[0.5, True] < 600
 
 
+@pytest.mark.slow
 def test_a_comparison_that_ends_while_its_figures_are_drawn_says_so(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -158,6 +161,7 @@ def test_a_comparison_that_ends_while_its_figures_are_drawn_says_so(
     assert "parts_left_out" in {row["code"] for row in content["messages"]}
 
 
+@pytest.mark.slow
 def test_calibrated_and_hybrid_are_trained_on_the_same_trials_as_the_networks() -> None:
     trials = tuple(hybrids.trials(hybrids.lacking(), 5, 150))
     tests = tuple(hybrids.trials(hybrids.lacking(), 1, 120, seed=5))

@@ -155,6 +155,7 @@ def test_distances_see_correlated_states() -> None:
 # Predictions
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampling", ["ts1", "ts-infinity"])
 def test_a_prediction_by_members_has_their_mean_and_their_spread(sampling: str) -> None:
     limit, own = np.full(len(hybrids.ship().features), np.inf), hybrids.ship().actuators
