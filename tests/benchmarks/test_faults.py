@@ -48,6 +48,7 @@ def test_faults_of_the_physics_are_python_and_their_tests_are_there() -> None:
     assert all((ROOT / test).is_file() for path in physics() for test in room_tests(path))
 
 
+@pytest.mark.slow
 def test_a_draw_depends_on_its_seed_and_what_changes_nothing_is_there() -> None:
     keys = [fault.key for fault in drawn(1, 10**6)]
     assert keys[:20] != [fault.key for fault in drawn(2, 20)] and len(set(keys)) == len(keys) > 3000

@@ -84,6 +84,7 @@ def test_held_directions_either_side_of_ahead_have_a_mean_ahead_over_a_step() ->
     assert np.cos(step_means(trial.t, found, np.array([0.0, 2.0]))) == pytest.approx(np.ones((1, 1)))
 
 
+@pytest.mark.slow
 def test_a_check_asks_whether_a_rudder_on_its_way_is_held() -> None:
     ship = load_ship("esso_osaka_3m")
     plan = parse_maneuver("zigzag:20/20", ship, speed=0.8)

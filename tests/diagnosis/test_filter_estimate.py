@@ -37,6 +37,7 @@ def filter_estimate(ship: Ship, trials: list[Trial]) -> Mapping[str, float] | st
     return second_estimate(ship, trials).values
 
 
+@pytest.mark.slow
 def test_it_finds_the_coefficients_of_a_ship_that_is_pushed_about(trials: list[Trial]) -> None:
     found = filter_estimate(FEW, trials)
     assert not isinstance(found, str) and set(found) == set(FEW.free)

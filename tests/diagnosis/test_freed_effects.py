@@ -100,6 +100,7 @@ def test_where_both_disagree_a_sentence_says_so_and_why() -> None:
     assert with_effect_tests(replace(sure, effects=None), FEW.fixing([])).effects is None  # nothing was freed
 
 
+@pytest.mark.slow
 def test_what_fails_is_a_warning_and_the_fit_stays(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object) -> None:
         raise np.linalg.LinAlgError("Matrix is not positive definite")

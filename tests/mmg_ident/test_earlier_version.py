@@ -98,6 +98,7 @@ def test_a_diagnosis_says_the_same() -> None:
     same({"verdict": found["verdict"], "candidates": best}, EXPECTED["diagnose"], 1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ("fit", "train", "horizon"))
 def test_commands_take_it(name: str, capsys: pytest.CaptureFixture) -> None:
     """Exit code 0 of ``mmg score``."""

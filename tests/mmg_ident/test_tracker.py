@@ -200,6 +200,7 @@ def after(tracker: Tracker, trial: Trial, end: int | None = None) -> State:
     return state
 
 
+@pytest.mark.slow
 def test_a_constant_disturbance_is_found() -> None:
     ship = load_ship("esso_osaka_3m")
     usual = Noise.of({}, ship)

@@ -125,6 +125,7 @@ def test_windows_count_only_where_a_split_trains() -> None:
     assert calibration_windows(loss, []) is None
 
 
+@pytest.mark.slow
 def test_windows_from_the_measurement_take_the_instruments_of_their_campaign() -> None:
     found, trials = calibrated("campaigns")
     pieces = by_campaign(pieces_of(trials, 0.5, found.ship.inputs), found.ship, trials)

@@ -112,6 +112,7 @@ def drifting(runs: int, speeds: list[float]) -> list[Trial]:
     return made
 
 
+@pytest.mark.slow
 def test_what_judges_is_neither_trained_on_nor_stopped_by() -> None:
     """Four runs drift forward and the judging one backward: whoever had looked at it would not go forward."""
     ship = hybrids.ship()

@@ -172,6 +172,7 @@ def test_a_symmetric_residual_answers_mirrored_motion_by_mirrored_accelerations(
     np.testing.assert_allclose(network.accelerations(x), one.detach().numpy(), atol=1e-16)
 
 
+@pytest.mark.slow
 def test_gradients_of_a_symmetric_residual_through_the_compiled_rollout() -> None:
     plain, batch = hybrid_and_batch()
     hybrid = Hybrid(plain.physics, Symmetric(random_residual(), hybrids.ship().actuators), np.ones((7, 4)))

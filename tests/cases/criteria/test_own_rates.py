@@ -102,6 +102,7 @@ def test_trials_without_a_slew_at_the_limit_show_none(kind: str) -> None:
     assert "rudder_rate" not in found.particulars and [m.code for m in said] == ["rudder_rate_by_rule"]
 
 
+@pytest.mark.slow
 def test_what_the_ship_file_states_stays_and_a_difference_is_said() -> None:
     ship = bare("esso_osaka_3m")
     stated = replace(ship, particulars={**ship.particulars, "rudder_rate": math.radians(20.0)})

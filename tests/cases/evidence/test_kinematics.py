@@ -113,6 +113,7 @@ def course_turned(c, angle):
     return {"u": w.real, "v": w.imag}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "symbol", "truth"),
     [

@@ -28,6 +28,7 @@ def without(log: dict[str, object], *headers: str) -> dict[str, object]:
     return {name: values for name, values in log.items() if name not in headers}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("left_out", "origin"), [((), (10.0, 50.0)), (HEADING, (-12.0, 30.0))])
 def test_exchanged_latitude_and_longitude_are_refused_and_the_line_mends_it(
     tmp_path: Path, left_out: tuple[str, ...], origin: tuple[float, float]

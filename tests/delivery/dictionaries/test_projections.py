@@ -101,6 +101,7 @@ def test_shipmmg_itself_moves_as_the_projection_says() -> None:
     assert np.allclose(found.y[[3, 4, 5, 0, 1, 2], -1], z, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_first_order_model_answers_small_rudders() -> None:
     content = json.loads(exported("esso_osaka_3m", "shipmmg").read_text(encoding="utf-8"))
     ship = load_ship("esso_osaka_3m")

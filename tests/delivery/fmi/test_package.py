@@ -289,6 +289,7 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         yield folder
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_the_course_keeper_of_the_page_keeps_its_course(exported: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("fmpy")

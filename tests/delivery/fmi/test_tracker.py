@@ -68,6 +68,7 @@ def test_estimates_and_forecasts_are_those_of_python(path: Path) -> None:
     assert force[0] != 0.0 and 0 < force[1] < CHOSEN["X_0F"]
 
 
+@pytest.mark.slow
 def test_it_waits_for_a_heading_and_goes_on_without_measurements(path: Path) -> None:
     with running(path, 2) as instance:
         instance.begin({"propeller.n": 10.0})

@@ -82,6 +82,7 @@ def test_independent_forces_are_random_at_the_nominal_level(by_chance: np.ndarra
     assert np.abs(ratio.mean(axis=1)).max() < 0.15 and np.abs(ratio.std(axis=1) - 1).max() < 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", [0, 1, 2])
 def test_forces_that_follow_each_other_are_found_with_their_angle(pair: int, by_chance: np.ndarray) -> None:
     angles = np.zeros(3)

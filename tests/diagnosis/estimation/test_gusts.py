@@ -106,6 +106,7 @@ def test_their_size_and_memory_are_found() -> None:
     assert (noise.force < np.maximum(0.03 * typical.force, 1.1 * least_force(noise, data, typical))).all()
 
 
+@pytest.mark.slow
 def test_they_leave_a_share_of_their_force_to_the_random_force() -> None:
     """In a single run the fit would leave nothing, and everything would look sure."""
     steps, data = full_steps(STEP), blown()

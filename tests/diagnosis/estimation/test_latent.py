@@ -150,6 +150,7 @@ def test_coefficients_lie_within_their_errors() -> None:
     assert better.min() < 0.02 and better.max() < 1.0 + 1e-9  # never less sure than the prior
 
 
+@pytest.mark.slow
 def test_sizes_of_what_is_random_are_found() -> None:
     steps, data, found, _ = fitted(1)
     np.testing.assert_allclose(found.noise.white, WHITE, rtol=0.2)

@@ -94,6 +94,7 @@ def test_what_differs_where_manoeuvres_differ_too_is_not_named() -> None:
     assert reason in b.sentence
 
 
+@pytest.mark.slow
 def test_groups_of_one_run_are_warned_of_and_scatter_is_no_difference() -> None:
     trials = trials_of(43, ["current:x=0.02,y=0.0"], RUNS[:1])
     b = compared(trials, (0, 1))

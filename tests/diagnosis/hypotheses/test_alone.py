@@ -54,6 +54,7 @@ def test_it_is_named_with_its_own_parameters(form: str) -> None:
     assert after.coefficients[f"{c.effect}.{next(iter(FORMS[form]))}"].value != 0.0
 
 
+@pytest.mark.slow
 def test_the_ranking_has_each_effect_once() -> None:
     ranked = summary.ranking(full_model(), searched("heading_bias alone")[1].searches[0])
     assert set(ranked[0].visible_from) == {"psi", "alone"} and ranked[0].visible_from["alone"] < 0.05

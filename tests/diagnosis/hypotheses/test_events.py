@@ -114,6 +114,7 @@ def test_a_roll_that_swings_after_turns_shows() -> None:
     assert found.evidence > ODDS and found.by_kind[AFTER_RUDDER] > 3
 
 
+@pytest.mark.slow
 def test_a_position_that_is_off_for_a_while_shows() -> None:
     """By 15 cm in the second third of each run, as where a building throws the signals back."""
     off = []
@@ -124,6 +125,7 @@ def test_a_position_that_is_off_for_a_while_shows() -> None:
     assert found.evidence > ODDS and max(found.by_kind, key=found.by_kind.__getitem__) == POSITION
 
 
+@pytest.mark.slow
 def test_a_rudder_that_comes_late_now_and_then_shows() -> None:
     """By 4 s in every other stretch of 10 s, and as early in the others."""
     late = []

@@ -118,6 +118,7 @@ def runs() -> SearchProblem:
     return pushed_problem(1)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sin_2", "low", "high"), [(0.0, -np.inf, 0.0), (0.4, 0.0, np.inf)])
 def test_a_force_that_no_effect_of_the_library_has_is_seen(
     runs: SearchProblem, sin_2: float, low: float, high: float

@@ -90,6 +90,7 @@ def test_a_single_run_cannot_be_left_out() -> None:
     assert budget_of(problem, Selection((), null, null, ())) is None
 
 
+@pytest.mark.slow
 def test_a_run_is_left_out_as_by_a_fit_without_it() -> None:
     problem, found = streamed()
     fit, data = found.final, problem.data

@@ -87,6 +87,7 @@ def test_no_effect_is_named_where_the_ship_is_another_one(p: tuple[float, ...], 
     assert (found.code if found else "") == ("not_described" if expected else "")
 
 
+@pytest.mark.slow
 def test_a_calibration_is_measured_by_the_priors_before_it() -> None:
     fit, ship = off(8.5), ready().full.ship
     symbol, std = fit.free.symbols[0], fit.free.std[0]

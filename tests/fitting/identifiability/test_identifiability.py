@@ -78,6 +78,7 @@ def test_rudder_coefficients_are_not_excited_by_straight_runs() -> None:
     assert kinds(found)["X_0F"] in ("determined", "partly", "shared")
 
 
+@pytest.mark.slow
 def test_thrust_and_thrust_deduction_are_known_as_a_product() -> None:
     _, found, scored = nearly_straight()
     pair = {f.symbol: f for f in found.findings if f.symbol in ("k_0", "t_P")}

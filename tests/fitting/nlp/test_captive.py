@@ -111,6 +111,7 @@ def test_a_joint_fit_uses_both_and_is_surer() -> None:
     assert abs(joint.p[i] - true) < 4 * np.sqrt(joint.covariance[i, i])
 
 
+@pytest.mark.slow
 def test_captive_points_at_odds_with_the_prior_are_said() -> None:
     forces, free, prior = prepared(ESSO, points(ESSO))
     assert against_captive(forces, ESSO.values, free, prior) == []

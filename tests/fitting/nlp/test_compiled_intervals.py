@@ -80,6 +80,7 @@ def test_kernel_and_portable_path_agree(ship: str) -> None:
         np.testing.assert_allclose(ours, theirs, rtol=1e-11, atol=1e-12 * np.abs(theirs).max())
 
 
+@pytest.mark.slow
 def test_a_weight_on_few_samples_is_the_same_with_and_without_the_other_rows() -> None:
     kernels, held, (start, theta, cost, weight) = case(load_ship("esso_osaka_3m"))
     diagonal = SampleCost(cost.pull, np.where(np.arange(kernels.S)[:, None] == 4, cost.pull, 0.0))
@@ -91,6 +92,7 @@ def test_a_weight_on_few_samples_is_the_same_with_and_without_the_other_rows() -
     np.testing.assert_allclose(ours.rows, theirs.rows, rtol=1e-11, atol=1e-12 * np.abs(theirs.rows).max())
 
 
+@pytest.mark.slow
 def test_second_derivatives_in_the_middle_of_steps_tend_to_those_of_the_stages() -> None:
     """The midpoint rule is of second order: a quarter of the error at half the step, in the median interval, as those
     that cross a blend near rest show it at shorter steps alone."""

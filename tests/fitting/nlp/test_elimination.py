@@ -39,6 +39,7 @@ def test_nodes_are_eliminated_as_in_numpy(kind: str) -> None:
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12 * np.abs(other).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PROBLEMS)
 def test_steps_are_carried_as_in_numpy(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     p, x = moved(kind)

@@ -35,6 +35,7 @@ def test_it_is_that_of_single_shooting() -> None:
     np.testing.assert_allclose(found.fisher / size, reference.fisher / size, atol=2e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["plain", "crowded"])
 def test_scores_and_prior_cancel_at_the_optimum(kind: str) -> None:
     p, s = solved(kind)

@@ -164,6 +164,7 @@ def test_each_run_gets_its_current_and_the_shared_coefficients_do_not_bend() -> 
     assert len(own.iterate["p"]) == n + 6 and len(own.p) == n
 
 
+@pytest.mark.slow
 def test_leaving_a_run_out_says_nothing_about_its_own_constants() -> None:
     spread, owner = fitted(True).spread, fitted(True).information.owner  # type: ignore[union-attr]
     assert spread is not None and owner is not None

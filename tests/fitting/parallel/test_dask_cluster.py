@@ -111,6 +111,7 @@ def test_an_absent_scheduler_and_one_without_workers_are_one_line(
         dask_cluster(at).__enter__()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changed", "words"),
     [

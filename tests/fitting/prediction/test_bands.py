@@ -64,6 +64,7 @@ def test_bands_hold_nine_tenths_of_the_errors_of_other_runs() -> None:
     assert (share > 0.84).all() and (share < 0.97).all(), share
 
 
+@pytest.mark.slow
 def test_bands_of_a_longer_window_hold_too() -> None:
     share = coverage(bands(), 60.0, 30.0)
     assert (share > 0.78).all() and (share < 0.99).all(), share

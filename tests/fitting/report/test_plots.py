@@ -129,6 +129,7 @@ def test_the_standard_error_of_an_rms_is_that_of_leaving_out_trials() -> None:
     assert np.isnan(rms_with_error(squares[:2], run[:2])[1]).all()
 
 
+@pytest.mark.slow
 def test_figures_are_written_and_nothing_global_changes(tmp_path: Path) -> None:
     result = small_result()
     assert result.objects

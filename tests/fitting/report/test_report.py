@@ -89,6 +89,7 @@ def test_what_differs_between_campaigns_is_a_sentence_and_tables(
     assert "2020-07-31: 2 runs" in words
 
 
+@pytest.mark.slow
 def test_all_of_a_run_is_in_the_page(tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "run", figures=True)
     page = Page(report(folder))
@@ -158,6 +159,7 @@ def test_public_data_are_cited_only_when_used(tmp_path: Path) -> None:
     assert "Wakita, K." in text and "Miyauchi, Y." in text and "CC BY-NC-SA 4.0" in text
 
 
+@pytest.mark.slow
 def test_several_runs_stand_side_by_side(tmp_path: Path) -> None:
     folders = [run_folder(tmp_path / name, iterations) for name, iterations in (("first", 100), ("second", 1))]
     text = report(*folders)
@@ -246,6 +248,7 @@ def test_the_page_gets_a_picture_of_what_was_drawn(monkeypatch: pytest.MonkeyPat
     assert delivery_sections(fit.to_dict(), fit.ship, known)["known"] is known
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["none", "number"])
 def test_a_run_without_covariance_has_no_draws(damage: str) -> None:
     content = dict(small_result().to_dict())

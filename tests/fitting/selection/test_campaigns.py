@@ -114,6 +114,7 @@ def test_equal_instruments_leave_the_calibration_as_it_is() -> None:
     assert all(row["measured"] and row["chance"] > LEVEL for row in fit.content["tried"])
 
 
+@pytest.mark.slow
 def test_the_ship_file_holds_the_campaigns_and_predictions_take_that_of_the_trial() -> None:
     _, fit = calibrated(True)
     ship = fit.calibration.ship

@@ -142,6 +142,7 @@ def test_windows_that_count_twice_cost_twice() -> None:
     assert part.objective(s.x) - 0.5 * at @ at == pytest.approx(2 * (p.objective(s.x) - 0.5 * at @ at))
 
 
+@pytest.mark.slow
 def test_one_step_and_refit_agree_where_the_fit_is_nearly_linear() -> None:
     p, s, info = small()
     step, runs_left = changes_without_each(info.by_run()), info.by_run().run

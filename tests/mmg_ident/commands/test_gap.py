@@ -93,6 +93,7 @@ def test_a_calibration_of_the_same_trials_is_not_made_again(compared: Path, file
     assert few.row("as given") is not None and "calibrated_on" in codes and "not_refitted" not in codes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tests", "text"), [([], "test"), (["missing.csv"], "missing.csv")], ids=["no test trials", "no such file"]
 )

@@ -49,6 +49,7 @@ def test_one_core_without_a_temporary_folder_in_the_c_locale_is_enough(folder: P
     assert [p.name for p in (folder / "forecast_c").iterdir()] == ["Drehkreis_ä_舵.csv"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="the encoding of file names is that of the system")
 def test_where_python_may_not_read_utf_8_the_line_says_how(folder: Path) -> None:
     made = run(folder, "check", "trials", LC_ALL="C", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0")

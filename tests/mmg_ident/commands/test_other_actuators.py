@@ -101,6 +101,7 @@ WORDS = ["--only", ",".join(FREE), "--no-next-trial", "--measurement", "none", "
 WORDS += ["--window", "10", "--max-iterations", "1"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["fit", "train", "diagnose", "score", "predict", "imo", "select", "compare"])
 def test_every_command_on_trials_refuses_what_is_contradictory_and_goes_on_when_told_to(
     verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

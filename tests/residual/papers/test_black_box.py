@@ -262,6 +262,7 @@ def test_the_initial_state_starts_as_measured_and_never_goes_far() -> None:
     assert (away[3:6].abs() <= wild.reach + 1e-15).all()  # type: ignore[operator]
 
 
+@pytest.mark.slow
 def test_a_system_that_steps_can_be_started_from_an_estimate() -> None:
     known, batch = scales(), batch_of(3)
     residual = Residual.drawn(np.ones(7), np.array([1e-3, 1e-3, 1e-4]))

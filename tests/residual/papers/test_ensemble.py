@@ -102,6 +102,7 @@ def test_the_same_seed_gives_the_same_particles_and_another_one_others() -> None
     assert np.abs(one - other).max() > 1e-6
 
 
+@pytest.mark.slow
 def test_the_members_of_a_saved_network_are_those_it_was_made_of() -> None:
     residuals, batch = random_residuals(2), hybrid_batch()
     limit = np.full(len(hybrids.ship().features), np.inf)
