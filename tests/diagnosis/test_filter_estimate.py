@@ -46,6 +46,7 @@ def test_it_finds_the_coefficients_of_a_ship_that_is_pushed_about(trials: list[T
         assert abs(found[s] - factor * c.value) < 0.5 * abs(factor - 1) * abs(c.value) + 0.2 * c.std
 
 
+@pytest.mark.slow
 def test_the_priors_are_those_of_the_calibration_at_hand_not_of_one_before_it(trials: list[Trial]) -> None:
     c = FEW.coefficients["N_r"]
     sure = FEW.with_coefficients({"N_r": c.with_(std=1e-4 * c.std, prior_value=3 * c.value, prior_std=c.std)})

@@ -112,6 +112,7 @@ def test_what_fails_is_a_warning_and_the_fit_stays(monkeypatch: pytest.MonkeyPat
     assert kept.messages[-1].code == "effect_not_tested"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("changed", "words"), [({"converged": False}, "converged"), ({"per_run": {"a": {}}}, "--per-run")]
 )

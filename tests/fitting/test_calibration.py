@@ -175,6 +175,7 @@ def test_a_fit_on_the_real_records_improves_every_development_hold_out(frt) -> N
 ROW = {"value": 0.9, "std": 0.1, "unit": "s", "prior_value": 0.3, "prior_std": 0.4}
 
 
+@pytest.mark.slow
 def test_with_values_by_campaign_the_shared_coefficients_go_on() -> None:
     result = small_result(100)
     model, own = result.start, np.array([0.5, -0.5])

@@ -223,6 +223,7 @@ def test_a_wrong_coefficient_is_found() -> None:
     assert abs(state["N_r"] - true) < 3 * state.std[-1] < 0.5 * ship.coefficients["N_r"].std
 
 
+@pytest.mark.slow
 def test_many_samples_of_shared_errors_tell_what_few_tell() -> None:
     """Ten samples a second whose errors are shared over a second leave the deviation of one a second."""
     ship = load_ship("esso_osaka_3m")

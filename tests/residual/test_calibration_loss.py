@@ -168,6 +168,7 @@ def test_a_network_is_trained_by_it() -> None:
     assert min(row[3] for row in trained.history) < 0.95 * trained.history[0][3]
 
 
+@pytest.mark.slow
 def test_its_file_comes_back_and_another_version_is_refused(tmp_path: Path) -> None:
     found, trials = calibrated("campaigns")
     loss = RolloutLoss.of_calibration(found, trials)

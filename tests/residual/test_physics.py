@@ -156,6 +156,7 @@ def test_a_network_trained_in_torch_is_the_same_in_casadi(name, method):
           residual(physics.features(z, inputs[0])).detach().numpy(), 1e-9)  # fmt: skip
 
 
+@pytest.mark.slow
 def test_smaller_types_and_other_layouts_come_out_the_same():
     physics = Physics(ESSO)
     z, c = points(ESSO)

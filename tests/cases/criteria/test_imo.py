@@ -325,6 +325,7 @@ def test_the_current_of_a_circle_and_the_figures_without_it_are_those_of_still_w
     assert "0.78" in " ".join(corrected.notices)
 
 
+@pytest.mark.slow
 def test_a_circle_that_is_too_short_gives_no_current_and_that_is_said(drifting: list[Trial]) -> None:
     psi = drifting[0].psi_unwrapped
     rows = np.abs(psi - psi[0]) < math.radians(400)

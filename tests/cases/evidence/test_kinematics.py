@@ -168,6 +168,7 @@ def test_the_axes_of_a_short_filter_are_told_in_the_noise_of_usual_sensors(axes)
     assert "velocity_filter.tau" in ship.free and "velocity_filter.body_axes" not in ship.free
 
 
+@pytest.mark.slow
 def test_a_fault_of_some_runs_is_told_from_one_of_all():
     late = with_defect(clean()[:3], "gyro", T=1.2)
     found = consistency([*late, *(clean() * 2)[3:]], SHIP)

@@ -99,6 +99,7 @@ def test_the_same_ship_gives_the_same_bytes(version: int, tmp_path: Path) -> Non
     assert (tmp_path / "again.fmu").read_bytes() == fmu("plain", version).read_bytes()
 
 
+@pytest.mark.slow
 def test_what_is_logged_late_is_exact_or_said_to_be_near(tmp_path: Path) -> None:
     exact = ship_of("plain").with_effect("velocity_filter", {"tau": 0.4})
     assert CoSimulatedShip.of(product(exact)).late_columns == []
@@ -244,6 +245,7 @@ def test_a_written_coefficient_acts_from_the_next_step_on(version: int) -> None:
     assert abs(speeds[0] - speeds[1]) > 1e-6
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_it_says_when_it_leaves_what_the_trials_held() -> None:
     with running(fmu("plain", 2), 2) as instance:
@@ -299,6 +301,7 @@ def test_the_course_keeper_of_the_page_keeps_its_course(exported: Path, capsys: 
     assert words[0] == "heading" and abs(float(words[1]) - 0.5) < 0.02
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_libcosim_takes_the_system_of_the_page(exported: Path) -> None:
     pytest.importorskip("libcosimpy")

@@ -83,6 +83,7 @@ def test_it_waits_for_a_heading_and_goes_on_without_measurements(path: Path) -> 
     assert first[0] == pytest.approx(0.3, abs=0.05) and later[1] > first[1] > 0 and later[2] == 0.0
 
 
+@pytest.mark.slow
 def test_a_saved_state_goes_on_as_it_did_and_less_noise_makes_it_surer(path: Path) -> None:
     wanted = ["estimate.x", "std.x", "nis"]
     with running(path, 2) as instance:

@@ -114,6 +114,7 @@ def test_windows_of_a_few_samples_say_nothing() -> None:
     assert heard(np.zeros((K + 1, R, 6)))[0] == 1.0, "a column that is exactly as predicted has no line"
 
 
+@pytest.mark.slow
 def test_a_sensor_that_swings_is_a_line_in_what_a_fit_leaves() -> None:
     trials, period = pushed_trials(11), 3.0
     swing = [0.02 * np.sin(2 * np.pi * t.t / period) for t in trials]

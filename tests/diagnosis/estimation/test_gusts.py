@@ -119,6 +119,7 @@ def test_they_leave_a_share_of_their_force_to_the_random_force() -> None:
     np.testing.assert_array_equal(least_force(noise, replace(data, gusts=None), typical), LEAST_FORCE * typical.force)
 
 
+@pytest.mark.slow
 def test_campaigns_that_are_simulated_have_them_as_well() -> None:
     data, found = fitted(True)
     steps = full_steps(STEP)

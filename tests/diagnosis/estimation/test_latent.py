@@ -175,6 +175,7 @@ def test_the_time_of_a_force_that_remembers_for_much_less_than_the_first_guess_i
     assert better.nll < found.nll - 50
 
 
+@pytest.mark.slow
 def test_usual_sizes_of_what_is_random_count_as_so_many_samples_more() -> None:
     """The fit ends where the likelihood with their prior is best by each size; a short record stays near them."""
     steps, data, found, _ = fitted(1)

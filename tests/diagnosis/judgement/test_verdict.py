@@ -103,6 +103,7 @@ def said(null: Estimate, budget: object = SimpleNamespace(by=TESTS)) -> dict[str
     return {row.code: str(row) for row in rows}
 
 
+@pytest.mark.slow
 def test_a_fit_as_it_should_be_is_not_doubted() -> None:
     noise = ready().null.noise.with_(tau=5.0)
     assert said(replace(ready().null, noise=noise)) == {}

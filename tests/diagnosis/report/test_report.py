@@ -222,6 +222,7 @@ def test_an_instrument_heads_the_sentence_as_none_of_the_ship() -> None:
     assert words.startswith(fault.name) and "instrument" in words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verdict", ["named", "unknown", "none"])
 def test_nothing_in_a_figure_is_told_by_its_colour_alone(verdict: str) -> None:
     found = case(verdict)

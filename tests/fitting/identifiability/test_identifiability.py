@@ -137,6 +137,7 @@ def test_bounds_and_missing_uncertainty_are_said() -> None:
     assert identifiability_dict(found)["counts"] == {"bound": 1, "unknown": 1}
 
 
+@pytest.mark.slow
 def test_the_recommended_trial_does_what_was_predicted() -> None:
     """Fit, add the recommended run with noise, fit again: the standard errors fall as predicted.
 

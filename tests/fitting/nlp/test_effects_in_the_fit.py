@@ -89,6 +89,7 @@ def away_from_kinks(p: Problem, seed: int = 0) -> np.ndarray:
     return x
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("K", [1, 5])
 def test_derivatives_with_memory_place_and_measurement_are_exact(K: int) -> None:
     p = crowded(K)

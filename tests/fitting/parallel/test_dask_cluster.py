@@ -53,6 +53,7 @@ def test_an_exception_of_a_task_is_raised_here_and_the_cluster_goes_on(address: 
         assert run_all(fails, [1, 2]) == [1, 2]
 
 
+@pytest.mark.slow
 def test_a_verb_hands_its_tasks_to_the_scheduler(
     address: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -70,6 +70,7 @@ def test_bands_of_a_longer_window_hold_too() -> None:
     assert (share > 0.78).all() and (share < 0.99).all(), share
 
 
+@pytest.mark.slow
 def test_bands_grow_with_time_and_start_at_nothing() -> None:
     windows, _ = predict(simulator(), trials(2)[2], 30.0, 15.0, False, bands=bands())
     std = np.array([w.std for w in windows if w.std is not None])

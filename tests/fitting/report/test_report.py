@@ -107,6 +107,7 @@ def test_all_of_a_run_is_in_the_page(tmp_path: Path) -> None:
     assert "NOT CONVERGED" not in page.words
 
 
+@pytest.mark.slow
 def test_the_page_loads_nothing_from_elsewhere(tmp_path: Path) -> None:
     text = report(run_folder(tmp_path / "run", figures=True))
     page = Page(text)
@@ -301,6 +302,7 @@ def test_a_plan_that_cannot_be_read_is_left_out(tmp_path: Path, damage: dict[str
     assert plan_section(tmp_path / "nowhere") is None
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blank_figures")
 def test_the_report_shows_the_plan_of_its_run(tmp_path: Path) -> None:
     run = tmp_path / "run"

@@ -45,6 +45,7 @@ def plain_error(one: SubsequenceObjective, p: np.ndarray) -> float:
     return total / count
 
 
+@pytest.mark.slow
 def test_the_error_is_that_of_a_plain_loop_for_each_candidate_of_a_population() -> None:
     one = problem()
     p = 0.3 * np.random.default_rng(0).normal(size=(one.P, 3)) + regression(one, harbour()[:2])[:, None]

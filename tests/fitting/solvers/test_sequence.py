@@ -69,6 +69,7 @@ def test_one_exact_step_balances_gradient_and_multipliers(kind: str) -> None:
     assert np.abs(p.defects(last.x)).max() < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(PROBLEMS))
 def test_it_ends_at_a_point_that_is_optimal(kind: str) -> None:
     p = PROBLEMS[kind]()

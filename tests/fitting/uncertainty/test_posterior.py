@@ -105,6 +105,7 @@ class Gaussian:
         return self.centre + self.root @ y
 
 
+@pytest.mark.slow
 def test_draws_of_a_gaussian_are_those_of_its_laplace_approximation() -> None:
     pytest.importorskip("nutpie", reason="needs the extra bayes")
     density = Gaussian(np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.3], [0.0, 0.3, 4.0]]))

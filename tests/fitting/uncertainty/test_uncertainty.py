@@ -153,6 +153,7 @@ def test_one_step_and_refit_agree_where_the_fit_is_nearly_linear() -> None:
     assert np.abs(step - moved).max() < 0.2 * np.abs(moved).max()
 
 
+@pytest.mark.slow
 def test_refits_do_not_depend_on_the_number_of_workers() -> None:
     p, s, info = small()
     alone, shared = (bootstrap(info, 4, 3, p, s.x, workers) for workers in (1, 2))

@@ -126,6 +126,7 @@ def test_every_command_on_trials_refuses_what_is_contradictory_and_goes_on_when_
         assert main([verb, *words, "--unchecked"]) == (1 if verb == "fit" else 0)  # one iteration does not suffice
 
 
+@pytest.mark.slow
 def test_a_ship_that_diverges_has_no_scores_and_no_predictions(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
