@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterable
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,6 +23,17 @@ from mmg.rollout import Simulator
 from mmg_ident.commands.main import VERBS, main
 from tests.docs.pages import PAGES, ROOT, Command, arguments, blocks, commands, make_workspace, missing
 from tests.support.figures import unrendered
+
+LONGEST = ("generated.md", "actuators.md")
+"""Pages of two minutes of processor time."""
+
+
+def by_length(pages: Iterable[Path]) -> list[Any]:
+    """The ``pages`` as cases of a test; those that take longest are marked."""
+    return [
+        pytest.param(page, id=page.name, marks=[pytest.mark.longest] if page.name in LONGEST else []) for page in pages
+    ]
+
 
 PUBLIC_DATA = ("compare",)
 """Verbs that need the public records, which are tested where these are."""
@@ -55,7 +67,7 @@ def test_the_first_commands_of_the_readme_work(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", [p for p in PAGES if commands(p)], ids=lambda p: p.name)
+@pytest.mark.parametrize("path", by_length(p for p in PAGES if commands(p)))
 def test_the_commands_of_a_page_work_and_print_what_it_shows(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -163,7 +175,7 @@ def test_the_notebooks_are_known() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+@pytest.mark.parametrize("path", by_length(NOTEBOOKS))
 def test_a_notebook_runs_to_its_end(path: Path, tmp_path: Path) -> None:
     code = "\n\n".join(cells(path))
     if "fmpy" in code and find_spec("fmpy") is None:
