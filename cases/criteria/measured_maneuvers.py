@@ -101,9 +101,8 @@ def held_stretches(
     shortest = max(2.5 * dt, 0.15 * ship_time)
     # without its first quarter, in which the rudder settles
     found = [(a, b, float(np.median(delta[a + (b - a) // 4 : b]))) for a, b in runs if t[b - 1] - t[a] + dt >= shortest]
-    begins = {
-        a: _movement(t, delta, found[k - 1][1] - 1 if k else 0, a, angle) for k, (a, _, angle) in enumerate(found)
-    }
+    middles = [0, *((a + b) // 2 for a, b, _ in found)]
+    begins = {a: _movement(t, delta, before, a, angle) for before, (a, _, angle) in zip(middles, found, strict=False)}
     return [
         RudderStep(begins[a], float(t[a]), float(t[b - 1]), angle, k > 0 or abs(delta[0] - angle) > 2 * tolerance)
         for k, (a, b, angle) in enumerate(_joined(found, t, tolerance, ship_time))
@@ -133,7 +132,8 @@ def _joined(
 
 
 def _movement(t: np.ndarray, delta: np.ndarray, floor: int, held: int, angle: float) -> float:
-    """When the rudder began to move to the ``angle`` that it has from row ``held`` on [s], not before row ``floor``.
+    """When the rudder began to move to the ``angle`` that it has from row ``held`` on [s], not before row ``floor``, in
+    the middle of the hold before: a rudder that has left the tolerance of that has moved for some tenths of a second.
 
     The line through a tenth and a half of the order's movement meets the angle it came from at that time.
     """

@@ -314,8 +314,21 @@ def test_an_unusual_heading_is_believed_where_every_reversal_shows_it(name: str,
     assert find_maneuvers(run, length)[0].title == f"zigzag {steps}"
 
 
+@pytest.mark.parametrize("dt", [0.1, 0.5, 1.0])
+def test_overshoots_do_not_depend_on_how_finely_a_slow_rudder_is_logged(dt: float) -> None:
+    """At 2.5 deg/s a rudder has left the angle that it held 0.4 s after it began to move: 5 % of an overshoot."""
+    ship = load_ship("kvlcc2_full")
+    plan = parse_maneuver("zigzag:10/10", ship, rudder_rate=math.radians(2.5))
+    run = simulate(ship, plan, dt)
+    true = figures_of(run, plan)
+    sampled = np.interp(run.t, run.t + dt / 2, run["delta"])  # simulated logs hold the means of the steps that follow
+    measured = measured_runs(run.with_columns(delta=sampled), ship.particulars["L"])[0].figures
+    for name in ("overshoot_1", "overshoot_2"):
+        assert measured[name] == pytest.approx(true[name], abs=math.radians(0.02 + 0.1 * dt))
+
+
 def test_a_zigzag_of_the_standard_that_was_reversed_too_late_says_so() -> None:
-    run, length = late_run("mariner", "10/10", 3.5, 0.5)
+    run, length = late_run("kvlcc2_full", "10/10", 6.5, 0.5)
     measured = measured_runs(run, length)[0]
     assert measured.steps == (10, 10) and math.degrees(measured.heading) > 12
     whys = {row.why for row in assess(measured) if row.figure.startswith("overshoot")}
