@@ -80,6 +80,7 @@ def few_free() -> Ship:
     return ship.fixing([s for s in ship.free if s not in FREE])
 
 
+@pytest.mark.slow
 def test_a_draft_lacks_its_last_solve_which_its_iterate_begins() -> None:
     ship, trials, settings = few_free(), runs()[0][:3], Settings()
     whole, draft = (estimate_coefficients(ship, trials, settings, draft=draft) for draft in (False, True))
@@ -96,6 +97,7 @@ def test_a_draft_lacks_its_last_solve_which_its_iterate_begins() -> None:
     assert len(found.passes) == 1 and found.warnings == whole.warnings
 
 
+@pytest.mark.slow
 def test_fixed_coefficients_stay_as_they_are() -> None:
     ship = few_free()
     result = estimate_coefficients(ship, runs()[0][:2], Settings(passes=1))
@@ -104,12 +106,14 @@ def test_fixed_coefficients_stay_as_they_are() -> None:
         assert result.ship.coefficients[symbol] == ship.coefficients[symbol]
 
 
+@pytest.mark.slow
 def test_without_positions_the_rest_is_still_fitted() -> None:
     trials = [Trial(t.name, {k: v for k, v in t.columns.items() if k not in ("x", "y")}) for t in runs()[0][:3]]
     result = estimate_coefficients(load_ship("esso_osaka_3m"), trials, Settings(passes=1))
     assert result.converged and has_code(result.notices, "no_position")
 
 
+@pytest.mark.slow
 def test_an_iteration_limit_leaves_a_flagged_best_iterate() -> None:
     result = estimate_coefficients(load_ship("esso_osaka_3m"), runs()[0][:2], Settings(max_iterations=2))
     assert not result.converged
@@ -189,6 +193,7 @@ def test_with_values_by_campaign_the_shared_coefficients_go_on() -> None:
     assert iterate_of(replace(differ, iterate=None), model) is None
 
 
+@pytest.mark.slow
 def test_a_constant_that_campaigns_took_over_is_no_other_model_and_begins_anew() -> None:
     result = small_result(100)
     first = next(iter(result.estimates))

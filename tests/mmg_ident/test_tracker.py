@@ -251,6 +251,7 @@ def test_what_is_missing_makes_it_less_sure_and_nothing_else(pair: tuple[Tracker
     assert np.all(half.std[:6] > full.std[:6]) and half.std[0] > 2
 
 
+@pytest.mark.slow
 def test_controls_ahead_may_be_given_in_each_way() -> None:
     tracker = Tracker(load_ship("esso_osaka_3m"))
     tracker.update(0.0, [0, 0, 0, 0.4, 0, 0], {"n": 10.0, "delta": 0.2, "wind_speed": 2.0, "wind_direction": 1.0})
@@ -276,6 +277,7 @@ def test_a_hybrid_is_tracked() -> None:
     assert after(Tracker(true.without_network()), run).nis > 2 * state.nis
 
 
+@pytest.mark.slow
 def test_a_campaign_has_values_of_its_own() -> None:
     ship = replace(load_ship("esso_osaka_3m"), campaigns={"may": {"X_0F": 0.01}})
     assert Tracker(ship, campaign="may").ship.coefficients["X_0F"].value == 0.01

@@ -172,6 +172,7 @@ def test_smaller_types_and_other_layouts_come_out_the_same():
     torch.testing.assert_close(found.double(), whole, rtol=1e-4, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_an_input_without_gradient_gets_none_and_nothing_is_kept_without_grad():
     physics = Physics(ESSO)
     z, c = points(ESSO)
@@ -189,6 +190,7 @@ def test_tensors_that_do_not_fit_are_refused(shape):
         Physics(ESSO).rates(torch.zeros(shape, dtype=torch.float64), c)
 
 
+@pytest.mark.slow
 def test_one_input_may_be_shared_by_all_points():
     x, h = ca.SX.sym("x", 2), ca.SX.sym("h")
     for compiled in (True, False):

@@ -201,6 +201,7 @@ def test_usual_sizes_of_what_is_random_count_as_so_many_samples_more() -> None:
     assert off[1] < 0.7 * off[0] and off[0] > 0.4
 
 
+@pytest.mark.slow
 def test_the_fit_starts_anywhere_and_ends_at_the_same_place() -> None:
     steps, data, found, _ = fitted(1)
     other = found.noise.with_(force=3 * found.noise.force, white=0.5 * found.noise.white)
@@ -232,6 +233,7 @@ def test_priors_are_those_before_a_calibration() -> None:
     assert priors_of(SHIP, ("Y_v",)).mean[0] == c.value
 
 
+@pytest.mark.slow
 def test_runs_without_positions_and_with_gaps_are_fitted() -> None:
     trials = pushed_trials(4, runs=LONG[:2])
     bare = replace(trials[0], columns={k: v for k, v in trials[0].columns.items() if k not in ("x", "y")})

@@ -187,6 +187,7 @@ def test_bend_is_the_slope_of_the_weighted_jacobian(steps: TransitionModel, wher
             np.testing.assert_allclose(found[:, i] / scale, expected[:, i] / scale, atol=2e-4, err_msg=symbol)
 
 
+@pytest.mark.slow
 def test_a_wide_ship_at_neutral_values_moves_as_the_ship_itself(steps: TransitionModel) -> None:
     own = Simulator(SHIP)
     z, c = states_about(steps, 20, 7)

@@ -37,6 +37,7 @@ def nll(here: Linearisation, logs: np.ndarray) -> float:
     return 0.5 * float(run.log_det.sum() + (whitened(system, run, here.residual)[0] ** 2).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coloured", [0.0, 0.004])
 def test_slopes_are_those_of_finite_differences(coloured: float) -> None:
     here = at(coloured)
@@ -48,6 +49,7 @@ def test_slopes_are_those_of_finite_differences(coloured: float) -> None:
         assert slope[i] == pytest.approx(by_differences, rel=1e-5, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_information_is_about_that_of_the_likelihood() -> None:
     """At the most likely sizes; there observed and expected information are the same but for chance."""
     steps, data, found, _ = fitted(1)
@@ -61,6 +63,7 @@ def test_information_is_about_that_of_the_likelihood() -> None:
         assert information[i, i] == pytest.approx(observed, rel=0.25)
 
 
+@pytest.mark.slow
 def test_they_end_where_steps_of_the_fixed_point_end(monkeypatch: pytest.MonkeyPatch) -> None:
     steps, data, found, _ = fitted(1)
     for factor in (0.3, 3.0):
@@ -90,6 +93,7 @@ def test_sizes_stay_within_their_limits() -> None:
     assert np.log(new.white / large.white).min() == pytest.approx(0.5 * noise_sizes.SHORTEST)
 
 
+@pytest.mark.slow
 def test_a_fit_ends_where_that_is_enough_and_where_iterations_are_in_vain(monkeypatch: pytest.MonkeyPatch) -> None:
     steps, data, found, _ = fitted(1)
     start = replace(found, p=found.p + 0.1)

@@ -63,6 +63,7 @@ def test_where_nothing_is_missing_there_is_no_avoidable_error(seed: int) -> None
     assert made.parts == () and made.unexplained is None and made.before == made.after >= made.floor
 
 
+@pytest.mark.slow
 def test_a_force_without_a_name_is_unexplained() -> None:
     problem, _ = pushed_problem(1)
     steps, data, null = pushed_by(problem, 1, 2, "cos", 0.6)

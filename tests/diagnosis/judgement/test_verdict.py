@@ -110,6 +110,7 @@ def test_a_fit_as_it_should_be_is_not_doubted() -> None:
     assert list(said(replace(ready().null, noise=noise), None)) == ["tests_too_short"]
 
 
+@pytest.mark.slow
 def test_a_coefficient_far_from_its_prior_is_named() -> None:
     null = ready().null
     p = null.p.copy()
@@ -118,6 +119,7 @@ def test_a_coefficient_far_from_its_prior_is_named() -> None:
     assert f"{null.free.symbols[1]} (-4.2)" in words and null.free.symbols[0] not in words
 
 
+@pytest.mark.slow
 def test_sensors_at_the_least_noise_are_named() -> None:
     null, least = ready().null, least_noise(ready().full.ship)
     white = null.noise.white.copy()
@@ -125,11 +127,13 @@ def test_sensors_at_the_least_noise_are_named() -> None:
     assert " psi, r, " in said(replace(null, noise=null.noise.with_(white=white)))["no_noise"]
 
 
+@pytest.mark.slow
 def test_runs_hardly_longer_than_the_memory_of_the_force_are_doubted() -> None:
     words = said(replace(ready().null, noise=ready().null.noise.with_(tau=20.0)))["short_trials"]
     assert "40" in words and "remembers 20 s" in words
 
 
+@pytest.mark.slow
 def test_a_refit_whose_first_values_make_the_ship_explode_begins_nearer_to_neutral(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -159,6 +159,7 @@ def test_the_recommended_trial_does_what_was_predicted() -> None:
     assert (careful > 0.5).all() and (careful < 2.0).all()
 
 
+@pytest.mark.slow
 def test_more_time_tells_more_and_the_plan_never_loses() -> None:
     calibration, _, scored = nearly_straight()
     assert (scored.left <= 1 + 1e-9).all() and (scored.left_by_many <= scored.left + 1e-9).all()
@@ -186,6 +187,7 @@ def test_runs_count_for_less_where_the_residuals_prove_to_be_correlated() -> Non
     assert scored[4.0] > 1.4 * scored[1.0]
 
 
+@pytest.mark.slow
 def test_information_of_a_run_is_that_of_the_fit_to_it() -> None:
     """The covariance of a fit to one run is that of the information predicted for that run."""
     run = simulate(
@@ -199,6 +201,7 @@ def test_information_of_a_run_is_that_of_the_fit_to_it() -> None:
     assert {"rudder movement", "turning"} <= seen[0] and not {"wind", "sternway"} & seen[0]
 
 
+@pytest.mark.slow
 def test_nothing_helps_a_coefficient_that_no_trial_excites() -> None:
     calibration, found, _ = nearly_straight()
     only = next_trial(calibration, [Option("straight", "straight"), Option("fails", "turning:35", speed=99.0)])
@@ -226,6 +229,7 @@ def test_values_outside_their_physical_range_are_named() -> None:
     assert [m.code for m in both] == ["implausible"] and "Y_v = 0.3" in both[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", ["far_from_prior", "implausible", "added_mass_far_from_prior"])
 def test_a_coefficient_far_from_its_prior_leads_to_what_the_trials_hide(code: str) -> None:
     calibration = small_result().calibration
@@ -250,6 +254,7 @@ def test_no_verdict_asks_for_a_narrower_prior() -> None:
             assert ("mmg diagnose" in told) == (kind == "strained")
 
 
+@pytest.mark.slow
 def test_the_report_shows_and_escapes_the_section(tmp_path: Path) -> None:
     _, found, scored = nearly_straight()
     content = identifiability_dict(found, scored)

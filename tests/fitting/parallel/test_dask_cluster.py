@@ -34,6 +34,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield found
 
 
+@pytest.mark.slow
 def test_outcomes_are_those_of_this_process_in_the_order_of_the_tasks(address: str) -> None:
     tasks, told = list(range(12)), []
     inline = [root for root, _ in run_all(root_of, tasks)]
@@ -46,6 +47,7 @@ def test_outcomes_are_those_of_this_process_in_the_order_of_the_tasks(address: s
     assert width(3) == 3
 
 
+@pytest.mark.slow
 def test_an_exception_of_a_task_is_raised_here_and_the_cluster_goes_on(address: str) -> None:
     with dask_cluster(address):
         with pytest.raises(ZeroDivisionError, match="three"):

@@ -94,6 +94,7 @@ def test_scores_without_a_run_are_near_those_of_a_refit():
     assert np.sqrt(np.mean(np.square(off))) < 0.35 * np.sqrt(np.mean(np.square(moved)))
 
 
+@pytest.mark.slow
 def test_a_fold_of_runs_is_left_out_together():
     trials, found = calibrated()
     folds = [(0, 1), (2, 3)]

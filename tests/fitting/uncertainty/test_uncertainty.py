@@ -160,6 +160,7 @@ def test_refits_do_not_depend_on_the_number_of_workers() -> None:
     np.testing.assert_allclose(alone.p, shared.p, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_refit_that_fails_is_reported_and_the_others_stand(monkeypatch: pytest.MonkeyPatch) -> None:
     import fitting.uncertainty.refits as module
 
@@ -177,6 +178,7 @@ def test_a_refit_that_fails_is_reported_and_the_others_stand(monkeypatch: pytest
     assert np.isnan(found.p[0]).all() and len(found.good) == 1
 
 
+@pytest.mark.slow
 def test_a_profile_is_the_parabola_of_the_model_based_error_near_the_estimate() -> None:
     p, s, info = small()
     found = robust(info)
@@ -257,6 +259,7 @@ def test_a_calibration_says_what_it_left_out_and_what_that_was_worth(tmp_path) -
     assert broken.name in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_calibration_of_whole_trials_has_nothing_to_say() -> None:
     assert small_result().left_out is None
     assert not [m for m in small_result().warnings if m.code == "left_out_worth"]
