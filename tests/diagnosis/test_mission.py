@@ -117,7 +117,7 @@ TESTS = ("random:21", "zigzag:-15/15", "turning:-35")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", first_quick([0, 2], pytest.mark.longest))
 def test_four_causes_at_once_are_all_named_with_their_sizes(seed: int) -> None:
     """Shallow water, fouling, a worn steering gear and wind on a 7 m KVLCC2 whose coefficients are known to 2 %."""
     ship, rng = load_ship("kvlcc2_l7"), np.random.default_rng([20, seed])

@@ -55,7 +55,9 @@ def test_the_turn_of_the_example_begins_as_the_ship_runs() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", list(SHIPS))
+@pytest.mark.parametrize(
+    "name", [*VARIED[::2], *(pytest.param(s, marks=pytest.mark.longest) for s in SHIPS if s not in VARIED[::2])]
+)
 @pytest.mark.parametrize("which", list(COMPILERS))
 def test_every_ship_compiles_without_a_warning(which: str, name: str, tmp_path: Path) -> None:
     for held in ENVELOPES if name == "esso_osaka_3m" else ENVELOPES[:1]:
