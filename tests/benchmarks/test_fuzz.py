@@ -100,6 +100,7 @@ def test_an_error_is_one_line() -> None:
 
 
 # A fit that is ended at a random moment leaves a whole folder or none, and resumed it has the values of another
+@pytest.mark.longest
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="sends signals")
 def test_a_sample_of_kills_leaves_nothing_half_written(tmp_path: Path) -> None:

@@ -139,6 +139,7 @@ def test_intervals_of_one_seed_hold_most_true_values(fitted: Calibration) -> Non
     assert (np.abs(z) < 1.96).mean() >= 0.85 and np.abs(z).max() < 4.5
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_coverage_of_95_percent_intervals_over_20_noise_seeds() -> None:
     """White sensor noise and gusts: the model-based intervals hold; the robust ones, made for worse, hold more."""

@@ -242,6 +242,7 @@ def test_as_bad_as_real_sensors_a_hidden_lag_is_still_recovered():
         assert abs(found.pooled[symbol].value - truth) < 3 * found.pooled[symbol].std
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_false_alarms_are_rare_on_clean_trials():
     how = Disturbed(X=0.05, Y=0.15, N=0.1, defects=())

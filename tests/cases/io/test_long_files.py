@@ -280,6 +280,7 @@ def peak(path: Path) -> tuple[int, str]:
     return int(size), words
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no measure of the peak")
 @pytest.mark.parametrize("name", [*MADE, *FILES])

@@ -97,6 +97,7 @@ def test_derivatives_with_memory_place_and_measurement_are_exact(K: int) -> None
     assert_exact_derivatives(p, away_from_kinks(p))
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_the_optimum_with_effects_does_not_depend_on_the_shooting_interval() -> None:
     ours, whole = (solve(p, p.start()) for p in (crowded(5), crowded(200)))

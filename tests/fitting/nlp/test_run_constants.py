@@ -220,6 +220,7 @@ def command(folder: Path, out: str, *more: str) -> list[str]:
             "--measurement", "none", "--no-next-trial", "--out", str(folder / out), *more]  # fmt: skip
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_a_fit_from_files_stops_and_resumes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first = command(folder, "run", "--per-run", "current", "--max-iterations", "2")

@@ -74,6 +74,7 @@ def test_a_physical_ship_is_stable_and_one_that_pushes_itself_is_not() -> None:
     assert stability(broken, 20).diverged == 20
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(tmp_path: Path) -> None:
     """From a ship whose coefficients are off, the polynomial learns from trials; the table has all that was tried."""
