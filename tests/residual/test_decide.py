@@ -51,6 +51,7 @@ def test_every_run_judges_once_in_a_round_and_later_rounds_stop_by_others() -> N
         assert rows(first.judge) == rows(again.judge) and not rows(first.stop) & rows(again.stop)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", range(6))
 @pytest.mark.parametrize(("runs", "seconds"), [(1, 400), (3, 400), (2, 1000)])
 def test_blocks_that_serve_differently_are_apart_in_time(runs: int, seconds: int, turn: int) -> None:

@@ -91,6 +91,7 @@ FAULTS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", list(FAULTS))
 def test_a_fault_is_named_and_its_line_mends_it(fault: str, tmp_path: Path) -> None:
     change, labels, code, line = FAULTS[fault]

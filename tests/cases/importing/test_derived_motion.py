@@ -93,6 +93,7 @@ def derived_of(ship: str, dt: float, digits: int, noise: float = 0.0, sog: int |
     return derived_velocities(truth.t, columns, {}, grain), truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ship", "dt"), [("esso_osaka_3m", 0.1), ("kvlcc2_full", 1.0)])
 @pytest.mark.parametrize(("digits", "noise"), [(1, 0.0), (2, 0.0), (3, 0.0), (6, 0.05)])
 def test_the_standard_error_holds_what_rounding_adds(ship: str, dt: float, digits: int, noise: float) -> None:

@@ -87,6 +87,7 @@ EXACT = {"x": 1e-5, "y": 1e-5, "psi": 1e-6, "u": 1e-6, "v": 1e-6, "r": 1e-6, "n"
 """Of what was logged with all digits."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 def test_a_turning_circle_comes_back(name: str, tmp_path: Path) -> None:
     write, said, derived = FORMATS[name]

@@ -158,6 +158,7 @@ def late_gll(t: float) -> str:
     return f"GPGLL,{place(before)},{clock(before)[0]},A,A"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RATES)
 def test_what_is_said_belongs_to_the_moment_at_which_it_was_said(tmp_path: Path, name: str) -> None:
     """Of whatever rates and in whatever order: to 0.05 s, and straight lines over half a second."""

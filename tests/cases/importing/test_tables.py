@@ -129,6 +129,7 @@ READ: dict[str, Callable[[Log], Log]] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", READ.values(), ids=READ)
 def test_a_table_is_read_as_it_is_meant_and_its_map_repeats_it(tmp_path: Path, make: Callable[[Log], Log]) -> None:
     path = table(tmp_path / "a.csv", make(bridge(TRUTH)))
