@@ -19,8 +19,8 @@ from tests.delivery.c.test_source import SHIPS, ship_of
 from tests.support.c_products import COMPILERS, STRICT, compiled, compiler, product, write_files
 from tests.support.quick import first_quick
 
-VARIED = ("esso_osaka_3m", "twin rudders", "hybrid", "memory effects")
-FEW = first_quick(sorted(VARIED, key="hybrid".__ne__), pytest.mark.longest)
+VARIED = ("hybrid", "esso_osaka_3m", "twin rudders", "memory effects")
+FEW = first_quick(VARIED, pytest.mark.longest)
 ENVELOPES: tuple[dict[str, tuple[float, float]] | None, ...] = (
     {"beta": (-0.1, 0.1), "u": (0.0, 1.0)}, None, {}, {"u": (0.0, 1.0)},
 )  # fmt: skip
@@ -55,9 +55,7 @@ def test_the_turn_of_the_example_begins_as_the_ship_runs() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [*VARIED[::2], *(pytest.param(s, marks=pytest.mark.longest) for s in SHIPS if s not in VARIED[::2])]
-)
+@pytest.mark.parametrize("name", first_quick(SHIPS, pytest.mark.longest))
 @pytest.mark.parametrize("which", list(COMPILERS))
 def test_every_ship_compiles_without_a_warning(which: str, name: str, tmp_path: Path) -> None:
     for held in ENVELOPES if name == "esso_osaka_3m" else ENVELOPES[:1]:
