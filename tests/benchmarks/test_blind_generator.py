@@ -188,6 +188,7 @@ def test_the_library_effects_are_those_of_the_contract() -> None:
     assert len(STRANGERS) >= 15 and len({effect.name for effect in EFFECTS}) == len(EFFECTS)
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_neutral_effects_leave_a_trial_as_it_is() -> None:
     _, runs = with_each_effect()
@@ -197,6 +198,7 @@ def test_neutral_effects_leave_a_trial_as_it_is() -> None:
     np.testing.assert_allclose(runs.delta[:, :B], plain.delta, atol=1e-12)
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 @pytest.mark.parametrize("index", range(len(EFFECTS)), ids=[effect.name for effect in EFFECTS])
 def test_a_medium_effect_changes_the_trials(index: int) -> None:
@@ -209,6 +211,7 @@ def test_a_medium_effect_changes_the_trials(index: int) -> None:
     assert np.max(size / np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006])) > 0.5
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_the_true_model_predicts_better_with_its_effects() -> None:
     cases, runs = with_each_effect()
@@ -281,6 +284,7 @@ def test_the_hash_is_that_of_the_key_and_the_key_of_all_files(written: tuple[Pat
         assert truth["floor"] > 0 and set(WORLDS["pond"].drawn) <= set(truth["nominal_true_coefficients"])
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes(written: tuple[Path, str], tmp_path: Path) -> None:
     folder, digest = written

@@ -126,6 +126,7 @@ def test_a_record_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.M
     assert asked == ["a", "b"] and len(Record(record.path).of(code="abc")) == 2
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_the_whole_run_on_two_cases(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -78,6 +78,7 @@ def test_no_single_form_spells_a_stranger() -> None:
     assert not {effect.name for effect in STRANGERS} & {*PACKAGE_EFFECTS, *SPELLED}
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ("rudder_rate_limit", "jammed_bearing", "steering_dropout"))
 def test_no_single_delay_spells_a_slow_rudder(name: str) -> None:

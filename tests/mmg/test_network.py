@@ -227,6 +227,7 @@ def test_a_file_that_lacks_an_array_is_refused(tmp_path, lost):
         load_ship(tmp_path)
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_a_refitted_hybrid_keeps_its_network_also_when_resumed(tmp_path: Path) -> None:
     ship = load_ship("esso_osaka_3m")

@@ -110,6 +110,7 @@ def test_what_was_made_without_posix_is_gone_on_with(folder: Path, worked: str) 
     assert (folder / "page.html").exists() and not list(folder.rglob(".*.part"))
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_work_is_spread_over_spawned_processes_without_posix(folder: Path) -> None:
     """fit, train and compare with two workers; each worker is such a Python as well."""

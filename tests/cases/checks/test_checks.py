@@ -233,6 +233,7 @@ def test_real_velocities_lag_the_track_and_the_gyro_reads_low(reports):
     assert np.median(gains) == pytest.approx(0.987, abs=0.004)
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 @pytest.mark.data
 def test_a_flipped_rudder_is_found_in_every_real_record(frt):
@@ -240,6 +241,7 @@ def test_a_flipped_rudder_is_found_in_every_real_record(frt):
         assert one(trial.with_columns(delta=-trial["delta"])).verdict == "contradictory", trial.name
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 @pytest.mark.data
 def test_earth_fixed_velocities_and_a_flipped_sway_are_found_in_every_real_record(frt):

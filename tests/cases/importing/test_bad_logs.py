@@ -210,6 +210,7 @@ BYTES = (
 )  # fmt: skip
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 @pytest.mark.parametrize("large", [False, True])
 def test_damaged_bytes_raise_nothing_but_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, large: bool) -> None:

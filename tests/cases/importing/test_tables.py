@@ -474,6 +474,7 @@ print(f"{peak_mb():.0f} {len(found.runs[0].columns['t'])}")
 )
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no measure of the peak")
 def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:

@@ -159,6 +159,7 @@ print(f"{peak_mb():.0f} {len(trial)}")
 )
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="no measure of the peak")
 def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:

@@ -71,6 +71,7 @@ def test_a_run_whose_residuals_are_white_is_called_outliers() -> None:
     assert len(words) == 1
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_a_run_of_another_ship_is_named_as_such() -> None:
     trials = list(runs()[0])[:4]

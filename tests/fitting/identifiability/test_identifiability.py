@@ -172,6 +172,7 @@ def test_more_time_tells_more_and_the_plan_never_loses() -> None:
     assert (longer.left <= shorter.left + 1e-9).all()
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_runs_count_for_less_where_the_residuals_prove_to_be_correlated() -> None:
     """Scores that vary four times as much as the noise model says: a run is taken to be worth a quarter."""

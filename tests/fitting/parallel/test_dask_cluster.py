@@ -84,6 +84,7 @@ def test_a_worker_that_is_killed_changes_nothing_but_the_tasks_it_had(tmp_path: 
     assert set(begun) == set(range(count)) and len(begun) <= count + AHEAD + 1
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_a_scheduler_that_dies_is_one_line(tmp_path: Path) -> None:
     marks = tmp_path / "marks"
@@ -154,6 +155,7 @@ def test_without_dask_a_line_says_what_to_install(
     assert "--scheduler" in line and "mmg-ident[dask]" in line and line.endswith("[not_installed]")
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_something_else_that_listens_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     import socket

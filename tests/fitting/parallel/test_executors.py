@@ -173,6 +173,7 @@ def test_fits_are_entered_by_it(entry: object) -> None:
     assert getattr(entry, "__wrapped__", None) is not None
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_a_planned_trial_is_the_same_on_processes() -> None:
     ship = load_ship("esso_osaka_3m")
@@ -189,6 +190,7 @@ def test_a_planned_trial_is_the_same_on_processes() -> None:
     assert [(r.option, r.gain, r.fits) for r in one.rows] == [(r.option, r.gain, r.fits) for r in two.rows]
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_intervals_of_figures_are_the_same_on_processes() -> None:
     ship = load_ship("esso_osaka_3m")

@@ -272,6 +272,7 @@ def test_counts_that_make_no_sense_are_one_line(figures: tuple[Any, Assessment],
         with_intervals(found, ship, content(ship), count)
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_the_command_prints_intervals_where_a_covariance_is_known(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

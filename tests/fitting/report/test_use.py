@@ -274,6 +274,7 @@ def test_no_column_of_the_page_is_empty(tmp_path: Path) -> None:
             assert any(re.sub(r"<.*?>", "", cell).strip() for cell in column), (table[:300], column)
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_the_pdf_holds_every_heading(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     try:

@@ -82,6 +82,7 @@ def test_a_turn_rate_that_is_late_on_one_day_is_found_there_and_named() -> None:
     assert fit.content is not None and fit.content["left_out"]["with"] < fit.content["left_out"]["without"]
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 @pytest.mark.parametrize("differ", [True, False])
 def test_a_calibration_without_its_last_solve_keeps_the_same_instruments(differ: bool) -> None:

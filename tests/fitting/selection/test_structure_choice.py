@@ -119,6 +119,7 @@ def test_ctrl_c_within_one_fit_ends_the_choice(monkeypatch: pytest.MonkeyPatch) 
         choose_structure(ESSO, given, (runs[:2], runs[2:], ()), Settings(passes=1, max_iterations=2, compiled=False))
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_the_command_writes_a_run_folder_that_is_a_ship(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for run in harbour(3, 120.0):
@@ -154,6 +155,7 @@ def files(tmp_path: Path) -> list[str]:
     return found
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_a_chosen_polynomial_has_a_run_folder_with_its_learning_curves(
     tmp_path: Path, files: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -227,6 +229,7 @@ def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
     assert kept_run(again, "two") is None
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_learned_runs_are_taken_up_and_the_result_is_that_without_interruption(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

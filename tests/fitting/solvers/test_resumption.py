@@ -77,6 +77,7 @@ def test_ctrl_c_at_any_iterate_changes_no_value(stop_at: int, whole: FitResult, 
         np.testing.assert_array_equal(resumed.iterate[name], values)
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_a_wider_iteration_limit_gives_what_it_would_have_given(whole: FitResult) -> None:
     limited = fitted(Settings(window=5.0, max_iterations=2))
@@ -85,6 +86,7 @@ def test_a_wider_iteration_limit_gives_what_it_would_have_given(whole: FitResult
     assert without_times(resumed.to_dict()) == without_times(whole.to_dict())
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_the_same_iteration_limit_goes_on_from_the_best_iterate(whole: FitResult) -> None:
     settings, found = Settings(window=5.0, max_iterations=4), None

@@ -225,6 +225,7 @@ def test_forces_and_defects_show_in_the_logged_columns() -> None:
     np.testing.assert_array_equal(again["u"], clean["u"])
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_pooled_coverage_of_95_percent_intervals_is_90_to_98_percent() -> None:
     from benchmarks.coverage import disturbed_errors
@@ -237,6 +238,7 @@ def test_pooled_coverage_of_95_percent_intervals_is_90_to_98_percent() -> None:
 
 
 # What stretches that were left out of the trials were worth
+@pytest.mark.longest
 @pytest.mark.slow
 def test_a_calibration_says_what_it_left_out_and_what_that_was_worth(tmp_path) -> None:  # type: ignore[no-untyped-def]
     start = load_ship("esso_osaka_3m")

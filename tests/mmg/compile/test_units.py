@@ -110,6 +110,7 @@ def test_one_line_says_what_is_compiled(
         assert len(lines) == said and all(str(tmp_path) in line for line in lines)
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss in kilobytes")
 def test_a_compiler_of_four_pods_takes_less_than_half_a_gigabyte(tmp_path: Path) -> None:

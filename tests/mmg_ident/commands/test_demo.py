@@ -13,6 +13,7 @@ from diagnosis.diagnose import DiagnosisOptions, diagnose
 from mmg_ident import calibrate
 from mmg_ident.commands.demo import STEP, campaign
 from mmg_ident.commands.main import main
+from tests.support.quick import first_quick
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 DIFFER = {"created", "command", "timings_s", "passes", "starts"}
@@ -40,7 +41,7 @@ def test_the_truth_lies_in_its_own_intervals() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(1, 5))
+@pytest.mark.parametrize("seed", first_quick(range(1, 5), pytest.mark.longest))
 def test_the_demo_says_nothing_false_of_a_hidden_current(seed: int, tmp_path: Path) -> None:
     """With hardly any random force every rounding is significant."""
     trials = campaign(tmp_path / "trials", seed, every=2)
