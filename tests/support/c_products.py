@@ -128,11 +128,16 @@ class Compiled:
 def compiled(
     of: Product, folder: Path, which: str = "gcc, C", flags: Sequence[str] = ("-O0",), single: bool = False
 ) -> Compiled:
-    """The product as a shared library of the C compiler ``which``, initialised with its own coefficients."""
+    """The product as a shared library of the C compiler ``which``, initialised with its own coefficients.
+
+    It is linked without ``flags``: GCC before 13 would put code into a library linked with -ffast-math that takes
+    subnormal numbers away from the whole process that loads it."""
     command = compiler(which)
     source, target = write_files(of, folder), folder / f"ship{len(list(folder.iterdir()))}.so"
     more = [f"-D{of.identifier.upper()}_SINGLE"] if single else []
-    subprocess.run([*command, *flags, *more, "-shared", "-fPIC", str(source), "-lm", "-o", str(target)], check=True)
+    made = target.with_suffix(".o")
+    subprocess.run([*command, *flags, *more, "-fPIC", "-c", str(source), "-o", str(made)], check=True)
+    subprocess.run([command[0], "-shared", str(made), "-lm", "-o", str(target)], check=True)
     real = np.float32 if single else np.float64
     ship = Compiled(of, ctypes.CDLL(str(target)), real, ctypes.create_string_buffer(1 << 20))
     ship.init()
