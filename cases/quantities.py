@@ -175,6 +175,8 @@ _ROWS = (
     ),
     _rudder("delta_port"),
     _rudder("delta_starboard"),
+    _rudder("delta_order"),
+    _shaft("n_order"),
     _shaft("n_bow", headers="bow_thruster(_rpm|_speed)?"),
     _shaft("n_stern", headers="stern_thruster(_rpm|_speed)?"),
     Quantity("pitch", "rad", headers="(pitch_)?(propeller_pitch|cpp_pitch|pitch_feedback)"),
@@ -235,6 +237,8 @@ _ROWS = (
 )  # fmt: skip
 QUANTITIES = {row.name: row for row in _ROWS}
 """By name; of a ship with more than two propellers see ``quantity``."""
+ORDERS = ("delta_order", "n_order")
+"""What was ordered of rudder and revolutions: no input, but what shows how long these wait."""
 SIGNED = ("latitude", "longitude", *(name for name in INPUTS if name.startswith(("n", "delta"))))
 """Quantities whose sign another column of a raw log may say, in words."""
 QUANTITIES |= {f"t_{part}": Quantity(f"t_{part}", "", False) for part in ("year", "month", "day", "hour", "minute")}

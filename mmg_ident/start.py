@@ -29,6 +29,7 @@ from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
 from fitting.calibrate import FitOptions
 from fitting.result import FitResult, read_fit
+from mmg.components.particulars import PARTICULARS
 from mmg.errors import Conflict, Missing, TargetExists, UserError, name_fault, writing
 from mmg.progress import OnProgress
 from mmg.ship import Ship
@@ -207,7 +208,7 @@ def measured_particulars(ship: Ship) -> dict[str, str]:
         if source.startswith(MEASURED):
             value = ship.particulars[name]
             angle = name in ("rudder_rate", "neutral_rudder")
-            unit = {"rudder_rate": "deg/s", "neutral_rudder": "deg", "approach_speed": "m/s", "D_P": "m"}.get(name, "")
+            unit = "deg/s" if name == "rudder_rate" else "deg" if angle else PARTICULARS[name][1]
             found[name] = f"{math.degrees(value) if angle else value:.3g} {unit}, {source}"
     return found
 

@@ -513,15 +513,17 @@ def imo_figures(
 
 
 def helm_words(ship: Ship, rudder_rate: float | None = None) -> str:
-    """The rate at which the rudder of ``ship`` moves in a simulated manoeuvre, and where it is from; rudder_rate:
-    [rad/s] where it was given."""
+    """The rate at which the rudder of ``ship`` moves in a simulated manoeuvre, and its delay, and where they are from;
+    rudder_rate: [rad/s] where it was given."""
     degrees = math.degrees(rudder_rate if rudder_rate is not None else Limits.for_ship(ship).rudder_rate)
     if not math.isfinite(degrees):
         return "the rudder moves as the ship's actuators do"
     given = "as given" if rudder_rate is not None else ship.sources.get("rudder_rate", "")
     rule = rudder_rate is None and "rudder_rate" not in ship.particulars
     origin = "by rule, 20 deg/s of a 3 m model by Froude's law" if rule else given or "of the ship file"
-    return f"rudder rate {degrees:.3g} deg/s, {origin}"
+    delay = ship.particulars.get("rudder_delay", 0.0)
+    late = f"; it waits {delay:.3g} s, {ship.sources.get('rudder_delay', 'of the ship file')}" if delay else ""
+    return f"rudder rate {degrees:.3g} deg/s, {origin}{late}"
 
 
 def follows_rule(words: str) -> bool:

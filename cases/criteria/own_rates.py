@@ -1,9 +1,11 @@
-"""A ship's own rates from her trials: steering gear, revolutions, approach speed, rudder of a straight course.
+"""A ship's own rates from her trials: steering gear, revolutions, approach speed, rudder of a straight course; and how
+long her steering gear and her engine wait after an order, where orders were logged.
 
 A steering gear that is at its limit moves the rudder along a straight line from one angle to the next, and at the same
 rate each time; a hand or an autopilot does neither. Each move is fitted by stand, ramp, stand (least squares), so that
 neither noise nor a sampling interval of half a move biases its rate. Held samples are means over their intervals.
-Moves of one rate are the limit; without any that agree, the fastest is a lower bound and says no more.
+Moves of one rate are the limit; without any that agree, the fastest is a lower bound and says no more. The same ramps
+say when a move began, and a column of orders when it was ordered.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from cases.criteria.measured_maneuvers import find_maneuvers, steering
 from cases.evidence.signals import MAD
 from cases.inputs import is_sampled
 from cases.maneuvers.definitions import Limits
-from cases.maneuvers.self_propulsion import diameter_for
+from cases.maneuvers.self_propulsion import diameter_for, has_engine
 from cases.shipfiles.particulars import BY_RULE, RATIOS
 from cases.trial import Trial
 from mmg.errors import UserError
@@ -47,6 +49,9 @@ FEW, AGREE, MOSTLY = 2, 0.1, 0.5
 half the largest size."""
 FASTEST = 5.0
 """Rates above so many times those by Froude's law are steps of orders. Set by hand."""
+DELAYS = (("rudder_delay", "delta_order", math.inf), ("engine_delay", "n_order", 0.0))
+"""Particular, the column whose steps are its orders, and the highest order that counts: an engine that is stopped or
+reversed is what ``engine_delay`` is of."""
 NOTED = 0.1
 """Share by which a rate that the ship file states differs from the one measured for that to be said."""
 ALIKE, APPROACH = 0.15, 1.0
@@ -60,16 +65,23 @@ LEAST_NEUTRAL = math.radians(0.25)
 
 @dataclass(frozen=True)
 class Ramp:
-    """A move of an actuator: its rate and the standard error of that by it; size, duration [s], rms error; trial."""
+    """A move of an actuator: when it began [s, on the clock of the trial]; its rate and the standard error of that by
+    it; size, positive where it rises; duration [s], rms error; trial."""
 
+    begin: float
     rate: float
     error: float
-    size: float
+    change: float
     seconds: float
     rms: float
     straight: bool
     resolved: bool
     trial: str
+
+    @property
+    def size(self) -> float:
+        """Size of the move, without its sign."""
+        return abs(self.change)
 
 
 @dataclass(frozen=True)
@@ -100,6 +112,33 @@ def slew_rate(trials: Sequence[Trial], columns: Sequence[np.ndarray]) -> SlewRat
             return SlewRate(rate, True, tuple(dict.fromkeys(ramp.trial for ramp in alike)))
     fastest = max(known, key=lambda ramp: ramp.rate * (1 - 2 * ramp.error))
     return SlewRate(fastest.rate * (1 - 2 * fastest.error), False, (fastest.trial,))  # what it surely is
+
+
+def order_delay(
+    trials: Sequence[Trial], columns: Sequence[np.ndarray], orders: Sequence[np.ndarray], highest: float = math.inf
+) -> tuple[float, tuple[str, ...]] | None:
+    """Time from a step of the orders of an actuator until it moves [s], and the trials that show it.
+
+    columns, orders: positions and orders of it in each of the ``trials``, (N,) each; highest: a move to an order above
+    it does not count. The median of all moves that one step ordered; None where fewer than FEW were, and where it is
+    not above twice its standard error, to which the interval between samples belongs.
+    """
+    found: list[tuple[float, float, str]] = []
+    for trial, column, order in zip(trials, columns, orders, strict=True):
+        for ramp in (one for one in _ramps(trial, column) if one.resolved):
+            way, t = np.sign(ramp.change) * order, trial.t
+            jumps = way[2:] - way[:-2]  # over two intervals: a step may lie between two samples of a grid
+            steps = np.flatnonzero((np.abs(jumps) >= JUMP * ramp.size) & (t[:-2] <= ramp.begin))
+            if len(steps) and jumps[k := steps[-1]] > 0 and order[k + 2] <= highest:
+                at = np.interp(0.5 * (way[k] + way[k + 2]), way[k : k + 3], t[k : k + 3])
+                found.append((ramp.begin - float(at), trial.dt, trial.name))
+    if len(found) < FEW:
+        return None
+    delays, intervals = np.array([(delay, dt) for delay, dt, _ in found]).T
+    delay = float(np.median(delays))
+    scatter = math.hypot(MAD * float(np.median(np.abs(delays - delay))), float(intervals.mean()) / math.sqrt(12))
+    known = delay > 2 * scatter / math.sqrt(len(delays))
+    return (delay, tuple(dict.fromkeys(name for *_, name in found))) if known else None
 
 
 def _ramps(trial: Trial, values: np.ndarray) -> list[Ramp]:
@@ -182,7 +221,7 @@ def _fitted(
     relative = float(np.linalg.norm(np.linalg.pinv(scaled)[2])) * max(noise, rms) if determined else math.inf
     resolved = size / rate >= RESOLVED * dt and relative <= SURE
     straight = rms <= math.hypot(STRAIGHT[0] * noise, STRAIGHT[1] * size)
-    return Ramp(rate, relative, size, size / rate, rms, straight, resolved, trial.name)
+    return Ramp(float(best.x[1]), rate, relative, side * size, size / rate, rms, straight, resolved, trial.name)
 
 
 def _ramp(t: np.ndarray, begin: float, rate: float, size: float, held: bool) -> np.ndarray:
@@ -196,7 +235,8 @@ def _ramp(t: np.ndarray, begin: float, rate: float, size: float, held: bool) -> 
 
 def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Message]]:
     """The ``ship`` with what her ``trials`` show of her particulars ``rudder_rate``, ``propeller_rate``,
-    ``approach_speed``, ``neutral_rudder`` and, where only a rule of thumb says it, ``D_P``, and messages on them.
+    ``approach_speed``, ``neutral_rudder``, of ``rudder_delay`` and ``engine_delay`` where they hold orders and, where
+    only a rule of thumb says it, of ``D_P``; and messages on them.
 
     What the ship file states otherwise stays, and a difference is said. A ship whose model has actuators takes orders,
     whose rates say nothing.
@@ -213,6 +253,12 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
             found[name] = slew.rate, slew.trials
         elif k == 0 and name not in ship.particulars and moved:
             messages.append(Message(_by_rule(ship, slew), "rudder_rate_by_rule"))
+    for k, (name, column, highest) in enumerate(DELAYS):
+        with_orders = [trial for trial in moved if column in trial]
+        positions, orders = [steering(t)[k] for t in with_orders], [t[column] for t in with_orders]
+        delay = order_delay(with_orders, positions, orders, highest)
+        if delay and (name != "engine_delay" or has_engine(ship)):
+            found[name] = delay
     if approach := _approach(trials, ship.particulars["L"]):
         found |= _of_approach(ship, approach)
     particulars, sources = dict(ship.particulars), dict(ship.sources)

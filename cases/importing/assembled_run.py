@@ -20,7 +20,7 @@ from cases.io.conventions import converted, through_north
 from cases.io.read import lacking
 from cases.io.sidecar import ReferencePoint, SidecarEntry
 from cases.io.trial_table import MOST_ROWS
-from cases.quantities import is_canonical, wraps
+from cases.quantities import ORDERS, is_canonical, wraps
 from cases.quantities import quantity as known
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, needed
 from mmg.messages import Message
@@ -183,13 +183,15 @@ def _on_one_clock(
 
 
 def _at(times: np.ndarray, log: Log, quantity: str, values: np.ndarray) -> np.ndarray:
-    """A column at other ``times``: along a line between neighbours, the last row of an actuator held over gaps."""
+    """A column at other ``times``: along a line between neighbours, an order as it stands."""
     good = np.isfinite(values)
     if good.sum() < 2:
         return np.full(len(times), np.nan)
     t, y = log.t[good], values[good]
     if period := known(quantity).period:
         y = np.unwrap(y, period=period)
+    if quantity in ORDERS:  # often logged where they change
+        return np.where(times < t[0], np.nan, y[np.searchsorted(t, times + 1e-6, side="right") - 1])
     for end in (t[0], t[-1]):  # sums of steps miss the ends by their last digits
         times = np.where(np.abs(times - end) < 1e-6, end, times)
     out = np.interp(times, t, y, left=np.nan, right=np.nan)

@@ -14,10 +14,10 @@ from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_z
 from cases.importing.companions import Masks, hold_signs, masked_rows, masks_of, sign_columns, signed
 from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question
 from cases.importing.raw_table import NUMBERED, Account, Clock, RawTable, split_unit
-from cases.importing.vocabulary import WATER, factor, is_order, known_units, meaning, plain_words, turn_in
+from cases.importing.vocabulary import WATER, factor, is_order, known_units, meaning, ordered, plain_words, turn_in
 from cases.io.conventions import remarks, sentinels_in, without_dropouts
 from cases.io.text_table import BlockMeans, rows_together
-from cases.quantities import QUANTITIES, wraps
+from cases.quantities import ORDERS, QUANTITIES, wraps
 from cases.quantities import quantity as known
 from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName
 from mmg.messages import Message
@@ -338,6 +338,7 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
         mapped["t"] = mapped.pop("t_part").model_copy(update={"unit": "ms"})
     of.masks = masks_of(table, mapped, [*of.unknown, *of.unsure, *filter(is_order, of.account)], signs, chosen)
     mapped |= sign_columns(table, mapped, [h for h in signs if h not in of.masks.account], chosen)
+    _orders(table, of)
     taken = {*(column.header for column in mapped.values()), *of.masks.account, *of.account}
     of.unknown = [header for header in [*of.unknown, *signs] if header not in taken]
     of.unsure = {header: what for header, what in of.unsure.items() if header not in taken}
@@ -351,6 +352,21 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
         headers = ", ".join(table.headers)
         raise Missing(f'{table.name}: no clock; found: {headers}. Name it in the map: [columns] t = "HEADER"')
     return of
+
+
+def _orders(table: RawTable, of: Assigned) -> None:
+    """Columns of orders join those that are mapped where the quantity was measured as well, in their own unit or else
+    in that of it, and with its sign."""
+    for header in [header for header in of.account if is_order(header)]:
+        quantity = ordered(header)
+        name, measured = f"{quantity}_order", of.mapped.get(quantity)
+        if name in ORDERS and name not in of.mapped and measured and table.numeric(header):
+            own = unit_in(table, name, ColumnMap.model_validate({"from": header}))
+            unit = own or unit_in(table, quantity, measured)
+            if factor(name, unit) is not None and f"{quantity}_sign" not in of.mapped:
+                said = {"from": header, "unit": unit, "sign": measured.sign}
+                of.mapped[name] = ColumnMap.model_validate(said)
+                del of.account[header]
 
 
 def _clock_parts(table: RawTable, mapped: dict[str, ColumnMap], account: Mapping[str, object]) -> None:

@@ -125,6 +125,12 @@ def is_order(header: str) -> bool:
     return bool(re.search(rf"(?:^|_)(?:{ORDERS})(?:$|_)", plain_words(header)))
 
 
+def ordered(header: str) -> str:
+    """The quantity whose orders a ``header`` is of, "" where its words do not say it."""
+    words = plain_words(header).split("_")
+    return meaning("_".join(word for word in words if not re.fullmatch(ORDERS, word))).quantity
+
+
 def _without_unit(words: str) -> tuple[str, str]:
     """Words without a unit at their end, and the unit."""
     endings = [ending for ending in ENDINGS if words.endswith(f"_{ending}") and len(words) > len(ending) + 1]

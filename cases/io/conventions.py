@@ -265,7 +265,7 @@ def mislabelled(columns: Mapping[str, np.ndarray]) -> list[tuple[str, float, str
     """(column, factor that makes it true, sentence) of revolutions, rudders and wind directions in a unit that no ship
     allows; columns: as ``implausible`` takes them."""
     found = []
-    for name in (name for name in ("n", "n_2", *RUDDERS, *_DIRECTIONS) if name in columns):
+    for name in (name for name in ("n", "n_2", *RUDDERS, "delta_order", *_DIRECTIONS) if name in columns):
         size = np.abs(columns[name])
         if not np.isfinite(size).any():
             continue
@@ -275,7 +275,7 @@ def mislabelled(columns: Mapping[str, np.ndarray]) -> list[tuple[str, float, str
             if usual > REVOLUTIONS_LIMIT:
                 words = f"{name} is {usual:.4g} rps a quarter of the time: are these rpm labelled rps?"
                 found.append((name, 1 / 60, f"{words} (label the column '{name} [rpm]')"))
-        elif (name in RUDDERS and largest > RUDDER_LIMIT) or (
+        elif (name in (*RUDDERS, "delta_order") and largest > RUDDER_LIMIT) or (
             name in _DIRECTIONS and typical > 4 * math.pi and not _steadier_in_radians(columns, name)
         ):
             words = f"{name} reaches {largest:.4g} rad: are these degrees labelled rad?"
@@ -311,7 +311,7 @@ def converted(columns: Mapping[str, np.ndarray], entry: SidecarEntry, notices: l
 
 def _turn_signs(out: dict[str, np.ndarray], entry: SidecarEntry, notices: list[Message]) -> None:
     turned = [(name, " (sidecar)") for name, sign in entry.sign.items() if sign == -1]
-    port = RUDDERS if entry.rudder_positive == "port" else ()
+    port = (*RUDDERS, "delta_order") if entry.rudder_positive == "port" else ()
     for name, why in (*turned, *((name, ": positive to port in the file") for name in port)):
         if name in out:
             out[name] = -out[name]

@@ -17,6 +17,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -234,7 +235,7 @@ def berthing(n: float, scale: float) -> Orders:
 
 @dataclass(frozen=True)
 class Limits:
-    """Rates of the actuators: rudder [rad/s], propeller [1/s^2].
+    """Rates of the actuators: rudder [rad/s], propeller [1/s^2]; rudder_delay: from an order until it moves [s].
 
     20 deg/s and 20 rps/s for a 3 m model (public simulator of Osaka University), Froude scaled:
     1.9 deg/s for a ship of 320 m.
@@ -242,6 +243,7 @@ class Limits:
 
     rudder_rate: float
     propeller_rate: float
+    rudder_delay: float = 0.0
 
     @classmethod
     def for_length(cls, length: float) -> Limits:
@@ -250,12 +252,13 @@ class Limits:
 
     @classmethod
     def for_ship(cls, ship: Ship) -> Limits:
-        """Limits for a ship: its own rates where the file gives them; none where its model has actuators."""
+        """Limits for a ship: its own where the file gives them; none where its model has actuators."""
         if "actuators" in ship.components:
             return cls(math.inf, math.inf)
         usual = cls.for_length(ship.particulars["L"])
         own = ship.particulars
-        return cls(own.get("rudder_rate", usual.rudder_rate), own.get("propeller_rate", usual.propeller_rate))
+        rates = own.get("rudder_rate", usual.rudder_rate), own.get("propeller_rate", usual.propeller_rate)
+        return cls(*rates, own.get("rudder_delay", 0.0))
 
 
 @dataclass
@@ -264,7 +267,8 @@ class Controller:
 
     n [1/s] and delta [rad] are the positions reached. ``located``: orders change at the very moment of their event;
     otherwise at the next sample, as those of a digital autopilot. shaft: what turns the propeller, where the ship has
-    an engine; else the revolutions follow their order at a limited rate.
+    an engine; else the revolutions follow their order at a limited rate. helm: orders of the rudder: when each begins
+    to act [s], and the angle.
     """
 
     orders: Orders
@@ -274,6 +278,10 @@ class Controller:
     over: bool = False
     located: bool = True
     shaft: Shaft | None = None
+    helm: list[tuple[float, float]] = field(default_factory=list, init=False)
+
+    def __post_init__(self) -> None:
+        self.helm = [(-math.inf, self.delta)]
 
     def held(
         self, t: float, dt: float, state: np.ndarray, advance: Callable[[tuple[float, float]], np.ndarray]
@@ -283,34 +291,44 @@ class Controller:
         state (S,) at t, the six of the motion first, psi continuous; ``advance`` gives the state at t + dt when these
         inputs are held. Where the orders change within the step (execute, rudder reversal), the moment is located by
         interpolation and the actuators move from then on, not from the next sample. Positions follow the orders within
-        the limits, and the means are those of their ramps, so that held inputs give the right impulse. Orders that end
-        within a step end with the next call (``over``), which returns the positions reached. One event per step.
+        the limits, the rudder after its delay, and the means are those of their ramps, so that held inputs give the
+        right impulse. Orders that end within a step end with the next call (``over``), which returns the positions
+        reached. One event per step.
         """
         order = self.orders(t, state)
         if order is None:
             self.over = True
             return self.n, self.delta
         if self.located and isinstance(self.orders, FromLead) and self.orders.watches(t, t + dt):
-            before = self.n, self.delta, self.shaft
-            after = advance(self._travel(order, dt, state))
+            before = self.n, self.delta, self.shaft, [*self.helm]
+            after = advance(self._travel(order, t, dt, state))
             fraction = self.orders.event(t, state, t + dt, after)
-            self.n, self.delta, self.shaft = before
+            self.n, self.delta, self.shaft, self.helm = before
             if fraction is not None:
-                first = self._travel(order, fraction * dt, state)
+                first = self._travel(order, t, fraction * dt, state)
                 order = self.orders(t + fraction * dt, state + fraction * (after - state)) or order
-                second = self._travel(order, (1 - fraction) * dt, state)
+                second = self._travel(order, t + fraction * dt, (1 - fraction) * dt, state)
                 n, delta = (fraction * a + (1 - fraction) * b for a, b in zip(first, second, strict=True))
                 return n, delta
-        return self._travel(order, dt, state)
+        return self._travel(order, t, dt, state)
 
-    def _travel(self, order: tuple[float, float], dt: float, state: np.ndarray) -> tuple[float, float]:
-        """Moves the actuators towards ``order`` for dt [s] at a ``state``; their mean positions on the way."""
+    def _travel(self, order: tuple[float, float], t: float, dt: float, state: np.ndarray) -> tuple[float, float]:
+        """Moves the actuators under an ``order`` from t [s] on for dt [s] at a ``state``; their mean positions on the
+        way."""
         if self.shaft is not None:
             self.shaft, mean = self.shaft.moved(order[0], np.array([state[3]]), dt)
             self.n, n = float(self.shaft.n[0]), float(mean[0])
         else:
             self.n, n = _ramp(self.n, order[0], self.limits.propeller_rate, dt)
-        self.delta, delta = _ramp(self.delta, order[1], self.limits.rudder_rate, dt)
+        if order[1] != self.helm[-1][1]:
+            self.helm.append((t + self.limits.rudder_delay, order[1]))
+        while len(self.helm) > 1 and self.helm[1][0] <= t + TINY:
+            del self.helm[0]
+        changes = [when - t for when, _ in self.helm[1:] if when < t + dt - TINY]
+        delta = 0.0
+        for (begin, end), (_, angle) in zip(pairwise([0.0, *changes, dt]), self.helm, strict=False):
+            self.delta, angle = _ramp(self.delta, angle, self.limits.rudder_rate, end - begin)
+            delta += angle * ((end - begin) / dt if changes else 1.0)
         return n, delta
 
 
@@ -432,7 +450,7 @@ def parse_maneuver(
         raise BadValue(f"manoeuvre '{text}': {kind} takes no argument; known: {FORMS}")
     limits, length = Limits.for_ship(ship), ship.particulars["L"]
     if rudder_rate is not None:
-        limits = Limits(rudder_rate, limits.propeller_rate)
+        limits = replace(limits, rudder_rate=rudder_rate)
     factors = stopping_factors(ship) if kind in STOPS else {}
     ship = _with_factors(ship, factors)
     if kind in STOPS and n is None and speed is None and {"n", "n_azimuth"} & set(ship.actuators):

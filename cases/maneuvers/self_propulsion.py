@@ -161,17 +161,22 @@ class Shaft:
         return Shaft(e, share, waited, ran), total / dt * e.n_mcr
 
 
+def has_engine(ship: Ship) -> bool:
+    """Whether a ``ship`` has an engine that is stopped or reversed: not a model, whose electric motor obeys at once,
+    nor one without a propeller of fixed pitch on a shaft."""
+    p = ship.particulars
+    shafts = "n" in ship.actuators and "pitch" not in ship.actuators and "actuators" not in ship.components
+    return shafts and (p["L"] >= SMALLEST or any(name in p for name in ENGINE))
+
+
 def engine_of(ship: Ship, speed: float, n: float) -> Engine | None:
-    """The engine of a ``ship`` whose approach is at ``speed`` [m/s] with n [1/s]; None for a model, which has an
-    electric motor, and for a ship without a propeller of fixed pitch on a shaft.
+    """The engine of a ``ship`` whose approach is at ``speed`` [m/s] with n [1/s]; None for one that has none.
 
     The particulars of ``USUAL`` and n_MCR [1/s] may stand in the ship file; a ship that gives any of them has an
     engine whatever her length. Raises UserError for one that makes no sense.
     """
     p = ship.particulars
-    given = [name for name in ENGINE if name in p]
-    shafts = "n" in ship.actuators and "pitch" not in ship.actuators and "actuators" not in ship.components
-    if not shafts or not (speed > 0 and n > 0) or (p["L"] < SMALLEST and not given):
+    if not (has_engine(ship) and speed > 0 and n > 0):
         return None
     for name, (_, _, low, high) in USUAL.items():
         if name in p and not low <= p[name] <= high:

@@ -176,7 +176,7 @@ SCREW = ("D_P", "pitch_ratio", "A_R", "aspect_ratio", "x_R", "y_P")
 """Particulars of propeller and rudder."""
 OPTIONAL = (
     "rho", "x_G", "m", "aspect_ratio", "x_R", "y_P", "A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a",
-    "D_BT", "x_BT", "D_ST", "x_ST", "rudder_rate", "propeller_rate", *ENGINE, *POD,
+    "D_BT", "x_BT", "D_ST", "x_ST", "rudder_rate", "rudder_delay", "propeller_rate", *ENGINE, *POD,
     *(f"{place}_{i}" for i in range(2, PODS + 1) for place in POD[1:]),
 )  # fmt: skip
 """Particulars that may be added as NAME=VALUE."""
@@ -304,7 +304,7 @@ def new_ship(name: str, given: Mapping[str, float], hull: str | None = None) -> 
         *required_particulars(components),
         "C_b",
         "U_0",
-        *(name for name in ("y_P", "rudder_rate", "propeller_rate", *ENGINE) if name in p),
+        *(name for name in ("y_P", "rudder_rate", "rudder_delay", "propeller_rate", *ENGINE) if name in p),
         *(place + i for i in pods(p) for place in POD[1:]),
     )
     particulars = {key: p[key] for key in dict.fromkeys(kept)}

@@ -14,7 +14,7 @@ from mmg.components.particulars import PARTICULARS
 from mmg.motion.flow import PODS
 from mmg.motion.froude import reference_speed, time_scale
 
-RATES = ("rudder_rate", "propeller_rate", "approach_speed", "neutral_rudder")
+RATES = ("rudder_rate", "rudder_delay", "propeller_rate", "approach_speed", "neutral_rudder")
 """Particulars that trials show and no force model needs."""
 BY_RULE = "rule: "
 """How the source of a particular begins that follows from a rule of thumb."""
@@ -104,6 +104,8 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
         most = 10 * math.radians(20) / time_scale(p["L"])
         if p["rudder_rate"] > most:
             yield f"rudder_rate = {p['rudder_rate']:g} rad/s is more than {most:.3g} rad/s; check its unit"
+    if have("rudder_delay", "L") and p["rudder_delay"] > 3 * time_scale(p["L"]):  # 30 s of a ship of 300 m
+        yield f"rudder_delay = {p['rudder_delay']:g} s is more than {3 * time_scale(p['L']):.3g} s; check its unit"
 
 
 def impossible(p: Mapping[str, float]) -> list[str]:

@@ -17,6 +17,7 @@ from cases.maneuvers.definitions import (
     FULL_TURN,
     TINY,
     FromLead,
+    Limits,
     Maneuver,
     Orders,
     StepOrders,
@@ -86,11 +87,13 @@ def ramps(maneuver: Maneuver, orders: Orders, t: np.ndarray) -> Ramps:
     else:
         ordered = [orders(float(when), maneuver.start) for when in t[:-1]]
         changes = [(float(t[k]), ordered[k]) for k in range(len(ordered)) if k == 0 or ordered[k] != ordered[k - 1]]
-    actuators = ((maneuver.n, maneuver.limits.propeller_rate), (0.0, maneuver.limits.rudder_rate))
-    end = float(t[-1])
+    limits, end = maneuver.limits, float(t[-1])
+    actuators = ((maneuver.n, limits.propeller_rate, 0.0), (0.0, limits.rudder_rate, limits.rudder_delay))
     moves = [
-        _ramp([(when, order[i]) for when, order in changes if order and when < end], position, rate, end)
-        for i, (position, rate) in enumerate(actuators)
+        _ramp(
+            [(when + delay, order[i]) for when, order in changes if order and when + delay < end], position, rate, end
+        )
+        for i, (position, rate, delay) in enumerate(actuators)
     ]
     times = np.unique(np.concatenate([t[[0, -1]], *(kinks for kinks, _ in moves)]))
     return Ramps(times, np.column_stack([np.interp(times, kinks, values) for kinks, values in moves]))
@@ -144,12 +147,14 @@ class ZigzagRudders:
     """Rudders of M ships that do what ``Zigzag`` and ``Controller`` of cases.maneuvers do for one.
 
     delta: angles reached [rad]; side: to which they are ordered; count: rudder executes so far; origin: headings at the
-    first one [rad], None before; over: whose last execute has come; their orders stand from then on.
+    first one [rad], None before; over: whose last execute has come; their orders stand from then on; helm: the orders
+    that act, the last ones [rad], and when these begin to act [s], infinite where they do: (3, M).
     """
 
-    def __init__(self, orders: Zigzag, rate: float, ships: int) -> None:
-        self.orders, self.rate = orders, rate
+    def __init__(self, orders: Zigzag, limits: Limits, ships: int) -> None:
+        self.orders, self.rate, self.delay = orders, limits.rudder_rate, limits.rudder_delay
         self.delta, self.side = np.zeros(ships), np.full(ships, orders.side)
+        self.helm = np.array([[0.0], [0.0], [math.inf]]).repeat(ships, axis=1)
         self.count, self.over = np.ones(ships, dtype=int), np.zeros(ships, dtype=bool)
         self.origin: np.ndarray | None = None
 
@@ -168,10 +173,10 @@ class ZigzagRudders:
         advance: states (S, K) at the end of the step of the K ships that a mask (M,) names, from angles (M,). The first
         execute and reversals within the step act from their own moment, located by interpolation.
         """
-        lead, before = self.orders.lead, self.delta
+        lead, before = self.orders.lead, (self.delta, self.helm)
         waiting = t < lead - TINY
-        order = np.zeros_like(before) if waiting else self.side * self.orders.rudder
-        mean = self._travel(order, dt)
+        order = np.zeros_like(self.delta) if waiting else self.side * self.orders.rudder
+        mean = self._travel(order, t, dt)
         everyone = np.ones(len(mean), dtype=bool)
         after = advance(mean, everyone)
         if waiting and lead >= t + dt - TINY:
@@ -186,9 +191,9 @@ class ZigzagRudders:
                 return mean, after
             fraction = np.where(crosses, -a / np.where(crosses, b - a, 1.0), 1.0)
             self._reverse(crosses)
-        self.delta = before
-        first = self._travel(order, fraction * dt)
-        second = self._travel(self.side * self.orders.rudder, (1 - fraction) * dt)
+        self.delta, self.helm = before
+        first = self._travel(order, t, fraction * dt)
+        second = self._travel(self.side * self.orders.rudder, t + fraction * dt, (1 - fraction) * dt)
         mean, after = fraction * first + (1 - fraction) * second, after.copy()
         after[:, crosses] = advance(mean, crosses)
         return mean, after
@@ -206,9 +211,20 @@ class ZigzagRudders:
             self.over = self.over | (self.count >= self.orders.last_execute)
         self.side = np.where(which & ~self.over, -self.side, self.side)
 
-    def _travel(self, order: np.ndarray, dt: np.ndarray | float) -> np.ndarray:
-        """Moves towards the orders (M,) for dt [s], one or (M,); the mean angles on the way."""
-        way, longest = order - self.delta, self.rate * (dt + np.zeros_like(self.delta))
+    def _travel(self, order: np.ndarray, t: np.ndarray | float, dt: np.ndarray | float) -> np.ndarray:
+        """Moves under the orders (M,) from t [s] on for dt [s], one or (M,) each; the mean angles on the way."""
+        acts, last, due = self.helm
+        due = np.where(order != last, t + self.delay, due)
+        acts, due = np.where(due <= t + TINY, order, acts), np.where(due <= t + TINY, math.inf, due)
+        self.helm = np.stack([acts, order, due])
+        before = np.clip(due - t, 0.0, dt)
+        first, second = self._ramp(acts, before), self._ramp(order, dt - before)
+        share = np.divide(before, dt, out=np.ones_like(first), where=np.asarray(dt) > 0)
+        return np.asarray(share * first + (1 - share) * second)
+
+    def _ramp(self, order: np.ndarray, dt: np.ndarray) -> np.ndarray:
+        """Moves towards the orders (M,) for dt (M,) [s]; the mean angles on the way."""
+        way, longest = order - self.delta, self.rate * dt
         arrives = np.abs(way) <= longest
         share = np.divide(np.abs(way), longest, out=np.zeros_like(way), where=longest > 0)
         end = np.where(arrives, order, self.delta + np.copysign(longest, way))
@@ -402,7 +418,7 @@ def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
     parts = integration_steps(ship, dt)
     keep = np.arange(1, parts + 1) == parts
     states, inputs = np.empty((N + 1, 6, M)), np.zeros((N + 1, 2, M))
-    rudders = ZigzagRudders(orders, batch.maneuver.limits.rudder_rate, M) if isinstance(orders, Zigzag) else None
+    rudders = ZigzagRudders(orders, batch.maneuver.limits, M) if isinstance(orders, Zigzag) else None
     engines = (
         EngineRevolutions(batch.maneuver, orders, M)
         if isinstance(orders, StopOrders) and batch.maneuver.engine

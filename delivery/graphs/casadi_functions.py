@@ -83,6 +83,7 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
         "length_m": product.ship.particulars["L"],
         "service_speed_m_s": product.ship.particulars.get("U_0", product.ship.particulars.get("approach_speed")),
         "rudder_rate_rad_s": product.ship.particulars.get("rudder_rate"),
+        "rudder_delay_s": product.ship.particulars.get("rudder_delay"),
         "casadi": ca.CasadiMeta.version(),
         "longest_step_s": product.longest_step,
         "functions": {name: {"file": f"{name}.casadi", "signature": str(f)} for name, f in functions.items()},

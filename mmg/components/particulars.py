@@ -17,6 +17,7 @@ PARTICULARS = {
     "U_0": ("service or test speed; an Abkowitz polynomial is expanded about it", "m/s"),
     "scale": ("length of the ship that a model stands for, by that of the model", "-"),
     "rudder_rate": ("greatest rate of the steering gear", "rad/s"),
+    "rudder_delay": ("from an order of the helm until the rudder moves", "s"),
     "propeller_rate": ("greatest rate of the revolutions", "1/s^2"),
     "approach_speed": ("with which the manoeuvres of the trials begin", "m/s"),
     "neutral_rudder": ("rudder angle of a straight course in the trials", "rad"),

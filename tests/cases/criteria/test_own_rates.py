@@ -10,8 +10,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from cases.criteria.imo import imo_figures
-from cases.criteria.own_rates import MEASURED, slew_rate, with_own_rates
+from cases.criteria.imo import helm_words, imo_figures
+from cases.criteria.own_rates import MEASURED, order_delay, slew_rate, with_own_rates
 from cases.maneuvers.definitions import Limits, parse_maneuver
 from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.new_ship import new_ship
@@ -84,6 +84,61 @@ def test_the_rate_of_an_engine_and_a_rudder_that_is_not_midships_come_back() -> 
     found, _ = with_own_rates(ship, [revolving, *still])
     assert found.particulars["propeller_rate"] == pytest.approx(2.0, rel=0.05)
     assert math.degrees(found.particulars["neutral_rudder"]) == pytest.approx(1.5, abs=0.2)
+
+
+def ordered(dt: float, delay: float, noise: float, seed: int, lag: float = 0.0) -> tuple[Trial, np.ndarray]:
+    """A run of 600 s with ten orders at times of no grid, a rudder of 2.5 deg/s that waits so long, and logged orders;
+    lag: time constant [s] with which the orders themselves are approached, as by an autopilot."""
+    rng, t, fine = np.random.default_rng(seed), np.arange(0.0, 600.0, dt), np.arange(60001) / 100
+    times = 30.0 + 55.0 * np.arange(10) + rng.uniform(0, 5, 10)
+    steps = np.array([10.0, *[-20.0, 20.0] * 4, -20.0])
+    wanted, angle = (fine[:, None] >= times + delay) @ steps, np.zeros(len(fine))
+    for k in range(1, len(fine)):
+        angle[k] = angle[k - 1] + np.clip(wanted[k] - angle[k - 1], -0.025, 0.025)
+    since = np.clip(t[:, None] - times, 0.0, None)
+    order = np.where(since > 0, 1 - np.exp(-since / lag) if lag else 1.0, 0.0) @ steps
+    delta = np.radians(np.interp(t, fine, angle) + noise * rng.standard_normal(len(t)))
+    rest = {k: np.zeros(len(t)) for k in ("x", "y", "psi", "v", "r")} | {"n": np.ones(len(t)), "u": np.ones(len(t))}
+    columns = {"t": t, "delta": delta, **rest, "delta_order": np.radians(order)}
+    return Trial(f"run_{seed}", columns, meta={"inputs": "sampled"}), delta
+
+
+@pytest.mark.parametrize(("dt", "noise"), [(0.1, 0.1), (0.5, 0.1), (1.0, 0.05)])
+@pytest.mark.parametrize("delay", [0.8, 2.0])
+def test_a_rudder_waits_as_long_as_its_orders_say(dt: float, noise: float, delay: float) -> None:
+    runs = [ordered(dt, delay, noise, seed) for seed in (1, 2)]
+    trials, columns = [run for run, _ in runs], [column for _, column in runs]
+    found = order_delay(trials, columns, [run["delta_order"] for run in trials])
+    assert found is not None and found[0] == pytest.approx(delay, abs=0.05 + 0.15 * dt)
+    ship, _ = with_own_rates(bare("kvlcc2_full"), trials)
+    assert ship.particulars["rudder_delay"] == found[0] and ship.sources["rudder_delay"].startswith(MEASURED)
+    assert Limits.for_ship(ship).rudder_delay == found[0]
+    assert "it waits" in helm_words(ship)
+
+
+def test_orders_that_show_no_delay_claim_none() -> None:
+    """A rudder that obeys at once, orders that are no steps, and those of the other sign."""
+    at_once, delta = ordered(0.5, 0.0, 0.1, 1)
+    assert order_delay([at_once], [delta], [at_once["delta_order"]]) is None
+    helmsman, delta = ordered(0.5, 1.0, 0.1, 1, lag=20.0)
+    assert order_delay([helmsman], [delta], [helmsman["delta_order"]]) is None
+    run, delta = ordered(0.5, 1.0, 0.1, 1)
+    assert order_delay([run], [delta], [-run["delta_order"]]) is None
+
+
+def test_an_engine_waits_as_long_as_its_orders_astern_say() -> None:
+    """Only where there is an engine; orders ahead do not count."""
+    run, _ = ordered(0.5, 1.0, 0.1, 1)
+    t = run.t
+    moves = [(40.0, 0.5, 3.0), (140.0, -0.8, 8.0), (260.0, 1.0, 3.0), (400.0, -0.6, 8.0), (500.0, 1.0, 3.0)]
+    n, order = np.full(len(t), 1.2), np.full(len(t), 1.2)
+    for when, level, delay in moves:
+        n += np.clip(0.1 * (t - when - delay), 0.0, abs(level - n[-1])) * np.sign(level - n[-1])
+        order = np.where(t >= when, level, order)
+    trial = run.with_columns(n=n, n_order=order)
+    ship, _ = with_own_rates(bare("kvlcc2_full"), [trial])
+    assert ship.particulars["engine_delay"] == pytest.approx(8.0, abs=0.4)
+    assert "engine_delay" not in with_own_rates(bare("esso_osaka_3m"), [trial])[0].particulars
 
 
 @pytest.mark.parametrize("kind", ["slow helm", "orders", "held"])

@@ -310,7 +310,8 @@ def test_every_column_is_accounted_for(tmp_path: Path, capsys: pytest.CaptureFix
     used = {row["what"]: (row["used_as"], bool(row["why"])) for row in run["account"]}
     assert set(used) == {name.split(" [")[0] for name in [*bridge(TRUTH), *more]}
     assert used["RPM"] == (["n"], False)
-    assert all(used[name] == ([], True) for name in ("Rudder order", "STW", "Mood", "Heading Status"))
+    assert used["Rudder order"] == (["delta_order"], False)
+    assert all(used[name] == ([], True) for name in ("STW", "Mood", "Heading Status"))
     assert "# a.csv: Mood" in (tmp_path / "out" / "import.toml").read_text(encoding="utf-8")
 
 

@@ -102,9 +102,9 @@ def test_zigzag_reverses_within_the_step_that_crosses_the_switch_heading(text: s
         assert np.sign(delta[k] - delta[k - 1]) == -s
 
 
-def yawing(rate: float, dt: float) -> tuple[list[float], list[float], Controller]:
+def yawing(rate: float, dt: float, delay: float = 0.0) -> tuple[list[float], list[float], Controller]:
     """Rudder and heading per step of a zigzag:10/5 whose heading just turns at ``rate`` [rad/s] whatever is asked."""
-    limits = Limits(math.radians(20.0), 20.0)
+    limits = Limits(math.radians(20.0), 20.0, delay)
     controller = Controller(Zigzag(10.0, 0.33, math.radians(10), math.radians(5)), limits, 10.0)
     state, rudder, heading = np.zeros(6), [], []
 
@@ -124,6 +124,15 @@ def test_rudder_moves_from_the_moment_of_order_and_crossing_not_from_the_next_sa
     """
     rudder, _, controller = yawing(math.radians(2.5), dt)
     exact = 10 * (2.33 - 0.33 - 0.25) - 10 * (4.0 - 3.33)
+    assert math.degrees(sum(rudder) * dt) == pytest.approx(exact, abs=1e-6)
+    assert math.degrees(controller.delta) == pytest.approx(-10.0)
+
+
+@pytest.mark.parametrize("dt", [0.05, 0.1, 0.4])
+@pytest.mark.parametrize("delay", [0.02, 0.27, 0.5])
+def test_a_steering_gear_that_waits_moves_so_much_later(dt: float, delay: float) -> None:
+    rudder, _, controller = yawing(math.radians(2.5), dt, delay)
+    exact = 10 * (2.33 - 0.33 - 0.25) - 10 * (4.0 - 3.33 - delay)
     assert math.degrees(sum(rudder) * dt) == pytest.approx(exact, abs=1e-6)
     assert math.degrees(controller.delta) == pytest.approx(-10.0)
 

@@ -49,6 +49,17 @@ def test_held_inputs_give_the_motion_of_one_ship_by_herself(name: str, text: str
     assert_same_motion(batch, 0, simulate(simulator.ship, plan, dt))
 
 
+@pytest.mark.parametrize("text", ["turning:35", "zigzag:10/10", "random:3"])
+def test_a_rudder_that_waits_does_so_in_every_simulation_alike(text: str) -> None:
+    ship = load_ship("esso_osaka_3m")
+    late = replace(ship, particulars={**ship.particulars, "rudder_delay": 0.33})
+    plan, usual = (parse_maneuver(text, one) for one in (late, ship))
+    alone, prompt = simulate(late, plan, 0.7), simulate(ship, usual, 0.7)
+    assert_same_motion(simulate_batch(late, plan, dt=0.7, held=True), 0, alone)
+    rows = min(len(alone), len(prompt))
+    assert np.abs(alone["delta"][:rows] - prompt["delta"][:rows]).max() > 0.05
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("text", ["turning:35", "zigzag:10/10", "crash-stop"])
 def test_each_set_of_coefficients_is_a_ship_of_her_own(text: str) -> None:
