@@ -57,6 +57,7 @@ def test_nothing_is_seen_in_trials_without_random_forces_however_actuators_are_s
     assert draft.p_single > 0.01
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_a_current_that_the_reference_had_not_is_not_explained_by_another_ship() -> None:
     """A fit that begins with the noise of a quiet reference could end where coefficients explain the current."""

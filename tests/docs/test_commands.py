@@ -24,8 +24,11 @@ from mmg_ident.commands.main import VERBS, main
 from tests.docs.pages import PAGES, ROOT, Command, arguments, blocks, commands, make_workspace, missing
 from tests.support.figures import unrendered
 
-LONGEST = ("generated.md", "actuators.md", "gallery.md", "model_to_ship.md")
-"""Pages of one to two minutes of processor time whose verbs other pages call as well."""
+LONGEST = (
+    "generated.md", "actuators.md", "gallery.md", "model_to_ship.md", "getting_started.md", "diagnosis.md", "mpc.md",
+    "tracker.md",
+)  # fmt: skip
+"""Pages of half a minute to two of processor time whose verbs other pages or tests call as well."""
 
 
 def by_length(pages: Iterable[Path]) -> list[Any]:

@@ -128,6 +128,8 @@ CASES: dict[str, Callable[[], tuple[Ship, Sequence[Trial]]]] = {
     "one run fifty times": lambda: (ship(), copies(runs(1)[0])),
 }
 """Name -> ship and trials."""
+LONGEST = ("100 Hz", "one run fifty times")
+"""Cases of 12 to 37 s of processor time."""
 
 
 def said(name: str) -> Said:
@@ -158,7 +160,9 @@ EXPECTED = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(CASES))
+@pytest.mark.parametrize(
+    "name", [pytest.param(c, marks=pytest.mark.longest) if c in LONGEST else c for c in sorted(CASES)]
+)
 def test_what_is_said(name: str) -> None:
     found = said(name)
     assert EXPECTED.get(name, set()) <= found.codes, found.codes

@@ -103,6 +103,7 @@ def test_commands_run_without_posix_with_locked_files_and_a_narrow_console(folde
     assert not list(folder.rglob(".*.part")), "a file that could not be renamed is left"
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_what_was_made_without_posix_is_gone_on_with(folder: Path, worked: str) -> None:
     assert worked

@@ -72,9 +72,9 @@ def test_it_needs_the_c_library_alone(tmp_path: Path) -> None:
         pytest.skip("nm is missing")
     mathematics = {"sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "sqrt", "exp", "log", "expm1",
                    "log1p", "erf", "floor", "ceil", "pow", "atan2", "fmod", "hypot", "sincos"}  # fmt: skip
-    for name in VARIED:
+    for name in VARIED[:2]:
         source = write_files(product(ship_of(name)), tmp_path)
-        subprocess.run([*command, "-O2", "-c", source, "-o", tmp_path / "ship.o"], check=True)
+        subprocess.run([*command, "-O1", "-c", source, "-o", tmp_path / "ship.o"], check=True)
         listed = subprocess.run(["nm", "-u", tmp_path / "ship.o"], capture_output=True, text=True, check=True).stdout
         needed = {word.split("@")[0] for word in re.findall(r"U (\S+)", listed)}
         assert needed - {"memcpy", "memset", "_GLOBAL_OFFSET_TABLE_"} <= mathematics, needed
@@ -152,6 +152,7 @@ int main(void) {{
 """
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FEW)
 def test_sanitizers_find_nothing(name: str, tmp_path: Path) -> None:

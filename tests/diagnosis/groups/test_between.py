@@ -39,6 +39,7 @@ def answer(*effects: str) -> Between:
     return compared(trials_of(41, effects))
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_groups_that_agree_are_not_told_apart() -> None:
     b = answer()

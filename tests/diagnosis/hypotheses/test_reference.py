@@ -128,7 +128,7 @@ def test_a_moderate_effect_of_the_reference_is_its_neutral_value(name: str) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", first_quick(MODERATE))
+@pytest.mark.parametrize("name", first_quick(MODERATE, pytest.mark.longest))
 def test_an_effect_is_news_only_without_it_in_the_reference(name: str) -> None:
     """The same trials with a reference that has it too, and with one that has not."""
     trials = new(MODERATE[name])

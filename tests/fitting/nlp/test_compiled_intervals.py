@@ -55,12 +55,12 @@ def case(ship: Ship, seed: int = 0) -> tuple[Kernels, tuple, tuple]:
     return kernels, (steps, controls, 0.2, group, window), (start, theta, cost, weight)
 
 
-LONGEST = "twin rudders"
-"""20 s to compile."""
+LONGEST = ("twin rudders", "lags of instruments and of the hull")
+"""12 to 20 s to compile."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ship", [pytest.param(s, marks=pytest.mark.longest) if s == LONGEST else s for s in SHIPS])
+@pytest.mark.parametrize("ship", [pytest.param(s, marks=pytest.mark.longest) if s in LONGEST else s for s in SHIPS])
 def test_kernel_and_portable_path_agree(ship: str) -> None:
     kernels, held, (start, theta, cost, weight) = case(SHIPS[ship]())
     assert kernels.interval is not None

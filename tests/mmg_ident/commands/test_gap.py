@@ -78,6 +78,7 @@ def test_another_call_goes_on_with_the_parts_that_are_there(
     assert main([*given[:-1], "2", "--resume", "--no-report"]) == 2  # other settings than the run has
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_a_calibration_of_the_same_trials_is_not_made_again(compared: Path, files: dict[str, list[str]]) -> None:
     from mmg_ident.model_gap import GapOptions

@@ -75,6 +75,7 @@ def test_the_ship_is_predicted_and_exported(folder: Path, tmp_path: Path) -> Non
     assert main(["export", run, "--format", "toml", "--out", str(tmp_path / "ship.toml")]) == 0
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_the_ship_is_judged_and_reported(folder: Path, tmp_path: Path) -> None:
     run = str(folder / "ship")

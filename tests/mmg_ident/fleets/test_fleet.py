@@ -110,6 +110,7 @@ def test_ctrl_c_leaves_a_folder_that_resume_continues_with_the_same_values(
     same(out, folder)
 
 
+@pytest.mark.longest
 @pytest.mark.slow
 def test_processes_give_the_same_as_one(out: Path, plan: Path, tmp_path: Path) -> None:
     assert main(["fleet", str(plan), "--out", str(tmp_path / "run"), "--workers", "2"]) == 1
