@@ -22,11 +22,12 @@ from cases.criteria.measured_maneuvers import find_maneuvers, steering
 from cases.evidence.signals import MAD
 from cases.inputs import is_sampled
 from cases.maneuvers.definitions import Limits
-from cases.maneuvers.self_propulsion import diameter_for, has_engine
-from cases.shipfiles.particulars import BY_RULE, RATIOS
+from cases.maneuvers.self_propulsion import USUAL, diameter_for, has_engine
+from cases.shipfiles.particulars import BY_RULE, MOST_DELAY, RATIOS
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.messages import Message, listed
+from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
 MEASURED = "measured in "
@@ -253,11 +254,13 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
             found[name] = slew.rate, slew.trials
         elif k == 0 and name not in ship.particulars and moved:
             messages.append(Message(_by_rule(ship, slew), "rudder_rate_by_rule"))
+    engine = USUAL["engine_delay"][3] if has_engine(ship) else 0.0
+    most = {"rudder_delay": MOST_DELAY * time_scale(ship.particulars["L"]), "engine_delay": engine}
     for k, (name, column, highest) in enumerate(DELAYS):
         with_orders = [trial for trial in moved if column in trial]
         positions, orders = [steering(t)[k] for t in with_orders], [t[column] for t in with_orders]
         delay = order_delay(with_orders, positions, orders, highest)
-        if delay and (name != "engine_delay" or has_engine(ship)):
+        if delay and delay[0] <= most[name]:
             found[name] = delay
     if approach := _approach(trials, ship.particulars["L"]):
         found |= _of_approach(ship, approach)

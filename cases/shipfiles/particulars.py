@@ -22,6 +22,8 @@ PODS_ASIDE = ("y_az", "y_az_2", "y_az_3", "y_az_4")
 PLACES = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "x_az_2", "x_az_3", "x_az_4")
 SIGNED = (*PLACES, *PODS_ASIDE, "neutral_rudder")
 """Particulars that may be zero or negative: places relative to midship, and an angle."""
+MOST_DELAY = 3.0
+"""Longest delay of the rudder of a 3 m model [s]: 30 s of a ship of 300 m. Set by hand, above any steering gear."""
 LONGEST = 600.0
 """m; the longest ship built has 458. Seawise Giant (1979); the limit was set by hand."""
 LARGEST = 1e12  # set by hand: bounds what a typing error can do
@@ -104,8 +106,8 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
         most = 10 * math.radians(20) / time_scale(p["L"])
         if p["rudder_rate"] > most:
             yield f"rudder_rate = {p['rudder_rate']:g} rad/s is more than {most:.3g} rad/s; check its unit"
-    if have("rudder_delay", "L") and p["rudder_delay"] > 3 * time_scale(p["L"]):  # 30 s of a ship of 300 m
-        yield f"rudder_delay = {p['rudder_delay']:g} s is more than {3 * time_scale(p['L']):.3g} s; check its unit"
+    if have("rudder_delay", "L") and p["rudder_delay"] > (most := MOST_DELAY * time_scale(p["L"])):
+        yield f"rudder_delay = {p['rudder_delay']:g} s is more than {most:.3g} s; check its unit"
 
 
 def impossible(p: Mapping[str, float]) -> list[str]:

@@ -124,6 +124,10 @@ def test_orders_that_show_no_delay_claim_none() -> None:
     assert order_delay([helmsman], [delta], [helmsman["delta_order"]]) is None
     run, delta = ordered(0.5, 1.0, 0.1, 1)
     assert order_delay([run], [delta], [-run["delta_order"]]) is None
+    model = bare("esso_osaka_3m")
+    assert (
+        "rudder_delay" not in with_own_rates(model, [ordered(0.5, 5.0, 0.1, 1)[0]])[0].particulars
+    )  # no gear waits so
 
 
 def test_an_engine_waits_as_long_as_its_orders_astern_say() -> None:
