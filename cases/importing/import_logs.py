@@ -29,7 +29,7 @@ from cases.importing.message_logs import (
     with_local_ids,
 )
 from cases.importing.nmea_log import is_nmea, read_nmea
-from cases.importing.raw_table import RawTable
+from cases.importing.raw_table import RawTable, split_unit
 from cases.importing.robot_bags import MAGIC, bag_of, read_bag
 from cases.importing.series import pivoted
 from cases.importing.table_files import LARGEST_LOG, read_excel_tables, read_parquet, read_text_log
@@ -96,6 +96,10 @@ def import_logs(
     ends = {f"/{f.as_posix().lstrip('/')}" for f in all_files}
     unknown = [n for n in chosen.files if not any(e.endswith((f"/{n}", f"/{n}{Path(e).suffix}")) for e in ends)]
     problems += [f'the map: [files."{name}"] names none of the files' for name in unknown]
+    headers = {header for log in logs for header in log.table.headers}
+    for quantity, column in () if problems else chosen.columns.items():
+        if not {column.header, split_unit(column.header)[0]} & headers:
+            problems.append(f"the map: {quantity} is from '{column.header}', which is in none of the files")
     ships = {log.ship: log.table.path.name for log in logs if log.ship}
     if len(ships) > 1:
         named = ", ".join(f"{ship} ({file})" for ship, file in sorted(ships.items())[:4])

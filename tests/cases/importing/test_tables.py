@@ -315,6 +315,16 @@ def test_every_column_is_accounted_for(tmp_path: Path, capsys: pytest.CaptureFix
     assert "# a.csv: Mood" in (tmp_path / "out" / "import.toml").read_text(encoding="utf-8")
 
 
+def test_a_header_of_the_map_that_no_file_has_is_a_problem(tmp_path: Path) -> None:
+    """Else a misspelt wind would be calm air, without a word."""
+    chosen = ImportMap.model_validate({"columns": {"wind_speed": "True wind (m/s)"}})
+    plain = table(tmp_path / "a.csv", bridge(TRUTH))
+    (problem,) = import_logs([plain], chosen).problems
+    assert "wind_speed" in problem and "'True wind (m/s)'" in problem
+    windy = table(tmp_path / "b.csv", {**bridge(TRUTH), "True wind (m/s)": [5.0] * N})
+    assert import_logs([plain, windy], chosen).problems == ()
+
+
 def test_winds_by_their_reference(tmp_path: Path) -> None:
     """Rows of relative and of true wind in turns, as MWV gives them."""
     true = np.arange(N) % 2 == 1
