@@ -43,7 +43,7 @@ from cases.simulation.simulate import simulate
 from cases.trial import LEFT_OUT, Trial
 from cases.trial_set import TrialSet
 from mmg.errors import Missing, NoSolution, UnknownName, UserError
-from mmg.messages import Message, has_code, html_table
+from mmg.messages import Message, as_messages, has_code, html_table
 from mmg.motion.froude import time_scale
 from mmg.ship import CalibrationMark, Ship
 
@@ -504,7 +504,7 @@ def imo_figures(
         heading += f", n {runs[0].trial['n'][0]:.4g} rps"
     notices = [Message(f"test speed V: {origin}; {helm_words(calm, rudder_rate)}", "test_conditions")]
     said = (m for run in runs for m in run.trial.notices if isinstance(m, Message) and m.code in STOPPING_CODES)
-    notices += dict.fromkeys(said)
+    notices += dict.fromkeys((*said, *as_messages(ship.notices, "ship")))
     if left_out:
         words = "left out, as the tests are in calm, deep water and free of sensor errors: "
         notices.append(Message(words + ", ".join(left_out), "effects_left_out"))

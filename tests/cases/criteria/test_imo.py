@@ -33,7 +33,7 @@ from cases.criteria.imo import (
 from cases.criteria.measured_maneuvers import Execute
 from cases.criteria.standard_runs import Run, approach_speed, figures_of, measured_runs, simulated_run, simulated_trial
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
-from cases.shipfiles.ship_file import library, load_ship
+from cases.shipfiles.ship_file import dump_ship, library, load_ship, parse_ship
 from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
 from fitting.report.plot_maneuvers import maneuver_figure
@@ -414,3 +414,12 @@ def test_zigzag_overshoots(name: str, degrees: int) -> None:
     figures = figures_of(trial, maneuver)
     got = np.degrees([figures["overshoot_1"], figures["overshoot_2"]])
     np.testing.assert_allclose(got, ZIGZAGS[name, degrees], rtol=0.03)
+
+
+def test_figures_say_what_the_ship_file_left_to_defaults(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cases.criteria.imo.STANDARD", ("turning:35",))
+    content = dump_ship(ESSO)
+    begin = content.index("[coefficients.X_0F]")
+    bare = parse_ship(content[:begin] + content[content.index("[coefficients.", begin + 1) :])
+    assert has_code(imo_figures(bare).notices, "model_default")
+    assert not has_code(imo_figures(ESSO).notices, "model_default")
