@@ -95,10 +95,9 @@ class SlewRate:
     trials: tuple[str, ...]
 
 
-def slew_rate(trials: Sequence[Trial], columns: Sequence[np.ndarray]) -> SlewRate | None:
-    """The rate of an actuator whose positions in each of the ``trials`` are its of ``columns`` (N,); None where no move
-    is resolved by the samples, as in a log of orders."""
-    ramps = [ramp for trial, column in zip(trials, columns, strict=True) for ramp in _ramps(trial, column)]
+def slew_rate(ramps: Sequence[Ramp]) -> SlewRate | None:
+    """The rate of an actuator whose largest moves in all trials are ``ramps``; None where no move is resolved by the
+    samples, as in a log of orders."""
     known = [ramp for ramp in ramps if ramp.resolved]
     if not known:
         return None
@@ -116,17 +115,17 @@ def slew_rate(trials: Sequence[Trial], columns: Sequence[np.ndarray]) -> SlewRat
 
 
 def order_delay(
-    trials: Sequence[Trial], columns: Sequence[np.ndarray], orders: Sequence[np.ndarray], highest: float = math.inf
+    moves: Sequence[tuple[Trial, Sequence[Ramp], np.ndarray]], highest: float = math.inf
 ) -> tuple[float, tuple[str, ...]] | None:
     """Time from a step of the orders of an actuator until it moves [s], and the trials that show it.
 
-    columns, orders: positions and orders of it in each of the ``trials``, (N,) each; highest: a move to an order above
-    it does not count. The median of all moves that one step ordered; None where fewer than FEW were, and where it is
-    not above twice its standard error, to which the interval between samples belongs.
+    moves: trials with its largest moves and its orders (N,) in each; highest: a move to an order above it does not
+    count. The median of all straight moves that one step ordered, as the begin of others is not known; None where fewer
+    than FEW were, and where it is not above twice its standard error, to which the interval between samples belongs.
     """
     found: list[tuple[float, float, str]] = []
-    for trial, column, order in zip(trials, columns, orders, strict=True):
-        for ramp in (one for one in _ramps(trial, column) if one.resolved):
+    for trial, ramps, order in moves:
+        for ramp in (one for one in ramps if one.resolved and one.straight):
             way, t = np.sign(ramp.change) * order, trial.t
             jumps = way[2:] - way[:-2]  # over two intervals: a step may lie between two samples of a grid
             steps = np.flatnonzero((np.abs(jumps) >= JUMP * ramp.size) & (t[:-2] <= ramp.begin))
@@ -142,7 +141,7 @@ def order_delay(
     return (delay, tuple(dict.fromkeys(name for *_, name in found))) if known else None
 
 
-def _ramps(trial: Trial, values: np.ndarray) -> list[Ramp]:
+def ramps_of(trial: Trial, values: np.ndarray) -> list[Ramp]:
     """The largest moves in a column of ``values`` (N,) of a ``trial``, with the reading of its samples that fits."""
     good = np.isfinite(values)
     t, values = trial.t[good], values[good]
@@ -248,20 +247,19 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
     messages = []
     moved = [t for t in trials if np.isfinite(np.column_stack(steering(t))).any(axis=0).all()]
     usual = Limits.for_length(ship.particulars["L"])
-    for k, (name, rule) in enumerate((("rudder_rate", usual.rudder_rate), ("propeller_rate", usual.propeller_rate))):
-        slew = slew_rate(moved, [steering(trial)[k] for trial in moved])
+    rates = ("rudder_rate", usual.rudder_rate), ("propeller_rate", usual.propeller_rate)
+    engine = USUAL["engine_delay"][3] if has_engine(ship) else 0.0
+    most = {"rudder_delay": MOST_DELAY * time_scale(ship.particulars["L"]), "engine_delay": engine}
+    for k, ((name, rule), (late, column, highest)) in enumerate(zip(rates, DELAYS, strict=True)):
+        moves = [(trial, ramps_of(trial, steering(trial)[k])) for trial in moved]
+        slew = slew_rate([ramp for _, ramps in moves for ramp in ramps])
         if slew and slew.limit and slew.rate <= FASTEST * rule:
             found[name] = slew.rate, slew.trials
         elif k == 0 and name not in ship.particulars and moved:
             messages.append(Message(_by_rule(ship, slew), "rudder_rate_by_rule"))
-    engine = USUAL["engine_delay"][3] if has_engine(ship) else 0.0
-    most = {"rudder_delay": MOST_DELAY * time_scale(ship.particulars["L"]), "engine_delay": engine}
-    for k, (name, column, highest) in enumerate(DELAYS):
-        with_orders = [trial for trial in moved if column in trial]
-        positions, orders = [steering(t)[k] for t in with_orders], [t[column] for t in with_orders]
-        delay = order_delay(with_orders, positions, orders, highest)
-        if delay and delay[0] <= most[name]:
-            found[name] = delay
+        delay = order_delay([(trial, ramps, trial[column]) for trial, ramps in moves if column in trial], highest)
+        if delay and delay[0] <= most[late]:
+            found[late] = delay
     if approach := _approach(trials, ship.particulars["L"]):
         found |= _of_approach(ship, approach)
     particulars, sources = dict(ship.particulars), dict(ship.sources)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cases.criteria.imo import helm_words, imo_figures
-from cases.criteria.own_rates import MEASURED, order_delay, slew_rate, with_own_rates
+from cases.criteria.own_rates import MEASURED, Ramp, order_delay, ramps_of, slew_rate, with_own_rates
 from cases.maneuvers.definitions import Limits, parse_maneuver
 from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.new_ship import new_ship
@@ -71,7 +71,7 @@ def test_a_move_that_begins_in_another_has_no_size_that_others_are_judged_by() -
     turn = np.clip(rate * (t - 20), 0, 9) - np.clip(rate * (t - 70), 0, 18) + np.clip(rate * (t - 100), 0, 18)
     rest = {k: np.zeros(len(t)) for k in ("x", "y", "psi", "v", "r")} | {"n": np.ones(len(t)), "u": np.ones(len(t))}
     runs = [Trial(str(k), {"t": t, "delta": np.radians(x), **rest}) for k, x in enumerate((over, turn))]
-    found = slew_rate(runs, [run["delta"] for run in runs])
+    found = slew_rate([ramp for run in runs for ramp in ramps_of(run, run["delta"])])
     assert found is not None and found.limit and math.degrees(found.rate) == pytest.approx(rate, rel=0.01)
 
 
@@ -86,7 +86,7 @@ def test_the_rate_of_an_engine_and_a_rudder_that_is_not_midships_come_back() -> 
     assert math.degrees(found.particulars["neutral_rudder"]) == pytest.approx(1.5, abs=0.2)
 
 
-def ordered(dt: float, delay: float, noise: float, seed: int, lag: float = 0.0) -> tuple[Trial, np.ndarray]:
+def ordered(dt: float, delay: float, noise: float, seed: int, lag: float = 0.0) -> Trial:
     """A run of 600 s with ten orders at times of no grid, a rudder of 2.5 deg/s that waits so long, and logged orders;
     lag: time constant [s] with which the orders themselves are approached, as by an autopilot."""
     rng, t, fine = np.random.default_rng(seed), np.arange(0.0, 600.0, dt), np.arange(60001) / 100
@@ -100,15 +100,19 @@ def ordered(dt: float, delay: float, noise: float, seed: int, lag: float = 0.0) 
     delta = np.radians(np.interp(t, fine, angle) + noise * rng.standard_normal(len(t)))
     rest = {k: np.zeros(len(t)) for k in ("x", "y", "psi", "v", "r")} | {"n": np.ones(len(t)), "u": np.ones(len(t))}
     columns = {"t": t, "delta": delta, **rest, "delta_order": np.radians(order)}
-    return Trial(f"run_{seed}", columns, meta={"inputs": "sampled"}), delta
+    return Trial(f"run_{seed}", columns, meta={"inputs": "sampled"})
+
+
+def moves_of(run: Trial) -> tuple[Trial, list[Ramp], np.ndarray]:
+    """What ``order_delay`` takes of a run."""
+    return run, ramps_of(run, run["delta"]), run["delta_order"]
 
 
 @pytest.mark.parametrize(("dt", "noise"), [(0.1, 0.1), (0.5, 0.1), (1.0, 0.05)])
 @pytest.mark.parametrize("delay", [0.8, 2.0])
 def test_a_rudder_waits_as_long_as_its_orders_say(dt: float, noise: float, delay: float) -> None:
-    runs = [ordered(dt, delay, noise, seed) for seed in (1, 2)]
-    trials, columns = [run for run, _ in runs], [column for _, column in runs]
-    found = order_delay(trials, columns, [run["delta_order"] for run in trials])
+    trials = [ordered(dt, delay, noise, seed) for seed in (1, 2)]
+    found = order_delay([moves_of(run) for run in trials])
     assert found is not None and found[0] == pytest.approx(delay, abs=0.05 + 0.15 * dt)
     ship, _ = with_own_rates(bare("kvlcc2_full"), trials)
     assert ship.particulars["rudder_delay"] == found[0] and ship.sources["rudder_delay"].startswith(MEASURED)
@@ -118,21 +122,22 @@ def test_a_rudder_waits_as_long_as_its_orders_say(dt: float, noise: float, delay
 
 def test_orders_that_show_no_delay_claim_none() -> None:
     """A rudder that obeys at once, orders that are no steps, and those of the other sign."""
-    at_once, delta = ordered(0.5, 0.0, 0.1, 1)
-    assert order_delay([at_once], [delta], [at_once["delta_order"]]) is None
-    helmsman, delta = ordered(0.5, 1.0, 0.1, 1, lag=20.0)
-    assert order_delay([helmsman], [delta], [helmsman["delta_order"]]) is None
-    run, delta = ordered(0.5, 1.0, 0.1, 1)
-    assert order_delay([run], [delta], [-run["delta_order"]]) is None
-    model = bare("esso_osaka_3m")
-    assert (
-        "rudder_delay" not in with_own_rates(model, [ordered(0.5, 5.0, 0.1, 1)[0]])[0].particulars
-    )  # no gear waits so
+    assert order_delay([moves_of(ordered(0.5, 0.0, 0.1, 1))]) is None
+    assert order_delay([moves_of(ordered(0.5, 1.0, 0.1, 1, lag=20.0))]) is None
+    run = ordered(0.5, 1.0, 0.1, 1)
+    assert order_delay([moves_of(run)]) is not None
+    assert order_delay([moves_of(run.with_columns(delta_order=-run["delta_order"]))]) is None
+    slow = np.zeros(len(run))
+    for k in range(1, len(run)):  # a rudder that creeps to its order: where it begins is not seen
+        slow[k] = slow[k - 1] + 0.08 * (run["delta_order"][k - 1] - slow[k - 1])
+    assert order_delay([moves_of(run.with_columns(delta=slow))]) is None
+    found, _ = with_own_rates(bare("esso_osaka_3m"), [ordered(0.5, 5.0, 0.1, 1)])
+    assert "rudder_delay" not in found.particulars  # no gear of a model waits so long
 
 
 def test_an_engine_waits_as_long_as_its_orders_astern_say() -> None:
     """Only where there is an engine; orders ahead do not count."""
-    run, _ = ordered(0.5, 1.0, 0.1, 1)
+    run = ordered(0.5, 1.0, 0.1, 1)
     t = run.t
     moves = [(40.0, 0.5, 3.0), (140.0, -0.8, 8.0), (260.0, 1.0, 3.0), (400.0, -0.6, 8.0), (500.0, 1.0, 3.0)]
     n, order = np.full(len(t), 1.2), np.full(len(t), 1.2)
@@ -155,7 +160,7 @@ def test_trials_without_a_slew_at_the_limit_show_none(kind: str) -> None:
     }[kind]
     zero = np.zeros(len(t))
     trial = Trial("run", {"t": t, "psi": zero, "u": zero + 1, "v": zero, "r": zero, "n": zero + 10, "delta": delta})
-    slew = slew_rate([trial], [delta])
+    slew = slew_rate(ramps_of(trial, delta))
     assert (slew is not None and not slew.limit) if kind == "slow helm" else slew is None
     found, said = with_own_rates(ship, [trial])
     assert "rudder_rate" not in found.particulars and [m.code for m in said] == ["rudder_rate_by_rule"]
