@@ -127,9 +127,9 @@ def test_orders_that_show_no_delay_claim_none() -> None:
     run = ordered(0.5, 1.0, 0.1, 1)
     assert order_delay([moves_of(run)]) is not None
     assert order_delay([moves_of(run.with_columns(delta_order=-run["delta_order"]))]) is None
-    slow = np.zeros(len(run))
-    for k in range(1, len(run)):  # a rudder that creeps to its order: where it begins is not seen
-        slow[k] = slow[k - 1] + 0.08 * (run["delta_order"][k - 1] - slow[k - 1])
+    slow = 0.001 * np.random.default_rng(0).standard_normal(len(run))
+    for k in range(3, len(run)):  # a rudder that creeps to its order: where it begins is not seen
+        slow[k] += slow[k - 1] + 0.08 * (run["delta_order"][k - 3] - slow[k - 1])
     assert order_delay([moves_of(run.with_columns(delta=slow))]) is None
     found, _ = with_own_rates(bare("esso_osaka_3m"), [ordered(0.5, 5.0, 0.1, 1)])
     assert "rudder_delay" not in found.particulars  # no gear of a model waits so long
