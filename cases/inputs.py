@@ -21,13 +21,12 @@ from mmg.states import STATES
 if TYPE_CHECKING:
     from mmg.ship import Ship
 
-STANDARD = ("n", "delta", "wind_north", "wind_east")
-"""Inputs of a single-screw, single-rudder ship."""
+STANDARD = ("n", "delta", "wind_north", "wind_east")  # Inputs of a single-screw, single-rudder ship
+# Value of ``inputs`` in a sidecar: actuators are as they are at each sample, not held from there to the next.
 SAMPLED = "sampled"
-"""Value of ``inputs`` in a sidecar: actuators are as they are at each sample, not held from there to the next."""
 _STAND_INS = {"delta_port": "delta", "delta_starboard": "delta", "n_2": "n"}
+# Actuators that a trial may leave out: they follow another column, or are taken to be at rest.
 _AT_REST = tuple(name for name in INPUTS if name in ("n_bow", "n_stern") or "azimuth" in name)
-"""Actuators that a trial may leave out: they follow another column, or are taken to be at rest."""
 
 
 def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray, list[Message]]:
@@ -230,8 +229,7 @@ def with_corners(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.insert(t, k + 1, t[k] + into), np.insert(values, k + 1, values[k] + before * into)
 
 
-WIND = ("wind_speed", "wind_direction")
-"""Columns of the true wind [m/s, rad that it comes from]."""
+WIND = ("wind_speed", "wind_direction")  # Columns of the true wind [m/s, rad that it comes from]
 
 
 def given_inputs(ship: Ship, t: Any, given: Mapping[str, Any], start: Any = None) -> Trial:

@@ -14,10 +14,10 @@ from functools import partial
 from mmg.errors import UnknownName
 from mmg.motion.flow import INPUTS, PODS
 
-KNOT = 1852.0 / 3600.0
-"""Metres per second in one knot (exact, BIPM)."""
-DEG = math.pi / 180.0
-"""Radians in a degree."""
+KNOT = 1852.0 / 3600.0  # Metres per second in one knot (exact, BIPM)
+DEG = math.pi / 180.0  # Radians in a degree
+# Unit in a Trial, or of a latitude -> accepted unit -> factor: value in the file times factor = value in a Trial.
+# "ddmm" is degrees and minutes in one number, which the reader parts before.
 FACTORS: dict[str, dict[str, float]] = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
     "m": {"m": 1.0, "km": 1000.0, "cm": 0.01, "mm": 0.001, "ft": 0.3048, "nm": 1852.0},
@@ -27,8 +27,7 @@ FACTORS: dict[str, dict[str, float]] = {
     "rps": {"rps": 1.0, "rpm": 1.0 / 60.0, "rad/s": 0.5 / math.pi},
     "deg": {"deg": 1.0, "rad": 1.0 / DEG, "1e-7 deg": 1e-7, "ddmm": 1.0},
 }
-"""Unit in a Trial, or of a latitude -> accepted unit -> factor: value in the file times factor = value in a Trial.
-"ddmm" is degrees and minutes in one number, which the reader parts before."""
+# Other spellings, in lower case -> the unit as it is named here.
 SPELLINGS = {
     "sec": "s", "seconds": "s", "msec": "ms", "milliseconds": "ms", "minutes": "min", "µs": "us",
     "metre": "m", "meter": "m", "metres": "m", "meters": "m", "meter/s": "m/s", "m/sec": "m/s",
@@ -41,7 +40,6 @@ SPELLINGS = {
     "1/s": "rps", "rev/s": "rps", "hz": "rps", "s-1": "rps", "r/s": "rps", "rev/min": "rpm", "1/min": "rpm",
     "upm": "rpm", "u/min": "rpm", "r/min": "rpm", "min-1": "rpm", "min^-1": "rpm",
 }  # fmt: skip
-"""Other spellings, in lower case -> the unit as it is named here."""
 
 
 def factor_of(own: str, unit: str) -> float | None:
@@ -82,8 +80,7 @@ def unit_by_factor(column: str, factor: float) -> str:
     return next((u for u, f in FACTORS[quantity(column).unit].items() if math.isclose(f, factor, rel_tol=0.01)), "")
 
 
-TURN = 2 * math.pi
-"""rad."""
+TURN = 2 * math.pi  # rad
 
 
 @dataclass(frozen=True)
@@ -115,17 +112,16 @@ class Quantity:
         return self.period > 0
 
 
+# rad; VecTwin rudders reach 105 deg = 1.83 rad, nothing that steers reaches 115 deg. The limit was set by hand between
+# them.
 RUDDER_LIMIT = 2.0
-"""rad; VecTwin rudders reach 105 deg = 1.83 rad, nothing that steers reaches 115 deg. The limit was set by hand between
-them."""
+# rad/s; a ship or a metre-long model does not turn by 86 deg every second for most of a run. The limit was set by hand.
 SPIN_LIMIT = 1.5
-"""rad/s; a ship or a metre-long model does not turn by 86 deg every second for most of a run. The limit was set
-by hand."""
+# rps; propellers of models of a metre or more, and of ships, turn more slowly. The limit was set by hand.
 REVOLUTIONS_LIMIT = 60.0
-"""rps; propellers of models of a metre or more, and of ships, turn more slowly. The limit was set by hand."""
+# m/s; the fastest boats reach 50, a hurricane's mean wind 60 (Beaufort 12 begins at 33). The limit was set by hand
+# between them.
 SPEED_LIMIT = 60.0
-"""m/s; the fastest boats reach 50, a hurricane's mean wind 60 (Beaufort 12 begins at 33). The limit was set by hand
-between them."""
 _FIX = r"(gps|gnss|fix|position|nav)?_?(fix|quality|qual|status|mode|valid|validity|ok)(_indicator|_flag|_type)?"
 _direction = partial(Quantity, unit="rad", period=TURN)
 _speed = partial(Quantity, unit="m/s", limits=(-SPEED_LIMIT, SPEED_LIMIT))
@@ -235,16 +231,14 @@ _ROWS = (
     Quantity("ship", "", False, headers=r"mmsi|imo(_number)?|vessel(_name)?|ship(_name)?|call_?sign"),
     Quantity("zone", "", False, headers="(utm_)?zone"),
 )  # fmt: skip
-QUANTITIES = {row.name: row for row in _ROWS}
-"""By name; of a ship with more than two propellers see ``quantity``."""
+QUANTITIES = {row.name: row for row in _ROWS}  # By name; of a ship with more than two propellers see ``quantity``
+# What was ordered of rudder and revolutions: no input, but what shows how long these wait.
 ORDERS = ("delta_order", "n_order")
-"""What was ordered of rudder and revolutions: no input, but what shows how long these wait."""
+# Quantities whose sign another column of a raw log may say, in words.
 SIGNED = ("latitude", "longitude", *(name for name in INPUTS if name.startswith(("n", "delta"))))
-"""Quantities whose sign another column of a raw log may say, in words."""
 QUANTITIES |= {f"t_{part}": Quantity(f"t_{part}", "", False) for part in ("year", "month", "day", "hour", "minute")}
 QUANTITIES |= {f"{name}_sign": Quantity(f"{name}_sign", "", canonical=False) for name in SIGNED}
-UNITS = {row.name: row.unit for row in _ROWS if row.canonical}
-"""Canonical columns and the unit they have in a Trial."""
+UNITS = {row.name: row.unit for row in _ROWS if row.canonical}  # Canonical columns and the unit they have in a Trial
 
 
 def quantity(name: str) -> Quantity:

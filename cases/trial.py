@@ -24,14 +24,12 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
+# What makes trials of frames and arrays; by its name, as users look for it here and it knows trials.
 READER = "cases.io.read"
-"""What makes trials of frames and arrays; by its name, as users look for it here and it knows trials."""
-LEFT_OUT = "left_out"
-"""Code of the notice on what was left out."""
+LEFT_OUT = "left_out"  # Code of the notice on what was left out
 Span = tuple[float, float]
 """Begin and end [s] on the clock of the file."""
-REQUIRED = ("psi", "u", "v", "r", "n", "delta")
-"""Columns without which nothing can be calibrated or predicted."""
+REQUIRED = ("psi", "u", "v", "r", "n", "delta")  # Columns without which nothing can be calibrated or predicted
 
 
 def unwrapped(values: np.ndarray) -> np.ndarray:

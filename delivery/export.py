@@ -16,8 +16,8 @@ from fitting.report.run_folder import check_place, write_json, write_whole
 from mmg.errors import BadValue, Conflict, TargetExists, UnknownName, writing
 from mmg.messages import Message
 
+# File in every folder that is delivered: what the product is. A folder without it is never replaced.
 ABOUT = "product.json"
-"""File in every folder that is delivered: what the product is. A folder without it is never replaced."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ class Format:
         return writer
 
 
+# The formats of ``mmg export`` by name.
 FORMATS: dict[str, Format] = {
     "c": Format("c.source:write_c"),
     "c-tracker": Format("c.tracker:write_c_tracker", options=("coefficients",)),
@@ -60,7 +61,6 @@ FORMATS: dict[str, Format] = {
     "fmu-tracker": Format("fmi.write:write_fmu_tracker", ".fmu", options=("platforms", "coefficients")),
     "fmu3": Format("fmi.write:write_fmu", ".fmu", {"version": 3}, ("platforms", "replace")),
 }
-"""The formats of ``mmg export`` by name."""
 
 
 def export(product: Product, form: str, out: str | Path, force: bool = False, **options: Any) -> list[Message]:

@@ -22,6 +22,7 @@ from mmg.model import Model, assemble
 from mmg.motion.flow import INPUTS
 from mmg.ship import Ship
 
+# Words of C99 and C++11 that no name can be.
 RESERVED = frozenset([
     "alignas", "alignof", "and", "asm", "auto", "bool", "break", "case", "catch", "char", "class", "compl", "const",
     "constexpr", "continue", "decltype", "default", "delete", "do", "double", "else", "enum", "explicit", "export",
@@ -31,12 +32,11 @@ RESERVED = frozenset([
     "throw", "true", "try", "typedef", "typeid", "typename", "union", "unsigned", "using", "virtual", "void",
     "volatile", "wchar_t", "while", "xor",
 ])  # fmt: skip
-"""Words of C99 and C++11 that no name can be."""
 NAME_CHANGED, UNCALIBRATED, NOT_CONVERGED = "name_changed", "uncalibrated", "not_converged"
 PLACE, LEFT_OUT, NO_RANGE, UNEXCITED = "belongs_to_the_place", "left_out", "range_unknown", "not_excited"
 """Codes of what is said of a product."""
-SHOWN = 12
-"""Digits of a hash that a sentence shows. Set by hand: display."""
+SHOWN = 12  # Digits of a hash that a sentence shows. Set by hand: display.
+# States, inputs and ranges: words and unit. All other states are what an effect or an actuator remembers.
 QUANTITIES = {
     "x": ("position of midship, north", "m"),
     "y": ("position of midship, east", "m"),
@@ -54,7 +54,6 @@ QUANTITIES = {
     "a_y": ("velocity of the air relative to the hull, to starboard", "m/s"),
     "beta": ("drift angle", "rad"),
 }
-"""States, inputs and ranges: words and unit. All other states are what an effect or an actuator remembers."""
 
 
 @dataclass(frozen=True)

@@ -266,8 +266,7 @@ def _advice(ready: Prepared, found: Selection, same: Sequence[str], ship: Ship) 
     )
 
 
-NOTHING = RandomSizes((0.0, 0.0, 0.0), 0.0, (0.0,) * 6, (0.0,) * 6)
-"""Sizes of noise where none was estimated."""
+NOTHING = RandomSizes((0.0, 0.0, 0.0), 0.0, (0.0,) * 6, (0.0,) * 6)  # Sizes of noise where none was estimated
 
 
 def no_answer(ship: Ship, why: str, warnings: Sequence[str], inputs: DiagnosisInputs, seconds: float) -> Diagnosis:

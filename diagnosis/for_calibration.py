@@ -48,30 +48,29 @@ from mmg.errors import NotCalibrated, Unsupported, UserError
 from mmg.messages import Message
 from mmg.ship import Ship
 
+# Steps of a filter that take 2 GB (13,460 s of a 3 m model: 0.6 GB). So it was measured; set by hand: it bounds memory.
 MOST = 40_000
-"""Steps of a filter that take 2 GB (13,460 s of a 3 m model: 0.6 GB). So it was measured; set by hand: it bounds
-memory."""
+# Steps of trials that are fitted first where there are at least twice as many: sizes of the noise and how far apart
+# samples are compared hardly depend on the rest. On 35 records 20 linearisations of all trials become seven. So it was
+# measured; set by hand.
 FEW = 3_000
-"""Steps of trials that are fitted first where there are at least twice as many: sizes of the noise and how far apart
-samples are compared hardly depend on the rest. On 35 records 20 linearisations of all trials become seven. So it was
-measured; set by hand."""
+# Samples so short, in steps of the filter, that it hardly matters whether actuators are held or joined between them:
+# one reading is fitted then, not both. Set by hand.
 FINE = 0.25
-"""Samples so short, in steps of the filter, that it hardly matters whether actuators are held or joined between them:
-one reading is fitted then, not both. Set by hand."""
 
 
+# What is wrong with most campaigns where something is, and what to do: instruments and surroundings that coefficients
+# make up for. Velocity filter, gyro and inputs held or sampled are found before any fit.
 SUSPECTS = {
     "antenna_offset": "if it is known, say reference_point in trials.toml",
     "current": "--per-run current gives each run its own",
     "log_scale": "correct the log, or leave it to the fit",
     "heading_bias": "correct the heading, or leave it to the fit",
 }
-"""What is wrong with most campaigns where something is, and what to do: instruments and surroundings that coefficients
-make up for. Velocity filter, gyro and inputs held or sampled are found before any fit."""
 FREE_IT = {"current": 'free it with "--per-run current", or "--with current" where it is one'}
 BY_NAME = 'free it with "--with {}"'
+# Tested beside them and not said: a steady force is what a resistance looks like that the priors have wrong.
 BESIDE = ("tow",)
-"""Tested beside them and not said: a steady force is what a resistance looks like that the priors have wrong."""
 
 
 def second_estimate(
@@ -199,10 +198,8 @@ def _some(trials: Sequence[Trial], every: int) -> Sequence[Trial]:
     return min(each, key=lambda some: abs(_duration(some) - share))
 
 
-LEVEL = 0.05
-"""Probability below which an effect is more than chance. Set by hand: a usual level."""
-APART = 3.0
-"""Standard errors of their difference from which two estimates are said to differ. Set by hand."""
+LEVEL = 0.05  # Probability below which an effect is more than chance. Set by hand: a usual level.
+APART = 3.0  # Standard errors of their difference from which two estimates are said to differ. Set by hand.
 
 
 def with_effect_tests(result: FitResult, ship: Ship) -> FitResult:

@@ -41,12 +41,12 @@ from mmg.ship import Ship
 if TYPE_CHECKING:
     from diagnosis.hypotheses.score_test import ScoreTest
 
+# Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20).
 CLEAR = 3.0  # set by hand
-"""Gain in log likelihood from which one way of reading the actuators is clearly the better one (a ratio of 20)."""
 
 
+# Probability by chance below which an effect in the trials of the calibration is said to be usual. Set by hand.
 USUAL = 0.03
-"""Probability by chance below which an effect in the trials of the calibration is said to be usual. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -43,8 +43,7 @@ if TYPE_CHECKING:
 
 MISSING_FORCE = "missing_force.csv"
 FORCE_HEADER = ("run", "t [s]", "X [N]", "Y [N]", "N [N m]")
-MOST_ROWS = 400
-"""Rows of a run at most: the force changes over seconds. Set by hand: it bounds the size of a file."""
+MOST_ROWS = 400  # Rows of a run at most: the force changes over seconds. Set by hand: it bounds the size of a file.
 
 
 def missing_force(d: Findings) -> dict[str, MissingForce]:

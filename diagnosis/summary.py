@@ -17,8 +17,7 @@ from diagnosis.hypotheses.score_test import SHOWS
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
 
-SHOWN = 1e-3
-"""Probability by chance below which a fault of an instrument is reported. Set by hand."""
+SHOWN = 1e-3  # Probability by chance below which a fault of an instrument is reported. Set by hand.
 
 
 def fitted_ship(

@@ -427,9 +427,9 @@ class SecondEstimate:
 Second = Callable[[Ship, Sequence[Trial], bool, bool], SecondEstimate]
 """Another estimator: of a ship on trials; then whether the suspects that it finds are fitted along, and surroundings
 among them."""
+# Share [-] of the second estimate: the plain mean of both. Set by hand; the row ``filter alone`` of
+# benchmarks/ablation.md has the other end.
 SHARE = 0.5
-"""Share [-] of the second estimate: the plain mean of both. Set by hand; the row ``filter alone`` of
-benchmarks/ablation.md has the other end."""
 
 
 def averages(ship: Ship) -> bool:

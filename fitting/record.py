@@ -24,8 +24,8 @@ if TYPE_CHECKING:  # slow to import, and not needed to read a result
     from fitting.design.next_trial import NextTrial
     from fitting.uncertainty.posterior import Posterior
 
+# Keys of result.json whose attribute has another name.
 RENAMED = {"ship": "ship_name", "calibration": "mark", "coefficients": "estimates"}
-"""Keys of result.json whose attribute has another name."""
 
 
 @dataclass(frozen=True)

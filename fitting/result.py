@@ -46,10 +46,8 @@ if TYPE_CHECKING:
     from fitting.solvers.rollout_loss import RolloutLoss
     from fitting.uncertainty.posterior import Posterior
 
-METHODS = ("laplace", "nuts")
-"""Ways to draw coefficients."""
-SUMMED_UP = 8
-"""Coefficients and warnings of a summary. Set by hand: a screen."""
+METHODS = ("laplace", "nuts")  # Ways to draw coefficients
+SUMMED_UP = 8  # Coefficients and warnings of a summary. Set by hand: a screen.
 
 
 @dataclass(frozen=True, kw_only=True)

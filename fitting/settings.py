@@ -8,8 +8,7 @@ from typing import Any
 
 from mmg.errors import UnknownName
 
-LOSSES = ("gaussian", "huber", "student")
-"""Costs of a residual, explained in fitting/nlp/loss.py."""
+LOSSES = ("gaussian", "huber", "student")  # Costs of a residual, explained in fitting/nlp/loss.py
 
 
 def setting(default: Any, words: str, **more: Any) -> Any:
@@ -91,8 +90,7 @@ class Start:
     apart: dict[str, float] = field(default_factory=dict)
 
 
-ESTIMATORS = ("both", "windows")
-"""The mean of two estimates (``fitting.calibration``), or multiple shooting alone."""
+ESTIMATORS = ("both", "windows")  # The mean of two estimates (``fitting.calibration``), or multiple shooting alone
 
 
 def check_estimator(name: str) -> None:

@@ -12,16 +12,16 @@ from typing import Any
 
 from mmg.messages import printable
 
+# Most bytes of a name: file systems take 255, and suffixes are added. The limit is that of ext4 and NTFS.
 LONGEST_NAME = 200
-"""Most bytes of a name: file systems take 255, and suffixes are added. The limit is that of ext4 and NTFS."""
 
 
+# What files cannot be called on Windows, whatever follows after a dot.
 DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT") for i in range(1, 10))}
-"""What files cannot be called on Windows, whatever follows after a dot."""
 WINDOWS = os.name == "nt"
 
+# Most characters of the text of an error; of a longer one the middle is left out.
 LONGEST = 4000  # set by hand: fifty lines of a terminal
-"""Most characters of the text of an error; of a longer one the middle is left out."""
 
 
 class UserError(Exception):

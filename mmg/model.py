@@ -244,12 +244,11 @@ def _settled(memory: Memory) -> list[Any]:
     return settled
 
 
+# Points at which logged columns are asked for in one call: a call costs as much as a thousand of them.
 POINTS = 50_000  # set by hand: it bounds memory, to some MB
-"""Points at which logged columns are asked for in one call: a call costs as much as a thousand of them."""
-INVERSIONS = 30
-"""Most fixed-point steps from logged columns to the state behind them. Set by hand."""
+INVERSIONS = 30  # Most fixed-point steps from logged columns to the state behind them. Set by hand.
+# Error of a logged column [its unit] at which they end: rounding of positions of a kilometre.
 CLOSE = 1e-12  # set by hand: 2e-16 of a kilometre is 2e-13 m
-"""Error of a logged column [its unit] at which they end: rounding of positions of a kilometre."""
 
 
 def settled(model: Model, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:

@@ -19,10 +19,9 @@ from mmg.errors import BadValue, Conflict
 
 MOTION, RELATIVE_AIR = ("u", "v", "r"), ("a_x", "a_y")
 """Features besides the actuators: velocities through the water, air relative to the hull; body axes [m/s, rad/s]."""
+# No weight and no output scale of a trained network is larger: weights are of the order of 1.
 LARGEST = 1e6  # set by hand: it bounds what a damaged file can do
-"""No weight and no output scale of a trained network is larger: weights are of the order of 1."""
-OTHER = "network file for another ship or another input set"
-"""How every refusal of a network begins."""
+OTHER = "network file for another ship or another input set"  # How every refusal of a network begins
 
 
 def features_of(actuators: Sequence[str]) -> tuple[str, ...]:

@@ -10,8 +10,7 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-LOGGER = logging.getLogger("mmg_ident")
-"""Takes the sentences that long work says on its way, at level INFO."""
+LOGGER = logging.getLogger("mmg_ident")  # Takes the sentences that long work says on its way, at level INFO
 
 
 @dataclass(frozen=True)

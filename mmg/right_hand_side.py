@@ -17,8 +17,8 @@ from mmg.ship import AIR, Ship
 if TYPE_CHECKING:
     import pandas as pd
 
+# Of the states; what effects remember is without one here.
 UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
-"""Of the states; what effects remember is without one here."""
 
 
 class RightHandSide:

@@ -21,8 +21,8 @@ from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS
 from mmg.network import Network, features_of
 
+# Inputs of every right-hand side after the actuators: velocity of the air over ground, earth frame [m/s].
 AIR = ("wind_north", "wind_east")
-"""Inputs of every right-hand side after the actuators: velocity of the air over ground, earth frame [m/s]."""
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from residual.settings import BlackBoxSettings, TrainSettings
 
 _STUDIES = ("compare", "fleet", "imo", "import_logs", "months", "plan", "select", "view")
+# Public name -> the module it is taken from, and behind a colon its name there; else it is in ``mmg_ident.api``.
 _HOMES = {
     "BlackBoxSettings": "residual.settings", "CheckReport": "cases.checks.report",
     "Coefficient": "mmg.components.coefficients", "Diagnosis": "diagnosis.result",
@@ -76,7 +77,6 @@ _HOMES = {
     "report": "mmg_ident.api:write_report", "scale": "delivery.full_scale.result",
     **dict.fromkeys(_STUDIES, "mmg_ident.studies"),
 }  # fmt: skip
-"""Public name -> the module it is taken from, and behind a colon its name there; else it is in ``mmg_ident.api``."""
 
 __all__ = [
     "BlackBoxSettings", "CheckReport", "Coefficient", "Diagnosis", "DiagnosisOptions", "FitOptions", "FitResult",
@@ -91,8 +91,7 @@ __all__ = [
 __version__ = "0.2.0"
 
 
-OURS = '"""The symbolic ship'
-"""How the first file of our ``mmg`` begins."""
+OURS = '"""The symbolic ship'  # How the first file of our ``mmg`` begins
 
 
 def shadowing_mmg() -> str:

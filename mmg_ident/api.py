@@ -245,10 +245,9 @@ def _refuse(values: Mapping[str, Any], why: str) -> None:
         raise UnknownName(f"{name}: is no keyword here; {why}")
 
 
-CHANGES = "with_ without fix only"
-"""Keywords of ``calibrate`` that change the ship."""
+CHANGES = "with_ without fix only"  # Keywords of ``calibrate`` that change the ship
+# Keywords of ``calibrate`` that are fields of its options.
 OPTIONS = "measurement per_run per_campaign profile bootstrap posterior next_trial estimator name"
-"""Keywords of ``calibrate`` that are fields of its options."""
 
 
 @keywords(Settings, also=f"{CHANGES} {OPTIONS} captive captive_sigma".replace("bootstrap", "bootstrap#"))

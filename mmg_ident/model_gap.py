@@ -47,8 +47,7 @@ if TYPE_CHECKING:
     from residual.result import TrainResult
     from residual.settings import TrainSettings
 
-PARTS = ("refitted", "hybrid", "diagnosis", "both")
-"""Folders of the parts."""
+PARTS = ("refitted", "hybrid", "diagnosis", "both")  # Folders of the parts
 
 
 @dataclass(frozen=True)

@@ -29,15 +29,13 @@ F = TypeVar("F", bound=Callable[..., Any])
 R = TypeVar("R", bound=Coefficient | Parameter)
 Row = Coefficient | tuple[Any, ...]
 
-MOVING = np.array([[1.0, 2.0, 0.3, 0.5, 0.1, 0.05]]).T
-"""A state x, y, psi, u, v, r (6, 1) at which an effect shows."""
+MOVING = np.array([[1.0, 2.0, 0.3, 0.5, 0.1, 0.05]]).T  # A state x, y, psi, u, v, r (6, 1) at which an effect shows
+# Roles that a function can have: terms of a generated polynomial are chosen, not written.
 OWN_ROLES = tuple(role for role in FORCES if role != "expansion")
-"""Roles that a function can have: terms of a generated polynomial are chosen, not written."""
-LENGTH = 3.0
-"""Of the ship on which a function is tried [m]: that of a model, as the smoothing is made for."""
+LENGTH = 3.0  # Of the ship on which a function is tried [m]: that of a model, as the smoothing is made for
 KNOWN_SIZES = {"L": LENGTH, "B": 0.5, "d": 0.2, "m": 240.0, "x_G": 0.05, "rho": 1000.0, "rho_a": 1.2, "x_R": -1.4}
+# Particulars of that ship: by name, and of the others by their unit (else 1). Set by hand.
 SIZES = {"m": 0.1, "m²": 0.02, "m/s": 0.8, "-": 0.7, "rad": 0.1, "rad/s": 0.1}
-"""Particulars of that ship: by name, and of the others by their unit (else 1). Set by hand."""
 
 
 def force(

@@ -24,6 +24,7 @@ _CHOICE = "the Gaussian loss is the default; choose --window or --loss yourself,
 _INSTRUMENTS = "it no longer differs by campaign; choose among gyro, log_scale, or none"
 _NOT_BY_CAMPAIGN = "velocity_filter antenna_offset heading_bias wind_sensor_bias fouling draft rudder_offset"
 
+# Field, or field and value -> the sentence.
 GONE: dict[str | tuple[str, str], str] = {
     "auto": f"--auto is gone: {_CHOICE}",
     "auto_limit": f"--auto-limit is gone with --auto: {_CHOICE}",
@@ -34,7 +35,6 @@ GONE: dict[str | tuple[str, str], str] = {
     ("loss", "auto"): "--loss auto is gone: the Gaussian loss is the default; huber and student suit outliers",
     **{("per_campaign", name): f"--per-campaign {name}: is gone: {_INSTRUMENTS}" for name in _NOT_BY_CAMPAIGN.split()},
 }
-"""Field, or field and value -> the sentence."""
 
 LIMITS = ("gt", "ge", "lt", "le")
 

@@ -41,8 +41,7 @@ if TYPE_CHECKING:
 
     from mmg_ident.api import Model
 
-WIND = ("wind_speed", "wind_direction")
-"""Inputs that may be left out: the air is calm then."""
+WIND = ("wind_speed", "wind_direction")  # Inputs that may be left out: the air is calm then
 
 Row: TypeAlias = Mapping[str, float] | Sequence[float] | np.ndarray
 

@@ -19,13 +19,10 @@ from residual.splits import WHOLE
 if TYPE_CHECKING:
     from residual.train import Outcome, Task
 
-MINIMUM_GAIN = 0.01
-"""Smallest mean improvement of the judged 30 s windows that is worth a network. Set by hand."""
+MINIMUM_GAIN = 0.01  # Smallest mean improvement of the judged 30 s windows that is worth a network. Set by hand.
+# One-sided probability of chance's limit: the interval on other runs holds 90 %, as all intervals of the program.
 LEVEL = 0.95
-"""One-sided probability of chance's limit: the interval on other runs holds 90 %, as all intervals of the
-program."""
-BLOCK = 5
-"""Windows that count as one observation where fewer than WHOLE runs judge: 75 s. Set by hand."""
+BLOCK = 5  # Windows that count as one observation where fewer than WHOLE runs judge: 75 s. Set by hand.
 
 
 @dataclass(frozen=True)

@@ -26,13 +26,13 @@ from residual.system import Past, TrainableSystem
 from residual.train import ModelKind, Outcome, Task, restored
 from residual.windows import LEAST_SCALE, STRIDE, Scales, campaign_symbols, training_scales, windows
 
+# Features that change places when port becomes starboard, where a ship has both.
 SWAPPED = {"delta_port": "delta_starboard", "delta_starboard": "delta_port", "n": "n_2", "n_2": "n"}
-"""Features that change places when port becomes starboard, where a ship has both."""
+# Features that change sign.
 SIGN_CHANGING = (
     "v", "r", "a_y", "delta", "delta_port", "delta_starboard", "n_bow", "n_stern",
     "azimuth", "azimuth_2", "azimuth_3", "azimuth_4",
 )  # fmt: skip
-"""Features that change sign."""
 
 
 def uniform(draw: torch.Generator, rows: int, columns: int) -> nn.Parameter:
@@ -229,8 +229,7 @@ def to_network(residuals: Sequence[Layered], actuators: Sequence[str], lower: np
     )
 
 
-OUTPUT = 0.3
-"""Scale of the residual as a share of the rms accelerations of the ship on the training rows. Set by hand."""
+OUTPUT = 0.3  # Scale of the residual as a share of the rms accelerations of the ship on the training rows. Set by hand.
 
 
 def physics_of(ship: Ship) -> Physics:
@@ -269,10 +268,10 @@ def hybrid_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial]
     return replace(scales, output=output, score=np.where(np.isfinite(change), change, scales.sigma))
 
 
+# A residual on a ship without a network.
 HYBRID_KIND = ModelKind(
     build_hybrid, hybrid_scales, lambda s: s.inputs, lambda s: physics_of(s).logged_features, campaigns=True
 )
-"""A residual on a ship without a network."""
 
 
 def network_of(task: Task, outcomes: Sequence[Outcome]) -> Network | None:

@@ -181,8 +181,7 @@ out; Z (T, S, M): states at which it was evaluated; X (T, F, M), T1, T2 (T, H, M
 (T, H, M), GA (T, 3, M): gradients at the inputs of the layers and at the accelerations; first (S, M): at the start.
 """
 
-_LOOP = Path(__file__).with_name("rollout.c")
-"""The loop over the steps, forward and backward; @names@ are filled in."""
+_LOOP = Path(__file__).with_name("rollout.c")  # The loop over the steps, forward and backward; @names@ are filled in
 
 
 class _Run(ctypes.Structure):

@@ -38,8 +38,7 @@ from residual.settings import CALIBRATION, KEEP, STATE, BlackBoxSettings, TrainS
 from residual.train import ModelKind, Outcome, Task, tasks_of, train_seeds
 from residual.windows import LEAST_SCALE, Scales, campaign_symbols, windows
 
-RATES = {"du": "m/s²", "dv": "m/s²", "dr": "rad/s²"}
-"""Channels of the residual and their units."""
+RATES = {"du": "m/s²", "dv": "m/s²", "dr": "rad/s²"}  # Channels of the residual and their units
 
 
 @with_one_thread

@@ -43,8 +43,7 @@ if TYPE_CHECKING:
     from fitting.prediction.predict import Forecaster
     from residual.papers.black_box import BlackBox
 
-TROUBLE = 0.2
-"""Share of validation rows outside the training range from which on the report warns. Set by hand."""
+TROUBLE = 0.2  # Share of validation rows outside the training range from which on the report warns. Set by hand.
 
 
 def page_of(
@@ -175,8 +174,7 @@ def envelope_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 CALIBRATED, HYBRID = "calibrated", "hybrid"
 """The two ships of a training, and the folder of the one that is not recommended."""
-FINISHED = "training"
-"""Folder of the finished seeds, from which ``mmg train --resume`` continues."""
+FINISHED = "training"  # Folder of the finished seeds, from which ``mmg train --resume`` continues
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -365,11 +363,11 @@ class TrainResult(TrainRecord):
                 save_network(place / NETWORK, ship.network, ship)
 
 
+# Keys of result.json that every training may have; the others are its details.
 _BUILT = {
     "kind", "schema_version", "ship", "kept", "recommended", "other", "decision", "settings", "seed", "seeds",
     "warnings", "notices", "messages", *(f.name for f in fields(TrainRecord)),
 }  # fmt: skip
-"""Keys of result.json that every training may have; the others are its details."""
 
 
 def read_training(folder: str | Path) -> TrainResult:

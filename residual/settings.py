@@ -7,18 +7,17 @@ from typing import Any
 
 from fitting.settings import setting
 
+# Eq. 23 and Eq. 16 of Wakita et al. (2022), and that of the calibration of the ship.
 LOSSES = STATE, ACCELERATION, CALIBRATION = "state", "acceleration", "calibration"
-"""Eq. 23 and Eq. 16 of Wakita et al. (2022), and that of the calibration of the ship."""
-KEEP = ("better", "always")
-"""Which ship is recommended: the better one as the decision says, or always the hybrid."""
+KEEP = ("better", "always")  # Which ship is recommended: the better one as the decision says, or always the hybrid
+# Augmentation of Wakita et al. (2024, Table 4): windows of I rows begin every I / first number, each is replaced by so
+# many noisy copies as the second says. d-ref is ref on twice the data: who compares gives it all trials, others half.
 SETS = {
     "ref": (1, 0), "sli2": (2, 0), "sli10": (10, 0), "jit2": (1, 2), "jit10": (1, 10), "sli2+jit2": (2, 2),
     "sli10+jit10": (10, 10), "d-ref": (1, 0),
 }  # fmt: skip
-"""Augmentation of Wakita et al. (2024, Table 4): windows of I rows begin every I / first number, each is replaced by so
-many noisy copies as the second says. d-ref is ref on twice the data: who compares gives it all trials, others half."""
+# Feedforward (Wakita et al. 2024, 2025), standard RNN (2022, Eq. 7), RNN with m rows of memory (2022, Eq. 9).
 KINDS = ("fnn", "rnn", "rnn-window")
-"""Feedforward (Wakita et al. 2024, 2025), standard RNN (2022, Eq. 7), RNN with m rows of memory (2022, Eq. 9)."""
 
 
 @dataclass(frozen=True)

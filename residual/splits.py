@@ -19,14 +19,12 @@ from fitting.prediction.score import WINDOW
 from mmg.errors import TooFewData
 from residual.settings import BlackBoxSettings, TrainSettings
 
-FOLDS = 5
-"""Parts into which the runs are split, or the blocks of fewer runs. Set by hand."""
-WHOLE = 3
-"""Fewest runs of which whole ones judge. Set by hand."""
+FOLDS = 5  # Parts into which the runs are split, or the blocks of fewer runs. Set by hand.
+WHOLE = 3  # Fewest runs of which whole ones judge. Set by hand.
+# Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind.
 GAP = 30.0  # set by hand: one window of the scores
-"""Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind."""
+# Lengths of blocks [s], of which shorter ones are tried where longer ones are fewer than FOLDS. Set by hand.
 BLOCKS = (150.0, 120.0, 90.0, 75.0)
-"""Lengths of blocks [s], of which shorter ones are tried where longer ones are fewer than FOLDS. Set by hand."""
 
 
 class Split(NamedTuple):

@@ -377,8 +377,8 @@ def tasks_of(
     return [replace(first, seed=settings.seed + i, split=split) for i, split in enumerate(splits)]
 
 
+# Settings that may change between an interrupted run and its continuation: they do not change its numbers.
 FREE = ("workers", "time_limit")
-"""Settings that may change between an interrupted run and its continuation: they do not change its numbers."""
 
 
 def training_store(
@@ -426,8 +426,8 @@ def load_outcome(store: Store, seed: int) -> Outcome | None:
     return Outcome(**words, **ends, history=history, judged=judged, restarts_judged=restarts, state=state)
 
 
+# What of an outcome is kept as arrays, beside its state.
 _ROWS = ("before", "after", "history", "judged", "restarts_judged")
-"""What of an outcome is kept as arrays, beside its state."""
 
 
 def train_seeds(

@@ -151,8 +151,7 @@ def window_errors(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Ten
 
 POSITION, HEADING = 1.0, 0.3
 """Sigma of the loss for x, y [m] per 3 m of ship and for psi [rad], set by hand; those of u, v, r are of the data."""
-LEAST_SCALE = 1e-9
-"""Scale of what never changes in the training rows. It bounds a division."""
+LEAST_SCALE = 1e-9  # Scale of what never changes in the training rows. It bounds a division.
 
 
 @dataclass(frozen=True)

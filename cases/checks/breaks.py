@@ -22,8 +22,8 @@ from mmg.motion.flow import INPUTS
 
 Break = tuple[int, int, str, tuple[str, ...]]
 """First and last row, what, channels."""
+# Mismatch -> its own columns, and the rates whose integral they are compared with.
 COLUMNS = {"psi": (("psi",), ("r",)), "position": (("x", "y"), ("u", "v"))}
-"""Mismatch -> its own columns, and the rates whose integral they are compared with."""
 
 
 def mismatches(trial: Trial) -> dict[str, np.ndarray]:
@@ -66,21 +66,20 @@ def runs(flags: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.diff(np.concatenate([[0], flags, [0]]).astype(int))).reshape(-1, 2)
 
 
+# A value is frozen when it is repeated this many times as often as the longest repetition that is usual.
 LONGEST = 4.0  # set by hand
-"""A value is frozen when it is repeated this many times as often as the longest repetition that is usual."""
-USUAL = 0.8
-"""Share of the samples that lie in repetitions of usual length. Set by hand."""
+USUAL = 0.8  # Share of the samples that lie in repetitions of usual length. Set by hand.
 LEAST_ROWS, LEAST_S = 5, 1.2
 """Fewer repetitions, or fewer seconds, are a matter of rounding. Set by hand (2, 0 and 1, 1)."""
+# A velocity without noise that was frozen goes on with a jump of this many of its larger changes from row to row; one
+# that does not was steady. Set by hand.
 JUMP = 3.0
-"""A velocity without noise that was frozen goes on with a jump of this many of its larger changes from row to row; one
-that does not was steady. Set by hand."""
+# Share of changes from row to row against the one before, from which a channel has noise (white noise: 2/3), so that it
+# never repeats itself for long. Set by hand.
 NOISY = 0.25
-"""Share of changes from row to row against the one before, from which a channel has noise (white noise: 2/3), so that
-it never repeats itself for long. Set by hand."""
 GROUPS = (("psi",), ("x", "y"), ("u", "v"), ("r",))
+# Standard deviations of the integral of white noise that say nothing: one in 16,000 is larger by chance.
 WANDER = 4.0  # set by hand
-"""Standard deviations of the integral of white noise that say nothing: one in 16,000 is larger by chance."""
 
 
 def frozen(trial: Trial, signals: Mapping[str, np.ndarray]) -> Iterator[Break]:
@@ -164,10 +163,10 @@ def _others_move(trial: Trial, group: tuple[str, ...], first: int, last: int) ->
 
 
 NAMES = ("x", "y", "psi", "u", "v", "r")
+# Rows before by which a jump is known: their median has a standard error of a quarter of the noise. Set by hand.
 MANY = 20
-"""Rows before by which a jump is known: their median has a standard error of a quarter of the noise. Set by hand."""
+# Share of the rows of a replayed part that differ from the row before: a ship at rest has the same row for long.
 CHANGES = 0.5  # set by hand
-"""Share of the rows of a replayed part that differ from the row before: a ship at rest has the same row for long."""
 
 
 def repeated(trial: Trial) -> Iterator[Break]:
@@ -216,16 +215,12 @@ def _begins_anew(trial: Trial, names: tuple[str, ...], first: int) -> bool:
     return first == 0 or bool((change[-1] > JUMP * np.nanmedian(change, axis=0)).any())
 
 
+# Distance of a sample from the median of its neighbours, over the usual one, from which it is a spike. Set by hand.
 SURE = 8.0
-"""Distance of a sample from the median of its neighbours, over the usual one, from which it is a spike. Set by hand."""
-LEAST_SPIKE = {"u": 0.15, "v": 0.15, "r": 1.0}
-"""Least size: share of the rms speed (u, v) or of the rms turn rate."""
-LEAST = 4
-"""So many spikes make a train; fewer are the outliers that a robust loss is for. Set by hand."""
-APART = 3.0
-"""s, or so many samples: longest time between spikes of a train. Set by hand."""
-RARE = 0.05
-"""Share of samples from which spikes are the noise of the channel. Set by hand."""
+LEAST_SPIKE = {"u": 0.15, "v": 0.15, "r": 1.0}  # Least size: share of the rms speed (u, v) or of the rms turn rate
+LEAST = 4  # So many spikes make a train; fewer are the outliers that a robust loss is for. Set by hand.
+APART = 3.0  # s, or so many samples: longest time between spikes of a train. Set by hand.
+RARE = 0.05  # Share of samples from which spikes are the noise of the channel. Set by hand.
 
 
 def around(values: np.ndarray, reach: int) -> np.ndarray:
@@ -236,8 +231,7 @@ def around(values: np.ndarray, reach: int) -> np.ndarray:
     return np.lib.stride_tricks.sliding_window_view(np.pad(values, reach, mode="edge"), 2 * reach + 1)
 
 
-REACH = 3
-"""Neighbours on each side. Set by hand."""
+REACH = 3  # Neighbours on each side. Set by hand.
 
 
 def spike_trains(trial: Trial) -> Iterator[Break]:
@@ -259,25 +253,19 @@ def spike_trains(trial: Trial) -> Iterator[Break]:
                 yield int(train[0]), int(train[-1]), f"spikes of {name}", (name,)
 
 
+# What turns a ship. The propeller does so by its flow on the rudder, and pushes her on.
 STEERING = tuple(name for name in INPUTS if name not in ("n", "n_2", "pitch"))
-"""What turns a ship. The propeller does so by its flow on the rudder, and pushes her on."""
-SWINGING = "the turn rate swings while rudder and propeller rest"
-"""What is said of such a spell."""
-SWINGS = 2
-"""So many swings beyond the first, which the last order may have caused. Set by hand (1, 0)."""
-SWING = 0.5
-"""A swing changes the turn rate by this share of its root mean square over the record. Set by hand."""
-MOST = 0.9
-"""Share of the record beyond which a spell leaves no orders to compare with. Set by hand."""
-BEYOND_NOISE = 6.0
-"""And by so many standard deviations of its own noise, after smoothing. Set by hand."""
+SWINGING = "the turn rate swings while rudder and propeller rest"  # What is said of such a spell
+SWINGS = 2  # So many swings beyond the first, which the last order may have caused. Set by hand (1, 0).
+SWING = 0.5  # A swing changes the turn rate by this share of its root mean square over the record. Set by hand.
+MOST = 0.9  # Share of the record beyond which a spell leaves no orders to compare with. Set by hand.
+BEYOND_NOISE = 6.0  # And by so many standard deviations of its own noise, after smoothing. Set by hand.
+# It does so faster than 95 % of the record, or by this factor where the propeller is stopped as well: nothing of the
+# ship's own is left that turns her. Set by hand.
 STOPPED = 0.15
-"""It does so faster than 95 % of the record, or by this factor where the propeller is stopped as well: nothing of the
-ship's own is left that turns her. Set by hand."""
+# So it is only in spells up to this share of the record: one that lies stopped in swell swings all the time.
 SHORTER = 0.4  # set by hand
-"""So it is only in spells up to this share of the record: one that lies stopped in swell swings all the time."""
-AGREED = 0.5
-"""The heading turns with it, by at least this share: else the gyro swings, not the ship. Set by hand."""
+AGREED = 0.5  # The heading turns with it, by at least this share: else the gyro swings, not the ship. Set by hand.
 PROPELLERS = ("n", "n_2", "n_3", "n_4")
 
 

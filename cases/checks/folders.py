@@ -37,16 +37,15 @@ from cases.trial import Trial, left_out
 from mmg.errors import UserError
 from mmg.messages import message_rows
 
+# Required of every trial and noisy, so that rows of different runs never agree in all of them.
 COLUMNS = ("psi", "u", "v", "r")
-"""Required of every trial and noisy, so that rows of different runs never agree in all of them."""
+# Values are compared on these grids (rad, m/s, rad/s); the coarse one finds copies with fewer digits. Set by hand.
 GRIDS = (1e-7, 1e-3)
-"""Values are compared on these grids (rad, m/s, rad/s); the coarse one finds copies with fewer digits. Set by hand."""
+# One large odd multiplier per column, to mix its bits; a join of pandas would take a third of a second to import. Set
+# by hand: any odd numbers do.
 MULTIPLIERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93)
-"""One large odd multiplier per column, to mix its bits; a join of pandas would take a third of a second to import. Set
-by hand: any odd numbers do."""
 VERBS = {"copy": "Is a copy of", "inside": "Is contained in", "contains": "Contains", "overlaps": "Overlaps"}
-SHARE = 0.05
-"""Overlaps below this share of the shorter file are not reported: a matter of display. Set by hand."""
+SHARE = 0.05  # Overlaps below this share of the shorter file are not reported: a matter of display. Set by hand.
 Pair = tuple[int, int]
 
 
@@ -120,17 +119,17 @@ def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[
         yield pair[me], copy, (DOUBTFUL, "duplicate", text)
 
 
-LATE = 1.5
-"""Lag [s] of a channel beyond which the verdict is no longer "ok". Set by hand (1, 1)."""
+LATE = 1.5  # Lag [s] of a channel beyond which the verdict is no longer "ok". Set by hand (1, 1).
 TURNED, LEAST_ARM = math.radians(2.0), 0.05
 """The same for the angle between track and heading [rad], within which a compass is right (IMO A.424: 1 deg times the
 secant of the latitude), and for a lever arm [m]."""
+# Gains [1] and angles [rad] below it are not worth a note: a metre in a kilometre. Set by hand (1, 1).
 LEAST_SHARE = 0.001
-"""Gains [1] and angles [rad] below it are not worth a note: a metre in a kilometre. Set by hand (1, 1)."""
+# Relative misfit of the track beyond which positions and velocities have nothing to do with each other.
 DISAGREE = 0.8  # set by hand
-"""Relative misfit of the track beyond which positions and velocities have nothing to do with each other."""
+# Nats from which one file refutes its labels although all others of its folder bear theirs out.
 SURE = 20.0  # set by hand: below it one file is doubted, and a fit goes on
-"""Nats from which one file refutes its labels although all others of its folder bear theirs out."""
+# Topic -> what looks at one trial: its numbers, and level, code and sentence of each finding.
 LOOKS = {
     "sampling": sampling,
     "stretches": stretch_findings,
@@ -138,9 +137,8 @@ LOOKS = {
     "wind": wind,
     "excitation": excitation,
 }
-"""Topic -> what looks at one trial: its numbers, and level, code and sentence of each finding."""
-TOPICS = {"unit": "units", "rudder_sign": "rudder"}
-"""Code -> topic, where it is not kinematics."""
+TOPICS = {"unit": "units", "rudder_sign": "rudder"}  # Code -> topic, where it is not kinematics
+# Name of a lag -> what is said to be late, and its columns.
 LATE_WORDS = {
     "w": ("u and v are", ("u", "v")),
     "place": ("x and y are", ("x", "y")),
@@ -148,7 +146,6 @@ LATE_WORDS = {
     "psi, r": ("psi and r are", ("psi", "r")),
     "r": ("r is", ("r",)),
 }
-"""Name of a lag -> what is said to be late, and its columns."""
 
 
 class Said(NamedTuple):
@@ -487,8 +484,8 @@ def _joined(
     return replace(report, findings=(*own, *kept), numbers={**report.numbers, "kinematics": kinematics})
 
 
+# Key -> its values, of which the other one is meant.
 OPPOSITE = {"rudder_positive": ("starboard", "port"), "velocity_frame": ("body", "earth")}
-"""Key -> its values, of which the other one is meant."""
 
 
 def labels(trial: Trial) -> dict[str, tuple[str, str]]:

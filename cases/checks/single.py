@@ -29,14 +29,13 @@ from mmg.motion.flow import INPUTS
 from mmg.motion.frames import apparent_wind
 from mmg.ship import Ship
 
+# A stretch without complete required columns that is longer than this many median steps is a gap.
 GAP = 3.0  # set by hand (0, 1)
-"""A stretch without complete required columns that is longer than this many median steps is a gap."""
 VELOCITIES = ("u", "v", "r")
 SPIKE, SPIKE_RANGE = 12.0, 0.5
 """A spike differs from the mean of its neighbours by so many times the usual difference, and by this share of the range
 of the column (5 to 95 %); its neighbours agree with each other. Set by hand."""
-COARSE = 0.2
-"""More than this [rad] a ship does not turn between samples that show how she turns. Set by hand."""
+COARSE = 0.2  # More than this [rad] a ship does not turn between samples that show how she turns. Set by hand.
 
 
 def spikes(values: np.ndarray) -> int:
@@ -104,9 +103,9 @@ def _turned_per_step(trial: Trial) -> float:
     return trial.dt * float(np.quantile(rates, 0.95)) if len(rates) else 0.0
 
 
+# Heading passed in a sample from which on it matters whether a rudder is held over it: half of it is the error of an
+# overshoot.
 TURNED = math.radians(1.0)
-"""Heading passed in a sample from which on it matters whether a rudder is held over it: half of it is the error of an
-overshoot."""
 
 
 def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
@@ -231,34 +230,30 @@ def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Fou
     return [(level, "wind_direction", text)]
 
 
+# Share of the greatest speed from which a ship goes ahead, and share of the time that counts as most of it. Set by
+# hand, as STRAIGHT and MOSTLY: they choose rows, and no verdict hangs on a row.
 AHEAD = 0.5
-"""Share of the greatest speed from which a ship goes ahead, and share of the time that counts as most of it. Set
-by hand, as STRAIGHT and MOSTLY: they choose rows, and no verdict hangs on a row."""
-STRAIGHT = 0.2
-"""Share of the greatest turn rate within which a ship goes straight. Set by hand."""
+STRAIGHT = 0.2  # Share of the greatest turn rate within which a ship goes straight. Set by hand.
+# Least eigenvalue of the correlations of surge, turn and heading, from which an offset is no current: about that of
+# legs in directions a quarter turn apart. Set by hand.
 APART = 0.1
-"""Least eigenvalue of the correlations of surge, turn and heading, from which an offset is no current: about that of
-legs in directions a quarter turn apart. Set by hand."""
-MOSTLY = 0.9
-"""Share of the rows at speed, with revolutions ahead, in which sternway is no manoeuvre. Set by hand."""
+MOSTLY = 0.9  # Share of the rows at speed, with revolutions ahead, in which sternway is no manoeuvre. Set by hand.
+# Share of the greatest speed (95 %) from which a ship is at speed: what she has left when she is stopped is none. Set
+# by hand, as SLOW, which leaves out speeds at which a drift angle is noise.
 FAST = 0.8
-"""Share of the greatest speed (95 %) from which a ship is at speed: what she has left when she is stopped is none. Set
-by hand, as SLOW, which leaves out speeds at which a drift angle is noise."""
+# Turn of the heading, ahead, from which the sway tells where the pivot point lies: a wind alone turns no ship as far,
+# and where it turns her, her bow drifts off.
 TURNING = math.radians(90.0)
-"""Turn of the heading, ahead, from which the sway tells where the pivot point lies: a wind alone turns no ship as far,
-and where it turns her, her bow drifts off."""
-SLOW = 0.1
-"""Share of the greatest speed from which a drift angle is one of a ship that goes ahead. Set by hand."""
+SLOW = 0.1  # Share of the greatest speed from which a drift angle is one of a ship that goes ahead. Set by hand.
+# Share of the surge that the sway of a ship in such a turn exceeds: a degree of drift, where 3 to 20 are usual.
 LEAST_DRIFT = 0.02  # set by hand
-"""Share of the surge that the sway of a ship in such a turn exceeds: a degree of drift, where 3 to 20 are usual."""
-OFFSET = math.radians(2.0)
-"""A compass is right within it (IMO A.424: 1 deg times the secant of the latitude)."""
+OFFSET = math.radians(2.0)  # A compass is right within it (IMO A.424: 1 deg times the secant of the latitude)
+# Comparison -> what would make it, and what does not show without.
 WOULD = {
     "track": "a speed log, or a receiver of its own for course and speed over ground, and runs in both directions "
     "would check it; an offset of the heading or a late receiver would not show",
     "turn": "a rate gyro would check it",
 }
-"""Comparison -> what would make it, and what does not show without."""
 
 
 def not_checked(trial: Trial) -> list[Found]:
@@ -406,9 +401,9 @@ def turning_wind(trial: Trial) -> list[Found]:
     return [(DOUBTFUL, "wind_direction", f"The true wind would be steadier if {words} (log odds {nats:.0f})")]
 
 
+# s; a group excited for less than this is weakly excited (or 2 % of the trial, if that is longer). Set by hand. (1, 1).
 ENOUGH = 20.0
-"""s; a group excited for less than this is weakly excited (or 2 % of the trial, if that is longer). Set by hand. (1,
-1)."""
+# Group of coefficients -> what must happen for it to matter, and the pattern of the symbols.
 GROUPS = {
     "hull_ahead": ("headway (u > 0)", r"X_0F?|R_0"),
     "hull_astern": ("sternway (u < 0)", r"X_0A"),
@@ -421,7 +416,7 @@ GROUPS = {
     "rudder_reversed_flow": ("rudder angles with n < 0 and u > 0, or u < 0", r"k_xR|C_PR"),
     "wind": ("true wind above the ship's speed from changing sides", r"[XYN]_A\d+"),
 }
-"""Group of coefficients -> what must happen for it to matter, and the pattern of the symbols."""
+# Keys of the quadrants in the numbers -> the words for them.
 QUADRANTS = {
     "u+ n+": "ahead with n > 0",
     "u+ n-": "ahead with n < 0",
@@ -430,7 +425,6 @@ QUADRANTS = {
     "n 0": "propeller stopped",
     "u 0": "no way on",
 }
-"""Keys of the quadrants in the numbers -> the words for them."""
 
 
 def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
@@ -533,9 +527,9 @@ STRAIGHT_RUDDER, STRAIGHT_TURN = math.radians(5.0), 0.1
 FASTEST, STEADY, LEAST = 0.5, 0.03, 0.5
 """Share of her greatest speed from which she is under way; share by which speed and revolutions may change over half a
 ship length; ship lengths that must be made so. Set by hand."""
+# Ratio of the revolutions that the ship needs to those that were logged, or the other way round, from which they do not
+# fit: wider than fouling, wind and a poor guess of the resistance make it. Set by hand, to find a gear or a unit.
 TWICE = 1.6
-"""Ratio of the revolutions that the ship needs to those that were logged, or the other way round, from which they do
-not fit: wider than fouling, wind and a poor guess of the resistance make it. Set by hand, to find a gear or a unit."""
 
 
 def steady_ahead(trial: Trial, length: float) -> tuple[float, float] | None:

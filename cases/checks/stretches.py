@@ -38,19 +38,19 @@ from cases.evidence.signals import MAD, densest
 from cases.inputs import integral
 from cases.trial import Trial
 
+# Samples on each side of a step, at the record's own rate, but at least ``LEAST`` seconds. Set by hand (1, 1).
 STEP = 10
-"""Samples on each side of a step, at the record's own rate, but at least ``LEAST`` seconds. Set by hand (1, 1)."""
-LEAST = 0.5
-"""s; the shortest side of a step: below it the noise of satellite positions rules. Set by hand."""
+LEAST = 0.5  # s; the shortest side of a step: below it the noise of satellite positions rules. Set by hand.
 SURE = {"psi": 8.0, "position": 45.0, "sharp position": 45.0, "u, v": 30.0, "sharp u, v": 45.0, "sharp r": 60.0}
 """Innovation over the usual one of the record from which a channel is broken by itself.
 
 A white innovation reaches 5 once in a million samples. Satellite positions have heavy tails, which the velocities that
 come from them share; a turn rate follows a rudder order within a few samples.
 """
+# Least size of a break: this share of what the ship turns or travels in one side of a step (psi, position), or of the
+# root mean square of the channel. Records without noise would be broken at each rudder order otherwise.
 MATTERS = {"psi": 0.25, "position": 0.5, "sharp position": 0.5, "u, v": 0.2, "sharp u, v": 0.2, "sharp r": 1.0}
-"""Least size of a break: this share of what the ship turns or travels in one side of a step (psi, position), or of the
-root mean square of the channel. Records without noise would be broken at each rudder order otherwise."""
+# Channel -> what its step means, and its columns.
 WORDS = {
     "psi": ("the heading jumps against the integrated turn rate", ("psi",)),
     "position": ("the position jumps against the integrated velocities", ("x", "y")),
@@ -59,26 +59,20 @@ WORDS = {
     "sharp u, v": ("the velocities jump", ("u", "v")),
     "sharp r": ("the turn rate jumps", ("r",)),
 }
-"""Channel -> what its step means, and its columns."""
+# Channel -> what its drift means, and its columns.
 DRIFTING = {
     "psi": ("heading and turn rate drift apart", ("psi", "r")),
     "position": ("positions and velocities drift apart", ("x", "y", "u", "v")),
 }
-"""Channel -> what its drift means, and its columns."""
+# Share of the record beyond which drifts are no stretches of it: the frame, sign or unit of a column is wrong.
 LARGEST_SHARE = {"psi": 0.7, "position": 0.25}
-"""Share of the record beyond which drifts are no stretches of it: the frame, sign or unit of a column is wrong."""
-BACK = 20.0
-"""s; drifts that undo each other within this time are one stretch. Set by hand."""
-PAIR = 15
-"""A jump and one that undoes it, so many sides of a step apart or less, are one stretch. Set by hand (0, 1)."""
-TOGETHER = {"psi": 7.0, "u, v": 10.0}
-"""The same for a heading and velocities that break within a second of each other."""
+BACK = 20.0  # s; drifts that undo each other within this time are one stretch. Set by hand.
+PAIR = 15  # A jump and one that undoes it, so many sides of a step apart or less, are one stretch. Set by hand (0, 1).
+TOGETHER = {"psi": 7.0, "u, v": 10.0}  # The same for a heading and velocities that break within a second of each other
+# The stretch reaches as far as the innovation stays above this share of what it was found by. Set by hand.
 ALIKE = 0.35
-"""The stretch reaches as far as the innovation stays above this share of what it was found by. Set by hand."""
-MUCH = 0.1
-"""Share of a record from which a channel that stands still is a doubt about all of it. Set by hand."""
-JOIN = 3.0
-"""s, or so many sides of a step: breaks closer together are one stretch. Set by hand (0, 1)."""
+MUCH = 0.1  # Share of a record from which a channel that stands still is a doubt about all of it. Set by hand.
+JOIN = 3.0  # s, or so many sides of a step: breaks closer together are one stretch. Set by hand (0, 1).
 
 
 @dataclass(frozen=True)
@@ -281,12 +275,11 @@ def _level(values: np.ndarray, m: int) -> np.ndarray:
     return out
 
 
+# Lengths that are compared. Set by hand (1, 0).
 SECONDS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 50.0, 60.0, 75.0, 95.0)
-"""Lengths that are compared. Set by hand (1, 0)."""
+# Longer times are judged by what is usual over this, as a drift of a minute may be half of the record.
 SHORT = 5.0  # set by hand (1, 2)
-"""Longer times are judged by what is usual over this, as a drift of a minute may be half of the record."""
-GROWTH = {"psi": 0.5, "position": 0.8}
-"""Power of the time by which the usual change grows beyond SHORT."""
+GROWTH = {"psi": 0.5, "position": 0.8}  # Power of the time by which the usual change grows beyond SHORT
 LIMIT = {
     "psi": ((1.0, 28.0), (2.0, 22.0), (5.0, 18.0), (10.0, 18.0), (20.0, 18.0)),
     "position": ((1.0, 60.0), (2.0, 30.0), (5.0, 17.0), (10.0, 12.0), (20.0, 10.0)),
@@ -296,21 +289,16 @@ LIMIT = {
 The sound parts of real records of a model reach 17, 14, 13 and 9 in heading over 2, 5, 10 and 20 s, and 25, 13, 8 and 5
 in position, by the tails of satellite positions.
 """
+# Share of the changes by which the usual one is known: most of them may lie in a drift. Set by hand (8, 1).
 DENSE = 0.35
-"""Share of the changes by which the usual one is known: most of them may lie in a drift. Set by hand (8, 1)."""
+# What makes that share the median of a normal law, of headings and of positions in the plane. Ratios of the quantiles
+# .5 and DENSE of half a normal law and of Rayleigh's law, not set by hand.
 AS_MEDIAN = (1.486, 1.268)
-"""What makes that share the median of a normal law, of headings and of positions in the plane. Ratios of the quantiles
-.5 and DENSE of half a normal law and of Rayleigh's law, not set by hand."""
-LEAST_TURN = 0.1
-"""rad; a heading that is off by less is not broken. Set by hand."""
-LEAST_WAY = 0.1
-"""A position that is off by less than this share of the way is not broken. Set by hand."""
-CORE = 0.08
-"""Share of the change that may lie outside the stretch at each end. Set by hand (1, 1)."""
-MOST = 12
-"""Stretches of one channel in a record; one with more has no sound part to compare with. Set by hand."""
-MANY = 50000
-"""Of more rows than this some are enough to know what is usual. Set by hand."""
+LEAST_TURN = 0.1  # rad; a heading that is off by less is not broken. Set by hand.
+LEAST_WAY = 0.1  # A position that is off by less than this share of the way is not broken. Set by hand.
+CORE = 0.08  # Share of the change that may lie outside the stretch at each end. Set by hand (1, 1).
+MOST = 12  # Stretches of one channel in a record; one with more has no sound part to compare with. Set by hand.
+MANY = 50000  # Of more rows than this some are enough to know what is usual. Set by hand.
 Drift = tuple[int, int, complex]
 """First and last row, and the change."""
 

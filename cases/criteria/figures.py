@@ -145,8 +145,7 @@ def zigzag_figures(run: Since, rudder: float, heading: float) -> dict[str, float
     return figures
 
 
-SMOOTHED = 9
-"""Samples of the parabola that takes the noise from a measured heading; it leaves a peak its height."""
+SMOOTHED = 9  # Samples of the parabola that takes the noise from a measured heading; it leaves a peak its height
 
 
 def parabolic(values: np.ndarray, width: int) -> np.ndarray:
@@ -181,8 +180,7 @@ def overshoot_figures(trial: Trial, rudder: float, reversals: tuple[float, ...],
     return figures
 
 
-INITIAL_TURN = math.radians(10.0)
-"""Change of heading at which the initial turning ability is read [rad]."""
+INITIAL_TURN = math.radians(10.0)  # Change of heading at which the initial turning ability is read [rad]
 
 
 def initial_turning_figures(run: Since, rudder: float) -> dict[str, float]:

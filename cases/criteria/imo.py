@@ -49,13 +49,11 @@ from mmg.ship import CalibrationMark, Ship
 
 FIRST, WHOLE = math.pi, 2 * math.pi
 """Change of heading from which positions count, and that between two of a pair [rad] (3.4.2.5)."""
-PAIRS_EVERY = math.radians(10.0)
-"""Between the pairs of positions [rad]."""
+PAIRS_EVERY = math.radians(10.0)  # Between the pairs of positions [rad]
+# Standard deviation of the velocities of a circle's pairs, as a share of their mean, above which they are no steady
+# current; one that is less than LEAST_SCATTER of the ship's speed is never too much. Set by hand.
 MOST_SCATTER = 0.5
-"""Standard deviation of the velocities of a circle's pairs, as a share of their mean, above which they are no steady
-current; one that is less than LEAST_SCATTER of the ship's speed is never too much. Set by hand."""
-LEAST_SCATTER = 0.03
-"""Share of the ship's speed [-]. Set by hand."""
+LEAST_SCATTER = 0.03  # Share of the ship's speed [-]. Set by hand.
 
 
 @dataclass(frozen=True)
@@ -221,8 +219,7 @@ def corrected_runs(
     return result, notices
 
 
-SMALLEST = 100.0
-"""Length from which the standard applies [m]. (IMO MSC.137(76), 2.2.)"""
+SMALLEST = 100.0  # Length from which the standard applies [m]. (IMO MSC.137(76), 2.2.)
 ASSUMED = "not checked: deep water, calm weather, full load on even keel, V at least 90 % of the speed at 85 % MCR"
 PASS, FAIL, OPEN, NONE = "pass", "fail", "not judged", "-"
 SOURCE = (
@@ -245,8 +242,8 @@ _KVLCC2 = {
     ("zigzag:-20/20", "overshoot_1"): 15.1,
     ("zigzag:-20/20", "overshoot_2"): 13.3,
 }
+# Ship name -> (manoeuvre, figure) -> value: lengths in L, angles in deg, positive rudder to starboard.
 REFERENCES: dict[str, dict[tuple[str, str], float]] = {"kvlcc2_l7": _KVLCC2, "kvlcc2_full": _KVLCC2}
-"""Ship name -> (manoeuvre, figure) -> value: lengths in L, angles in deg, positive rudder to starboard."""
 
 
 @dataclass(frozen=True)
@@ -296,8 +293,7 @@ ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING, TRACK_REACH, LONGEST_TRACK_REACH = 
 5.3.2 and 5.3.4.)"""
 MAY_BE_LONG = f"an Administration may allow {LONGEST_TRACK_REACH:g} L for a ship of large displacement"
 STOPPING = "stopping"
-OVERSHOOT_20 = 25.0
-"""Limit of the first overshoot of the 20/20 zigzag [deg]. (IMO MSC.137(76), 5.3.3.)"""
+OVERSHOOT_20 = 25.0  # Limit of the first overshoot of the 20/20 zigzag [deg]. (IMO MSC.137(76), 5.3.3.)
 LEAST_TURNING_RUDDER, SLACK = math.radians(33.0), math.radians(2.0)
 """A turning test with less rudder is not judged; the zigzags are recognised within 2 deg [rad]."""
 

@@ -30,18 +30,18 @@ from mmg.errors import BadValue, Missing, UnknownName
 from mmg.motion.flow import RUDDERS
 from mmg.states import STATES
 
+# An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, what is more [rad].
 TOLERANCE = math.radians(1.0)
-"""An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, what is more [rad]."""
+# Ship times L/U over which the angle that is held may creep: a rudder that moves on faster is not held.
 MEMORY = 0.25  # set by hand
-"""Ship times L/U over which the angle that is held may creep: a rudder that moves on faster is not held."""
+# Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike. Set by hand.
 SHORTEST_HOLD = 0.1
-"""Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike. Set by hand."""
 CORRECTION, CORRECTED, LEAST_CORRECTED = 0.2, (0.67, 2.0), math.radians(3.5)
 """A hold beside a longer one of this angle [rad] at least is a helm that corrects where it lasts at most this share of
 it, and its angle lies between these shares of the other one's."""
+# Share of its largest rate below which the rudder's movement to an angle has not begun: a helm that wanders before is
+# slower than the order's movement. Set by hand.
 SLOWEST = 0.3
-"""Share of its largest rate below which the rudder's movement to an angle has not begun: a helm that wanders before is
-slower than the order's movement. Set by hand."""
 FIRST, LATER = 0.1, 0.5  # set by hand
 """Shares of the way between two holds through which the line goes that tells when the rudder began to move."""
 
@@ -168,15 +168,15 @@ def _crossing(t: np.ndarray, values: np.ndarray, level: float) -> float:
     return float(t[k - 1] + (level - values[k - 1]) / (values[k] - values[k - 1]) * (t[k] - t[k - 1]))
 
 
+# Angles that are ordered as a rule [deg] (ITTC 7.5-02-06-01, IMO MSC.137(76)).
 STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
-"""Angles that are ordered as a rule [deg] (ITTC 7.5-02-06-01, IMO MSC.137(76))."""
 NAMED, SHARE = 0.6, 0.07
 """A measured rudder is called one of STEPS within this [deg], or this share of it."""
 RESOLUTION, HELM = math.radians(0.05), math.radians(0.25)
 """Least standard error of a heading, gyros are read to 0.1 deg, and by which a helm orders too early or late [rad]."""
+# Standard errors by which what the reversals show may be off a usual heading. Set by hand: 1.2 % of normal errors are
+# larger.
 LIKELY = 2.5
-"""Standard errors by which what the reversals show may be off a usual heading. Set by hand: 1.2 % of normal errors are
-larger."""
 
 
 def nominal(angle: float) -> float:
@@ -221,28 +221,25 @@ def ordered_heading(
 
 
 KINDS = ("turning", "zigzag", "spiral", "crash-stop")
-LEAST_RUDDER = math.radians(4.0)
-"""Smaller rudder angles are course keeping [rad]."""
-LEAST_STEP = math.radians(3.5)
-"""Half of the way between the two sides of a zigzag is at least this [rad]."""
+LEAST_RUDDER = math.radians(4.0)  # Smaller rudder angles are course keeping [rad]
+LEAST_STEP = math.radians(3.5)  # Half of the way between the two sides of a zigzag is at least this [rad]
+# The middle between the two sides of a zigzag lies within this of zero [rad]: the zero of the rudder's log.
 LARGEST_OFFSET = math.radians(4.0)
-"""The middle between the two sides of a zigzag lies within this of zero [rad]: the zero of the rudder's log."""
-LEAST_CHANGE = math.radians(0.4)
-"""A rudder that is reversed before the heading has changed by this is no zigzag [rad]."""
+LEAST_CHANGE = math.radians(0.4)  # A rudder that is reversed before the heading has changed by this is no zigzag [rad]
+# One that is reversed later than this is a turn to one side and a turn to the other [rad].
 LARGEST_CHANGE = math.radians(60.0)
-"""One that is reversed later than this is a turn to one side and a turn to the other [rad]."""
+# A zigzag has its second and third execute; with fewer it counts only where the run has no complete manoeuvre.
 LEAST_HOLDS = 3  # set by hand
-"""A zigzag has its second and third execute; with fewer it counts only where the run has no complete manoeuvre."""
+# Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held.
 LEAST_SHARE = 0.4  # set by hand
-"""Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held."""
+# Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6. Set by hand
+# in that range.
 TURN_RATE = 0.35
-"""Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6. Set by hand
-in that range."""
 LEAST_STEPS, SPIRAL_HOLD = 3, 2.0
 """A spiral has at least so many equal steps to one side, each held for at least so many L/U. Set by hand."""
+# Ship times L/U from the heading at which the rudder is ordered over to its first movement, at most: the reaction of
+# helmsman and steering gear. UNVERIFIED: 1.2 s of a 3 m model, 6 s of a 320 m tanker. Set by hand.
 REACTION = 0.15
-"""Ship times L/U from the heading at which the rudder is ordered over to its first movement, at most: the reaction of
-helmsman and steering gear. UNVERIFIED: 1.2 s of a 3 m model, 6 s of a 320 m tanker. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -550,10 +547,8 @@ def _nothing(trial: Trial, holds: Sequence[RudderStep], kind: str) -> str:
 
 STEADY_SPEED, STEADY_RATE = 0.05, 0.05
 """An approach is steady when its speed changes by less than 5 % and r L / U stays below 0.05. Set by hand."""
-APPROACH_LENGTHS = 2.0
-"""Ship lengths before the execute over which the test speed is taken. Set by hand."""
-TURNING_RATE = 0.15
-"""A record that begins at r L / U above this begins in a manoeuvre. Set by hand."""
+APPROACH_LENGTHS = 2.0  # Ship lengths before the execute over which the test speed is taken. Set by hand.
+TURNING_RATE = 0.15  # A record that begins at r L / U above this begins in a manoeuvre. Set by hand.
 
 
 def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple[float, list[str], list[str]]:
@@ -630,10 +625,10 @@ def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
     return complete or list(found.values())[-1:]
 
 
+# The ship may turn by this over a stretch that is bridged by straight lines; IMO gives headings in whole degrees.
 LARGEST_TURN = math.radians(5.0)
-"""The ship may turn by this over a stretch that is bridged by straight lines; IMO gives headings in whole degrees."""
+# Changes of heading at which a turning test is read [rad]: in between its track is not asked for.
 READ_AT = (math.pi / 2, math.pi)
-"""Changes of heading at which a turning test is read [rad]: in between its track is not asked for."""
 
 
 def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute]:

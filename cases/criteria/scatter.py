@@ -18,12 +18,9 @@ from mmg.messages import Message, html_table
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
-STEP = 0.25
-"""Default sampling interval [s] of a 3 m model; scales with sqrt(L). Set by hand."""
-ROUNDS = 5
-"""Rounds in which draws beyond bounds are put on them."""
-MOST = 5000
-"""Most draws of one call: all motions are held in memory. Set by hand: it bounds memory."""
+STEP = 0.25  # Default sampling interval [s] of a 3 m model; scales with sqrt(L). Set by hand.
+ROUNDS = 5  # Rounds in which draws beyond bounds are put on them
+MOST = 5000  # Most draws of one call: all motions are held in memory. Set by hand: it bounds memory.
 
 
 @dataclass(frozen=True)

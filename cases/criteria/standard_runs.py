@@ -28,11 +28,9 @@ from mmg.ship import Ship
 if TYPE_CHECKING:
     from cases.simulation.simulate_batch import SimulatedRuns
 
-STEP = 0.05
-"""Sampling and integration step [s] for a 3 m model; Froude scaled. Set by hand."""
+STEP = 0.05  # Sampling and integration step [s] for a 3 m model; Froude scaled. Set by hand.
 ZIGZAGS = ("zigzag:10/10", "zigzag:-10/10", "zigzag:20/20", "zigzag:-20/20")
-STANDARD = ("turning:35", "turning:-35", *ZIGZAGS, "crash-stop")
-"""What the criteria of MSC.137(76) need."""
+STANDARD = ("turning:35", "turning:-35", *ZIGZAGS, "crash-stop")  # What the criteria of MSC.137(76) need
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,12 +121,12 @@ def planned_run(ship: Ship, plan: Maneuver) -> Run:
     )
 
 
+# Kind -> figure that a run must reach -> the event at which it is read; without the first of them it tells nothing.
 EVENTS = {
     "turning": {"advance": "a change of heading of 90 deg", "tactical_diameter": "a change of heading of 180 deg"},
     "zigzag": {"overshoot_1": "the first overshoot", "overshoot_2": "the second overshoot"},
     **{kind: {"track_reach": "the end of the headway"} for kind in STOPS},
 }
-"""Kind -> figure that a run must reach -> the event at which it is read; without the first of them it tells nothing."""
 
 
 def check_completeness(trial: Trial, maneuver: Maneuver) -> tuple[Message, ...]:

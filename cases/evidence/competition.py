@@ -29,16 +29,14 @@ from cases.quantities import DEG, KNOT, quantity, to_si, unit_by_factor
 from cases.trial import Trial
 from mmg.motion.flow import RUDDERS
 
+# rad; a heading turns at least so far before its own column, or that of the turn rate, must have shown it.
 TURNED = 0.1  # set by hand
-"""rad; a heading turns at least so far before its own column, or that of the turn rate, must have shown it."""
-QUARTER = math.pi / 2
-"""rad; turn of a track that no ship makes on one heading."""
+QUARTER = math.pi / 2  # rad; turn of a track that no ship makes on one heading
+# rad; within it a frozen heading changes where it is made one of a local frame, over some kilometres. Set by hand.
 MERIDIANS = 1e-3
-"""rad; within it a frozen heading changes where it is made one of a local frame, over some kilometres. Set by hand."""
+# Share of the speed by which the velocity of the track varies before u must have shown it; half of it for v.
 VARIED = 0.05  # set by hand
-"""Share of the speed by which the velocity of the track varies before u must have shown it; half of it for v."""
-STANDS = 0.98
-"""Share of the rows with one value, from which a column stands still. Set by hand."""
+STANDS = 0.98  # Share of the rows with one value, from which a column stands still. Set by hand.
 
 
 def standing(trial: Trial) -> dict[str, str]:
@@ -92,14 +90,11 @@ def _track(trial: Trial) -> np.ndarray:
     return np.asarray((place[rows:] - place[:-rows]) / (t[rows:] - t[:-rows]) * np.exp(-1j * middle))
 
 
-REVOLUTIONS = (3.0, 600.0)
-"""Least and greatest n tau of rightly labelled revolutions. Set by hand."""
+REVOLUTIONS = (3.0, 600.0)  # Least and greatest n tau of rightly labelled revolutions. Set by hand.
+# Least and greatest r tau / delta of a rightly labelled rudder, of a ship that follows her rudder. Set by hand.
 RESPONSE = (0.025, 6.0)
-"""Least and greatest r tau / delta of a rightly labelled rudder, of a ship that follows her rudder. Set by hand."""
-FOLLOWS = 0.7
-"""Correlation of turn rate and rudder from which a ship follows it. Set by hand."""
-TURNS = 0.05
-"""rad; a heading that varies less says nothing of how quickly the ship turns. Set by hand."""
+FOLLOWS = 0.7  # Correlation of turn rate and rudder from which a ship follows it. Set by hand.
+TURNS = 0.05  # rad; a heading that varies less says nothing of how quickly the ship turns. Set by hand.
 
 
 def wrong_inputs(trial: Trial, turning: float | None) -> list[tuple[str, float, str]]:
@@ -174,6 +169,7 @@ def _backwards(s: Signals) -> np.ndarray:
     return s.w * np.exp(-1j * s.psi)
 
 
+# Name -> reading of axes and signs; the first is that of the headers.
 FRAMES: Mapping[str, Frame] = {
     "body": Frame("", "u, v are body-axes velocities", _turned, 1, 1, {}),
     "earth": Frame(
@@ -228,13 +224,13 @@ FRAMES: Mapping[str, Frame] = {
         {"heading_from": "east"},
     ),
 }  # fmt: skip
-"""Name -> reading of axes and signs; the first is that of the headers."""
+# Factor that makes psi true -> what was mistaken.
 HEADINGS: Mapping[float, str] = {
     1.0: "",
     DEG: "psi holds degrees but is labelled rad",
     1 / DEG: "psi holds radians but is labelled deg",
 }
-"""Factor that makes psi true -> what was mistaken."""
+# Factor that makes u and v true -> what was mistaken.
 SPEEDS: Mapping[float, str] = {
     1.0: "",
     KNOT: "u and v hold knots but are labelled m/s",
@@ -242,13 +238,13 @@ SPEEDS: Mapping[float, str] = {
     1 / 3.6: "u and v hold km/h but are labelled m/s",
     3.6: "u and v hold m/s but are labelled km/h",
 }
-"""Factor that makes u and v true -> what was mistaken."""
+# Factor that makes t true -> what was mistaken.
 CLOCKS: Mapping[float, str] = {
     1.0: "",
     1e-3: "t holds milliseconds but is labelled s",
     60.0: "t holds minutes but is labelled s",
 }
-"""Factor that makes t true -> what was mistaken."""
+# Factor that makes r true -> what was mistaken.
 RATES: Mapping[float, str] = {
     1.0: "",
     -1.0: "r has the opposite sign of the derivative of the heading",
@@ -258,11 +254,10 @@ RATES: Mapping[float, str] = {
     DEG / 60: "r holds deg/min but is labelled rad/s",
     60.0: "r holds deg/s but is labelled deg/min",
 }
-"""Factor that makes r true -> what was mistaken."""
+# Factor that makes the rudder angle true -> what was mistaken.
 RUDDER_SIGNS: Mapping[int, str] = {1: "", -1: "the rudder is positive to port"}
-"""Factor that makes the rudder angle true -> what was mistaken."""
+# Of each question, in the order of a ColumnReading.
 CHOICES: tuple[Mapping[Any, Any], ...] = (FRAMES, HEADINGS, SPEEDS, CLOCKS, RATES, RUDDER_SIGNS)
-"""Of each question, in the order of a ColumnReading."""
 
 
 class ColumnReading(NamedTuple):
@@ -323,29 +318,21 @@ def readings() -> list[ColumnReading]:
     return [r for r in some if FRAMES[r.frame].r == 1 or r.rate != -1]
 
 
+# Nats by which another reading has to be better than that of the headers, for each choice that differs.
 COST = 8.0  # set by hand
-"""Nats by which another reading has to be better than that of the headers, for each choice that differs."""
-CLOSE = 4.0
-"""Readings that are closer than so many nats cannot be told apart. Set by hand."""
+CLOSE = 4.0  # Readings that are closer than so many nats cannot be told apart. Set by hand.
+# Usual standard deviations of a heading's offset [rad] and of the logarithm of a log's gain, which are left free.
 OFF = (0.035, 0.03)  # set by hand
-"""Usual standard deviations of a heading's offset [rad] and of the logarithm of a log's gain, which are left free."""
-MOST_OFF = (0.09, 0.1)
-"""And the most that they are believed to be. Set by hand."""
-GYRO = 0.03
-"""Usual deviation of a gyro's gain from one. Set by hand."""
-APART = 10.0
-"""What a trial pays for each choice in which it differs from its folder. Set by hand."""
-STRANGE = 6.0
-"""What a unit costs beside, that no header could have hidden behind the one that is written. Set by hand."""
-UNTOLD = 100.0
-"""What a reading costs of columns that were derived from those it would be wrong against. Set by hand."""
-ORDERS = 2
-"""Rudder orders that a turn rate answers in each piece of a record. Set by hand."""
-FLOOR_RUDDER = 0.05
-"""Of a turn rate a rudder explains no more than all but this share of the mean square. Set by hand."""
+MOST_OFF = (0.09, 0.1)  # And the most that they are believed to be. Set by hand.
+GYRO = 0.03  # Usual deviation of a gyro's gain from one. Set by hand.
+APART = 10.0  # What a trial pays for each choice in which it differs from its folder. Set by hand.
+STRANGE = 6.0  # What a unit costs beside, that no header could have hidden behind the one that is written. Set by hand.
+UNTOLD = 100.0  # What a reading costs of columns that were derived from those it would be wrong against. Set by hand.
+ORDERS = 2  # Rudder orders that a turn rate answers in each piece of a record. Set by hand.
+FLOOR_RUDDER = 0.05  # Of a turn rate a rudder explains no more than all but this share of the mean square. Set by hand.
+# Relative misfit of the track, with the units of the headers, below which these are right: any other unit misses by
+# more than half. Set by hand.
 RIGHT = 0.25
-"""Relative misfit of the track, with the units of the headers, below which these are right: any other unit misses by
-more than half. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,10 @@ from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
-SIGMAS = 3.0
-"""Standard errors that a found value must exceed; more (by Student's t) with few blocks. Set by hand."""
-RUNS = 10
-"""From so many runs on, standard errors are those between runs. Set by hand."""
+SIGMAS = 3.0  # Standard errors that a found value must exceed; more (by Student's t) with few blocks. Set by hand.
+RUNS = 10  # From so many runs on, standard errors are those between runs. Set by hand.
+# Standard deviations from which an error counts by its size, not by its square (Huber 1964: between 1 and 2).
 CLIP = 1.5  # set by hand
-"""Standard deviations from which an error counts by its size, not by its square (Huber 1964: between 1 and 2)."""
 ITERATIONS, MOST = 8, 5
 """Of a fit, and faults at most. Set by hand."""
 CLOSE, SHARE = 6.0, 0.8
@@ -162,16 +160,16 @@ def _rivals(system: Normal, active: Sequence[int]) -> dict[int, list[tuple[int, 
     return out
 
 
+# Share of the runs (and at least two) whose own value is reported where all together have none. Set by hand.
 SOME = 0.1
-"""Share of the runs (and at least two) whose own value is reported where all together have none. Set by hand."""
+# Faults that look much the same in a single run: the first at steady speed, where sway and turning go together, the
+# others where speed or turning rate hardly change.
 ALIKE: tuple[Set[str], ...] = (
     {"lag", "gain_v", "arm_x"},
     {"heading", "bias_v"},
     {"gain_u", "bias_u"},
     {"gain_r", "bias_r"},
 )
-"""Faults that look much the same in a single run: the first at steady speed, where sway and turning go together, the
-others where speed or turning rate hardly change."""
 UNSEEN = (
     "what moves position and velocities alike cannot be seen without dynamics: heading_bias (u and v turn with the "
     "logged heading), gnss_delay (position and velocity equally late), antenna_offset (both of the same point)"
@@ -226,8 +224,7 @@ TRACK = (
     SensorFault("drift_x", "m/s", 0.01, 0.03, 0.5, DRIFT, ("north", "south")),
     SensorFault("drift_y", "m/s", 0.01, 0.03, 0.5, DRIFT, ("east", "west")),
 )
-LAG = 0
-"""Place of the lag in TRACK."""
+LAG = 0  # Place of the lag in TRACK
 TURN = (
     SensorFault("lag_r", "s", 0.1, 1.0, 0.5, "logged r {} the heading", ("lags", "leads"), "gyro", "T", True),
     SensorFault("gain_r", "", 0.005, 0.1, 0, "logged r is too {}", SIZE, "gyro", "share", True),
@@ -325,18 +322,18 @@ def _shown(value: float, unit: str) -> str:
     return f"{100 * value:.2g} %" if not unit else f"{value:.2g} {unit}"
 
 
+# s; moving average over the measured and the derived velocities (at least 5 samples): below it the differentiated
+# satellite position is noise. Set by hand.
 SMOOTHING = 1.1
-"""s; moving average over the measured and the derived velocities (at least 5 samples): below it the differentiated
-satellite position is noise. Set by hand."""
 WINDOW, STRIDE, BLOCK = 8.0, 2.0, 30.0  # set by hand
 """s: length of a window, distance of windows, and block that a jackknife leaves out (a twelfth of a short run)."""
+# A displacement or turn that correlates less with the integral of the velocities is a fault of the data.
 CORRELATION = 0.9  # set by hand
-"""A displacement or turn that correlates less with the integral of the velocities is a fault of the data."""
 MOVED, TURNED = 0.3, 0.03
 """m and rad, RMS over the windows: a run that moves or turns less says nothing about it. Set by hand."""
 FRAMES = ("earth", "body")
+# Gain in log likelihood that a further fault must bring, or axes of the lag that are not those of the earth.
 FAULT = 0.5 * SIGMAS**2
-"""Gain in log likelihood that a further fault must bring, or axes of the lag that are not those of the earth."""
 
 
 @dataclass(frozen=True)

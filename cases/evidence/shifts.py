@@ -38,17 +38,14 @@ from cases.evidence.tails import normal_tail, student_quantile
 from cases.inputs import integral
 from cases.trial import Trial
 
-WINDOWS = (1, 8, 64)
-"""Rows of a window; the longest is at most a piece of the record. Set by hand (2, 2)."""
-STEPS = 30
-"""Of the iteration, which converges linearly. Set by hand."""
-MOST_ROWS = 3000
-"""Windows of a record that are looked at. Set by hand."""
+WINDOWS = (1, 8, 64)  # Rows of a window; the longest is at most a piece of the record. Set by hand (2, 2).
+STEPS = 30  # Of the iteration, which converges linearly. Set by hand.
+MOST_ROWS = 3000  # Windows of a record that are looked at. Set by hand.
+# Standard errors beyond which a value is no chance: the best of several windows is taken. Set by hand (3, 5).
 SIGMAS = 4.0
-"""Standard errors beyond which a value is no chance: the best of several windows is taken. Set by hand (3, 5)."""
+# Gains below are a note: u by what it is of the way, v as sway is a tenth of it, r as each fit finds that of its gyro
+# (usual deviation as in competition.py).
 MATTERS = {"u": 0.005, "v": 0.03, "r": 0.03}
-"""Gains below are a note: u by what it is of the way, v as sway is a tenth of it, r as each fit finds that of its gyro
-(usual deviation as in competition.py)."""
 TRACK, TURN = ("u", "v", "angle", "arm_x", "arm_y", "lag", "drift_x", "drift_y"), ("r",)
 
 
@@ -166,19 +163,15 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     return values / size, std / size
 
 
-CLOSE = 6.0
-"""Explanations that are closer than so many nats cannot be told apart. Set by hand."""
+CLOSE = 6.0  # Explanations that are closer than so many nats cannot be told apart. Set by hand.
+# What an explanation costs beside, that supposes the rare: a channel that is early, which needs all the others to be
+# late, or compass and gyro late together. A lever arm forward, or velocities that are late, look much like these.
 RARE = 6.0  # set by hand (1, 1)
-"""What an explanation costs beside, that supposes the rare: a channel that is early, which needs all the others to be
-late, or compass and gyro late together. A lever arm forward, or velocities that are late, look much like these."""
-LEAST = 0.004
-"""Relative misfit below which nothing is compared: rounding. Set by hand."""
+LEAST = 0.004  # Relative misfit below which nothing is compared: rounding. Set by hand.
+# Name -> signals that are late together.
 LAGS = {"w": ("w",), "place": ("place",), "psi": ("psi",), "psi, r": ("psi", "r"), "r": ("r",)}
-"""Name -> signals that are late together."""
-MOST_CENTRES = 4
-"""Of so many trials the grid is refined around their own best lag. Set by hand."""
-ROOM = 400_000
-"""So many rows of a record that is moved by several lags are looked at at once. Set by hand."""
+MOST_CENTRES = 4  # Of so many trials the grid is refined around their own best lag. Set by hand.
+ROOM = 400_000  # So many rows of a record that is moved by several lags are looked at at once. Set by hand.
 TRIED, FINER = 12, 3
 """Steps of the grid of lags on each side of zero, and of its refinement. Set by hand (0, 0 and 1, 0)."""
 Value = complex | float

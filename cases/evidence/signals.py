@@ -13,26 +13,19 @@ import numpy as np
 from cases.inputs import integral
 from cases.trial import Trial, unwrapped
 
+# A record speaks once in each of so many pieces, however many samples it has: neighbours say the same.
 PIECES = 12  # set by hand (4, 2)
-"""A record speaks once in each of so many pieces, however many samples it has: neighbours say the same."""
 WINDOW_ROWS, WINDOW_S = 5, 1.1
 """Least length of a window in rows of the record and in seconds. Set by hand (1, 0 and 0, 1)."""
+# A window is so long that the noise of two positions is at most this share of the way made in it.
 NOISE = 0.01  # set by hand (1, 1)
-"""A window is so long that the noise of two positions is at most this share of the way made in it."""
-LONGEST = 40
-"""At most this part of the record is one window. Set by hand."""
-FLOOR = 0.02
-"""Relative error that instruments leave in any case: compass, log and clocks are no better. Set by hand."""
-AT_REST = 0.01
-"""Share of the mean square of a record that counts as motion in each piece. Set by hand."""
-STEPS = 4
-"""Steps of the coarse clock in a window. Set by hand (1, 0)."""
-MARGIN = 32
-"""Rows beyond the ends of a record by which it goes on where it is shifted. Set by hand."""
-FEW = 0.3
-"""A piece with fewer windows than this share of the fullest one says nothing by itself. Set by hand."""
-MAD = 1.4826
-"""Standard deviation of a normal law over its median absolute deviation (Hampel 1974)."""
+LONGEST = 40  # At most this part of the record is one window. Set by hand.
+FLOOR = 0.02  # Relative error that instruments leave in any case: compass, log and clocks are no better. Set by hand.
+AT_REST = 0.01  # Share of the mean square of a record that counts as motion in each piece. Set by hand.
+STEPS = 4  # Steps of the coarse clock in a window. Set by hand (1, 0).
+MARGIN = 32  # Rows beyond the ends of a record by which it goes on where it is shifted. Set by hand.
+FEW = 0.3  # A piece with fewer windows than this share of the fullest one says nothing by itself. Set by hand.
+MAD = 1.4826  # Standard deviation of a normal law over its median absolute deviation (Hampel 1974)
 
 
 class Stats(NamedTuple):
@@ -107,8 +100,8 @@ class Signals:
         return replace(self, **moved, good=self.good & inside & self.good[whole[0]] & self.good[whole[1]])
 
 
+# Comparison -> the columns of one side, and those whose integral is the other.
 COMPARED = {"track": (("x", "y"), ("u", "v")), "turn": (("psi",), ("r",))}
-"""Comparison -> the columns of one side, and those whose integral is the other."""
 
 
 def independent(trial: Trial, comparison: str) -> bool:

@@ -32,19 +32,16 @@ from mmg.errors import BadValue, OutOfRange, TooFewData, Unreadable, UserError, 
 from mmg.messages import Message
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
+# Bytes at which its signature may lie: MATLAB writes 512 of its own before. Set by hand: the first of the places that
+# the HDF5 File Format Specification 3.0 names (II.A).
 HDF5_AT = (0, 512, 1024, 2048)
-"""Bytes at which its signature may lie: MATLAB writes 512 of its own before. Set by hand: the first of the places that
-the HDF5 File Format Specification 3.0 names (II.A)."""
-MATLAB = b"MATLAB 5.0 MAT-file"
-"""Begin of a file of MATLAB before version 7.3."""
+MATLAB = b"MATLAB 5.0 MAT-file"  # Begin of a file of MATLAB before version 7.3
 COMPRESSED, MATRIX = 15, 14
-ELEMENTS = {*range(1, 8), 9, *range(12, 19)}
-"""Types of the elements of a MATLAB file (MAT-file format, table 1-1)."""
+ELEMENTS = {*range(1, 8), 9, *range(12, 19)}  # Types of the elements of a MATLAB file (MAT-file format, table 1-1)
 DEEPEST, MOST_NODES = 20, 20_000
 """Levels and names of a file that are looked at. Set by hand: bounds time on a damaged file."""
 OBJECTS = "a table, timetable, datetime or timeseries, which only MATLAB reads; save its columns as vectors of a struct"
-VALUES = ("values", "data", "value", "signals")
-"""Names of the values in a struct with a time."""
+VALUES = ("values", "data", "value", "signals")  # Names of the values in a struct with a time
 
 
 @dataclass(frozen=True)

@@ -27,21 +27,17 @@ from mmg.messages import Message
 from mmg.motion.flow import RUDDERS
 
 STATES = ("psi", "latitude", "x", "sog", "u", "r")
-DEGREE = 60 * 1852.0
-"""Metres in a degree of latitude."""
-CONVENTIONS = {"rudder_positive", "wind_direction", "velocity_frame"}
-"""Keys of the map that a sidecar has as well."""
+DEGREE = 60 * 1852.0  # Metres in a degree of latitude
+CONVENTIONS = {"rudder_positive", "wind_direction", "velocity_frame"}  # Keys of the map that a sidecar has as well
+# What the map says of the antenna.
 REFERENCE_POINT = (
     'reference_point = { x = 12.0, y = 0.0, applies_to = "both" } (of the antenna from midship, in m forward and to '
     'starboard), or reference_point = "unknown"'
 )
-"""What the map says of the antenna."""
-GAP = 2.5
-"""Gaps of a column beyond so many of its steps stay gaps. Set by hand."""
-LEAST_ROWS = 20
-"""Least rows of a run, and numbers of a column. Set by hand."""
+GAP = 2.5  # Gaps of a column beyond so many of its steps stay gaps. Set by hand.
+LEAST_ROWS = 20  # Least rows of a run, and numbers of a column. Set by hand.
+# Eastings and northings beyond are counted from the first position.
 LARGE = 1e5  # set by hand: metres; a UTM northing is larger, a trial's area smaller
-"""Eastings and northings beyond are counted from the first position."""
 
 
 @dataclass(frozen=True)
@@ -262,10 +258,8 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
     raise Missing("; ".join(filter(None, parts)))
 
 
-STOPPED = 0.05
-"""Share of her speed below which a ship is not slowed down by her rudder alone. Set by hand."""
-SIDEWAYS = 0.05
-"""Share of the rows of a ship at speed in which she may go more sideways than ahead. Set by hand."""
+STOPPED = 0.05  # Share of her speed below which a ship is not slowed down by her rudder alone. Set by hand.
+SIDEWAYS = 0.05  # Share of the rows of a ship at speed in which she may go more sideways than ahead. Set by hand.
 
 
 def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap) -> None:
@@ -309,10 +303,9 @@ def with_units_of_size(log: Log) -> Log:
     return log
 
 
-NORTHERNMOST = 89.9
-"""deg; nearer to a pole, meridians converge along the track of a ship. Set by hand."""
+NORTHERNMOST = 89.9  # deg; nearer to a pole, meridians converge along the track of a ship. Set by hand.
+# Metres from the origin beyond which north and east of the frame are not those of the ship any more. Set by hand.
 FURTHEST = 200e3
-"""Metres from the origin beyond which north and east of the frame are not those of the ship any more. Set by hand."""
 
 
 def local_positions(

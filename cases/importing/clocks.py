@@ -18,6 +18,8 @@ from mmg.messages import Message
 
 DAY, WEEK = 86400.0, 604800.0
 """s. (SI brochure of 2019, table 8.)"""
+# Unit, least and largest number, factor to seconds, seconds from 1970 to zero, words. The sizes lie between 1973 and
+# 2119; the epochs are those of POSIX, LabVIEW, Windows, .NET, Excel, MATLAB and astronomy.
 EPOCHS = (
     ("s", 1e8, 2.6e9, 1.0, 0.0, "s since 1970"),
     ("s", 3.0e9, 4.7e9, 1.0, -2082844800.0, "s since 1904"),
@@ -31,14 +33,12 @@ EPOCHS = (
     ("", 7.2e5, 7.6e5, DAY, -719529.0 * DAY, "days of MATLAB"),
     ("", 2.44e6, 2.48e6, DAY, -2440587.5 * DAY, "Julian days"),
 )
-"""Unit, least and largest number, factor to seconds, seconds from 1970 to zero, words. The sizes lie between 1973 and
-2119; the epochs are those of POSIX, LabVIEW, Windows, .NET, Excel, MATLAB and astronomy."""
-SINCE_1904 = 1462.0 * DAY
-"""What days of a workbook that counts from 1904 are later."""
+SINCE_1904 = 1462.0 * DAY  # What days of a workbook that counts from 1904 are later
 GPS_ZERO, GPS_AHEAD = 315964800.0, 18.0
 """s from 1970 to the first week of GPS, and by which its time is ahead of UTC since 2017."""
+# A header of a clock that begins anew every week.
 OF_WEEK = r"(gps_|gnss_)?(tow|sow|itow|time_of_week|seconds?_of_week|week_seconds?)(_m?s)?"
-"""A header of a clock that begins anew every week."""
+# Jumps of clocks [s] and what makes them.
 JUMPS = {
     43200.0: "half a day: a clock of twelve hours without AM and PM",
     3600.0: "an hour, as between summer and winter time or two zones",
@@ -46,15 +46,11 @@ JUMPS = {
     WEEK: "a week: seconds of the week begin anew",
     1024 * WEEK: "1024 weeks: the receiver's count of weeks rolled over",
 }
-"""Jumps of clocks [s] and what makes them."""
+# Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies.
 SAMPLED = 0.1  # set by hand
-"""Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies."""
-ZONE = r"[:T]\d{2}\S*\s*(?:Z|[+-]\d{2}(?::?\d{2})?)$"
-"""The end of a stamp with a zone."""
-LAST_STAMP = 253402300800.0
-"""s from 1970 to the year 10000."""
-LATEST = 1e21
-"""No clock of any unit shows a larger number: nanoseconds of 30,000 years. Set by hand."""
+ZONE = r"[:T]\d{2}\S*\s*(?:Z|[+-]\d{2}(?::?\d{2})?)$"  # The end of a stamp with a zone
+LAST_STAMP = 253402300800.0  # s from 1970 to the year 10000
+LATEST = 1e21  # No clock of any unit shows a larger number: nanoseconds of 30,000 years. Set by hand.
 
 
 def clock_of(
@@ -288,8 +284,8 @@ def _padded(written: Callable[[], Any], t: np.ndarray) -> np.ndarray:
     return mended if _unevenness(mended) < UNEVEN * uneven else t
 
 
+# Unevenness of steps from which digits behind the point are looked at, and that another reading has to leave of it.
 UNEVEN = 0.3  # set by hand
-"""Unevenness of steps from which digits behind the point are looked at, and that another reading has to leave of it."""
 
 
 def _unevenness(t: np.ndarray) -> float:

@@ -39,17 +39,15 @@ KINDS = (
     Kind("longitude", ("e", "east"), ("w", "west"), "place"),
     AHEAD,
 )
+# Words of what rests; its numbers are zero or nearly so.
 NEITHER = ("stop", "stopped", "neutral", "zero", "off", "midships", "0")
-"""Words of what rests; its numbers are zero or nearly so."""
 REVERSED = r"(.*_)?(astern|reverse|reversed|reversing)"
+# A title of the direction of revolutions or of a rudder, whatever the words below it.
 DIRECTION = (
     rf"{REVERSED}|.*(shaft|prop|engine|screw|gear|thruster|rudder|rpm).*_(dir|direction|sense|side|sign|ahead|rev)"
 )
-"""A title of the direction of revolutions or of a rudder, whatever the words below it."""
-PLACE = r"(.*_)?(lat|lon|hemi|ns|n_s|n_or_s|ew|e_w|e_or_w).*"
-"""A title of a hemisphere."""
-MOST_WORDS = 8
-"""Columns with more different cells hold no directions. Set by hand."""
+PLACE = r"(.*_)?(lat|lon|hemi|ns|n_s|n_or_s|ew|e_w|e_or_w).*"  # A title of a hemisphere
+MOST_WORDS = 8  # Columns with more different cells hold no directions. Set by hand.
 
 
 def sign_columns(
@@ -184,32 +182,28 @@ def _word(cell: Any) -> str:
         return str(cell).strip().lower()
 
 
-GNSS = ("latitude", "longitude", "x", "y", "sog", "cog")
-"""What a receiver gives, and what its fix holds for."""
+GNSS = ("latitude", "longitude", "x", "y", "sog", "cog")  # What a receiver gives, and what its fix holds for
+# A title of what says whether others hold.
 STATUS = (
     r"(.*_)?(valid|validity|status|stat|quality|qual|fix|fix_?(type|mode|quality|ok)|mode|mode_indicator|ok|flag|error|"
     r"err|fault|alarm|invalid|health|good|bad)"
 )
-"""A title of what says whether others hold."""
 GOOD = (
     "a|d|f|p|r|ok|good|valid|true|yes|(gps_?|gnss_?|3d_?|2d_?|dgps_?|rtk_?)?(fix|fixed|float)|[23]d|d?gps|d?gnss|rtk|active|on|"
     "healthy|normal|auto"
 )
+# Words of what holds, and of what does not.
 BAD = "v|n|e|(in|not_?)valid|bad|false|no_?(fix)?|none|lost|faulty?|fail(ed|ure)?|error|time_?out|void|unavailable|off"
-"""Words of what holds, and of what does not."""
-FAULT = r"(.*_)?(error|err|fault|alarm|invalid|bad)"
-"""A title of what is nonzero or true where others do not hold."""
+FAULT = r"(.*_)?(error|err|fault|alarm|invalid|bad)"  # A title of what is nonzero or true where others do not hold
+# A title whose number 0 says that others do not hold, by NMEA 0183 (GGA) and by the word.
 QUALITY = r"(.*_)?(fix|quality|qual|fix_?quality|valid|validity|ok|good)(_indicator)?"
-"""A title whose number 0 says that others do not hold, by NMEA 0183 (GGA) and by the word."""
 TRUE, MAGNETIC = {"t", "true", "°t", "theoretical"}, {"m", "mag", "magnetic", "°m"}
-RELATIVE = {"r", "rel", "relative", "apparent"}
-"""Words of what directions and winds are counted from."""
+RELATIVE = {"r", "rel", "relative", "apparent"}  # Words of what directions and winds are counted from
+# Titles of columns that name what was measured from, and with what.
 SOURCE = (
     r"(.*_)?(source|src|sensor|talker|device|receiver|antenna|instrument|gyro_no|gps_no)(_?(id|no|name|nr|number))?"
 )
-"""Titles of columns that name what was measured from, and with what."""
-SHARE = 0.05
-"""Least share of the rows of each of several sensors: rarer ones are slips. Set by hand."""
+SHARE = 0.05  # Least share of the rows of each of several sensors: rarer ones are slips. Set by hand.
 
 
 class Masks(NamedTuple):

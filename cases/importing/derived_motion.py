@@ -24,32 +24,28 @@ from mmg.errors import TooFewData
 from mmg.messages import Message
 from mmg.motion.flow import RUDDERS
 
-BAND = 4
-"""Diagonals beside the main one: those of the squared STENCIL."""
+BAND = 4  # Diagonals beside the main one: those of the squared STENCIL
 ITSELF, STENCIL = np.array([0.0, 0.0, 1.0, 0.0, 0.0]), np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12
 """Of a value, and of its central difference of fourth order, at the rows -2 to 2."""
 BLOCKS, WIDTH = 50, 3.0
 """Least blocks of rows that are averaged before they are smoothed, and rows over which they then must be smoothed:
 blocks are halved until the motion does not need shorter ones. Set by hand."""
+# By how much the logarithms of the variances of noise and third differences may lie below those of the differences of
+# the values: the likelihood has narrow valleys, and the search begins in the deepest.
 STARTS = np.arange(0.0, 28.0, 4.0)
-"""By how much the logarithms of the variances of noise and third differences may lie below those of the differences of
-the values: the likelihood has narrow valleys, and the search begins in the deepest."""
+# Fall of twice the logarithm of the likelihood (two standard errors) for which less smoothing is taken as likely: the
+# most likely size is often none at all, and no standard error then says what is hidden. Set by hand.
 AS_LIKELY = 4.0
-"""Fall of twice the logarithm of the likelihood (two standard errors) for which less smoothing is taken as likely: the
-most likely size is often none at all, and no standard error then says what is hidden. Set by hand."""
+# Error at half the step is so many times less than its difference from that of the whole step: orders of a rudder bend
+# the path at a point, and leave half an order of Richardson's three. Set by hand between.
 RICHARDSON = 2.0
-"""Error at half the step is so many times less than its difference from that of the whole step: orders of a rudder bend
-the path at a point, and leave half an order of Richardson's three. Set by hand between."""
-SLENDER = 6.0
-"""Length over breadth of a usual ship. Set by hand."""
-COARSE = 0.01
-"""Share of the extent of a track to which its positions may be rounded before it is said. Set by hand."""
+SLENDER = 6.0  # Length over breadth of a usual ship. Set by hand.
+COARSE = 0.01  # Share of the extent of a track to which its positions may be rounded before it is said. Set by hand.
+# m, rad, m/s; resolution of a column that shows none because it never changes: that of the finest instruments.
 FINEST = 1e-4  # set by hand
-"""m, rad, m/s; resolution of a column that shows none because it never changes: that of the finest instruments."""
+# Places along the record at which the standard error is taken; their median is said.
 PLACES = 9  # set by hand: a median needs no more
-"""Places along the record at which the standard error is taken; their median is said."""
-LONGEST_GAP = 5.0
-"""Gap in the positions [s] over which no velocity is derived. Set by hand."""
+LONGEST_GAP = 5.0  # Gap in the positions [s] over which no velocity is derived. Set by hand.
 
 
 @dataclass(frozen=True)
@@ -62,8 +58,7 @@ class Smoothed:
     rate_std: float
 
 
-FEWEST = 6
-"""Values from which a path can be smoothed: those of the STENCIL and one more."""
+FEWEST = 6  # Values from which a path can be smoothed: those of the STENCIL and one more
 TOO_FEW = (
     "positions or headings are too few, or too far apart in size, to derive velocities from; give u, v and r, or check "
     "the file"

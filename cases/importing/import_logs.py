@@ -41,17 +41,17 @@ from cases.trial import Trial
 from mmg.errors import BadValue, Conflict, Missing, TooFewData, UserError
 from mmg.messages import has_code
 
+# Bytes by which the format of a file is known. Set by hand: more than the preamble of any format that is read.
 BEGIN = 65536
-"""Bytes by which the format of a file is known. Set by hand: more than the preamble of any format that is read."""
 JSON = (".json", ".jsonl", ".ndjson")
 BAGS = (".bag", ".db3", ".mcap")
 ARRAYS = (".mat", ".h5", ".hdf5", ".nc")
 BINARY = (".xlsx", ".xlsm", ".xls", ".parquet", *BAGS, *ARRAYS)
+# Files of a folder that are logs; of JSON those whose content is one.
 SUFFIXES = (
     ".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".n2k", *JSON,
     *(suffix for suffix in BINARY if suffix != ".xls"),
 )  # fmt: skip
-"""Files of a folder that are logs; of JSON those whose content is one."""
 
 
 @dataclass(frozen=True)
@@ -151,10 +151,10 @@ def _files_of(path: Path) -> list[Path]:
     return found
 
 
+# What tells the format of a log of messages by its begin, and what reads it.
 MESSAGES = (
     (is_nmea2000, read_nmea2000), (is_nmea, read_nmea), (is_iso19848, read_iso19848), (is_signal_k, read_signal_k)
 )  # fmt: skip
-"""What tells the format of a log of messages by its begin, and what reads it."""
 
 
 def _begin(path: Path) -> bytes:
@@ -219,8 +219,7 @@ def _with_own_names(runs: Sequence[ImportedRun]) -> list[ImportedRun]:
     return out
 
 
-OVERLAP = 0.5
-"""Least share of the shorter of two logs in which both run. Set by hand."""
+OVERLAP = 0.5  # Least share of the shorter of two logs in which both run. Set by hand.
 HEADING, WHERE, ROTATION = (
     {"psi"},
     {"x", "latitude", "sog", "u"},
@@ -367,8 +366,7 @@ def _entry(run: ImportedRun) -> dict[str, Any]:
     return {key: value for key, value in {"day": run.day, "std": std, "derived": derived}.items() if value}
 
 
-MARK = "mmg import"
-"""Of a line of the sidecar that an import wrote, before the checksum of its value."""
+MARK = "mmg import"  # Of a line of the sidecar that an import wrote, before the checksum of its value
 
 
 def _mark(value: Any) -> str:

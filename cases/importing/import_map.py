@@ -17,8 +17,7 @@ from cases.quantities import QUANTITIES, is_canonical
 from mmg.errors import BadValue
 
 NAME = "import.toml"
-POINT = "FORWARD STARBOARD"
-"""An answer that stands for two numbers [m]."""
+POINT = "FORWARD STARBOARD"  # An answer that stands for two numbers [m]
 
 
 @dataclass(frozen=True)

@@ -22,16 +22,16 @@ from cases.quantities import quantity as known
 from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName
 from mmg.messages import Message
 
+# A header of a motion of the hull, beside which a column called pitch is another.
 HULL = r"(?:^|[^a-z])(?:roll|heave|yaw)(?![a-z])(?!.*(?:rate|vel|speed|moment))"
-"""A header of a motion of the hull, beside which a column called pitch is another."""
 PITCH = "pitch (of the propeller's blades) or nothing (of the hull)"
+# Quantities that complete others, or are words.
 TEXT = ("ship", "zone", "date", *(name for name in QUANTITIES if name.endswith("_sign") or name.startswith("t_")))
-"""Quantities that complete others, or are words."""
+# Words of columns that together are a clock.
 PARTS = {"t_year": "years?|yr|yyyy", "t_month": "months?|mon", "t_day": "days?|dd", "t_hour": "hours?|hr|hh|h",
          "t_minute": "minutes?|mins?|mi", "t": "seconds?|secs?|ss|s"}  # fmt: skip
-"""Words of columns that together are a clock."""
+# A unit of directions with what they are counted from.
 REFERENCE = r"(deg|°|degrees?)?[\s_]*\(?(m|mag|magn?etic|t|true|r|rel|relative)\)?"
-"""A unit of directions with what they are counted from."""
 
 
 @dataclass(frozen=True)
@@ -499,14 +499,12 @@ def _rows(
     return t, columns, said
 
 
-BY_CHANCE = 1e-9
-"""Probability of a row of equal values below which a channel stands still. Set by hand."""
+BY_CHANCE = 1e-9  # Probability of a row of equal values below which a channel stands still. Set by hand.
 FROZEN_S, FROZEN_ROWS, JUMP = 2.0, 10, 3.0  # set by hand
 """Least time and rows that a channel stands still, and its jump afterwards, in its larger changes from row to row."""
-LARGEST = 1e15
-"""No measurement in any unit is larger. Set by hand."""
+LARGEST = 1e15  # No measurement in any unit is larger. Set by hand.
+# Channels that never stand still while the ship moves.
 STATES = ("latitude", "longitude", "x", "y", "psi", "sog", "cog", "u", "v", "r")
-"""Channels that never stand still while the ship moves."""
 
 
 def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[Message]]:

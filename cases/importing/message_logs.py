@@ -23,6 +23,7 @@ from cases.io.text_table import number_of
 from mmg.errors import BadValue, Conflict, needed
 from mmg.messages import Message
 
+# Paths of Signal K (specification 1.7) and what they mean; angles are positive to starboard.
 PATHS = {
     "navigation.position.latitude": Meaning("latitude", "deg"),
     "navigation.position.longitude": Meaning("longitude", "deg"),
@@ -41,10 +42,10 @@ PATHS = {
     "environment.wind.speedTrue": Meaning("", "m/s", f"wind_speed {OVER_WATER}"),
     "environment.wind.angleTrueWater": Meaning("", "rad", f"true_wind_angle {OVER_WATER}"),
 }
-"""Paths of Signal K (specification 1.7) and what they mean; angles are positive to starboard."""
 REVOLUTIONS = re.compile(r"propulsion\.(.+)\.revolutions")
 DELTA = re.compile(r'^\s*\{.*"updates"')
 GEAR = re.compile(r"propulsion\.(.+)\.transmission\.gear")
+# Quantities of local ids (vessel information structure 3-11a, code book "quantities") and what they mean.
 VIS = {
     "absolute.latitude": "latitude", "latitude": "latitude", "absolute.longitude": "longitude",
     "longitude": "longitude", "heading.true": "psi", "course.over.ground": "cog", "speed.over.ground": "sog",
@@ -52,9 +53,7 @@ VIS = {
     "wind.speed.vs.earth": "wind_speed", "wind.direction.vs.earth": "wind_direction",
     "wind.speed.vs.vessel": "apparent_wind_speed", "wind.direction.vs.vessel": "apparent_wind_direction",
 }  # fmt: skip
-"""Quantities of local ids (vessel information structure 3-11a, code book "quantities") and what they mean."""
-SET = r"set\.point|reference|request|control|nominal|input"
-"""Types and commands of ids of what is not measured."""
+SET = r"set\.point|reference|request|control|nominal|input"  # Types and commands of ids of what is not measured
 SHAFTS, ENGINES, RUDDERS = r"41[23]\b", r"411\b", r"42[12]\b|HS5"
 """Nodes of propeller shafts, of what drives them, and of rudders and steering gears."""
 
@@ -205,6 +204,7 @@ def with_local_ids(table: RawTable) -> RawTable:
     return replace(table, means=table.means | found) if found else table
 
 
+# What is logged of frames, by identifier, and of whole messages, the first of which are Actisense's.
 LINES = tuple(
     re.compile(rf"^\s*{line}\s*$", re.IGNORECASE)
     for line in (
@@ -214,11 +214,11 @@ LINES = tuple(
         r"(?P<stamp>\d{4}[-\d:.T ]+Z?),\d+,(?P<pgn>\d+),(?P<source>\d+),\d+,\d+,(?P<data>[0-9A-F,]+)",  # canboat
     )
 )
-"""What is logged of frames, by identifier, and of whole messages, the first of which are Actisense's."""
+# A line of candump without its option -L or -t.
 UNTIMED = re.compile(r"^\s*(?:<0x[0-9A-F]+>|[a-z]\w*\s+[0-9A-F]{8})\s+\[\d\][0-9A-F ]+$", re.IGNORECASE)
-"""A line of candump without its option -L or -t."""
 JSON = re.compile(r'^\s*\{.*"pgn"')
 PLACE = (("latitude", "latitude", "deg"), ("longitude", "longitude", "deg"))
+# Groups of parameters that are read: fields, what they are ("" where another field says it), and their units.
 FIELDS = {
     127245: (("position", "delta", "angle"),),
     127250: (("heading", "psi", "angle"), ("variation", "variation", "angle")),
@@ -227,17 +227,15 @@ FIELDS = {
     129026: (("sog", "sog", "m/s"), ("cog", "cog", "angle")),
     130306: (("windSpeed", "", "m/s"), ("windAngle", "", "angle")),
 }  # fmt: skip
-"""Groups of parameters that are read: fields, what they are ("" where another field says it), and their units."""
+# Reference of 130306 -> what speed and angle are.
 WIND = {
     "True (ground referenced to North)": ("wind_speed", "wind_direction"),
     "Apparent": ("apparent_wind_speed", "apparent_wind_direction"),
     "True (boat referenced)": ("wind_speed", "true_wind_angle"),
 }
-"""Reference of 130306 -> what speed and angle are."""
 SI = {"angle": "rad", "rate": "rad/s", "shaft": "Hz"}
 STD = {"angle": "deg", "rate": "deg/s", "shaft": "rpm"}
-UNKNOWN = dict.fromkeys(SI, "")
-"""Units of the decoder, and of canboat's JSON, whose first line may say which they are."""
+UNKNOWN = dict.fromkeys(SI, "")  # Units of the decoder, and of canboat's JSON, whose first line may say which they are
 
 
 def is_nmea2000(content: bytes) -> bool:

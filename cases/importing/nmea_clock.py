@@ -17,32 +17,24 @@ from cases.importing.series import STAMP, seconds_of
 from mmg.errors import Missing
 from mmg.messages import Message
 
-ROLLOVER = 1024 * 7 * DAY
-"""Seconds after which the weeks of GPS begin anew."""
-FIRST_DAY = 14610
-"""Days since 1970 of 1 January 2010: earlier logs are rather of a receiver whose weeks began anew."""
-UNSET = 30 * DAY
-"""A clock that jumps so far [s] was not set before, or is not after."""
-COLD = 0.1
-"""Share of a log in which a receiver may still set its clock. Set by hand."""
+ROLLOVER = 1024 * 7 * DAY  # Seconds after which the weeks of GPS begin anew
+FIRST_DAY = 14610  # Days since 1970 of 1 January 2010: earlier logs are rather of a receiver whose weeks began anew
+UNSET = 30 * DAY  # A clock that jumps so far [s] was not set before, or is not after
+COLD = 0.1  # Share of a log in which a receiver may still set its clock. Set by hand.
+# Steps by which times of a source go back at most: two receivers behind one talker are late against each other.
 BACK = 2.0  # set by hand
-"""Steps by which times of a source go back at most: two receivers behind one talker are late against each other."""
+# Seconds by which sentences of a receiver come after their fix at most; the zone of a logger's clock is a multiple of
+# QUARTER [s]. Set by hand.
 LATE = 0.5
-"""Seconds by which sentences of a receiver come after their fix at most; the zone of a logger's clock is a multiple of
-QUARTER [s]. Set by hand."""
-QUARTER = 900.0
-"""Zones differ from UTC by multiples of it [s] (IANA time zone database, 2025)."""
-JITTER = 0.1
-"""Scatter of delays, in the step of a source, above which they scatter. Set by hand."""
-UNSTEADY = 0.2
-"""Share of delays that scatter from which all do. Set by hand."""
-EARLY = 80
-"""Percentile of the delays of fixes, from late to early, at which one counts as not late. Set by hand."""
+QUARTER = 900.0  # Zones differ from UTC by multiples of it [s] (IANA time zone database, 2025)
+JITTER = 0.1  # Scatter of delays, in the step of a source, above which they scatter. Set by hand.
+UNSTEADY = 0.2  # Share of delays that scatter from which all do. Set by hand.
+EARLY = 80  # Percentile of the delays of fixes, from late to early, at which one counts as not late. Set by hand.
 FIXES, STAMPS, LAG = 21, 21, 10
 """Fixes and stamps over which delays are compared, and fixes over which the step of a source is taken: rather too small
 than too large by the sentences that were lost, since delays grow with each of them then and only grow. Set by hand."""
+# A number that may count since 1970, in seconds or parts of them.
 EPOCH = re.compile(r"(?<![\d.])(\d{10}|\d{13}|\d{16}|\d{19})(?:\.\d+)?(?![\d:])")
-"""A number that may count since 1970, in seconds or parts of them."""
 
 
 @dataclass

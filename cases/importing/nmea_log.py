@@ -30,18 +30,15 @@ from cases.quantities import KNOT
 from mmg.errors import Missing, needed
 from mmg.messages import Message
 
-EMPTY = "empty"
-"""Why a sentence is left out that holds nothing."""
+EMPTY = "empty"  # Why a sentence is left out that holds nothing
+# Modes of a fix that was measured -> rank, the better the higher: autonomous, differential, precise, real time
+# kinematic with floats and without. Dead reckoning (E), manual (M), simulator (S), no fix (N) and not valid (V) are
+# none.
 MODES = {"A": 1, "D": 2, "P": 3, "F": 4, "R": 5}
-"""Modes of a fix that was measured -> rank, the better the higher: autonomous, differential, precise, real time
-kinematic with floats and without. Dead reckoning (E), manual (M), simulator (S), no fix (N) and not valid (V) are none.
-"""
-QUALITIES = {"1": "A", "2": "D", "3": "P", "5": "F", "4": "R"}
-"""The modes by their numbers in GGA."""
-WIND = {"K": 1 / 3.6, "M": 1.0, "N": KNOT, "S": 1609.344 / 3600.0}
-"""Factor to m/s of the units of MWV."""
+QUALITIES = {"1": "A", "2": "D", "3": "P", "5": "F", "4": "R"}  # The modes by their numbers in GGA
+WIND = {"K": 1 / 3.6, "M": 1.0, "N": KNOT, "S": 1609.344 / 3600.0}  # Factor to m/s of the units of MWV
+# What speed and angle of MWV are by its reference: both angles are counted from the bow.
 MWV = {"R": ("apparent_wind_speed", "apparent_wind_direction"), "T": ("true_wind_speed", "twa")}
-"""What speed and angle of MWV are by its reference: both angles are counted from the bow."""
 DAY_ZERO = datetime.date(1970, 1, 1).toordinal()
 WATER = (("through the water", "speed through the water"),)
 Fields = Mapping[str, str]
@@ -237,6 +234,7 @@ def _xdr(fields: Fields) -> Decoded:
     return Decoded(values, "" if values else NOT_READ, aside=tuple(aside) if values else ())
 
 
+# Sentences that are read.
 DECODERS: dict[str, Callable[[Fields], Decoded]] = {
     "RMC": _fix, "GGA": _fix, "GNS": _fix, "GLL": _fix, "ZDA": _zda, "HDG": _hdg, "RSA": _rsa, "RPM": _rpm,
     "MWV": _mwv, "MWD": _mwd, "XDR": _xdr,
@@ -248,17 +246,13 @@ DECODERS: dict[str, Callable[[Fields], Decoded]] = {
     "ROT": _plain({"rot": "rot"}, status="valid"),
     "VBW": _plain({"u": "longgroundspd", "v": "transgroundspd"}, status="groundspdstatus", water="longwaterspd"),
 }  # fmt: skip
-"""Sentences that are read."""
-M_PER_DEG = 111.2e3
-"""Metres of a degree of latitude, within 0.6 %. pi/180 of the mean radius of 6371 km (IUGG 1980)."""
+M_PER_DEG = 111.2e3  # Metres of a degree of latitude, within 0.6 %. pi/180 of the mean radius of 6371 km (IUGG 1980).
+# Metres within which fixes of one receiver by different satellites agree (horizontal error of GNSS, GPS SPS 2020).
 NEAR = 3.0
-"""Metres within which fixes of one receiver by different satellites agree (horizontal error of GNSS, GPS SPS 2020)."""
-STEADY = 0.1
-"""Scatter of a distance, in itself, below which it is that of two antennas. Set by hand."""
-ALIKE = 0.9
-"""Least share of the fixes of the one most heard with which another is heard equally often. Set by hand."""
+STEADY = 0.1  # Scatter of a distance, in itself, below which it is that of two antennas. Set by hand.
+ALIKE = 0.9  # Least share of the fixes of the one most heard with which another is heard equally often. Set by hand.
+# Least cosine of the turn from the distance of one pair of fixes to that of the next, of two antennas. Set by hand.
 PAIRED = 0.9
-"""Least cosine of the turn from the distance of one pair of fixes to that of the next, of two antennas. Set by hand."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -406,35 +400,32 @@ def merged(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray,
     return t, values
 
 
-CHECKSUM = "checksum wrong"
-"""Why a sentence is rejected out."""
+CHECKSUM = "checksum wrong"  # Why a sentence is rejected out
 SENTENCE = re.compile(r"[$!](P[A-Z0-9]{2,9}|[A-Z][A-Z0-9][A-Z]{3}),([^*$!]*)(?:\*([0-9A-Fa-f]{2}))?")
-TAG = re.compile(r"\\(?:[^\\]*,)?s:([^,*\\]+)[^\\]*\\")
-"""The source of a tag block of NMEA 4."""
+TAG = re.compile(r"\\(?:[^\\]*,)?s:([^,*\\]+)[^\\]*\\")  # The source of a tag block of NMEA 4
 _COLUMNS = {
     "deg": "latitude longitude cog heading heading_magnetic variation rudder rudder_starboard rudder_port "
     "apparent_wind_direction twa twd",
     "kn": "sog u v", "deg/min": "rot", "m/s": "apparent_wind_speed true_wind_speed",
     "rpm": "rpm rpm_starboard rpm_port RPM-E RPM-E_starboard RPM-E_port",
 }  # fmt: skip
+# Columns of the table and their units.
 UNITS = {column: unit for unit, columns in _COLUMNS.items() for column in columns.split()}
-"""Columns of the table and their units."""
+# Columns that are taken from one source: that which says one of them most often.
 TOGETHER = (
     "heading", "heading_magnetic", "u v", "apparent_wind_speed apparent_wind_direction", "true_wind_speed twa twd",
     "rot", "rudder", "rudder_starboard", "rudder_port", *_COLUMNS["rpm"].split(),
 )  # fmt: skip
-"""Columns that are taken from one source: that which says one of them most often."""
 SHAFTS, RUDDERS = ("rpm", "rpm_starboard", "rpm_port"), ("rudder_starboard", "rudder_port")
+# Column -> those beside which it is not used: a true heading, the shafts of engines.
 BETTER = {"heading_magnetic": ("heading",)} | {f"RPM-E{side}": SHAFTS for side in ("", "_starboard", "_port")}
-"""Column -> those beside which it is not used: a true heading, the shafts of engines."""
+# Codes of messages, and the first words of why sentences are not used.
 CODES = (
     ("nmea_damaged", "checksum|damaged"), ("nmea_not_read", NOT_READ),
     ("nmea_void", "status|mode|quality|empty|no hemisphere"),
 )  # fmt: skip
-"""Codes of messages, and the first words of why sentences are not used."""
+# Per cent of the largest pitch by which blades move at least: the least step that RPM says. Set by hand at that step.
 MOVES = 1.0
-"""Per cent of the largest pitch by which blades move at least: the least step that RPM says. Set by hand at that
-step."""
 Samples = tuple[np.ndarray, np.ndarray]
 """Times [s] and values (M,)."""
 

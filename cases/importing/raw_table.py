@@ -15,10 +15,8 @@ from cases.io.trial_table import MOST_COLUMNS
 from mmg.errors import Conflict, OutOfRange, TooFewData
 from mmg.messages import Message
 
-NUMBERED = "column"
-"""Word before the number of a column without a header, from 1."""
-NOT_READ = "says nothing that is used"
-"""Of a column or sentence of which nothing is known or wanted."""
+NUMBERED = "column"  # Word before the number of a column without a header, from 1
+NOT_READ = "says nothing that is used"  # Of a column or sentence of which nothing is known or wanted
 
 
 @dataclass(frozen=True)

@@ -21,22 +21,19 @@ from cases.importing.vocabulary import Meaning, is_order, meaning
 from mmg.errors import Unreadable, needed, reason
 from mmg.messages import Message
 
+# First bytes of the files of ROS 1, MCAP and ROS 2.
 MAGIC = (b"#ROSBAG V2", b"\x89MCAP", b"SQLite format 3\0")
-"""First bytes of the files of ROS 1, MCAP and ROS 2."""
 PARTS = (".db3", ".mcap")
+# Types of messages that are read; of two that say the same, that of the lower number is taken.
 RANKS = {
     "Odometry": 0, "PoseWithCovarianceStamped": 1, "PoseStamped": 2, "PoseWithCovariance": 3, "Pose": 4,
     "TwistWithCovarianceStamped": 1, "TwistStamped": 2, "TwistWithCovariance": 3, "Twist": 4, "Imu": 5, "NavSatFix": 5,
     "JointState": 0, "QuaternionStamped": 6,
 }  # fmt: skip
-"""Types of messages that are read; of two that say the same, that of the lower number is taken."""
 NUMBERS = re.compile(r"u?int\d+|float\d+")
-MOST_FIELDS = 20
-"""Numbers of a message of another type up to which they are read. Set by hand."""
-DOWN = r"ned|frd"
-"""Names of frames whose z axis points down."""
-SINCE_1970 = 1e8
-"""Seconds: later stamps are no simulation time. Set by hand: three years."""
+MOST_FIELDS = 20  # Numbers of a message of another type up to which they are read. Set by hand.
+DOWN = r"ned|frd"  # Names of frames whose z axis points down
+SINCE_1970 = 1e8  # Seconds: later stamps are no simulation time. Set by hand: three years.
 
 
 def bag_of(path: Path) -> Path:

@@ -21,25 +21,23 @@ from cases.io.trial_table import MOST_CELLS
 from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData
 from mmg.messages import Message
 
+# What the revolutions of an engine may be.
 ENGINE = "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)"
-"""What the revolutions of an engine may be."""
+# What is said of a true wind that is worked out with the speed through the water.
 OVER_WATER = "(over the water, where there is no current) or nothing"
-"""What is said of a true wind that is worked out with the speed through the water."""
+# A date and time of ISO 8601, with other signs between or none (canboat writes a dash), or a time of the day.
 STAMP = re.compile(
     r"(?<!\d)(?:((?:19|20)\d\d)[-/.]?(0\d|1[0-2])[-/.]?([0-3]\d)[-T ,;_]*)?([01]?\d|2[0-3])(?(1):?|:)([0-5]\d)"
     r"(?(1):?|:)([0-6]\d(?:[.,]\d+)?)\s?(Z|[+-]\d\d(?::?\d\d)?)?",
     re.ASCII | re.IGNORECASE,
 )
-"""A date and time of ISO 8601, with other signs between or none (canboat writes a dash), or a time of the day."""
+# What says the same in another way.
 ALIKE = {
     "x": "latitude", "y": "longitude", "latitude": "x", "longitude": "y", "psi": "heading_magnetic",
     "heading_magnetic": "psi",
 }  # fmt: skip
-"""What says the same in another way."""
-FEW = 20
-"""Times from which a clock is said to jump. Set by hand."""
-MOST_OF_LOG = 0.5
-"""Share of a log over which a series runs whose begin and end are those of the table. Set by hand."""
+FEW = 20  # Times from which a clock is said to jump. Set by hand.
+MOST_OF_LOG = 0.5  # Share of a log over which a series runs whose begin and end are those of the table. Set by hand.
 
 
 @dataclass(frozen=True)

@@ -43,15 +43,15 @@ LOOKED_AT, PREAMBLE = 400, 60
 """Lines by which separator and header are found, and most lines before the header. Set by hand."""
 PLACES, SAMPLE = 40, 2**15
 """Places at which a log whose rows are averaged is looked at before, and bytes at each."""
+# A reading of numbers is refuted where neighbours written in two ways then differ so many times more than others.
 ROUGHER = 3.0  # set by hand
-"""A reading of numbers is refuted where neighbours written in two ways then differ so many times more than others."""
 NUMBER = re.compile(rf"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|{GROUPED.format(mark=',.' + BLANKS, decimal='.,')}")
+# A cell such as "hh:mm:ss" or "ddmm.mmmm", in lower case.
 DATE_FORMAT = r"[dhmsyt:./°'\" _\-]*(?:[dhmsy]{2}|[hmsd]:)[dhmsyt:./°'\" _\-]*"
-"""A cell such as "hh:mm:ss" or "ddmm.mmmm", in lower case."""
+# Cells of a line of some loggers below the units: how values came to be, or how they are held.
 PROCESSING = {"smp", "avg", "min", "max", "std", "tot", "inst", "ts", "rn", "f8", "f4", "ascii"}
-"""Cells of a line of some loggers below the units: how values came to be, or how they are held."""
+# A line that names a ship.
 SHIP = r"\W*(?:vessel|ship|mmsi|imo)(?:[ _]?(?:name|number|no\.?))?\W*[:=;,|\t]\s*(\S.{0,60})"
-"""A line that names a ship."""
 WORDS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks", ",": "commas"}
 
 

@@ -23,14 +23,14 @@ from cases.trial import unwrapped
 from mmg.messages import Message
 
 PAIRS = (("latitude", "longitude"), ("x", "y"))
+# Displacements over these parts of a run are looked at: long ones stand out of noise, short ones follow turns.
 SPANS = (100, 30, 12)  # set by hand
-"""Displacements over these parts of a run are looked at: long ones stand out of noise, short ones follow turns."""
 FITS, WORSE = 0.05, 8.0
 """Most that the mean cosine between displacement and direction lacks of one where a reading fits, and so many times
 this of the labels where they are refuted. Set by hand."""
+# How positions may be meant, and which of both then needs a sign.
 READINGS = {"": "", "exchanged": "", "with another sign of {a}": "a", "with another sign of {b}": "b",
             "with other signs of {a} and {b}": "ab"}  # fmt: skip
-"""How positions may be meant, and which of both then needs a sign."""
 
 
 def check_direction(columns: Mapping[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap) -> None:
@@ -100,10 +100,9 @@ def _along(a: np.ndarray, b: np.ndarray, direction: np.ndarray, span: int, globe
 
 CLOSE, APART = 0.10, 0.25  # set by hand: knots and m/s, feet and metres differ by more
 """Relative difference of a unit that fits, and least one of all others."""
-PARTS = 30
-"""Of a run, over which distances and turns are compared. Set by hand."""
+PARTS = 30  # Of a run, over which distances and turns are compared. Set by hand.
+# Units that are read where they are written, but not looked for: other ones lie too near.
 RARE = ("rad/min", "mrad/s", "ft/s", "cm/s", "mm/s")
-"""Units that are read where they are written, but not looked for: other ones lie too near."""
 TRUTH = {"r": "the heading changes", "psi": "the course changes"}
 
 
@@ -186,14 +185,11 @@ def times_as_much(quantity: str, values: np.ndarray, t: np.ndarray, columns: Map
 
 LATE, USUAL = 0.10, 0.05  # set by hand
 """Times by which the course of a ship may be late, and usually is, in periods of its swinging; it is never early."""
-CHANGE = 0.10
-"""Most that this time changes along a run with the speed of the ship, in periods. Set by hand."""
+CHANGE = 0.10  # Most that this time changes along a run with the speed of the ship, in periods. Set by hand.
 SIGMAS, SIGMAS_DRIFT = 2.0, 4.0  # set by hand: 5 % and 1 in 16,000 of normal errors are larger
 """Standard errors beyond which a difference, and a drift, is no chance."""
-LEAST_SWING = 0.1
-"""rad; heading that swings less tells nothing of clocks. Set by hand."""
-STEPS = 4000
-"""Most steps of a record that is compared. Set by hand: it bounds time."""
+LEAST_SWING = 0.1  # rad; heading that swings less tells nothing of clocks. Set by hand.
+STEPS = 4000  # Most steps of a record that is compared. Set by hand: it bounds time.
 
 
 @dataclass(frozen=True)

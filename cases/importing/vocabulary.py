@@ -14,8 +14,8 @@ _ENDINGS = (
     "deg_sec deg_per_sec feet ft radians"
 )
 _SHORT = {"ms": "m/s", "m_sec": "m/s", "deg_sec": "deg/s", "deg_per_sec": "deg/s", "feet": "ft"}
+# Last words of a header that are a unit.
 ENDINGS = {word: SPELLINGS.get(word, word.replace("_", "/")) for word in _ENDINGS.split()} | _SHORT
-"""Last words of a header that are a unit."""
 _FOREIGN = {
     "deg": "grad grader graden grados grado gradi degre degres 度 °n °e °n/s °e/w degn dege",
     "kn": "knoten noeud noeuds knop knob knopen nudo nudos nodi ノット 節",
@@ -27,33 +27,32 @@ _FOREIGN = {
     "m/s": "m/sek m/sec. m·s-1 m·s⁻¹ m/秒",
     "ft": "feet foot fuss fot pieds",
 }
+# Units of other languages, in lower case without accents -> the unit.
 FOREIGN = {word: unit for unit, words in _FOREIGN.items() for word in words.split()}
-"""Units of other languages, in lower case without accents -> the unit."""
+# Cells of a line of units, in lower case; some are units of no quantity of a manoeuvre.
 GIVEN_UNITS = {
     *(u.lower() for known in FACTORS.values() for u in known), *SPELLINGS, *FOREIGN,
     *("h", "-", "%", "utc", "iso", "n", "e", "t", "°m", "bool", "v", "a", "kw", "nm", "hpa", "mbar", "knm", "°c", "st"),
 }  # fmt: skip
-"""Cells of a line of units, in lower case; some are units of no quantity of a manoeuvre."""
-BEYOND_A_TURN = 6.6
-"""No direction in radians is larger. Set by hand: 2 pi and a margin for noise."""
+BEYOND_A_TURN = 6.6  # No direction in radians is larger. Set by hand: 2 pi and a margin for noise.
 SIDES = dict.fromkeys(("port", "ps", "bb"), "port")
 SIDES |= dict.fromkeys(("stbd", "starboard", "sb", "stb", "strb"), "starboard")
+# Headers that may mean one of several quantities.
 UNSURE = {
     r"wind_?(speed|velocity)|ws": "wind_speed or apparent_wind_speed",
     r"wind_?(direction|dir|angle)|wd": "wind_direction or apparent_wind_direction",
     r"speed|velocity|v_ship|ship_speed": "sog (over ground) or nothing (through the water)",
     r"rpm_e": "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)",
 }
-"""Headers that may mean one of several quantities."""
+# Words of what was ordered: the ship follows later.
 ORDERS = (
     r"order|orders|ordered|command|commanded|cmd|setpoint|set_point|sp|demand|demanded|desired|reference|ref|target|"
     r"telegraph|eot|lever|requested|request|soll|consigne|ordre|settpunkt|preset"
 )
-"""Words of what was ordered: the ship follows later."""
+# Headers of speeds through the water: no states.
 WATER = r"stw|.*through_(the_)?water|.*log_speed|.*water_speed|spd_over_water|speed_water"
-"""Headers of speeds through the water: no states."""
+# Words beside which the others say what a column is.
 FILLERS = {"actual", "act", "measured", "meas", "feedback", "fbk", "fb", "response", "value", "filtered", "raw", "ist"}
-"""Words beside which the others say what a column is."""
 _TRANSLATIONS = {
     "time": "zeit uhrzeit heure tid tidspunkt hora tijd temps tiempo ora klokkeslett",
     "timestamp": "zeitstempel horodatage tidsstempel",
@@ -71,8 +70,8 @@ _TRANSLATIONS = {
     "angle_de_barre roerhoek",
     "rate_of_turn": "wendegeschwindigkeit drehrate drehgeschwindigkeit taux_de_giration svinghastighet",
 }  # fmt: skip
+# Headers in German, French, Norwegian, Danish, Spanish, Dutch and Italian, without accents -> English words.
 TRANSLATIONS = {word: english for english, words in _TRANSLATIONS.items() for word in words.split()}
-"""Headers in German, French, Norwegian, Danish, Spanish, Dutch and Italian, without accents -> English words."""
 
 
 @dataclass(frozen=True)

@@ -21,18 +21,16 @@ from mmg.errors import Conflict, Missing, TooFewData, UnknownName
 from mmg.messages import Message, listed
 from mmg.ship import Ship
 
+# Seconds since 1970 of the years 1990 and 2100: a clock between them tells the day.
 CLOCK = (631_152_000.0, 4_102_444_800.0)
-"""Seconds since 1970 of the years 1990 and 2100: a clock between them tells the day."""
-CALENDAR = {"day": 10, "month": 7, "year": 4}
-"""Length of each part of a date as ISO 8601 writes it."""
-KEYS = (*CALENDAR, "folder", "group", "kind", "role")
-"""What trials can be grouped by."""
+CALENDAR = {"day": 10, "month": 7, "year": 4}  # Length of each part of a date as ISO 8601 writes it
+KEYS = (*CALENDAR, "folder", "group", "kind", "role")  # What trials can be grouped by
 MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+# A month by its name comes first: what follows the year may be the time.
 DATES = (
     re.compile(rf"(?<!\d)(?P<d>\d{{1,2}})[-_. ]?(?P<m>{'|'.join(MONTHS)})[a-z]*[-_. ]?(?P<y>[12]\d{{3}})(?!\d)", re.I),
     re.compile(r"(?<!\d)(?P<y>[12]\d{3})([-_.]?)(?P<m>\d{2})\2(?P<d>\d{2})(?!\d)"),
 )
-"""A month by its name comes first: what follows the year may be the time."""
 
 
 @dataclass(frozen=True)
@@ -126,8 +124,7 @@ def _written(text: str) -> list[tuple[str, str]]:
     return found
 
 
-UNKNOWN = "no campaign"
-"""Name of what trials belong to of which nothing is known."""
+UNKNOWN = "no campaign"  # Name of what trials belong to of which nothing is known
 TAKEN, MEAN = "campaign", "campaign_mean"
 """Codes of messages: instruments as in a campaign, as in the mean of all."""
 

@@ -23,21 +23,18 @@ from mmg.messages import Message
 from mmg.motion.flow import RUDDERS
 from mmg.motion.frames import true_wind
 
-SENTINEL = "sentinel"
-"""Of the notice on such numbers."""
+SENTINEL = "sentinel"  # Of the notice on such numbers
+# Listed by hand from logs that were met.
 _NINES = (99.0, 99.9, 99.99, 999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 99999.0, 999999.0)
-"""Listed by hand from logs that were met."""
+# Numbers that loggers write where they have none; those of AIS are among them.
 WELL_KNOWN = (
     *(sign * nines for nines in _NINES for sign in (-1, 1)),
     *(32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 1e30, -1e30, 181.0, 91.0, 511.0, 102.3, 360.1),
 )
-"""Numbers that loggers write where they have none; those of AIS are among them."""
+# Such a number stands for none where the column jumps there by so many times its larger changes from row to row.
 JUMP = 20.0  # set by hand
-"""Such a number stands for none where the column jumps there by so many times its larger changes from row to row."""
-STEP_OF_INPUT = 1.0
-"""The same of a zero of an actuator in a row in which a state jumped to zero. Set by hand."""
-LARGER = 0.95
-"""The larger changes from row to row: this quantile of them. Set by hand."""
+STEP_OF_INPUT = 1.0  # The same of a zero of an actuator in a row in which a state jumped to zero. Set by hand.
+LARGER = 0.95  # The larger changes from row to row: this quantile of them. Set by hand.
 
 
 def masked(
@@ -119,12 +116,11 @@ def _dropouts(name: str, values: np.ndarray, jump: float) -> np.ndarray:
     return out
 
 
-MOST = 20
-"""False samples of a crossing at most: a record resampled by more is no interpolation. Set by hand."""
+MOST = 20  # False samples of a crossing at most: a record resampled by more is no interpolation. Set by hand.
+# A step from sample to sample that is so many times the greater ones of the record is none of the ship.
 QUICK = 8.0  # set by hand
-"""A step from sample to sample that is so many times the greater ones of the record is none of the ship."""
+# rad; the short way between both ends of a crossing, less the integrated turn rate, is no more. Set by hand.
 NEAR = 0.15
-"""rad; the short way between both ends of a crossing, less the integrated turn rate, is no more. Set by hand."""
 
 
 def through_north(t: np.ndarray, psi: np.ndarray, r: np.ndarray | None) -> tuple[np.ndarray, int]:
@@ -163,8 +159,8 @@ def through_north(t: np.ndarray, psi: np.ndarray, r: np.ndarray | None) -> tuple
     return out, count
 
 
+# Difference of the steadiness of wind, length of its mean over its mean length, that tells one unit from another.
 STEADIER = 0.2  # set by hand
-"""Difference of the steadiness of wind, length of its mean over its mean length, that tells one unit from another."""
 _DIRECTIONS = tuple(name for name in UNITS if wraps(name) and "wind" in name)
 _CAUSES = {
     (DEG, 1.0): "psi holds degrees but is labelled rad (or r holds rad/s but is labelled deg/s)",

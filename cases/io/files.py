@@ -28,10 +28,8 @@ try:
 except ImportError:  # POSIX
     msvcrt = None  # type: ignore[assignment]
 
-HELD = (BlockingIOError, PermissionError)
-"""What the operating systems raise where another process has the lock."""
-LARGEST = 256 * 2**20
-"""Most bytes of a file that is read; several times as much memory is needed for it."""
+HELD = (BlockingIOError, PermissionError)  # What the operating systems raise where another process has the lock
+LARGEST = 256 * 2**20  # Most bytes of a file that is read; several times as much memory is needed for it
 
 
 def check_file(path: Path, largest: int = LARGEST) -> None:

@@ -17,10 +17,10 @@ from mmg.errors import Missing
 with Path(__file__).with_suffix(".csv").open(encoding="utf-8", newline="") as _table:
     _rows = list(csv.DictReader(_table))
 
+# Every split by its name on the command line. "test" is never read while developing; "development-holdout" are five
+# records of Train-TZRB+, which is every record but the test set, kept out of every fit and choice, for figures of
+# accuracy.
 SPLITS = {name: [row["record"] for row in _rows if row[name]] for name in list(_rows[0])[1:]}
-"""Every split by its name on the command line. "test" is never read while developing; "development-holdout" are five
-records of Train-TZRB+, which is every record but the test set, kept out of every fit and choice, for figures of
-accuracy."""
 TRAIN_TZB, TRAIN_TZRB, TRAIN_TZRB_PLUS, TEST, DEVELOPMENT_HOLDOUT = list(SPLITS.values())[:5]
 """Wakita 2022, by kind: turning, zigzag, random, berthing."""
 MIYAUCHI_TRAIN_R, MIYAUCHI_TRAIN_TR, MIYAUCHI_TRAIN_TRZ, MIYAUCHI_TEST = list(SPLITS.values())[5:]

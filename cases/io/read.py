@@ -30,6 +30,7 @@ from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.states import STATES
 
+# Header names of the FRT-DS-ESSO records -> canonical names (data set README, "Measurement items").
 FRT_NAMES = {
     "x_position_mid": "x",
     "y_position_mid": "y",
@@ -44,12 +45,10 @@ FRT_NAMES = {
     "wind_velo_relative_mid": "apparent_wind_speed",
     "wind_dir_relative_mid": "apparent_wind_direction",
 }
-"""Header names of the FRT-DS-ESSO records -> canonical names (data set README, "Measurement items")."""
 REQUIRED = ("t", "psi", "u", "v", "r", "n")
+# Columns that make a craft without propeller and rudder: it then needs neither n nor delta.
 THRUSTERS = tuple(name for name, (_, unit) in INPUTS.items() if unit == "rps" and name not in PROPELLERS)
-"""Columns that make a craft without propeller and rudder: it then needs neither n nor delta."""
-MOST_SHOWN = 40
-"""Most headers that a message lists. Set by hand: display."""
+MOST_SHOWN = 40  # Most headers that a message lists. Set by hand: display.
 
 
 def match_headers(
@@ -149,8 +148,7 @@ def _require(path: Path, header: list[str], taken: dict[str, tuple[int, str]]) -
 
 
 SUFFIXES = (".csv", ".parquet")
-LEAST_STEP = 1e-6
-"""No clock is finer [s]. Set by hand: bounds what is taken for a clock."""
+LEAST_STEP = 1e-6  # No clock is finer [s]. Set by hand: bounds what is taken for a clock.
 
 
 def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -> list[Trial]:
@@ -262,8 +260,7 @@ def trial_of(
     return trial if entry.exclude is None else left_out(trial, [(b, e) for b, e in entry.exclude], "trials.toml")
 
 
-APPARENT = ("apparent_wind_speed", "apparent_wind_direction", "psi", "u", "v")
-"""What the true wind is derived from."""
+APPARENT = ("apparent_wind_speed", "apparent_wind_direction", "psi", "u", "v")  # What the true wind is derived from
 
 
 def _ancestors(
@@ -411,10 +408,9 @@ def _without_gaps(trial: Trial, path: Path) -> Trial:
     return replace(trial, columns=columns, notices=tuple(notices))
 
 
-_USUAL = ("t", "x", "y", "psi", "u", "v", "r", "n", "delta")
-"""Columns that most trials hold, for a hint."""
+_USUAL = ("t", "x", "y", "psi", "u", "v", "r", "n", "delta")  # Columns that most trials hold, for a hint
+# What may be said of a trial beside its columns: the keys of ``trials.toml``.
 SETTINGS = tuple(name for name in SidecarEntry.model_fields if name not in ("columns", "units", "name"))
-"""What may be said of a trial beside its columns: the keys of ``trials.toml``."""
 
 
 def trial_from_pandas(frame: Any, name: str, units: Mapping[str, str] | None, settings: Mapping[str, Any]) -> Trial:

@@ -48,8 +48,8 @@ from mmg.messages import Message, listed
 from mmg.states import STATES
 
 NAME = "trials.toml"
+# Keys whose tables of a file are merged into those of the default.
 TABLES = ("columns", "units", "sign", "lag", "std", "derived")
-"""Keys whose tables of a file are merged into those of the default."""
 
 
 def _canonical(column: str) -> str:

@@ -20,8 +20,7 @@ from cases.quantities import as_number
 from mmg.errors import BadValue, OutOfRange, UserError, reason
 from mmg.messages import Message
 
-MOST_KEPT = 400_000
-"""Most rows of a trial that are kept; 11 hours at 10 Hz. Set by hand: bounds memory."""
+MOST_KEPT = 400_000  # Most rows of a trial that are kept; 11 hours at 10 Hz. Set by hand: bounds memory.
 
 
 def rows_together(rows: int) -> int:
@@ -116,18 +115,16 @@ def _moved(t: np.ndarray, values: np.ndarray, late: np.ndarray, period: float | 
 
 BLOCK, LONGEST_LINE = 2**21, 2**20
 """Bytes that are parsed at a time, and most of a line."""
-SEPARATORS = (";", "\t", "|", ",", " ")
-"""Between cells; " " stands for any blanks."""
+SEPARATORS = (";", "\t", "|", ",", " ")  # Between cells; " " stands for any blanks
+# How lines of comment begin in raw logs.
 COMMENT = ("#", "%", "//", "!")
-"""How lines of comment begin in raw logs."""
+# Cells that hold nothing, in lower case.
 EMPTY = ("", "nan", "null", "none", "na", "n/a", "<na>", "-", "--", "---", "#n/a", "nat")
-"""Cells that hold nothing, in lower case."""
-WITH_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"
-"""A number with a decimal comma."""
+WITH_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"  # A number with a decimal comma
+# A number whose thousands are apart by one of the characters ``mark``, with a ``decimal`` character.
 GROUPED = r"[+-]?[1-9]\d{{0,2}}(?:[{mark}]\d{{3}})+(?:[{decimal}]\d+)?"
-"""A number whose thousands are apart by one of the characters ``mark``, with a ``decimal`` character."""
+# Characters that some languages write between thousands; they mean nothing else inside a number.
 BLANKS = " \u00a0\u202f'\u2019"
-"""Characters that some languages write between thousands; they mean nothing else inside a number."""
 
 
 @dataclass(frozen=True)

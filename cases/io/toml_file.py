@@ -47,6 +47,7 @@ def _plain_words(name: str) -> str:
 Name = Annotated[str, AfterValidator(_plain_words)]
 """The name of a trial or a ship: plain words, since it may become that of a file; or ""."""
 S = TypeVar("S", bound=Section)
+# Kind of an error of pydantic -> what is allowed; a unit follows numbers.
 ALLOWED = {
     "float_type": "must be a number", "finite_number": "must be a finite number", "string_type": "must be text",
     "bool_type": "must be true or false", "list_type": "must be a list", "dict_type": "must be a table",
@@ -54,7 +55,6 @@ ALLOWED = {
     "greater_than_equal": "must be at least {ge:g}", "less_than_equal": "must be at most {le:g}",
     "literal_error": "must be {expected}", "value_error": "{error}",
 }  # fmt: skip
-"""Kind of an error of pydantic -> what is allowed; a unit follows numbers."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:

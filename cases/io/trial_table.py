@@ -21,16 +21,13 @@ from cases.quantities import as_number, quantity
 from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData, Unreadable, UserError, reason
 from mmg.messages import Message, printable
 
-LARGEST_CSV = 8 * 2**30
-"""Most bytes of a CSV file."""
+LARGEST_CSV = 8 * 2**30  # Most bytes of a CSV file
 MOST_COLUMNS, MOST_ROWS, MOST_CELLS = 5000, 2_500_000, 30_000_000  # set by hand: it bounds memory, to 240 MB
 """Most columns of a table, and most rows and cells of one whose rows are not averaged."""
-MOST_UNPACKED = 2 * LARGEST_FILE
-"""Most bytes of a Parquet file as it would be without compression."""
+MOST_UNPACKED = 2 * LARGEST_FILE  # Most bytes of a Parquet file as it would be without compression
+# Most characters of a text in Parquet; a file of a few kB can name a long one millions of times.
 LONGEST_CELL = 400  # set by hand: bounds memory
-"""Most characters of a text in Parquet; a file of a few kB can name a long one millions of times."""
-LARGEST = 1e13
-"""No number of a trial is larger, in any unit. Set by hand: milliseconds since 1970 are below it."""
+LARGEST = 1e13  # No number of a trial is larger, in any unit. Set by hand: milliseconds since 1970 are below it.
 Wanted = Mapping[str, tuple[int, float]]
 """Canonical name -> number of the column and factor to SI."""
 Columns = dict[str, np.ndarray]

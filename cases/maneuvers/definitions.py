@@ -38,10 +38,9 @@ from mmg.motion.froude import length_scale, reference_speed, time_scale
 from mmg.ship import Ship
 
 Orders = Callable[[float, np.ndarray], "tuple[float, float] | None"]
-FULL_TURN = 3 * math.pi
-"""Change of heading after which a turning test ends [rad]: 540 degrees (IMO MSC/Circ.1053)."""
+FULL_TURN = 3 * math.pi  # Change of heading after which a turning test ends [rad]: 540 degrees (IMO MSC/Circ.1053)
+# Slack in comparisons of times [s] and angles [rad], so that 0.1 + 0.2 is not later than 0.3.
 TINY = 1e-9  # set by hand: above rounding, below any order
-"""Slack in comparisons of times [s] and angles [rad], so that 0.1 + 0.2 is not later than 0.3."""
 
 
 def constant(n: float) -> Orders:
@@ -216,13 +215,11 @@ def _switches(rng: np.random.Generator, shortest: float, longest: float, duratio
     return times[times < max(duration, TINY)]
 
 
-BERTHING_SPEED = 0.6
-"""Share of the approach speed and revolutions with which berthing begins. Set by hand."""
-_BERTHING_PERIOD = 150.0
-"""After which the orders of berthing begin again [s of the 3 m model]. Set by hand."""
+BERTHING_SPEED = 0.6  # Share of the approach speed and revolutions with which berthing begins. Set by hand.
+_BERTHING_PERIOD = 150.0  # After which the orders of berthing begin again [s of the 3 m model]. Set by hand.
 _BERTHING_N = ((0, BERTHING_SPEED), (30, 0.0), (36, -1.0), (88, 0.6), (105, -0.8), (130, 0.5))
+# (time [s of the 3 m model], share of n) and (time, rudder [deg]): slow ahead, reversals, kicks ahead.
 _BERTHING_DELTA = ((0, 0), (8, 15), (20, -20), (34, 10), (50, -35), (70, 0), (88, 35), (97, -35), (112, 20), (130, -25))
-"""(time [s of the 3 m model], share of n) and (time, rudder [deg]): slow ahead, reversals, kicks ahead."""
 
 
 def berthing(n: float, scale: float) -> Orders:
@@ -342,15 +339,14 @@ def _ramp(position: float, order: float, rate: float, dt: float) -> tuple[float,
     return order, order - 0.5 * way * share
 
 
+# What ``parse_maneuver`` understands; a negative angle begins to port.
 FORMS = (
     "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, crash-stop:0.6, coasting, spiral:15/5, pull-out:20, random, "
     "random:SEED, straight, berthing, acceleration"
 )
-"""What ``parse_maneuver`` understands; a negative angle begins to port."""
-STOPS = ("crash-stop", "coasting")
-"""Manoeuvres in which the engine is stopped or reversed."""
+STOPS = ("crash-stop", "coasting")  # Manoeuvres in which the engine is stopped or reversed
+# Of the messages on the engine and the resistance that are assumed of a ship that is stopped.
 STOPPING_CODES = ("assumed_engine", "stopping_resistance")
-"""Of the messages on the engine and the resistance that are assumed of a ship that is stopped."""
 
 
 @dataclass(frozen=True)
@@ -463,8 +459,7 @@ def parse_maneuver(
     return _BUILDERS[kind](_Setup(base, argument, time_scale(length), length, seed))
 
 
-LEAST_ANGLE = 1e-3
-"""No order is smaller [deg]. Set by hand: bounds what is taken for a typing error."""
+LEAST_ANGLE = 1e-3  # No order is smaller [deg]. Set by hand: bounds what is taken for a typing error.
 
 
 @dataclass(frozen=True)
@@ -524,8 +519,7 @@ class _Setup:
         return self.angle(first), self.angle(other, second)
 
 
-_LEAD = 5.0
-"""Straight approach before the first order [s of the 3 m model]. Set by hand."""
+_LEAD = 5.0  # Straight approach before the first order [s of the 3 m model]. Set by hand.
 
 
 def _turning(s: _Setup) -> Maneuver:
@@ -563,8 +557,8 @@ def _coasting(s: _Setup) -> Maneuver:
 
 STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002  # set by hand
 """The turn rate is steady when r L / U changes by no more than 0.0002 over three ship lengths (U of the approach)."""
+# Ship lengths that one rudder angle of a spiral or pull-out may take to become steady.
 _LONGEST_HOLD = 100.0  # set by hand: it bounds a run that never becomes steady
-"""Ship lengths that one rudder angle of a spiral or pull-out may take to become steady."""
 
 
 def _steps(s: _Setup, angles: tuple[float, ...], **parameters: float) -> Maneuver:
@@ -590,8 +584,7 @@ def _pull_out(s: _Setup) -> Maneuver:
     return _steps(s, (rudder, 0.0), rudder=rudder)
 
 
-MOST_DIGITS = 15
-"""Of a seed: more would be lost where it is kept as a number. A double has 15.95 (IEEE 754, 2019)."""
+MOST_DIGITS = 15  # Of a seed: more would be lost where it is kept as a number. A double has 15.95 (IEEE 754, 2019).
 
 
 def _random(s: _Setup) -> Maneuver:

@@ -31,15 +31,15 @@ from mmg.model import assemble
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
+# Length [m] from which a ship is taken to have a diesel engine; shorter ones are models with an electric motor.
 SMALLEST = 50.0  # set by hand
-"""Length [m] from which a ship is taken to have a diesel engine; shorter ones are models with an electric motor."""
+# Revolutions at U_0 by n_MCR where the ship file gives none: 90 % of the power, by the propeller law. Set by hand:
+# .9^(1/3).
 MCR = 0.965
-"""Revolutions at U_0 by n_MCR where the ship file gives none: 90 % of the power, by the propeller law. Set by hand:
-.9^(1/3)."""
 FRICTION, AIR, GAIN = 0.05, 0.4, 8.0  # set by hand
 """Of the shaft line and the starting air, in Q_MCR; of the governor, in Q_MCR by n_MCR: estimates of this library."""
-STEP = 0.25
-"""Integration step of the shaft [s]. Set by hand."""
+STEP = 0.25  # Integration step of the shaft [s]. Set by hand.
+# Particular of a ship file -> what is assumed where it is not given, its standard deviation, and what it may be.
 USUAL: Mapping[str, tuple[float, float, float, float]] = {
     "engine_delay": (10.0, 5.0, 0.0, 600.0),
     "restart": (0.30, 0.06, 0.01, 1.0),
@@ -48,7 +48,6 @@ USUAL: Mapping[str, tuple[float, float, float, float]] = {
     "engine_rise": (60.0, 25.0, 0.1, 1800.0),
     "engine_inertia": (3.0, 0.8, 0.2, 100.0),
 }
-"""Particular of a ship file -> what is assumed where it is not given, its standard deviation, and what it may be."""
 _ANGLES = np.linspace(-math.pi, math.pi, 1441)
 
 
@@ -60,8 +59,8 @@ def _series(A: tuple[float, ...], B: tuple[float, ...]) -> np.ndarray:
 
 _TORQUE = _series(A_Q, B_Q)
 _FIRST = (_ANGLES > 0.1) & (_ANGLES < 0.9)
+# Advance ratio of the series at which its thrust is zero [-].
 ZERO_THRUST = 0.7 * math.pi * math.tan(float(np.interp(0.0, -_series(A_T, B_T)[_FIRST], _ANGLES[_FIRST])))
-"""Advance ratio of the series at which its thrust is zero [-]."""
 
 
 @dataclass(frozen=True)
@@ -229,13 +228,12 @@ def _zero_thrust(ship: Ship, c: Mapping[str, float]) -> float:
     return ZERO_THRUST * ship.particulars.get("pitch_ratio", 0.75)
 
 
-FROUDE = 0.07
-"""Froude number of the default approach: harbour speed, 7.7 kn for 320 m, 0.38 m/s for 3 m. Set by hand."""
+FROUDE = 0.07  # Froude number of the default approach: harbour speed, 7.7 kn for 320 m, 0.38 m/s for 3 m. Set by hand.
+# Froude number of the test speed of a ship whose file gives none: 15.5 kn for 320 m. That of KVLCC2 at design speed
+# (SIMMAN 2008).
 TEST_FROUDE = 0.142
-"""Froude number of the test speed of a ship whose file gives none: 15.5 kn for 320 m. That of KVLCC2 at design speed
-(SIMMAN 2008)."""
+# Blade angle [rad] of a controllable-pitch propeller ahead, where the ship file gives no particular ``pitch``.
 DESIGN_PITCH = math.radians(20.0)
-"""Blade angle [rad] of a controllable-pitch propeller ahead, where the ship file gives no particular ``pitch``."""
 
 
 def actuator_positions(ship: Ship, n: Any, delta: Any) -> dict[str, Any]:

@@ -37,8 +37,7 @@ from mmg.messages import Message
 from mmg.motion.flow import RUDDERS
 from mmg.motion.froude import reference_speed
 
-PIECE = 100_000
-"""Most rows that are held at a time. Set by hand: it bounds memory."""
+PIECE = 100_000  # Most rows that are held at a time. Set by hand: it bounds memory.
 
 
 @dataclass
@@ -180,18 +179,15 @@ def _numbers(path: Path, cell: str, values: object) -> np.ndarray:
     return np.array(pc.cast(values, pa.float64(), safe=False).to_numpy(zero_copy_only=False), dtype=float)
 
 
-WINDOW = 15.0
-"""Length of a window in ship lengths travelled at the usual speed. Set by hand."""
-USUAL = 0.15
-"""Usual speed of a ship as a Froude number. Set by hand: 16 kn of a ship of 320 m."""
+WINDOW = 15.0  # Length of a window in ship lengths travelled at the usual speed. Set by hand.
+USUAL = 0.15  # Usual speed of a ship as a Froude number. Set by hand: 16 kn of a ship of 320 m.
+# A ship slower than this Froude number, u / sqrt(g L), for half a window is moored, at anchor or adrift. Set by hand:
+# 1.3 kn of a ship of 320 m.
 STOPPED = 0.012
-"""A ship slower than this Froude number, u / sqrt(g L), for half a window is moored, at anchor or adrift. Set by hand:
-1.3 kn of a ship of 320 m."""
-GAP = 2.5
-"""A step in time so many usual steps long is a gap. Set by hand."""
+GAP = 2.5  # A step in time so many usual steps long is a gap. Set by hand.
+# A window is manoeuvring where the rudder moves by this angle [rad] between its 5 % and 95 % quantiles, the revolutions
+# by this share of their largest value in the log, or the heading by this angle [rad].
 MOVED = {"rudder": 0.07, "n": 0.08, "turn": 0.1}
-"""A window is manoeuvring where the rudder moves by this angle [rad] between its 5 % and 95 % quantiles, the
-revolutions by this share of their largest value in the log, or the heading by this angle [rad]."""
 NEEDED = ("psi", "u", "v", "r", "n")
 
 
@@ -457,9 +453,9 @@ def _accelerations(trial: Trial, others: Sequence[Execute]) -> list[Execute]:
     return found
 
 
+# Keys of a sidecar that say how a file is converted: the trials are canonical.
 CONVERTED = {"columns", "units", "sign", "rudder_positive", "wind_direction", "velocity_frame", "heading_from", "lag",
              "sentinels", "reference_point", "name"}  # fmt: skip
-"""Keys of a sidecar that say how a file is converted: the trials are canonical."""
 
 
 def write_cut(parts: Sequence[CutTrial], folder: Path) -> None:

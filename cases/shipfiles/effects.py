@@ -81,8 +81,8 @@ def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
     return ship
 
 
+# Effects of ship and instruments that differ from day to day, as those of the surroundings do.
 VARIES = ("rudder_offset", "heading_bias", "log_scale", "fouling", "draft")
-"""Effects of ship and instruments that differ from day to day, as those of the surroundings do."""
 
 
 def varies(name: str) -> bool:
@@ -130,8 +130,8 @@ def calm_and_deep(ship: Ship) -> tuple[Ship, list[str]]:
     return ship, left_out
 
 
+# What the source of a parameter says that a calibration freed by itself.
 SUSPECT = "the trials speak for it, put in by mmg fit"
-"""What the source of a parameter says that a calibration freed by itself."""
 
 
 def with_suspects(ship: Ship, symbols: Iterable[str]) -> Ship:

@@ -20,16 +20,14 @@ from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PODS
 from mmg.ship import Ship
 
+# Places of the pods, which a generated polynomial keeps for the sense in which they steer.
 PODS_OF = tuple(f"{axis}_az{ending}" for ending in ("", *(f"_{i}" for i in range(2, PODS + 1))) for axis in "xy")
-"""Places of the pods, which a generated polynomial keeps for the sense in which they steer."""
-REPLACED = ("hull", "propeller", "rudder", "azimuth", "roll")
-"""Roles whose forces the polynomial takes over."""
+REPLACED = ("hull", "propeller", "rudder", "azimuth", "roll")  # Roles whose forces the polynomial takes over
+# Tunnel thrusters, which stay models of their own unless the list of actuators names them.
 TUNNELS = {"n_bow": "bow_thruster", "n_stern": "stern_thruster"}
-"""Tunnel thrusters, which stay models of their own unless the list of actuators names them."""
-KEPT = ("C_b", "U_0", *RATES, "scale", "delta_stall", *PODS_OF)
-"""Particulars that stay though no force needs them."""
+KEPT = ("C_b", "U_0", *RATES, "scale", "delta_stall", *PODS_OF)  # Particulars that stay though no force needs them
+# Prior of terms on top of physical models, as a share of that of terms instead of them. Set by hand.
 OFFSET_SHARE = 0.3
-"""Prior of terms on top of physical models, as a share of that of terms instead of them. Set by hand."""
 
 
 def structure_of(
@@ -112,8 +110,8 @@ def _inputs(structure: Structure, components: Iterable[str]) -> set[str]:
     return names | {name for name, role in TUNNELS.items() if role in components} & set(INPUTS)
 
 
+# Particulars that give the range of the motions behind a polynomial.
 RANGES = tuple(dict.fromkeys(name for pair in RANGE.values() for name in pair))
-"""Particulars that give the range of the motions behind a polynomial."""
 
 
 def optional_particulars(components: Mapping[str, str]) -> tuple[str, ...]:

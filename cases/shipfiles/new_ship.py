@@ -30,8 +30,7 @@ from mmg.motion.flow import PODS, pods
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
-STARTING = "starting ship from main particulars"
-"""Description of a starting ship."""
+STARTING = "starting ship from main particulars"  # Description of a starting ship
 Estimate = tuple[float, float, str]
 """Value, standard deviation as a share of it, source."""
 LINEAR = ("Y_v", "Y_r", "N_v", "N_r")
@@ -41,19 +40,18 @@ CORRECTIONS = {
 }
 CORRECTIONS["harbour"] = CORRECTIONS["unified"]
 """Hull -> factor on a coefficient, the same for all ships, from ships of the literature."""
+# Hull -> factor on the standard deviations of the literature and of experience. With those of the unified hull, 90 %
+# intervals hold nine in ten figures of ships left out; the polynomial's are wider, so that captive tests lie within. Of
+# ferries and other craft with pods (harbour) the regressions have seen none: set by hand.
 WIDENING = {"unified": 0.65, "polynomial": 1.0, "harbour": 1.5}
-"""Hull -> factor on the standard deviations of the literature and of experience. With those of the unified hull, 90 %
-intervals hold nine in ten figures of ships left out; the polynomial's are wider, so that captive tests lie within. Of
-ferries and other craft with pods (harbour) the regressions have seen none: set by hand."""
-FULL = 0.7
-"""Block coefficient from which a ship counts as full. Set by hand."""
+FULL = 0.7  # Block coefficient from which a ship counts as full. Set by hand.
+# Hull, full or fine -> root mean square errors of lengths and of overshoots [%] of ships left out, how many ships.
 ERRORS = {
     ("unified", True): (26, 39, 4),
     ("unified", False): (25, 39, 2),
     ("polynomial", True): (25, 42, 4),
     ("polynomial", False): (33, 42, 2),
 }
-"""Hull, full or fine -> root mean square errors of lengths and of overshoots [%] of ships left out, how many ships."""
 
 
 def resistance(p: Mapping[str, float]) -> float:
@@ -163,23 +161,20 @@ def _corrected(rows: Mapping[str, Estimate], hull: str, scatter: Mapping[str, fl
     return found
 
 
+# Main particulars in the order in which they may be given without names; the first four are needed.
 ORDER = ("L", "B", "d", "C_b", "D_P", "pitch_ratio", "A_R", "U_0")
-"""Main particulars in the order in which they may be given without names; the first four are needed."""
 LEAST = ORDER[:4]
+# Other spellings of particulars.
 WORDS = {"Cb": "C_b", "CB": "C_b", "T": "d", "Lpp": "L", "P/D": "pitch_ratio", "DP": "D_P", "AR": "A_R", "V": "U_0"}
-"""Other spellings of particulars."""
-PITCH_RATIO = 0.75
-"""Of propellers of slow merchant ships [-]."""
-POD = ("D_az", "x_az", "y_az")
-"""Particulars of a ship that pods drive in place of propeller and rudder."""
-SCREW = ("D_P", "pitch_ratio", "A_R", "aspect_ratio", "x_R", "y_P")
-"""Particulars of propeller and rudder."""
+PITCH_RATIO = 0.75  # Of propellers of slow merchant ships [-]
+POD = ("D_az", "x_az", "y_az")  # Particulars of a ship that pods drive in place of propeller and rudder
+SCREW = ("D_P", "pitch_ratio", "A_R", "aspect_ratio", "x_R", "y_P")  # Particulars of propeller and rudder
+# Particulars that may be added as NAME=VALUE.
 OPTIONAL = (
     "rho", "x_G", "m", "aspect_ratio", "x_R", "y_P", "A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a",
     "D_BT", "x_BT", "D_ST", "x_ST", "rudder_rate", "rudder_delay", "propeller_rate", *ENGINE, *POD,
     *(f"{place}_{i}" for i in range(2, PODS + 1) for place in POD[1:]),
 )  # fmt: skip
-"""Particulars that may be added as NAME=VALUE."""
 HULLS = ("unified", "harbour", "polynomial")
 
 
@@ -225,8 +220,8 @@ def check_plausible(p: Mapping[str, float]) -> None:
         raise OutOfRange(f"--new: {sentence}")
 
 
+# Rules of thumb of particulars that trials replace by what they show.
 RULES = {"U_0": "service speed typical of C_b", "D_P": "usual share of the draught"}
-"""Rules of thumb of particulars that trials replace by what they show."""
 
 
 def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:

@@ -14,20 +14,20 @@ from mmg.components.particulars import PARTICULARS
 from mmg.motion.flow import PODS
 from mmg.motion.froude import reference_speed, time_scale
 
+# Particulars that trials show and no force model needs.
 RATES = ("rudder_rate", "rudder_delay", "propeller_rate", "approach_speed", "neutral_rudder")
-"""Particulars that trials show and no force model needs."""
-BY_RULE = "rule: "
-"""How the source of a particular begins that follows from a rule of thumb."""
+BY_RULE = "rule: "  # How the source of a particular begins that follows from a rule of thumb
 PODS_ASIDE = ("y_az", "y_az_2", "y_az_3", "y_az_4")
 PLACES = ("x_G", "x_R", "C", "C_BR", "x_BT", "x_ST", "x_az", "x_az_2", "x_az_3", "x_az_4")
+# Particulars that may be zero or negative: places relative to midship, and an angle.
 SIGNED = (*PLACES, *PODS_ASIDE, "neutral_rudder")
-"""Particulars that may be zero or negative: places relative to midship, and an angle."""
+# Longest delay of the rudder of a 3 m model [s]: 30 s of a ship of 300 m. Set by hand, above any steering gear.
 MOST_DELAY = 3.0
-"""Longest delay of the rudder of a 3 m model [s]: 30 s of a ship of 300 m. Set by hand, above any steering gear."""
-LONGEST = 600.0
-"""m; the longest ship built has 458. Seawise Giant (1979); the limit was set by hand."""
+LONGEST = 600.0  # m; the longest ship built has 458. Seawise Giant (1979); the limit was set by hand.
+# Size in SI units that no particular of a ship reaches, and the inverse of the smallest.
 LARGEST = 1e12  # set by hand: bounds what a typing error can do
-"""Size in SI units that no particular of a ship reaches, and the inverse of the smallest."""
+# Ratio in words, what it divides by what, between which values a ship can be, and nearly all merchant ships lie (own
+# judgement from the ships of benchmarks/literature and textbooks).
 RATIOS: tuple[tuple[str, tuple[str, ...], tuple[str, ...], tuple[float, float], tuple[float, float]], ...] = (
     ("C_b", ("C_b",), (), (0.3, 1.0), (0.4, 0.9)),
     ("L / B", ("L",), ("B",), (1.5, 15.0), (3.5, 10.0)),
@@ -38,8 +38,6 @@ RATIOS: tuple[tuple[str, tuple[str, ...], tuple[str, ...], tuple[float, float], 
     ("A_R / (L d)", ("A_R",), ("L", "d"), (0.002, 0.1), (0.008, 0.045)),
     ("m / (rho L B d C_b)", ("m",), ("rho", "L", "B", "d", "C_b"), (0.8, 1.2), (0.96, 1.04)),
 )
-"""Ratio in words, what it divides by what, between which values a ship can be, and nearly all merchant ships lie (own
-judgement from the ships of benchmarks/literature and textbooks)."""
 
 
 def wrong_particulars(p: Mapping[str, float]) -> list[str]:

@@ -31,8 +31,8 @@ from mmg.messages import Message
 from mmg.ship import CalibrationMark, Ship
 
 LIBRARY = Path(__file__).parents[1] / "ships"
+# Particulars that no force model needs but every ship file may state.
 OPTIONAL = ("C_b", "U_0", "y_P", "pitch", *RATES, "scale", "stopping_resistance")
-"""Particulars that no force model needs but every ship file may state."""
 
 
 def library() -> dict[str, Path]:

@@ -16,15 +16,14 @@ from cases.simulation.simulate import SensorNoise, add_noise, simulate
 from cases.trial import Trial
 from mmg.ship import Ship
 
-SHIP = "esso_osaka_3m"
-"""The ship whose coefficients a demo starts from."""
+SHIP = "esso_osaka_3m"  # The ship whose coefficients a demo starts from
 
+# Coefficient -> how far the hidden ship lies from the starting one, in prior standard deviations.
 OFFSETS = {
     "X_0F": -0.8, "X_vr": 0.4, "Y_v": -0.9, "Y_r": -0.6, "N_v": 0.7, "N_r": -0.9, "C_D": -0.8, "C_rN": 0.7,
     "C_rY": -0.5, "k_0": 0.7, "t_P": 0.6, "w_P0": -0.8, "tau": -0.7, "C_6": -0.9, "C_7": 0.6, "A_5": 0.8,
     "t_R": 0.7, "a_H": -0.8, "ell_R": 0.8, "k_x": 1.0, "epsilon": -0.7, "gamma_P": 0.8, "gamma_N": -0.6,
 }  # fmt: skip
-"""Coefficient -> how far the hidden ship lies from the starting one, in prior standard deviations."""
 
 TRAIN = (
     ("zigzag:20/20", 120.0),
@@ -35,8 +34,7 @@ TRAIN = (
     ("random:12", 140.0),
     ("berthing", 150.0),
 )
-VALIDATE = (("random:21", 140.0), ("zigzag:-15/15", 110.0))
-"""Manoeuvre and duration [s] of each run."""
+VALIDATE = (("random:21", 140.0), ("zigzag:-15/15", 110.0))  # Manoeuvre and duration [s] of each run
 
 
 def hidden_ship() -> Ship:
@@ -47,10 +45,9 @@ def hidden_ship() -> Ship:
     return replace(ship.with_values(moved), name="hidden")
 
 
+# The effect behind the demo's second campaign, as ``mmg simulate --effect`` takes it.
 CURRENT = "current:x=0.08,y=-0.05"
-"""The effect behind the demo's second campaign, as ``mmg simulate --effect`` takes it."""
-FOULING = "fouling:share=0.6"
-"""The effect behind its third campaign."""
+FOULING = "fouling:share=0.6"  # The effect behind its third campaign
 
 
 def compare_with_truth(ship: Ship) -> dict[str, Any]:

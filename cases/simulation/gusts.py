@@ -15,11 +15,9 @@ import numpy as np
 from cases.quantities import as_number
 from mmg.errors import BadValue, OutOfRange
 
-REFERENCE_FREQUENCY = 0.5
-"""Hz at which filter and spectrum agree, besides zero. Set by hand."""
+REFERENCE_FREQUENCY = 0.5  # Hz at which filter and spectrum agree, besides zero. Set by hand.
 
-STRONGEST = 115.0
-"""m/s; the strongest gust ever measured has 113."""
+STRONGEST = 115.0  # m/s; the strongest gust ever measured has 113
 
 
 @dataclass(frozen=True)

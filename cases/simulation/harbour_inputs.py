@@ -20,20 +20,20 @@ from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 from mmg.states import STATES
 
+# Range of each angle [deg].
 RANGES = {
     "delta": (-35.0, 35.0), "delta_port": (-35.0, 35.0), "delta_starboard": (-35.0, 35.0),
     **{name: (-180.0, 180.0) for name in INPUTS if name.startswith("azimuth")},
 }  # fmt: skip
-"""Range of each angle [deg]."""
+# Range of two rudders behind one propeller [deg], which then never reverses (Miyauchi et al. 2023, Table 2).
 VECTWIN = {"delta_port": (-105.0, 35.0), "delta_starboard": (-35.0, 105.0)}
-"""Range of two rudders behind one propeller [deg], which then never reverses (Miyauchi et al. 2023, Table 2)."""
+# Range of revolutions, as shares of those of harbour speed; of pods and VecTwin propellers 0 to 1.
 SHARES = {"n": (-0.6, 1.0), "n_2": (-0.6, 1.0), "n_bow": (-2.0, 2.0), "n_stern": (-2.0, 2.0)}
-"""Range of revolutions, as shares of those of harbour speed; of pods and VecTwin propellers 0 to 1."""
+# Shortest and longest time [s of a 3 m model] for which an order stands, by unit of the actuator.
 HELD = {"rad": (4.0, 20.0), "rps": (10.0, 30.0)}
-"""Shortest and longest time [s of a 3 m model] for which an order stands, by unit of the actuator."""
 
+# Shortest and longest phase [s of a 3 m model] in which VecTwin rudders stay near midships, outward, or anywhere.
 PHASES = (60.0, 180.0)  # set by hand
-"""Shortest and longest phase [s of a 3 m model] in which VecTwin rudders stay near midships, outward, or anywhere."""
 
 
 def ranges_of(ship: Ship) -> dict[str, tuple[float, float]]:

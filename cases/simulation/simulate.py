@@ -82,11 +82,10 @@ def add_noise(trial: Trial, noise: SensorNoise, seed: int = 0) -> Trial:
     return replace(trial, columns={**trial.columns, **noisy})
 
 
+# Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L). Set by hand.
 LONGEST_STEP = 0.5
-"""Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L). Set by hand."""
 
-MOST_STEPS = 5_000_000
-"""Most Runge-Kutta steps of a run. Set by hand: it bounds time, to some minutes, and memory."""
+MOST_STEPS = 5_000_000  # Most Runge-Kutta steps of a run. Set by hand: it bounds time, to some minutes, and memory.
 
 
 def _plant(ship: Ship) -> tuple[ca.Function, Model, float]:

@@ -34,11 +34,11 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES
 
+# Change of heading behind which no figure of a turning circle is read but its steady turn [rad].
 HALF_TURN = math.radians(190.0)
-"""Change of heading behind which no figure of a turning circle is read but its steady turn [rad]."""
+# Executes of the rudder of a zigzag after which its first two overshoots are over: the second one begins at the third
+# (IMO MSC.137(76)).
 READ = 4
-"""Executes of the rudder of a zigzag after which its first two overshoots are over: the second one begins at the third
-(IMO MSC.137(76))."""
 
 
 @dataclass(frozen=True)

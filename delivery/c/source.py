@@ -26,8 +26,8 @@ from mmg.errors import Unsupported, UserError
 from mmg.model import INVERSIONS
 from mmg.network import Layers, Network
 
+# Rows of a block whose sums a compiler keeps in registers: one AVX-512 register, two AVX2 ones.
 BLOCK = 8  # set by hand: speed alone
-"""Rows of a block whose sums a compiler keeps in registers: one AVX-512 register, two AVX2 ones."""
 TERMS, DOUBLINGS = 15, 6
 """With |y| <= 0.625 a series of 15 terms is exact to rounding; doubled six times it serves |2 x| <= 40. Taylor's
 remainder bounds the error: 0.625^16 / 16! is 3e-17."""
@@ -111,8 +111,7 @@ def network_words(network: Network) -> dict[str, Any]:
 
 
 TEMPLATES = Path(__file__).parent / "templates"
-LONGEST_STRING = 4000
-"""Most bytes of a string constant: C99 promises 4095. (C99, 5.2.4.1: a limit of translation.)"""
+LONGEST_STRING = 4000  # Most bytes of a string constant: C99 promises 4095. (C99, 5.2.4.1: a limit of translation.)
 
 
 def quoted(text: str, most: int = LONGEST_STRING) -> str:
@@ -194,15 +193,14 @@ def header_c(product: Product, kept: int, more: str = "") -> str:
 
 COEFFICIENTS, INPUTS, STATE = 1, 2, 3
 """Stages: what depends on the coefficients alone, on these and the inputs, and on the state."""
+# Outputs: rates without network (S,), forces (R, 3), logged columns (6,), state with settled memory (S,) from the first
+# six, features (F,); derivatives of rates and features by state (S) and inputs (C), of logged columns by state.
 EVERY = RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z, FEATURES_C, COLUMNS_Z = tuple(
     range(10)
 )
-"""Outputs: rates without network (S,), forces (R, 3), logged columns (6,), state with settled memory (S,) from the
-first six, features (F,); derivatives of rates and features by state (S) and inputs (C), of logged columns by state."""
-RUDDER = 0.3
-"""Rudder angle [rad] of the turn in an example. Set by hand."""
+RUDDER = 0.3  # Rudder angle [rad] of the turn in an example. Set by hand.
+# Ships with more values than this are stepped one by one: their arrays would not fit into a small stack.
 MOST_VALUES = 1500  # set by hand: 12 kB an array of them
-"""Ships with more values than this are stepped one by one: their arrays would not fit into a small stack."""
 
 
 def equations(product: Product) -> Program:

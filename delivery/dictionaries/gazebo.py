@@ -23,8 +23,9 @@ from mmg.errors import Unsupported
 from mmg.messages import Message
 
 TEMPLATE = Path(__file__).parent / "templates" / "hull.sdf.j2"
+# Radius of gyration of the ship in yaw [-, by L] (Yasukawa & Yoshimura 2015); more yaw inertia is added mass.
 GYRATION = 0.25
-"""Radius of gyration of the ship in yaw [-, by L] (Yasukawa & Yoshimura 2015); more yaw inertia is added mass."""
+# Factors that each plugin has, by channel.
 TERMS: dict[str, dict[str, tuple[str, ...]]] = {
     "gazebo": {
         "X": ("xU", "xUabsU", "xVR", "xVV", "xRR"),
@@ -33,14 +34,13 @@ TERMS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "vrx": {"X": ("xU", "xUU"), "Y": ("yV", "yVV"), "N": ("nR", "nRR")},
 }
-"""Factors that each plugin has, by channel."""
+# Simulator, library, plugin, and what to do where it cannot hold a ship.
 PLUGINS = {
     "gazebo": ("Gazebo Sim", "gz-sim-hydrodynamics-system", "gz::sim::systems::Hydrodynamics",
                "export the ship as fmu or c, which hold it exactly"),
     "vrx": ("the Virtual RobotX", "libSimpleHydrodynamics.so", "vrx::SimpleHydrodynamics",
             "its plugin couples no sway and yaw: use --format gazebo, fmu or c instead"),
 }  # fmt: skip
-"""Simulator, library, plugin, and what to do where it cannot hold a ship."""
 
 
 def write_hull(product: Product, target: Path, form: str) -> list[Message]:

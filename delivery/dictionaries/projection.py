@@ -33,21 +33,17 @@ from mmg.ship import Ship
 RUDDER, RATE = math.radians(35.0), math.radians(20.0)
 """Largest rudder angle [rad] where no range is known (SOLAS II-1, 29), and rudder rate [rad/s] of a 3 m model: that of
 ``mmg simulate``."""
-SPEEDS = (0.5, 0.75, 1.0)
-"""Approach speeds [-, by the design speed] where no range is known. Set by hand."""
+SPEEDS = (0.5, 0.75, 1.0)  # Approach speeds [-, by the design speed] where no range is known. Set by hand.
 RUNS, SAMPLES, KEPT = 8, 500, 1500
 """Runs per approach speed, samples of each, and motions kept at most. They bound the time."""
-LIMITED = ("u", "v", "r", "n", "delta", "beta")
-"""Quantities of the trials' range by which motions are left out."""
+LIMITED = ("u", "v", "r", "n", "delta", "beta")  # Quantities of the trials' range by which motions are left out
+# Share [-] of a range by which a motion may exceed it: judgement, rounding of the range aside. Set by hand.
 MARGIN = 0.02
-"""Share [-] of a range by which a motion may exceed it: judgement, rounding of the range aside. Set by hand."""
-WORST = 0.5
-"""Share [-] of a channel's force (RMS) beyond which a projection is refused: judgement. Set by hand."""
+WORST = 0.5  # Share [-] of a channel's force (RMS) beyond which a projection is refused: judgement. Set by hand.
+# Weight [-] with which a parameter is drawn to where it starts, by that of an error as large as the force: judgement,
+# little enough to leave what the motions determine. Set by hand.
 PULL = 0.1
-"""Weight [-] with which a parameter is drawn to where it starts, by that of an error as large as the force: judgement,
-little enough to leave what the motions determine. Set by hand."""
-EXACT = "export the ship as c, casadi or fmu, which hold it exactly"
-"""What to do instead of a projection."""
+EXACT = "export the ship as c, casadi or fmu, which hold it exactly"  # What to do instead of a projection
 Rates = Callable[[np.ndarray, float, float], np.ndarray]
 """(u, v, r (3,), n [1/s], delta [rad]) -> their rates (3,)."""
 

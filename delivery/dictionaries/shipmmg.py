@@ -34,16 +34,16 @@ SCREW: dict[str, tuple[float, float, float]] = {
     "k_0": (0.3, 0.05, 0.8), "k_1": (-0.28, -1.0, 0.2), "k_2": (-0.14, -1.0, 0.5), "w_P0": (0.4, 0.0, 0.85),
     "x_P": (-0.5, -1.5, 0.0), "t_P": (0.2, 0.0, 0.6),
 }  # fmt: skip
+# Parameters of propeller and rudder: where a fit starts if the ship has none of that name, and its bounds.
 BLADE: dict[str, tuple[float, float, float]] = {
     "t_R": (0.35, -0.5, 0.95), "a_H": (0.3, -0.5, 1.5), "x_H": (-0.45, -1.5, 0.5), "l_R": (-0.8, -2.5, 0.5),
     "gamma_R_plus": (0.45, 0.02, 1.5), "gamma_R_minus": (0.45, 0.02, 1.5), "kappa": (0.5, 0.0, 2.0),
     "epsilon": (1.1, 0.4, 2.5), "f_alpha": (2.7, 0.3, 8.0),
 }  # fmt: skip
-"""Parameters of propeller and rudder: where a fit starts if the ship has none of that name, and its bounds."""
+# Their symbols in the ship, where these differ.
 OTHER_NAMES = {"l_R": "ell_R", "gamma_R_plus": "gamma_N", "gamma_R_minus": "gamma_P"}
-"""Their symbols in the ship, where these differ."""
+# Their names in shipmmg, where these differ.
 BASIC = {"epsilon": "ϵ", "kappa": "κ", "f_alpha": "f_α", "gamma_R_plus": "γ_R_plus", "gamma_R_minus": "γ_R_minus"}
-"""Their names in shipmmg, where these differ."""
 
 
 def write_shipmmg(product: Product, target: Path) -> list[Message]:

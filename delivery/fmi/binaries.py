@@ -16,8 +16,8 @@ from pathlib import Path
 from mmg.compile.cache import compiler
 from mmg.errors import Conflict, NotInstalled, ProgramFailed, UnknownName, UserError
 
+# The one file to compile: it includes the others. File names with a hyphen cannot be those of a ship.
 MAIN = "fmu-main.c"
-"""The one file to compile: it includes the others. File names with a hyphen cannot be those of a ship."""
 FLAGS: tuple[str, ...] = ("-std=c99", "-O2", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fvisibility=hidden")
 LINKED = ("-lm",)
 
@@ -34,6 +34,7 @@ class FmuPlatform:
     zig: str
 
 
+# By their names in FMI 3.0.
 PLATFORMS = {
     p.folder_3: p
     for p in (
@@ -45,9 +46,7 @@ PLATFORMS = {
         FmuPlatform("darwin64", "aarch64-darwin", ".dylib", (), "aarch64-macos"),
     )
 }
-"""By their names in FMI 3.0."""
-NONE = "none"
-"""What is said for an FMU of sources alone."""
+NONE = "none"  # What is said for an FMU of sources alone
 
 
 def this_platform() -> str:

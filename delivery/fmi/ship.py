@@ -15,15 +15,15 @@ from mmg.errors import Unsupported
 from mmg.model import Model, assemble
 from mmg.ship import AIR, Ship
 
+# Inputs in place of the coefficients CURRENT: velocity of the water over ground [m/s].
 WATER = ("current_north", "current_east")
-"""Inputs in place of the coefficients CURRENT: velocity of the water over ground [m/s]."""
 CURRENT = ("current.x", "current.y")
 RATES = ("current.x_rate", "current.y_rate")
 TIME = "time"
 _FUNCTIONS = ("rates", "forces", "initial", "columns", "features")
 LATE_LOG, AXES = "velocity_filter.tau", "velocity_filter.body_axes"
+# Effects of instruments with which the lateness of the logged velocity is exact: none acts before it.
 AFTER_LATE = ("velocity_filter", "heading_bias", "log_scale", "gyro")
-"""Effects of instruments with which the lateness of the logged velocity is exact: none acts before it."""
 
 
 def _logs_late_alone(ship: Ship) -> bool:

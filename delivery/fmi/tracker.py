@@ -13,8 +13,7 @@ from mmg.motion.froude import time_scale
 from mmg.ship import AIR
 from mmg.states import STATES
 
-HORIZON = 60.0
-"""Seconds ahead of a forecast of a 3 m model, unless it is set: those of ``benchmarks.tracker``."""
+HORIZON = 60.0  # Seconds ahead of a forecast of a 3 m model, unless it is set: those of ``benchmarks.tracker``
 TRUST = "how far state and inputs lie outside what the trials held; 0 inside, -1 where that is not known"
 
 

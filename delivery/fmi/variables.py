@@ -13,15 +13,15 @@ from mmg.motion.flow import PROPELLERS, RUDDERS
 from mmg.ship import AIR
 from mmg.states import STATES
 
+# Exponents of the units that a ship file may name, alone or as products.
 BASES = {"kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {"rad": 1}, "N": {"kg": 1, "m": 1, "s": -2}}
-"""Exponents of the units that a ship file may name, alone or as products."""
+# Unit -> unit for people, and its value for one of the unit.
 SHOWN = {
     "rad": ("deg", 180 / math.pi),
     "rad/s": ("deg/s", 180 / math.pi),
     "m/s": ("kn", 3600 / 1852),
     "1/s": ("rpm", 60.0),
 }
-"""Unit -> unit for people, and its value for one of the unit."""
 _PLAIN = str.maketrans({"²": "2", "³": "3", "^": "", "·": "."})
 POSITION = ("north", "east", "down", "roll", "pitch", "yaw")
 VELOCITY = ("surge", "sway", "heave", "roll", "pitch", "yaw")

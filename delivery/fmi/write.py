@@ -35,9 +35,9 @@ from mmg.messages import Message
 
 FmuShip: TypeAlias = CoSimulatedShip | TrackedShip
 TEMPLATES = Path(__file__).parent / "c"
+# Kinds of groups in the order in which the schema wants them.
 ORDER = ("Generic", "Force", "Torque", "LinearVelocity", "AngularVelocity", "LinearDisplacement",
          "AngularDisplacement")  # fmt: skip
-"""Kinds of groups in the order in which the schema wants them."""
 
 
 def xml(text: str) -> str:
@@ -119,15 +119,14 @@ OWN, STANDARD = Path(__file__).parent / "c", Path(__file__).parent / "headers"
 INSTANCE, MODEL = ("fmu-instance.h", "fmu-instance.c"), "fmu-model.h"
 CALCULATED = {CoSimulatedShip: "fmu-ship.c", TrackedShip: "fmu-tracker.c"}
 WRAPPER = {2: "fmi2-functions.c", 3: "fmi3-functions.c"}
+# Headers of the standard, under the 2-clause BSD licence that each of them holds.
 HEADERS = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
-"""Headers of the standard, under the 2-clause BSD licence that each of them holds."""
 SOURCES_ONLY, LATE_COLUMNS, OSP_DESCRIPTION = "no_binary", "columns_approximate", "osp_description"
 """Codes of what is said of an FMU."""
-LICENCE = "fmi-standard-headers.txt"
-"""File with the licence of the headers of the standard."""
+LICENCE = "fmi-standard-headers.txt"  # File with the licence of the headers of the standard
 
 
 def write_fmu(

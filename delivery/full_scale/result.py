@@ -38,8 +38,7 @@ if TYPE_CHECKING:
 
     from residual.result import TrainResult
 
-NOT_CALIBRATED = "not calibrated"
-"""Status of a result that holds the priors of a ship."""
+NOT_CALIBRATED = "not calibrated"  # Status of a result that holds the priors of a ship
 
 
 def result_of(source: str | Path | Ship | FitResult) -> FitResult:

@@ -18,13 +18,11 @@ from mmg.errors import Missing, OutOfRange
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
+# Density [kg/m^3] of sea water (ITTC 7.5-02-01-03: 1026 at 15 degrees C), in which a ship of 20 m and more floats.
 SALT = 1025.0
-"""Density [kg/m^3] of sea water (ITTC 7.5-02-01-03: 1026 at 15 degrees C), in which a ship of 20 m and more floats."""
-SHORTEST = 0.1
-"""m; no model is shorter. Set by hand: bounds what a typing error can do."""
+SHORTEST = 0.1  # m; no model is shorter. Set by hand: bounds what a typing error can do.
+# Step of the derivatives of the scaled coefficients, by the size of each: set by hand between rounding and curvature.
 STEP = 1e-4
-"""Step of the derivatives of the scaled coefficients, by the size of each: set by hand between rounding and
-curvature."""
 
 
 @dataclass(frozen=True)

@@ -24,14 +24,13 @@ from mmg.motion.flow import INPUTS
 from mmg.network import Network
 from mmg.ship import Ship
 
+# Unit -> power of the scale, power of the ratio of densities.
 BASE = {
     "m": (1.0, 0), "s": (0.5, 0), "kg": (3.0, 1), "N": (3.0, 1), "W": (3.5, 1), "J": (4.0, 1), "Pa": (1.0, 1),
     "rad": (0.0, 0), "deg": (0.0, 0), "rps": (-0.5, 0), "1": (0.0, 0), "-": (0.0, 0), "": (0.0, 0),
     "kW": (3.5, 1), "kN": (3.0, 1), "rpm": (-0.5, 0), "rev": (0.0, 0),
 }  # fmt: skip
-"""Unit -> power of the scale, power of the ratio of densities."""
-KEPT = ("rho_a",)
-"""Particulars with a unit that do not scale: the air is the same."""
+KEPT = ("rho_a",)  # Particulars with a unit that do not scale: the air is the same
 
 
 @dataclass(frozen=True)

@@ -23,13 +23,11 @@ from mmg.components import friction
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
+# Froude number [-] up to which wave resistance is left out: within the runs at 0.1 to 0.2 from which Prohaska's method
+# (ITTC 7.5-02-02-01) takes the form factor.
 WAVELESS = 0.16
-"""Froude number [-] up to which wave resistance is left out: within the runs at 0.1 to 0.2 from which Prohaska's method
-(ITTC 7.5-02-02-01) takes the form factor."""
-RUDDER_WAKE = 0.04
-"""Part of the wake that a rudder makes and that does not scale (ITTC 7.5-02-03-01.4)."""
-RESISTANCE = ("R_0", "X_0F")
-"""The coefficient of resistance, as a drag and as a force."""
+RUDDER_WAKE = 0.04  # Part of the wake that a rudder makes and that does not scale (ITTC 7.5-02-03-01.4)
+RESISTANCE = ("R_0", "X_0F")  # The coefficient of resistance, as a drag and as a force
 
 
 @dataclass(frozen=True)
@@ -163,6 +161,7 @@ class Doubt:
 
 
 JUDGEMENT = "judgement: not known from public measurements"
+# Coefficients, or groups of them, that similarity keeps: standard deviation by value, and why.
 SHARES = {
     "t_P": (0.05, "share of itself: thrust deduction is taken as that of the model (ITTC 7.5-02-03-01.4)"),
     "k_0": (0.02, "share of itself: propeller friction is not corrected, some % for a small model propeller"),
@@ -174,7 +173,6 @@ SHARES = {
     "I_J_z": (0.03, "share of itself: the ship is taken to be loaded as the model is ballasted"),
     "hull": (0.05, f"share of itself: hull forces are taken as those of the model; {JUDGEMENT}"),
 }
-"""Coefficients, or groups of them, that similarity keeps: standard deviation by value, and why."""
 
 
 def doubts(ship: Ship, values: Mapping[str, float], scaled: Mapping[str, float], change: Change) -> dict[str, Doubt]:

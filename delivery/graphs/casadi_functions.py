@@ -21,8 +21,7 @@ from mmg.messages import Message
 from mmg.model import Model
 from mmg.runge_kutta import rk4_step
 
-DELAY_APPROXIMATE = "delay_approximate"
-"""Code of what is said of an effect that delays the inputs."""
+DELAY_APPROXIMATE = "delay_approximate"  # Code of what is said of an effect that delays the inputs
 TEMPLATES = Path(__file__).parent / "templates"
 
 

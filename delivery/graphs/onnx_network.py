@@ -21,11 +21,11 @@ from mmg.errors import Missing, NotInstalled
 from mmg.network import Layers, Network
 from mmg.ship import Ship
 
+# Features that are no states or inputs, though they are called so: words and unit.
 WATER = {
     "u": ("surge velocity through the water at midship", "m/s"),
     "v": ("sway velocity through the water at midship", "m/s"),
 }
-"""Features that are no states or inputs, though they are called so: words and unit."""
 ACCELERATIONS = (("du", "m/s^2"), ("dv", "m/s^2"), ("dr", "rad/s^2"))
 
 

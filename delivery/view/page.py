@@ -215,17 +215,13 @@ def same_ship(a: Ship, b: Ship) -> bool:
     return accelerations[:1] == accelerations[1:]
 
 
-LENGTHS = (30.0, 100.0, 0.0)
-"""Windows of a page [s]: those of both metrics of ``mmg score``, and 0, the whole run."""
+LENGTHS = (30.0, 100.0, 0.0)  # Windows of a page [s]: those of both metrics of ``mmg score``, and 0, the whole run
 SCRIPTS = ("uplot/uPlot.iife.min.js", "data.js", "charts.js", "track.js", "forces.js", "main.js")
 STYLES = ("uplot/uPlot.min.css", "view.css")
 WIND = {"wind_north": ("velocity of the air towards north", "m/s"), "wind_east": ("and towards east", "m/s")}
-MISSING = -32768
-"""The 16-bit number that stands for a value that is not finite."""
-LARGEST = 32767
-"""The largest 16-bit number."""
-BUDGET = 10e6
-"""Bytes of all runs of a page together, about. Set by hand: what a browser opens at once."""
+MISSING = -32768  # The 16-bit number that stands for a value that is not finite
+LARGEST = 32767  # The largest 16-bit number
+BUDGET = 10e6  # Bytes of all runs of a page together, about. Set by hand: what a browser opens at once.
 FEWEST, MOST = 120, 1000  # set by hand
 """Rows of a run: fewer are not shown than the first, and more than the second no screen resolves."""
 

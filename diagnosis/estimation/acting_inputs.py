@@ -18,8 +18,8 @@ from mmg.effects import EFFECTS
 from mmg.model import Model
 from mmg.ship import Ship
 
+# Steps of h by which an input is moved for its derivative: one part, over which the record is straight.
 APART = 1.0 / PARTS
-"""Steps of h by which an input is moved for its derivative: one part, over which the record is straight."""
 
 
 class Steered(Protocol):

@@ -12,12 +12,11 @@ from cases.trial import Trial
 from mmg.effects import EFFECTS, Parameter
 from mmg.ship import Ship
 
-LOCAL = ("current", "wind_sensor_bias", "tow")
-"""Effects of the surroundings that may differ from run to run."""
+LOCAL = ("current", "wind_sensor_bias", "tow")  # Effects of the surroundings that may differ from run to run
+# Faults of instruments that belong into the measurement model before the dynamics are tested.
 FITTED_ALONG = ("velocity_filter", "gyro")
-"""Faults of instruments that belong into the measurement model before the dynamics are tested."""
+# Effects that half a sample of the actuators looks like, and their time.
 TIMES = {"control_delay": "tau", "rudder_lag": "T"}
-"""Effects that half a sample of the actuators looks like, and their time."""
 
 
 class Column(NamedTuple):

@@ -54,12 +54,12 @@ def whitened(
     return out, states if with_states else np.empty(0)
 
 
+# Arrays of the struct System: of the system, of its filter run, and where numbers are not zero.
 _ARRAYS = (
     *("T", "Z", "Q", "white", "first", "good", "inside"),
     *("gain", "P", "inverse", "root", "log_det"),
     *("t", "t_at", "z", "z_at"),
 )
-"""Arrays of the struct System: of the system, of its filter run, and where numbers are not zero."""
 
 
 class _System(ctypes.Structure):

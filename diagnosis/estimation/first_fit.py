@@ -33,10 +33,9 @@ predictions are worse. With white errors it is below .05."""
 NEARLY, SURELY = 5e-3, 1.5
 """Expected gain in log likelihood by grid time compared below which a fit shows how correlated its residuals are, and
 how much more than the limit is surely too much: then it ends, as one with samples farther apart follows."""
-FEW = 20
-"""Grid times that must be left where the interval is known from other trials. Set by hand."""
+FEW = 20  # Grid times that must be left where the interval is known from other trials. Set by hand.
+# Linearisations of the first fit. Of all fits before and after effects are selected. Set by hand: it bounds time.
 MAX_FITS = 12
-"""Linearisations of the first fit. Of all fits before and after effects are selected. Set by hand: it bounds time."""
 
 
 @dataclass(frozen=True)

@@ -16,16 +16,14 @@ from mmg.motion.froude import time_scale
 
 LONGEST, SHORTEST = 600, 20  # set by hand: windows side by side are what the filter is fast at
 """Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out."""
+# Sampling time [s of a 3 m model] beyond which half a sample of the actuators is as long as a delay. Set by hand.
 COARSE = 0.2
-"""Sampling time [s of a 3 m model] beyond which half a sample of the actuators is as long as a delay. Set by hand."""
-PARTS = 8
-"""Parts of a step whose means give the change of an input over it. Set by hand."""
-EVEN = 0.02
-"""Share of the sampling time by which a sample may be off a grid that parts of it make. Set by hand."""
+PARTS = 8  # Parts of a step whose means give the change of an input over it. Set by hand.
+EVEN = 0.02  # Share of the sampling time by which a sample may be off a grid that parts of it make. Set by hand.
+# Seconds [of a 3 m model] at the start of a window that are simulated but not compared: delays have no past there.
 RUN_IN = 3.0  # set by hand
-"""Seconds [of a 3 m model] at the start of a window that are simulated but not compared: delays have no past there."""
+# Seconds [of a 3 m model] before a window of which the inputs are kept: twice the longest delay or lag.
 BEFORE = 20.0  # set by hand
-"""Seconds [of a 3 m model] before a window of which the inputs are kept: twice the longest delay or lag."""
 
 
 @dataclass(frozen=True)

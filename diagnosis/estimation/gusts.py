@@ -20,8 +20,8 @@ from diagnosis.estimation.linearisation import initial_trajectory
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.ship import AIR
 
+# Gust at which the slope of the wind force is taken, on either side, as a share of the wind's speed. Set by hand.
 SHARE = 0.1
-"""Gust at which the slope of the wind force is taken, on either side, as a share of the wind's speed. Set by hand."""
 
 
 def trials_in_gusts(steps: TransitionModel, trials: Sequence[Trial], straight: bool = False) -> GriddedTrials:

@@ -15,8 +15,7 @@ import numpy as np
 
 from diagnosis.estimation.transition_model import LinearModel
 
-BLOCK = 2_000_000
-"""Numbers in a block: 16 MB, of memory that the next block uses again. Set by hand: bounds memory."""
+BLOCK = 2_000_000  # Numbers in a block: 16 MB, of memory that the next block uses again. Set by hand: bounds memory.
 
 
 @dataclass(frozen=True)
@@ -92,8 +91,7 @@ class ProductColumns:
             yield DrivenColumns.pushing(made.reshape(K, R, m, -1))
 
 
-PRIOR_SAMPLES = 30.0
-"""Samples that a prior of the noise counts as. Set by hand."""
+PRIOR_SAMPLES = 30.0  # Samples that a prior of the noise counts as. Set by hand.
 
 
 @dataclass(frozen=True)

@@ -178,11 +178,11 @@ def initial_trajectory(steps: TransitionModel, data: GriddedTrials, theta: np.nd
     return Trajectory(z.T.reshape(K1, R, -1), np.zeros((K1, R, 3)))
 
 
+# Standard deviations of x, y, psi, u, v, r [m, m, rad, m/s, m/s, rad/s] of a 3 m model that are as good as unknown, by
+# ``state_scale``. Set by hand.
 FIRST = np.array([3.0, 3.0, 0.3, 0.3, 0.3, 0.1])
-"""Standard deviations of x, y, psi, u, v, r [m, m, rad, m/s, m/s, rad/s] of a 3 m model that are as good as unknown, by
-``state_scale``. Set by hand."""
+# Standard deviation of a memory state about its settled value at the start of a window, in typical sizes.
 SETTLED = 0.03  # set by hand
-"""Standard deviation of a memory state about its settled value at the start of a window, in typical sizes."""
 
 
 def initial_covariance(
@@ -294,10 +294,9 @@ def _residual(
     return DrivenColumns.dense(pushed, (linear.logged - data.y)[..., None], start)
 
 
+# Standard deviation of the time of an input, in intervals of its samples: no two clocks are the same. Set by hand.
 TIMING = 0.1
-"""Standard deviation of the time of an input, in intervals of its samples: no two clocks are the same. Set by hand."""
-DIFFERENCE = {"rad": 1e-3, "rps": 1e-2}
-"""Change of an input of each unit by which its action is differentiated."""
+DIFFERENCE = {"rad": 1e-3, "rps": 1e-2}  # Change of an input of each unit by which its action is differentiated
 
 
 def timing_columns(steps: TransitionModel, data: GriddedTrials, at: Point, active: np.ndarray) -> np.ndarray:

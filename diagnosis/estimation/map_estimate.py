@@ -38,10 +38,10 @@ BREAKS_DOWN = (
 STALLED, ROUGH = 0.5, 0.15
 """Expected gain of log likelihood up to which a rough fit that gains nothing ends, and any rough fit: hypotheses differ
 by more. Set by hand."""
+# Expected gain of log likelihood by the parameters up to which the noise goes by its average information.
 NEAR = 30.0  # set by hand
-"""Expected gain of log likelihood by the parameters up to which the noise goes by its average information."""
+# Iterations without a gain after which a fit ends: the slope does not hold along the step, as at a bend.
 IN_VAIN = 3  # set by hand
-"""Iterations without a gain after which a fit ends: the slope does not hold along the step, as at a bend."""
 IsEnough = Callable[[Linearisation, float], bool]
 """Of a linearisation and the gain that is expected from it: whether a fit may end there, not converged."""
 

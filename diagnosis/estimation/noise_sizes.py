@@ -23,12 +23,11 @@ from mmg.ship import Ship
 LEAST, MOST = 0.02, 15.0
 """Least size of a sensor's errors and largest of the latent force, in those of ``initial_noise``. A larger force, which
 would swallow all that moves the ship, is none of chance. Set by hand."""
-GUST = (1e-3, 0.5)
-"""Least and largest size of gusts, in the speed of the wind. Set by hand."""
+GUST = (1e-3, 0.5)  # Least and largest size of gusts, in the speed of the wind. Set by hand.
+# Least size of the latent force, in that of ``initial_noise``. One that is larger than the truth makes the residuals
+# smaller than the filter expects, and then the likelihood grows with the masses, which such a force moves less: in
+# trials without any random force 0.02 named ``draft``. So it was measured.
 LEAST_FORCE = 1e-3
-"""Least size of the latent force, in that of ``initial_noise``. One that is larger than the truth makes the residuals
-smaller than the filter expects, and then the likelihood grows with the masses, which such a force moves less: in trials
-without any random force 0.02 named ``draft``. So it was measured."""
 
 
 def initial_noise(ship: Ship) -> NoiseModel:
@@ -65,10 +64,10 @@ def swallows(noise: NoiseModel, ship: Ship) -> bool:
     return bool((noise.force > 0.5 * MOST * initial_noise(ship).force).any())
 
 
+# Least size of the latent force, in the force of the gusts: they are not the same all along a ship, and wind
+# coefficients are not exact. In a single run gusts would leave nothing of it, and a model that is sure of that sees
+# effects. Set by hand.
 BESIDE_GUSTS = 0.2
-"""Least size of the latent force, in the force of the gusts: they are not the same all along a ship, and wind
-coefficients are not exact. In a single run gusts would leave nothing of it, and a model that is sure of that sees
-effects. Set by hand."""
 
 
 def least_force(noise: NoiseModel, data: GriddedTrials, typical: NoiseModel) -> np.ndarray:
@@ -84,8 +83,8 @@ def least_force(noise: NoiseModel, data: GriddedTrials, typical: NoiseModel) -> 
 
 SHORTEST, LONGEST = -3.0, 1.4
 """Least and largest change of the logarithm of a variance in one step. Set by hand: factors of 20 down and 4 up."""
+# Share of each information that is added to it, and as much again: sources that look alike are not told apart.
 RIDGE = 1e-3, 1e-6  # set by hand
-"""Share of each information that is added to it, and as much again: sources that look alike are not told apart."""
 
 
 def _sizes_and_bounds(here: Linearisation, typical: NoiseModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

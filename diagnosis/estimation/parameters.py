@@ -12,8 +12,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.ship import Ship
 
-PRIOR_WIDTH = 10.0
-"""Prior standard deviation of an effect's parameter, in typical sizes of it. Set by hand: wide."""
+PRIOR_WIDTH = 10.0  # Prior standard deviation of an effect's parameter, in typical sizes of it. Set by hand: wide.
 
 
 @dataclass(frozen=True)
@@ -48,8 +47,7 @@ class Priors:
         return Priors(columns, self.mean[at], self.std[at], self.lower[at], self.upper[at])
 
 
-NO_PRIORS = Priors((), *(np.zeros(0) for _ in range(4)))
-"""No free parameters."""
+NO_PRIORS = Priors((), *(np.zeros(0) for _ in range(4)))  # No free parameters
 
 
 def priors_of_effects(candidates: Sequence[Candidate], width: float = PRIOR_WIDTH) -> Priors:

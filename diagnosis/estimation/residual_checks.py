@@ -21,13 +21,12 @@ LEAST_ROWS, BINS, NEIGHBOURS, SLOWEST = 24, 30, 3, 4  # set by hand
 line is compared with (those next to it are left out), and bands of the longest periods that are not looked at."""
 
 
-IN_ANOTHER = 1e-3
-"""Probability of a line in a second sensor below which it is none of one sensor alone. Set by hand."""
+IN_ANOTHER = 1e-3  # Probability of a line in a second sensor below which it is none of one sensor alone. Set by hand.
 TWICE, RARE = 2.0, 1e-6
 """Power of a line over that beside it, and probability that one with less has at least: many samples show surely what a
 sensor or a random force of another shape makes, a hill of the spectrum, which is not as high. Set by hand."""
+# Ratio of the shortest periods of spectra that follow each other; each begins to look at SLOWEST times its own.
 COARSER = 4.0  # set by hand
-"""Ratio of the shortest periods of spectra that follow each other; each begins to look at SLOWEST times its own."""
 HELD, FINEST = 0.3, 4
 """Error of a velocity over a step, in the noise of its sensor, that the latent force may make by being held over it.
 Parts into which a step is divided at most. Set by hand."""

@@ -22,8 +22,7 @@ from mmg.effects import EFFECTS
 from mmg.model import Model, assemble, columns, settled, states_behind
 from mmg.ship import Ship
 
-FORCE = ("tow.X", "tow.Y", "tow.N")
-"""Coefficients of the latent force."""
+FORCE = ("tow.X", "tow.Y", "tow.N")  # Coefficients of the latent force
 
 
 @dataclass(frozen=True)

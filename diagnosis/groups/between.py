@@ -52,8 +52,8 @@ from mmg.progress import LOGGER
 from mmg.ship import Ship
 
 Of = TypeVar("Of", Candidate, SensorFault)
+# Prior standard deviation of what an effect beside the fit may have in all runs alike, in typical sizes.
 COMMON = 3.0  # set by hand
-"""Prior standard deviation of what an effect beside the fit may have in all runs alike, in typical sizes."""
 
 
 @dataclass(frozen=True)
@@ -166,22 +166,17 @@ def imitated(s: RunSlopes, c: Candidate, other: Candidate) -> float:
     return float(size @ J12 @ np.linalg.pinv(J22, rcond=1e-9) @ J12.T @ size) / whole if whole > 0 else 0.0
 
 
+# Typical difference of a coefficient between groups, as a share of its value, if its prior is not narrower.
 SHARE = 0.1  # set by hand
-"""Typical difference of a coefficient between groups, as a share of its value, if its prior is not narrower."""
-WIDE = 3.0
-"""Prior standard deviation of a difference in a refit, in typical sizes. Set by hand."""
-MOST = 3
-"""Differences that the dynamics name at the most. Set by hand."""
-IMITATES = 0.9
-"""Share of a difference that another parameter must imitate to be the same by another name. Set by hand."""
+WIDE = 3.0  # Prior standard deviation of a difference in a refit, in typical sizes. Set by hand.
+MOST = 3  # Differences that the dynamics name at the most. Set by hand.
+IMITATES = 0.9  # Share of a difference that another parameter must imitate to be the same by another name. Set by hand.
+# Typical sizes by which surroundings may differ from run to run for anything else to be told from them.
 SCATTERED = 1.5  # set by hand
-"""Typical sizes by which surroundings may differ from run to run for anything else to be told from them."""
-ALIKE_BY = ODDS
-"""Log Bayes factors within this of each other are alike."""
+ALIKE_BY = ODDS  # Log Bayes factors within this of each other are alike
+# Largest probability by chance, corrected for the number of tests, of a difference that is named. Set by hand.
 LEVEL = 0.03
-"""Largest probability by chance, corrected for the number of tests, of a difference that is named. Set by hand."""
-SHOWN = 12
-"""Tests in the table of the report. Set by hand: display."""
+SHOWN = 12  # Tests in the table of the report. Set by hand: display.
 
 
 def compare_groups(

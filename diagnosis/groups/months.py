@@ -27,11 +27,9 @@ from mmg.errors import BadValue, TooFewData
 from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
 
-WHOLE = 13.0
-"""Ship lengths of the prediction by which windows are chosen: nearly a whole window. Set by hand."""
+WHOLE = 13.0  # Ship lengths of the prediction by which windows are chosen: nearly a whole window. Set by hand.
 
-SINCE_1970 = 3e8
-"""A clock that shows more seconds than this counts from 1970."""
+SINCE_1970 = 3e8  # A clock that shows more seconds than this counts from 1970
 
 
 @dataclass(frozen=True)

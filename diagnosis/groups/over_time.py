@@ -25,31 +25,26 @@ DAY, MONTH = 86400.0, 30.0
 """Seconds of a day, days of a month. (SI brochure of 2019, table 8; a month by hand.)"""
 INFORMED, FEWEST = 0.05, 8  # set by hand
 """Share of the median information below which a spell is left out; spells without which no change can be told."""
+# Durations of the error that lasts [days], in a log of MONTH days or more; in proportion in a shorter one. An error of
+# three days would make slow growth over a month look like chance; without it chances are right for errors of up to a
+# day and a half. Set by hand.
 TIMES = (0.3, 1.0)
-"""Durations of the error that lasts [days], in a log of MONTH days or more; in proportion in a shorter one. An error of
-three days would make slow growth over a month look like chance; without it chances are right for errors of up to a day
-and a half. Set by hand."""
+# Its variance over the median variance of a spell. Set by hand: factors of four.
 RATIOS = (0.0, 1.0, 4.0, 16.0, 64.0, 256.0, 1024.0)
-"""Its variance over the median variance of a spell. Set by hand: factors of four."""
-EDGES = 31
-"""Possible first and last days of a ramp. Set by hand: bounds time."""
+EDGES = 31  # Possible first and last days of a ramp. Set by hand: bounds time.
+# A change is a step, or a ramp that lasts until the end of the log, unless a ramp that ends before has a log likelihood
+# larger by more than this. Set by hand: as AIC counts a parameter twice.
 SIMPLER = 2.0
-"""A change is a step, or a ramp that lasts until the end of the log, unless a ramp that ends before has a log
-likelihood larger by more than this. Set by hand: as AIC counts a parameter twice."""
-DRAWS = 200
-"""Draws of the bootstrap. Set by hand."""
+DRAWS = 200  # Draws of the bootstrap. Set by hand.
+# Chance of any change that is invented in a log. With an error that lasts for a day and is larger than that of a spell,
+# small chances come out up to three times too small, so that it is 0.15 % at most. Set by hand.
 LEVEL = 0.0005
-"""Chance of any change that is invented in a log. With an error that lasts for a day and is larger than that of a
-spell, small chances come out up to three times too small, so that it is 0.15 % at most. Set by hand."""
-LEAST = 0.1
-"""Share of a candidate's typical size below which a change does not matter. Set by hand."""
-MOST = 3
-"""Changes that are looked for in one log. Set by hand."""
+LEAST = 0.1  # Share of a candidate's typical size below which a change does not matter. Set by hand.
+MOST = 3  # Changes that are looked for in one log. Set by hand.
+# Days, in a month, between changes of several candidates that are one event: the strongest is named, the others are its
+# company. Set by hand.
 APART = 1.0
-"""Days, in a month, between changes of several candidates that are one event: the strongest is named, the others are
-its company. Set by hand."""
-AGAIN = 3
-"""How often a named change is estimated again, with weights by what it leaves. Set by hand."""
+AGAIN = 3  # How often a named change is estimated again, with weights by what it leaves. Set by hand.
 
 
 @dataclass(frozen=True)

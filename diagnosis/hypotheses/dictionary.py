@@ -26,21 +26,16 @@ from diagnosis.hypotheses.force_forms import ForceForms, Forms, evaluated, of_un
 from mmg.motion.flow import INPUTS
 from mmg.motion.froude import time_scale
 
-DELAYS = (0.5, 1.0, 2.0, 4.0)
-"""Times [s of a 3 m model] by which inputs may act late. Set by hand: factors of two."""
-SHAPES = ("1", "u", "v", "r", "|r|", "delta", "n")
-"""Forms by which the action of an input is scaled."""
+DELAYS = (0.5, 1.0, 2.0, 4.0)  # Times [s of a 3 m model] by which inputs may act late. Set by hand: factors of two.
+SHAPES = ("1", "u", "v", "r", "|r|", "delta", "n")  # Forms by which the action of an input is scaled
 AXES = ("surge", "sway", "yaw")
-FORCES = tuple(f"{axis} force" for axis in AXES)
-"""Kinds of the forces that are products."""
-BY_PLACE = " by place"
-"""End of the kinds that differ from place to place."""
-AFTER_RUDDER = "force that swings after the rudder"
-"""Kind of the forces of what the rudder sets swinging."""
+FORCES = tuple(f"{axis} force" for axis in AXES)  # Kinds of the forces that are products
+BY_PLACE = " by place"  # End of the kinds that differ from place to place
+AFTER_RUDDER = "force that swings after the rudder"  # Kind of the forces of what the rudder sets swinging
+# Velocity of the water by its coefficient in the model.
 WATER = {"stream to the north": "current.x", "stream to the east": "current.y"}
-"""Velocity of the water by its coefficient in the model."""
+# Change of the water [m/s] and of the wind [its share] by which their action is differentiated. Set by hand.
 SMALL = 1e-3
-"""Change of the water [m/s] and of the wind [its share] by which their action is differentiated. Set by hand."""
 Points = tuple[np.ndarray, np.ndarray, np.ndarray]
 """States, inputs and coefficients of steps."""
 
@@ -177,8 +172,8 @@ class Dictionary:
         return rows
 
 
-SENSORS = ("position", "position", "heading", "u", "v", "r")
-"""Name of each logged column's sensor."""
+SENSORS = ("position", "position", "heading", "u", "v", "r")  # Name of each logged column's sensor
+# Forms of the error of each logged column; rate: its change over time, as of a late sensor.
 ERRORS = {
     0: ("rate", "cos", "sin"),
     1: ("rate", "cos", "sin"),
@@ -187,7 +182,6 @@ ERRORS = {
     4: ("1", "rate", "u", "v", "r", "t"),
     5: ("1", "rate", "r", "r|r|", "t"),
 }
-"""Forms of the error of each logged column; rate: its change over time, as of a late sensor."""
 
 
 def _sensor_forms(z: np.ndarray, data: GriddedTrials) -> Forms:

@@ -21,30 +21,23 @@ from diagnosis.hypotheses.dictionary import DELAYS, WATER, Action, Dictionary
 from diagnosis.hypotheses.score_test import projected
 from mmg.motion.froude import time_scale
 
+# Length [s of a 3 m model] of a stretch; longer where there would be more than MOST of them. Set by hand.
 STRETCH = 10.0
-"""Length [s of a 3 m model] of a stretch; longer where there would be more than MOST of them. Set by hand."""
-MOST = 150
-"""Stretches of all runs together. Set by hand: bounds time."""
+MOST = 150  # Stretches of all runs together. Set by hand: bounds time.
+# Delay [s of a 3 m model], of those in the dictionary, of an actuator that stops or limps for a while.
 LATE = 4.0  # set by hand: the longest there
-"""Delay [s of a 3 m model], of those in the dictionary, of an actuator that stops or limps for a while."""
+# Standard deviation of the time at which an actuator moves between two samples, in their interval: any is alike.
 UNKNOWN = 12**-0.5
-"""Standard deviation of the time at which an actuator moves between two samples, in their interval: any is alike."""
+# Swings of a force on a way of one length of the ship (the Strouhal number).
 SWINGS = tuple(round(0.2 + 0.15 * i, 2) for i in range(12))
-"""Swings of a force on a way of one length of the ship (the Strouhal number)."""
+# Periods [s of a 3 m model] in which a stream turns; shorter ones are waves, longer ones the mean of a run.
 TURNS = (24.0, 34.0, 48.0, 68.0, 96.0)  # set by hand: factors of root two
-"""Periods [s of a 3 m model] in which a stream turns; shorter ones are waves, longer ones the mean of a run."""
-MEDIAN = 0.454936423119572
-"""Median of chi-squared of one degree of freedom. (Abramowitz & Stegun 1964, chapter 26.)"""
-SEEN = 1e-9
-"""Information from which a column is seen at all. Set by hand: bounds rounding."""
-AT_TIMES = " at times"
-"""End of the kinds of what is wrong for a while."""
-SWINGING = "force that swings"
-"""Begin of the kinds of forces that swing with the way made."""
-NEAR = range(2, 6)
-"""Places among SWINGS by which swings are neighbours that do not show each other."""
-POSITION = (0, 1)
-"""Logged columns of the position."""
+MEDIAN = 0.454936423119572  # Median of chi-squared of one degree of freedom. (Abramowitz & Stegun 1964, chapter 26.)
+SEEN = 1e-9  # Information from which a column is seen at all. Set by hand: bounds rounding.
+AT_TIMES = " at times"  # End of the kinds of what is wrong for a while
+SWINGING = "force that swings"  # Begin of the kinds of forces that swing with the way made
+NEAR = range(2, 6)  # Places among SWINGS by which swings are neighbours that do not show each other
+POSITION = (0, 1)  # Logged columns of the position
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.motion.frames import relative_air
 from mmg.motion.froude import time_scale
 
-FEATURES = 200
-"""Random features, more than the samples of a record tell apart. Set by hand: it bounds the cost."""
+FEATURES = 200  # Random features, more than the samples of a record tell apart. Set by hand: it bounds the cost.
 
 
 @dataclass(frozen=True)
@@ -110,10 +109,9 @@ OF_ONE, FINE = 8, 0.35  # set by hand
 """Functions of each variable alone that are kept, and the length over which they change, in standard deviations."""
 OF_PLACE, PLACE = 12, 2.0
 """Functions of the place that are kept, and the length over which they change [lengths of the ship]. Set by hand."""
+# Periods [s of a 3 m model] of what swings after the rudder, as roll does.
 SWINGS = tuple(round(2.2 * 1.18**i, 1) for i in range(10))
-"""Periods [s of a 3 m model] of what swings after the rudder, as roll does."""
-DAMPING = 0.07
-"""Its share of the critical damping. Set by hand."""
+DAMPING = 0.07  # Its share of the critical damping. Set by hand.
 
 
 HULL = (

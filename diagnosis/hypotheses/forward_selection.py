@@ -26,15 +26,15 @@ from mmg.progress import OnProgress, Progress
 SHORT, SCREEN = 6, 0.05
 """Candidates refitted, the best by the score test: twice the three that held 93 % of the true effects of a prototype,
 of those that it shows at this level; those in CURVED are refitted whatever it says. So it was measured."""
+# Effects whose slope at the neutral value says little: a dead band acts only when it is as large as the motion.
 CURVED = ("rudder_backlash",)
-"""Effects whose slope at the neutral value says little: a dead band acts only when it is as large as the motion."""
+# The one threshold of the verdict, in log units: odds of 20 to 1 (strong evidence, Kass & Raftery 1995).
 ODDS = float(np.log(20.0))
-"""The one threshold of the verdict, in log units: odds of 20 to 1 (strong evidence, Kass & Raftery 1995)."""
+# Effects named at the most. Four together are found with their sizes in the trials of a 7 m KVLCC2. Set by hand; with
+# one at most 2 of 400 answers change (row ``further effects`` of benchmarks/ablation.md).
 MOST = 6
-"""Effects named at the most. Four together are found with their sizes in the trials of a 7 m KVLCC2. Set by hand; with
-one at most 2 of 400 answers change (row ``further effects`` of benchmarks/ablation.md)."""
+# Better places without a new effect from which a search begins anew, before one more effect is selected.
 TRIES = 3  # set by hand
-"""Better places without a new effect from which a search begins anew, before one more effect is selected."""
 IsPossible = Callable[[Estimate, Candidate], bool]
 """Of a fit with a candidate: whether that has a size which it can have."""
 

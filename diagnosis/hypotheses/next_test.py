@@ -29,12 +29,9 @@ from fitting.design.next_trial import Option, library, runs
 from mmg.motion.froude import time_scale
 from mmg.ship import AIR, Ship
 
-SECONDS = 150.0
-"""Time at sea of each manoeuvre [s of a 3 m model]. Set by hand."""
-AIM = 10.0
-"""Standard error of a size that is good to have [% of it]. Set by hand."""
-TOGETHER = 8
-"""Manoeuvres that are linearised together. Set by hand: bounds memory."""
+SECONDS = 150.0  # Time at sea of each manoeuvre [s of a 3 m model]. Set by hand.
+AIM = 10.0  # Standard error of a size that is good to have [% of it]. Set by hand.
+TOGETHER = 8  # Manoeuvres that are linearised together. Set by hand: bounds memory.
 TELLS_APART, MANY = 6.6, 50
 """Misfit that tells two explanations apart at 1 %, and repetitions of a manoeuvre that nobody would run. The 99 %
 quantile of chi-squared of one degree of freedom, 6.63; repetitions by hand."""

@@ -26,11 +26,11 @@ from diagnosis.hypotheses.unnamed import unnamed_forms
 
 LEAST, ROUNDS = 0.1, 20  # set by hand
 """Least standard deviation of an effect between runs, in typical sizes; rounds of expectation-maximisation."""
+# Standard deviations within which an effect is the usual misfit in other trials. Without this limit trials with hardly
+# any random force had a current fitted 79 of them off before it was looked for.
 USUAL = 4.0
-"""Standard deviations within which an effect is the usual misfit in other trials. Without this limit trials with hardly
-any random force had a current fitted 79 of them off before it was looked for."""
+# Typical sizes from which an effect in the trials of the calibration is a gap there already, no usual misfit.
 STRONG = 2.0  # set by hand
-"""Typical sizes from which an effect in the trials of the calibration is a gap there already, no usual misfit."""
 
 
 @dataclass(frozen=True)

@@ -40,8 +40,8 @@ class SearchProblem:
         return float(np.log(self.data.samples))
 
 
+# Shares of the first values of new effects that a fit is begun from, one after the other while the ship explodes.
 SHARES = (1.0, 0.3, 0.0)  # set by hand
-"""Shares of the first values of new effects that a fit is begun from, one after the other while the ship explodes."""
 
 
 def gained(fewer: Estimate, kept: int, more: Estimate, every: int) -> float:

@@ -24,8 +24,7 @@ from diagnosis.estimation.transition_model import TransitionModel
 from mmg.effects import EFFECTS
 from mmg.motion.froude import time_scale
 
-MEMORY = 5.0
-"""Time [s of a 3 m model] over which residuals may be correlated. Set by hand."""
+MEMORY = 5.0  # Time [s of a 3 m model] over which residuals may be correlated. Set by hand.
 
 
 def memory_steps(length: float, h: float) -> int:
@@ -85,13 +84,12 @@ def projected(gram: np.ndarray, logdet: np.ndarray, p: np.ndarray, known: np.nda
     return Projected(slope[P:] - taken.T @ slope[:P], gram[P:-1, P:-1] - gram[P:-1, :P] @ taken, taken)
 
 
+# Draws of the joint law of all slopes, for the probability of the largest. Set by hand: a probability of 1 % is known
+# to 0.16 %.
 DRAWS = 4000
-"""Draws of the joint law of all slopes, for the probability of the largest. Set by hand: a probability of 1 % is known
-to 0.16 %."""
+# Information on a parameter, in its typical sizes to the power -2, below which the trials do not move it.
 EXCITED = 1e-3  # set by hand
-"""Information on a parameter, in its typical sizes to the power -2, below which the trials do not move it."""
-SHOWS = 3.0
-"""Standard errors from which an effect would show. Set by hand."""
+SHOWS = 3.0  # Standard errors from which an effect would show. Set by hand.
 
 
 @dataclass(frozen=True)

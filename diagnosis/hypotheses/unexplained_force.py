@@ -27,20 +27,14 @@ from mmg.components.rigid_body import inertia
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
-SIZES = (0.0, *np.geomspace(0.02, 20.0, 13).tolist())
-"""Sizes that are tried, in those of the latent force."""
+SIZES = (0.0, *np.geomspace(0.02, 20.0, 13).tolist())  # Sizes that are tried, in those of the latent force
+# Information on a sum of forms of the size of the latent force, from which the trials say anything of it.
 SEEN = 0.1  # set by hand
-"""Information on a sum of forms of the size of the latent force, from which the trials say anything of it."""
-SWEEPS = 3
-"""Rounds over the channels in which the sizes are improved one by one. Set by hand."""
-DRAWS = 400
-"""Draws of the posterior, for intervals. Set by hand."""
-STRETCH = 20.0
-"""Time [s of a 3 m model] of a stretch in which the force acts most. Set by hand."""
-MOST = 3
-"""Stretches listed, one of each trial at the most. Set by hand: display."""
-FOLLOWED = 0.05
-"""Share of a channel that a variable must explain to be listed. Set by hand: display."""
+SWEEPS = 3  # Rounds over the channels in which the sizes are improved one by one. Set by hand.
+DRAWS = 400  # Draws of the posterior, for intervals. Set by hand.
+STRETCH = 20.0  # Time [s of a 3 m model] of a stretch in which the force acts most. Set by hand.
+MOST = 3  # Stretches listed, one of each trial at the most. Set by hand: display.
+FOLLOWED = 0.05  # Share of a channel that a variable must explain to be listed. Set by hand: display.
 
 
 @dataclass(frozen=True)

@@ -23,24 +23,23 @@ from diagnosis.hypotheses.events import Events, event_slopes, swing_backgrounds
 from diagnosis.hypotheses.force_forms import by_variables
 from diagnosis.hypotheses.score_test import dispersion, memory_steps, projected
 
-SENSOR = "sensor of "
-"""Begin of the kinds that are errors of a sensor."""
+SENSOR = "sensor of "  # Begin of the kinds that are errors of a sensor
+# Kind of the share of the logged wind: gusts that are not logged make it vary from second to second.
 UNLOGGED = f"wind{BY_PLACE}"
-"""Kind of the share of the logged wind: gusts that are not logged make it vary from second to second."""
+# Prior standard deviations of a column's coefficient, in the sizes of what is random.
 SIZES = (0.03, 0.1, 0.3, 1.0)  # set by hand: factors of three
-"""Prior standard deviations of a column's coefficient, in the sizes of what is random."""
+# Prior variances of a force along each direction of its kind, in squared standard errors of what the trials say of it
+# (Zellner 1986; Liang et al. 2008), but no more than the largest of SIZES. A force whose parts are small in each column
+# alone, as a step made of polynomials is, gains by that.
 MULTIPLES = (0.25, 1.0, 4.0)
-"""Prior variances of a force along each direction of its kind, in squared standard errors of what the trials say of it
-(Zellner 1986; Liang et al. 2008), but no more than the largest of SIZES. A force whose parts are small in each column
-alone, as a step made of polynomials is, gains by that."""
+# Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact.
 TOLERANCE = 0.05  # set by hand
-"""Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact."""
 WIND_TOLERANCE, WIND_SIZES = 0.05, (0.1, 0.3, 1.0)
 """Share of the logged wind's force that may be missing at a place where nothing is wrong, and prior standard deviations
 of what may be wrong there. Of anemometers mean speeds within 10 % are required (WMO No. 8, 2023, annex 1.A), which is
 20 % of the force; gusts between the samples of 10 % of the speed with a memory of 1 s leave 6 % in a mean of 20 s."""
+# Information from which a direction is seen: forms that add up to nothing on the trials may have a slope yet.
 SEEN = 0.01  # set by hand
-"""Information from which a direction is seen: forms that add up to nothing on the trials may have a slope yet."""
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,10 @@ from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
 from diagnosis.validation.held_out import DRAWS, WindowErrors, errors, redrawn_means, window_length
 
-SIMULATED = 16
-"""Simulated campaigns behind the floor. Its own scatter is part of the intervals. Set by hand."""
-UNITS = ("position_m", "heading_deg")
-"""What the errors at the end of a window are said in."""
+SIMULATED = 16  # Simulated campaigns behind the floor. Its own scatter is part of the intervals. Set by hand.
+UNITS = ("position_m", "heading_deg")  # What the errors at the end of a window are said in
+# Probability that the error is not above the floor up to which there is a gap to account for.
 SURE = 0.05  # set by hand: a usual level
-"""Probability that the error is not above the floor up to which there is a gap to account for."""
 
 
 def budget_of(

@@ -37,8 +37,7 @@ SLOW_SHARE, ASTERN_SHARE = 0.25, 0.05  # set by hand: they name bins
 """Shares of the usual speed of the trials: below the first a ship is slow; faster astern than the second, it backs."""
 TURNING, TURN_CHANGE, SPEED_CHANGE = 0.1, 0.1, 0.03  # set by hand: they name bins
 """r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed."""
-FEW = 12
-"""An input with no more different values than this has a bin for each of them. Set by hand: display."""
+FEW = 12  # An input with no more different values than this has a bin for each of them. Set by hand: display.
 
 
 @dataclass(frozen=True)
@@ -71,8 +70,8 @@ def signed_edges(values: np.ndarray) -> np.ndarray:
     return np.concatenate([halves[0][:-1], [0.0], halves[1][1:]])
 
 
+# Edges [rad] of eight equal sectors of the circle, the first centred at 0.
 SECTORS = np.linspace(-np.pi / 8, 2 * np.pi - np.pi / 8, 9)
-"""Edges [rad] of eight equal sectors of the circle, the first centred at 0."""
 
 
 def in_sectors(values: np.ndarray) -> np.ndarray:
@@ -150,8 +149,7 @@ def _change(z: np.ndarray, reach: int, steps: np.ndarray) -> np.ndarray:
 CHANNELS, UNITS = ("surge", "sway", "yaw"), ("N", "N", "N m")
 MOST, EACH = 30, 3
 """Most regions listed: of all, and of one variable and channel. Set by hand: display."""
-ENOUGH = 5.0
-"""Correlation times tau of the latent force that a region must last to be listed. Set by hand."""
+ENOUGH = 5.0  # Correlation times tau of the latent force that a region must last to be listed. Set by hand.
 
 
 @dataclass(frozen=True)
@@ -230,8 +228,7 @@ def by_variable(variables: Sequence[Variable], s: Samples) -> tuple[list[dict[st
     return rows, [region for _, region in regions[:MOST]]
 
 
-PERIODS = (60.0, 20.0, 5.0)
-"""Periods [s] between the bands, of a 3 m model (Froude's law). Set by hand."""
+PERIODS = (60.0, 20.0, 5.0)  # Periods [s] between the bands, of a 3 m model (Froude's law). Set by hand.
 
 
 def where(

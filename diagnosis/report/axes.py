@@ -13,8 +13,8 @@ from mmg.errors import Missing
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+# Of a cause, of what is not explained, and of what no model could predict.
 COLOURS = {"part": AFTER, "rest": BEFORE, "floor": GREY}
-"""Of a cause, of what is not explained, and of what no model could predict."""
 
 
 @dataclass(frozen=True, repr=False)

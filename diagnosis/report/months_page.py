@@ -16,8 +16,7 @@ from fitting.report.plot_style import AFTER, BEFORE, FigureFolder, dress, figure
 from fitting.report.run_folder import SHIP, plain, write_json, write_whole
 from fitting.result import FitResult
 
-SHOWN = 4
-"""Candidates in the figure where fewer changed. Set by hand."""
+SHOWN = 4  # Candidates in the figure where fewer changed. Set by hand.
 CAPTION = "Estimates of each candidate in spells of six hours, one by one, and the best change."
 
 

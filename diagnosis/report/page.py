@@ -32,16 +32,12 @@ from fitting.report.plots import OUTLINE
 from fitting.report.run_folder import FIGURES, PAGE
 from mmg.errors import UserError
 
-ARROWS = 26
-"""Arrows along a track. Set by hand: more run into one another."""
-SHOWN = 6
-"""Variables in the figure of what the missing force depends on. Set by hand."""
-PANELS = 4
-"""Tracks in the figure. Set by hand: they fill a screen."""
+ARROWS = 26  # Arrows along a track. Set by hand: more run into one another.
+SHOWN = 6  # Variables in the figure of what the missing force depends on. Set by hand.
+PANELS = 4  # Tracks in the figure. Set by hand: they fill a screen.
+# Colours of a moment to port, none, to starboard; white dashes along the line as well where it turns to port.
 TURNING = LinearSegmentedColormap.from_list("turning", ["#7A3B9A", "#B9B9B9", "#009E73"])
-"""Colours of a moment to port, none, to starboard; white dashes along the line as well where it turns to port."""
-FELT = 0.1
-"""Share of the full scale from which on a moment to port is marked by them. Set by hand."""
+FELT = 0.1  # Share of the full scale from which on a moment to port is marked by them. Set by hand.
 
 
 def track_figure(d: Findings) -> Figure:
@@ -268,12 +264,12 @@ def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]],
     )
 
 
+# Manoeuvre, figure, its words and unit.
 FIGURES_MOVED = (
     ("turning:35", "tactical_diameter", "tactical diameter", "L"),
     ("turning:35", "advance", "advance", "L"),
     ("zigzag:20/20", "overshoot_1", "first overshoot of the 20°/20° zigzag", "°"),
 )
-"""Manoeuvre, figure, its words and unit."""
 
 
 def figures_moved(d: Findings) -> list[str]:

@@ -29,18 +29,17 @@ from fitting.report.sections import plus_minus
 from mmg.effects import EFFECTS
 from mmg.effects.effect import Parameter
 
+# Words for a positive and a negative force of each channel.
 SIDES = {
     "surge": ("ahead", "astern"), "sway": ("to starboard", "to port"), "yaw": ("bow to starboard", "bow to port"),
 }  # fmt: skip
-"""Words for a positive and a negative force of each channel."""
-FOLLOWED = 0.15
-"""Share of a missing force that a variable must explain to be mentioned. Set by hand."""
+FOLLOWED = 0.15  # Share of a missing force that a variable must explain to be mentioned. Set by hand.
 TURN_BACK = ("heading", "apparent wind angle")
+# Variables in words.
 PLAIN = {
     "delta": "rudder angle", "n": "revolutions", "u": "speed ahead u", "v": "sway velocity v", "r": "turn rate r",
     "x, north": "position north", "y, east": "position east", "rate of delta": "rate of the rudder",
 }  # fmt: skip
-"""Variables in words."""
 
 
 def shown_unit(unit: str) -> tuple[float, str]:
@@ -180,13 +179,13 @@ def unexplained_hint(m: UnexplainedForce | None) -> str:
     return f" It acts mostly in {name}{follows}." if first.force_rms > 0 else ""
 
 
+# Words for the few variables of a kind of force (``force_forms.by_variables``).
 VARIABLES = {
     "u, v, r": "the motion of the hull (u, v, r)",
     "u, n": "speed ahead and revolutions (u, n)",
     "delta, n": "rudder angle and wash (delta, n)",
     "air": "the air and the heading",
 }
-"""Words for the few variables of a kind of force (``force_forms.by_variables``)."""
 
 
 def kind_words(kind: str) -> str:
@@ -267,8 +266,8 @@ def probability(p: float) -> str:
     return f"{digit}·10{str(int(power)).translate(SUPERSCRIPT)}"
 
 
+# Typical sizes of an effect above which a dash stands for the size from which it would show. Set by hand.
 HOPELESS = 30.0
-"""Typical sizes of an effect above which a dash stands for the size from which it would show. Set by hand."""
 
 
 def signed(value: float | None, digits: str = ".0f") -> str:
@@ -502,7 +501,7 @@ def _cause(found: NamedEffect | InstrumentFault, part: BudgetShare | None, same:
     return f"{found.name} ({amount(found)}){alike}{nature} {causes}."
 
 
+# Effects whose parameters x and y are a vector over the ground.
 OVER_GROUND = ("current", "wind_sensor_bias", "wave_drift")
-"""Effects whose parameters x and y are a vector over the ground."""
+# Share of the avoidable error that a name must be able to cause to head the sentence.
 HALF = 0.5  # set by hand: words alone hang on it
-"""Share of the avoidable error that a name must be able to cause to head the sentence."""

@@ -40,8 +40,7 @@ GIVEN, REFITTED, LEARNED, NAMED, BOTH, FLOOR = (
 )
 """Lines of the comparison: the ship as she came, calibrated on the training trials, with a learned residual, with the
 effects that a diagnosis names, with a residual learned beside these, and what a complete model would leave."""
-CHANNELS = {"surge": "m/s²", "sway": "m/s²", "yaw": "rad/s²"}
-"""Accelerations that a network adds, and their units."""
+CHANNELS = {"surge": "m/s²", "sway": "m/s²", "yaw": "rad/s²"}  # Accelerations that a network adds, and their units
 BINS, FEWEST = 12, 20
 """Bins of a feature over which accelerations are averaged, and rows of one that is shown. Set by hand: display."""
 

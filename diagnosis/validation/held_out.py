@@ -21,11 +21,9 @@ from mmg.effects import EFFECTS
 from mmg.motion.froude import state_scale, time_scale
 from mmg.ship import Ship
 
+# Draws of runs or blocks, for intervals. Set by hand: the ends of a 90 % interval are known to 0.05 standard errors.
 DRAWS = 2000
-"""Draws of runs or blocks, for intervals. Set by hand: the ends of a 90 % interval are known to 0.05 standard
-errors."""
-MOST = 1e6
-"""Largest scaled squared error [-], also of a prediction that diverges. Set by hand: it bounds a mean."""
+MOST = 1e6  # Largest scaled squared error [-], also of a prediction that diverges. Set by hand: it bounds a mean.
 
 
 class Stepper(Steered, Protocol):

@@ -28,10 +28,9 @@ from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
 from residual.settings import TrainSettings
 
+# Trainings. They are judged on three fifths of the runs; the five of ``mmg train`` cover all runs. Set by hand.
 SEEDS = 3
-"""Trainings. They are judged on three fifths of the runs; the five of ``mmg train`` cover all runs. Set by hand."""
-NOTHING = 0.005
-"""Share of the error up to which a reduction or growth is called none. Set by hand."""
+NOTHING = 0.005  # Share of the error up to which a reduction or growth is called none. Set by hand.
 
 
 def with_learned(

@@ -49,14 +49,14 @@ MANEUVERS = (
     "pull-out:20", "crash-stop", "acceleration", "berthing",
 )  # fmt: skip
 IN_WIND = ("straight", "turning:35", "zigzag:20/20", "berthing")
+# Trials that a full-scale ship can be ordered to do: those of ITTC 7.5-04-02-01 and IMO MSC.137(76).
 OF_SHIPS = ("turning:35", "turning:-35", "zigzag:10/10", "zigzag:20/20", "spiral:15/5", "pull-out:20", "crash-stop")
-"""Trials that a full-scale ship can be ordered to do: those of ITTC 7.5-04-02-01 and IMO MSC.137(76)."""
+# Effect of an instrument -> how to know it better than by a manoeuvre.
 MEASURED_OTHERWISE = {
     "antenna_offset": "measure it on the drawing",
     "heading_bias": "compare the compass with the course over ground of a straight run, or with a bearing",
     "log_scale": "run the measured mile both ways",
 }
-"""Effect of an instrument -> how to know it better than by a manoeuvre."""
 
 
 @dataclass(frozen=True)
@@ -134,18 +134,18 @@ def missing(excitation: np.ndarray, own: Sequence[frozenset[str]], had: frozense
     return listed(sorted(lacks[0]), " or ") if lacks else ""
 
 
+# Time at sea of a trial [s of a 3 m model, Froude scaled], the same for all, so that gains compare. Set by hand.
 DURATION = 300.0
-"""Time at sea of a trial [s of a 3 m model, Froude scaled], the same for all, so that gains compare. Set by hand."""
 
+# Way between two repetitions, in which she gains the approach speed again [ship lengths at that]. Set by hand.
 REGAIN = 5.0
-"""Way between two repetitions, in which she gains the approach speed again [ship lengths at that]. Set by hand."""
 
 HELPS, MANY = 0.1, 10
 """Least part of a variance that a trial must remove to be recommended for it, and repetitions of a long campaign. Both
 set by hand: they decide what is advised, not what is computed."""
 
+# Of trials that gain at least this part of the best one's the library's first, a simple one, is named. Set by hand.
 NEARLY = 0.9
-"""Of trials that gain at least this part of the best one's the library's first, a simple one, is named. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,8 @@ from mmg.motion.froude import time_scale
 from mmg.progress import OnProgress, Progress
 from mmg.ship import Ship
 
+# Headings [rad] in which a track is tried; the opposite ones leave as much room.
 HEADINGS = np.radians(np.arange(0, 180, 15))
-"""Headings [rad] in which a track is tried; the opposite ones leave as much room."""
 
 
 @dataclass(frozen=True)
@@ -133,8 +133,7 @@ def corners(tracks: np.ndarray, ship: Ship) -> tuple[np.ndarray, np.ndarray]:
     return np.array([x + i * c - j * s for i, j in places]), np.array([y + i * s + j * c for i, j in places])
 
 
-SHORTEST = 0.2
-"""A stretch has at least about this share of the mean length of stretches. Set by hand."""
+SHORTEST = 0.2  # A stretch has at least about this share of the mean length of stretches. Set by hand.
 
 
 @dataclass(frozen=True)
@@ -281,15 +280,12 @@ STRETCH, ENGINES = 12.0, 3
 """Mean length of a stretch of rudder [s of a 3 m model]; stretches of rudder for one of revolutions. Set by hand."""
 FEWEST, MOST = 4, 14
 """Stretches of rudder in a trial. Set by hand: they bound the unknowns of the search."""
-ASTERN = 0.8
-"""Part of the highest revolutions that is ordered astern. Set by hand."""
+ASTERN = 0.8  # Part of the highest revolutions that is ordered astern. Set by hand.
 COUNT, FIRST, THEN = 16, 30, 240
 """Sequences of a generation; generations of each start; of the best one after that. Set by hand: 30 s of the processor
 for a plan of 180 s (RESULTS.md of 5f878e7)."""
-STARTS = 3
-"""The best manoeuvre, the best pair and a random sequence: from these the search goes on. Set by hand."""
-RUN_UP = 2.0
-"""Straight way behind the start that must be inside the area too [ship lengths]. Set by hand."""
+STARTS = 3  # The best manoeuvre, the best pair and a random sequence: from these the search goes on. Set by hand.
+RUN_UP = 2.0  # Straight way behind the start that must be inside the area too [ship lengths]. Set by hand.
 
 
 @dataclass(frozen=True)

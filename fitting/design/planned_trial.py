@@ -31,12 +31,12 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES
 
+# Draws of the coefficients whose tracks must stay inside the area.
 DRAWS = 8  # set by hand: of eight all inside says about 75 % with 90 % confidence
-"""Draws of the coefficients whose tracks must stay inside the area."""
-STEEPEST = 60.0
-"""Largest rudder angle that may be asked for [deg]. Set by hand."""
+STEEPEST = 60.0  # Largest rudder angle that may be asked for [deg]. Set by hand.
 
 
+# Figures that may be asked for: the manoeuvre, and its figure there.
 FIGURES = {
     "advance": ("turning:35", "advance"),
     "transfer": ("turning:35", "transfer"),
@@ -46,7 +46,6 @@ FIGURES = {
     "first_overshoot_20": ("zigzag:20/20", "overshoot_1"),
     "track_reach": ("crash-stop", "track_reach"),
 }
-"""Figures that may be asked for: the manoeuvre, and its figure there."""
 
 STEP, SAMPLE = 0.1, 0.25  # set by hand: the slope bounds no estimate, only what a plan is expected to gain
 """Change of a coefficient [prior standard deviations] for a slope, and sampling of a manoeuvre [s of a 3 m model]."""

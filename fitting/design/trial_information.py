@@ -103,9 +103,9 @@ class Present:
         return np.log(self.variances(fisher) / self.variances()).mean(axis=-1)
 
 
+# The choice ends where a further window adds less than this to the mean log information of a coefficient. Set by hand:
+# 0.02 nats are 1 % of a standard deviation.
 LEAST = 0.02
-"""The choice ends where a further window adds less than this to the mean log information of a coefficient. Set by hand:
-0.02 nats are 1 % of a standard deviation."""
 
 
 @dataclass(frozen=True)

@@ -28,23 +28,23 @@ from mmg.ship import Ship
 DETERMINED, PARTLY = 0.1, 0.7  # set by hand: they name a class and change no estimate
 """Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it."""
 
+# Ratio of posterior to prior variance above which correlated residuals made the estimate worse.
 WORSE = 1.2  # set by hand: a class
-"""Ratio of posterior to prior variance above which correlated residuals made the estimate worse."""
 
+# Prior standard deviations from the prior beyond which an estimate that the trials hardly tell contradicts it. A share
+# of PARTLY leaves the estimate sqrt(1 - PARTLY) = 0.55 prior standard deviations of chance. Set by hand.
 STRAINED = 2.0
-"""Prior standard deviations from the prior beyond which an estimate that the trials hardly tell contradicts it. A share
-of PARTLY leaves the estimate sqrt(1 - PARTLY) = 0.55 prior standard deviations of chance. Set by hand."""
 
+# Information of the data, by the prior's, below which a coefficient is not excited at all. Set by hand: a class.
 SILENT = 0.1
-"""Information of the data, by the prior's, below which a coefficient is not excited at all. Set by hand: a class."""
 
 MOST_PARTNERS = 4
-LEAST_GAIN = 0.1
-"""Partners named at most, and the part of the variance that knowing one more must remove. Set by hand."""
+LEAST_GAIN = 0.1  # Partners named at most, and the part of the variance that knowing one more must remove. Set by hand.
 
+# Absolute posterior correlation from which two coefficients belong to one cluster. Set by hand: it names a class.
 CORRELATED = 0.9
-"""Absolute posterior correlation from which two coefficients belong to one cluster. Set by hand: it names a class."""
 
+# Kinds of findings in words.
 KINDS = {
     "determined": "determined by the data",
     "partly": "partly determined",
@@ -55,7 +55,6 @@ KINDS = {
     "bound": "at a bound",
     "unknown": "unknown",
 }
-"""Kinds of findings in words."""
 
 ALONG, PAIR = 0.15, 0.8
 """Tolerance of the logarithmic slope within which a shared pair is called a product or a ratio, and the correlation
@@ -318,18 +317,18 @@ PHYSICAL: dict[str, tuple[float, float]] = {
 Engineering judgement for merchant ships; public fits of the ESSO OSAKA records leave most of them.
 """
 ADDED_MASSES = ("m_x", "m_y", "I_J_z")
+# Prior standard deviations within which the estimate of an added mass must lie: 95 % of the prior. Set by hand.
 WITHIN_PRIOR = 2.0
-"""Prior standard deviations within which the estimate of an added mass must lie: 95 % of the prior. Set by hand."""
+# Where a coefficient that left its prior sends the reader: never to the prior, which is what knows of the ship.
 HIDDEN = (
     "see what the trials may hide: an antenna off midship, a current, inputs logged at samples but taken as held "
     "(mmg diagnose)"
 )
-"""Where a coefficient that left its prior sends the reader: never to the prior, which is what knows of the ship."""
+# The same with what to do, for a warning.
 REMEDIES = (
     f"{HIDDEN}; reference_point and inputs in trials.toml say what is known, --with antenna_offset and --with current "
     "fit what is not"
 )
-"""The same with what to do, for a warning."""
 
 
 def cause(finding: CoefficientFinding, missing: str = "") -> str:

@@ -22,8 +22,7 @@ from mmg.model import Model
 
 FORCES = ("X", "Y", "N")
 UNITS = {"X": ("N", "kN"), "Y": ("N", "kN"), "N": ("N m", "kN m", "Nm", "kNm")}
-FLOOR = 0.03
-"""Standard deviation of a force when the table gives none, by its rms over the points. Set by hand."""
+FLOOR = 0.03  # Standard deviation of a force when the table gives none, by its rms over the points. Set by hand.
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ import numpy as np
 from cases.evidence.signals import MAD
 from fitting.settings import LOSSES
 
+# Residual [rms] beyond which ``huber`` stops being quadratic: 96 % efficient on Gaussian noise. (Huber 1981; the table
+# of efficiencies.)
 THRESHOLD = 1.5
-"""Residual [rms] beyond which ``huber`` stops being quadratic: 96 % efficient on Gaussian noise. (Huber 1981; the table
-of efficiencies.)"""
+# Degrees of freedom of ``student``. By Lange et al. (1989); see the row ``student`` of benchmarks/ablation.md.
 NU = 4.0
-"""Degrees of freedom of ``student``. By Lange et al. (1989); see the row ``student`` of benchmarks/ablation.md."""
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,7 @@ from mmg.errors import Conflict, NotInstalled, ProgramFailed, UserError, reason
 from mmg.progress import LOGGER
 
 PACKAGE = "mmg-ident"
-TIMEOUT = 10.0
-"""Seconds within which a scheduler answers and has a worker. Set by hand."""
+TIMEOUT = 10.0  # Seconds within which a scheduler answers and has a worker. Set by hand.
 
 _ALONE = threading.Lock()
 

@@ -34,17 +34,15 @@ Value = TypeVar("Value")
 P = ParamSpec("P")
 R = TypeVar("R")
 
+# Tasks handed over for each worker: one that it does, and one that waits there. More would only take memory.
 AHEAD = 2  # set by hand
-"""Tasks handed over for each worker: one that it does, and one that waits there. More would only take memory."""
-KEPT = 4
-"""Shared values that a process keeps. Set by hand: it bounds memory."""
-PROCESS = 300e6
-"""Least memory of a process that fits or trains [bytes]: its libraries and a few trials. Set by hand."""
+KEPT = 4  # Shared values that a process keeps. Set by hand: it bounds memory.
+PROCESS = 300e6  # Least memory of a process that fits or trains [bytes]: its libraries and a few trials. Set by hand.
+# How many threads numerical libraries start, read by each when it is loaded.
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-"""How many threads numerical libraries start, read by each when it is loaded."""
+# Of ``mallopt`` (malloc.h) [bytes]: M_TRIM_THRESHOLD, from how much unused memory on some is given back; M_TOP_PAD, how
+# much is asked for beyond what is needed; M_MMAP_THRESHOLD, from which size on an array has pages of its own.
 MALLOPT = {-1: 256 * 2**20, -2: 32 * 2**20, -3: 32 * 2**20}
-"""Of ``mallopt`` (malloc.h) [bytes]: M_TRIM_THRESHOLD, from how much unused memory on some is given back; M_TOP_PAD,
-how much is asked for beyond what is needed; M_MMAP_THRESHOLD, from which size on an array has pages of its own."""
 MEMINFO, CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 

@@ -37,12 +37,10 @@ MEMORIES, DECAYS = (1.0, 3.0, 10.0), (5.0, 15.0, 50.0, 200.0)
 EARLY, HORIZONS, WIDE = 2.0, (2.0, 5.0, 15.0, 30.0, 60.0, 100.0), 1.5
 """Seconds of a 3 m model: up to the first the noise of the samples is taken, at the others the factors, from errors up
 to WIDE times earlier and later. Set by hand; what the factors do is in benchmarks/ablation.md (bands no factors)."""
-MOST_WINDOWS = 400
-"""Windows whose errors are used, which bounds the time it takes."""
+MOST_WINDOWS = 400  # Windows whose errors are used, which bounds the time it takes
+# Half width of the 90 % band in standard deviations. (Abramowitz & Stegun 1964, chapter 26.)
 NORMAL = 1.6448536269514722
-"""Half width of the 90 % band in standard deviations. (Abramowitz & Stegun 1964, chapter 26.)"""
-COVER = 0.9
-"""Share of the errors of trials left out in that band. Set with NORMAL. Set by hand: a usual level."""
+COVER = 0.9  # Share of the errors of trials left out in that band. Set with NORMAL. Set by hand: a usual level.
 
 
 def student_factor(runs: int) -> float:

@@ -26,8 +26,7 @@ from mmg.states import STATES
 DRAWS, SHRINK = 16, 0.3
 """Draws of the coefficients, and the factor by which they are shrunk, their effect rescaled, to stay linear. Set by
 hand; a band without them is in benchmarks/ablation.md (bands no coefficients)."""
-COARSE = 0.5
-"""Step of the covariance in seconds of a 3 m model. Set by hand: bands grow over many seconds."""
+COARSE = 0.5  # Step of the covariance in seconds of a 3 m model. Set by hand: bands grow over many seconds.
 
 
 @dataclass(frozen=True)
@@ -218,8 +217,7 @@ def kinematic_map(states: np.ndarray, dt: np.ndarray) -> np.ndarray:
     return G
 
 
-SIZES = ("constant", "U2/L", "U r")
-"""What the accelerations grow with, as named in result.json."""
+SIZES = ("constant", "U2/L", "U r")  # What the accelerations grow with, as named in result.json
 
 
 def process_dict(p: Process) -> dict[str, Any]:

@@ -26,22 +26,21 @@ from mmg.runge_kutta import rk4_step
 
 SURGE, SWAY, YAW, CURRENT = slice(0, 5), slice(5, 10), slice(10, 16), slice(16, 18)
 """The coefficients of the accelerations in surge, sway and yaw, and the current north and east [m/s]."""
+# Steps of a window for which the grey box is fitted: 1 s of a 3 m model, an eighth of a ship length of sailing.
 STEPS = 30  # set by hand
-"""Steps of a window for which the grey box is fitted: 1 s of a 3 m model, an eighth of a ship length of sailing."""
+# Most windows to which it is fitted, evenly drawn from longer logs: those of 8 hours at 30 s, in 20 s.
 WINDOWS = 2000  # set by hand: it bounds time
-"""Most windows to which it is fitted, evenly drawn from longer logs: those of 8 hours at 30 s, in 20 s."""
+# Most evaluations of a fit; those of R/V Gunnerus and of 8 and 35 runs of the ESSO OSAKA take 5 to 7. So it was
+# measured; the limit was set by hand.
 EVALUATIONS = 60
-"""Most evaluations of a fit; those of R/V Gunnerus and of 8 and 35 runs of the ESSO OSAKA take 5 to 7. So it was
-measured; the limit was set by hand."""
+# Relative change of the cost at which a fit ends; at 1e-8 the errors of R/V Gunnerus differ by less than 0.1 %. So it
+# was measured.
 TOLERANCE = 1e-4
-"""Relative change of the cost at which a fit ends; at 1e-8 the errors of R/V Gunnerus differ by less than 0.1 %. So it
-was measured."""
+# Step of the differences, of coefficients scaled so that 1 causes all the change there is. Set by hand.
 DIFFERENCE = 1e-4
-"""Step of the differences, of coefficients scaled so that 1 causes all the change there is. Set by hand."""
+# Smallest singular value, of the largest, of the columns of a regression that is used: its fit is a start alone.
 COLLINEAR = 1e-2  # set by hand
-"""Smallest singular value, of the largest, of the columns of a regression that is used: its fit is a start alone."""
-BEYOND = 3.0
-"""Times the largest measured velocity to which those of the grey box are bounded, so that no fit overflows."""
+BEYOND = 3.0  # Times the largest measured velocity to which those of the grey box are bounded, so that no fit overflows
 
 
 @dataclass(frozen=True)

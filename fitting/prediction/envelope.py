@@ -28,15 +28,14 @@ from mmg.ship import AIR, Ship
 if TYPE_CHECKING:
     from cases.simulation.simulate_batch import SimulatedRuns
 
-DRIFT = "beta"
-"""Drift angle atan2(-v, u) [rad], beside the features of a ship."""
-SLOW = 0.1
-"""Below this share of the greatest speed ahead or astern a drift angle has no meaning. Set by hand."""
+DRIFT = "beta"  # Drift angle atan2(-v, u) [rad], beside the features of a ship
+SLOW = 0.1  # Below this share of the greatest speed ahead or astern a drift angle has no meaning. Set by hand.
+# Share of the range of the trials, and of its greatest value, by which a manoeuvre may leave it.
 BEYOND = 0.05  # set by hand: it decides what is said to be outside
-"""Share of the range of the trials, and of its greatest value, by which a manoeuvre may leave it."""
+# Least excess of a rudder or drift angle that is said [rad]. Set by hand: what is less is no news.
 ANGLE = math.radians(2.0)
-"""Least excess of a rudder or drift angle that is said [rad]. Set by hand: what is less is no news."""
 DEGREES = math.degrees(1.0)
+# What is compared with the trials, in words, the unit in which it is said, and that unit's factor from SI and rad.
 QUANTITIES = {
     "u": ("surge velocity", "m/s", 1.0),
     "v": ("sway velocity", "m/s", 1.0),
@@ -45,24 +44,21 @@ QUANTITIES = {
     "n": ("revolutions", "1/s", 1.0),
     "delta": ("rudder angle", "deg", DEGREES),
 }
-"""What is compared with the trials, in words, the unit in which it is said, and that unit's factor from SI and rad."""
+# Yaw rate or drift angle over the greatest of the trials on that side, beyond which no trial came near: less than a
+# quarter of the nonlinear forces, which go with the square or more, acted in them. Set by hand.
 FAR = 2.0
-"""Yaw rate or drift angle over the greatest of the trials on that side, beyond which no trial came near: less than a
-quarter of the nonlinear forces, which go with the square or more, acted in them. Set by hand."""
+# How a manoeuvre is called that no trial came near.
 TITLES = {"turning": "a turn so tight", "zigzag": "a zigzag so wide", "spiral": "a spiral so wide",
           "pull-out": "a turn so tight"}  # fmt: skip
-"""How a manoeuvre is called that no trial came near."""
 POINTS, ROWS = 150, 4000
 """Points that are kept, and most rows from which they are taken. They bound time and memory."""
+# Share of the rows of a trial that is not new among the other trials. Set by hand; what novelty does is in
+# benchmarks/ablation.md (bands no novelty).
 ORDINARY = 0.9
-"""Share of the rows of a trial that is not new among the other trials. Set by hand; what novelty does is in
-benchmarks/ablation.md (bands no novelty)."""
-MOST_NEW = 4.0
-"""Novelty beyond which a band grows no further: nothing that was measured says how. Set by hand."""
+MOST_NEW = 4.0  # Novelty beyond which a band grows no further: nothing that was measured says how. Set by hand.
+# Least spread of a velocity or of revolutions by which a distance is measured, by its rms. It bounds a division.
 ALIKE = 0.1
-"""Least spread of a velocity or of revolutions by which a distance is measured, by its rms. It bounds a division."""
-LEAST_ANGLE = 0.05
-"""The same of a rudder angle [rad]. Set by hand."""
+LEAST_ANGLE = 0.05  # The same of a rudder angle [rad]. Set by hand.
 
 
 def envelope_of(names: Sequence[str], features: np.ndarray) -> dict[str, list[float]]:

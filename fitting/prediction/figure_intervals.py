@@ -38,33 +38,28 @@ from mmg.ship import Ship
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-STEP = 0.5
-"""Sampling interval [s] of a 3 m model; scales with sqrt(L). Set by hand."""
+STEP = 0.5  # Sampling interval [s] of a 3 m model; scales with sqrt(L). Set by hand.
+# Ships drawn where nothing else is asked for. The end of a 90 % interval is known to 0.09 standard deviations.
 DRAWS = 500  # set by hand
-"""Ships drawn where nothing else is asked for. The end of a 90 % interval is known to 0.09 standard deviations."""
-MOST = 20_000
-"""Most draws of one call. Set by hand: bounds memory and time."""
-JUDGED = ("turning", "zigzag", *STOPS)
-"""Manoeuvres whose figures get an interval."""
-NEAR = 0.25
-"""Share of their distance from the ship at which draws of a calibrated ship are simulated. Set by hand."""
-SHOWN = 60
-"""Draws whose tracks are kept for a figure. Set by hand: display."""
+MOST = 20_000  # Most draws of one call. Set by hand: bounds memory and time.
+JUDGED = ("turning", "zigzag", *STOPS)  # Manoeuvres whose figures get an interval
+NEAR = 0.25  # Share of their distance from the ship at which draws of a calibrated ship are simulated. Set by hand.
+SHOWN = 60  # Draws whose tracks are kept for a figure. Set by hand: display.
+# Share of the trials' points that are slower than the speed below which a lasting acceleration falls with U^2.
 SLOW = 0.1  # set by hand
-"""Share of the trials' points that are slower than the speed below which a lasting acceleration falls with U^2."""
+# Standard deviation of the deceleration in a stop that no trial held, by that deceleration: an estimate of this library
+# for reversed propellers, of which trials ahead say nothing. Sway and yaw have no more than such a force. Nor have
+# other manoeuvres a larger share of what accelerates the ship in them, however far from the trials they lie: ships that
+# no trial told anything of turn within about that share (``benchmarks.literature``).
 UNTRIED = 1 / 3
-"""Standard deviation of the deceleration in a stop that no trial held, by that deceleration: an estimate of this
-library for reversed propellers, of which trials ahead say nothing. Sway and yaw have no more than such a force. Nor
-have other manoeuvres a larger share of what accelerates the ship in them, however far from the trials they lie: ships
-that no trial told anything of turn within about that share (``benchmarks.literature``)."""
+# Greatest error of a deceleration, by it, set below 1: water and a reversed propeller do not drive a ship on.
 MOST_SHARE = 0.9  # set by hand
-"""Greatest error of a deceleration, by it, set below 1: water and a reversed propeller do not drive a ship on."""
+# Yaw acceleration by that force over mass and length, at a quarter of the length: so is the radius of gyration. Set by
+# hand at that.
 LEVER = 4.0
-"""Yaw acceleration by that force over mass and length, at a quarter of the length: so is the radius of gyration. Set
-by hand at that."""
+# Standard deviation of ``stopping_resistance`` by its value: form factor and allowance of ITTC 7.5-02-03-01.4 (2017)
+# are each known to some 5 to 10 % of the total.
 RESISTANCE = 0.1
-"""Standard deviation of ``stopping_resistance`` by its value: form factor and allowance of ITTC 7.5-02-03-01.4 (2017)
-are each known to some 5 to 10 % of the total."""
 
 
 @dataclass(frozen=True)

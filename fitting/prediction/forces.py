@@ -10,8 +10,7 @@ from mmg.components.rigid_body import inertia
 from mmg.model import states_behind
 from mmg.rollout import Simulator
 
-NETWORK = "learned residual"
-"""Role under which the accelerations of a network, times the masses, are shown."""
+NETWORK = "learned residual"  # Role under which the accelerations of a network, times the masses, are shown
 
 Forces = dict[str, np.ndarray]
 """Role -> (N, 3)."""

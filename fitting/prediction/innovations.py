@@ -32,28 +32,24 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES
 
+# Parameters that change with the months: of hull and loading, of instruments, of the steering gear.
 CANDIDATES = ("fouling.share", "draft.share", "gyro.T", "gyro.share", "log_scale.share", "heading_bias.psi",
               "heading_bias.alone", "rudder_offset.delta", "control_delay.tau")  # fmt: skip
-"""Parameters that change with the months: of hull and loading, of instruments, of the steering gear."""
 
-LENGTHS = 5.0
-"""Ship lengths travelled in a stretch at the usual speed. Set by hand."""
+LENGTHS = 5.0  # Ship lengths travelled in a stretch at the usual speed. Set by hand.
 
-QUARTERS = 4
-"""Parts of a stretch over each of which its errors are averaged. Set by hand."""
+QUARTERS = 4  # Parts of a stretch over each of which its errors are averaged. Set by hand.
 CHANNELS = ("along", "across", "psi", "u", "v", "r")
 FREEDOM, PASSES = 4.0, 20
 """Degrees of freedom of Student's t that the errors of stretches are taken to follow, and passes of its estimate. The
 first is that of ``student`` (fitting/nlp/loss.py). Passes were set by hand."""
 
-SIZE = 0.5
-"""Share of its typical size at which the sensitivity to a candidate is taken. Set by hand."""
+SIZE = 0.5  # Share of its typical size at which the sensitivity to a candidate is taken. Set by hand.
 
+# A stretch whose squared distance is so many usual ones was moved by what the log does not hold. Set by hand.
 UNEXPLAINED = 8.0
-"""A stretch whose squared distance is so many usual ones was moved by what the log does not hold. Set by hand."""
 
-BATCH = 300
-"""Windows that are predicted at a time. It bounds memory."""
+BATCH = 300  # Windows that are predicted at a time. It bounds memory.
 
 
 @dataclass(frozen=True)

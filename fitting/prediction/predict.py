@@ -24,8 +24,7 @@ from mmg.model import states_behind
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-LONGEST_GAP = 1.0
-"""Seconds, beside two samples, between samples across which a window may run. Set by hand."""
+LONGEST_GAP = 1.0  # Seconds, beside two samples, between samples across which a window may run. Set by hand.
 
 
 class Forecaster(Protocol):

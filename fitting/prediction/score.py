@@ -35,19 +35,16 @@ from mmg.motion.flow import INPUTS
 from mmg.rollout import Simulator
 from mmg.states import STATES
 
-MOST_NAMED = 5
-"""Of trials in one message. Set by hand: display."""
-PAPER_WINDOW = 100.0
-"""Length of the restarts [s] of Wakita et al. (2022), Eq. 25."""
+MOST_NAMED = 5  # Of trials in one message. Set by hand: display.
+PAPER_WINDOW = 100.0  # Length of the restarts [s] of Wakita et al. (2022), Eq. 25.
 WINDOW, STRIDE = 30.0, 15.0
 """Length of the shorter windows [s] and the time between their starts: less of a run is one drift. Set by hand."""
+# A mean squared error of 30 s windows, summed over six states in units of their variance, above which a calibrated ship
+# does not follow the trials; real ships of good trials have 0.1. Set by hand above them.
 UNDESCRIBED = 0.5
-"""A mean squared error of 30 s windows, summed over six states in units of their variance, above which a calibrated
-ship does not follow the trials; real ships of good trials have 0.1. Set by hand above them."""
 GAIN, HARM = 0.99, 1.01
 """Most of the error of 30 s windows, and of 100 s restarts, that may remain for the past to be used. Set by hand."""
-HYBRID = "hybrid"
-"""What a training that is no black box calls its model."""
+HYBRID = "hybrid"  # What a training that is no black box calls its model
 SETS = {"validation": "validation trials", "left out": "trials left out of the calibration in turn"}
 
 
@@ -152,8 +149,7 @@ def _units_of(run: RunErrors) -> dict[str, float]:
     return {key: getattr(run, key) for key in STATE_ERRORS}
 
 
-NOTHING = "nothing to score"
-"""Of a run without a window, in words."""
+NOTHING = "nothing to score"  # Of a run without a window, in words
 NO_SCORE, NOTHING_SCORED = "no_score", "nothing_scored"
 """Codes of the messages on a score that is no number as the prediction diverges, and on trials without a window."""
 
@@ -347,8 +343,7 @@ class ScorePair:
         return [Message(words, "not_described")]
 
 
-NO_SCORES: Mapping[str, ScorePair] = {}
-"""Scores of no set of trials."""
+NO_SCORES: Mapping[str, ScorePair] = {}  # Scores of no set of trials
 
 
 def score_pairs(before: Mapping[str, Score], after: Mapping[str, Score]) -> dict[str, ScorePair]:

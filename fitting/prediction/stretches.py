@@ -141,17 +141,15 @@ def _started(
 RESTART, FORGET, DECAY = 8.0, 15.0, 120.0
 """Seconds: length of a restart, time in which an error's weight falls to 1/e^2, decay time of the current. From half to
 twice of each nothing is better by more than its error (22 records; benchmarks/RESULTS.md of 5f878e7)."""
+# Prior standard deviation of the current [m/s]; .01 and .03 are 1 to 2 % worse (as above). So it was measured.
 SIZE = 0.02
-"""Prior standard deviation of the current [m/s]; .01 and .03 are 1 to 2 % worse (as above). So it was measured."""
+# Typical error of x, y [m], psi [rad], u, v [m/s], r [rad/s] over a restart: what of it a current explains counts
+# against these. Set by hand with SIZE, which they act through.
 ERRORS = (0.06, 0.04, 0.017, 0.011, 0.0066, 0.003)
-"""Typical error of x, y [m], psi [rad], u, v [m/s], r [rad/s] over a restart: what of it a current explains counts
-against these. Set by hand with SIZE, which they act through."""
-AT_ONCE = 256
-"""Windows adapted in one batch, which bounds the memory it takes."""
-ROBUST = 3.0
-"""Errors count less beyond so many of these (Huber). Set by hand."""
+AT_ONCE = 256  # Windows adapted in one batch, which bounds the memory it takes
+ROBUST = 3.0  # Errors count less beyond so many of these (Huber). Set by hand.
+# Seconds of past of a 3 m model that are used by default; 60 s are no better (as above). So it was measured.
 PAST = 30.0
-"""Seconds of past of a 3 m model that are used by default; 60 s are no better (as above). So it was measured."""
 
 
 @dataclass(frozen=True)

@@ -30,11 +30,10 @@ SHORTEST, LEAST, MOST = 30.0, 2.5, 4.0
 """Window [s] of the paper's metric for a 3 m model; ship times L/U below which it is too short; those of a longer one.
 Set by hand."""
 
+# Figures whose errors are told of a manoeuvre.
 TOLD = ("advance", "transfer", "tactical_diameter", "overshoot_1", "overshoot_2", "track_reach")
-"""Figures whose errors are told of a manoeuvre."""
 
-KEPT = 64
-"""Trials whose manoeuvres are kept. Set by hand: it bounds memory."""
+KEPT = 64  # Trials whose manoeuvres are kept. Set by hand: it bounds memory.
 
 
 @dataclass(frozen=True)
@@ -57,6 +56,7 @@ class ManeuverErrors:
     figures: tuple[FigureError, ...]
 
 
+# Errors of a prediction by key -> state and unit.
 STATE_ERRORS = {
     "position_m": ("position", "m"),
     "heading_deg": ("heading", "deg"),
@@ -64,13 +64,11 @@ STATE_ERRORS = {
     "v_m_s": ("v", "m/s"),
     "r_deg_s": ("r", "deg/s"),
 }
-"""Errors of a prediction by key -> state and unit."""
+# What a model must beat -> words for it.
 REFERENCES = {"persistence": "keeping the velocities", "baseline": "the baseline"}
-"""What a model must beat -> words for it."""
 SHIP_LENGTH, END = "ship_length", "window"
 """When errors are told: after one ship length of sailing, and at the end of a window."""
-NOTED = 0.005
-"""Share of an error by which it must change for that to be said. Set by hand: it words a finding."""
+NOTED = 0.005  # Share of an error by which it must change for that to be said. Set by hand: it words a finding.
 
 
 @dataclass(frozen=True)

@@ -24,11 +24,10 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-COMPONENTS = {"X": (0, "X [N]"), "Y": (1, "Y [N]"), "N": (2, "N [N m]")}
-"""Column and label of each force."""
+COMPONENTS = {"X": (0, "X [N]"), "Y": (1, "Y [N]"), "N": (2, "N [N m]")}  # Column and label of each force
+# State number and label of each state.
 CHANNELS = {"x": (0, "x [m]"), "y": (1, "y [m]"), "psi": (2, "psi [rad]"), "u": (3, "u [m/s]"), "v": (4, "v [m/s]"),
             "r": (5, "r [rad/s]")}  # fmt: skip
-"""State number and label of each state."""
 
 
 @dataclass(frozen=True, repr=False)

@@ -17,11 +17,9 @@ from mmg.ship import Ship
 if TYPE_CHECKING:
     from fitting.report.imo_form import FormRow, FormSide, ImoForm
 
-OUTSIDE = " (!)"
-"""Mark of a tested figure that the model contradicts."""
+OUTSIDE = " (!)"  # Mark of a tested figure that the model contradicts
 SIDES = ("port", "starboard")
-MOST_MEASURED = 10
-"""Rows of figures of measured runs on the first screen. Set by hand: with more the track leaves it."""
+MOST_MEASURED = 10  # Rows of figures of measured runs on the first screen. Set by hand: with more the track leaves it.
 
 
 @dataclass(frozen=True)

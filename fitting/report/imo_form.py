@@ -72,6 +72,7 @@ def drawn_maneuvers(judged: JudgedFigures) -> dict[str, Any] | None:
     )  # fmt: skip
 
 
+# Groups of the form: title, manoeuvre to starboard, figures with their words.
 FORM = (
     ("Turning circle, 35° rudder", "turning:35", (("advance", "Advance"), ("tactical_diameter", "Tactical diameter"))),
     ("Zig-zag 10°/10°", "zigzag:10/10",
@@ -80,7 +81,6 @@ FORM = (
     ("Initial turning, 10° rudder", "zigzag:10/10", (("initial_turning_track", "Track to turn 10°"),)),
     ("Stopping", "crash-stop", (("track_reach", "Track reach"),)),
 )  # fmt: skip
-"""Groups of the form: title, manoeuvre to starboard, figures with their words."""
 
 
 OTHER_SPEED, COARSE = 0.1, math.radians(1.0)
@@ -316,8 +316,8 @@ def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> d
     return {key: FormValue(value, None, count, reading=reading) for key, (value, reading, count) in means.items()}
 
 
+# Effects that a tested figure has and one in still water of midship has not.
 TAKEN_OFF = {"current": "current", "antenna_offset": "lever arm of the antenna"}
-"""Effects that a tested figure has and one in still water of midship has not."""
 
 
 def of_midship(ship: Ship, trial: Trial) -> Trial:

@@ -30,6 +30,7 @@ from mmg.effects import effect
 from mmg.errors import Missing, NotInstalled, writing
 from mmg.ship import Ship
 
+# Trial names by which a public data set is known, its licence sentence and what to cite.
 DATA_SOURCES = (
     (
         re.compile(r"^(turn|turn_cut|zigzag|random|berthing)_\d\d-[A-Z][a-z]{2}-2020_\d\d_\d\d_\d\d"),
@@ -45,14 +46,11 @@ DATA_SOURCES = (
         ),
     ),
 )
-"""Trial names by which a public data set is known, its licence sentence and what to cite."""
 
+# How the names of figures begin that have their place on the page; the others follow section 4.
 PLACES = ("error_growth", "track", "identifiability", "scaling")
-"""How the names of figures begin that have their place on the page; the others follow section 4."""
-AT_PRIOR = ("prior", "silent")
-"""Kinds of findings on coefficients that the trials did not move."""
-SETS = {"validation": "Held-out trials", "training": "Training trials"}
-"""Sets of trials that are scored, in words."""
+AT_PRIOR = ("prior", "silent")  # Kinds of findings on coefficients that the trials did not move
+SETS = {"validation": "Held-out trials", "training": "Training trials"}  # Sets of trials that are scored, in words
 
 
 def citations_of(result: Mapping[str, Any]) -> list[tuple[str, tuple[str, ...]]]:

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+# Of the lines, with DASHES in the same order, so that they can be told apart in grey.
 COLOURS = (AFTER, BEFORE, "#009E73", ALARM, "#7A5AA6", MEASURED)
-"""Of the lines, with DASHES in the same order, so that they can be told apart in grey."""
 
 
 def maneuver_figure(runs: Sequence[Run], title: str, clouds: Mapping[str, Sequence[Since]] | None = None) -> Figure:
@@ -50,8 +50,7 @@ def maneuver_figure(runs: Sequence[Run], title: str, clouds: Mapping[str, Sequen
     return figure
 
 
-JOINT = ("turning", "crash-stop")
-"""Kinds of which several runs share axes."""
+JOINT = ("turning", "crash-stop")  # Kinds of which several runs share axes
 
 
 def draw_maneuvers(
@@ -198,8 +197,8 @@ def _pull_out(ax: Axes, runs: Sequence[Run]) -> None:
     ax.axhline(0, color=GREY, linewidth=0.6)
 
 
+# What draws the runs of a kind.
 PANELS = {"turning": _turning, "crash-stop": _stopping, "zigzag": _zigzag, "spiral": _spiral, "pull-out": _pull_out}
-"""What draws the runs of a kind."""
 
 
 def _note(

@@ -28,12 +28,11 @@ STYLES: tuple[dict, ...] = (
     {"color": AFTER},
     {"color": "#009E73", "linestyle": ":"},
 )
+# Of lines that are many: no two alike, so that a figure can be read in grey.
 DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), (0, (7, 2, 1.5, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (1, 1)))
-"""Of lines that are many: no two alike, so that a figure can be read in grey."""
-PNG = b"\x89PNG\r\n\x1a\n"
-"""How a PNG file begins (ISO/IEC 15948, 5.2)."""
+PNG = b"\x89PNG\r\n\x1a\n"  # How a PNG file begins (ISO/IEC 15948, 5.2)
+# Letters as their outlines are: to fit them to pixels takes a sixth of the time of all figures.
 LETTERS: dict[Any, Any] = {"text.hinting": "none"}
-"""Letters as their outlines are: to fit them to pixels takes a sixth of the time of all figures."""
 
 
 def new_figure(height: float, layout: Literal["constrained"] | None = "constrained") -> Figure:

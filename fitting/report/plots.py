@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DEGREES = 180 / np.pi
+# State number, label and factor of each time history; the heading is seen on the track.
 HISTORIES = ((3, "u [m/s]", 1.0), (4, "v [m/s]", 1.0), (5, "r [deg/s]", DEGREES))
-"""State number, label and factor of each time history; the heading is seen on the track."""
 
+# Outline of a ship of unit length: forward, starboard. Drawn by hand.
 OUTLINE = np.array([[0.5, 0], [0.32, 0.08], [-0.5, 0.08], [-0.5, -0.08], [0.32, -0.08], [0.5, 0]])
-"""Outline of a ship of unit length: forward, starboard. Drawn by hand."""
 
+# Colour and line of each input of one kind.
 INPUTS = (("#555555", "-"), ("#555555", "--"), ("#A0A0A0", "-"), ("#A0A0A0", "--"))
-"""Colour and line of each input of one kind."""
 
 
 def trajectory_plot(
@@ -183,8 +183,8 @@ def rms_with_error(squares: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np
     return rms, np.sqrt((len(groups) - 1) * np.mean((without - without.mean(axis=0)) ** 2, axis=0))
 
 
+# Title, state numbers and factor of each panel of the growth of errors.
 PANELS = (("position [m]", (0, 1), 1.0), ("heading [deg]", (2,), DEGREES))
-"""Title, state numbers and factor of each panel of the growth of errors."""
 
 
 def error_growth_plot(
@@ -271,8 +271,7 @@ def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "
     return figure
 
 
-WHOLE = ("turning", "zigzag")
-"""Kinds of trials that are drawn first, and predicted from their begin to their end."""
+WHOLE = ("turning", "zigzag")  # Kinds of trials that are drawn first, and predicted from their begin to their end
 
 
 def _shown(trials: Sequence[Trial], validation: Sequence[Trial]) -> list[tuple[Trial, bool]]:

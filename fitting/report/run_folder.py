@@ -38,18 +38,15 @@ from mmg.messages import Message
 RESULT, SHIP, START, ITERATE = "result.json", "ship.toml", "start.toml", "iterate.safetensors"
 LOSS = "loss.safetensors"
 FIGURES, PAGE = "figures", "report.html"
-SCHEMA_VERSION = 1
-"""Of every result file; it grows when an older reader would misread them (docs/releasing.md)."""
-MODEL = "model"
-"""Folder in the run of a scaled ship that holds the run of its model."""
+SCHEMA_VERSION = 1  # Of every result file; it grows when an older reader would misread them (docs/releasing.md)
+MODEL = "model"  # Folder in the run of a scaled ship that holds the run of its model
+# Keys of a calibration's result.json that tell of predictions by her ship: what is made of her has them too.
 OF_PREDICTIONS = (
     "coefficients", "correlation", "uncertainty", "per_run", "campaigns", "bands", "adaptation", "random_force",
 )  # fmt: skip
-"""Keys of a calibration's result.json that tell of predictions by her ship: what is made of her has them too."""
-NOT_INSTALLED = "not installed"
-"""Version of a package that is not there."""
+NOT_INSTALLED = "not installed"  # Version of a package that is not there
+# Warning of a run folder that is whole but for these; it is gone when they are made.
 PENDING = Message("figures and report.html are missing; the same command with --resume makes them", LEFT_OUT)
-"""Warning of a run folder that is whole but for these; it is gone when they are made."""
 Real = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
 """A number as it is read; JSON holds null where it is not finite (``plain``)."""
 
@@ -256,8 +253,8 @@ def read_iterate(folder: Path) -> dict[str, np.ndarray]:
     return found
 
 
+# Key of result.json -> what its trials were used for.
 ROLES = {"data": "calibration", "validation_data": "held out", "test": "test"}
-"""Key of result.json -> what its trials were used for."""
 
 
 def rows_by_role(result: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:

@@ -15,8 +15,8 @@ from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.errors import UserError
 from mmg.ship import Ship
 
+# Kinds of a finding that the prior's share of the variance alone tells, each below its share.
 BY_SHARE = (("determined", DETERMINED), ("partly", PARTLY))
-"""Kinds of a finding that the prior's share of the variance alone tells, each below its share."""
 GROUPS = ("mass", *ROLES, "effects", "other")
 
 
@@ -73,8 +73,8 @@ def identifiability_section(result: Mapping[str, Any]) -> dict[str, Any] | None:
 
 
 SELECTION = "selection.json"
+# Keys of a candidate in selection.json that the page shows; errors are None where it ran away.
 SHOWN = ("name", "words", "unknowns", "validation", "training", "stable", "sequences", "left_out")
-"""Keys of a candidate in selection.json that the page shows; errors are None where it ran away."""
 
 
 def structure_section(folder: Path) -> dict[str, Any] | None:

@@ -152,6 +152,7 @@ def _loading(ship: Ship, full_load: float | None) -> Condition:
 
 
 DEGREES = 180.0 / np.pi
+# Quantity -> words, unit in which it is shown, factor from SI.
 WORDS = {
     "u": ("surge velocity", "m/s", 1.0),
     "v": ("sway velocity at midship", "m/s", 1.0),
@@ -160,7 +161,6 @@ WORDS = {
     "a_x": ("air relative to the hull, ahead", "m/s", 1.0),
     "a_y": ("air relative to the hull, to starboard", "m/s", 1.0),
 }
-"""Quantity -> words, unit in which it is shown, factor from SI."""
 
 
 def limit_rows(envelope: Mapping[str, Sequence[float]], length: float) -> list[dict[str, Any]]:

@@ -40,15 +40,15 @@ from mmg.motion.froude import time_scale
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 
+# Probability by chance, corrected for the number of instruments, below which an instrument differs. Set by hand;
+# left-out runs decide after it.
 LEVEL = 0.05
-"""Probability by chance, corrected for the number of instruments, below which an instrument differs. Set by hand;
-left-out runs decide after it."""
+# Standard deviations of the values of campaigns that are tried, in the typical size of the constant.
 WIDTHS = np.geomspace(0.02, 12.0, 33)
-"""Standard deviations of the values of campaigns that are tried, in the typical size of the constant."""
+# Standard deviation of the mean of all campaigns, in the same size: that of an effect that is freed. Set by hand.
 SHARED = 3.0
-"""Standard deviation of the mean of all campaigns, in the same size: that of an effect that is freed. Set by hand."""
+# Standard error, by the width, from which the runs of a campaign tell nothing of a constant. Set by hand.
 UNINFORMATIVE = 0.9
-"""Standard error, by the width, from which the runs of a campaign tell nothing of a constant. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +66,13 @@ class Instrument:
         return self.symbol.partition(".")[0]
 
 
+# What may differ by campaign. Of others (lag of u and v, antenna, heading, wind sensor, fouling, draught, rudder
+# offset) none was kept on any data set.
 INSTRUMENTS = (
     Instrument("gyro lag", "gyro.T", "lag_r", "the lag of the turn rate"),
     Instrument("gyro scale", "gyro.share", "gain_r", "the scale error of the turn rate"),
     Instrument("log_scale", "log_scale.share", "gain_u", "the scale error of the log"),
 )
-"""What may differ by campaign. Of others (lag of u and v, antenna, heading, wind sensor, fouling, draught, rudder
-offset) none was kept on any data set."""
 
 
 @dataclass(frozen=True)

@@ -19,18 +19,13 @@ from mmg.components.expansion.units import units_of
 from mmg.errors import OutOfRange, UnknownName, Unsupported
 from mmg.ship import Ship
 
-GIVEN = "mmg"
-"""Name of the ship as it was given."""
-HIGHEST = Rules.order
-"""Order of the polynomials where none is asked for. Set by hand."""
-FULL = "full"
-"""Family of polynomials without sub-models, with all moduli: one order higher than the others by default."""
-UNITS = "units"
-"""Family of polynomials whose units of propeller and rudder add their forces up."""
+GIVEN = "mmg"  # Name of the ship as it was given
+HIGHEST = Rules.order  # Order of the polynomials where none is asked for. Set by hand.
+FULL = "full"  # Family of polynomials without sub-models, with all moduli: one order higher than the others by default
+UNITS = "units"  # Family of polynomials whose units of propeller and rudder add their forces up
+# Most monomials of one force, before the rules, of a polynomial of that family: it bounds time and memory.
 WIDEST = 2500
-"""Most monomials of one force, before the rules, of a polynomial of that family: it bounds time and memory."""
-ON_TOP = 2
-"""Highest order of polynomials on top of the ship's own forces. Set by hand."""
+ON_TOP = 2  # Highest order of polynomials on top of the ship's own forces. Set by hand.
 
 
 @dataclass(frozen=True)

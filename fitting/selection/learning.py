@@ -46,26 +46,21 @@ from mmg.progress import LOGGER
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-LENGTH = 100.0
-"""Length of a subsequence [s of a 3 m model] (Miyauchi et al. 2023)."""
+LENGTH = 100.0  # Length of a subsequence [s of a 3 m model] (Miyauchi et al. 2023).
+# Error of a velocity, by its standard deviation, from which on a subsequence has left the limits. Set by hand.
 LIMIT = 20.0
-"""Error of a velocity, by its standard deviation, from which on a subsequence has left the limits. Set by hand."""
-VELOCITIES = slice(3, 6)
-"""Rows of u, v and r among x, y, psi, u, v, r: the states that the objective compares."""
-MARGIN = 1.2
-"""Factor on the range of the motions of the trials at the extremes. Set by hand."""
+VELOCITIES = slice(3, 6)  # Rows of u, v and r among x, y, psi, u, v, r: the states that the objective compares
+MARGIN = 1.2  # Factor on the range of the motions of the trials at the extremes. Set by hand.
+# Most combinations of inputs at each of the 27 motions: 1,350 = 27 x 50 (Miyauchi et al. 2023, section 3.1.2).
 INPUTS_EACH = 50
-"""Most combinations of inputs at each of the 27 motions: 1,350 = 27 x 50 (Miyauchi et al. 2023, section 3.1.2)."""
+# Levels of an actuator by its unit: two of the revolutions, five of each of two rudders (UNVERIFIED: lost in
+# conversion).
 LEVELS = {"rps": 2, "rad": 5}
-"""Levels of an actuator by its unit: two of the revolutions, five of each of two rudders (UNVERIFIED: lost in
-conversion)."""
+# Step of the coefficients, by the standard deviations of their priors, of the differences behind derivatives. The root
+# of the rounding of doubles. Set by hand near it.
 DIFFERENCE = 1e-8
-"""Step of the coefficients, by the standard deviations of their priors, of the differences behind derivatives. The root
-of the rounding of doubles. Set by hand near it."""
-AT_ONCE = 4000
-"""Subsequences simulated side by side for these, which bounds the memory it takes."""
-PERCENTILE = 99.7
-"""Of the accelerations in the trials, from which on they are limited (Miyauchi et al. 2023)."""
+AT_ONCE = 4000  # Subsequences simulated side by side for these, which bounds the memory it takes
+PERCENTILE = 99.7  # Of the accelerations in the trials, from which on they are limited (Miyauchi et al. 2023).
 
 
 @dataclass(frozen=True)
@@ -313,16 +308,15 @@ class SubsequenceObjective:
         return gradient, hessian
 
 
+# Weights of the sparsity, from strong to weak.
 SPARSITIES = tuple(float(w) for w in 10.0 ** np.arange(-1.0, -5.1, -0.5))
-"""Weights of the sparsity, from strong to weak."""
 WORSE, PATIENCE = 1.5, 3
 """The path ends where the validation error is so many times its least at so many weights in a row. Set by hand."""
-SPREAD = 0.3
-"""Standard deviation of starts of further seeds about the regression, by those of the priors. Set by hand."""
+SPREAD = 0.3  # Standard deviation of starts of further seeds about the regression, by those of the priors. Set by hand.
 ON_PATH, LAST = 10, 20
 """Most steps at each weight of the path, and without any. Set by hand: they bound the time."""
+# Dampings tried at once, by the last that was best. A grid set by hand.
 FACTORS = np.array([1e-2, 1e-1, 1.0, 10.0, 100.0, 1e3])
-"""Dampings tried at once, by the last that was best. A grid set by hand."""
 
 
 @dataclass(frozen=True)

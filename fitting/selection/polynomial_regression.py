@@ -38,12 +38,10 @@ LAG, AXES = "velocity_filter.tau", "velocity_filter.body_axes"
 """Symbols, in a ship, of the lag [s] and of whether u and v are late in body axes (1) or in the earth frame (0)."""
 WINDOW, STEP = 20.0, 0.5
 """Length of a window and sampling step [s of a 3 m model]. Set by hand."""
+# Grid for the noise of accelerations [m/s by root of s] by that of velocities, of which the likeliest is taken.
 RATIOS = (0.0, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5, 2.5, 4.0, 7.0, 12.0, 20.0, 40.0)  # set by hand
-"""Grid for the noise of accelerations [m/s by root of s] by that of velocities, of which the likeliest is taken."""
-LEAST_NOISE = 0.3
-"""Smallest variance of the velocities, by that of the third differences. Set by hand."""
-VANISHED = 1e4
-"""A term whose size came down to a hundredth of its prior, as a precision, is none. Set by hand."""
+LEAST_NOISE = 0.3  # Smallest variance of the velocities, by that of the third differences. Set by hand.
+VANISHED = 1e4  # A term whose size came down to a hundredth of its prior, as a precision, is none. Set by hand.
 STEPS, SPARSE_STEPS, ROUNDS = 30, 120, 3  # set by hand
 """Most steps to the largest evidence with sizes of groups and of single terms; rounds between these and the noise."""
 

@@ -26,10 +26,10 @@ from cases.evidence.tails import chi2_tail
 from fitting.calibration import Calibration
 from mmg.ship import Ship
 
+# Widths that are tried as one for all coefficients, in the scale of the prior; zero is tried too.
 COMMON = np.geomspace(0.005, 5.0, 61)
-"""Widths that are tried as one for all coefficients, in the scale of the prior; zero is tried too."""
+# Least width with which sisters are fitted, and least scale of the half-Cauchy prior: it bounds a division.
 LEAST = 0.02
-"""Least width with which sisters are fitted, and least scale of the half-Cauchy prior: it bounds a division."""
 
 
 @dataclass(frozen=True)

@@ -42,32 +42,26 @@ from mmg.ship import Ship
 WINDOW, SHORT = 100.0, 30.0
 """Length of the windows fitted [s of a 3 m model]: of the ship as given, that of the paper's subsequences; of a
 polynomial that is chosen, that of the windows by which it is judged. Set by hand."""
+# Steps of a shooting interval of a polynomial, half as long as those of others: there are as many. Set by hand.
 INTERVAL = 10
-"""Steps of a shooting interval of a polynomial, half as long as those of others: there are as many. Set by hand."""
-LARGEST = 1000
-"""Most unknowns of a candidate that is tried without being named. Set by hand: it bounds the time."""
+LARGEST = 1000  # Most unknowns of a candidate that is tried without being named. Set by hand: it bounds the time.
+# Most unknowns of the choice while there are smaller ones: its errors by multiple shooting take gigabytes and minutes.
+# Larger ones are chosen as thinned out. Set by hand: it bounds memory.
 LARGEST_CHOSEN = 450
-"""Most unknowns of the choice while there are smaller ones: its errors by multiple shooting take gigabytes and minutes.
-Larger ones are chosen as thinned out. Set by hand: it bounds memory."""
-START = "as given"
-"""Row of the ship as given, which is not fitted."""
-NO_LOSS = 1.02
-"""Factor on the best validation error up to which a model with fewer unknowns is preferred. Set by hand."""
+START = "as given"  # Row of the ship as given, which is not fitted
+NO_LOSS = 1.02  # Factor on the best validation error up to which a model with fewer unknowns is preferred. Set by hand.
 INSTRUMENTS = ("shown",)
-THINNED = "-thinned"
-"""Ending of the names of candidates."""
+THINNED = "-thinned"  # Ending of the names of candidates
 SEQUENCES, SECONDS = 1000, 400.0
 """Number of sequences and their length [s of a 3 m model]. Set by hand; the requirement is 7 of Miyauchi et al.
 (2023)."""
+# Largest speed, and yaw rate times L/2, by 0.1 sqrt(g L), that is still a ship in a harbour (Froude number 0.4).
 MOST = 4.0  # set by hand
-"""Largest speed, and yaw rate times L/2, by 0.1 sqrt(g L), that is still a ship in a harbour (Froude number 0.4)."""
-LEAST = 20
-"""Fewest samples in a sub-model from which anything is fitted. Set by hand."""
+LEAST = 20  # Fewest samples in a sub-model from which anything is fitted. Set by hand.
 
-BEYOND = 1.1
-"""Factor on the motions of the trials up to which a polynomial is used as it is. Set by hand."""
+BEYOND = 1.1  # Factor on the motions of the trials up to which a polynomial is used as it is. Set by hand.
+# Least range of a motion, by sqrt(g L), of the yaw rate by sqrt(g / L). Set by hand: it bounds a division.
 SMALL = 0.01
-"""Least range of a motion, by sqrt(g L), of the yaw rate by sqrt(g / L). Set by hand: it bounds a division."""
 
 
 @dataclass(frozen=True)

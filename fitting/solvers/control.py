@@ -22,16 +22,16 @@ from mmg.errors import UserError
 from mmg.messages import Message
 from mmg.progress import OnProgress, Progress
 
+# Code of the warning that Ctrl-C left out parts of a calibration, which can be made by resuming it.
 LEFT_OUT = "parts_left_out"
-"""Code of the warning that Ctrl-C left out parts of a calibration, which can be made by resuming it."""
 Value = TypeVar("Value")
 
+# Whether Ctrl-C is being held (active), has been pressed since (requested), and is raised all the same (breaks).
 INTERRUPTED = SimpleNamespace(active=False, requested=False, breaks=False)
-"""Whether Ctrl-C is being held (active), has been pressed since (requested), and is raised all the same (breaks)."""
 
+# told: called with "held" and "released" when Ctrl-C begins and ends to be held, with "noted" when it is pressed, with
+# "ending" when it ends all.
 OBSERVER = SimpleNamespace(told=lambda word: None)
-"""told: called with "held" and "released" when Ctrl-C begins and ends to be held, with "noted" when it is pressed, with
-"ending" when it ends all."""
 
 
 class OutOfTimeError(UserError):

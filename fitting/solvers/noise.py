@@ -20,8 +20,7 @@ from fitting.settings import Settings
 from fitting.solvers.control import Control
 from fitting.solvers.solve import STUCK, Solution, solve, solve_damped
 
-STAYS = 0.1
-"""Least share of the squares of residuals that is not blamed on how their states were derived. Set by hand."""
+STAYS = 0.1  # Least share of the squares of residuals that is not blamed on how their states were derived. Set by hand.
 
 
 @dataclass(frozen=True)
@@ -106,12 +105,10 @@ def estimate_noise(
     return ResidualNoise(rms, tau)
 
 
-NEVER = 1e300
-"""A limit that is never wider."""
+NEVER = 1e300  # A limit that is never wider
+# Windows of the first solve: they bring the coefficients near and show the size of residuals. Set by hand.
 FEW_WINDOWS = 12
-"""Windows of the first solve: they bring the coefficients near and show the size of residuals. Set by hand."""
-TIMES = 3
-"""Windows of a further solve over those of the one before, until all are there. Set by hand."""
+TIMES = 3  # Windows of a further solve over those of the one before, until all are there. Set by hand.
 
 
 @dataclass(frozen=True)

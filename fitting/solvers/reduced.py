@@ -18,15 +18,13 @@ from fitting.parallel import with_one_thread
 from fitting.solvers.condensing import Lead, lead
 from mmg.errors import BadValue, UnknownName
 
+# Predicted relative change of the objective [-] at which the node states count as optimal: finite differences of steps
+# of 1e-5 prior standard deviations then have five digits. Set by hand.
 TOLERANCE = 1e-12
-"""Predicted relative change of the objective [-] at which the node states count as optimal: finite differences of steps
-of 1e-5 prior standard deviations then have five digits. Set by hand."""
-FEASIBLE = 1e-9
-"""Largest scaled gap [-] between the end of an interval and the next node there. Set by hand."""
-MOST_STEPS = 50
-"""Steps of that minimisation; a few suffice near the calibration. Set by hand."""
+FEASIBLE = 1e-9  # Largest scaled gap [-] between the end of an interval and the next node there. Set by hand.
+MOST_STEPS = 50  # Steps of that minimisation; a few suffice near the calibration. Set by hand.
+# The same gap up to which states that are not optimal after so many steps still count.
 JOINED = 1e-3  # set by hand: a line search that went too far needs a number, not an exact one
-"""The same gap up to which states that are not optimal after so many steps still count."""
 
 
 class ReducedProblem:

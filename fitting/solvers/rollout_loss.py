@@ -24,8 +24,7 @@ from fitting.nlp.problem import Problem
 from fitting.report.parts import hashes_of_trials
 from mmg.errors import BadValue, Unreadable
 
-SCHEMA = 1
-"""Of that file; it grows when an older reader would misread it."""
+SCHEMA = 1  # Of that file; it grows when an older reader would misread it
 
 
 @dataclass(frozen=True, repr=False)
@@ -137,5 +136,4 @@ def _hashes(trials: Sequence[Trial]) -> tuple[str, ...]:
     return tuple(t.sha256 or own for t, own in zip(trials, hashes_of_trials(trials), strict=True))
 
 
-_ARRAYS = ("starts", "controls", "targets", "weights", "values", "run", "began")
-"""What of it is an array."""
+_ARRAYS = ("starts", "controls", "targets", "weights", "values", "run", "began")  # What of it is an array

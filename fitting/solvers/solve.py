@@ -69,6 +69,7 @@ An iterate that is nearly feasible is accepted once the objective has twice chan
 """
 
 
+# IPOPT options for a start that is nearly optimal, with its multipliers.
 CERTIFY = {
     "ipopt.warm_start_init_point": "yes",
     "ipopt.mu_init": 1e-9,
@@ -76,7 +77,6 @@ CERTIFY = {
     "ipopt.warm_start_bound_frac": 1e-9,
     "ipopt.warm_start_mult_bound_push": 1e-9,
 }
-"""IPOPT options for a start that is nearly optimal, with its multipliers."""
 
 
 class _Buffered(ca.Callback):
@@ -222,17 +222,14 @@ def by_ipopt(
     )
 
 
-STEPS = 30
-"""Steps of the leading method before IPOPT is left alone. Set by hand: IPOPT decides in any case."""
+STEPS = 30  # Steps of the leading method before IPOPT is left alone. Set by hand: IPOPT decides in any case.
+# Predicted relative change of the objective at which a rough solve ends. Set by hand, with the next two.
 ROUGH_CHANGE = 3e-4
-"""Predicted relative change of the objective at which a rough solve ends. Set by hand, with the next two."""
+# Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone. Set
+# by hand, as that of IPOPT below.
 ROUGH_GAIN = 3e-4
-"""Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone. Set
-by hand, as that of IPOPT below."""
-FEASIBLE = 1e-2
-"""Largest violation with which a rough solve may end. Set by hand."""
-NEAR = 1e-7
-"""Predicted relative change at which IPOPT takes over. Set by hand: IPOPT certifies what it finds."""
+FEASIBLE = 1e-2  # Largest violation with which a rough solve may end. Set by hand.
+NEAR = 1e-7  # Predicted relative change at which IPOPT takes over. Set by hand: IPOPT certifies what it finds.
 
 
 def solve(
@@ -275,6 +272,7 @@ def solve(
     return replace(last, iterations=last.iterations + len(before), seconds=seconds, history=[*before, *last.history])
 
 
+# Status of a solve after which a damped restart is tried; limits and Ctrl-C are not among them.
 STUCK = {
     "Restoration_Failed",
     "Infeasible_Problem_Detected",
@@ -284,9 +282,8 @@ STUCK = {
     "Search_Direction_Becomes_Too_Small",
     "Not_Enough_Degrees_Of_Freedom",
 }
-"""Status of a solve after which a damped restart is tried; limits and Ctrl-C are not among them."""
+# Prior standard deviations by which the coefficients may change in each solve of a damped restart. Set by hand.
 RADII = (0.3, 1.0, 3.0)
-"""Prior standard deviations by which the coefficients may change in each solve of a damped restart. Set by hand."""
 
 
 def same_optimum(objective: float, best: float) -> bool:

@@ -15,12 +15,11 @@ from cases.evidence.tails import f_tail
 
 LEAST, ROUNDS = 0.1, 30
 """Least standard deviation of a parameter between runs, in typical sizes; most rounds of EM. Set by hand."""
+# Prior standard deviations of a difference between groups, in typical sizes. A grid set by hand.
 SIZES = (0.3, 1.0, 3.0)
-"""Prior standard deviations of a difference between groups, in typical sizes. A grid set by hand."""
+# Information on a difference [typical sizes^-2] below which the trials do not show it: it bounds a division.
 SEEN = 1e-3
-"""Information on a difference [typical sizes^-2] below which the trials do not show it: it bounds a division."""
-FLAT = 1e-6
-"""Precision of a prior that says nothing. It keeps a matrix regular. Set by hand."""
+FLAT = 1e-6  # Precision of a prior that says nothing. It keeps a matrix regular. Set by hand.
 
 
 @dataclass(frozen=True)

@@ -35,18 +35,13 @@ from mmg.progress import LOGGER
 if TYPE_CHECKING:
     import pandas as pd
 
-CHAINS = 4
-"""Chains whose agreement R-hat judges (Vehtari et al. 2021 ask for four)."""
-TUNING = 200
-"""Draws of each chain that find the step, and are thrown away. Set by hand: the metric is known before."""
-AGREE = 1.01
-"""R-hat up to which chains count as draws of one distribution. (Vehtari et al. 2021, section 4.)"""
-APART = "chains_apart"
-"""Code of the message that chains do not agree."""
-NAMED = 3
-"""Coefficients named for which Laplace's interval is farthest off. Set by hand: display."""
+CHAINS = 4  # Chains whose agreement R-hat judges (Vehtari et al. 2021 ask for four).
+TUNING = 200  # Draws of each chain that find the step, and are thrown away. Set by hand: the metric is known before.
+AGREE = 1.01  # R-hat up to which chains count as draws of one distribution. (Vehtari et al. 2021, section 4.)
+APART = "chains_apart"  # Code of the message that chains do not agree
+NAMED = 3  # Coefficients named for which Laplace's interval is farthest off. Set by hand: display.
+# Share of an interval by which its middle is off the median for it to be called skewed. Set by hand: a word.
 SKEWED = 0.1
-"""Share of an interval by which its middle is off the median for it to be called skewed. Set by hand: a word."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,14 +31,11 @@ from mmg.errors import OutOfRange, UnknownName
 
 REFIT_TOLERANCE, REFIT_ITERATIONS = 1e-4, 100
 """Of a refit, and its most iterations: a spread needs no more digits. Set by hand."""
-CHUNK = 5
-"""Refits of a task: few, so that workers end together and little is lost with one of them. Set by hand."""
-LIMIT = 1.9207
-"""Half the 95 % quantile of chi-squared with one degree of freedom. (Wilks 1938.)"""
+CHUNK = 5  # Refits of a task: few, so that workers end together and little is lost with one of them. Set by hand.
+LIMIT = 1.9207  # Half the 95 % quantile of chi-squared with one degree of freedom. (Wilks 1938.)
+# Points on either side of the estimate, one every 0.75 robust standard errors: the last at 3.75. Set by hand.
 STEPS = 5
-"""Points on either side of the estimate, one every 0.75 robust standard errors: the last at 3.75. Set by hand."""
-STRIDE = 0.75
-"""Between these points [robust standard errors]. Set by hand."""
+STRIDE = 0.75  # Between these points [robust standard errors]. Set by hand.
 
 
 def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str], draws: int = 0) -> None:

@@ -20,17 +20,14 @@ import numpy as np
 
 from fitting.nlp.fisher_information import Information
 
+# Degrees of freedom of the dispersion shared by all coefficients, against those of each coefficient's clusters. Set by
+# hand; coverage of the intervals is in benchmarks/ablation.md.
 SHARED_FREEDOM = 5.0
-"""Degrees of freedom of the dispersion shared by all coefficients, against those of each coefficient's clusters. Set
-by hand; coverage of the intervals is in benchmarks/ablation.md."""
+# Degrees of freedom at which clusters by run and by window count alike. Set by hand, as are the next two.
 RUNS_NEEDED = 10.0
-"""Degrees of freedom at which clusters by run and by window count alike. Set by hand, as are the next two."""
-ENOUGH = 30.0
-"""Degrees of freedom below which a variance may not be smaller than the model-based one. Set by hand."""
-ABSORBED = 0.9
-"""Prior's share of the model-based variance above which only the shared dispersion is used. Set by hand."""
-NORMAL = 1.959964
-"""Standard normal quantile at 97.5 %. (Abramowitz & Stegun 1964, chapter 26.)"""
+ENOUGH = 30.0  # Degrees of freedom below which a variance may not be smaller than the model-based one. Set by hand.
+ABSORBED = 0.9  # Prior's share of the model-based variance above which only the shared dispersion is used. Set by hand.
+NORMAL = 1.959964  # Standard normal quantile at 97.5 %. (Abramowitz & Stegun 1964, chapter 26.)
 
 
 @dataclass(frozen=True)

@@ -20,25 +20,22 @@ from mmg.compile.cache import LONG, UNIT, LateSource, load_library
 from mmg.compile.codegen import HIDDEN, LANES, prelude
 from mmg.compile.stages import Program, divided_code, units_of
 
+# -ftree-vectorize makes vectors of the loops over lanes (square roots). Without contraction a product and a sum are
+# rounded one by one whatever stands beside them, so equal expressions give equal bits; its cost is not measurable.
 FLAGS: tuple[str, ...] = (
     "-O1", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w"
 )  # fmt: skip
-"""-ftree-vectorize makes vectors of the loops over lanes (square roots). Without contraction a product and a sum are
-rounded one by one whatever stands beside them, so equal expressions give equal bits; its cost is not measurable."""
+# Of loops over matrices that are written by hand, the filter's and the elimination's.
 LOOP_FLAGS = (
     "-O2", "-ftree-vectorize", "-ffp-contract=fast", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w"
 )  # fmt: skip
-"""Of loops over matrices that are written by hand, the filter's and the elimination's."""
 
-GENERATORS = (sys.modules[__name__], codegen, stages)
-"""Modules that the source of batch kernels comes from."""
+GENERATORS = (sys.modules[__name__], codegen, stages)  # Modules that the source of batch kernels comes from
 
+# Largest difference by another order of sums, over the largest number of its kind. Set by hand, far above rounding.
 CLOSE = 1e-7
-"""Largest difference by another order of sums, over the largest number of its kind. Set by hand, far above rounding."""
-ROUNDING = float(np.finfo(float).eps)
-"""A difference of results that cancel, of arguments of the order of 1."""
-MORE = 8
-"""So many times the points are drawn where some have no finite value. Set by hand."""
+ROUNDING = float(np.finfo(float).eps)  # A difference of results that cancel, of arguments of the order of 1
+MORE = 8  # So many times the points are drawn where some have no finite value. Set by hand.
 
 
 @dataclass
@@ -169,15 +166,15 @@ def _faults(functions: Sequence[ca.Function], library: ctypes.CDLL) -> str:
     return ""
 
 
+# Parts of a function that are compiled as code that loops go through often; of more parts are second derivatives.
 SHORT = 2  # set by hand: speed alone
-"""Parts of a function that are compiled as code that loops go through often; of more parts are second derivatives."""
+# An argument has a list of its elements that are used, which ends with -1: of a hundred coefficients often few are.
 _MACROS = """
 #define EACH(i, name) for (long long e = 0, k; (k = name##_of##i[e]) >= 0; e++)
 #define READ(i, name) EACH(i, name) x##i[k] = load(arg[i] + k * ld[i] + at);
 #define SHARED(i, name) EACH(i, name) x##i[k] = fill(arg[i][k]);
 #define WRITE(j, size, from) for (long long k = 0; k < size; k++) store(res[j] + k * points + at, d[from + k]);
 """
-"""An argument has a list of its elements that are used, which ends with -1: of a hundred coefficients often few are."""
 
 
 def kernel(function: ca.Function) -> tuple[str, list[str]]:

@@ -25,10 +25,10 @@ import casadi as ca
 
 from mmg.progress import LOGGER
 
+# Flags tried in this order: compilers that do not know the first ones compile for the generic processor in the end.
+# Without the width some make vectors of half the registers, whose halves are stored and then read as a whole, which
+# costs more than all the arithmetic.
 NATIVE = (("-march=native", "-mprefer-vector-width=512"), ("-march=native",), ())
-"""Flags tried in this order: compilers that do not know the first ones compile for the generic processor in the end.
-Without the width some make vectors of half the registers, whose halves are stored and then read as a whole, which costs
-more than all the arithmetic."""
 
 
 def cache_folder() -> Path:
@@ -47,12 +47,12 @@ def cache_folder() -> Path:
     return (given if given.is_absolute() else home / ".cache") / "mmg-ident"
 
 
+# Stands between the units of C source that are compiled side by side and linked to one library.
 UNIT = "\n/* next unit */\n"
-"""Stands between the units of C source that are compiled side by side and linked to one library."""
 
 
+# Begins a unit of second derivatives: with -Og a compiler takes two thirds of the time of -O1 for as fast a code.
 LONG = "/* long code without loops */\n"
-"""Begins a unit of second derivatives: with -Og a compiler takes two thirds of the time of -O1 for as fast a code."""
 
 
 def compiler() -> str | None:
@@ -120,8 +120,7 @@ class LateSource:
 Text = str | LateSource
 
 
-CHARACTERS_A_SECOND = 400_000
-"""Of C source that gcc 12 compiles on one processor of 2023 (600 kB in 1.5 s)."""
+CHARACTERS_A_SECOND = 400_000  # Of C source that gcc 12 compiles on one processor of 2023 (600 kB in 1.5 s)
 announced: list[str] = []
 """What this process has said that it compiles: the first thing alone, so that a command has one line of it."""
 

@@ -11,14 +11,15 @@ from pathlib import Path
 
 import casadi as ca
 
+# Points per vector: 8 doubles fill an AVX-512 register, two AVX2 ones, four NEON ones.
 LANES = 8  # set by hand: speed, and rounding
-"""Points per vector: 8 doubles fill an AVX-512 register, two AVX2 ones, four NEON ones."""
 
 OF_ONE: tuple[str, ...] = ("sqrt", "exp", "log", "expm1", "log1p", "erf", "fabs", "floor", "ceil")
 OF_ONE += ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
+# Functions of the C library that CasADi has an operation for, of one and of two arguments.
 OF_TWO = ("pow", "atan2", "fmin", "fmax", "fmod", "hypot", "copysign")
-"""Functions of the C library that CasADi has an operation for, of one and of two arguments."""
 
+# C expression of each CasADi operation on its operands.
 EXPRESSIONS: dict[int, str] = {
     **{getattr(ca, f"OP_{name.upper()}"): f"v_{name}({{0}})" for name in OF_ONE},
     **{getattr(ca, f"OP_{name.upper()}"): f"v_{name}({{0}}, {{1}})" for name in OF_TWO},
@@ -42,27 +43,25 @@ EXPRESSIONS: dict[int, str] = {
     ca.OP_SIGN: "compare({0} > 0.0) - compare({0} < 0.0)",
     ca.OP_IF_ELSE_ZERO: "when({0}, {1})",
 }
-"""C expression of each CasADi operation on its operands."""
 
+# What a function is that Python calls.
 EXPORT = """#ifdef _WIN32
 #define EXPORT __declspec(dllexport)
 #else
 #define EXPORT
 #endif
 """
-"""What a function is that Python calls."""
+# What a function is that is called from another unit of the same library alone.
 HIDDEN = """#if defined(_WIN32) || !defined(__GNUC__)
 #define HIDDEN
 #else
 #define HIDDEN __attribute__((visibility("hidden")))
 #endif
 """
-"""What a function is that is called from another unit of the same library alone."""
 _COMMON = (
     "#include <math.h>\n#include <string.h>\n#define INLINE static inline __attribute__((always_inline))\n" + EXPORT
 )
-_OWN = ("sqrt", "exp", "tanh", "sin", "cos", "atan2")
-"""Functions that do without the C library."""
+_OWN = ("sqrt", "exp", "tanh", "sin", "cos", "atan2")  # Functions that do without the C library
 
 
 # exp, tanh, sin, cos and atan2 on vectors, free of branches, within a few units of the last bit: a C library
@@ -88,13 +87,13 @@ def inverse_factorials(first: int, step: int, count: int, alternate: bool) -> li
 _EXPM1 = _horner(inverse_factorials(2, 1, 12, False))
 _SIN = _horner([-c for c in inverse_factorials(3, 2, 8, True)])
 _COS = _horner(inverse_factorials(4, 2, 7, True))
+# (atan(t) / t - 1) / z as a polynomial of z = t^2 up to tan^2(pi / 8), interpolated at the Chebyshev nodes. The degree
+# was set by hand.
 ARC = (
     -0.3333333333333333, 0.19999999999999804, -0.14285714285659779, 0.11111111105150588, -0.09090908753259112,
      0.07692296368042296, -0.0666642476020052, 0.05878927554473807, -0.05230443640686948, 0.045515447340221615,
      -0.03456931506332609, 0.016284375050043393
 )  # fmt: skip
-"""(atan(t) / t - 1) / z as a polynomial of z = t^2 up to tan^2(pi / 8), interpolated at the Chebyshev nodes. The degree
-was set by hand."""
 
 
 def c_file(module: str, name: str, **values: object) -> str:

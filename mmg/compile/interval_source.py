@@ -23,12 +23,11 @@ from mmg.compile.codegen import HIDDEN, c_file, prelude
 from mmg.compile.stages import Program, divided_code, units_of
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
 
+# Rows and columns of the products that are kept in registers; columns are padded to whole tiles.
 TILE = 4  # set by hand: speed alone
-"""Rows and columns of the products that are kept in registers; columns are padded to whole tiles."""
 
 
-STACK = 4
-"""Stages, and samples, whose rows are multiplied at once. Set by hand: speed alone."""
+STACK = 4  # Stages, and samples, whose rows are multiplied at once. Set by hand: speed alone.
 
 NEWLINE = "\n  "
 _AT = "const V* q, const V* c, const V* p, const V* u, const V* K, const V* H, V* d"

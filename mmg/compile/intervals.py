@@ -15,9 +15,9 @@ from mmg.compile.batch import FLAGS, padded
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
 
+# Blocks of LANES intervals, at least, whose sums are made apart; 8 and 4 gain nothing (RESULTS.md of 5f878e7). As
+# measured in November 2026.
 SHARE = 16
-"""Blocks of LANES intervals, at least, whose sums are made apart; 8 and 4 gain nothing (RESULTS.md of 5f878e7). As
-measured in November 2026."""
 
 
 Wanted = tuple[np.ndarray, np.ndarray]

@@ -15,6 +15,7 @@ import casadi as ca
 from mmg.compile.codegen import ARC, LANES, OF_ONE, OF_TWO, inverse_factorials
 from mmg.compile.stages import CONSTANT, Program
 
+# C expression of each CasADi operation on its operands.
 EXPRESSIONS: dict[int, str] = {
     **{getattr(ca, f"OP_{name.upper()}"): f"m_{name}({{0}})" for name in OF_ONE},
     **{getattr(ca, f"OP_{name.upper()}"): f"m_{name}({{0}}, {{1}})" for name in OF_TWO},
@@ -38,9 +39,8 @@ EXPRESSIONS: dict[int, str] = {
     ca.OP_SIGN: "({0} > R(0.0)) ? R(1.0) : (({0} < R(0.0)) ? R(-1.0) : R(0.0))",
     ca.OP_IF_ELSE_ZERO: "({0} != R(0.0)) ? {1} : R(0.0)",
 }
-"""C expression of each CasADi operation on its operands."""
+# Powers that need no call, or a cheaper one.
 _POWERS = {2.0: "{0} * {0}", 3.0: "{0} * {0} * {0}", 4.0: "({0} * {0}) * ({0} * {0})", 0.5: "m_sqrt({0})"}
-"""Powers that need no call, or a cheaper one."""
 
 
 def functions_used(program: Program, outputs: Iterable[int]) -> list[str]:
@@ -123,8 +123,8 @@ def prelude(functions: Sequence[str], single: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+# Operations that are not left to the C library.
 OWN = {ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TANH: "tanh", ca.OP_ATAN2: "atan2"}
-"""Operations that are not left to the C library."""
 
 
 class LaneEmitter(Emitter):

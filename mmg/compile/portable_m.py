@@ -9,6 +9,7 @@ import casadi as ca
 from mmg.compile.codegen import OF_ONE
 from mmg.compile.portable_c import Emitter
 
+# M expression of each CasADi operation; ``when`` is a function of the file that holds the statements.
 EXPRESSIONS: dict[int, str] = {
     **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})" for name in OF_ONE},
     **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}}, {{1}})" for name in ("atan2", "hypot")},
@@ -38,7 +39,6 @@ EXPRESSIONS: dict[int, str] = {
     ca.OP_SIGN: "sign({0})",
     ca.OP_IF_ELSE_ZERO: "when({0}, {1})",
 }
-"""M expression of each CasADi operation; ``when`` is a function of the file that holds the statements."""
 WHEN = """
 function x = when(condition, x)
   if condition == 0

@@ -18,12 +18,13 @@ from mmg.errors import BadValue, Conflict, UnknownName
 from mmg.motion.flow import INPUTS, Flow, Force, pods
 from mmg.motion.smooth import Smoothing
 
+# Roles that exert forces, in the order of evaluation: the rudder sees the propeller's slipstream.
 FORCES = ("hull", "propeller", "rudder", "bow_thruster", "stern_thruster", "azimuth", "expansion", "wind", "waves")
-"""Roles that exert forces, in the order of evaluation: the rudder sees the propeller's slipstream."""
 
+# All roles: the last two move rudder and propeller to their orders, and add a degree of freedom.
 ROLES = (*FORCES, "actuators", "roll")
-"""All roles: the last two move rudder and propeller to their orders, and add a degree of freedom."""
 
+# Role -> name -> file in this folder, or a model of a user. Those of a ship are read when she needs them.
 MODELS: dict[str, dict[str, Any]] = {
     "hull": {
         "unified": "hull.unified",
@@ -58,10 +59,8 @@ MODELS: dict[str, dict[str, Any]] = {
     "actuators": {"rate_limited": "actuators.rate_limited", "lag": "actuators.lag"},
     "roll": {"linear": "roll.linear"},
 }
-"""Role -> name -> file in this folder, or a model of a user. Those of a ship are read when she needs them."""
 
-BASE_PARTICULARS = ("L", "B", "d", "m", "x_G", "rho")
-"""Particulars that every ship needs, whatever its force models."""
+BASE_PARTICULARS = ("L", "B", "d", "m", "x_G", "rho")  # Particulars that every ship needs, whatever its force models
 
 
 class OwnForce(Own):

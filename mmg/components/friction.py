@@ -12,10 +12,8 @@ import math
 
 FRESH, SALT = 1.14e-6, 1.19e-6
 """Kinematic viscosity [m^2/s] of fresh and of sea water at 15 degrees C (ITTC 7.5-02-01-03: 1.139e-6, 1.188e-6)."""
-ROUGHNESS = 150e-6
-"""Roughness [m] of a newly painted hull (ITTC 7.5-02-03-01.4)."""
-MODEL = 20.0
-"""Length [m] below which a ship is a model: smooth, and without allowances. Set by hand."""
+ROUGHNESS = 150e-6  # Roughness [m] of a newly painted hull (ITTC 7.5-02-03-01.4)
+MODEL = 20.0  # Length [m] below which a ship is a model: smooth, and without allowances. Set by hand.
 
 
 def viscosity(density: float) -> float:

@@ -1,10 +1,11 @@
 """Particulars that the force models use, in words and with their units."""
 
+# Particulars of a main engine.
 ENGINE = (
     "n_MCR", "engine_delay", "restart", "astern_revolutions", "astern_torque", "engine_rise", "engine_inertia",
 )  # fmt: skip
-"""Particulars of a main engine."""
 
+# Particulars of a ship file: words and unit.
 PARTICULARS = {
     "L": ("length between perpendiculars", "m"),
     "B": ("breadth", "m"),
@@ -68,4 +69,3 @@ PARTICULARS = {
     "S_A": ("perimeter of the lateral projection above water, without waterline, masts and ventilators", "m"),
     "rho_a": ("air density", "kg/m³"),
 }
-"""Particulars of a ship file: words and unit."""

@@ -9,6 +9,8 @@ from typing import Any
 from mmg.components.coefficients import table
 from mmg.motion.flow import Force
 
+# Mass coefficients that every ship has, whatever its force models. A ship file that leaves them out knows nothing of
+# them: the charts give half to one and a half of these to ships from slender to full.
 INERTIA = table(
     "empirical default: Motora's charts give about these for full ships",
     ("m_x", 0.03, 0.015, 0.0, 0.15, "mmg", "added mass in surge, by 1/2 rho L^2 d"),
@@ -23,8 +25,6 @@ INERTIA = table(
         "yaw inertia about the centre of gravity plus added inertia, by 1/2 rho L^4 d",
     ),
 )
-"""Mass coefficients that every ship has, whatever its force models. A ship file that leaves them out knows nothing of
-them: the charts give half to one and a half of these to ships from slender to full."""
 
 
 @dataclass(frozen=True)

@@ -43,10 +43,9 @@ EFFECTS: MutableMapping[str, Effect] = _EffectsByName(
     )
 )  # fmt: skip
 
+# Names of effects in files and options of earlier releases, and what they are called now.
 FORMER = {"velocity_lag": "velocity_filter"}
-"""Names of effects in files and options of earlier releases, and what they are called now."""
-GONE = ("disturbance",)
-"""Effects of earlier releases without which a ship moves as with them."""
+GONE = ("disturbance",)  # Effects of earlier releases without which a ship moves as with them
 
 
 def present_name(name: str) -> str:

@@ -8,8 +8,7 @@ from mmg.components.catalogue import module
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 
-REPORTED = 1.0
-"""Heavy calcareous fouling costs a frigate up to 86 % of her power (Schultz 2007, Biofouling 23:331-341)."""
+REPORTED = 1.0  # Heavy calcareous fouling costs a frigate up to 86 % of her power (Schultz 2007, Biofouling 23:331-341)
 
 
 class Fouling(Effect):

@@ -11,6 +11,7 @@ from mmg.components.own import Own
 from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow
 
+# Where an effect enters -> the method of ``Effect`` whose arguments, but for self, the function takes.
 HOOKS = {
     "force": "forces",
     "inflow": "water",
@@ -20,7 +21,6 @@ HOOKS = {
     "particulars": "particulars",
     "measurement": "columns",
 }
-"""Where an effect enters -> the method of ``Effect`` whose arguments, but for self, the function takes."""
 
 
 class OwnEffect(Own, Effect):

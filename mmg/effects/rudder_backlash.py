@@ -14,8 +14,8 @@ from mmg.motion.froude import time_scale
 from mmg.motion.memory import Memory, played
 from mmg.motion.smooth import Smoothing
 
+# Angle [rad] that keeps the play smooth at zero dead band. Set by hand: 0.1 deg, less than a rudder is read to.
 SOFTEST = 2e-3
-"""Angle [rad] that keeps the play smooth at zero dead band. Set by hand: 0.1 deg, less than a rudder is read to."""
 
 
 class RudderBacklash(Effect):

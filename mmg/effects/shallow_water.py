@@ -18,11 +18,10 @@ from mmg.effects.effect import Effect, Parameter, Parts, Setting
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
 
+# Growth [-] of hull forces and added masses with g; UNVERIFIED: added mass in sway doubles at about h/d = 1.6.
 GROWTH = {"X": 0.15, "Y": 0.5, "N": 0.5, "m_x": 0.2, "m_y": 0.65, "J_z": 0.3}
-"""Growth [-] of hull forces and added masses with g; UNVERIFIED: added mass in sway doubles at about h/d = 1.6."""
 
-EVERYWHERE = -1e6
-"""Line [m] of a shelf that is under the whole area. Set by hand: farther than any trial goes."""
+EVERYWHERE = -1e6  # Line [m] of a shelf that is under the whole area. Set by hand: farther than any trial goes.
 
 
 def growth(flow: Flow, e: SimpleNamespace) -> Any:

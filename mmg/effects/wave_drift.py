@@ -13,8 +13,7 @@ from mmg.motion.flow import Flow, Force
 from mmg.motion.frames import earth_to_body
 from mmg.motion.froude import force_scale
 
-BOW = 0.3
-"""Share [-] of the drift force beam on that acts along the ship; UNVERIFIED. Set by hand."""
+BOW = 0.3  # Share [-] of the drift force beam on that acts along the ship; UNVERIFIED. Set by hand.
 
 
 class WaveDrift(Effect):

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+# Actuators that a force model may ask for: words and unit. They are columns of trial files and fields of Flow.
 INPUTS = {
     "n": ("propeller revolutions (of the starboard one of two), positive ahead", "rps"),
     "n_2": ("revolutions of the port propeller of a twin-screw ship", "rps"),
@@ -28,10 +29,8 @@ INPUTS = {
     "n_azimuth_4": ("revolutions of the fourth azimuth thruster", "rps"),
     "azimuth_4": ("direction into which the fourth azimuth thruster pushes, clockwise from ahead", "rad"),
 }
-"""Actuators that a force model may ask for: words and unit. They are columns of trial files and fields of Flow."""
 
-PODS = 4
-"""Most azimuth thrusters of a ship. Set by hand: names of inputs are made for so many."""
+PODS = 4  # Most azimuth thrusters of a ship. Set by hand: names of inputs are made for so many.
 
 
 def pods(particulars: Mapping[str, float]) -> tuple[str, ...]:

@@ -10,11 +10,10 @@ import math
 
 import numpy as np
 
-GRAVITY = 9.80665
-"""m/s^2 (standard). Standard acceleration of free fall (CGPM 1901)."""
+GRAVITY = 9.80665  # m/s^2 (standard). Standard acceleration of free fall (CGPM 1901).
 
+# m; constants of this product that depend on the size of a ship are written for a model of this length.
 MODEL_LENGTH = 3.0  # set by hand: that of the Esso Osaka model whose trials were the first
-"""m; constants of this product that depend on the size of a ship are written for a model of this length."""
 
 
 def length_scale(length: float) -> float:

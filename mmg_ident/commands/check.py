@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from cases.checks import CheckReport
 
 
-ORDER = ("contradictory", "doubtful", "info", "consistent", "ok")
-"""Levels and verdicts, the worst first."""
+ORDER = ("contradictory", "doubtful", "info", "consistent", "ok")  # Levels and verdicts, the worst first
 
 
 def check(

@@ -16,8 +16,7 @@ from mmg_ident.commands import output as cli
 if TYPE_CHECKING:
     from fitting.result import FitResult
 
-OPEN = ("starts_left_out", "parts_left_out")
-"""Codes of warnings of a converged calibration that --resume goes on with."""
+OPEN = ("starts_left_out", "parts_left_out")  # Codes of warnings of a converged calibration that --resume goes on with
 
 
 @o.options(

@@ -96,8 +96,8 @@ HEAVY, LEAST_MEMORY = (
 )
 """Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C. Set by
 hand, from runs below ulimit -v."""
+# Options that take several values after one name: ``--validate a.csv b.csv``.
 MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials", "--baseline")
-"""Options that take several values after one name: ``--validate a.csv b.csv``."""
 
 
 def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
@@ -131,6 +131,8 @@ def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
     return run_verb
 
 
+# Panel of ``mmg --help`` -> verb -> its line; each verb has a module and a function of its name in this folder
+# ("import_" for import, which is a word of Python).
 PANELS = {
     "Start": {
         "start": "From logs to a calibrated ship, a report and an FMU, in one go.",
@@ -167,8 +169,6 @@ PANELS = {
         "fleet": "Fit, judge, diagnose and compare many ships.",
     },
 }
-"""Panel of ``mmg --help`` -> verb -> its line; each verb has a module and a function of its name in this folder
-("import_" for import, which is a word of Python)."""
 VERBS = {verb: words for verbs in PANELS.values() for verb, words in verbs.items()}
 _PLAIN: dict[str, Any] = {"add_completion": False, "pretty_exceptions_enable": False, "rich_markup_mode": None}
 

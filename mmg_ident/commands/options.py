@@ -44,12 +44,11 @@ Given = dict[str, Any]
 
 T = TypeVar("T")
 
-GENERAL = "Options"
-"""The panel of options that are in no other one."""
+GENERAL = "Options"  # The panel of options that are in no other one
+# Options up to which a panel reads at a glance (by the issue of step 17); a verb with no more has one panel.
 MOST = 8  # set by hand
-"""Options up to which a panel reads at a glance (by the issue of step 17); a verb with no more has one panel."""
+# What the name of a kind of value contains, which differs by the version of typer -> how the help calls it.
 VALUES = {"int": "N", "float": "NUMBER", "path": "PATH", "str": "TEXT", "text": "TEXT"}
-"""What the name of a kind of value contains, which differs by the version of typer -> how the help calls it."""
 
 
 def _panelled(parameter: inspect.Parameter, panel: str) -> inspect.Parameter:

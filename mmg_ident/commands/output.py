@@ -28,10 +28,8 @@ if TYPE_CHECKING:
     from residual.result import TrainResult
 
 
-FIGURES = (".png", ".svg", ".pdf")
-"""Endings of files of figures."""
-RESUMED = "the same command with --resume continues"
-"""How to go on with what was interrupted."""
+FIGURES = (".png", ".svg", ".pdf")  # Endings of files of figures
+RESUMED = "the same command with --resume continues"  # How to go on with what was interrupted
 
 
 def command_line() -> str:

@@ -130,8 +130,8 @@ def score(
             raise TooFewData(f"{Path(name).name}: no score, {words} (mmg check)")
 
 
+# Errors in units below which 0.1 mm/s are the last digit shown, which no log resolves. Set by hand: display.
 SMALL = 0.01
-"""Errors in units below which 0.1 mm/s are the last digit shown, which no log resolves. Set by hand: display."""
 METRIC = {
     "paper": "mean squared normalised error, Eq. 25 of Wakita et al. (2022), restart every 100 s",
     "window": "the same over full 30 s windows every 15 s, first row excluded",

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from residual.result import TrainResult
 
 _MODELS = ("hybrid", *KINDS)
+# Settings that only some models take.
 _ONLY = {
     "layers": ("fnn",),
     "zero": ("fnn",),
@@ -24,7 +25,6 @@ _ONLY = {
     "initial": KINDS,
     "symmetric": ("hybrid",),
 }
-"""Settings that only some models take."""
 
 
 @o.options(

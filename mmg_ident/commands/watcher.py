@@ -16,8 +16,8 @@ import time
 ANSWER, END = 1.5, 3.0  # set by hand: half a second less, and a second more, than the rule
 """Seconds within which a signal is answered, and within which a command that has nothing to keep must have ended: by
 the rule that Ctrl-C is answered within two seconds."""
+# What the first process tells, as a byte that no signal has.
 WORDS = {"held": 200, "released": 201, "noted": 202, "ending": 203}
-"""What the first process tells, as a byte that no signal has."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 _WAITS = b"mmg: interrupted: stopping as soon as the present step is done; Ctrl-C again ends at once\n"

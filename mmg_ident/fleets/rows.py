@@ -38,18 +38,16 @@ ALIKE, CHANCE = 2.0, 0.01
 MOVED, SURE = 1.0, 2.576
 """A coefficient has moved against its start by so many standard deviations of that, and of its own (99 %
 of a normal distribution). The first is set by hand."""
-APART = 3.0
-"""Standard errors from the mean of her sisters from which a coefficient is said to differ. Set by hand."""
-SETS = {"held_out": "validation", "training": "training"}
-"""Sets of trials in a row, and in a calibration."""
+APART = 3.0  # Standard errors from the mean of her sisters from which a coefficient is said to differ. Set by hand.
+SETS = {"held_out": "validation", "training": "training"}  # Sets of trials in a row, and in a calibration
 LISTS = ("campaigns", "moved", "moved_against_sisters", "instruments", "warnings")
 TEXTS = ("name", "sisters", "status", "reason", "start", "loss", "verdict", "sentence")
+# What a diagnosis and sisters add to a row, without them.
 TOLD: dict[str, Any] = {
     "verdict": "", "sentence": "", "effects": [], "compared": [], "between": "", "between_sentence": "", "drifted": [],
     "surroundings": [], "reduction": None, "p_alike": None, "widths_from_mean": None, "moved_against_sisters": [],
     "diagnosis_failed": "",
 }  # fmt: skip
-"""What a diagnosis and sisters add to a row, without them."""
 
 
 @dataclass(frozen=True)
@@ -319,10 +317,9 @@ def write_tables(fleet: Fleet, folder: Path) -> None:
 
 
 PAGE = "fleet.html"
-SHOWN = 12
-"""Coefficients in the table of a group of sisters, and in what moved. Set by hand."""
+SHOWN = 12  # Coefficients in the table of a group of sisters, and in what moved. Set by hand.
+# Probability below which a ship does not seem to be drawn from the distribution of her sisters. Set by hand.
 SISTERLY = 0.01
-"""Probability below which a ship does not seem to be drawn from the distribution of her sisters. Set by hand."""
 
 
 def write_page(fleet: Fleet, folder: Path) -> None:

@@ -47,8 +47,7 @@ PARTS = "parts"
 ALONE, DONE = "alone", "done"
 """Stages: sisters by their own trials, and every ship."""
 SITE = "site.toml"
-COARSER = 2.0
-"""Step of the diagnosis of a fleet, in that of ``mmg diagnose``: it costs half the time. Set by hand."""
+COARSER = 2.0  # Step of the diagnosis of a fleet, in that of ``mmg diagnose``: it costs half the time. Set by hand.
 
 
 @dataclass(frozen=True)

@@ -66,8 +66,7 @@ def advance_columns(logged: torch.Tensor, accelerations: torch.Tensor, h: float,
     return torch.cat([logged[:3] + h * kinematics(middle), velocities])
 
 
-SAMPLES = 10_000
-"""Standard normal inputs at which the output of the untrained network is standardised (2025, Eq. 13)."""
+SAMPLES = 10_000  # Standard normal inputs at which the output of the untrained network is standardised (2025, Eq. 13).
 
 
 def layered(sizes: tuple[int, ...], seed: int) -> nn.Sequential:
@@ -267,8 +266,7 @@ class InitialState(TrainableSystem):
         return self.inner.penalty()
 
 
-REACH = 0.2
-"""How far an estimated initial velocity may be from the measured one, over its deviation. Set by hand."""
+REACH = 0.2  # How far an estimated initial velocity may be from the measured one, over its deviation. Set by hand.
 
 
 def build_box(ship: Ship | None, scales: Scales, settings: TrainSettings, seed: int) -> TrainableSystem:
@@ -295,8 +293,8 @@ def box_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial], h
     return training_scales(ship, pieces, trials, h, features)
 
 
+# A network without physics; of a ship only actuators and length are used.
 BOX_KIND = ModelKind(build_box, box_scales, lambda ship: (*ship.actuators, *AIR), lambda ship: features)
-"""A network without physics; of a ship only actuators and length are used."""
 
 
 @dataclass(frozen=True)
@@ -401,8 +399,8 @@ def box_of(task: Task, outcomes: Sequence[Outcome]) -> BlackBox:
     return BlackBox(settings, ship.actuators, task.h, tuple(systems), ship.name, ship_hash(ship), task.scales)
 
 
+# Names of ``Scales`` with which a box is built; the rest belongs to its training.
 _SCALES = ("feature", "output", "acceleration", "mean", "std", "acceleration_mean")
-"""Names of ``Scales`` with which a box is built; the rest belongs to its training."""
 
 
 def save_box(path: Path, box: BlackBox) -> None:

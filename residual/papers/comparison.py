@@ -41,10 +41,10 @@ from residual.settings import KINDS, BlackBoxSettings, TrainSettings
 from residual.train import tasks_of, train_one
 
 MODELS = ("captive", "calibrated", "hybrid", *KINDS)
+# Seconds after a start at which the growth of the error is read: up to the restarts of Wakita et al. (2022).
 HORIZONS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
-"""Seconds after a start at which the growth of the error is read: up to the restarts of Wakita et al. (2022)."""
+# Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``. Set by hand.
 BLOCK = 65.0
-"""Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,7 @@ class Subset:
 PaperModels = dict[str, tuple[BlackBoxSettings, tuple[Trial, ...]]]
 """Name of a network -> its settings and the trials that it is trained on."""
 PAPERS = ("wakita2022",)
+# Type of network -> kind, loss and split of the records (Table 7).
 TYPES = {
     "type1": ("rnn-window", "state", "train-tzrb+"),
     "type2": ("rnn", "state", "train-tzrb+"),
@@ -69,11 +70,10 @@ TYPES = {
     "type4": ("rnn-window", "state", "train-tzb"),
     "type5": ("rnn-window", "state", "train-tzrb"),
 }
-"""Type of network -> kind, loss and split of the records (Table 7)."""
+# Eq. 7 and Table 8: 200 neurons, m = 10 rows, N_T = 60 rows of 0.1 s; without penalty of weights.
 NETWORK: dict[str, Any] = {
     "width": 200, "memory": 10, "step": 0.1, "curriculum": ((6.0, 1.0),), "method": "euler", "penalty": 0.0,
 }  # fmt: skip
-"""Eq. 7 and Table 8: 200 neurons, m = 10 rows, N_T = 60 rows of 0.1 s; without penalty of weights."""
 STEPS, EVERY, BATCH, RATE = 200, 3.0, 128, 1e-3
 """Of the shorter schedule: gradient steps, seconds between windows, windows a step, and first rate. Set by hand: some
 ten minutes a network on one core."""
@@ -127,11 +127,11 @@ class Study:
     paper: PaperModels = field(default_factory=dict)
 
 
+# Errors whose growth is read, by their names in result.json: words, factor and digits with which they are shown.
 GROWTH = {
     "position_m": ("position error, rms [m]", 1.0, 2),
     "heading_rad": ("heading error, rms [deg]", math.degrees(1.0), 1),
 }
-"""Errors whose growth is read, by their names in result.json: words, factor and digits with which they are shown."""
 
 
 @dataclass(frozen=True)
@@ -342,8 +342,8 @@ def growth(model: Simulator | Forecaster, trials: Sequence[Trial]) -> dict[str, 
     return dict(zip(GROWTH, zip(*rms, strict=True), strict=True))
 
 
+# Parts of the names of runs that are restarted every 100 s (section 4), as runs with gaps are here.
 RESTARTED = ("random", "turn")
-"""Parts of the names of runs that are restarted every 100 s (section 4), as runs with gaps are here."""
 
 
 def table_9_errors(model: Simulator | Forecaster, trials: Sequence[Trial]) -> tuple[float, ...]:
@@ -358,6 +358,7 @@ def table_9_errors(model: Simulator | Forecaster, trials: Sequence[Trial]) -> tu
     return tuple(result)
 
 
+# Wakita et al. (2022), Table 9: mean and standard deviation over five seeds of Eq. 25, per record of TABLE_9_TEST.
 TABLE_9 = {
     "captive": ((0.272,), (0.858,), (1.015,), (0.036,), (0.189,), (0.100,)),
     "type1": ((0.236, 0.003), (0.713, 0.011), (0.086, 0.063), (0.052, 0.024), (0.069, 0.014), (0.138, 0.023)),
@@ -366,7 +367,6 @@ TABLE_9 = {
     "type4": ((0.488, 0.022), (0.701, 0.019), (0.122, 0.054), (0.144, 0.053), (0.246, 0.107), (0.302, 0.062)),
     "type5": ((0.262, 0.007), (0.785, 0.024), (0.856, 0.288), (0.055, 0.030), (0.182, 0.047), (0.294, 0.043)),
 }
-"""Wakita et al. (2022), Table 9: mean and standard deviation over five seeds of Eq. 25, per record of TABLE_9_TEST."""
 TABLE_9_TEST = ("Random", "Turning", "Zigzag", "Berthing1", "Berthing2", "Berthing3")
 TABLE_9_NOTE = (
     "As published by Wakita et al. (2022, Table 9), not like for like: its six test records are not those tested here "

@@ -17,10 +17,9 @@ COLOURS = {
     "rnn-window": "#C0305A",
 }  # fmt: skip
 DASHED = dict(zip(COLOURS, DASHES, strict=True))
-MARKERS = dict(zip(COLOURS, "oDs^vX", strict=True))
-"""Of the lines of the models: they differ without their colours too."""
+MARKERS = dict(zip(COLOURS, "oDs^vX", strict=True))  # Of the lines of the models: they differ without their colours too
+# Model -> the one whose look it has: those of a paper stand beside the captive ship alone.
 AS = {model: model for model in COLOURS} | dict(zip(TYPES, list(COLOURS)[1:], strict=True))
-"""Model -> the one whose look it has: those of a paper stand beside the captive ship alone."""
 
 
 def _look(model: str) -> dict[str, Any]:

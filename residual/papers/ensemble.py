@@ -24,8 +24,7 @@ from residual.physics import Physics
 from residual.system import RolloutBatch, TrainableSystem, rollout
 
 SAMPLINGS = ("ts-infinity", "ts1")
-PARTICLES = 100
-"""Particles of each window under TS1; under TS-infinity more than the members add nothing. Set by hand."""
+PARTICLES = 100  # Particles of each window under TS1; under TS-infinity more than the members add nothing. Set by hand.
 
 
 def members_of(model: Ship | BlackBox) -> list[TrainableSystem]:

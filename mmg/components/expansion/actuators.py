@@ -17,10 +17,9 @@ from mmg.components.expansion.words import Word
 from mmg.errors import BadValue, Conflict, Missing, UnknownName
 from mmg.motion.flow import INPUTS
 
-TUNNELS = ("n_bow", "n_stern")
-"""Revolutions that push sideways."""
+TUNNELS = ("n_bow", "n_stern")  # Revolutions that push sideways
+# Actuators off the centre plane -> their partner on the other side.
 MIRRORED = {"delta_starboard": "delta_port", "n": "n_2"}
-"""Actuators off the centre plane -> their partner on the other side."""
 
 
 @dataclass(frozen=True)

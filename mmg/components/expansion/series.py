@@ -22,18 +22,18 @@ from mmg.motion.flow import INPUTS, Flow, Force
 from mmg.motion.froude import reference_speed
 from mmg.motion.smooth import Exact, Smoothing
 
+# Nominal stall angle [rad] where a ship file has no delta_stall: that of Kang et al. (2008) for fish-tail rudders.
 STALL = 0.6545
-"""Nominal stall angle [rad] where a ship file has no delta_stall: that of Kang et al. (2008) for fish-tail rudders."""
+# Width of a scaled modulus, set by hand: 11 mm/s, 0.2 rps of a 3 m model; a change of angle is twice it [rad].
 WIDTH = 0.02
-"""Width of a scaled modulus, set by hand: 11 mm/s, 0.2 rps of a 3 m model; a change of angle is twice it [rad]."""
+# Revolutions are by this times V/L: 9 rps at 3 m. Set by hand, so that the scaled number is about 1.
 REVOLUTIONS = 50.0
-"""Revolutions are by this times V/L: 9 rps at 3 m. Set by hand, so that the scaled number is about 1."""
 
+# Resistance to motion beyond the range, by 1/2 rho L d V^2 (of r by L more) for one scaled velocity: the usual size of
+# derivatives of a hull.
 DAMPING = {"u": 0.1, "v": 0.3, "r": 0.1}
-"""Resistance to motion beyond the range, by 1/2 rho L d V^2 (of r by L more) for one scaled velocity: the usual size
-of derivatives of a hull."""
+# Particulars that give the range: magnitudes on the negative and on the positive side [m/s, rad/s].
 RANGE = {"u": ("u_astern", "u_ahead"), "v": ("v_most", "v_most"), "r": ("r_most", "r_most")}
-"""Particulars that give the range: magnitudes on the negative and on the positive side [m/s, rad/s]."""
 
 
 def speed_scale(length: float) -> float:

@@ -23,22 +23,21 @@ from mmg.components.expansion.units import unit_monomials, units_of
 from mmg.components.expansion.words import Monomial, Word
 from mmg.errors import OutOfRange, UnknownName, Unsupported
 
+# paper: no squared cosine or sine, but in Y and N products of sines alone; identity: only what the identity of sine and
+# cosine makes of others; none: all stay, and the coefficients are not determined.
 DUPLICATES = ("paper", "identity", "none")
-"""paper: no squared cosine or sine, but in Y and N products of sines alone; identity: only what the identity of sine
-and cosine makes of others; none: all stay, and the coefficients are not determined."""
+# paper: in a square or a product, x^2 of an even variable becomes x |x| and of an odd one |x| (pure squares of odd
+# variables stay), x^3 alone stays; full: x^3 alone becomes x |x| too, and Y and N have v |v|, |v| r, v |r|, r |r|, the
+# forms of cross-flow drag, from second order on; none: plain powers.
 MODULI = ("paper", "full", "none")
-"""paper: in a square or a product, x^2 of an even variable becomes x |x| and of an odd one |x| (pure squares of odd
-variables stay), x^3 alone stays; full: x^3 alone becomes x |x| too, and Y and N have v |v|, |v| r, v |r|, r |r|, the
-forms of cross-flow drag, from second order on; none: plain powers."""
+# SM-1: one for all; SM-2: by the sign of u; SM-3: and ahead by the stall angle of the rudders; SM-4: by it astern too;
+# quadrants: by the signs of u and of the revolutions.
 SUBMODELS = ("SM-1", "SM-2", "SM-3", "SM-4", "quadrants")
-"""SM-1: one for all; SM-2: by the sign of u; SM-3: and ahead by the stall angle of the rudders; SM-4: by it astern too;
-quadrants: by the signs of u and of the revolutions."""
-MOST = 20000
-"""Most monomials of one force before the rules: a structure of more is refused. It bounds time and memory."""
+MOST = 20000  # Most monomials of one force before the rules: a structure of more is refused. It bounds time and memory.
 
+# Standard deviation of the prior of a coefficient by force: of terms that hold v or r, and of all others. The usual
+# size of derivatives of the hull (MMG primes 0.02 to 1), and of rudder and propeller forces at harbour speed.
 SIZES = {"X": (0.1, 0.03), "Y": (0.3, 0.05), "N": (0.1, 0.03)}
-"""Standard deviation of the prior of a coefficient by force: of terms that hold v or r, and of all others. The usual
-size of derivatives of the hull (MMG primes 0.02 to 1), and of rudder and propeller forces at harbour speed."""
 SOURCE = "generated term, prior about 0 by the usual size of such forces"
 _WORDS = {"X": "surge force", "Y": "sway force", "N": "yaw moment"}
 

@@ -16,11 +16,11 @@ from mmg.components.expansion.words import Monomial, Word, parse_monomial
 Unit = tuple[str, str]
 """Revolutions and angle of a propeller and its rudder, "" for none."""
 
+# Products of motions up to third degree, cross-flow drag among them.
 HULL = (
     "u", "v", "r", "u |u|", "u u", "u v", "u r", "|u| v", "|u| r", "v |v|", "v |r|", "r |v|", "r |r|", "v v", "v r",
     "r r", "u v v", "u v r", "u r r", "u u u", "v v v", "v v r", "v r r", "r r r", "u v |v|", "u v |r|",
 )  # fmt: skip
-"""Products of motions up to third degree, cross-flow drag among them."""
 _SCREWS = (("", 0), ("n", 1), ("thrust", 2))
 _ANGLES = ((), ("cos",), ("sin",), ("sin", "cos"), ("sin", "sin"))
 

@@ -23,8 +23,8 @@ from functools import lru_cache
 from mmg.motion.flow import INPUTS
 
 MOTION = ("u", "v", "r")
+# Words that are no factors but say where a term acts.
 CONDITIONS = ("ahead", "astern", "driving", "reversing", "attached", "stalled")
-"""Words that are no factors but say where a term acts."""
 
 _ARGUMENTS = {
     "sin": ("rad",), "cos": ("rad",), "thrust": ("rps",), "push": ("rps", "rad"), "side": ("rps", "rad"),

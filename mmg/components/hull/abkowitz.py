@@ -33,13 +33,13 @@ from mmg.motion.smooth import Smoothing
 PARTICULARS = ("L", "d", "rho", "m", "x_G", "U_0")
 INPUTS = ("delta",)
 
+# Drift angle [rad] up to which a polynomial of this kind is fitted to tests; beyond, it extrapolates. Captive tests end
+# at 20 to 30 degrees (Yasukawa & Yoshimura 2015).
 LARGEST_DRIFT = math.radians(30.0)
-"""Drift angle [rad] up to which a polynomial of this kind is fitted to tests; beyond, it extrapolates. Captive tests
-end at 20 to 30 degrees (Yasukawa & Yoshimura 2015)."""
 
 SOURCE = "Mariner, Chislett & Stroem-Tejsen (1965) Hy-5, as published in MSS; single lineage"
+# Share [-] of U_0 below which the speed in 1/U stays constant: this library's choice, as the tests are about U_0.
 LOWEST = 0.4  # set by hand
-"""Share [-] of U_0 below which the speed in 1/U stays constant: this library's choice, as the tests are about U_0."""
 
 _X = {
     "u": -184, "uu": -110, "uuu": -215, "vv": -899, "rr": 18, "rv": 798, "dd": -95, "udd": -190, "vd": -93, "uvd": -93,
@@ -48,11 +48,11 @@ _Y = {
     "v": -1160, "r": -499, "vvv": -8078, "vvr": 15356, "vu": -1160, "ru": -499, "d": -278, "ddd": 90, "ud": -556,
     "uud": -278, "vdd": -4, "vvd": -1190, "0": -4, "0u": -8, "0uu": -4,
 }  # fmt: skip
+# Derivatives times 1e5, terms odd in delta with the sign of a rudder angle positive to starboard.
 _N = {
     "v": -264, "r": -166, "vvv": 1636, "vvr": -5483, "vu": -264, "ru": -166, "d": 139, "ddd": -45, "ud": 278,
     "uud": 139, "vdd": 13, "vvd": 489, "0": 3, "0u": 6, "0uu": 3,
 }  # fmt: skip
-"""Derivatives times 1e5, terms odd in delta with the sign of a rudder angle positive to starboard."""
 
 _WORDS = {"u": "change of speed", "v": "sway", "r": "yaw", "d": "rudder"}
 

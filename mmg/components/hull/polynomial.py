@@ -26,9 +26,9 @@ from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho")
 
+# Drift angle [rad] up to which a polynomial of this kind is fitted to tests; beyond, it extrapolates. Captive tests end
+# at 20 to 30 degrees (Yasukawa & Yoshimura 2015).
 LARGEST_DRIFT = math.radians(30.0)
-"""Drift angle [rad] up to which a polynomial of this kind is fitted to tests; beyond, it extrapolates. Captive tests
-end at 20 to 30 degrees (Yasukawa & Yoshimura 2015)."""
 
 COEFFICIENTS = table(
     "default of the MMG hull polynomial: of the size met in captive tests of full ships",
@@ -51,12 +51,11 @@ COEFFICIENTS = table(
     ("N_rrr", -0.02, 0.02, -0.3, 0.1, "mmg", "yaw moment, yaw cubed"),
 )
 
+# Width [-, by U] of the change of sign across u = 0: what is asymmetric fore and aft fades beyond 70 degrees of drift,
+# far outside of captive tests (20 to 30 degrees, Yasukawa & Yoshimura 2015).
 ABEAM = 0.15
-"""Width [-, by U] of the change of sign across u = 0: what is asymmetric fore and aft fades beyond 70 degrees of drift,
-far outside of captive tests (20 to 30 degrees, Yasukawa & Yoshimura 2015)."""
 
-LARGEST_YAW = 2.0
-"""Largest r' = r L/U [-] in terms with 1/U: twice that of captive tests (Yasukawa & Yoshimura 2015)."""
+LARGEST_YAW = 2.0  # Largest r' = r L/U [-] in terms with 1/U: twice that of captive tests (Yasukawa & Yoshimura 2015)
 
 
 def rates(v: Any, yaw: Any, U2: Any, s: Smoothing) -> tuple[Any, Any]:

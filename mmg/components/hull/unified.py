@@ -20,6 +20,7 @@ from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho")
 
+# Standard deviations of about half the value: what the regressions of ``empirical`` differ by between ships.
 COEFFICIENTS = table(
     "default of the unified low-speed hull model",
     ("X_0F", -0.022, 0.011, -0.1, 0.0, "mmg", "resistance coefficient going ahead (negative: a drag)"),
@@ -33,7 +34,6 @@ COEFFICIENTS = table(
     ("C_rY", 1.5, 0.6, 0.3, 3.5, "", "correction of yaw in the cross-flow sway force"),
     ("C_rN", 0.80, 0.4, 0.3, 2.0, "", "correction of yaw in the cross-flow yaw moment"),
 )
-"""Standard deviations of about half the value: what the regressions of ``empirical`` differ by between ships."""
 
 
 def cross_flow(a: Any, b: Any, width: float) -> tuple[Any, Any]:

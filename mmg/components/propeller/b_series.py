@@ -18,8 +18,7 @@ _K_T = """
 -0.0049819 1 0 0 2; 0.0025983 2 0 0 2; -0.000560528 3 0 0 2; -0.00163652 1 2 0 2; -0.000328787 1 6 0 2;
 0.000116502 2 6 0 2; 0.000690904 0 0 1 2; 0.00421749 0 3 1 2; 0.0000565229 3 6 1 2; -0.00146564 0 3 2 2
 """
-TERMS = np.array([row.split() for row in _K_T.split(";")], dtype=float)
-"""Rows (C, s, t, u, v), (39, 5)."""
+TERMS = np.array([row.split() for row in _K_T.split(";")], dtype=float)  # Rows (C, s, t, u, v), (39, 5)
 
 
 def thrust_coefficient(J: np.ndarray, pitch_ratio: float, area_ratio: float, blades: int) -> np.ndarray:

@@ -27,8 +27,7 @@ from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "rho", "D_P")
 INPUTS = ("n", "pitch")
-SIDE_FORCE = True
-"""The model has a side force of its own (the effect propeller_side_force takes a factor on it)."""
+SIDE_FORCE = True  # The model has a side force of its own (the effect propeller_side_force takes a factor on it)
 
 COEFFICIENTS = (
     *table(
@@ -53,8 +52,8 @@ COEFFICIENTS = (
     ),
 )
 
+# Width [rad] of the blend between the laws above and below zero-thrust pitch: it rounds a corner. Set by hand.
 PITCH_WIDTH = math.radians(1.0)
-"""Width [rad] of the blend between the laws above and below zero-thrust pitch: it rounds a corner. Set by hand."""
 
 
 def _ahead_law(u: Any, m: Any, X_0: Any, X_1: Any, alpha: Any, c: SimpleNamespace, s: Smoothing) -> Any:

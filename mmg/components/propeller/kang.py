@@ -26,8 +26,8 @@ from mmg.motion.smooth import Smoothing
 PARTICULARS = ("L", "rho", "D_P")
 INPUTS = ("n",)
 
+# Largest advance ratio [-] for which smooth wake, thrust deduction and rudder polynomials are evaluated.
 LIMIT = 1.5  # set by hand
-"""Largest advance ratio [-] for which smooth wake, thrust deduction and rudder polynomials are evaluated."""
 
 COEFFICIENTS = table(
     "default of Kang's propeller model: cement carrier with VecTwin rudders, single public lineage",

@@ -24,8 +24,7 @@ from mmg.motion.smooth import Smoothing
 PARTICULARS = ("L", "rho", "D_P", "pitch_ratio")
 INPUTS = ("n",)
 
-J_MIN = -0.5
-"""Advance ratio below which the polynomial of the first quadrant is left (Yasukawa 2008)."""
+J_MIN = -0.5  # Advance ratio below which the polynomial of the first quadrant is left (Yasukawa 2008)
 
 THRUST = (
     ("k_0", 0.30, 0.03, 0.05, 0.8, "", "open-water thrust, constant"),

@@ -29,6 +29,7 @@ HIRANO = (
     ("x_P", -0.5, 0.05, -0.7, -0.3, "mmg", "effective longitudinal position of the propeller, by L"),
 )
 KIJIMA = (W_P0, X_P)
+# Rows of the coefficient tables of each wake model.
 YASUKAWA_2015 = (
     W_P0,
     ("C_1", 2.0, 0.6, 0.0, 10.0, "", "rate at which the wake changes with the inflow angle"),
@@ -36,18 +37,17 @@ YASUKAWA_2015 = (
     ("C_2_minus", 1.1, 0.3, 0.5, 2.5, "", "largest change of 1 - w_P, inflow angle beta_P < 0"),
     X_P,
 )
-"""Rows of the coefficient tables of each wake model."""
+# Further coefficient of the Hirano type. Its deviation is its size for KVLCC2, half the difference of the slopes (1 -
+# w_P0) C_1 (C_2 - 1) in flow from port and from starboard. Fixed: ship files of earlier releases lack it, and a
+# starting ship frees it.
 ASYMMETRY = table(
     "Yasukawa & Yoshimura (2015): that of KVLCC2 is 0.3",
     ("tau_a", 0.0, 0.3, -1.5, 1.5, "", "by how much tau is larger in flow from starboard, smaller from port"),
     fixed=True,
 )
-"""Further coefficient of the Hirano type. Its deviation is its size for KVLCC2, half the difference of the slopes
-(1 - w_P0) C_1 (C_2 - 1) in flow from port and from starboard. Fixed: ship files of earlier releases lack it, and a
-starting ship frees it."""
 
+# Width [rad] within which |beta_P| and its sign are rounded. Set by hand: it rounds a corner of the published law.
 BLEND = 0.01
-"""Width [rad] within which |beta_P| and its sign are rounded. Set by hand: it rounds a corner of the published law."""
 
 
 def hirano(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Any:

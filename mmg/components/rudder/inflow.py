@@ -19,11 +19,11 @@ import casadi as ca
 from mmg.motion.flow import Blade, Flow, Force, Slipstream
 from mmg.motion.smooth import Smoothing
 
+# Rows of the coefficient table that reversed flow needs.
 REVERSED = (
     ("k_xR", 0.15, 0.05, 0.0, 0.6, "", "propeller acceleration at the rudder when reversed"),
     ("C_PR", -0.176, 0.08, -1.0, 0.3, "", "inflow correction in reversed flow"),
 )
-"""Rows of the coefficient table that reversed flow needs."""
 
 
 def slipstream(flow: Flow) -> Slipstream:

@@ -23,6 +23,7 @@ from mmg.motion.smooth import Smoothing
 PARTICULARS = ("L", "rho", "D_P", "A_R", "aspect_ratio", "x_R")
 INPUTS = ("delta",)
 
+# Rows of the coefficient table but for the normal force.
 INFLOW = (
     ("t_R", 0.39, 0.1, 0.0, 0.7, "", "steering resistance deduction"),
     ("a_H", 0.31, 0.1, 0.0, 1.0, "", "rudder force increase on the hull"),
@@ -34,7 +35,6 @@ INFLOW = (
     ("gamma_R_plus", 0.5, 0.13, 0.05, 1.0, "", "flow straightening, beta_R > 0 (water from port)"),
     ("gamma_R_minus", 0.5, 0.13, 0.05, 1.0, "", "flow straightening, beta_R < 0 (water from starboard)"),
 )
-"""Rows of the coefficient table but for the normal force."""
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:

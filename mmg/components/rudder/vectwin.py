@@ -39,11 +39,9 @@ from mmg.motion.smooth import Smoothing
 PARTICULARS = ("L", "rho", "D_P", "pitch_ratio", "A_R", "aspect_ratio", "x_R")
 INPUTS = ("delta_port", "delta_starboard")
 
-STALL = 0.65450
-"""Angle of attack [rad] at which the normal-force law changes from sine to parabola (Kang et al. 2008)."""
+STALL = 0.65450  # Angle of attack [rad] at which the normal-force law changes from sine to parabola (Kang et al. 2008).
 _PARABOLA = (0.6387, 2.0621, -0.8449)
-_SLOPE = 2.6252
-"""C_N [-] beyond STALL as a polynomial of |a| [rad], and by sin a below it (Kang et al. 2008)."""
+_SLOPE = 2.6252  # C_N [-] beyond STALL as a polynomial of |a| [rad], and by sin a below it (Kang et al. 2008).
 _BACK = ca.pi - STALL
 _BACK_SLOPE = float((_PARABOLA[0] + _PARABOLA[1] * _BACK + _PARABOLA[2] * _BACK**2) / ca.sin(STALL))
 
@@ -108,8 +106,8 @@ COEFFICIENTS = (
     *_detail(),
 )
 
+# First of the four flow-straightening coefficients, for beta < 0 and delta_2 >= 0.
 GAMMA = ((0, False, False), (4, True, False), (8, False, True), (12, True, True))
-"""First of the four flow-straightening coefficients, for beta < 0 and delta_2 >= 0."""
 
 A_H_RANGE, X_H_RANGE = (0.016, 0.60556), (-0.4344, -0.159)
 """Bounds of a_H and x_H' [-] (Kang et al. 2008)."""

@@ -32,6 +32,7 @@ PARTICULARS = ("rho", "D_az", "x_az", "y_az")
 INPUTS = ("n_azimuth", "azimuth")
 
 GUESS = "default of the azimuth thruster: a guess"
+# The pitch is not said: by the B-series the thrust at rest is 0.68 to 1.32 of the series' for P/D of 0.7 to 1.3.
 COEFFICIENTS = table(
     GUESS,
     ("k_T_az", 1.0, 0.3, 0.3, 2.0, "", "factor on the thrust of the azimuth thruster's series"),
@@ -41,7 +42,6 @@ COEFFICIENTS = table(
     ("k_N_az", 0.0, 1.0, 0.0, 4.0, "", "force across the azimuth thruster by the momentum through its disc"),
     ("C_pod", 0.3, 0.2, 0.0, 3.0, "", "drag coefficient of the pod, by D_az^2"),
 )
-"""The pitch is not said: by the B-series the thrust at rest is 0.68 to 1.32 of the series' for P/D of 0.7 to 1.3."""
 
 
 def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:

@@ -20,6 +20,7 @@ from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("A_T", "A_L", "L_OA", "C", "rho_a")
 
+# Ship type -> CD_t, CD_lAF of bow and stern, delta, kappa (Blendermann 1994, as in MSS).
 TYPES = {
     "car carrier": (0.95, 0.55, 0.60, 0.80, 1.2),
     "cargo vessel loaded": (0.85, 0.65, 0.55, 0.40, 1.7),
@@ -39,10 +40,9 @@ TYPES = {
     "tanker in ballast": (0.70, 0.75, 0.55, 0.40, 2.2),
     "tender": (0.85, 0.55, 0.55, 0.65, 1.1),
 }
-"""Ship type -> CD_t, CD_lAF of bow and stern, delta, kappa (Blendermann 1994, as in MSS)."""
 
+# Width of the blend of bow and stern values, in the cosine of the wind angle: 3 deg about the beam.
 BEAM_WIDTH = 0.05  # set by hand: it rounds a step of the published law
-"""Width of the blend of bow and stern values, in the cosine of the wind angle: 3 deg about the beam."""
 
 
 def coefficients_of(ship_type: str) -> tuple[Coefficient, ...]:

@@ -35,8 +35,7 @@ COEFFICIENTS = (
     *table("merchant ships: 1 to 3", ("M_A", 1.0, 1.0, 0.0, 6.0, "", "groups of masts seen from the side"), fixed=True),
 )
 
-ORDER = 7
-"""Highest multiple of the wind angle in the refit. Set by hand: what it leaves of the table is stated above."""
+ORDER = 7  # Highest multiple of the wind angle in the refit. Set by hand: what it leaves of the table is stated above.
 
 _ROWS = """
 0 2.152 -5 0.243 -0.164 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0 0
@@ -60,8 +59,8 @@ _ROWS = """
 180 -2.529 3.76 -0.174 0.128 0 1.55 0 0 0 0 0 0 0 0 0 0 0 0 0 0
 """
 
+# Rows: wind angle from the bow [deg], A0..A6, B0..B6, C0..C5; (19, 21).
 TABLE = np.array(_ROWS.split(), dtype=float).reshape(19, 21)
-"""Rows: wind angle from the bow [deg], A0..A6, B0..B6, C0..C5; (19, 21)."""
 
 
 def _series(columns: slice, sines: bool) -> np.ndarray:
@@ -72,8 +71,7 @@ def _series(columns: slice, sines: bool) -> np.ndarray:
     return np.vstack([np.zeros((1, fitted.shape[1])), fitted]) if sines else fitted
 
 
-SERIES = (_series(slice(1, 8), False), _series(slice(8, 15), True), _series(slice(15, 21), True))
-"""Of C_X, C_Y and C_N."""
+SERIES = (_series(slice(1, 8), False), _series(slice(8, 15), True), _series(slice(15, 21), True))  # Of C_X, C_Y and C_N
 
 
 def features(p: SimpleNamespace, masts: Any) -> tuple[list[Any], list[Any], list[Any]]:
