@@ -24,8 +24,7 @@ from cases.io.read import read_trials
 from cases.trial import Trial
 from diagnosis.result import CONTENT, MissingForce, read_diagnosis, read_missing_force
 from fitting.prediction.bands import Bands, bands_of
-from fitting.prediction.forces import Forces, forces_along
-from fitting.prediction.predict import Forecaster, Window, predict_all
+from fitting.prediction.predict import Forces, Forecaster, Window, forces_along, predict_all
 from fitting.report.page import label_of, rendered, write_page
 from fitting.report.run_folder import RESULT, plain, read_result, rows_by_role, trials_again, unique_rows
 from fitting.result import read_fit

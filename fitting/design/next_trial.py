@@ -152,13 +152,12 @@ NEARLY = 0.9
 class NextTrial:
     """What each possible trial would add.
 
-    options: (K,) trials that can be simulated; duration: time at sea of each [s]; left_out: sentences.
-    left, left_by_many: (K, P) posterior variance with the trial, once or ``MANY`` times, by that without.
-    total: (K,) mean prior's share with the trial; mean: without, both by the information alone, discounted by worth;
-    before: (P,) prior's share by the covariance.
-    worth: factor on the information of a run that makes up for residuals correlated beyond the noise model.
-    missing: (P,) what a trial that excites a coefficient has and these had not.
-    plan: numbers of the trials that are best one after another, by the mean prior's share; planned: that mean then.
+    options: (K,) trials that can be simulated; duration: time at sea of each [s]; left_out: sentences. left,
+    left_by_many: (K, P) posterior variance with the trial, once or ``MANY`` times, by that without. total: (K,) mean
+    prior's share with the trial; mean: without, both by the information alone, discounted by worth; before: (P,)
+    prior's share by the covariance. worth: factor on the information of a run that makes up for residuals correlated
+    beyond the noise model. missing: (P,) what a trial that excites a coefficient has and these had not. plan: numbers
+    of the trials that are best one after another, by the mean prior's share; planned: that mean then.
     """
 
     options: tuple[Option, ...]

@@ -51,8 +51,7 @@ def student_factor(runs: int) -> float:
 
 def sample_noise(trials: Sequence[Trial]) -> np.ndarray:
     """White noise of the logged states of ``trials`` (6,), from third differences of neighbouring samples; 0 where
-    there are none.
-    """
+    there are none."""
     stretches = [trial.states.copy() for trial in trials]
     for states in stretches:
         states[:, 2] = np.unwrap(np.nan_to_num(states[:, 2]))
@@ -185,8 +184,7 @@ def _likely_process(errors: _WindowErrors, noise: np.ndarray) -> Process | None:
 
 def likely_sizes(parts: np.ndarray, error: np.ndarray, floor: float) -> tuple[float, np.ndarray]:
     """Least -log likelihood of ``error`` (n, M) over sizes (K,), with variance sum size^2 ``parts`` (K, n, M) +
-    ``floor``.
-    """
+    ``floor``."""
     from scipy.optimize import minimize  # late: slow to import
 
     good = np.isfinite(error)

@@ -34,10 +34,9 @@ class Process:
     """Unexplained accelerations of u, v [m/s^2] and r [rad/s^2] and what follows from them.
 
     memory, decay: (3,) decay times [s] of the accelerations, and of the velocity errors. size: (3, 3) standard
-    deviation of each acceleration: a constant part, one per U^2 / L, one per U |r| (r: each over L).
-    noise: (6,) of the samples; factor: (H, 6) by which the process part of each state is multiplied at the
-    ``horizons`` (H,) [s], adapted: the same for predictions that use the past of a window
-    (fitting.prediction.stretches).
+    deviation of each acceleration: a constant part, one per U^2 / L, one per U |r| (r: each over L). noise: (6,) of the
+    samples; factor: (H, 6) by which the process part of each state is multiplied at the ``horizons`` (H,) [s], adapted:
+    the same for predictions that use the past of a window (fitting.prediction.stretches).
     """
 
     memory: np.ndarray
@@ -204,8 +203,7 @@ class Bands:
 
 def kinematic_map(states: np.ndarray, dt: np.ndarray) -> np.ndarray:
     """(M, 3, 9): errors of x, y, psi after dt (M,) from those of u, v, r after it and of x, y, psi before; states: (6,
-    M).
-    """
+    M)."""
     psi, u, v = states[2], states[3], states[4]
     c, s = np.cos(psi), np.sin(psi)
     G = np.zeros((len(dt), 3, 9))
@@ -235,8 +233,7 @@ def process_dict(p: Process) -> dict[str, Any]:
 
 def bands_of(result: Mapping[str, Any], ship: Ship) -> Bands | None:
     """The bands that the ``result`` of a run (the content of its result.json) holds for its ``ship``; None if it holds
-    none.
-    """
+    none."""
     try:
         b = result["bands"]
         times = [[b[key][c] for c in "uvr"] for key in ("acceleration_memory_s", "error_decay_s")]
@@ -253,8 +250,7 @@ def bands_of(result: Mapping[str, Any], ship: Ship) -> Bands | None:
 
 def draws_of(result: Mapping[str, Any], ship: Ship) -> np.ndarray:
     """Draws (P, DRAWS) of the coefficients of ``ship`` about their values, from the errors and correlations in
-    ``result``.
-    """
+    ``result``."""
     root, found = np.zeros((len(ship.symbols), DRAWS)), correlation_in(result)
     try:
         symbols, matrix = found or ([], root)

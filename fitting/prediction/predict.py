@@ -1,4 +1,7 @@
-"""Open-loop predictions over windows of a trial, started from the measured state."""
+"""Open-loop predictions over windows of a trial, started from the measured state, and forces along a measured motion.
+
+A window is planned first (``planned_windows``), so that all windows of all trials are simulated side by side.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,7 @@ from fitting.nlp.windows import Record, Stretch
 from fitting.prediction.bands import Bands
 from fitting.prediction.stretches import Adaptation, WindowBatch, adapt, rollout, wrapped_error
 from fitting.report.run_folder import write_whole
+from mmg.components.rigid_body import inertia
 from mmg.errors import NotWritable
 from mmg.messages import Message
 from mmg.model import states_behind
@@ -80,8 +84,7 @@ def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -
 def change_over(trials: Sequence[Trial], length: float, stride: float) -> np.ndarray:
     """What each state changes by since the first row of windows of ``length`` [s] every ``stride`` [s] of ``trials``
     (rms, (6,)): the unit of an error of a prediction. A heading is wrapped, so that its unit does not grow with every
-    turn, as a standard deviation does; inf of a state that is not measured or does not change.
-    """
+    turn, as a standard deviation does; inf of a state that is not measured or does not change."""
     squares, count = np.zeros(6), np.zeros(6)
     for trial in trials:
         states = trial.states
@@ -94,15 +97,15 @@ def change_over(trials: Sequence[Trial], length: float, stride: float) -> np.nda
 
 
 class ShipsByTrial(Simulator):
-    """A simulator of trials in which the ship has coefficients of her own each: ``own`` (trials, P), all of them, in
-    the order of the trials that it is to predict."""
+    """A simulator of trials in which the ship has coefficients of her own each: ``by_trial`` (trials, P), all of them,
+    in the order of the trials that it is to predict."""
 
-    def __init__(self, ship: Ship, own: np.ndarray, compiled: bool = True) -> None:
+    def __init__(self, ship: Ship, by_trial: np.ndarray, compiled: bool = True) -> None:
         super().__init__(ship, compiled)
-        self.own = np.asarray(own, dtype=float)
+        self.by_trial = np.asarray(by_trial, dtype=float)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return ShipsByTrial, (self.ship, self.own, self.compiled)
+        return ShipsByTrial, (self.ship, self.by_trial, self.compiled)
 
 
 def values_of(ship: Ship, trial: Trial) -> np.ndarray | None:
@@ -143,12 +146,12 @@ def planned_windows(
     record = record_of(trial, inputs, values)
     gap = np.diff(trial.t) > LONGEST_GAP + 2 * trial.dt
     rows = window_rows(trial.t, length, stride, short_last)
-    usable = record.good | bridged(trial)
-    whole = [
-        bool(record.good[[first, last]].all() and usable[first : last + 1].all() and not gap[first:last].any())
-        for first, last in rows
-    ]
-    kept = {number: Stretch(record, *rows[number]) for number in np.flatnonzero(np.array(whole, dtype=bool)).tolist()}
+    usable = record.good | bridged(trial)  # rows that were interpolated over: inside of a window, not at its ends
+    kept = {
+        number: Stretch(record, first, last)
+        for number, (first, last) in enumerate(rows)
+        if record.good[[first, last]].all() and usable[first : last + 1].all() and not gap[first:last].any()
+    }
     words = f"{trial.name}: {len(rows) - len(kept)} window(s) touch missing samples and were left out"
     return kept, [Message(words, "windows_left_out")] if len(kept) < len(rows) else []
 
@@ -159,8 +162,7 @@ def whole_windows(trial: Trial, length: float, stride: float, inputs: Sequence[s
     return len(planned_windows(trial, inputs, length, stride, False)[0])
 
 
-Predicted = list[tuple[list[Window], list[Message]]]
-"""Windows of each of several trials, and notes on those left out."""
+Predicted = list[tuple[list[Window], list[Message]]]  # Windows of each of several trials, and notes on those left out
 
 
 def predict_all(
@@ -181,13 +183,13 @@ def predict_all(
     LONGEST_GAP is left out. Without measured positions a window starts at (0, 0). All windows are simulated side by
     side.
     """
-    own: Sequence[np.ndarray | None] = [None] * len(trials)
+    values: Sequence[np.ndarray | None] = [None] * len(trials)
     if isinstance(simulator, ShipsByTrial):
-        own = list(simulator.own)
+        values = list(simulator.by_trial)
     elif isinstance(simulator, Simulator):
-        own = [values_of(simulator.ship, trial) for trial in trials]
+        values = [values_of(simulator.ship, trial) for trial in trials]
     plans = [
-        planned_windows(t, simulator.inputs, length, stride, short_last, o) for t, o in zip(trials, own, strict=True)
+        planned_windows(t, simulator.inputs, length, stride, short_last, v) for t, v in zip(trials, values, strict=True)
     ]
     flat = [stretch for kept, _ in plans for stretch in kept.values()]
     if not flat:
@@ -200,10 +202,10 @@ def predict_all(
         std = bands.std(simulator, batch, out, adaptation is not None) if bands else None
     else:
         out = simulator.forecast(flat)
-    column = itertools.count()
+    column = itertools.count()  # of the batch: its columns are the windows of all trials in turn
 
     def predicted(number: int, s: Stretch) -> Window:
-        rows, at = slice(s.last - s.first + 1), next(column)
+        rows, at = slice(s.steps + 1), next(column)  # a shorter one was filled up with steps of length 0
         deviations = None if std is None else np.ascontiguousarray(std[rows, :, at])
         return Window(number, s.first, s.last, np.ascontiguousarray(out[rows, :, at]), deviations)
 
@@ -214,9 +216,40 @@ def predict(
     simulator: Simulator | Forecaster, trial: Trial, *args: Any, **options: Any
 ) -> tuple[list[Window], list[Message]]:
     """Windows of one ``trial``, predicted open-loop by ``simulator``, and notes on those left out; args, options: as of
-    ``predict_all``.
-    """
+    ``predict_all``."""
     return predict_all(simulator, [trial], *args, **options)[0]
+
+
+NETWORK = "learned residual"  # Role under which the accelerations of a network, times the masses, are shown
+Forces = dict[str, np.ndarray]  # Role -> (N, 3)
+
+
+def forces_along(simulator: Simulator, trial: Trial) -> Forces:
+    """Force of each component along the measured motion of ``trial``, role -> (N, 3): X, Y [N], N [N m], body axes.
+
+    simulator: of the ship; what its effects remember is taken as settled at each sample. NaN where a state or an input
+    is missing. The accelerations of a network are shown as the force that they stand for.
+    """
+    ship, model = simulator.ship, simulator.model
+    record = record_of(trial, ship.inputs)
+    good = record.good
+    if not good.any():
+        return {}
+    logged, controls, values = record.states[good].T, record.controls[good].T, ship.values
+    states = states_behind(model, logged, controls, values)
+    rows = list(np.array(model.forces(states, controls, values)).reshape(len(model.roles), -1, 3))
+    if ship.network is not None:
+        without = Simulator(ship.without_network(), compiled=simulator.compiled)
+        added = simulator.rates(states, controls)[3:6] - without.rates(states, controls)[3:6]
+        # masses times accelerations, as in mmg.components.rigid_body.accelerations: the same velocities cancel out
+        mass = inertia(ship.namespace, type(ship.namespace)(**{s: c.value for s, c in ship.coefficients.items()}))
+        Y = (mass.m + mass.m_y) * added[1] + (mass.moment + mass.y_r) * added[2]
+        N = mass.I_z * added[2] + (mass.moment + mass.n_v) * added[1]
+        rows.append(np.column_stack([(mass.m + mass.m_x) * added[0], Y, N]))
+    forces = {role: np.full((len(good), 3), np.nan) for role in (*model.roles, NETWORK)[: len(rows)]}
+    for force, part in zip(forces.values(), rows, strict=True):
+        force[good] = part
+    return forces
 
 
 def outside_share(simulator: Simulator, trial: Trial, windows: Sequence[Window]) -> float | None:
@@ -234,6 +267,7 @@ def outside_share(simulator: Simulator, trial: Trial, windows: Sequence[Window])
     good = np.isfinite(logged).all(axis=0) & np.isfinite(held).all(axis=0)
     if not good.any():
         return None
+    # the network sees the motion itself, behind lags and filters of the sensors
     logged, held, values = logged[:, good], held[:, good], simulator.ship.values
     features = np.array(model.features(states_behind(model, logged, held, values), held, values))
     order = [simulator.ship.features.index(name) for name in network.features]
@@ -246,8 +280,7 @@ STD_HEADER = ",x_std [m],y_std [m],psi_std [rad],u_std [m/s],v_std [m/s],r_std [
 
 def write_tables(tables: dict[Path, np.ndarray]) -> None:
     """Write ``tables`` {path: (rows, 8 or 14)} as CSV, each atomically; a new folder of them appears whole or not at
-    all. Raises UserError when a folder cannot be written.
-    """
+    all. Raises UserError when a folder cannot be written."""
     folders = {path.parent for path in tables}
     new = next(iter(folders)) if len(folders) == 1 and not any(folder.exists() for folder in folders) else None
 

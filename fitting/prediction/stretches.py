@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fitting.nlp.windows import Record, Stretch
-from mmg.model import INVERSIONS, columns, settled
+from mmg.model import CLOSE, INVERSIONS, columns, settled
 from mmg.motion.frames import earth_to_body
 from mmg.motion.froude import state_scale, time_scale
 from mmg.rollout import Simulator
@@ -52,10 +52,10 @@ class WindowBatch:
         for i, s in enumerate(stretches):
             steps[: s.steps, i] = np.diff(s.t)
             inputs[: s.steps, :, i] = s.controls
-            inputs[0, :, i] = s.record.controls[s.first]
-        own = [s.record.values for s in stretches if s.record.values is not None]
-        logged = np.array([s.record.states[s.first] for s in stretches]).T
-        return cls(steps, inputs, logged, np.array(own).T if own else None)
+            inputs[0, :, i] = s.record.controls[s.first]  # a stretch without a step needs inputs for its start too
+        values = [s.record.values for s in stretches if s.record.values is not None]
+        logged = np.array([s.record.states[s.first] for s in stretches]).T  # (6, M)
+        return cls(steps, inputs, logged, np.array(values).T if values else None)
 
     def between(self, rows: np.ndarray) -> WindowBatch:
         """The same stretches in steps from each of ``rows`` (n,) to the next, with the means of their inputs; the first
@@ -63,8 +63,8 @@ class WindowBatch:
         begins = rows[:-1]
         steps = np.add.reduceat(self.steps, begins, axis=0)
         weighted = np.add.reduceat(self.inputs * self.steps[:, None], begins, axis=0)
-        whole = steps[:, None] > 0
-        inputs = np.where(whole, weighted / np.where(whole, steps[:, None], 1.0), self.inputs[begins])
+        lasts = steps[:, None] > 0  # steps of length 0 lie behind the end of a stretch: no mean to divide for
+        inputs = np.where(lasts, weighted / np.where(lasts, steps[:, None], 1.0), self.inputs[begins])
         return WindowBatch(steps, inputs, self.logged, self.values)
 
     def times_over(self, count: int) -> WindowBatch:
@@ -94,16 +94,16 @@ def rollout(
     """
     inputs, logged = batch.inputs, batch.logged
     if water is not None:
-        fade = np.exp(-batch.times / water.decay)[:, None]
-        drift, way = water.velocity * fade, water.velocity * water.decay * (1 - fade)
+        fade = np.exp(-batch.times / water.decay)[:, None]  # (N + 1, 1, M)
+        drift, way = water.velocity * fade, water.velocity * water.decay * (1 - fade)  # way: integral of drift
         inputs, logged = inputs.copy(), logged.copy()
-        air = simulator.model.controls.index("wind_north")
-        inputs[:, air : air + 2] -= drift[:-1]
+        air = simulator.model.controls.index("wind_north")  # wind_east follows it (mmg.ship.AIR)
+        inputs[:, air : air + 2] -= drift[:-1]  # air over ground -> air over the water
         logged[3:5] -= earth_to_body(drift[0, 0], drift[0, 1], logged[2])
     start = _started(simulator, logged, inputs[0], offset, batch.values)
     states = simulator.run(start, inputs, batch.steps, batch.values, method)
     out = np.array(simulator.columns(states, batch.values))
-    if water is not None:
+    if water is not None:  # back over ground
         out[:, :2] += way
         out[:, 3:5] += np.stack(earth_to_body(drift[:, 0], drift[:, 1], out[:, 2]), axis=1)
     return out, states
@@ -117,30 +117,28 @@ def wrapped_error(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
 
 
 def _started(
-    simulator: Simulator,
-    logged: np.ndarray,
-    controls: np.ndarray,
-    offset: np.ndarray | None,
-    own: np.ndarray | None,
+    simulator: Simulator, logged: np.ndarray, controls: np.ndarray, offset: np.ndarray | None, values: np.ndarray | None
 ) -> np.ndarray:
-    """States (S, M) logged as (6, M), their memory settled or beyond that by ``offset``; own: coefficients (P, M)."""
+    """States (S, M) logged as (6, M), their memory settled or beyond that by ``offset``; values: coefficients (P, M),
+    None: the ship's."""
     if offset is None or len(simulator.model.states) == 6:
-        return simulator.start(logged, controls, own)
-    model, values = simulator.model, simulator.ship.values if own is None else own
+        return simulator.start(logged, controls, values)
+    model, theta = simulator.model, simulator.ship.values if values is None else values
+    # as mmg.model.states_behind: a lagged sensor shows its memory, so the motion behind it is iterated for
     six = np.array(logged)
     for _ in range(INVERSIONS):
-        start = settled(model, six, controls, values)
+        start = settled(model, six, controls, theta)
         start[6:] += offset
-        error = columns(model, start, values) - logged
+        error = columns(model, start, theta) - logged
         six -= error
-        if not np.nanmax(np.abs(error), initial=0.0) > 1e-12:
+        if not np.nanmax(np.abs(error), initial=0.0) > CLOSE:
             break
     return start
 
 
+# Seconds: length of a restart, time in which an error's weight falls to 1/e^2, decay time of the current. From half to
+# twice of each nothing is better by more than its error (22 records; benchmarks/RESULTS.md of 5f878e7).
 RESTART, FORGET, DECAY = 8.0, 15.0, 120.0
-"""Seconds: length of a restart, time in which an error's weight falls to 1/e^2, decay time of the current. From half to
-twice of each nothing is better by more than its error (22 records; benchmarks/RESULTS.md of 5f878e7)."""
 # Prior standard deviation of the current [m/s]; .01 and .03 are 1 to 2 % worse (as above). So it was measured.
 SIZE = 0.02
 # Typical error of x, y [m], psi [rad], u, v [m/s], r [rad/s] over a restart: what of it a current explains counts
@@ -176,21 +174,20 @@ def past_begin(record: Record, row: int, seconds: float) -> int:
     ``row`` itself if there is none.
     """
     t = record.t
-    gap = 2.5 * float(np.median(np.diff(t)))
-    first = int(np.searchsorted(t, t[row] - seconds - 0.2 * gap))
+    gap = 2.5 * float(np.median(np.diff(t)))  # one sample may be missing
+    first = int(np.searchsorted(t, t[row] - seconds - 0.2 * gap))  # with half a sample of tolerance
     broken = ~record.good[first : row + 1]
     broken[:-1] |= np.diff(t[first : row + 1]) > gap
-    at = np.flatnonzero(broken)
-    return row if len(at) and at[-1] == row - first else first + (int(at[-1]) + 1 if len(at) else 0)
+    breaks = np.flatnonzero(broken)
+    return min(row, first + int(breaks[-1]) + 1) if len(breaks) else first
 
 
 def restarts(record: Record, row: int, a: Adaptation) -> list[Stretch]:
-    """The past of a window that starts at ``row`` of a ``record``, as restarts by ``a``, youngest first, none under
-    half length.
-    """
+    """The past of a window that starts at ``row`` of a ``record``, as restarts by ``a``, youngest first; none but the
+    youngest under half length."""
     begin, sample = past_begin(record, row, a.seconds), float(np.median(np.diff(record.t)))
     result: list[Stretch] = []
-    last = row
+    last = row  # backwards: what is left over lies at the old end
     while last > begin:
         first = max(begin, int(np.searchsorted(record.t, record.t[last] - a.restart - 0.5 * sample)))
         if first == last or (result and record.t[last] - record.t[first] < 0.5 * a.restart):
@@ -220,23 +217,23 @@ def _adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> t
         return np.zeros((2, M)), offset
     batch, K = WindowBatch.of(pieces), len(pieces)
     probed = batch.times_over(3)
-    probe = np.zeros((2, 3, K))
+    probe = np.zeros((2, 3, K))  # no current, north, east: differences of these are the sensitivities
     probe[0, 1] = probe[1, 2] = 0.5 * a.size
     # within a restart the current hardly decays: its age is counted in the weights
     out, states = rollout(simulator, probed, FadingCurrent(probe.reshape(2, -1), 1e3 * a.decay))
-    information, gradient = np.zeros((M, 2, 2)), np.zeros((M, 2))
+    information, gradient = np.zeros((M, 2, 2)), np.zeros((M, 2))  # normal equations of each window
     for k, (piece, (i, youngest)) in enumerate(zip(pieces, owner, strict=True)):
         now = float(piece.record.t[windows[i].first])
         J, error, weight = _equations(out[:, :, [k, K + k, 2 * K + k]], piece, now, a)
         information[i] += np.einsum("ans,ns,bns->ab", J, weight, J)
         gradient[i] -= np.einsum("ans,ns,ns->a", J, weight, error)
         if youngest and len(offset):
-            rows = piece.last - piece.first
-            end = states[rows, :, k : k + 1]
+            end = states[piece.steps, :, k : k + 1]  # (S, 1), of the run without a current
             here = piece.record.controls[piece.last][:, None]
             values = simulator.ship.values if piece.record.values is None else piece.record.values
             beyond = (end - settled(simulator.model, end[:6], here, values))[6:, 0]
             offset[:, i] = beyond if np.isfinite(beyond).all() else 0.0
+    # one Gauss-Newton step: the prior N(0, size^2) of both components adds 1 / size^2 to the diagonal
     return np.linalg.solve(information + np.eye(2) / a.size**2, gradient[..., None])[..., 0].T, offset
 
 
@@ -246,15 +243,15 @@ def _equations(out: np.ndarray, piece: Stretch, now: float, a: Adaptation) -> tu
     out: (rows, 6, 3) without and with a probing current in either direction. The rows of a restart of full length
     together count as one observation of each state.
     """
-    rows = piece.last - piece.first
-    t = piece.record.t[piece.first : piece.last + 1]
+    rows, t = piece.steps, piece.t
     every = max(1, round(0.1 * a.restart * rows / max(float(t[-1] - t[0]), 1e-9)))
-    at = np.arange(rows, 0, -every)[::-1]
+    at = np.arange(rows, 0, -every)[::-1]  # the last row always, the first never: its error is zero
     error = wrapped_error(out[at, :, 0], piece.logged[at])
     J = np.moveaxis(out[at, :, 1:] - out[at, :, :1], 2, 0) / (0.5 * a.size)
     age = now - t[at]
-    share = every * (t[-1] - t[0]) / rows / a.restart
+    share = every * (t[-1] - t[0]) / rows / a.restart  # errors of neighbouring rows are alike, so the rows share one
     relative = np.abs(error) / a.errors
+    # Huber (1964): weight 1 up to ROBUST, beyond it ROBUST / relative
     weight = share * np.exp(-2 * age / a.forget)[:, None] * ROBUST / np.maximum(relative, ROBUST)
     weight = weight / a.errors**2
     usable = np.isfinite(error) & np.isfinite(J).all(axis=0)

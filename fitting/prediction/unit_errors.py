@@ -26,12 +26,11 @@ from mmg.errors import UserError
 from mmg.rollout import Simulator
 from mmg.states import STATES
 
-SHORTEST, LEAST, MOST = 30.0, 2.5, 4.0
-"""Window [s] of the paper's metric for a 3 m model; ship times L/U below which it is too short; those of a longer one.
-Set by hand."""
+# Window [s] of the 30 s metric of a 3 m model; ship times L/U below which it is too short; those of a longer one.
+SHORTEST, LEAST, MOST = 30.0, 2.5, 4.0  # set by hand
 
-# Figures whose errors are told of a manoeuvre.
-TOLD = ("advance", "transfer", "tactical_diameter", "overshoot_1", "overshoot_2", "track_reach")
+# Figures of a manoeuvre whose errors are given.
+COMPARED = ("advance", "transfer", "tactical_diameter", "overshoot_1", "overshoot_2", "track_reach")
 
 KEPT = 64  # Trials whose manoeuvres are kept. Set by hand: it bounds memory.
 
@@ -50,7 +49,7 @@ class FigureError:
 
 @dataclass(frozen=True)
 class ManeuverErrors:
-    """Errors of the figures of a manoeuvre in a run. title: as of ``Execute.title``."""
+    """Errors of the figures of a manoeuvre in a run. title: as of ``Run.title``."""
 
     title: str
     figures: tuple[FigureError, ...]
@@ -66,8 +65,8 @@ STATE_ERRORS = {
 }
 # What a model must beat -> words for it.
 REFERENCES = {"persistence": "keeping the velocities", "baseline": "the baseline"}
+# Names of the times at which errors are given: after one ship length of sailing, and at the end of a window.
 SHIP_LENGTH, END = "ship_length", "window"
-"""When errors are told: after one ship length of sailing, and at the end of a window."""
 NOTED = 0.005  # Share of an error by which it must change for that to be said. Set by hand: it words a finding.
 
 
@@ -147,9 +146,9 @@ class UnitErrors:
         return {**early, END: self.window_s}
 
     def defeats(self, by_run: bool = True) -> list[str]:
-        """A sentence for each reference that is better over all runs, at one of the times that errors are told, or
+        """A sentence for each reference that is better over all runs, at one of the times of ``seconds``, or
         ``by_run`` over the windows of one of them."""
-        told = []
+        sentences = []
         for name, reference in self.references.items():
             parts = []
             for key, seconds in self.seconds.items():
@@ -164,23 +163,23 @@ class UnitErrors:
                 count = f"on {len(worst)} of {len(self.runs)} runs, most " if len(worst) > 1 else ""
                 parts.append(f"{count}on {run} in {state} ({words})")
             if parts:
-                told.append(f"worse than {REFERENCES[name]} {'; '.join(parts)}")
-        return told
+                sentences.append(f"worse than {REFERENCES[name]} {'; '.join(parts)}")
+        return sentences
 
 
 def is_worse(before: float, after: float) -> bool:
     """Whether an error rose from ``before`` to ``after`` by more than is worth a word."""
-    return after > (1 + NOTED) * before + 1e-6
+    return after > (1 + NOTED) * before + 1e-6  # the summand: of two errors of nothing none is worse
 
 
 def _defeats(own: RunErrors | StateErrors, reference: RunErrors | StateErrors) -> dict[str, tuple[float, str]]:
     """States in which the ``reference`` is better, the worst first, each with the ratio of the errors and both."""
-    found = {}
+    worse = {}
     for key, (state, unit) in STATE_ERRORS.items():
         mine, other = getattr(own, key), getattr(reference, key)
-        if is_worse(other, mine) and math.isfinite(mine):
-            found[state] = (mine / max(other, 1e-9), f"{mine:.3g} against {other:.3g} {unit}")
-    return dict(sorted(found.items(), key=lambda row: row[1][0], reverse=True))
+        if is_worse(other, mine) and math.isfinite(mine):  # one that diverges is said to elsewhere
+            worse[state] = (mine / max(other, 1e-9), f"{mine:.3g} against {other:.3g} {unit}")
+    return dict(sorted(worse.items(), key=lambda row: row[1][0], reverse=True))
 
 
 def ship_time(trials: Sequence[Trial], length: float) -> float:
@@ -201,6 +200,7 @@ def window_for(trials: Sequence[Trial], length: float | None) -> float:
     if not math.isfinite(unit) or LEAST * unit <= SHORTEST:
         return SHORTEST
     longest = max(trial.duration for trial in trials)
+    # 0.05 longest: half of the longest trial in tens of seconds, so that it holds a window at each stride
     return max(min(10 * round(0.1 * MOST * unit), 10 * math.floor(0.05 * longest)), SHORTEST)
 
 
@@ -221,23 +221,19 @@ def errors_in_units(
     length = simulator.ship.particulars["L"] if isinstance(simulator, Simulator) else None
     size = window or window_for(trials, length)
     unit = ship_time(trials, length) if length else math.nan
-    found = predict_all(simulator, trials, size, 0.5 * size, False, method, adaptation=adaptation)
+    predicted = predict_all(simulator, trials, size, 0.5 * size, False, method, adaptation=adaptation)
     change = change_over(trials, size, 0.5 * size)
-    own = _summed(trials, found, size, unit, change)
+    errors = _summed(trials, predicted, size, unit, change)
     if isinstance(simulator, Simulator) and length and adaptation is None:
-        held = zip(own.runs, _maneuvers(simulator, trials, length, method), strict=True)
-        own = replace(own, runs=tuple(replace(run, maneuvers=maneuvers) for run, maneuvers in held))
+        pairs = zip(errors.runs, _maneuvers(simulator, trials, length, method), strict=True)
+        errors = replace(errors, runs=tuple(replace(run, maneuvers=maneuvers) for run, maneuvers in pairs))
     rivals = {"persistence": Persistence(simulator.inputs), **({"baseline": baseline} if baseline else {})}
     references = {
         name: _summed(trials, predict_all(rival, trials, size, 0.5 * size, False), size, unit, change)
         for name, rival in rivals.items()
     }
-    return replace(
-        own,
-        persistence=references["persistence"],
-        baseline=references.get("baseline"),
-        ratio={name: ratios(own.pooled, reference.pooled) for name, reference in references.items()},
-    )
+    ratio = {name: ratios(errors.pooled, reference.pooled) for name, reference in references.items()}
+    return replace(errors, **references, ratio=ratio)
 
 
 def ratios(own: RunErrors | StateErrors, reference: RunErrors | StateErrors) -> dict[str, float]:
@@ -250,20 +246,15 @@ def _summed(trials: Sequence[Trial], found: Predicted, size: float, unit: float,
     """Errors of the windows of ``size`` [s] that were ``found``; unit: ship time L/U [s], NaN where it is not known;
     change: of the states over such windows (6,)."""
     times = size / unit if math.isfinite(unit) else None
-    when = {SHIP_LENGTH: unit, END: size} if times and times > 1 else {END: size}
+    when = {SHIP_LENGTH: unit, END: size} if times and times > 1 else {END: size}  # L/U is the time for one length
     parts = [_parts(trial, windows, when) for trial, (windows, _) in zip(trials, found, strict=True)]
     runs = tuple(_errors(trial.name, [part], change) for trial, part in zip(trials, parts, strict=True))
     by_state = dict(zip(STATES, np.where(np.isfinite(change), change, np.nan).tolist(), strict=True))
     return UnitErrors(size, 0.5 * size, times, by_state, runs, _errors("all rows", parts, change))
 
 
-@dataclass(frozen=True)
-class _Parts:
-    """Errors (rows, 6) of all windows of a trial without their first rows, at some times after it (windows, 6) by
-    name."""
-
-    rows: np.ndarray
-    after: dict[str, np.ndarray]
+# Errors (rows, 6) of all windows of a trial without their first rows; those at some times (windows, 6) by name.
+_Parts = tuple[np.ndarray, dict[str, np.ndarray]]
 
 
 def _parts(trial: Trial, windows: Sequence[Window], when: Mapping[str, float]) -> _Parts:
@@ -271,27 +262,27 @@ def _parts(trial: Trial, windows: Sequence[Window], when: Mapping[str, float]) -
     measured, rows = trial.states, [np.zeros((0, 6))]
     after = {name: [np.zeros((0, 6))] for name in when}
     for w in windows:
-        error = w.error(measured)[1:]
-        known = np.isfinite(measured[w.first + 1 : w.last + 1]).all(axis=1)
-        rows.append(error[known])
+        error = w.error(measured)[1:]  # the first row is the measurement itself
+        finite = np.isfinite(measured[w.first + 1 : w.last + 1]).all(axis=1)
+        rows.append(error[finite])
         since = trial.t[w.first + 1 : w.last + 1] - trial.t[w.first]
-        for name, seconds in when.items():
-            until = known & ((since < seconds + 0.5 * trial.dt) | (name == END))
+        for name, seconds in when.items():  # the last measured row up to that time
+            until = finite & ((since < seconds + 0.5 * trial.dt) | (name == END))
             if until.any():
                 after[name].append(error[until][-1:])
-    return _Parts(np.vstack(rows), {name: np.vstack(own) for name, own in after.items()})
+    return np.vstack(rows), {name: np.vstack(errors) for name, errors in after.items()}
 
 
 def _errors(name: str, parts: Sequence[_Parts], change: np.ndarray) -> RunErrors:
     """Errors of the ``parts`` together, in units and as a share of the ``change`` (6,)."""
-    rows = np.vstack([p.rows for p in parts])
-    after = {key: np.vstack([p.after[key] for p in parts]) for key in parts[0].after}
+    rows = np.vstack([errors for errors, _ in parts])
+    after = {key: np.vstack([later[key] for _, later in parts]) for key in parts[0][1]}
     if not len(rows):
         return RunErrors(name, 0)
     rms = np.sqrt((rows**2).mean(axis=0))
     share = math.sqrt(np.mean((rms / change) ** 2))
     by_time = {key: np.sqrt((errors**2).mean(axis=0)) for key, errors in after.items() if len(errors)}
-    if not np.isfinite(rms).all():
+    if not np.isfinite(rms).all():  # it diverges in some row: no number is given for the others either
         rms, share, by_time = np.full(6, math.inf), math.inf, {key: np.full(6, math.inf) for key in by_time}
     end = StateErrors.of(by_time[END])
     return RunErrors(
@@ -309,22 +300,21 @@ def _maneuvers(
     simulator: Simulator, trials: Sequence[Trial], length: float, method: str
 ) -> list[tuple[ManeuverErrors, ...]]:
     """Of each of ``trials`` the errors of its manoeuvres, all predicted side by side."""
-    held = [(number, *both) for number, trial in enumerate(trials) for both in _measured_runs(trial, length)]
-    found: list[list[ManeuverErrors]] = [[] for _ in trials]
-    if not held:
-        return [tuple(own) for own in found]
-    predicted = predict_all(simulator, [cut for _, _, cut in held], 0.0, 0.0, False, method)
-    for (number, run, cut), (windows, _) in zip(held, predicted, strict=True):
+    runs = [(number, *both) for number, trial in enumerate(trials) for both in _measured_runs(trial, length)]
+    by_trial: list[list[ManeuverErrors]] = [[] for _ in trials]
+    predicted = predict_all(simulator, [cut for _, _, cut in runs], 0.0, 0.0, False, method)
+    for (number, run, cut), (windows, _) in zip(runs, predicted, strict=True):
         if windows and np.isfinite(windows[0].states).all():
             states = dict(zip(STATES, windows[0].states.T, strict=True))
+            # times of a run count from the first row of its trial: here that is a later one
             begin = run.order_time - float(cut.t[0] - run.trial.t[0])
             moved = replace(run, order_time=begin, reversals=tuple(t - run.order_time + begin for t in run.reversals),
                             end=run.end - run.order_time + begin)  # fmt: skip
             figures = measured_figures(cut.with_columns(**states), moved)
-            told = [name for name in TOLD if name in run.figures and name in figures]
-            rows = tuple(_figure(name, run.figures[name], figures[name]) for name in told)
-            found[number] += [ManeuverErrors(run.title, rows)] if rows else []
-    return [tuple(own) for own in found]
+            names = [name for name in COMPARED if name in run.figures and name in figures]
+            rows = tuple(_figure(name, run.figures[name], figures[name]) for name in names)
+            by_trial[number] += [ManeuverErrors(run.title, rows)] if rows else []
+    return [tuple(errors) for errors in by_trial]
 
 
 @lru_cache(maxsize=KEPT)
@@ -348,6 +338,7 @@ def _ordered(run: Run) -> Trial:
 
 
 def _figure(name: str, measured: float, predicted: float) -> FigureError:
+    """The error of a figure in SI and rad, its angles in degrees."""
     unit = figure_unit(name)
     factor = math.degrees(1.0) if unit == "rad" else 1.0
     measured, predicted = factor * measured, factor * predicted

@@ -11,8 +11,7 @@ import numpy as np
 from cases.io.toml_file import unknown
 from cases.trial import Trial
 from fitting.prediction.band_calibration import NORMAL
-from fitting.prediction.forces import forces_along
-from fitting.prediction.predict import predict_all
+from fitting.prediction.predict import forces_along, predict_all
 from fitting.record import FitObjects, FitRecord
 from fitting.report.plot_style import AFTER, BEFORE, DASHES, GREY, MEASURED, STYLES, dress, own_axes
 from mmg.errors import Missing, OutOfRange, UnknownName

@@ -29,8 +29,7 @@ from delivery.view.page import (
     write_view,
 )
 from fitting.prediction.bands import bands_of
-from fitting.prediction.forces import NETWORK, forces_along
-from fitting.prediction.predict import predict
+from fitting.prediction.predict import NETWORK, forces_along, predict
 from fitting.result import read_fit
 from mmg.errors import BadValue, Conflict, Missing, NotWritable
 from mmg.rollout import Simulator
