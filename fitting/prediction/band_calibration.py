@@ -29,14 +29,13 @@ from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
+# Seconds of a 3 m model: length of windows whose errors are used, between their starts, between counted rows. The
+# first two are those of the scores. The last was set by hand.
 LENGTH, STRIDE, EVERY = 100.0, 15.0, 2.0
-"""Seconds of a 3 m model: length of windows whose errors are used, between their starts, between counted rows. The
-first two are those of the scores. The last was set by hand."""
-MEMORIES, DECAYS = (1.0, 3.0, 10.0), (5.0, 15.0, 50.0, 200.0)
-"""Times tried [s of a 3 m model]. A grid set by hand."""
+MEMORIES, DECAYS = (1.0, 3.0, 10.0), (5.0, 15.0, 50.0, 200.0)  # Times tried [s of a 3 m model]. A grid set by hand.
+# Seconds of a 3 m model: up to the first the noise of the samples is taken, at the others the factors, from errors up
+# to WIDE times earlier and later. Set by hand; what the factors do is in benchmarks/ablation.md (bands no factors).
 EARLY, HORIZONS, WIDE = 2.0, (2.0, 5.0, 15.0, 30.0, 60.0, 100.0), 1.5
-"""Seconds of a 3 m model: up to the first the noise of the samples is taken, at the others the factors, from errors up
-to WIDE times earlier and later. Set by hand; what the factors do is in benchmarks/ablation.md (bands no factors)."""
 MOST_WINDOWS = 400  # Windows whose errors are used, which bounds the time it takes
 # Half width of the 90 % band in standard deviations. (Abramowitz & Stegun 1964, chapter 26.)
 NORMAL = 1.6448536269514722
@@ -54,7 +53,7 @@ def sample_noise(trials: Sequence[Trial]) -> np.ndarray:
     there are none."""
     stretches = [trial.states.copy() for trial in trials]
     for states in stretches:
-        states[:, 2] = np.unwrap(np.nan_to_num(states[:, 2]))
+        states[:, 2] = np.unwrap(np.nan_to_num(states[:, 2]))  # a jump by 2 pi would be noise
     return white_noise(stretches, slice(2, None))
 
 
@@ -87,28 +86,32 @@ def fit_bands(
     fixed = bands.coefficient_variance(simulator, batch, rows)
     rest = bands.process_variance(errors.times, errors.states, errors.length)
     early = errors.until(EARLY)
+    # third differences see white noise alone; what of early errors is above that is noise of samples too
     for s in (3, 4, 5, 2, 0, 1):  # the noise of a state counts in that of those that follow from it
         total = rest + fixed + bands.measurement_variance(errors.times, errors.states)
+        # share 2: the noise counts in the start and in the sample that is compared with
         more = _wanted(errors.error[:, s][early], np.full(int(early.sum()), 2.0), total[:, s][early])
         process.noise[s] = np.sqrt(process.noise[s] ** 2 + max(0.0, float(np.nan_to_num(more))))
     fixed += bands.measurement_variance(errors.times, errors.states)
-    sure = student_factor(len({id(s.record) for s in stretches}))
+    few_runs = student_factor(len({id(s.record) for s in stretches}))
     water, offset = adapt(simulator, stretches, Adaptation.of(ship, default_past(ship)))
+    # variances along the same track, so that the factors with and without the past differ by the errors alone
     adapted = _WindowErrors(simulator, stretches, batch, rollout(simulator, batch, water, offset)[0], along=out)
-    process = replace(process, factor=sure * errors.factors(rest, fixed), adapted=sure * adapted.factors(rest, fixed))
+    factor, with_past = (few_runs * part.factors(rest, fixed) for part in (errors, adapted))
+    process = replace(process, factor=factor, adapted=with_past)
     held = held_motion([record_of(trial, ship.inputs) for trial in trials], ship.inputs, length)
     return process_dict(process) | ({"held": held_dict(held)} if held else {})
 
 
-def _stretches(trials: Sequence[Trial], ship: Ship, own: np.ndarray | None) -> list[Stretch]:
-    """Windows of ``trials``, evenly spread, up to MOST_WINDOWS; own: (R, P) coefficients by trial."""
+def _stretches(trials: Sequence[Trial], ship: Ship, without: np.ndarray | None) -> list[Stretch]:
+    """Windows of ``trials``, evenly spread, up to MOST_WINDOWS; without: (R, P) coefficients by trial."""
     k, found = time_scale(ship.particulars["L"]), []
-    values = [None] * len(trials) if own is None else [v if np.isfinite(v).all() else ship.values for v in own]
+    values = [None] * len(trials) if without is None else [v if np.isfinite(v).all() else ship.values for v in without]
     for trial, value in zip(trials, values, strict=True):
         record = record_of(trial, ship.inputs, value)
         for first, last in window_rows(trial.t, LENGTH * k, STRIDE * k, True):
             bad = np.flatnonzero(~record.good[first : last + 1])
-            end = first + int(bad[0]) - 1 if len(bad) else last
+            end = first + int(bad[0]) - 1 if len(bad) else last  # a window ends before a row that is missing
             if end > first and trial.t[end] - trial.t[first] >= EVERY * k:
                 found.append(Stretch(record, first, end))
     if len(found) <= MOST_WINDOWS:
@@ -159,15 +162,16 @@ class _WindowErrors:
             near = self.until(horizon * WIDE) & (self.times > horizon / WIDE * self.scale)
             for s in range(6):
                 square = _wanted(self.error[:, s][near], process[:, s][near], rest[:, s][near])
-                kept = found[h - 1, s] if h else 1.0
-                found[h, s] = np.sqrt(np.clip(square, 0.01, 100.0)) if np.isfinite(square) else kept
+                before = found[h - 1, s] if h else 1.0
+                # squares: factors stay between 0.1 and 10, set by hand
+                found[h, s] = np.sqrt(np.clip(square, 0.01, 100.0)) if np.isfinite(square) else before
         return found
 
 
 def _likely_process(errors: _WindowErrors, noise: np.ndarray) -> Process | None:
     """The process of most likely times and sizes, without its factors; None when there are too few errors."""
     every, k = max(1, round(EVERY / COARSE)), errors.scale
-    sampled = np.where(errors.counted[:, None], errors.error, np.nan)[every::every, 3:]
+    sampled = np.where(errors.counted[:, None], errors.error, np.nan)[every::every, 3:]  # of u, v, r
     if (np.isfinite(sampled).sum(axis=(0, 2)) < 50).any():
         return None
     shape, dt = np.moveaxis(acceleration_sizes(errors.states, errors.length), 0, 1), np.diff(errors.times, axis=0)
@@ -189,13 +193,13 @@ def likely_sizes(parts: np.ndarray, error: np.ndarray, floor: float) -> tuple[fl
 
     good = np.isfinite(error)
     A, e2 = parts[:, good], error[good] ** 2
-    floor = max(floor, 1e-6 * float(e2.mean()), 1e-300)
-    means = np.maximum(A.mean(axis=1), 1e-300)
-    A = A / means[:, None]
     typical = float(e2.mean())
+    floor = max(floor, 1e-6 * typical, 1e-300)
+    means = np.maximum(A.mean(axis=1), 1e-300)
+    A = A / means[:, None]  # each part of mean 1: sizes of one order, whatever its unit
 
     def objective(log: np.ndarray) -> tuple[float, np.ndarray]:
-        weight = typical * np.exp(log)
+        weight = typical * np.exp(log)  # squared sizes by their logarithm: never negative
         variance = weight @ A + floor
         slope = (1 / variance - e2 / variance**2) / len(e2)
         return float((np.log(variance) + e2 / variance).mean()), weight * (A @ slope)

@@ -4,8 +4,8 @@ Three parts. The process: accelerations that no model explains, correlated over 
 of a size that grows with speed and turning, drive errors of u, v, r that decay; heading and position follow by
 kinematics along the predicted track. Its sizes and times are the most likely ones for the errors of the training
 windows, and a factor per state and horizon makes 90 % of those fall into the 90 % band; it grows where a motion is new
-to the trials (fitting/prediction/envelope.py). The coefficients: draws from their
-covariance, simulated. The measurement: noise of the start and of the sample compared with.
+to the trials (fitting/prediction/envelope.py). The coefficients: draws from their covariance, simulated. The
+measurement: noise of the start and of the sample compared with.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from fitting.prediction.envelope import HeldMotion, held_of, inputs_at, met_so_far
+from fitting.prediction.envelope import HeldMotion, held_of, met_so_far
 from fitting.prediction.stretches import WindowBatch
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES
 
+# Draws of the coefficients, and the factor by which they are shrunk, their effect rescaled, to stay linear. Set by
+# hand; a band without them is in benchmarks/ablation.md (bands no coefficients).
 DRAWS, SHRINK = 16, 0.3
-"""Draws of the coefficients, and the factor by which they are shrunk, their effect rescaled, to stay linear. Set by
-hand; a band without them is in benchmarks/ablation.md (bands no coefficients)."""
 COARSE = 0.5  # Step of the covariance in seconds of a 3 m model. Set by hand: bands grow over many seconds.
 
 
@@ -52,9 +52,9 @@ class Process:
 
         adapted: of predictions that use the past of a window.
         """
-        known, at = np.log(self.horizons), np.log(np.maximum(times, 1e-9))
+        horizons, at = np.log(self.horizons), np.log(np.maximum(times, 1e-9))  # time 0 has the first factor
         rows = self.adapted if adapted else self.factor
-        return np.stack([np.interp(at, known, rows[:, s]) for s in range(6)], axis=1)
+        return np.stack([np.interp(at, horizons, rows[:, s]) for s in range(6)], axis=1)
 
 
 def acceleration_sizes(states: np.ndarray, length: float) -> np.ndarray:
@@ -78,12 +78,15 @@ def acceleration_steps(dt: np.ndarray, memory: float, decay: float) -> np.ndarra
     """Steps ``dt`` (n, M) of an acceleration of unit variance and the velocity error that it drives, (n, 6, M): shares
     of acceleration and error that are left; error per acceleration [s]; variance of the acceleration, its covariance
     with the error and variance of that by what the noise within the step adds. memory, decay: of both [s]."""
+    # da = -a / memory dt + sqrt(2 / memory) dW (Ornstein-Uhlenbeck, variance 1), de = (a - e / T) dt, solved exactly
+    # over a step; aa, ae, ee are integrals of products of their responses to dW over it
     T = decay * 1.01 if abs(decay - memory) < 0.01 * memory else decay  # equal ones would divide by zero
     left, error, rate = np.exp(-dt / memory), np.exp(-dt / T), 1 / T - 1 / memory
-    both, own, other = (1 - left * error) / (1 / memory + 1 / T), memory / 2 * (1 - left**2), T / 2 * (1 - error**2)
+    both = (1 - left * error) / (1 / memory + 1 / T)  # integrals of products of the two exponentials
+    twice_left, twice_error = memory / 2 * (1 - left**2), T / 2 * (1 - error**2)
     noise = 2 / memory
-    ee = np.maximum(noise / rate**2 * (own - 2 * both + other), 0.0)
-    return np.stack([left, error, (left - error) / rate, 1 - left**2, noise / rate * (own - both), ee], axis=1)
+    ee = np.maximum(noise / rate**2 * (twice_left - 2 * both + twice_error), 0.0)  # rounding of short steps
+    return np.stack([left, error, (left - error) / rate, 1 - left**2, noise / rate * (twice_left - both), ee], axis=1)
 
 
 def velocity_variance(square: np.ndarray, dt: np.ndarray, memory: float, decay: float) -> np.ndarray:
@@ -123,11 +126,13 @@ class Bands:
         times, states = batch.times[rows], out[rows]
         variance = self.process_variance(times, states, length) * self.process.factor_at(times, adapted) ** 2
         if self.held is not None:
-            novelty = self.held.novelty(states, inputs_at(batch, rows), length)
-            variance *= 1 + met_so_far(times, novelty)[:, None]
+            # novelty widens what no model explains; noise of sensors and of coefficients stay what they are
+            inputs = batch.inputs[np.minimum(rows, len(batch.inputs) - 1)]
+            variance *= 1 + met_so_far(times, self.held.novelty(states, inputs, length))[:, None]
         variance += self.measurement_variance(times, states)
         variance += self.coefficient_variance(simulator, batch, rows)
         coarse = np.sqrt(variance)
+        # straight lines from coarse row to coarse row
         place = np.interp(np.arange(len(out)), rows, np.arange(len(rows)))
         low = np.minimum(place.astype(int), max(len(rows) - 2, 0))  # the last row is the upper end of the last span
         high = np.minimum(low + 1, len(rows) - 1)
@@ -144,37 +149,38 @@ class Bands:
         # order: accelerations (3), errors of u, v, r (3), of x, y, psi (3)
         P = np.zeros((M, 9, 9))
         for c in range(3):
-            P[:, c, c] = square[c, 0]
+            P[:, c, c] = square[c, 0]  # the accelerations began long before: stationary
         result = [np.zeros((6, M))]
         every = [acceleration_steps(np.diff(times, axis=0), p.memory[c], p.decay[c]) for c in range(3)]
         for k in range(len(times) - 1):
             F = np.tile(np.eye(9), (M, 1, 1))
             for c, steps in enumerate(every):
                 F[:, c, c], F[:, 3 + c, 3 + c], F[:, 3 + c, c] = steps[k, :3]
+            # positions by the velocity errors after the step: the map is applied to what F made of them
             F[:, 6:] = kinematic_map(states[k], times[k + 1] - times[k]) @ F
             P = F @ P @ np.swapaxes(F, 1, 2)
-            for c, steps in enumerate(every):
+            for c, steps in enumerate(every):  # what the noise within the step adds, by the local size
                 aa, ae, ee = steps[k, 3:] * square[c, k]
                 P[:, c, c] += aa
                 P[:, 3 + c, 3 + c] += ee
                 P[:, c, 3 + c] += ae
                 P[:, 3 + c, c] += ae
             d = np.diagonal(P, axis1=1, axis2=2).T
-            result.append(np.maximum(np.concatenate([d[6:], d[3:6]]), 0.0))
+            result.append(np.maximum(np.concatenate([d[6:], d[3:6]]), 0.0))  # in the order of STATES
         return np.array(result)
 
     def measurement_variance(self, times: np.ndarray, states: np.ndarray) -> np.ndarray:
         """Variance (n, 6, M) by noise of the start, carried on, and of the sample that is predicted."""
         noise = self.process.noise**2
-        left = np.exp(-2 * times[:, None] / self.process.decay[:, None])
-        reach = (1 - np.sqrt(left)) * self.process.decay[:, None]
+        left = np.exp(-2 * times[:, None] / self.process.decay[:, None])  # of the variance of a velocity (n, 3, M)
+        reach = (1 - np.sqrt(left)) * self.process.decay[:, None]  # [s]: integral of a velocity error that decays
         way = np.hypot(states[:, 0] - states[0, 0], states[:, 1] - states[0, 1])
-        # a wrong heading by the way
+        # a wrong velocity, in whatever direction it goes, and a wrong heading by the way
         place = np.maximum(noise[3], noise[4]) * np.maximum(reach[:, 0], reach[:, 1]) ** 2 + noise[2] * way**2
         start = np.stack(
             [place, place, noise[5] * reach[:, 2] ** 2, *np.moveaxis(noise[3:, None] * left, 1, 0)], axis=1
         )
-        start[:, :3] += noise[:3, None]
+        start[:, :3] += noise[:3, None]  # x, y, psi of the start are carried on whole
         return start + noise[:, None]
 
     def coefficient_variance(self, simulator: Simulator, batch: WindowBatch, rows: np.ndarray) -> np.ndarray:
@@ -189,14 +195,14 @@ class Bands:
             start = simulator.start(batch.logged, batch.inputs[0], theta)
             return simulator.run(start, batch.inputs, batch.steps, theta)[:, :6]
 
-        own = simulator.ship.values
-        centre, M = states(own, batch), batch.steps.shape[1]
-        draws = own[:, None] + SHRINK * self.root
+        values = simulator.ship.values
+        centre, M = states(values, batch), batch.steps.shape[1]
+        draws = values[:, None] + SHRINK * self.root
         count = draws.shape[1] if simulator.is_stepwise else 1  # side by side: in Python many points at once are faster
-        wide = batch.times_over(count)
+        repeated = batch.times_over(count)
         for some in np.split(draws, draws.shape[1] // count, axis=1):
             theta = some[:, 0] if count == 1 else np.repeat(some, M, axis=1)
-            for end in np.split(states(theta, wide), count, axis=2):
+            for end in np.split(states(theta, repeated), count, axis=2):
                 total += np.nan_to_num((end - centre) / SHRINK) ** 2
         return total / draws.shape[1]
 
@@ -206,9 +212,9 @@ def kinematic_map(states: np.ndarray, dt: np.ndarray) -> np.ndarray:
     M)."""
     psi, u, v = states[2], states[3], states[4]
     c, s = np.cos(psi), np.sin(psi)
-    G = np.zeros((len(dt), 3, 9))
-    G[:, 0, 3], G[:, 0, 4], G[:, 0, 8] = dt * c, -dt * s, -dt * (u * s + v * c)
-    G[:, 1, 3], G[:, 1, 4], G[:, 1, 8] = dt * s, dt * c, dt * (u * c - v * s)
+    G = np.zeros((len(dt), 3, 9))  # columns 3 to 5: u, v, r; 6 to 8: x, y, psi
+    G[:, 0, 3], G[:, 0, 4], G[:, 0, 8] = dt * c, -dt * s, -dt * (u * s + v * c)  # of x' = u cos psi - v sin psi
+    G[:, 1, 3], G[:, 1, 4], G[:, 1, 8] = dt * s, dt * c, dt * (u * c - v * s)  # of y' = u sin psi + v cos psi
     G[:, 2, 5] = dt
     for i in range(3):
         G[:, i, 6 + i] = 1.0
@@ -251,18 +257,20 @@ def bands_of(result: Mapping[str, Any], ship: Ship) -> Bands | None:
 def draws_of(result: Mapping[str, Any], ship: Ship) -> np.ndarray:
     """Draws (P, DRAWS) of the coefficients of ``ship`` about their values, from the errors and correlations in
     ``result``."""
-    root, found = np.zeros((len(ship.symbols), DRAWS)), correlation_in(result)
+    root, correlation = np.zeros((len(ship.symbols), DRAWS)), correlation_in(result)
+    if correlation is None:
+        return root[:, :0]
+    symbols, matrix = correlation
     try:
-        symbols, matrix = found or ([], root)
         std = np.array([result["coefficients"][s]["std"] for s in symbols], dtype=float)
         at = [ship.symbols.index(s) for s in symbols]
     except (KeyError, TypeError, ValueError):
         return root[:, :0]
-    if found is None or not np.isfinite(std).all():
+    if not np.isfinite(std).all():
         return root[:, :0]
     # not Cholesky: rounded numbers of a file may be a little indefinite
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    normal = np.random.default_rng(0).standard_normal((len(symbols), DRAWS))
+    normal = np.random.default_rng(0).standard_normal((len(symbols), DRAWS))  # one seed: a run has one band
     root[at] = std[:, None] * (vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * normal))
     return root
 
@@ -275,5 +283,5 @@ def correlation_in(content: Mapping[str, Any]) -> tuple[list[str], np.ndarray] |
         matrix = np.array(content["correlation"]["matrix"], dtype=float)
     except (KeyError, TypeError, ValueError):
         return None
-    whole = matrix.shape == (len(symbols), len(symbols)) and np.isfinite(matrix).all()
-    return (symbols, matrix) if whole else None
+    sound = matrix.shape == (len(symbols), len(symbols)) and np.isfinite(matrix).all()
+    return (symbols, matrix) if sound else None

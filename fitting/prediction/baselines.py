@@ -24,8 +24,8 @@ from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.motion.frames import body_to_earth, earth_to_body
 from mmg.runge_kutta import rk4_step
 
+# The coefficients of the accelerations in surge, sway and yaw, and the current north and east [m/s].
 SURGE, SWAY, YAW, CURRENT = slice(0, 5), slice(5, 10), slice(10, 16), slice(16, 18)
-"""The coefficients of the accelerations in surge, sway and yaw, and the current north and east [m/s]."""
 # Steps of a window for which the grey box is fitted: 1 s of a 3 m model, an eighth of a ship length of sailing.
 STEPS = 30  # set by hand
 # Most windows to which it is fitted, evenly drawn from longer logs: those of 8 hours at 30 s, in 20 s.
@@ -56,6 +56,7 @@ class Persistence:
         t = batch.times
         x, y, psi, u, v, r = (np.broadcast_to(row, t.shape) for row in batch.logged)
         turned = r * t
+        # chord of an arc: t sin(r t / 2) / (r t / 2), along the heading half way; np.sinc(x) is sin(pi x) / (pi x)
         chord, course = t * np.sinc(turned / (2 * np.pi)), psi + 0.5 * turned
         north, east = body_to_earth(u, v, course)
         return np.stack([x + chord * north, y + chord * east, psi + turned, u, v, r], axis=1)
@@ -96,6 +97,7 @@ def fit_grey_box(
         raise TooFewData(f"no whole window of {window:g} s in the trials that the baseline is to be fitted to")
     stretches = stretches[:: math.ceil(len(stretches) / WINDOWS)]
     samples = WindowBatch.of(stretches)
+    # integrated from node to node with mean inputs: STEPS a window, whatever the sampling
     nodes = np.unique(np.linspace(0, len(samples.steps), STEPS + 1).round().astype(int))
     batch, measured = samples.between(nodes), _measured(stretches, len(samples.steps))[nodes]
     box = GreyBox(tuple(inputs), _places(particulars), np.zeros(18), _bounds(measured))
@@ -114,7 +116,7 @@ def fit_grey_box(
         found = errors(np.column_stack([scaled, scaled[:, None] + DIFFERENCE * np.eye(18)]))
         return (found[:, 1:] - found[:, :1]) / DIFFERENCE
 
-    found = least_squares(
+    solution = least_squares(
         lambda scaled: errors(scaled[:, None])[:, 0],  # type: ignore[misc]
         start / size,
         sensitivities,
@@ -122,7 +124,7 @@ def fit_grey_box(
         ftol=TOLERANCE,
         max_nfev=EVALUATIONS,
     )
-    return replace(box, coefficients=found.x * size)
+    return replace(box, coefficients=solution.x * size)
 
 
 def _measured(stretches: Sequence[Stretch], steps: int) -> np.ndarray:
@@ -169,7 +171,7 @@ def _actuation(box: GreyBox, inputs: np.ndarray) -> np.ndarray:
         revolutions = column.get(name, np.ones_like(rudder))
         angle = column[name.removeprefix("n_")] if name.startswith("n_azimuth") else rudder
         x, y = box.places.get(name, (-1.0, 0.0))
-        thrust, lift = revolutions * np.abs(revolutions), 0.5 * np.sin(2 * angle)
+        thrust, lift = revolutions * np.abs(revolutions), 0.5 * np.sin(2 * angle)  # sin(a) cos(a)
         forward, side = thrust * np.cos(angle), thrust * np.sin(angle)
         rows.append([forward, side, x * side - y * forward, np.abs(revolutions), lift, x * lift])
     return np.mean(rows, axis=0)
@@ -195,17 +197,17 @@ def _regressed(
     velocities = measured[:, 3:]
     terms = _terms(np.moveaxis(0.5 * (velocities[1:] + velocities[:-1]), 1, 0), actuation)
     steps = np.where(batch.steps > 0, batch.steps, np.nan)
-    found, size = np.zeros(18), np.full(18, 0.1 * np.sqrt(np.nanmean(velocities[:, 0] ** 2)))
+    # the current starts at 0, its size is a tenth of the rms speed ahead
+    start, size = np.zeros(18), np.full(18, 0.1 * np.sqrt(np.nanmean(velocities[:, 0] ** 2)))
     for part, state in ((SURGE, 0), (SWAY, 1), (YAW, 2)):
         matrix = terms[part].reshape(part.stop - part.start, -1).T
         rate = (np.diff(velocities[:, state], axis=0) / steps).ravel()
-        known = np.isfinite(matrix).all(axis=1) & np.isfinite(rate)
-        rms = np.sqrt((matrix[known] ** 2).mean(axis=0))
-        size[part] = rates[state] / np.where(rms > 0, rms, np.inf)
-        columns = matrix[known] / np.where(rms > 0, rms, np.inf)
-        scaled = np.linalg.lstsq(columns, rate[known], rcond=COLLINEAR)[0]
-        found[part] = scaled / np.where(rms > 0, rms, np.inf)
-    return found, np.where(size > 0, size, 1.0)
+        finite = np.isfinite(matrix).all(axis=1) & np.isfinite(rate)
+        rms = np.sqrt((matrix[finite] ** 2).mean(axis=0))
+        rms = np.where(rms > 0, rms, np.inf)  # a term that is always 0 has the coefficient 0
+        size[part] = rates[state] / rms
+        start[part] = np.linalg.lstsq(matrix[finite] / rms, rate[finite], rcond=COLLINEAR)[0] / rms
+    return start, np.where(size > 0, size, 1.0)
 
 
 def _rollout(batch: WindowBatch, actuation: np.ndarray, coefficients: np.ndarray, bounds: np.ndarray) -> np.ndarray:
@@ -213,7 +215,7 @@ def _rollout(batch: WindowBatch, actuation: np.ndarray, coefficients: np.ndarray
 
     In the frame of the water, whose way is added to the positions. Velocities stay within their ``bounds`` (3,).
     """
-    own, (north, east) = coefficients[:16, :, None], coefficients[CURRENT, :, None]
+    factors, (north, east) = coefficients[:16, :, None], coefficients[CURRENT, :, None]
     logged, limit = batch.logged[:, None], bounds[:, None, None]
     sets = (6, coefficients.shape[1], logged.shape[-1])
     ahead, abeam = earth_to_body(north, east, logged[2])
@@ -224,7 +226,7 @@ def _rollout(batch: WindowBatch, actuation: np.ndarray, coefficients: np.ndarray
     for k, h in enumerate(batch.steps):
 
         def rates(z: np.ndarray, _: float, acting: np.ndarray = actuation[:, k, None]) -> np.ndarray:
-            forces = own * _terms(z[3:], acting)
+            forces = factors * _terms(z[3:], acting)
             return np.stack(
                 [*body_to_earth(z[3], z[4], z[2]), z[5], *(forces[part].sum(axis=0) for part in (SURGE, SWAY, YAW))]
             )

@@ -19,7 +19,6 @@ from cases.inputs import model_inputs
 from cases.maneuvers.definitions import STOPS
 from cases.trial import Trial
 from fitting.nlp.windows import Record
-from fitting.prediction.stretches import WindowBatch
 from mmg.model import assemble, states_behind
 from mmg.motion.flow import INPUTS
 from mmg.motion.frames import relative_air
@@ -50,8 +49,7 @@ FAR = 2.0
 # How a manoeuvre is called that no trial came near.
 TITLES = {"turning": "a turn so tight", "zigzag": "a zigzag so wide", "spiral": "a spiral so wide",
           "pull-out": "a turn so tight"}  # fmt: skip
-POINTS, ROWS = 150, 4000
-"""Points that are kept, and most rows from which they are taken. They bound time and memory."""
+POINTS, ROWS = 150, 4000  # Points that are kept, and most rows from which they are taken. They bound time and memory.
 # Share of the rows of a trial that is not new among the other trials. Set by hand; what novelty does is in
 # benchmarks/ablation.md (bands no novelty).
 ORDINARY = 0.9
@@ -65,15 +63,15 @@ def envelope_of(names: Sequence[str], features: np.ndarray) -> dict[str, list[fl
     """Least and greatest value of each row of ``features`` (F, M) by its name of ``names``, and of the drift angle."""
     if not features.size:
         return {}
-    found = {name: [float(row.min()), float(row.max())] for name, row in zip(names, features, strict=True)}
+    ranges = {name: [float(row.min()), float(row.max())] for name, row in zip(names, features, strict=True)}
     beta = _drift(*(features[list(names).index(axis)] for axis in "uv"))
-    return found | ({DRIFT: [float(beta.min()), float(beta.max())]} if len(beta) else {})
+    return ranges | ({DRIFT: [float(beta.min()), float(beta.max())]} if len(beta) else {})
 
 
 def _drift(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Drift angles where the ship moves."""
     moving = np.hypot(u, v) > SLOW * np.abs(u).max()
-    return np.arctan2(-v[moving], u[moving])
+    return np.arctan2(-v[moving], u[moving])  # beta = -atan(v / u) in MMG: water from starboard is positive
 
 
 def trial_envelope(ship: Ship, trials: Sequence[Trial]) -> dict[str, list[float]]:
@@ -84,12 +82,12 @@ def trial_envelope(ship: Ship, trials: Sequence[Trial]) -> dict[str, list[float]
     """
     model, parts = assemble(ship.without_network()), []
     for trial in trials:
-        logged, held = trial.states.T, model_inputs(trial, ship.inputs).array.T
-        logged[:2] = np.where(np.isfinite(logged[:2]), logged[:2], 0.0)
-        good = np.isfinite(logged).all(axis=0) & np.isfinite(held).all(axis=0)
+        logged, inputs = trial.states.T, model_inputs(trial, ship.inputs).array.T
+        logged[:2] = np.where(np.isfinite(logged[:2]), logged[:2], 0.0)  # no feature is a place
+        good = np.isfinite(logged).all(axis=0) & np.isfinite(inputs).all(axis=0)
         if good.any():
-            states = states_behind(model, logged[:, good], held[:, good], ship.values)
-            parts.append(model.at_points("features", states, held[:, good], ship.values))
+            states = states_behind(model, logged[:, good], inputs[:, good], ship.values)
+            parts.append(model.at_points("features", states, inputs[:, good], ship.values))
     return envelope_of(ship.features, np.hstack(parts)) if parts else {}
 
 
@@ -98,8 +96,8 @@ def ranges_of(runs: SimulatedRuns) -> dict[str, tuple[float, float]]:
     rows = slice(0, int(runs.last[0]) + 1)
     u, v, r = runs.states[rows, 3:, 0].T
     n, delta = np.asarray(runs.inputs[rows, :, 0]).T
-    known = {"u": u, "v": v, "r": r, DRIFT: _drift(u, v), "n": n, "delta": delta}
-    return {name: (float(known[name].min()), float(known[name].max())) for name in QUANTITIES if len(known[name])}
+    rows_of = {"u": u, "v": v, "r": r, DRIFT: _drift(u, v), "n": n, "delta": delta}
+    return {name: (float(values.min()), float(values.max())) for name, values in rows_of.items() if len(values)}
 
 
 def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> tuple[str, ...]:
@@ -109,6 +107,7 @@ def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> 
         if name not in envelope:
             continue
         low, high = (float(x) for x in envelope[name])
+        # of its greatest value too: revolutions that all trials held are a range of width 0
         slack = max(BEYOND * max(high - low, abs(low), abs(high)), ANGLE if name in (DRIFT, "delta") else 0.0)
         words, unit, factor = QUANTITIES[name]
         for reached, limit, over in ((least, low, least < low - slack), (most, high, most > high + slack)):
@@ -118,10 +117,8 @@ def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> 
 
 
 def outside_words(name: str, kind: str, outside: Sequence[str], widened: bool = True) -> str:
-    """A sentence on a manoeuvre of this ``name`` and ``kind`` that leaves what the trials held.
-
-    outside: how; widened: whether its intervals grow by that.
-    """
+    """A sentence on a manoeuvre of this ``name`` and ``kind`` that leaves what the trials held; outside: how; widened:
+    whether its intervals grow by that."""
     if why := untried(kind, outside):
         return f"{name}: {why} ({'; '.join(outside)})"
     effect = "so its intervals are wider" if widened else "which its intervals do not cover"
@@ -129,10 +126,8 @@ def outside_words(name: str, kind: str, outside: Sequence[str], widened: bool = 
 
 
 def untried(kind: str, outside: Sequence[str]) -> str:
-    """Why the figures of a manoeuvre of this ``kind`` are the prior's alone, "" where trials have a say in them.
-
-    outside: how it leaves the trials, as of ``outside_of``.
-    """
+    """Why the figures of a manoeuvre of this ``kind`` are the prior's alone, "" where trials have a say in them;
+    outside: how it leaves the trials, as of ``outside_of``."""
     turns = [_numbers_in(words) for words in outside if words.startswith(QUANTITIES["n"][0])]
     if kind in STOPS and any(reached < limit for reached, limit in turns):
         return "stopping was not in the trials: these figures are the prior's"
@@ -143,9 +138,9 @@ def untried(kind: str, outside: Sequence[str]) -> str:
 
 
 def _numbers_in(words: str) -> tuple[float, float]:
-    """What a manoeuvre reaches and the trials held, as ``outside_of`` words them."""
-    reached, _, held = words.partition(", ")
-    return float(reached.split()[-2]), float(held.split()[-1])
+    """What a manoeuvre reaches and the limit of the trials, as ``outside_of`` words them."""
+    reached, _, limit = words.partition(", ")
+    return float(reached.split()[-2]), float(limit.split()[-1])
 
 
 def motion(states: np.ndarray, inputs: np.ndarray, names: Sequence[str], length: float) -> np.ndarray:
@@ -154,6 +149,7 @@ def motion(states: np.ndarray, inputs: np.ndarray, names: Sequence[str], length:
     states: (..., 6, M) logged; inputs: (..., C, M) with ``names`` (C,), as of ``Ship.inputs``; length: of the ship [m].
     """
     psi, u, v, r = (states[..., i, :] for i in (2, 3, 4, 5))
+    # r L is the velocity of bow and stern by turning: a length makes it comparable with u and v
     rows = [u, v, r * length, *(inputs[..., list(names).index(name), :] for name in _actuators(names))]
     north, east = (inputs[..., list(names).index(name), :] for name in AIR)
     return np.stack([*rows, *relative_air(north, east, psi, u, v)], axis=-2)
@@ -179,7 +175,7 @@ class HeldMotion:
 
     def novelty(self, states: np.ndarray, inputs: np.ndarray, length: float) -> np.ndarray:
         """Novelty (n, M) of predicted states (n, 6, M) under inputs (n, C, M), 0: as in the trials; length [m]."""
-        rows = np.moveaxis(motion(states, inputs, self.names, length), -2, -1) / self.scale
+        rows = np.moveaxis(motion(states, inputs, self.names, length), -2, -1) / self.scale  # (n, M, F)
         far = nearest(np.nan_to_num(rows.reshape(-1, rows.shape[-1])), self.points).reshape(rows.shape[:-1])
         return np.clip(far / self.reach - 1, 0.0, MOST_NEW)
 
@@ -193,14 +189,10 @@ def met_so_far(times: np.ndarray, novelty: np.ndarray) -> np.ndarray:
 
 def nearest(rows: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Distance of each of ``rows`` (n, F) to the nearest of ``points`` (K, F)."""
+    # |x - p|^2 = |x|^2 + (|p|^2 - 2 x p): the bracket by one product of matrices, which is the large array (n, K)
     ends = np.column_stack([-2 * points, (points**2).sum(axis=1)])
-    beyond = (np.column_stack([rows, np.ones(len(rows))]) @ ends.T).min(axis=1)  # one pass: the array is large
-    return np.sqrt(np.maximum(beyond + (rows**2).sum(axis=1), 0.0))
-
-
-def inputs_at(batch: WindowBatch, rows: np.ndarray) -> np.ndarray:
-    """Inputs (n, C, M) that act at the ``rows`` (n,) of the windows of a ``batch``."""
-    return batch.inputs[np.minimum(rows, len(batch.inputs) - 1)]
+    beyond = (np.column_stack([rows, np.ones(len(rows))]) @ ends.T).min(axis=1)
+    return np.sqrt(np.maximum(beyond + (rows**2).sum(axis=1), 0.0))  # rounding of what coincides
 
 
 def held_motion(records: Sequence[Record], names: Sequence[str], length: float) -> HeldMotion | None:
@@ -223,6 +215,7 @@ def held_motion(records: Sequence[Record], names: Sequence[str], length: float) 
     parts = [part / scale for part in parts]
     far = [nearest(part, np.vstack([other for j, other in enumerate(parts) if j != i])) for i, part in enumerate(parts)]
     points = covering(rows / scale, POINTS)
+    # the points stand for all rows: half of the radius that each covers is added
     reach = float(np.quantile(np.concatenate(far), ORDINARY)) + float(nearest(rows / scale, points).max()) / 2
     return HeldMotion(tuple(names), scale, points, max(reach, 1e-6))
 
@@ -230,17 +223,17 @@ def held_motion(records: Sequence[Record], names: Sequence[str], length: float) 
 def _least(rows: np.ndarray, names: Sequence[str]) -> np.ndarray:
     """Least scale of each feature of ``rows`` (n, F)."""
     speed = max(float(np.sqrt((rows[:, :2] ** 2).sum(axis=1).mean())), 1e-9)
-    found = [ALIKE * speed] * 3
+    least = [ALIKE * speed] * 3  # u, v, r L
     for i, name in enumerate(_actuators(names)):
         rms = float(np.sqrt((rows[:, 3 + i] ** 2).mean()))
-        found.append(LEAST_ANGLE if name.startswith("delta") else max(ALIKE * rms, 1e-3))
-    return np.array(found + [speed] * (rows.shape[1] - len(found)))
+        least.append(LEAST_ANGLE if name.startswith("delta") else max(ALIKE * rms, 1e-3))
+    return np.array(least + [speed] * (rows.shape[1] - len(least)))  # air, by the ship's own speed
 
 
 def covering(rows: np.ndarray, count: int) -> np.ndarray:
     """Up to ``count`` of ``rows`` (n, F) that cover them: each is the one farthest from those before it."""
-    taken = [int(np.argmin(((rows - rows.mean(axis=0)) ** 2).sum(axis=1)))]
-    far = ((rows - rows[taken[0]]) ** 2).sum(axis=1)
+    taken = [int(np.argmin(((rows - rows.mean(axis=0)) ** 2).sum(axis=1)))]  # the row in the middle
+    far = ((rows - rows[taken[0]]) ** 2).sum(axis=1)  # squared distance to the nearest that is taken
     while len(taken) < min(count, len(rows)) and far.max() > 0:
         taken.append(int(far.argmax()))
         far = np.minimum(far, ((rows - rows[taken[-1]]) ** 2).sum(axis=1))
@@ -262,10 +255,9 @@ def held_of(content: Mapping[str, Any] | None, names: Sequence[str]) -> HeldMoti
     if content is None:
         return None
     try:
-        arrays = [np.asarray(content[key], dtype=np.float64) for key in ("scale", "points")]
+        scale, points = (np.asarray(content[key], dtype=np.float64) for key in ("scale", "points"))
         reach, inputs = float(content["reach"]), tuple(content["inputs"])
     except (KeyError, TypeError, ValueError):
         return None
-    scale, points = arrays
     sound = points.ndim == 2 and len(points) and points.shape[1] == len(scale) and reach > 0
     return HeldMotion(inputs, scale, points, reach) if sound and inputs == tuple(names) else None

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 STEP = 0.5  # Sampling interval [s] of a 3 m model; scales with sqrt(L). Set by hand.
-# Ships drawn where nothing else is asked for. The end of a 90 % interval is known to 0.09 standard deviations.
+# Ships drawn where nothing else is requested. The end of a 90 % interval is known to 0.09 standard deviations.
 DRAWS = 500  # set by hand
 MOST = 20_000  # Most draws of one call. Set by hand: bounds memory and time.
 JUDGED = ("turning", "zigzag", *STOPS)  # Manoeuvres whose figures get an interval
@@ -60,6 +60,7 @@ LEVER = 4.0
 # Standard deviation of ``stopping_resistance`` by its value: form factor and allowance of ITTC 7.5-02-03-01.4 (2017)
 # are each known to some 5 to 10 % of the total.
 RESISTANCE = 0.1
+NOWHERE = np.array([math.nan])  # A figure that no draw reaches
 
 
 @dataclass(frozen=True)
@@ -85,17 +86,17 @@ class FigureScatter:
         """Median, 90 % intervals of the ship and of a single trial, and probability of staying within ``limit`` (None:
         no limit) of a ``figure`` by its draws, each times ``factor``: fields of a row. A draw that never comes so far
         lies beyond every value."""
-        nowhere = np.array([math.nan])
-        values, trial = self.ship.get(figure, nowhere), self.trial.get(figure, nowhere)
-        never, once = (np.where(np.isfinite(x), factor * x, np.inf) for x in (values, trial))
-        low, middle, high = (float(q) for q in np.quantile(never, (0.05, 0.5, 0.95), method="inverted_cdf"))
-        ends = tuple(float(q) for q in np.quantile(once, (0.05, 0.95), method="inverted_cdf"))
-        chance = None if limit is None else float((never <= limit).mean())
+        values, trial = (column.get(figure, NOWHERE) for column in (self.ship, self.trial))
+        ships, trials = (np.where(np.isfinite(x), factor * x, np.inf) for x in (values, trial))
+        # quantiles that are draws themselves: between a number and inf there is no mean
+        low, middle, high = (float(q) for q in np.quantile(ships, (0.05, 0.5, 0.95), method="inverted_cdf"))
+        ends = tuple(float(q) for q in np.quantile(trials, (0.05, 0.95), method="inverted_cdf"))
+        chance = None if limit is None else float((ships <= limit).mean())
         return {"median": middle, "interval_90": (low, high), "interval_90_trial": ends, "probability": chance}
 
     def share(self, figure: str) -> float:
         """Share of the draws that reach a ``figure``."""
-        return float(np.isfinite(self.ship.get(figure, np.array([math.nan]))).mean())
+        return float(np.isfinite(self.ship.get(figure, NOWHERE)).mean())
 
     def notice(self, name: str, kind: str) -> list[Message]:
         """What to know of a manoeuvre of this ``name`` and ``kind`` that leaves the trials."""
@@ -154,21 +155,21 @@ def with_intervals(
         notices.append(Message(words, "independent_draws"))
     shared, judged = Shared((Simulator(calm), drawn, content)), [run for run in assessment.runs if run.kind in JUDGED]
     plans = [parse_maneuver(run.name, calm, speed=run.speed, rudder_rate=rudder_rate) for run in judged]
-    made = run_all(_drawn_plan, [(shared, plan, seed) for plan in plans], workers, name="manoeuvres")
-    scatter = {run.name: one for run, one in zip(judged, made, strict=True)}
-    for run, one in zip(judged, made, strict=True):
+    results = run_all(_drawn_plan, [(shared, plan, seed) for plan in plans], workers, name="manoeuvres")
+    runs = {run.name: run for run in judged}
+    scatter = {run.name: one for run, one in zip(judged, results, strict=True)}
+    for run, one in zip(judged, results, strict=True):
         notices += one.notice(run.name, run.kind)
         if one.lost:
             words = f"{run.name}: {one.lost} of {count} drawn ships run away, and count as never reaching a figure"
             notices.append(Message(words, "diverging_draws"))
-    runs = {run.name: run for run in assessment.runs}
     rows = tuple(
         judged_row(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in assessment.rows
     )
     priors = [run.name for run in judged if untried(run.kind, scatter[run.name].outside or ())]
     basis = _basis(rows, scatter, priors, bool(content))
-    own: dict[str, Any] = {"rows": rows, "notices": tuple(notices), "basis": basis, "scatter": scatter}
-    return JudgedFigures(**{**vars(assessment), **own})
+    changed: dict[str, Any] = {"rows": rows, "notices": tuple(notices), "basis": basis, "scatter": scatter}
+    return JudgedFigures(**{**vars(assessment), **changed})
 
 
 def _basis(
@@ -218,25 +219,26 @@ def drawn_figures(
     outside = outside_of(envelope, nominal) if envelope else None
     drawn = drawn_resistance(ship, plan, dict(drawn), count, seed)
     own = figures_of_each(nominal, plan)[0]
+    # a figure that the ship herself does not reach has no change that could be carried on (``linearised``)
     near = NEAR if bands is not None and plan.kind not in STOPS and all(map(math.isfinite, own.values())) else 1.0
+    clusters = content.get("uncertainty", {}).get("runs")
+    farther = student_factor(clusters) if clusters and near < 1 else 1.0  # of accelerations the bands have it already
 
-    runs_told = content.get("uncertainty", {}).get("runs")
-    farther = student_factor(runs_told) if runs_told and near < 1 else 1.0  # of accelerations the bands have it already
-
-    def moved(many: int, share: float) -> SimulatedRuns:
+    def simulated(many: int, share: float) -> SimulatedRuns:
+        """``many`` ships at a ``share`` of the draws' distance from her, then, with bands, a single trial of each."""
         copies = 2 if bands is not None else 1
         push = accelerations(bands, ship, plan, nominal, many, dt, seed, share)
-        values = {}  # draws at a share of their distance from the ship
+        values = {}
         for symbol, x in drawn.items():
             at = ship.coefficients[symbol].value
             values[symbol] = np.tile(x[:many] if share == 1 else at + share * farther * (x[:many] - at), copies)
         order = plan if plan.engine is None else replace(plan, engine=plan.engine.drawn(many, seed).repeated(copies))
         runs = simulate_pushed(simulator, order, values, dt, push)
-        with np.errstate(invalid="ignore", over="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):  # Froude number 3: no displacement ship
             lost = ~(np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) < 3 * reference_speed(L))
         return replace(runs, states=np.where(lost, np.nan, runs.states))
 
-    runs = moved(count, near)
+    runs = simulated(count, near)
     each = figures_of_each(runs, plan)
     names = list(dict.fromkeys(name for one in each for name in one))
     table = {name: np.array([one.get(name, np.nan) for one in each]) for name in names}
@@ -244,8 +246,9 @@ def drawn_figures(
                      for part in (slice(count), slice(-count, None)))  # fmt: skip
     if near < 1:
         ships, trials = linearised(own, ships, trials, near)
-    whole = runs if near == 1 else moved(tracks, 1.0)
-    kept = np.arange(len(whole.last) - (count if near == 1 else tracks), len(whole.last))[:tracks]
+    # tracks are those of whole draws: a motion, unlike a figure, is not carried on in a straight line
+    whole = runs if near == 1 else simulated(tracks, 1.0)
+    kept = np.arange(len(whole.last) - (count if near == 1 else tracks), len(whole.last))[:tracks]  # single trials
     motions = SimulatedRuns(whole.t, whole.states[:, :, kept], whole.inputs[:, :, kept], whole.last[kept])
     few = SimulatedRuns(whole.t, *(x[..., :SHOWN] for x in (motions.states, motions.inputs, motions.last)))
     shown = tuple(s for s in since_each(few, plan.parameters["order_time"]) if s is not None)
@@ -265,7 +268,7 @@ def linearised(
     between the ship as she is, ``own``, and draws at a share ``near`` of their distance is carried on, in its
     logarithm where it is positive. A single trial has besides what it changes of the near ship's figure.
     """
-    found: tuple[dict[str, np.ndarray], dict[str, np.ndarray]] = {}, {}
+    figures: tuple[dict[str, np.ndarray], dict[str, np.ndarray]] = {}, {}
     for name, column in ships.items():
         once, at = trials[name], own.get(name, math.nan)
         positive = at > 0 and not (column <= 0).any() and not (once <= 0).any()
@@ -276,23 +279,23 @@ def linearised(
             else:
                 ship = at + (column - at) / near
                 each = ship + (once - column)
-        found[0][name], found[1][name] = ship, each
-    return found
+        figures[0][name], figures[1][name] = ship, each
+    return figures
 
 
 def judged_row(row: Row, run: Run, scatter: FigureScatter) -> Row:
     """The ``row`` of a ``run`` by its draws, ``scatter``: their median is its value, by which it is judged where trials
     support the manoeuvre."""
-    factor, outside = {"L": 1 / run.length, "deg": 57.29577951308232}.get(row.unit), scatter.outside
+    factor, outside = {"L": 1 / run.length, "deg": math.degrees(1.0)}.get(row.unit), scatter.outside
     extrapolated = None if outside is None else bool(outside)
     if factor is None:
         return replace(row, extrapolated=extrapolated)
-    found = scatter.of(row.figure, factor, row.limit if row.verdict in (PASS, FAIL) else None)
+    fields = scatter.of(row.figure, factor, row.limit if row.verdict in (PASS, FAIL) else None)
     if row.value is not None:
-        row = with_value(row, found["median"] if math.isfinite(found["median"]) else None)
+        row = with_value(row, fields["median"] if math.isfinite(fields["median"]) else None)
     if row.verdict in (PASS, FAIL) and (why := untried(run.kind, outside or ())):
         row = replace(row, verdict=OPEN, why=why)
-    return replace(row, **found, reached=scatter.share(row.figure), extrapolated=extrapolated)
+    return replace(row, **fields, reached=scatter.share(row.figure), extrapolated=extrapolated)
 
 
 def maneuver_scatter(
@@ -302,9 +305,9 @@ def maneuver_scatter(
 
     ship: as it is, without her instruments; content: of the result.json of her calibration, {} where she has none: her
     coefficients alone are drawn then, but in a stop also its deceleration, as for a manoeuvre that is none of
-    ``JUDGED``; seed: of the draws; dt: sampling interval [s]. Returns the scatter, and where the draws
-    are those of ``with_intervals`` the manoeuvre of the ship as it is and the draws behind it.
-    Raises UserError as ``cases.criteria.scatter.scatter``.
+    ``JUDGED``; seed: of the draws; dt: sampling interval [s]. Returns the scatter, and where the draws are those of
+    ``with_intervals`` the manoeuvre of the ship as it is and the draws behind it. Raises UserError as
+    ``cases.criteria.scatter.scatter``.
     """
     judged = plan.kind in (JUDGED if content else STOPS)
     for name in ship.effects if judged else ():  # figures are those of the motion, whatever her instruments show
@@ -314,7 +317,7 @@ def maneuver_scatter(
         return found, None, None
     run = planned_run(ship, plan)
     drawn, trials = drawn_figures(Simulator(ship), plan, found.coefficients, content, seed, dt, count)
-    limits = {
+    limits = {  # SI and rad, as the draws
         row.figure: row.limit * (run.length if row.unit == "L" else math.radians(1.0))
         for row in assess(run, ship.particulars.get("scale"))
         if row.limit is not None and row.verdict not in (OPEN, NONE)
@@ -347,44 +350,44 @@ def accelerations(
     has a lasting part; nominal: the manoeuvre of the ship as she is; dt: sampling interval [s]; seed: of the draws;
     near: share of the lasting part, that of a single trial is whole.
     """
-    rng, copies = np.random.default_rng([22, seed]), 1 if bands is None else 2
+    rng, copies = np.random.default_rng([22, seed]), 1 if bands is None else 2  # 22: a stream of its own
     L, times = ship.particulars["L"], np.maximum(nominal.t, dt)[:, None]
-    size, memory = np.zeros((len(nominal.t), 3)), np.ones(3)
+    size, memory = np.zeros((len(nominal.t), 3)), np.ones(3)  # by time; SI
     if bands is not None:
         # along the ship's own track: where a draw's own motion gave the size, what pushes it would feed on itself
         size = np.sqrt(np.einsum("ck,kt->tc", bands.process.size**2, acceleration_sizes(nominal.states, L)[:, :, 0]))
         size *= bands.process.factor_at(times)[:, 3:, 0]
         memory = bands.process.memory
-    own, slow = np.zeros_like(size), 0.5 * float(np.abs(nominal.states[0, 3, 0]))
-    tried = plan.kind not in STOPS
-    novelty = np.full((len(size), 1), 0.0 if tried else 1.0)
+    lasting_size, slow = np.zeros_like(size), 0.5 * float(np.abs(nominal.states[0, 3, 0]))
+    is_stop = plan.kind in STOPS
+    novelty = np.full((len(size), 1), float(is_stop))  # no record of the trials: a stop is taken as new
     if bands is not None and bands.held is not None:
         novelty = bands.held.novelty(nominal.states, input_array(ship, nominal.inputs, nominal.t), L)
-        own = size * novelty
+        lasting_size = size * novelty
         slow = slow_speed(bands.held)
-    share = np.zeros(len(size))
-    if tried:
-        own = np.minimum(own, UNTRIED * greatest_accelerations(nominal))
-    else:
+    share = np.zeros(len(size))  # of the ship's own deceleration, by time
+    if is_stop:
         order = plan.parameters["order_time"]
         force = UNTRIED * mean_deceleration(nominal, order)
-        own = np.minimum(own, [0.0, force, force * LEVER / L])
+        lasting_size = np.minimum(lasting_size, [0.0, force, force * LEVER / L])  # ahead the share stands for it
         share = UNTRIED * np.minimum(novelty[:, 0], 1.0) * (nominal.t > order)
+    else:
+        lasting_size = np.minimum(lasting_size, UNTRIED * greatest_accelerations(nominal))
     before: list[np.ndarray] = []
-    lasting = near * np.tile(rng.standard_normal((3, count)), copies)
+    lasting = near * np.tile(rng.standard_normal((3, count)), copies)  # the same in both copies: a trial is of a ship
     left = np.exp(-dt / memory)[:, None]
-    passing = np.zeros((3, copies * count))
+    passing = np.zeros((3, copies * count))  # 0 for the ships, unit variance for the trials of them
     if copies == 2:
         passing[:, count:] = rng.standard_normal((3, count))
 
     def push(k: int, states: np.ndarray) -> np.ndarray:
         i = min(k, len(size) - 1)  # some draws take longer to stop than the ship as it is
-        value = own[i][:, None] * fading(states, slow) * lasting + size[i][:, None] * passing
+        value = lasting_size[i][:, None] * fading(states, slow) * lasting + size[i][:, None] * passing
         if before:  # what the ship herself lost in the last step
             slowing = np.maximum(before[0] - states[3], 0.0) / dt
             value[0] += np.clip(share[i] * lasting[0], -MOST_SHARE, MOST_SHARE) * slowing
-        before[:] = [states[3] + dt * value[0]]
-        if copies == 2:
+        before[:] = [states[3] + dt * value[0]]  # u of the next step if she lost nothing by herself
+        if copies == 2:  # Ornstein-Uhlenbeck, exactly over a step
             fresh = rng.standard_normal((3, count)) * np.sqrt(1 - left**2)
             passing[:, count:] = left * passing[:, count:] + fresh
         return np.nan_to_num(value)
@@ -398,7 +401,7 @@ def greatest_accelerations(nominal: SimulatedRuns) -> np.ndarray:
     rows = slice(0, max(int(nominal.last[0]) + 1, 2))
     t, (u, v, r) = nominal.t[rows], nominal.states[rows, 3:, 0].T
     du, dv, dr = (np.gradient(x, t) for x in (u, v, r))
-    force = float(np.hypot(du - v * r, dv + u * r).max())
+    force = float(np.hypot(du - v * r, dv + u * r).max())  # acceleration of midship in body axes
     return np.array([force, force, float(np.abs(dr).max())])
 
 
@@ -422,8 +425,7 @@ def mean_deceleration(nominal: SimulatedRuns, begin: float) -> float:
     u = nominal.states[:, 3, 0]
     first = int(np.searchsorted(nominal.t, begin))
     rest = np.flatnonzero(u <= 0)
-    last = max(int(rest[0]) if len(rest) else int(nominal.last[0]), first + 1)
-    last = min(last, len(u) - 1)
+    last = min(max(int(rest[0]) if len(rest) else int(nominal.last[0]), first + 1), len(u) - 1)
     return float((u[min(first, last)] - max(u[last], 0.0)) / max(nominal.t[last] - nominal.t[first], 1e-9))
 
 
@@ -437,6 +439,6 @@ def drawn_resistance(
     """
     if not plan.factors:
         return drawn
-    draw = np.exp(RESISTANCE * np.random.default_rng([32, seed]).standard_normal(count))
+    draw = np.exp(RESISTANCE * np.random.default_rng([32, seed]).standard_normal(count))  # 32: a stream of its own
     values = ship.coefficients
     return drawn | {symbol: drawn.get(symbol, np.full(count, values[symbol].value)) * draw for symbol in plan.factors}

@@ -12,6 +12,7 @@ a late turn rate would be late in turns that never were, and its size come out a
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from types import SimpleNamespace
@@ -37,18 +38,14 @@ CANDIDATES = ("fouling.share", "draft.share", "gyro.T", "gyro.share", "log_scale
               "heading_bias.alone", "rudder_offset.delta", "control_delay.tau")  # fmt: skip
 
 LENGTHS = 5.0  # Ship lengths travelled in a stretch at the usual speed. Set by hand.
-
 QUARTERS = 4  # Parts of a stretch over each of which its errors are averaged. Set by hand.
 CHANNELS = ("along", "across", "psi", "u", "v", "r")
+# Degrees of freedom of Student's t that the errors of stretches are taken to follow, and passes of its estimate. The
+# first is that of ``student`` (fitting/nlp/loss.py). Passes were set by hand.
 FREEDOM, PASSES = 4.0, 20
-"""Degrees of freedom of Student's t that the errors of stretches are taken to follow, and passes of its estimate. The
-first is that of ``student`` (fitting/nlp/loss.py). Passes were set by hand."""
-
 SIZE = 0.5  # Share of its typical size at which the sensitivity to a candidate is taken. Set by hand.
-
 # A stretch whose squared distance is so many usual ones was moved by what the log does not hold. Set by hand.
 UNEXPLAINED = 8.0
-
 BATCH = 300  # Windows that are predicted at a time. It bounds memory.
 
 
@@ -72,18 +69,14 @@ class Innovations:
 
 def candidates_of(ship: Ship) -> tuple[str, ...]:
     """Those of CANDIDATES that ``ship`` can have, and does not have already."""
-    found = []
+    possible = []
     for name in CANDIDATES:
         effect, _, symbol = name.partition(".")
-        if effect in ship.effects:
-            continue
-        try:
+        with suppress(UserError):  # she lacks what the effect changes
             check_needs(ship, effect, name)
-        except UserError:
-            continue
-        if symbol in {p.symbol for p in parameters(ship, effect)}:
-            found.append(name)
-    return tuple(found)
+            if effect not in ship.effects and symbol in {p.symbol for p in parameters(ship, effect)}:
+                possible.append(name)
+    return tuple(possible)
 
 
 class Stretches:
@@ -107,17 +100,17 @@ class Stretches:
 
     def of(self, rows: Iterable[tuple[int, Mapping[str, np.ndarray]]]) -> Innovations:
         """Innovations of windows given as (number, columns (N,)). Raises UserError where no stretch fits into any."""
-        parts, left = list[tuple[np.ndarray, ...]](), iter(rows)
-        while batch := list(islice(left, BATCH)):
+        parts, windows = list[tuple[np.ndarray, ...]](), iter(rows)
+        while batch := list(islice(windows, BATCH)):
             part = self._batch(batch)
             parts += [] if part is None else [part]
         if not parts:
             raise TooFewData("the log has no stretch under way that is long enough to compare with the model")
         t, window, errors, gains = (np.concatenate(values) for values in zip(*parts, strict=True))
-        there = np.isfinite(errors).any(axis=0)
-        good = np.isfinite(errors[:, there]).all(axis=1) & np.isfinite(gains[:, there]).all(axis=(1, 2))
-        channels = np.arange(errors.shape[1])[there] % len(CHANNELS)
-        errors, gains = errors[good][:, there], gains[good][:, there]
+        measured = np.isfinite(errors).any(axis=0)  # a log without positions has no errors along and across
+        good = np.isfinite(errors[:, measured]).all(axis=1) & np.isfinite(gains[:, measured]).all(axis=(1, 2))
+        channels = np.arange(errors.shape[1])[measured] % len(CHANNELS)
+        errors, gains = errors[good][:, measured], gains[good][:, measured]
         return Innovations(t[good], window[good], errors, gains, self.candidates, self.typical, channels)
 
     def _batch(self, windows: Sequence[tuple[int, Mapping[str, np.ndarray]]]) -> tuple[np.ndarray, ...] | None:
@@ -138,17 +131,17 @@ class Stretches:
         errors = _quarters(measured - base, start[2])
         gains = np.empty((*errors.shape, len(self.candidates)))
         for j, size in enumerate(self.typical):
-            if j in self.logs:
+            if j in self.logs:  # the log without that error, predicted from its own start
                 k = 1 + self.logs.index(j)
-                left = _quarters(logs[k] - self._predicted(starts[k], controls, h, None), start[2])
-                gains[:, :, j] = (errors - left) / (SIZE * size)
+                corrected_errors = _quarters(logs[k] - self._predicted(starts[k], controls, h, None), start[2])
+                gains[:, :, j] = (errors - corrected_errors) / (SIZE * size)
             else:
                 gains[:, :, j] = _quarters(self._predicted(start, controls, h, j) - base, start[2]) / (SIZE * size)
         return t, np.array([n for n, _ in cut]), errors, gains
 
     def _step(self, step: float) -> tuple[int, float, int]:
         """Rows that make a step of the integration, its length [s], and steps of a stretch."""
-        together = max(1, round(self.duration / (100 * step)))
+        together = max(1, round(self.duration / (100 * step)))  # so that a stretch has about 100 steps
         return together, together * step, max(QUARTERS, round(self.duration / (together * step)) // QUARTERS * QUARTERS)
 
     def _cut(
@@ -160,23 +153,22 @@ class Stretches:
         trial = Trial("window", dict(columns))
         controls = model_inputs(trial, self.simulator.ship.inputs).array
         ship, sizes = self.simulator.ship, SIZE * self.typical
-        sides = [corrected(trial, ship, self.candidates[j], sizes[j]) for j in self.logs]
-        states = np.stack([trial.states, *(one for one in sides if one is not None)])
-        side = max(1, round(0.015 * N)) * together
-        need, found = N * together + 2 * side, []
-        kernel = np.ones(2 * (together // 2) + 1)
+        logs = [corrected(trial, ship, self.candidates[j], sizes[j]) for j in self.logs]
+        states = np.stack([trial.states, *(log for log in logs if log is not None)])
+        side = max(1, round(0.015 * N)) * together  # rows to either side of the start whose mean it is: less noise
+        need, pieces = N * together + 2 * side, []
+        around = np.arange(2 * (together // 2) + 1) - together // 2  # rows about a node whose mean is its measurement
         for first in range(0, len(trial) - need + 1, N * together):
             begin = first + side
             start = states[:, first : first + 2 * side + 1].mean(axis=1)
             nodes = begin + together * np.arange(1, N + 1)
-            reach = np.arange(len(kernel)) - together // 2
-            measured = states[:, nodes[:, None] + reach].mean(axis=2)
-            held = controls[begin : begin + N * together].reshape(N, together, -1).mean(axis=1)
-            found.append((float(trial.t[begin] + 0.5 * N * h), start, held, measured))
-        return found
+            measured = states[:, nodes[:, None] + around].mean(axis=2)
+            inputs = controls[begin : begin + N * together].reshape(N, together, -1).mean(axis=1)
+            pieces.append((float(trial.t[begin] + 0.5 * N * h), start, inputs, measured))
+        return pieces
 
     def _predicted(self, start: np.ndarray, controls: np.ndarray, h: float, j: int | None) -> np.ndarray:
-        """Logged columns (N, 6, S) that the model predicts with the candidate ``j`` at its typical size."""
+        """Logged columns (N, 6, S) that the model predicts with the candidate ``j`` off by SIZE of its typical size."""
         theta = self.simulator.ship.values.copy()
         if j is not None:
             theta[self.simulator.ship.symbols.index(self.candidates[j])] += SIZE * self.typical[j]
@@ -190,9 +182,9 @@ def corrected(trial: Trial, ship: Ship, name: str, size: float) -> np.ndarray | 
     neutral value by ``size``; None where the error cannot be taken out of logged samples."""
     effect, _, symbol = name.partition(".")
     values = {p.symbol: p.neutral for p in parameters(ship, effect)}
-    e, about = SimpleNamespace(**(values | {symbol: values[symbol] + size})), SimpleNamespace(**ship.particulars)
-    found = EFFECTS[effect].corrected(trial.t, list(trial.states.T), e, about)
-    return None if found is None else np.stack(found, axis=1)
+    e, p = SimpleNamespace(**(values | {symbol: values[symbol] + size})), SimpleNamespace(**ship.particulars)
+    states = EFFECTS[effect].corrected(trial.t, list(trial.states.T), e, p)
+    return None if states is None else np.stack(states, axis=1)
 
 
 def _quarters(difference: np.ndarray, heading: np.ndarray) -> np.ndarray:
@@ -208,9 +200,9 @@ def scatter(errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     median (Lange, Little and Taylor 1989, J Am Stat Assoc 84:881-896)."""
     centred = errors - np.median(errors, axis=0)
     size = MAD * np.median(np.abs(centred), axis=0) + 1e-300
-    z, F = centred / size, errors.shape[1]
+    z, F = centred / size, errors.shape[1]  # metres and rad/s are of one order so: the inverse needs it
     cov = np.eye(F)
-    for _ in range(PASSES):
+    for _ in range(PASSES):  # expectation-maximisation: weights, then the weighted covariance
         distance = np.einsum("sf,sf->s", z @ np.linalg.inv(cov + 1e-9 * np.eye(F)), z)
         weight = (FREEDOM + F) / (FREEDOM + distance)
         cov = (z * weight[:, None]).T @ z / len(z)

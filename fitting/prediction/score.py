@@ -37,13 +37,13 @@ from mmg.states import STATES
 
 MOST_NAMED = 5  # Of trials in one message. Set by hand: display.
 PAPER_WINDOW = 100.0  # Length of the restarts [s] of Wakita et al. (2022), Eq. 25.
+# Length of the shorter windows [s] and the time between their starts: less of a run is one drift. Set by hand.
 WINDOW, STRIDE = 30.0, 15.0
-"""Length of the shorter windows [s] and the time between their starts: less of a run is one drift. Set by hand."""
 # A mean squared error of 30 s windows, summed over six states in units of their variance, above which a calibrated ship
 # does not follow the trials; real ships of good trials have 0.1. Set by hand above them.
 UNDESCRIBED = 0.5
+# Most of the error of 30 s windows, and of 100 s restarts, that may remain for the past to be used. Set by hand.
 GAIN, HARM = 0.99, 1.01
-"""Most of the error of 30 s windows, and of 100 s restarts, that may remain for the past to be used. Set by hand."""
 HYBRID = "hybrid"  # What a training that is no black box calls its model
 SETS = {"validation": "validation trials", "left out": "trials left out of the calibration in turn"}
 
@@ -54,7 +54,8 @@ def _by_state(row: Mapping[str, float | None] | np.ndarray) -> np.ndarray:
 
 
 def _stored(value: float, count: int) -> float:
-    """A number of ``count`` windows as it was before it was stored."""
+    """A number of ``count`` windows as it was before it was stored: a file holds null for NaN, and for inf where there
+    was something to score."""
     return math.inf if count and math.isnan(value) else value
 
 
@@ -72,10 +73,9 @@ class TrialScore:
     restarts: int = 0
 
     def __post_init__(self) -> None:
-        """A file holds null for NaN, and for inf where there was something to score."""
         for kind, count in (("paper", self.restarts), ("window", self.windows)):
             by_state = getattr(self, f"{kind}_by_state")
-            object.__setattr__(self, kind, _stored(getattr(self, kind), count))
+            object.__setattr__(self, kind, _stored(getattr(self, kind), count))  # frozen: not by assignment
             object.__setattr__(self, f"{kind}_by_state", {s: _stored(value, count) for s, value in by_state.items()})
 
 
@@ -103,7 +103,6 @@ class Score:
         return tuple(t.name for t in self.trials if np.isinf([t.paper, t.window]).any())
 
     def __post_init__(self) -> None:
-        """As of a trial."""
         object.__setattr__(self, "paper", _stored(self.paper, sum(t.restarts for t in self.trials)))
         object.__setattr__(self, "window", _stored(self.window, sum(t.windows for t in self.trials)))
 
@@ -150,8 +149,8 @@ def _units_of(run: RunErrors) -> dict[str, float]:
 
 
 NOTHING = "nothing to score"  # Of a run without a window, in words
+# Codes of the messages on a score that is no number as the prediction diverges, and on trials without a window.
 NO_SCORE, NOTHING_SCORED = "no_score", "nothing_scored"
-"""Codes of the messages on a score that is no number as the prediction diverges, and on trials without a window."""
 
 
 def scores_by_set(model: Simulator | Forecaster, sets: Mapping[str, Sequence[Trial]]) -> dict[str, Score]:
@@ -165,7 +164,7 @@ def scores_by_set(model: Simulator | Forecaster, sets: Mapping[str, Sequence[Tri
         located = [t for t in trials if t.has_position]
         try:
             sigma = pooled_sigma(located)
-        except UserError:
+        except UserError:  # of this alone: what a score finds missing in trials is the user's to know
             continue
         found = score(model, located, sigma, f"the {name} trials", units=0.0)
         if any(t.windows for t in found.trials):
@@ -215,9 +214,9 @@ def _squares(trial: Trial, windows: Sequence[Window], whole: bool) -> tuple[np.n
     """
     measured, total, rows = trial.states, np.zeros(6), 0
     for w in windows:
-        error, known = w.error(measured), np.isfinite(measured[w.first : w.last + 1]).all(axis=1)
+        error, finite = w.error(measured), np.isfinite(measured[w.first : w.last + 1]).all(axis=1)
         counted = slice(1, None) if not whole else slice(None, -1 if w.last < len(trial) - 1 else None)
-        error = error[counted][known[counted]]  # rows of a broken stretch do not count; a prediction that is NaN does
+        error = error[counted][finite[counted]]  # rows of a broken stretch do not count; a prediction that is NaN does
         total += (error**2).sum(axis=0)
         rows += len(error)
     return total, rows
@@ -249,13 +248,13 @@ def score(
     paper = predict_all(simulator, trials, PAPER_WINDOW, PAPER_WINDOW, True, method, adaptation=past)
     short = predict_all(simulator, trials, WINDOW, STRIDE, False, method, adaptation=past)
     rows, notes = [], assumed(trials, simulator.inputs)
-    pooled = np.zeros((2, 2))
+    pooled = np.zeros((2, 2))  # restarts and windows: sum of squares, number of rows
     for trial, (restarts, remarks), (windows, more) in zip(trials, paper, short, strict=True):
         notes += remarks + more
         means = []
         for j, found in enumerate((restarts, windows)):
             squares, count = _squares(trial, found, whole=found is restarts)
-            squares = squares / sigma**2
+            squares = squares / sigma**2  # Wakita et al. (2022), Eq. 25: a sum over the states, a mean over the rows
             pooled[j] += squares.sum(), count
             means.append(_mean(squares, count))
         totals = [float(mean.sum()) for mean in means]
@@ -266,9 +265,8 @@ def score(
         if names := ", ".join(row.name for row, count in zip(rows, each, strict=True) if not count):
             notes.append(Message(f"{names}: nothing to score over {size:g} s", NOTHING_SCORED))
     errors = None if units is None else errors_in_units(simulator, trials, units or None, method, past, baseline)
-    used = past.seconds if past else 0.0
-    said = tuple(dict.fromkeys(notes))
-    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, said, errors, used)
+    unique, past_s = tuple(dict.fromkeys(notes)), past.seconds if past else 0.0
+    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, unique, errors, past_s)
 
 
 def in_words(error: float | None) -> str:
@@ -320,8 +318,8 @@ class ScorePair:
 
     def unbeaten(self, name: str) -> list[Message]:
         """A message where keeping the velocities of the first row is better; name: of the set of trials."""
-        told = self.after.units.defeats(by_run=False) if self.after.units else []
-        return [Message(f"the {name} trials: {words}", "worse_than_persistence") for words in told]
+        sentences = self.after.units.defeats(by_run=False) if self.after.units else []
+        return [Message(f"the {name} trials: {words}", "worse_than_persistence") for words in sentences]
 
     def failed(self, name: str) -> list[Message]:
         """A message where the model after the change has no score; name: of the set of trials, such as "validation"."""
@@ -335,7 +333,7 @@ class ScorePair:
         """A message where the ship does not follow the trials that she was calibrated on."""
         if not self.after.window > UNDESCRIBED:
             return []
-        share = (self.after.window / len(STATES)) ** 0.5
+        share = (self.after.window / len(STATES)) ** 0.5  # the metric sums six squares: rms over states and rows
         words = (
             f"30 s predictions of the trials err by {share:.0%} of what the states vary by (rms): this ship does not "
             "follow them; see that they are hers and in her size, and what mmg check says of them"
@@ -361,12 +359,12 @@ def adaptation_worth(
     those of the calibration, each without its trial. Adapting is worthwhile when 30 s windows become better and 100 s
     restarts no worse. None where none of the trials can be scored.
     """
-
     kept = [i for i, t in enumerate(held_out) if t.has_position]
     located = [held_out[i] for i in kept]
-    if without is not None:
-        own = np.where(np.isfinite(without).all(axis=1)[:, None], without, simulator.ship.values)
-        simulator = ShipsByTrial(simulator.ship, own[kept], simulator.compiled)
+    if without is not None:  # NaN: the fit without that trial was not made
+        values = np.where(np.isfinite(without).all(axis=1)[:, None], without, simulator.ship.values)
+        simulator = ShipsByTrial(simulator.ship, values[kept], simulator.compiled)
+    # sigma of a heading that goes round grows with every turn, the change over a window does not
     past, unit = default_past(simulator.ship), change_over(located, WINDOW, STRIDE)
     bare, adapted = (score(simulator, located, unit, adapt=seconds) for seconds in (None, past))
     if math.isnan(bare.window):
@@ -394,7 +392,7 @@ def past_to_use(result: Mapping[str, Any], wanted: float | None) -> tuple[float,
     try:
         pays, default = bool(known["worthwhile"]), float(known["past_s"])
         changes = [known["with"][metric] / known["without"][metric] - 1 for metric in ("window", "paper")]
-        told = (
+        evidence = (
             f"on the {SETS.get(known['trials'], known['trials'])} mean squared errors of 30 s windows "
             f"change by {changes[0]:+.0%}, of 100 s restarts by {changes[1]:+.0%}"
         )
@@ -403,11 +401,11 @@ def past_to_use(result: Mapping[str, Any], wanted: float | None) -> tuple[float,
         words += "" if wanted else "; it is not used, --adapt 30 uses it"
         return wanted or 0.0, [Message(words, "adaptation_untested")]
     if wanted is not None:
-        words = f"adapting did not pay: {told}; better leave it off"
+        words = f"adapting did not pay: {evidence}; better leave it off"
         return wanted, [] if pays else [Message(words, "adaptation_does_not_pay")]
     if not pays:
-        return 0.0, [Message(f"the past of a window is not used: {told}", "adaptation_off")]
-    words = f"up to {default:g} s before each window are used, as that pays: {told}; --adapt 0 does not"
+        return 0.0, [Message(f"the past of a window is not used: {evidence}", "adaptation_off")]
+    words = f"up to {default:g} s before each window are used, as that pays: {evidence}; --adapt 0 does not"
     return default, [Message(words, "adaptation_on")]
 
 
@@ -427,7 +425,7 @@ def worth_of_left_out(
         return None
     errors = {}
     for name, pair in scores.items():
-        if any(t.whole is not None for t in sets[name]):
+        if any(t.whole is not None for t in sets[name]):  # scored again as they came, by the same sigma
             kept = score(after, [t.whole or t for t in sets[name] if t.has_position], pair.after.sigma)
             errors[name] = {
                 metric: {"without": getattr(pair.after, metric), "with": getattr(kept, metric)}
@@ -452,6 +450,7 @@ def worth_message(found: Mapping[str, Any] | None) -> list[Message]:
 
 
 def _row(trial: Trial) -> dict[str, Any]:
+    """Seconds of a ``trial`` that were left out, where, and why."""
     spans = spans_left_out(trial)
     why = [str(note) for note in trial.notices if getattr(note, "code", "") == "left_out"]
     seconds = float(inside(trial, spans).sum()) * trial.dt

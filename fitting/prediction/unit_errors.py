@@ -233,7 +233,7 @@ def errors_in_units(
         for name, rival in rivals.items()
     }
     ratio = {name: ratios(errors.pooled, reference.pooled) for name, reference in references.items()}
-    return replace(errors, **references, ratio=ratio)
+    return replace(errors, persistence=references["persistence"], baseline=references.get("baseline"), ratio=ratio)
 
 
 def ratios(own: RunErrors | StateErrors, reference: RunErrors | StateErrors) -> dict[str, float]:
