@@ -41,9 +41,8 @@ from mmg.ship import Ship
 if TYPE_CHECKING:
     from fitting.calibration import Calibration
 
+# True wind [m/s of a 3 m model, Froude scaled] and the direction it comes from [deg]. Set by hand.
 WIND_SPEED, WIND_FROM = 1.5, 60.0
-"""True wind [m/s of a 3 m model, Froude scaled] and the direction it comes from [deg]. Set by hand."""
-
 MANEUVERS = (
     "turning:35", "turning:-35", "turning:15", "zigzag:10/10", "zigzag:20/20", "zigzag:35/20", "spiral:15/5",
     "pull-out:20", "crash-stop", "acceleration", "berthing",
@@ -99,7 +98,7 @@ def library(ship: Ship, wind: bool = True) -> tuple[Option, ...]:
     if "n" in ship.actuators and "pitch" not in ship.actuators:
         going_astern = ("straight", "turning:35", "turning:-35")
         with suppress(NoSolution):  # a fitted polynomial may hold no steady speed
-            n = parse_maneuver("straight", ship).n
+            n = parse_maneuver("straight", ship).n  # ahead at full speed; 80 % of them astern at half speed, by hand
             options += [Option(f"{name} astern", name, -full / 2, -0.8 * n) for name in going_astern]
     if wind and ship.feels_wind:
         speed = WIND_SPEED * time_scale(ship.particulars["L"])
@@ -112,38 +111,38 @@ def features(segments: Segments, ship: Ship) -> frozenset[str]:
     """What motion and orders trials of a ship, cut into segments, have: some of six, each of which may be missing."""
     z, length = segments.nodes, ship.particulars["L"]
     controls = dict(zip(ship.inputs, segments.node_controls, strict=False))
-    turned = [values for name, values in controls.items() if name in ("n", "n_2", "pitch")]
+    drives = [values for name, values in controls.items() if name in ("n", "n_2", "pitch")]
     speed, turn = np.hypot(z[:, 3], z[:, 4]).mean(), np.percentile(np.abs(z[:, 5]), 95)
-    found = {
-        "astern revolutions": any((a < -0.05 * np.abs(a).max()).mean() > 0.02 for a in turned),
+    # thresholds set by hand: each tells a manoeuvre from noise and small corrections; 0.02: of the nodes
+    has = {
+        "astern revolutions": any((a < -0.05 * np.abs(a).max()).mean() > 0.02 for a in drives),
         "sternway": np.mean(z[:, 3] < -0.01 * reference_speed(length)) > 0.02,
         "rudder movement": any(np.ptp(a) > math.radians(3) for k, a in controls.items() if k.startswith("delta")),
-        "turning": turn * length > 0.1 * speed,
+        "turning": turn * length > 0.1 * speed,  # r L / U
         "wind": any(np.any(a) for k, a in controls.items() if k.startswith("wind_")),
-        "changes of revolutions": any(np.ptp(a) > 0.1 * np.abs(a).max() for a in turned),
+        "changes of revolutions": any(np.ptp(a) > 0.1 * np.abs(a).max() for a in drives),
     }
-    return frozenset(name for name, there in found.items() if there)
+    return frozenset(name for name, there in has.items() if there)
 
 
-def missing(excitation: np.ndarray, own: Sequence[frozenset[str]], had: frozenset[str]) -> str:
+def missing(excitation: np.ndarray, features_of: Sequence[frozenset[str]], had: frozenset[str]) -> str:
     """What the simplest of the trials that excite a coefficient has and others had not, in words.
 
-    excitation: information on the coefficient in each of K trials (K,); own: their features; had: of the others.
+    excitation: information on the coefficient in each of K trials (K,); features_of: them; had: features of the others.
     """
-    lacks = sorted((s - had for s, e in zip(own, excitation, strict=True) if e > 0.2 * excitation.max()), key=len)
+    # a fifth of the most information is excitation enough. Set by hand.
+    exciting = (s for s, e in zip(features_of, excitation, strict=True) if e > 0.2 * excitation.max())
+    lacks = sorted((s - had for s in exciting), key=len)
     return listed(sorted(lacks[0]), " or ") if lacks else ""
 
 
 # Time at sea of a trial [s of a 3 m model, Froude scaled], the same for all, so that gains compare. Set by hand.
 DURATION = 300.0
-
 # Way between two repetitions, in which she gains the approach speed again [ship lengths at that]. Set by hand.
 REGAIN = 5.0
-
+# Least part of a variance that a trial must remove to be recommended for it, and repetitions of a long campaign. Both
+# set by hand: they decide what is advised, not what is computed.
 HELPS, MANY = 0.1, 10
-"""Least part of a variance that a trial must remove to be recommended for it, and repetitions of a long campaign. Both
-set by hand: they decide what is advised, not what is computed."""
-
 # Of trials that gain at least this part of the best one's the library's first, a simple one, is named. Set by hand.
 NEARLY = 0.9
 
@@ -219,12 +218,12 @@ def next_trial(
     chosen, trials, left_out = runs(ship, options or library(ship, "wind" in had), seconds, calibration.segments.h)
     if not np.isfinite(C).all():
         chosen, trials = [], []
-    F, seen = fisher(calibration, trials, seconds) if trials else (np.empty((0, P, P)), [])
+    F, features_of = fisher(calibration, trials, seconds) if trials else (np.empty((0, P, P)), [])
     data = calibration.information.of_data()
     worth = information_discount(data, C) if trials else 1.0
-    A, F = worth * data + np.eye(P), worth * F
-    own = np.diag(np.linalg.inv(A))
-    left, by_many = (np.diagonal(np.linalg.inv(A + k * F), axis1=1, axis2=2) / own for k in (1, MANY))
+    A, F = worth * data + np.eye(P), worth * F  # in prior standard deviations: the prior adds the identity
+    variances = np.diag(np.linalg.inv(A))
+    left, by_many = (np.diagonal(np.linalg.inv(A + k * F), axis1=1, axis2=2) / variances for k in (1, MANY))
     plan = _plan(A, F) if trials else []
     return NextTrial(
         options=tuple(chosen),
@@ -232,11 +231,11 @@ def next_trial(
         left_out=tuple(left_out),
         left=left,
         left_by_many=by_many,
-        total=(left * own).mean(axis=1),
-        mean=float(own.mean()),
+        total=(left * variances).mean(axis=1),
+        mean=float(variances.mean()),
         before=np.diag(C).copy(),
         worth=worth,
-        missing=tuple(missing(F[:, i, i], seen, had) if trials else "" for i in range(P)),
+        missing=tuple(missing(F[:, i, i], features_of, had) if trials else "" for i in range(P)),
         plan=tuple(k for k, _ in plan),
         planned=tuple(share for _, share in plan),
     )
@@ -255,7 +254,7 @@ def runs(
         except UserError as error:
             left_out.append(f"{option.name}: {error}")
             continue
-        if len(trial) < 12:
+        if len(trial) < 12:  # a window has ten steps at least (``fisher``)
             left_out.append(f"{option.name}: over before it begins")
         else:
             chosen.append(option)
@@ -274,12 +273,12 @@ def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) ->
     window = settings.window or 100 * h
     parts = cut(trials, h, window, settings.interval, shortest=10 * h, inputs=ship.inputs)
     problem = _problem(calibration, parts)
-    p = np.concatenate([calibration.p, np.zeros(problem.P - P)])
+    p = np.concatenate([calibration.p, np.zeros(problem.P - P)])  # constants of campaigns at their mean
     per_window = information(problem, problem.join(problem.measured_nodes, p)).fisher[:, :P, :P]
     F = group_sums(parts.run, np.nan_to_num(per_window), len(trials))
     repeats = np.array([repetitions(t, seconds, ship) for t in trials])
-    found = [features(parts.subset(np.flatnonzero(parts.run == k)), ship) for k in range(len(trials))]
-    return F * repeats[:, None, None], found
+    features_of = [features(parts.subset(np.flatnonzero(parts.run == k)), ship) for k in range(len(trials))]
+    return F * repeats[:, None, None], features_of
 
 
 def _problem(calibration: Calibration, parts: Segments) -> Problem:
@@ -294,7 +293,7 @@ def _problem(calibration: Calibration, parts: Segments) -> Problem:
 def repetitions(trial: Trial, seconds: float, ship: Ship) -> float:
     """How often a ``trial`` of a ``ship`` is run in so many ``seconds``, with way for another approach between: 1 or
     more."""
-    speed = max(abs(float(trial["u"][0])), 0.01 * reference_speed(ship.particulars["L"]))
+    speed = max(abs(float(trial["u"][0])), 0.01 * reference_speed(ship.particulars["L"]))  # a trial may begin at rest
     between = REGAIN * ship.particulars["L"] / speed
     return max(1.0, (seconds + between) // max(trial.duration + between, 1e-9))
 
@@ -304,13 +303,13 @@ def simplest(gain: np.ndarray) -> int:
     return int(np.argmax(gain >= NEARLY * gain.max()))
 
 
-def _plan(A: np.ndarray, F: np.ndarray, most: int = 3) -> list[tuple[int, float]]:
-    """Up to ``most`` trials, each the best addition to those before it by the mean prior's share; and that mean.
+def _plan(A: np.ndarray, F: np.ndarray) -> list[tuple[int, float]]:
+    """Three trials, each the best addition to those before it by the mean prior's share; and that mean.
 
     A: precision (P, P) before; F: (K, P, P) added by each trial.
     """
     plan: list[tuple[int, float]] = []
-    for _ in range(most):
+    for _ in range(3):  # greedy, with repetition
         means = np.diagonal(np.linalg.inv(A + F), axis1=1, axis2=2).mean(axis=1)
         k = simplest(float(np.diag(np.linalg.inv(A)).mean()) - means)
         plan.append((k, float(means[k])))
@@ -326,7 +325,7 @@ def advice(i: int, finding: CoefficientFinding, trial: NextTrial | None) -> str:
         return instead
     if best := trial.best(i):
         option, left = best
-        after = trial.before[i] * left
+        after = trial.before[i] * left  # the prior's share of the variance, by which a coefficient is judged
         outcome = f"would bring its standard error down by {1 - np.sqrt(left):.0%}"
         if after < DETERMINED:
             outcome = f"would determine it (share {after:.0%})"

@@ -30,7 +30,7 @@ from mmg.motion.froude import time_scale
 from mmg.progress import OnProgress, Progress
 from mmg.ship import Ship
 
-# Headings [rad] in which a track is tried; the opposite ones leave as much room.
+# Headings [rad] in which a track is tried; the opposite ones leave as much room. Set by hand.
 HEADINGS = np.radians(np.arange(0, 180, 15))
 
 
@@ -97,31 +97,31 @@ class Area:
         middle. turned: the heading may be chosen. Of draws the hull of the first, the ship herself, and two standard
         deviations of all to each side count; draws that are not finite do not. ship: whose hull it is.
         """
-        px, py = corners(tracks, ship)
+        px, py = corners(tracks, ship)  # (4, N, D, K)
         headings = np.array([start[2]]) if start else HEADINGS if turned else HEADINGS[:1]
-        inner = np.array([self.length, self.width]) - 2 * self.margin
-        found = []
+        inner = np.array([self.length, self.width])[:, None] - 2 * self.margin
+        placed = []
         for psi in headings:
             c, s = math.cos(psi), math.sin(psi)
             low, high = [], []
-            for along in (c * px - s * py, s * px + c * py):
+            for along in (c * px - s * py, s * px + c * py):  # north, east
                 spread = 2 * np.std(along, axis=2, where=np.isfinite(along)) if along.shape[2] > 1 else 0.0
                 low.append(np.fmin.reduce(along[:, :, 0] - spread, axis=(0, 1)))
                 high.append(np.fmax.reduce(along[:, :, 0] + spread, axis=(0, 1)))
-            lows, highs = np.array(low), np.array(high)
+            lows, highs = np.array(low), np.array(high)  # (2, K)
             if start:
                 begin = np.repeat(np.array(start[:2])[:, None], lows.shape[1], axis=1)
-                ends = self.margin + inner[:, None]
+                ends = self.margin + inner
                 over = np.maximum(self.margin - begin - lows, 0) + np.maximum(begin + highs - ends, 0)
             else:
-                begin = self.margin + 0.5 * inner[:, None] - 0.5 * (lows + highs)
-                over = np.maximum(highs - lows - inner[:, None], 0)
-            room = np.min(inner[:, None] - highs + lows, axis=0)
-            found.append((over.sum(axis=0), room, begin))
-        excess, room = np.array([f[0] for f in found]), np.array([f[1] for f in found])
-        best, own = np.argmin(excess - 1e-6 * room, axis=0), np.arange(excess.shape[1])
-        begins = np.array([f[2] for f in found])[best, :, own]
-        return Placing(begins[:, 0], begins[:, 1], headings[best], np.nan_to_num(excess[best, own], nan=1e6))
+                begin = self.margin + 0.5 * inner - 0.5 * (lows + highs)
+                over = np.maximum(highs - lows - inner, 0)
+            placed.append((over.sum(axis=0), np.min(inner - highs + lows, axis=0), begin))
+        excess, room, begins = (np.array(part) for part in zip(*placed, strict=True))
+        # least excess; of headings that fit the one with most room
+        best, k = np.argmin(excess - 1e-6 * room, axis=0), np.arange(excess.shape[1])
+        x, y = begins[best, :, k].T
+        return Placing(x, y, headings[best], np.nan_to_num(excess[best, k], nan=1e6))
 
 
 def corners(tracks: np.ndarray, ship: Ship) -> tuple[np.ndarray, np.ndarray]:
@@ -165,15 +165,15 @@ class Sequences:
         x: (K, size). Angles are whole degrees, revolutions hundredths of the highest, times whole steps.
         """
         x = np.clip(x, 0.0, 1.0)
-        a, b = self.rudders, self.engines
+        a, b = self.rudders, self.engines  # x: a angles, a lengths, b revolutions, b lengths, approach speed
         angles = np.radians(np.round(np.degrees((2 * x[:, :a] - 1) * self.rudder)))
         engine = self.n[0] + x[:, 2 * a : 2 * a + b] * (self.n[1] - self.n[0])
         engine = np.clip(np.round(engine / self.n[1], 2) * self.n[1], *self.n)
-        held = (self._held(engine, x[:, 2 * a + b : -1]), self._held(angles, x[:, a : 2 * a]))
+        orders = (self._over_time(engine, x[:, 2 * a + b : -1]), self._over_time(angles, x[:, a : 2 * a]))
         speed = self.speeds[0] + x[:, -1] * (self.speeds[-1] - self.speeds[0])
-        return np.stack(held, axis=1), speed, np.interp(speed, self.speeds, self.revolutions)
+        return np.stack(orders, axis=1), speed, np.interp(speed, self.speeds, self.revolutions)
 
-    def _held(self, levels: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    def _over_time(self, levels: np.ndarray, lengths: np.ndarray) -> np.ndarray:
         """The ``levels`` (K, m) over time (steps + 1, K), each for its share of ``lengths`` (K, m)."""
         weights = SHORTEST + lengths
         ends = np.round(np.cumsum(weights, axis=1) / weights.sum(axis=1, keepdims=True) * (self.steps + 1))
@@ -187,13 +187,13 @@ class Sequences:
         They are means over the step that follows; revolutions: of the approach (K,), the rudder is midships then.
         """
         rates = np.array([self.limits.propeller_rate, self.limits.rudder_rate])[:, None] * self.dt
-        here = np.stack([revolutions, np.zeros_like(revolutions)])
-        out = np.empty_like(orders)
+        position = np.stack([revolutions, np.zeros_like(revolutions)])
+        means = np.empty_like(orders)
         for k, order in enumerate(orders):
-            after = here + np.clip(order - here, -rates, rates)
-            out[k] = 0.5 * (here + after)
-            here = after
-        return out
+            after = position + np.clip(order - position, -rates, rates)
+            means[k] = 0.5 * (position + after)
+            position = after
+        return means
 
     def like(self, n: np.ndarray, delta: np.ndarray, speed: float) -> np.ndarray:
         """The numbers (size,) of a sequence near a run with ``n`` [1/s] and ``delta`` [rad] (N,), repeated to the end.
@@ -201,7 +201,7 @@ class Sequences:
         speed: of its approach [m/s].
         """
         at = np.arange(self.steps + 1) % max(len(n), 1)
-        parts = []
+        parts = []  # in the order that ``orders`` reads
         for values, count, low, high in (
             (delta[at], self.rudders, -self.rudder, self.rudder), (n[at], self.engines, *self.n),
         ):  # fmt: skip
@@ -220,11 +220,8 @@ def table_of(orders: np.ndarray, dt: float) -> list[dict[str, float]]:
     ]
 
 
-Cost = Callable[[np.ndarray], np.ndarray]
-
-
 class Evolution:
-    """A search without derivatives, with adapted covariance (Hansen 2016, arXiv:1604.00772).
+    """A search without derivatives, with adapted covariance (CMA-ES; Hansen 2016, arXiv:1604.00772, appendix A).
 
     From ``mean`` (n,) with steps of about ``sigma`` in each number; ``best``, ``cost``: found so far.
     count: trials of a generation; rng: their source of chance.
@@ -233,19 +230,19 @@ class Evolution:
     def __init__(self, mean: np.ndarray, sigma: float, count: int, rng: np.random.Generator) -> None:
         self.mean, self.sigma, self.count, self.rng = np.array(mean, dtype=float), sigma, count, rng
         n, half = len(self.mean), count // 2
+        # positive weights alone, of the better half
         weights = np.log((count + 1) / 2) - np.log(np.arange(1, half + 1))
         self.weights = weights / weights.sum()
-        mu = 1 / float((self.weights**2).sum())
-        self.mu = mu
-        self.c_s, self.c_c = (mu + 2) / (n + mu + 5), (4 + mu / n) / (n + 4 + 2 * mu / n)
-        self.c_1 = 2 / ((n + 1.3) ** 2 + mu)
+        self.mu = mu = 1 / float((self.weights**2).sum())  # effective number of those selected
+        self.c_s, self.c_c = (mu + 2) / (n + mu + 5), (4 + mu / n) / (n + 4 + 2 * mu / n)  # rates of the two paths
+        self.c_1 = 2 / ((n + 1.3) ** 2 + mu)  # rates of the updates of rank 1 and mu
         self.c_mu = min(1 - self.c_1, 2 * (mu - 2 + 1 / mu) / ((n + 2) ** 2 + mu))
         self.damping = 1 + 2 * max(0.0, np.sqrt((mu - 1) / (n + 1)) - 1) + self.c_s
-        self.norm = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n * n))
+        self.norm = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n * n))  # expected length of a standard normal vector
         self.C, self.path, self.path_s = np.eye(n), np.zeros(n), np.zeros(n)
         self.best, self.cost, self.generation = self.mean.copy(), np.inf, 0
 
-    def advance(self, cost: Cost) -> None:
+    def advance(self, cost: Callable[[np.ndarray], np.ndarray]) -> None:
         """One generation; ``cost`` of points (count, n) is (count,). Points are held between 0 and 1."""
         n, mu = len(self.mean), self.mu
         values, vectors = np.linalg.eigh(self.C)
@@ -254,38 +251,40 @@ class Evolution:
         steps = (drawn * root) @ vectors.T
         x = self.mean + self.sigma * steps
         if self.generation == 0:
-            x[0], steps[0] = self.mean, 0.0
+            x[0], steps[0] = self.mean, 0.0  # the start itself is tried
         inside = np.clip(x, 0.0, 1.0)
-        found = cost(inside) + 0.01 * ((x - inside) ** 2).sum(axis=1)
-        order = np.argsort(found, kind="stable")
-        if found[order[0]] < self.cost:
-            self.best, self.cost = inside[order[0]].copy(), float(found[order[0]])
-        chosen = steps[order[: len(self.weights)]]
-        y = self.weights @ chosen
+        costs = cost(inside) + 0.01 * ((x - inside) ** 2).sum(axis=1)  # a small penalty draws the mean back inside
+        order = np.argsort(costs, kind="stable")
+        if costs[order[0]] < self.cost:
+            self.best, self.cost = inside[order[0]].copy(), float(costs[order[0]])
+        selected = steps[order[: len(self.weights)]]
+        y = self.weights @ selected
         self.mean = self.mean + self.sigma * y
         self.generation += 1
-        whitened = vectors @ ((vectors.T @ y) / root)
+        whitened = vectors @ ((vectors.T @ y) / root)  # C^(-1/2) y
         self.path_s = (1 - self.c_s) * self.path_s + np.sqrt(self.c_s * (2 - self.c_s) * mu) * whitened
         length = float(np.linalg.norm(self.path_s))
         fading = np.sqrt(1 - (1 - self.c_s) ** (2 * self.generation))
-        on = float(length / fading < (1.4 + 2 / (n + 1)) * self.norm)
+        on = float(length / fading < (1.4 + 2 / (n + 1)) * self.norm)  # Heaviside: a path too long stalls the other
         self.path = (1 - self.c_c) * self.path + on * np.sqrt(self.c_c * (2 - self.c_c) * mu) * y
         left = 1 - self.c_1 - self.c_mu + (1 - on) * self.c_1 * self.c_c * (2 - self.c_c)
-        own = np.einsum("k,ki,kj->ij", self.weights, chosen, chosen)
-        self.C = left * self.C + self.c_1 * np.outer(self.path, self.path) + self.c_mu * own
+        rank_mu = np.einsum("k,ki,kj->ij", self.weights, selected, selected)
+        self.C = left * self.C + self.c_1 * np.outer(self.path, self.path) + self.c_mu * rank_mu
         self.sigma *= float(np.exp(min(1.0, self.c_s / self.damping * (length / self.norm - 1))))
 
 
+# Mean length of a stretch of rudder [s of a 3 m model]; stretches of rudder for one of revolutions. Set by hand.
 STRETCH, ENGINES = 12.0, 3
-"""Mean length of a stretch of rudder [s of a 3 m model]; stretches of rudder for one of revolutions. Set by hand."""
-FEWEST, MOST = 4, 14
-"""Stretches of rudder in a trial. Set by hand: they bound the unknowns of the search."""
+FEWEST, MOST = 4, 14  # Stretches of rudder in a trial. Set by hand: they bound the unknowns of the search.
 ASTERN = 0.8  # Part of the highest revolutions that is ordered astern. Set by hand.
+# Sequences of a generation; generations of each start; of the best one after that. Set by hand: 30 s of the processor
+# for a plan of 180 s (RESULTS.md of 5f878e7).
 COUNT, FIRST, THEN = 16, 30, 240
-"""Sequences of a generation; generations of each start; of the best one after that. Set by hand: 30 s of the processor
-for a plan of 180 s (RESULTS.md of 5f878e7)."""
+SPREAD = 0.25  # Standard deviation of the first generation, of numbers from 0 to 1. Set by hand.
 STARTS = 3  # The best manoeuvre, the best pair and a random sequence: from these the search goes on. Set by hand.
 RUN_UP = 2.0  # Straight way behind the start that must be inside the area too [ship lengths]. Set by hand.
+TOO_FAST = 1.02  # Speed over the highest one beyond which a sequence is not allowed. Set by hand: a tolerance.
+FORBIDDEN = 10.0  # Cost of a sequence that is not allowed, above that of any that is. Set by hand.
 
 
 @dataclass(frozen=True)
@@ -325,8 +324,8 @@ class SequenceFound:
 
     orders, inputs: n [1/s] and delta [rad] (N + 1, 2), ordered and as means over the step that follows; states: (N + 1,
     6) logged columns, placed in the area; std: (N + 1, 6) of them by the draws; fisher: (P, P); gain: mean log variance
-    less that of now; rows: of the library; pair: names of the best two manoeuvres, and their gain together, of all and
-    of those that stay inside; evaluated: sequences tried.
+    less that of now; rows: of the library; pairs: names of the best two manoeuvres, and their gain together, of all and
+    of those that stay inside; evaluated: sequences tried; whole: the search went to its end.
     """
 
     orders: np.ndarray
@@ -345,20 +344,18 @@ def sequences_for(ship: Ship, task: PlanTask, dt: float) -> Sequences:
     """The sequences of orders that a ``task`` allows a ``ship``, in steps of ``dt`` [s]."""
     k = time_scale(ship.particulars["L"])
     rudders = int(np.clip(round(task.wish.seconds / (STRETCH * k)), FEWEST, MOST))
-    speeds = task.speed * np.linspace(0.4, 1.0, 7)
+    speeds = task.speed * np.linspace(0.4, 1.0, 7)  # approaches ahead at 40 to 100 % of the highest speed. Set by hand.
     revolutions = np.array([revolutions_for(ship, u) for u in speeds])
     highest = float(revolutions[-1])
-    reversible = task.reversible(ship)
-    lowest = -ASTERN * highest if reversible else 0.3 * highest
-    if reversible:
+    lowest = 0.3 * highest  # of an engine that is not reversed. Set by hand.
+    if task.reversible(ship):  # approaches astern too, at 50 and 25 % of that speed
+        lowest = -ASTERN * highest
         speeds = np.concatenate([task.speed * np.array([-0.5, -0.25]), speeds])
         revolutions = np.concatenate([[lowest, 0.5 * lowest], revolutions])
     steps = int(np.floor(task.wish.seconds / dt + 1e-9))
-    engines = max(2, rudders // ENGINES)
+    engines, n = max(2, rudders // ENGINES), (lowest, highest)
     limits = Limits.for_ship(ship)
-    return Sequences(
-        steps, dt, rudders, engines, task.wish.rudder_limit, (lowest, highest), speeds, revolutions, limits
-    )
+    return Sequences(steps, dt, rudders, engines, task.wish.rudder_limit, n, speeds, revolutions, limits)
 
 
 class SequenceSearch:
@@ -370,11 +367,11 @@ class SequenceSearch:
     def __init__(self, info: TrialInformation, present: Present, task: PlanTask, sequences: Sequences) -> None:
         self.info, self.present, self.task, self.sequences = info, present, task, sequences
         self.ship = info.simulator.ship
-        values = self.ship.values[:, None] + np.hstack([np.zeros((len(self.ship.values), 1)), task.draws])
+        own = self.ship.values[:, None]
+        values = np.hstack([own, own + task.draws])  # the first is the ship herself
         bounds = [(c.lower, c.upper) if not c.fixed else (-np.inf, np.inf) for c in self.ship.coefficients.values()]
-        low, high = np.array(bounds, dtype=float).T
-        self.theta = np.clip(values, np.minimum(low, self.ship.values)[:, None],
-                             np.maximum(high, self.ship.values)[:, None])  # fmt: skip
+        low, high = np.array(bounds, dtype=float).T[..., None]
+        self.theta = np.clip(values, np.minimum(low, own), np.maximum(high, own))  # she may lie beyond her bounds
 
     def inputs(self, orders: np.ndarray, revolutions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (N + 1, 2, K) and inputs of the model (N, C, K) that follow ``orders`` (N + 1, 2, K) from
@@ -398,7 +395,7 @@ class SequenceSearch:
         before = np.zeros((1, 3, *states.shape[2:]))
         if self.task.wish.start is None:  # the run-up lies behind a ship that goes ahead, before one that goes astern
             before[:, 0] = -RUN_UP * self.ship.particulars["L"] * np.where(states[0, 3] < 0, -1.0, 1.0)
-        tracks = np.concatenate([before, states[::2, :3]])
+        tracks = np.concatenate([before, states[::2, :3]])  # each second sample, to save time
         return self.task.area.placing(tracks, self.ship, self.task.wish.start, "current" not in self.ship.effects)
 
     def cost(self, x: np.ndarray) -> np.ndarray:
@@ -407,10 +404,11 @@ class SequenceSearch:
         _, inputs = self.inputs(orders, revolutions)
         states = self.motions(inputs, speed)
         with np.errstate(all="ignore"):
-            fast = np.hypot(states[:, 3, 0], states[:, 4, 0]).max(axis=0) / self.task.speed - 1.02
+            fast = np.hypot(states[:, 3, 0], states[:, 4, 0]).max(axis=0) / self.task.speed - TOO_FAST
         diverged = ~np.isfinite(states[:, :, 0]).all(axis=(0, 1))
         over = self.placing(states).excess / self.ship.particulars["L"] + 10 * np.maximum(np.nan_to_num(fast), 0)
-        cost = np.where(diverged, 1e6, 10.0 + over)
+        # above all gains (below 0) by how far a sequence is from being allowed, so that the search finds its way in
+        cost = np.where(diverged, 1e6, FORBIDDEN + over)
         good = np.flatnonzero((over <= 1e-9) & ~diverged)
         if len(good):
             fisher = self.info.of(np.ascontiguousarray(states[:, :, 0, good]), np.ascontiguousarray(inputs[..., good]))
@@ -422,7 +420,7 @@ def library_rows(shared: Shared[SequenceSearch]) -> tuple[LibraryRow, ...]:
     """The manoeuvres of the library in calm air, of the time and within the limits of the task of a ``shared`` search,
     the best first. One that is over sooner is repeated, with way to gain speed again between."""
     ship, task = shared.value.ship, shared.value.task
-    options = [o for o in library(ship, wind=False) if (o.speed or own_speed(ship)) <= 1.02 * task.speed]
+    options = [o for o in library(ship, wind=False) if (o.speed or own_speed(ship)) <= TOO_FAST * task.speed]
     rows = run_all(_library_row, [(shared, option) for option in options], name="manoeuvres of the library")
     return tuple(sorted((row for row in rows if row is not None), key=lambda row: row.gain))
 
@@ -437,7 +435,7 @@ def _library_row(job: tuple[Shared[SequenceSearch], Option]) -> LibraryRow | Non
     trial = trials[0]
     positions = np.stack([trial[name] if name in trial else np.zeros(len(trial)) for name in ("n", "delta")], axis=1)
     inputs = input_array(ship, positions[:-1, :, None], trial.t[:-1])
-    start = trial.states[0][:, None] * np.array([0, 0, 0, 1, 1, 1])[:, None]
+    start = trial.states[0][:, None] * np.array([0, 0, 0, 1, 1, 1])[:, None]  # from the origin, heading north
     states = info.simulator.run(start, inputs, info.dt)
     fisher = info.of(states, inputs)[0] * repetitions(trial, task.wish.seconds, ship)
     placing = search.placing(states[:, :, None, :])
@@ -457,14 +455,13 @@ def best_pairs(rows: Sequence[LibraryRow], present: Present) -> dict[str, tuple[
 
     present: what is known now.
     """
-    found = {}
-    for words, some in (("library", list(rows)), ("inside", [row for row in rows if row.fits])):
-        pairs = list(combinations(some, 2))
-        if pairs:
+    best = {}
+    for words, some in (("library", rows), ("inside", [row for row in rows if row.fits])):
+        if pairs := list(combinations(some, 2)):
             gains = present.gain(np.array([a.fisher + b.fisher for a, b in pairs]))
             k = int(np.argmin(gains))
-            found[words] = ((pairs[k][0].option.name, pairs[k][1].option.name), float(gains[k]))
-    return found
+            best[words] = ((pairs[k][0].option.name, pairs[k][1].option.name), float(gains[k]))
+    return best
 
 
 def _costs(job: tuple[Shared[SequenceSearch], np.ndarray]) -> np.ndarray:
@@ -498,18 +495,18 @@ def search_plan(
             names = best_pairs(fitting, present)["library"][0]
             starts[1] = _started(search, [row for row in fitting if row.option.name in names])
         first, then = (max(1, round(wish.effort * count)) for count in (FIRST, THEN))
-        evolutions = [Evolution(start, 0.25, COUNT, rng) for start in starts]
+        evolutions = [Evolution(start, SPREAD, COUNT, rng) for start in starts]
         total, began, made = first * len(starts) + then, time.monotonic(), 0
         for k in range(total):
             if time.monotonic() - began > wish.time_limit:
                 break
-            own = evolutions[k // first] if k < first * len(starts) else min(evolutions, key=lambda e: e.cost)
-            own.advance(cost)
+            evolution = evolutions[k // first] if k < first * len(starts) else min(evolutions, key=lambda e: e.cost)
+            evolution.advance(cost)
             made += 1
             if progress:
                 progress(Progress("planning", k + 1, total, {"mean log variance": min(e.cost for e in evolutions)}))
     winner = min(evolutions, key=lambda e: e.cost)
-    if winner.cost >= 9:
+    if winner.cost >= FORBIDDEN:
         area, early = task.area, f"; the search was ended after {wish.time_limit:g} s (--time-limit)"
         raise NoSolution(
             f"no sequence of {wish.seconds:g} s was found that stays inside {area.length:g} x {area.width:g} m with a "
@@ -539,7 +536,7 @@ def _found(
     states = search.motions(inputs, speed)
     place = search.placing(states)
     D = states.shape[2]
-    logged = np.stack([search.info.logged(states[:, :, d, :])[:, :, 0] for d in range(D)], axis=2)
+    logged = np.stack([search.info.logged(states[:, :, d, :])[:, :, 0] for d in range(D)], axis=2)  # (N + 1, 6, D)
     c, s = np.cos(place.psi[0]), np.sin(place.psi[0])
     x_, y_ = logged[:, 0].copy(), logged[:, 1].copy()
     logged[:, 0], logged[:, 1] = place.x[0] + c * x_ - s * y_, place.y[0] + s * x_ + c * y_

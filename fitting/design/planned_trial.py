@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,10 +33,8 @@ from mmg.states import STATES
 
 # Draws of the coefficients whose tracks must stay inside the area.
 DRAWS = 8  # set by hand: of eight all inside says about 75 % with 90 % confidence
-STEEPEST = 60.0  # Largest rudder angle that may be asked for [deg]. Set by hand.
-
-
-# Figures that may be asked for: the manoeuvre, and its figure there.
+STEEPEST = 60.0  # Largest rudder angle that may be requested [deg]. Set by hand.
+# Figures that may be requested: the manoeuvre, and its figure there.
 FIGURES = {
     "advance": ("turning:35", "advance"),
     "transfer": ("turning:35", "transfer"),
@@ -47,8 +45,8 @@ FIGURES = {
     "track_reach": ("crash-stop", "track_reach"),
 }
 
+# Change of a coefficient [prior standard deviations] for a slope, and sampling of a manoeuvre [s of a 3 m model].
 STEP, SAMPLE = 0.1, 0.25  # set by hand: the slope bounds no estimate, only what a plan is expected to gain
-"""Change of a coefficient [prior standard deviations] for a slope, and sampling of a manoeuvre [s of a 3 m model]."""
 
 
 def coefficients_wanted(ship: Ship, free: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
@@ -57,25 +55,24 @@ def coefficients_wanted(ship: Ship, free: Sequence[str], names: Sequence[str]) -
     Raises UserError for a name that is neither, and for coefficients that the run did not fit.
     """
     chosen: list[str] = []
+    inertia = coefficient_table({}, ship.particulars)  # masses, which every table of coefficients holds
     for name in names:
         if name == "all":
-            own = tuple(free)
+            symbols = list(free)
         elif name in ship.components and name in ROLES:
-            bare = {role: model for role, model in ship.components.items() if role == name}
-            own = tuple(s for s in coefficient_table(bare, ship.particulars) if s in ship.coefficients and s in free)
-            inertia = coefficient_table({}, ship.particulars)
-            own = tuple(s for s in own if s not in inertia)
+            table = coefficient_table({name: ship.components[name]}, ship.particulars)
+            symbols = [s for s in table if s in ship.coefficients and s in free and s not in inertia]
         elif name in ship.coefficients:
-            own = (name,) if name in free else ()
+            symbols = [name] if name in free else []
         else:
             roles = ", ".join(ship.components)
             raise UnknownName(
                 f"--coefficients {name}: {ship.called} has no such coefficient; give symbols (mmg ships RUN "
                 f"lists them), all, or a part of her: {roles}"
             )
-        if not own:
+        if not symbols:
             raise Conflict(f"--coefficients {name}: not fitted in this run, so no trial can make it better known")
-        chosen += own
+        chosen += symbols
     return tuple(dict.fromkeys(chosen))
 
 
@@ -89,7 +86,7 @@ def figure_slopes(simulator: Simulator, prior: Prior, names: Sequence[str]) -> n
         if name not in FIGURES:
             raise UnknownName(f"--figures {name}: unknown; known: {', '.join(FIGURES)}")
     at, P = prior.positions(ship), len(prior.symbols)
-    theta = np.repeat(ship.values[:, None], 2 * P, axis=1)
+    theta = np.repeat(ship.values[:, None], 2 * P, axis=1)  # each coefficient up, then each down
     for i in range(P):
         theta[at[i], [i, P + i]] += np.array([STEP, -STEP]) * prior.std[i]
     slopes: dict[str, np.ndarray] = {}
@@ -100,7 +97,7 @@ def figure_slopes(simulator: Simulator, prior: Prior, names: Sequence[str]) -> n
         for name in names:
             if FIGURES[name][0] == text:
                 values = np.array([row.get(FIGURES[name][1], np.nan) for row in rows], dtype=float)
-                slopes[name] = (values[:P] - values[P:]) / (2 * STEP)
+                slopes[name] = (values[:P] - values[P:]) / (2 * STEP)  # by prior standard deviation
     for name, slope in slopes.items():
         if not np.isfinite(slope).all() or not slope.any():
             raise NoSolution(f"--figures {name}: {ship.called} does not reach it in {FIGURES[name][0]}; take another")
@@ -220,13 +217,13 @@ def known_now(content: Mapping[str, Any], ship: Ship) -> tuple[Prior, np.ndarray
             f"{ship.called}: the run has no covariance of its coefficients, from which a trial could be planned; fit "
             "until it converges, and train on that run folder"
         )
-    own = Prior.of(ship.fixing([s for s in ship.free if s not in symbols]))
-    order = [symbols.index(s) for s in own.symbols]
+    prior = Prior.of(ship.fixing([s for s in ship.free if s not in symbols]))  # its standard deviations are estimates
+    order = [symbols.index(s) for s in prior.symbols]
     share = std / prior_std
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
-    matrix = (vectors * np.maximum(values, 1e-6)) @ vectors.T  # four digits are stored
+    matrix = (vectors * np.maximum(values, 1e-6)) @ vectors.T  # rounded numbers may be indefinite
     covariance = (share[:, None] * matrix * share)[np.ix_(order, order)]
-    return Prior(own.symbols, own.mean, prior_std[order], own.lower, own.upper), covariance
+    return replace(prior, std=prior_std[order]), covariance
 
 
 def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnProgress | None = None) -> PlannedTrial:
@@ -236,7 +233,7 @@ def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnP
     generation of the search. Raises UserError for a run without covariance, an area that the ship does not fit into,
     unknown names, and a time or speed that makes no sense.
     """
-    known, notes = _calibration_in(content), []
+    calibrated, notes = _calibration_in(content), []
     if not {"n", "n_azimuth"} & set(ship.actuators):
         raise Missing(f"{ship.called} has no propeller in its model that could be ordered; no trial can be planned")
     if wish.coefficients and wish.figures:
@@ -244,31 +241,30 @@ def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnP
     if wish.seed < 0:
         raise OutOfRange(f"--seed {wish.seed} must not be negative")
     area = Area.parse(wish.area, ship, wish.margin)
-    prior, covariance = known_now(known, ship)
+    prior, covariance = known_now(calibrated, ship)
     if wish.start is not None:
         area.check_start(wish.start, ship)
     _check_limits(wish)
-    speed, settings = _speed(ship, known, wish), known["settings"]
+    speed, settings = _speed(ship, calibrated, wish), calibrated["settings"]
     step = settings.get("step") or longest_step(ship)
     dt = min(step, longest_step(ship))
-    window = max(20, round((settings.get("window") or 100 * step) / dt))
+    window = max(20, round((settings.get("window") or 100 * step) / dt))  # steps; 100 are the default of a fit
     if not (math.isfinite(wish.seconds) and 40 * dt <= wish.seconds <= 20000 * dt):
         raise OutOfRange(f"--time {wish.seconds:g} s: give {40 * dt:g} to {20000 * dt:g} s for {ship.called}")
     simulator = Simulator(ship, bool(settings.get("compiled", True)))
-    info = TrialInformation(simulator, prior, _sigma(known, ship), dt, window)
+    info = TrialInformation(simulator, prior, _sigma(calibrated, ship), dt, window)
     if wish.figures:
         wanted, names = figure_slopes(simulator, prior, wish.figures), tuple(wish.figures)
     else:
         default = ("hull",) if "hull" in ship.components else ("all",)
         names = coefficients_wanted(ship, prior.symbols, wish.coefficients or default)
-        wanted = np.eye(len(prior.symbols))[[prior.symbols.index(s) for s in names]]
-        wanted = wanted * prior.std
-    worth = (known.get("identifiability", {}).get("next_trial") or {}).get("worth")
+        wanted = np.diag(prior.std)[[prior.symbols.index(s) for s in names]]  # in the unit of each
+    worth = (calibrated.get("identifiability", {}).get("next_trial") or {}).get("worth")
     if worth is None:
         worth = 1.0
         notes.append("how much the noise of these trials is correlated was not stored (fit without --no-next-trial)")
     present = Present(np.linalg.inv(covariance), float(worth), wanted, names)
-    task = PlanTask(wish, area, speed, draws_of(known, ship)[:, :DRAWS])
+    task = PlanTask(wish, area, speed, draws_of(calibrated, ship)[:, :DRAWS])
     found = search_plan(info, present, task, progress)
     if not found.whole:
         notes.append(f"the search was ended after {wish.time_limit:g} s (--time-limit); a longer one may find more")
@@ -284,7 +280,7 @@ def _calibration_in(content: Mapping[str, Any]) -> Mapping[str, Any]:
             f"a black box ({content['model']}) has no coefficients that a trial could tell; plan with the "
             "run folder of mmg fit"
         )
-    return {**content, "sigma": {}, **(content.get("calibration") or {})}
+    return {**content, "sigma": {}, **(content.get("calibration") or {})}  # no sigma: that of usual sensors
 
 
 def _check_limits(wish: Wish) -> None:
@@ -311,8 +307,6 @@ def _speed(ship: Ship, known: Mapping[str, Any], wish: Wish) -> float:
 def _sigma(known: Mapping[str, Any], ship: Ship) -> np.ndarray:
     """Noise (6,) of the states in the fit, of usual sensors where it is not known; infinite for positions that no trial
     has."""
-    from dataclasses import astuple
-
     usual = astuple(SensorNoise.for_length(ship.particulars["L"]))
     scaled = known.get("scaling") is not None
     sigma = [usual[i] if scaled or not (value := known["sigma"].get(s)) else value for i, s in enumerate(STATES)]

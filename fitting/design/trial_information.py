@@ -31,7 +31,7 @@ class TrialInformation:
     dt: float
     window: int
 
-    def __reduce__(self) -> tuple:
+    def __reduce__(self) -> tuple:  # without the kernels: in another process they are taken from the cache
         return TrialInformation, (self.simulator, self.prior, self.sigma, self.dt, self.window)
 
     @cached_property
@@ -47,7 +47,7 @@ class TrialInformation:
         """
         (N, C, K), S, P = inputs.shape, states.shape[1], len(self.prior.symbols)
         windows = max(1, round(N / self.window))
-        m, M = N // windows, windows * K
+        m, M = N // windows, windows * K  # steps of a window; windows of all trials, that of a trial after the other
         first, each, measured = m * np.arange(windows), np.arange(M), np.isfinite(self.sigma).astype(float)
         controls = np.ascontiguousarray(np.concatenate([inputs[k : k + m] for k in first], axis=2))
         ends = np.stack([states[first], states[first + m]])  # (2, windows, S, K)
@@ -55,10 +55,10 @@ class TrialInformation:
             h=self.dt,
             K=m,
             steps=np.full(M, m),
-            start=2 * each,
+            start=2 * each,  # nodes: begin and end of each window in turn
             end=2 * each + 1,
             controls=controls,
-            targets=np.zeros((m - 1, 6, M)),
+            targets=np.zeros((m - 1, 6, M)),  # information knows no residuals
             mask=np.tile(measured[:, None], (m - 1, 1, M)),
             nodes=(nodes := ends.transpose(1, 3, 0, 2).reshape(2 * M, S))[:, :6],
             node_mask=np.tile(measured, (2 * M, 1)),
@@ -69,7 +69,7 @@ class TrialInformation:
             trials=(),
             duration=N * self.dt,
         )
-        sigma = np.where(measured > 0, self.sigma, 1.0)
+        sigma = np.where(measured > 0, self.sigma, 1.0)  # the mask leaves these states out
         problem = Problem(self.simulator.ship, self.prior, self.kernels, segments, sigma)
         fisher = information(problem, problem.join(nodes, np.zeros(P))).fisher
         return np.nan_to_num(fisher, posinf=0.0, neginf=0.0).reshape(windows, K, P, P).sum(axis=0)
@@ -124,7 +124,7 @@ def window_information(found: Innovations) -> tuple[np.ndarray, np.ndarray]:
     typical sizes. Windows with a stretch that was moved by something else are left out."""
     information, _, distance = information_of(found)
     windows, position = np.unique(found.window, return_inverse=True)
-    information *= np.outer(found.typical, found.typical)
+    information *= np.outer(found.typical, found.typical)  # by candidate in SI -> in typical sizes
     total, worst = group_sums(position, information, len(windows)), np.zeros(len(windows))
     np.maximum.at(worst, position, distance)
     sound = worst < UNEXPLAINED
@@ -136,15 +136,15 @@ def choose_windows(found: Innovations, most: int) -> ChosenWindows:
     the information that those before it have, beginning with the prior (typical sizes are its standard deviations)."""
     numbers, information = window_information(found)
     P = len(found.typical)
-    known, left, chosen, gains = np.eye(P), np.ones(len(numbers), bool), list[int](), list[float]()
-    whole = float(np.linalg.slogdet(known + information.sum(axis=0))[1]) if len(numbers) else 0.0
-    while left.any() and len(chosen) < most:
-        now = np.linalg.slogdet(known)[1]
-        gain = np.where(left, np.linalg.slogdet(known + information)[1] - now, -np.inf)
+    precision, remaining, chosen, gains = np.eye(P), np.ones(len(numbers), bool), list[int](), list[float]()
+    total = float(np.linalg.slogdet(precision + information.sum(axis=0))[1]) if len(numbers) else 0.0
+    while remaining.any() and len(chosen) < most:  # greedy D-optimal design
+        now = np.linalg.slogdet(precision)[1]
+        gain = np.where(remaining, np.linalg.slogdet(precision + information)[1] - now, -np.inf)
         best = int(gain.argmax())
         if chosen and gain[best] < LEAST * P:
             break
         chosen.append(int(numbers[best]))
         gains.append(float(gain[best]))
-        known, left[best] = known + information[best], False
-    return ChosenWindows(tuple(chosen), tuple(gains), len(numbers), whole)
+        precision, remaining[best] = precision + information[best], False
+    return ChosenWindows(tuple(chosen), tuple(gains), len(numbers), total)
