@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from cases.io.toml_file import unknown
 from cases.trial import Trial
 from fitting.prediction.band_calibration import NORMAL
-from fitting.prediction.predict import forces_along, predict_all
+from fitting.prediction.predict import Window, forces_along, predict_all
 from fitting.record import FitObjects, FitRecord
 from fitting.report.plot_style import AFTER, BEFORE, DASHES, GREY, MEASURED, STYLES, dress, own_axes
 from mmg.errors import Missing, OutOfRange, UnknownName
@@ -49,11 +49,8 @@ class FitAxes:
         ax = dress(own_axes(ax), "y, east [m]", "x, north [m]", run.name)
         states = run.states
         ax.plot(states[:, 1], states[:, 0], color=MEASURED, lw=1.3, label="measured")
-        for ship, name, style in zip((self.start, self.ship), ("before", "calibrated"), STYLES, strict=False):
-            length = window or run.duration
-            for number, one in enumerate(predict_all(Simulator(ship), [run], length, length, short_last=True)[0][0]):
-                label = name if number == 0 else None
-                ax.plot(one.states[:, 1], one.states[:, 0], lw=1.2, label=label, **style)
+        for one, look in self._predictions(run, window or run.duration):
+            ax.plot(one.states[:, 1], one.states[:, 0], lw=1.2, **look)
         ax.set_aspect("equal", adjustable="datalim")
         ax.legend(fontsize=8, frameon=False)
         return ax
@@ -66,10 +63,9 @@ class FitAxes:
         number, label = _known("channel", channel, CHANNELS)
         run = self._trial(trial)
         ax = dress(own_axes(ax), "time from the first sample [s]", f"measured - predicted {label}", run.name)
-        for ship, name, style in zip((self.start, self.ship), ("before", "calibrated"), STYLES, strict=False):
-            for k, one in enumerate(predict_all(Simulator(ship), [run], window, window, short_last=True)[0][0]):
-                t = run.t[one.first : one.last + 1] - run.t[0]
-                ax.plot(t, one.error(run.states)[:, number], lw=1.0, label=None if k else name, **style)
+        for one, look in self._predictions(run, window):
+            t = run.t[one.first : one.last + 1] - run.t[0]
+            ax.plot(t, one.error(run.states)[:, number], lw=1.0, **look)
         ax.axhline(0.0, color=GREY, lw=0.7)
         ax.legend(fontsize=8, frameon=False)
         return ax
@@ -90,7 +86,7 @@ class FitAxes:
         % interval."""
         rows = {s: c for s, c in self.record.estimates.items() if c.prior_std and c.prior_value is not None}
         ax = dress(own_axes(ax, height=1.0 + 0.2 * len(rows)), "from the prior [prior standard deviations]")
-        places = np.arange(len(rows))[::-1]
+        places = np.arange(len(rows))[::-1]  # the first one on top
         at = [(c.value - float(c.prior_value or 0)) / float(c.prior_std or 1) for c in rows.values()]
         half = [NORMAL * (c.std or 0.0) / float(c.prior_std or 1) for c in rows.values()]  # 90 % of a normal
         ax.axvspan(-NORMAL, NORMAL, color=GREY, alpha=0.15, lw=0)
@@ -116,7 +112,14 @@ class FitAxes:
         ax.figure.colorbar(image, ax=ax, shrink=0.8)
         return ax
 
+    def _predictions(self, run: Trial, length: float) -> Iterator[tuple[Window, dict[str, Any]]]:
+        """Windows of ``length`` [s] of a ``run`` by the ship before and after, and how their lines look."""
+        for ship, name, style in zip((self.start, self.ship), ("before", "calibrated"), STYLES, strict=False):
+            for k, one in enumerate(predict_all(Simulator(ship), [run], length, length, short_last=True)[0][0]):
+                yield one, {"label": None if k else name, **style}  # one entry of the legend for all windows
+
     def _trial(self, wanted: str | int | Trial) -> Trial:
+        """A trial as it is given, or of those of the calibration: by name, or by number, held-out ones last."""
         if isinstance(wanted, Trial):
             return wanted
         if self.objects is None:
@@ -132,5 +135,5 @@ class FitAxes:
 def _known(what: str, name: str, table: Mapping[str, T]) -> T:
     """What stands for ``name`` in a ``table``."""
     if name not in table:
-        raise UnknownName(f"{unknown(what, name, table)}")
+        raise UnknownName(unknown(what, name, table))
     return table[name]

@@ -51,7 +51,7 @@ class FirstScreen:
             return self.columns, list(self.rows)
         rows = []
         for name, *cells in self.rows:
-            for number, side in enumerate(SIDES):
+            for number, side in enumerate(SIDES):  # cells: port and starboard in turn; a stop fills the first alone
                 if any(cells[number::2]):
                     rows.append((name, side if any(cells[1::2]) else "", *cells[number::2]))
         return (*self.columns, "side", *(f"{title}|n" for title, _ in self.groups)), rows

@@ -1,9 +1,9 @@
 """The manoeuvring data of a calibrated ship in the form that IMO asks for.
 
-The form is that of MSC/Circ.1053, appendix 6, with 90 % intervals. Tested: the
-standard manoeuvres among the trials. Model: the calibrated ship in calm air and deep water. Corrected to full load:
-R = T F / B (3.4.1, option 1), with T tested, and F and B the model at full load and as tested. The intervals are those
-of ``fitting.prediction.figure_intervals``, as ``mmg imo`` gives them.
+The form is that of MSC/Circ.1053, appendix 6, with 90 % intervals. Tested: the standard manoeuvres among the trials.
+Model: the calibrated ship in calm air and deep water. Corrected to full load: R = T F / B (3.4.1, option 1), with T
+tested, and F and B the model at full load and as tested. The intervals are those of
+``fitting.prediction.figure_intervals``, as ``mmg imo`` gives them.
 """
 
 from __future__ import annotations
@@ -83,9 +83,9 @@ FORM = (
 )  # fmt: skip
 
 
+# Share by which the speeds of trials and model differ, and movement of the rudder between two samples [rad], that may
+# make their figures differ. Set by hand.
 OTHER_SPEED, COARSE = 0.1, math.radians(1.0)
-"""Share by which the speeds of trials and model differ, and movement of the rudder between two samples [rad], that may
-make their figures differ."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class FormValue:
     def words(self, unit: str, of_trial: bool = False) -> str:
         """The value in ``unit`` with its interval, that of a single trial where wanted and known, to the figures that
         the form asks for."""
-        digits = 1 if unit == "deg" else 2
+        digits = 1 if unit == "deg" else 2  # ship lengths
         words, ends = f"{self.value:.{digits}f}", (of_trial and self.of_trial) or self.interval
         if ends:
             high = f"{ends[1]:.{digits}f}" if math.isfinite(ends[1]) else "never"
@@ -129,8 +129,7 @@ class FormSide:
         ends = self.model and (self.model.of_trial or self.model.interval)
         if not self.tested or not ends:
             return None
-        value, reading = self.tested.value, self.tested.reading
-        return not ends[0] - reading <= value <= ends[1] + reading
+        return not ends[0] - self.tested.reading <= self.tested.value <= ends[1] + self.tested.reading
 
 
 @dataclass(frozen=True)
@@ -246,12 +245,14 @@ def likely_causes(
     freed = {symbol.partition(".")[0] for rows in (result.get("per_run") or {}).values() for symbol in rows}
     if "current" not in {*ship.effects, *freed}:
         found.append("a current, which is not freed (--with current, --per-run current)")
+    # 90 deg/s: of a ship without a limit of her rudder's rate
     if any(is_sampled(t) is None and t.dt * min(rate, math.radians(90.0)) > COARSE for t in trials):
         found.append('inputs that are read as held from sample to sample (inputs = "sampled" in trials.toml)')
     return tuple(found)
 
 
 def _of_correction(full_load: float | None, tested: bool) -> str:
+    """The remark on figures corrected to full load."""
     if full_load is None:
         return "no correction to full load: that draught is not known; give it with --full-load-draught"
     if not tested:
@@ -270,7 +271,7 @@ def _side(row: Row | None, tested: FormValue | None, factor: np.ndarray | None) 
     if tested is not None and factor is not None:
         draws = tested.value * factor[1:][np.isfinite(factor[1:])]
         corrected = FormValue(tested.value * float(factor[0]), None, tested.count)
-        if len(draws) >= max(20, (len(factor) - 1) // 2):
+        if len(draws) >= max(20, (len(factor) - 1) // 2):  # an interval needs half of the draws. Set by hand.
             low, middle, high = map(float, np.quantile(draws, (0.05, 0.5, 0.95)))
             corrected = FormValue(middle, (low, high), tested.count)
     if row is None:
@@ -329,6 +330,7 @@ def of_midship(ship: Ship, trial: Trial) -> Trial:
         c.value if (c := ship.coefficients.get(f"antenna_offset.{name}")) else 0.0
         for name in ("x", "y", "alone_x", "alone_y")
     )
+    # x0 + i y0 and u + i v: positions lie off by the lever arm turned with psi, velocities by r times it
     place = trial["x"] + 1j * trial["y"] - complex(x + alone_x, y + alone_y) * np.exp(1j * trial["psi"])
     speed = trial["u"] + 1j * trial["v"] - 1j * trial["r"] * complex(x, y)
     return trial.with_columns(x=place.real, y=place.imag, u=speed.real, v=speed.imag)
@@ -344,7 +346,7 @@ def _reading(run: Run, unit: str) -> float:
 def _standard_run(run: Run) -> str | None:
     """The manoeuvre of the form that a measured ``run`` is, None for none."""
     rudder, heading, side = math.degrees(run.rudder), math.degrees(run.heading), "-" if run.rudder < 0 else ""
-    if run.kind == "turning" and abs(rudder) >= 33:
+    if run.kind == "turning" and abs(rudder) >= 33:  # 35 deg or hard over, to 2 deg as below. Set by hand.
         return f"turning:{side}35"
     for angle in (10, 20):
         if run.kind == "zigzag" and abs(abs(rudder) - angle) <= 2 and abs(heading - angle) <= 2:
@@ -354,10 +356,10 @@ def _standard_run(run: Run) -> str | None:
 
 def _loaded(ship: Ship, full_load: float) -> Ship:
     """The ``ship`` at another draught [m]: draught and mass by their ratio, primed coefficients as they are."""
-    own = ship.particulars["d"]
-    share = full_load / own - 1
-    if not (math.isfinite(share) and -0.6 <= share <= 1.5):
-        raise OutOfRange(f"--full-load-draught {full_load:g}: must be 0.4 to 2.5 times the draught of {own:g} m")
+    draught = ship.particulars["d"]
+    share = full_load / draught - 1
+    if not (math.isfinite(share) and -0.6 <= share <= 1.5):  # set by hand, far beyond ballast and full load
+        raise OutOfRange(f"--full-load-draught {full_load:g}: must be 0.4 to 2.5 times the draught of {draught:g} m")
     if "draft" in ship.effects:
         raise Conflict("--full-load-draught: the ship has the effect draft already; leave it out of the ship first")
     return ship.with_effect("draft", {"share": share}).fixing(["draft.share"])
@@ -377,15 +379,15 @@ def _factors(
             full = with_intervals(full, loaded, result, DRAWS)
         except UserError as error:
             remarks.append(f"no intervals of what is corrected to full load: {error}")
-    own = {(row.run, row.figure): row.value for row in model.rows}
-    found: dict[tuple[str, str], np.ndarray] = {}
+    as_tested = {(row.run, row.figure): row.value for row in model.rows}
+    factors: dict[tuple[str, str], np.ndarray] = {}
     for row in full.rows:
-        B, draws = own.get((row.run, row.figure)), np.empty(0)
+        B, draws = as_tested.get((row.run, row.figure)), np.empty(0)
         if not B or row.value is None:
             continue
         if row.run in full.scatter and row.run in model.scatter:
             ships = [some.scatter[row.run].ship for some in (full, model)]
             if all(row.figure in ship for ship in ships):
                 draws = ships[0][row.figure] / ships[1][row.figure]
-        found[row.run, row.figure] = np.concatenate([[row.value / B], draws])
-    return found
+        factors[row.run, row.figure] = np.concatenate([[row.value / B], draws])
+    return factors

@@ -117,8 +117,9 @@ def comparison_of(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "rows": [*rows, ("all rows pooled", scores)],
             "comparable": scored_alike == scored_alike[:1] * len(scored_alike),
         })  # fmt: skip
-    found = _side_by_side([[row for group in run["groups"] for row in group["rows"]] for run in runs], "symbol")
-    return {"tables": tables, "coefficients": [(s, [(r, _differs(c[0], r)) for r in c]) for s, c in found]}
+    pairs = _side_by_side([[row for group in run["groups"] for row in group["rows"]] for run in runs], "symbol")
+    coefficients = [(symbol, [(row, _differs(rows[0], row)) for row in rows]) for symbol, rows in pairs]
+    return {"tables": tables, "coefficients": coefficients}
 
 
 def _side_by_side(tables: list[list[dict]], key: str) -> list[tuple[str, list[dict | None]]]:
@@ -130,14 +131,14 @@ def _side_by_side(tables: list[list[dict]], key: str) -> list[tuple[str, list[di
 def _differs(first: dict | None, other: dict | None) -> bool:
     """Whether two estimates lie more than two standard errors of their difference apart (taken as independent)."""
     if not first or not other or None in (first["std"], other["std"], first["value"], other["value"]):
-        return False
+        return False  # a file holds null for what is not finite
     return abs(first["value"] - other["value"]) > 2 * math.hypot(first["std"], other["std"])
 
 
 def rendered(template: str, package: str = "fitting.report", **content: Any) -> str:
     """The page of a ``template`` of a ``package`` with this ``content`` and the version of the program."""
-    found = _environment(package).get_template(f"{template}.html.j2")
-    return found.render(version=versions()["mmg-ident"], **content)
+    page = _environment(package).get_template(f"{template}.html.j2")
+    return page.render(version=versions()["mmg-ident"], **content)
 
 
 @cache
@@ -147,21 +148,21 @@ def _environment(package: str) -> Environment:
     To compile them takes longer than all else of a page, so that is kept in a folder that only the user can write to.
     """
     try:
-        kept = FileSystemBytecodeCache()
+        compiled = FileSystemBytecodeCache()
     except (OSError, RuntimeError):  # there is no such folder
-        kept = None
-    found = Environment(
+        compiled = None
+    environment = Environment(
         loader=ChoiceLoader([PackageLoader(name) for name in (package, "fitting.report")]), autoescape=True,
-        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, bytecode_cache=kept,
+        undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, bytecode_cache=compiled,
     )  # fmt: skip
-    found.filters |= {
+    environment.filters |= {
         "number": sections.shown_number,
         "plus_minus": sections.plus_minus,
         "setting": sections.shown_setting,
-        "as_numbers": lambda names: [f"{name}|n" for name in names],
+        "as_numbers": lambda names: [f"{name}|n" for name in names],  # headings of the macro ``table``
     }
-    found.globals |= {"zip": zip, "sets": SETS, "state_units": UNITS}
-    return found
+    environment.globals |= {"zip": zip, "sets": SETS, "state_units": UNITS}
+    return environment
 
 
 def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[Delivered] = ()) -> str:
@@ -175,9 +176,9 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[
     runs = [_run(*result, i + 1, deliveries[i]) for i, result in enumerate(results)]
     # folders of two campaigns may have one name, and the page tells its runs apart by it
     labels = [run["label"] for run in runs]
-    for run in runs:
-        if labels.count(run["label"]) > 1:
-            run["label"] = f"{run['label']} ({run['id']})"
+    for run, label in zip(runs, labels, strict=True):
+        if labels.count(label) > 1:
+            run["label"] = f"{label} ({run['id']})"
     ships = [run["name"] + ("" if run["result"]["converged"] else " (not converged)") for run in runs]
     comparison = comparison_of(runs) if len(runs) > 1 else None
     return rendered("report", runs=runs, ships=ships, comparison=comparison)

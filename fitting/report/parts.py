@@ -60,6 +60,7 @@ class Store:
         return Store(folder, self.about, self.resume and (folder / SETTINGS).is_file())
 
     def _compare(self, path: Path) -> None:
+        """UserError where the settings in ``path`` are not those of ``about``, with the first that differs."""
         where = self.folder.parent
         try:
             earlier = read_json(path)
@@ -93,7 +94,7 @@ class Store:
     def save(self, name: str, words: Mapping[str, Any], arrays: Mapping[str, np.ndarray] = {}) -> None:
         """Keep a finished part. Raises UserError where it cannot be written."""
         scratch = self.folder / f".{name}.part"
-        try:
+        try:  # the words last: a part with them is complete
             save_file({k: np.ascontiguousarray(a, dtype=float) for k, a in arrays.items()}, scratch)
             scratch.chmod(0o644)
             os.replace(scratch, self.folder / f"{name}.safetensors")
@@ -111,6 +112,7 @@ class Store:
 
 
 def _short(value: Any) -> str:
+    """A setting in at most 40 letters."""
     text = "none" if value is None else str(value)
     return text if len(text) <= 40 else f"{text[:37]}..."
 

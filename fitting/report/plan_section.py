@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
     from fitting.design.planned_trial import PlannedTrial
 
+# Folder in that of a run which holds its last planned trial, and the files in it.
 FOLDER, PLAN, MAP = "planned_trial", "plan.json", "map.png"
-"""Folder in that of a run which holds its last planned trial, and the files in it."""
 
 
 def plan_section(folder: Path) -> dict[str, Any] | None:
@@ -78,7 +78,7 @@ def _comparison(content: Mapping[str, Any]) -> str:
 
 def _left(gain: float) -> str:
     """What is left of a standard deviation after a ``gain`` in log variance."""
-    return f"{math.exp(gain / 2):.0%}"
+    return f"{math.exp(gain / 2):.0%}"  # log variance = 2 log standard deviation
 
 
 def _wanted(name: str, row: Mapping[str, Any]) -> tuple[str, str, str, str]:
@@ -124,18 +124,18 @@ def plan_map(planned: PlannedTrial) -> Figure:
 
     f, area, ship, m = planned.found, planned.task.area, planned.ship, planned.task.area.margin
     figure = new_figure(8.0)
-    figure.suptitle(
-        f"Planned trial of {planned.task.wish.seconds:g} s: {ship.title}"[:110], fontsize=10, x=0.01, ha="left"
-    )
+    title = f"Planned trial of {planned.task.wish.seconds:g} s: {ship.title}"[:110]  # the letters of a line
+    figure.suptitle(title, fontsize=10, x=0.01, ha="left")
     ax, *others = figure.subplots(3, 1, height_ratios=(3.6, 1, 1))
     dress(ax, "y, east [m]", "x, north [m]", "Track, hull, 2 standard deviations")
     ax.add_patch(Rectangle((0, 0), area.width, area.length, fill=False, ec="black", lw=1.5))
     ax.add_patch(Rectangle((m, m), area.width - 2 * m, area.length - 2 * m, fill=False, ec=GREY, lw=0.8, ls="--"))
     x, y = f.states[:, 0], f.states[:, 1]
     for k in range(0, len(x), max(1, len(x) // 12)):
+        # (east, north) of the four corners round the hull
         outline = np.array(corners(f.states[k : k + 1, :3, None], ship))[::-1, (0, 1, 3, 2), 0, 0].T
         ax.add_patch(Polygon(outline, closed=True, fill=k == 0, fc=BEFORE, ec=BEFORE, lw=0.8, alpha=0.8))
-        size = 4 * np.minimum(f.std[k, 1::-1], 1e3)
+        size = 4 * np.minimum(f.std[k, 1::-1], 1e3)  # diameters of two standard deviations, east and north
         ax.add_patch(Ellipse((y[k], x[k]), *size, fc=AFTER, ec="none", alpha=0.15))
     ax.plot(y, x, color=AFTER, lw=1.6)
     ax.set_aspect("equal")

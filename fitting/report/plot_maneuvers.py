@@ -34,19 +34,17 @@ def maneuver_figure(runs: Sequence[Run], title: str, clouds: Mapping[str, Sequen
     """
     if not runs:
         raise ValueError("no runs to draw")
-    top = [(PANELS[kind], some) for kind in JOINT if (some := [run for run in runs if run.kind == kind])]
-    others = [(PANELS[run.kind], [run]) for run in runs if run.kind in PANELS and run.kind not in JOINT]
-    heights = [4.9] * bool(top) + [2.9] * math.ceil(len(others) / 2)  # inch
+    top = [some for kind in JOINT if (some := [run for run in runs if run.kind == kind])]
+    others = [[run] for run in runs if run.kind in PANELS and run.kind not in JOINT]
+    heights = [4.9] * bool(top) + [2.9] * math.ceil(len(others) / 2)  # inch: a row of square axes, rows of two
     figure = new_figure(sum(heights) + 0.4)
     figure.suptitle(literal(title), fontsize=10.5, x=0.01, ha="left", fontweight="bold")
     grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
     for first, panels in ((0, top), (int(bool(top)), others)):
-        for k, (draw, some) in enumerate(panels):
+        for k, some in enumerate(panels):
             alone = len(panels) % 2 == 1 and k == len(panels) - 1
             ax = figure.add_subplot(grid[first + k // 2, :] if alone else grid[first + k // 2, k % 2])
-            draw(ax, some)
-            for run in some:
-                _cloud(ax, run, (clouds or {}).get(run.name, ()))
+            _draw(ax, some, clouds or {})
     return figure
 
 
@@ -63,13 +61,16 @@ def draw_maneuvers(
     chosen = [run for run in runs if kind in (run.kind, run.name)]
     if not chosen:
         raise UnknownName(unknown("manoeuvre", kind, dict.fromkeys([*(r.kind for r in runs), *(r.name for r in runs)])))
-    draw = PANELS[chosen[0].kind]
-    chosen = chosen if chosen[0].kind in JOINT else chosen[:1]
     ax = own_axes(ax)
-    draw(ax, chosen)
-    for run in chosen:
-        _cloud(ax, run, clouds.get(run.name, ()))
+    _draw(ax, chosen if chosen[0].kind in JOINT else chosen[:1], clouds)
     return ax
+
+
+def _draw(ax: Axes, runs: Sequence[Run], clouds: Mapping[str, Sequence[Since]]) -> None:
+    """Draw ``runs`` of one kind, and the clouds of each."""
+    PANELS[runs[0].kind](ax, runs)
+    for run in runs:
+        _cloud(ax, run, clouds.get(run.name, ()))
 
 
 def _cloud(ax: Axes, run: Run, others: Sequence[Since]) -> None:
@@ -84,7 +85,7 @@ def _cloud(ax: Axes, run: Run, others: Sequence[Since]) -> None:
         return
     parts = [part for motion in others for part in (shown[run.kind](motion), ([np.nan], [np.nan]))]
     ax.plot(*np.hstack(parts), color=GREY, linewidth=0.4, alpha=0.45, zorder=0.5)
-    if run.kind == "crash-stop":
+    if run.kind == "crash-stop":  # its limits were set to the nominal stop, and draws may go farther
         ax.autoscale(axis="x")
         ax.set_xlim(left=0)
 
@@ -92,7 +93,7 @@ def _cloud(ax: Axes, run: Run, others: Sequence[Since]) -> None:
 def _cut(run: Run) -> Since:
     """The run from the order to its end."""
     motion = since(run.trial, run.order_time)
-    rows = motion.t <= run.end - run.order_time + 1e-9
+    rows = motion.t <= run.end - run.order_time + 1e-9  # rounding of times
     return Since(**{name: values[rows] for name, values in vars(motion).items()})
 
 
@@ -153,9 +154,9 @@ def _zigzag(ax: Axes, runs: Sequence[Run]) -> None:
 
 def _overshoots(run: Run, motion: Since) -> list[tuple[int, float]]:
     """(row of the extreme, overshoot [deg]) of each overshoot among the figures."""
-    side, row, found = math.copysign(1.0, run.rudder), 0, []
+    side, row, extremes = math.copysign(1.0, run.rudder), 0, []
     count = sum(name.startswith("overshoot_") for name in run.figures)
-    for k in range(1, count + 1):
+    for k in range(1, count + 1):  # each lies between a swing to one side and the way back through the course
         beyond = np.flatnonzero(side * motion.change[row:] >= 0.5 * run.heading)
         if len(beyond) == 0:
             break
@@ -163,9 +164,9 @@ def _overshoots(run: Run, motion: Since) -> list[tuple[int, float]]:
         back = np.flatnonzero(side * motion.change[row:] < 0)
         end = row + int(back[0]) if len(back) else len(motion.t)
         top = row + int(np.argmax(side * motion.change[row:end]))
-        found.append((top, math.degrees(run.figures[f"overshoot_{k}"])))
+        extremes.append((top, math.degrees(run.figures[f"overshoot_{k}"])))
         row, side = end, -side
-    return found
+    return extremes
 
 
 def _spiral(ax: Axes, runs: Sequence[Run]) -> None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cases.trial import Trial
+from fitting.prediction.envelope import DEGREES
 from fitting.prediction.predict import Forecaster, Window, predict_all
 from fitting.prediction.score import PAPER_WINDOW
 from fitting.record import FitRecord
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DEGREES = 180 / np.pi
 # State number, label and factor of each time history; the heading is seen on the track.
 HISTORIES = ((3, "u [m/s]", 1.0), (4, "v [m/s]", 1.0), (5, "r [deg/s]", DEGREES))
 
@@ -73,8 +73,8 @@ def _draw_strips(ax: Axes, strips: Mapping[str, list[tuple]], starts: np.ndarray
     for row, (label, lines) in zip(reversed(range(len(strips))), strips.items(), strict=True):
         values = np.concatenate([y for _, y, _ in lines])
         low, high = _near(values, np.concatenate([lines[0][1], lines[-1][1]]), 0.6)
-        scale = 0.76 / max(high - low, 1e-9)
-        zero = row + 0.06 - scale * low  # the label stands above
+        scale = 0.76 / max(high - low, 1e-9)  # of the height 1: 0.06 below, the label above
+        zero = row + 0.06 - scale * low
         for x, y, look in lines:
             ax.plot(x, np.clip(zero + scale * y, row, row + 1), **look)
         for tick in MaxNLocator(3).tick_values(low, high):
@@ -104,7 +104,7 @@ def _joined(trial: Trial, windows: Sequence[Window]) -> tuple[np.ndarray, np.nda
     """Time from the first sample (rows,) and states (rows, 6) of all windows, a row of NaN between them."""
     if not windows:
         return np.empty(0), np.empty((0, 6))
-    gap = np.full((1, 6), np.nan)
+    gap = np.full((1, 6), np.nan)  # where matplotlib interrupts a line
     t = [np.append(trial.t[w.first : w.last + 1] - trial.t[0], np.nan) for w in windows]
     return np.concatenate(t), np.vstack([part for w in windows for part in (w.states, gap)])
 
@@ -177,7 +177,7 @@ def rms_with_error(squares: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np
     count = np.array([known[g].sum(axis=0) for g in groups])
     with np.errstate(invalid="ignore", divide="ignore"):
         rms = np.sqrt(total.sum(axis=0) / count.sum(axis=0))
-        without = np.sqrt((total.sum(axis=0) - total) / (count.sum(axis=0) - count))
+        without = np.sqrt((total.sum(axis=0) - total) / (count.sum(axis=0) - count))  # each trial left out
     if len(groups) < 2:
         return rms, np.full_like(rms, np.nan)
     return rms, np.sqrt((len(groups) - 1) * np.mean((without - without.mean(axis=0)) ** 2, axis=0))
@@ -213,7 +213,7 @@ def error_growth_plot(
             squares = (errors[:, :, states] ** 2).sum(axis=2)
             parts = run if len(np.unique(run)) > 1 else np.arange(len(run))  # of a single trial its windows
             rms, std = (factor * part for part in rms_with_error(squares, parts))
-            rms[np.isfinite(squares).sum(axis=0) < max(1, 0.3 * count)] = np.nan
+            rms[np.isfinite(squares).sum(axis=0) < max(1, 0.3 * count)] = np.nan  # few windows are no curve
             if states == (0, 1) and length and np.isfinite(rms[-1]):
                 words += f" ({rms[-1] / length:.2g} ship lengths after {horizon:g} s)"
             good = np.isfinite(rms + std)
@@ -262,7 +262,7 @@ def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "
         parabola = 0.5 * ((fine - estimate) / std) ** 2
         ax.plot(fine, parabola, color=GREY, lw=1, label="parabola of the standard error")
         ax.axvline(estimate, color=GREY, lw=0.8)
-    for height, name in ((0.5, "68 %"), (1.92, "95 %")):
+    for height, name in ((0.5, "68 %"), (1.92, "95 %")):  # half of chi^2 with one degree of freedom
         ax.axhline(height, color=ALARM, lw=0.8, ls="--")
         across = ax.get_yaxis_transform()
         ax.text(1.005, height, name, transform=across, fontsize=7.5, va="center", color=ALARM)
@@ -307,7 +307,7 @@ def write_figures(
         words = ""
         if earlier and later and trial.has_position:
             errors = (np.vstack([w.error(trial.states)[:, :2] for w in some]) for some in (earlier, later))
-            rms = [np.sqrt(2 * np.nanmean(error**2)) for error in errors]
+            rms = [np.sqrt(2 * np.nanmean(error**2)) for error in errors]  # x^2 + y^2: twice the mean over both
             words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after."
         written.write(
             f"track_{number + 1}", partial(trajectory_plot, trial, earlier, later, after.ship.particulars["L"]),

@@ -23,7 +23,7 @@ from mmg.states import STATES
 def marked(found: Ship, ship: Ship, trials: Sequence[Trial], name: str) -> Ship:
     """The calibrated ship ``found`` with the ``name`` that was given, marked as calibrated today on ``trials`` from
     ``ship``."""
-    hashes = sorted(trial.sha256 for trial in trials)
+    hashes = sorted(trial.sha256 for trial in trials)  # one data set whatever the order of its files
     data = hashlib.sha256("\n".join(hashes).encode()).hexdigest() if all(hashes) else ""
     today = datetime.now(timezone.utc).date().isoformat()
     mark = CalibrationMark(name, today, data, ship.mark.name if ship.mark else ship.name)
@@ -108,5 +108,5 @@ def uncertainty_rows(calibration: Calibration) -> dict:
 
 def _most_moved(moved: np.ndarray, symbols: Sequence[str]) -> dict:
     """What leaving a run out moves, in standard errors: the coefficients it moves most."""
-    most = np.argsort(-np.abs(np.nan_to_num(moved)))[:5]
+    most = np.argsort(-np.abs(np.nan_to_num(moved)))[:5]  # set by hand: what a person reads
     return {"largest": {symbols[i]: float(moved[i]) for i in most}, "rms": float(np.sqrt(np.mean(moved**2)))}

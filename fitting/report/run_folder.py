@@ -47,8 +47,8 @@ OF_PREDICTIONS = (
 NOT_INSTALLED = "not installed"  # Version of a package that is not there
 # Warning of a run folder that is whole but for these; it is gone when they are made.
 PENDING = Message("figures and report.html are missing; the same command with --resume makes them", LEFT_OUT)
+# A number as it is read; JSON holds null where it is not finite (``plain``).
 Real = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
-"""A number as it is read; JSON holds null where it is not finite (``plain``)."""
 
 
 @cache
@@ -59,13 +59,13 @@ def adapter(kind: Any) -> TypeAdapter[Any]:
 
 def versions() -> dict[str, str]:
     """Versions of the program, of Python and of the libraries that decide the numbers."""
-    found = {"python": platform.python_version(), "platform": platform.platform()}
+    versions = {"python": platform.python_version(), "platform": platform.platform()}
     for name in ("mmg-ident", "casadi", "numpy", "scipy", "pandas"):
         try:
-            found[name] = metadata.version(name)
+            versions[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            found[name] = NOT_INSTALLED
-    return found
+            versions[name] = NOT_INSTALLED
+    return versions
 
 
 def check_target(folder: Path) -> None:
@@ -99,9 +99,9 @@ def write_whole(folder: Path, fill: Callable[[Path], None], replace: bool = Fals
             scratch.mkdir()
             fill(scratch)
             scratch.chmod(0o755)
-            if replace and folder.exists():
+            if replace and folder.exists():  # a folder that is not empty cannot be renamed over
                 old.mkdir()
-                os.replace(folder, old / "run")
+                os.replace(folder, old / "run")  # killed here: _remove_leftovers puts it back
                 os.replace(scratch, folder)
                 shutil.rmtree(old, ignore_errors=True)
             else:
@@ -115,7 +115,7 @@ def reserved(folder: Path) -> Iterator[None]:
     """While it lasts, no other process that asks for it works on the run ``folder``. Raises UserError where one does,
     or nothing can be written there."""
     folder = folder.absolute()
-    new = [parent for parent in folder.parents if not parent.exists()]
+    new = [parent for parent in folder.parents if not parent.exists()]  # the innermost first
     try:
         with _held(folder, "lock"):
             yield
@@ -140,7 +140,7 @@ def _held(folder: Path, purpose: str) -> Iterator[None]:
 def _remove_leftovers(folder: Path) -> None:
     """Remove what processes that were killed while they wrote a run folder have left beside it. It must be held."""
     for path in folder.parent.glob(f".{glob.escape(folder.name)}.*"):
-        if not re.fullmatch(r"[0-9a-f]{8}(\.old)?", path.name[len(folder.name) + 2 :]):
+        if not re.fullmatch(r"[0-9a-f]{8}(\.old)?", path.name[len(folder.name) + 2 :]):  # a name of write_whole
             continue
         with contextlib.suppress(OSError):
             if (path / "run").is_dir() and not folder.exists():  # killed between two renames
@@ -165,13 +165,13 @@ def plain(value: Any) -> Any:
         return [plain(v) for v in value]
     if isinstance(value, np.ndarray):
         return plain(value.tolist())
-    if isinstance(value, (bool, np.bool_)):
+    if isinstance(value, (bool, np.bool_)):  # before the numbers: a bool is an int
         return bool(value)
     if isinstance(value, (float, np.floating)):
         return float(value) if np.isfinite(value) else None
     if isinstance(value, np.integer):
         return int(value)
-    return str(value) if isinstance(value, str) else value
+    return str(value) if isinstance(value, str) else value  # a Message is a str with fields of its own
 
 
 def data_rows(trials: Sequence[Trial]) -> list[dict]:
@@ -245,12 +245,12 @@ def read_iterate(folder: Path) -> dict[str, np.ndarray]:
     """
     path = folder / ITERATE
     try:
-        found = dict(load_file(path))
-    except Exception as error:
+        arrays = dict(load_file(path))
+    except Exception as error:  # of a damaged file anything may be raised
         raise Unreadable(f"{path}: cannot be read ({error}); start again without --resume") from None
-    if not all(a.dtype == float and np.isfinite(a).all() for a in found.values()):
+    if not all(a.dtype == float and np.isfinite(a).all() for a in arrays.values()):
         raise BadValue(f"{path}: holds numbers that are not finite; start again without --resume")
-    return found
+    return arrays
 
 
 # Key of result.json -> what its trials were used for.
@@ -264,10 +264,10 @@ def rows_by_role(result: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]
 
 def unique_rows(rows: Iterable[tuple[str, Mapping[str, Any]]]) -> dict[str, tuple[str, Mapping[str, Any]]]:
     """Those of ``rows`` by the hash of their file, each file once."""
-    known: dict[str, tuple[str, Mapping[str, Any]]] = {}
+    unique: dict[str, tuple[str, Mapping[str, Any]]] = {}
     for role, row in rows:
-        known.setdefault(str(row.get("sha256") or row.get("name")), (role, row))
-    return known
+        unique.setdefault(str(row.get("sha256") or row.get("name")), (role, row))
+    return unique
 
 
 def trials_again(rows: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[list[tuple[str, Trial]], list[str]]:
@@ -275,7 +275,7 @@ def trials_again(rows: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[list[tu
 
     Raises UserError for a file that is as it was and still cannot be read.
     """
-    found, absent = [], []
+    trials, absent = [], []
     for key, (role, row) in unique_rows(rows).items():
         path = Path(str(row["path"])) if row.get("path") else None
         if path is None or not path.is_file():
@@ -283,5 +283,5 @@ def trials_again(rows: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[list[tu
         elif file_hash(path, LARGEST_CSV) != key:
             absent.append(f"{row.get('name')} ({path} has changed since)")
         else:
-            found.append((role, read_trial(path)))
-    return found, absent
+            trials.append((role, read_trial(path)))
+    return trials, absent

@@ -26,9 +26,9 @@ def component_of(ship: Ship) -> dict[str, str]:
     for role, name in ship.components.items():
         for symbol in coefficient_table({role: name}, ship.particulars):
             found.setdefault(symbol, role)
-    found |= dict.fromkeys(ship.monomials, "expansion")
-    own = tuple(f"{name}." for name in ship.effects)
-    return found | dict.fromkeys((s for s in ship.coefficients if s.startswith(own)), "effects")
+    found |= dict.fromkeys(ship.monomials, "expansion")  # terms of a generated polynomial
+    prefixes = tuple(f"{name}." for name in ship.effects)
+    return found | dict.fromkeys((s for s in ship.coefficients if s.startswith(prefixes)), "effects")
 
 
 def coefficient_groups(result: Mapping[str, Any], ship: Ship) -> list[dict[str, Any]]:

@@ -13,12 +13,13 @@ import numpy as np
 
 from cases.io.site import NAME, read_site
 from cases.trial import Trial
-from fitting.prediction.envelope import DRIFT, trial_envelope
+from fitting.prediction.envelope import DEGREES, DRIFT, trial_envelope
 from fitting.report.run_folder import rows_by_role, trials_again
 from mmg.components.friction import MODEL
 from mmg.effects import effect
 from mmg.errors import UserError
 from mmg.motion.flow import INPUTS, RUDDERS
+from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
@@ -84,9 +85,9 @@ def delivery_sections(result: Mapping[str, Any], ship: Ship, known: Delivered) -
 
 
 FULFILLED, FAILED, UNKNOWN = "fulfilled", "not fulfilled", "unknown"
+# Depth over draught, Beaufort number, and deviation from the full-load draught that IMO MSC/Circ.1053 (2002), 2.2.1.2,
+# allows.
 DEEP, STRONGEST_WIND, DRAUGHT = 4.0, 5, 0.05
-"""Depth over draught, Beaufort number, and deviation from the full-load draught that MSC/Circ.1053, 2.2.1.2, allows.
-(IMO MSC/Circ.1053, 2002.)"""
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ def _wind(ship: Ship, trials: Sequence[Trial]) -> Condition:
         why = "not logged" if trials else "the trial files are not there as they were"
         return Condition("wind", why, asked, UNKNOWN)
     strongest = max(means, key=lambda name: means[name])
-    number = beaufort(means[strongest] * math.sqrt(scale))
+    number = beaufort(means[strongest] * math.sqrt(scale))  # Froude's law
     words = f"strongest mean {means[strongest]:.3g} m/s ({strongest}): Beaufort {number}"
     words += f" at the scale of the ship (1:{scale:g})" if scale != 1.0 else ""
     missing = len(trials) - len(means)
@@ -151,7 +152,6 @@ def _loading(ship: Ship, full_load: float | None) -> Condition:
     return Condition("loading", f"draught {draught:g} m, {draught / full_load:.0%} of {full_load:g} m", asked, verdict)
 
 
-DEGREES = 180.0 / np.pi
 # Quantity -> words, unit in which it is shown, factor from SI.
 WORDS = {
     "u": ("surge velocity", "m/s", 1.0),
@@ -169,10 +169,11 @@ def limit_rows(envelope: Mapping[str, Sequence[float]], length: float) -> list[d
     length: of the ship [m].
     """
     rows, speed = [], max(map(abs, envelope.get("u", [0.0])))
-    more = {"u": f"Froude number up to {speed / np.sqrt(9.80665 * length):.2g}"}
+    more = {"u": f"Froude number up to {speed / reference_speed(length):.2g}"}
     if speed > 0 and "r" in envelope:
         slow, fast = (value * length / speed for value in envelope["r"])
         more["r"] = f"r L / U at the highest speed {slow:.2g} to {fast:.2g}".replace("-", "−")
+    # motion, actuators (2.5: behind r), drift angle and air
     for name in sorted(envelope, key=lambda name: list(WORDS).index(name) if name in WORDS else 2.5):
         words, unit, factor = shown_quantity(name)
         low, high = (factor * value for value in envelope[name])
@@ -208,7 +209,8 @@ def use_rows(envelope: Mapping[str, Sequence[float]], ship: Ship, windy: bool = 
 def _excited(envelope: Mapping[str, Sequence[float]]) -> tuple[list[str], list[str]]:
     """Uses that the ranges of the trials support, and those that they rule out."""
     largest = {name: max(map(abs, pair)) for name, pair in envelope.items()}
-    judged: list[tuple[bool, str, str]] = []
+    judged: list[tuple[bool, str, str]] = []  # whether it was in the trials, the use if so, the use if not
+    # the shares and angles below are set by hand
     if "u" in envelope:
         unseen = "stopping, going astern and manoeuvring near rest: the ship never did it in the trials"
         judged.append((envelope["u"][0] <= 0.05 * envelope["u"][1], "manoeuvring near rest", unseen))
