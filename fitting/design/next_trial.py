@@ -60,10 +60,8 @@ MEASURED_OTHERWISE = {
 
 @dataclass(frozen=True)
 class Option:
-    """One possible trial: its name in words, the manoeuvre as ``mmg simulate`` takes it, its approach and wind.
-
-    speed [m/s], n [1/s]: None for the defaults.
-    """
+    """One possible trial: its name in words, the manoeuvre as ``mmg simulate`` takes it, its approach and wind. speed
+    [m/s], n [1/s]: None for the defaults."""
 
     name: str
     maneuver: str
@@ -126,10 +124,8 @@ def features(segments: Segments, ship: Ship) -> frozenset[str]:
 
 
 def missing(excitation: np.ndarray, features_of: Sequence[frozenset[str]], had: frozenset[str]) -> str:
-    """What the simplest of the trials that excite a coefficient has and others had not, in words.
-
-    excitation: information on the coefficient in each of K trials (K,); features_of: them; had: features of the others.
-    """
+    """What the simplest of the trials that excite a coefficient has and others had not, in words. excitation:
+    information on the coefficient in each of K trials (K,); features_of: them; had: features of the others."""
     # a fifth of the most information is excitation enough. Set by hand.
     exciting = (s for s, e in zip(features_of, excitation, strict=True) if e > 0.2 * excitation.max())
     lacks = sorted((s - had for s in exciting), key=len)
@@ -173,10 +169,8 @@ class NextTrial:
     planned: tuple[float, ...]
 
     def best(self, i: int | Sequence[int], many: bool = False) -> tuple[Option, float] | None:
-        """The best trial for coefficient i, or several of them, and the mean part of their variance left.
-
-        many: for ``MANY`` times the time at sea. None when no trial helps by ``HELPS``.
-        """
+        """The best trial for coefficient i, or several of them, and the mean part of their variance left. many: for
+        ``MANY`` times the time at sea. None when no trial helps by ``HELPS``."""
         left = (self.left_by_many if many else self.left)[:, np.atleast_1d(i)].mean(axis=1)
         if not len(left) or left.min() > 1 - HELPS:
             return None
@@ -304,10 +298,8 @@ def simplest(gain: np.ndarray) -> int:
 
 
 def _plan(A: np.ndarray, F: np.ndarray) -> list[tuple[int, float]]:
-    """Three trials, each the best addition to those before it by the mean prior's share; and that mean.
-
-    A: precision (P, P) before; F: (K, P, P) added by each trial.
-    """
+    """Three trials, each the best addition to those before it by the mean prior's share; and that mean. A: precision
+    (P, P) before; F: (K, P, P) added by each trial."""
     plan: list[tuple[int, float]] = []
     for _ in range(3):  # greedy, with repetition
         means = np.diagonal(np.linalg.inv(A + F), axis1=1, axis2=2).mean(axis=1)

@@ -46,10 +46,8 @@ class Placing:
 
 @dataclass(frozen=True)
 class Area:
-    """A rectangle with x (north) from 0 to ``length`` and y (east) from 0 to ``width`` [m].
-
-    margin: that the hull keeps from its edges [m].
-    """
+    """A rectangle with x (north) from 0 to ``length`` and y (east) from 0 to ``width`` [m]. margin: that the hull keeps
+    from its edges [m]."""
 
     length: float
     width: float
@@ -57,10 +55,8 @@ class Area:
 
     @classmethod
     def parse(cls, text: str, ship: Ship, margin: float | None = None) -> Area:
-        """The area that ``text`` such as "60x25" names; margin [m], default half the beam of ``ship``.
-
-        Raises UserError for a text that is no area, and for an area that the ship does not fit into.
-        """
+        """The area that ``text`` such as "60x25" names; margin [m], default half the beam of ``ship``. Raises UserError
+        for a text that is no area, and for an area that the ship does not fit into."""
         try:
             length, width = (float(part) for part in text.lower().split("x"))
         except ValueError:
@@ -160,10 +156,8 @@ class Sequences:
         return 2 * (self.rudders + self.engines) + 1
 
     def orders(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Orders n [1/s] and delta [rad], (steps + 1, 2, K), approach speed [m/s] (K,) and its revolutions (K,).
-
-        x: (K, size). Angles are whole degrees, revolutions hundredths of the highest, times whole steps.
-        """
+        """Orders n [1/s] and delta [rad], (steps + 1, 2, K), approach speed [m/s] (K,) and its revolutions (K,). x: (K,
+        size). Angles are whole degrees, revolutions hundredths of the highest, times whole steps."""
         x = np.clip(x, 0.0, 1.0)
         a, b = self.rudders, self.engines  # x: a angles, a lengths, b revolutions, b lengths, approach speed
         angles = np.radians(np.round(np.degrees((2 * x[:, :a] - 1) * self.rudder)))
@@ -182,10 +176,8 @@ class Sequences:
         return levels[np.arange(len(levels))[None, :], number]
 
     def positions(self, orders: np.ndarray, revolutions: np.ndarray) -> np.ndarray:
-        """Positions of the actuators (steps + 1, 2, K) that follow ``orders`` at limited rates.
-
-        They are means over the step that follows; revolutions: of the approach (K,), the rudder is midships then.
-        """
+        """Positions of the actuators (steps + 1, 2, K) that follow ``orders`` at limited rates. They are means over the
+        step that follows; revolutions: of the approach (K,), the rudder is midships then."""
         rates = np.array([self.limits.propeller_rate, self.limits.rudder_rate])[:, None] * self.dt
         position = np.stack([revolutions, np.zeros_like(revolutions)])
         means = np.empty_like(orders)
@@ -197,9 +189,7 @@ class Sequences:
 
     def like(self, n: np.ndarray, delta: np.ndarray, speed: float) -> np.ndarray:
         """The numbers (size,) of a sequence near a run with ``n`` [1/s] and ``delta`` [rad] (N,), repeated to the end.
-
-        speed: of its approach [m/s].
-        """
+        speed: of its approach [m/s]."""
         at = np.arange(self.steps + 1) % max(len(n), 1)
         parts = []  # in the order that ``orders`` reads
         for values, count, low, high in (
@@ -289,10 +279,8 @@ FORBIDDEN = 10.0  # Cost of a sequence that is not allowed, above that of any th
 
 @dataclass(frozen=True)
 class PlanTask:
-    """What is planned: the trial of a ``wish`` in an ``area``, no faster than ``speed`` [m/s].
-
-    draws: (all, D) differences of coefficients from the ship's, whose tracks must stay inside.
-    """
+    """What is planned: the trial of a ``wish`` in an ``area``, no faster than ``speed`` [m/s]. draws: (all, D)
+    differences of coefficients from the ship's, whose tracks must stay inside."""
 
     wish: Wish
     area: Area
@@ -359,10 +347,8 @@ def sequences_for(ship: Ship, task: PlanTask, dt: float) -> Sequences:
 
 
 class SequenceSearch:
-    """Judges sequences for a ``task``: first whether they stay inside, then what they gain.
-
-    info: information of trials; present: what is known now; sequences: what orders there are.
-    """
+    """Judges sequences for a ``task``: first whether they stay inside, then what they gain. info: information of
+    trials; present: what is known now; sequences: what orders there are."""
 
     def __init__(self, info: TrialInformation, present: Present, task: PlanTask, sequences: Sequences) -> None:
         self.info, self.present, self.task, self.sequences = info, present, task, sequences
@@ -452,9 +438,7 @@ def _allowed(trial: Trial, task: PlanTask, ship: Ship) -> bool:
 
 def best_pairs(rows: Sequence[LibraryRow], present: Present) -> dict[str, tuple[tuple[str, str], float]]:
     """The best two different manoeuvres of ``rows`` together, of all and of those that stay inside, and their gain.
-
-    present: what is known now.
-    """
+    present: what is known now."""
     best = {}
     for words, some in (("library", rows), ("inside", [row for row in rows if row.fits])):
         if pairs := list(combinations(some, 2)):
@@ -472,11 +456,8 @@ def _costs(job: tuple[Shared[SequenceSearch], np.ndarray]) -> np.ndarray:
 def search_plan(
     info: TrialInformation, present: Present, task: PlanTask, progress: OnProgress | None = None
 ) -> SequenceFound:
-    """The trial that gains most for a ``task``.
-
-    info: information of trials; present: what is known now, and what is wanted; progress: called at each generation.
-    Raises UserError where no sequence found stays inside the area.
-    """
+    """The trial that gains most for a ``task``. info: information of trials; present: what is known now, and what is
+    wanted; progress: called at each generation. Raises UserError where no sequence found stays inside the area."""
     wish, search = task.wish, SequenceSearch(info, present, task, sequences_for(info.simulator.ship, task, info.dt))
     shared = Shared(search)
 

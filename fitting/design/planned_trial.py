@@ -51,9 +51,7 @@ STEP, SAMPLE = 0.1, 0.25  # set by hand: the slope bounds no estimate, only what
 
 def coefficients_wanted(ship: Ship, free: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
     """Those of ``free`` coefficients that ``names`` say: symbols, roles of the ``ship`` such as "hull", or "all".
-
-    Raises UserError for a name that is neither, and for coefficients that the run did not fit.
-    """
+    Raises UserError for a name that is neither, and for coefficients that the run did not fit."""
     chosen: list[str] = []
     inertia = coefficient_table({}, ship.particulars)  # masses, which every table of coefficients holds
     for name in names:
@@ -77,10 +75,8 @@ def coefficients_wanted(ship: Ship, free: Sequence[str], names: Sequence[str]) -
 
 
 def figure_slopes(simulator: Simulator, prior: Prior, names: Sequence[str]) -> np.ndarray:
-    """Slopes (m, P) of the figures ``names`` on the free coefficients of ``prior``, by central differences.
-
-    simulator: of the calibrated ship. Raises UserError for an unknown figure, and for one that she does not reach.
-    """
+    """Slopes (m, P) of the figures ``names`` on the free coefficients of ``prior``, by central differences. simulator:
+    of the calibrated ship. Raises UserError for an unknown figure, and for one that she does not reach."""
     ship = simulator.ship
     for name in names:
         if name not in FIGURES:
@@ -107,9 +103,7 @@ def figure_slopes(simulator: Simulator, prior: Prior, names: Sequence[str]) -> n
 @dataclass(frozen=True)
 class PlannedTrial:
     """A trial that was planned for a ``ship``: the ``task``, what was ``found``, and what is known now (``present``).
-
-    dt: step [s]; notes: what was assumed.
-    """
+    dt: step [s]; notes: what was assumed."""
 
     ship: Ship
     task: PlanTask
@@ -182,9 +176,7 @@ class PlannedTrial:
 
     def write(self, path: Path) -> None:
         """The file for the autopilot: t, n, delta (all actuators), predicted motion and its std. path: a CSV file.
-
-        ``n`` and ``delta`` are means over the step that follows, ``n_order`` and ``delta_order`` what is ordered.
-        """
+        ``n`` and ``delta`` are means over the step that follows, ``n_order`` and ``delta_order`` what is ordered."""
         import pandas as pd
 
         f, t = self.found, self.dt * np.arange(len(self.found.states))
@@ -205,10 +197,8 @@ class PlannedTrial:
 
 
 def known_now(content: Mapping[str, Any], ship: Ship) -> tuple[Prior, np.ndarray]:
-    """The prior of what was fitted on ``ship``, and the covariance (P, P) in its standard deviations.
-
-    content: of result.json of the calibration. Raises UserError for one without a covariance.
-    """
+    """The prior of what was fitted on ``ship``, and the covariance (P, P) in its standard deviations. content: of
+    result.json of the calibration. Raises UserError for one without a covariance."""
     symbols, matrix = correlation_in(content) or ([], np.empty((0, 0)))
     rows = content.get("coefficients", {})
     std, prior_std = (np.array([rows[s][key] for s in symbols], dtype=float) for key in ("std", "prior_std"))

@@ -42,9 +42,7 @@ class TrialInformation:
 
     def of(self, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Fisher information (K, P, P) of motions ``states`` (N + 1, S, K) under ``inputs`` (N, C, K), prior excluded.
-
-        The state at the begin of each window, which is one shooting interval, is unknown.
-        """
+        The state at the begin of each window, which is one shooting interval, is unknown."""
         (N, C, K), S, P = inputs.shape, states.shape[1], len(self.prior.symbols)
         windows = max(1, round(N / self.window))
         m, M = N // windows, windows * K  # steps of a window; windows of all trials, that of a trial after the other

@@ -49,9 +49,7 @@ class Process:
 
     def factor_at(self, times: np.ndarray, adapted: bool = False) -> np.ndarray:
         """Factors (n, 6, M) at ``times`` (n, M) since the start, straight in log time, held beyond the horizons.
-
-        adapted: of predictions that use the past of a window.
-        """
+        adapted: of predictions that use the past of a window."""
         horizons, at = np.log(self.horizons), np.log(np.maximum(times, 1e-9))  # time 0 has the first factor
         rows = self.adapted if adapted else self.factor
         return np.stack([np.interp(at, horizons, rows[:, s]) for s in range(6)], axis=1)
@@ -59,9 +57,7 @@ class Process:
 
 def acceleration_sizes(states: np.ndarray, length: float) -> np.ndarray:
     """Squares of what the size of the accelerations grows with, (3, ..., M), from predicted ``states`` (..., 6, M).
-
-    length: of the ship [m].
-    """
+    length: of the ship [m]."""
     u, v, r = states[..., 3, :], states[..., 4, :], states[..., 5, :]
     U2 = u * u + v * v
     return np.array([np.ones_like(u), (U2 / length) ** 2, U2 * r * r])
@@ -117,10 +113,8 @@ class Bands:
 
     @np.errstate(over="ignore", invalid="ignore")  # where a prediction runs away its band is infinite, or no number
     def std(self, simulator: Simulator, batch: WindowBatch, out: np.ndarray, adapted: bool = False) -> np.ndarray:
-        """Standard deviations (N + 1, 6, M) of predicted columns ``out`` (N + 1, 6, M); zero in the first row.
-
-        The first row is the measured state, repeated in the prediction.
-        """
+        """Standard deviations (N + 1, 6, M) of predicted columns ``out`` (N + 1, 6, M); zero in the first row. The
+        first row is the measured state, repeated in the prediction."""
         length = float(simulator.ship.particulars["L"])
         rows = coarse_rows(batch, COARSE * time_scale(length))
         times, states = batch.times[rows], out[rows]

@@ -211,10 +211,8 @@ def _regressed(
 
 
 def _rollout(batch: WindowBatch, actuation: np.ndarray, coefficients: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """States (N + 1, 6, K, M) of ``batch`` under an ``actuation`` (6, N, M) by K sets of ``coefficients`` (18, K).
-
-    In the frame of the water, whose way is added to the positions. Velocities stay within their ``bounds`` (3,).
-    """
+    """States (N + 1, 6, K, M) of ``batch`` under an ``actuation`` (6, N, M) by K sets of ``coefficients`` (18, K). In
+    the frame of the water, whose way is added to the positions. Velocities stay within their ``bounds`` (3,)."""
     factors, (north, east) = coefficients[:16, :, None], coefficients[CURRENT, :, None]
     logged, limit = batch.logged[:, None], bounds[:, None, None]
     sets = (6, coefficients.shape[1], logged.shape[-1])

@@ -144,10 +144,8 @@ def _numbers_in(words: str) -> tuple[float, float]:
 
 
 def motion(states: np.ndarray, inputs: np.ndarray, names: Sequence[str], length: float) -> np.ndarray:
-    """What forces depend on: u, v, r L, actuators, air in body axes relative to the hull, (..., F, M).
-
-    states: (..., 6, M) logged; inputs: (..., C, M) with ``names`` (C,), as of ``Ship.inputs``; length: of the ship [m].
-    """
+    """What forces depend on: u, v, r L, actuators, air in body axes relative to the hull, (..., F, M). states: (..., 6,
+    M) logged; inputs: (..., C, M) with ``names`` (C,), as of ``Ship.inputs``; length: of the ship [m]."""
     psi, u, v, r = (states[..., i, :] for i in (2, 3, 4, 5))
     # r L is the velocity of bow and stern by turning: a length makes it comparable with u and v
     rows = [u, v, r * length, *(inputs[..., list(names).index(name), :] for name in _actuators(names))]
@@ -162,11 +160,8 @@ def _actuators(names: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class HeldMotion:
-    """Points of the motion that trials held, and what novelty does to a band.
-
-    names: inputs of the ship (C,); scale: (F,) by which motion is divided; points: (K, F) so scaled; reach: distance
-    from which a row is new.
-    """
+    """Points of the motion that trials held, and what novelty does to a band. names: inputs of the ship (C,); scale:
+    (F,) by which motion is divided; points: (K, F) so scaled; reach: distance from which a row is new."""
 
     names: tuple[str, ...]
     scale: np.ndarray
@@ -196,10 +191,8 @@ def nearest(rows: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def held_motion(records: Sequence[Record], names: Sequence[str], length: float) -> HeldMotion | None:
-    """What ``records`` of trials held; None where they hold nothing. The halves of a single trial stand for two.
-
-    names: inputs of the ship; length: of the ship [m].
-    """
+    """What ``records`` of trials held; None where they hold nothing. The halves of a single trial stand for two. names:
+    inputs of the ship; length: of the ship [m]."""
     every = max(1, sum(len(r.t) for r in records) // ROWS)
     parts = []
     for record in records:

@@ -411,10 +411,8 @@ def slow_speed(held: HeldMotion) -> float:
 
 
 def fading(states: np.ndarray, slow: float) -> np.ndarray:
-    """Share (M,) of a lasting acceleration at ``states`` (6, M): forces of water on a ship vanish with U^2.
-
-    slow: speed [m/s] from which on the trials say its size themselves.
-    """
+    """Share (M,) of a lasting acceleration at ``states`` (6, M): forces of water on a ship vanish with U^2. slow: speed
+    [m/s] from which on the trials say its size themselves."""
     if slow <= 0:
         return np.ones(states.shape[1])
     return np.minimum((states[3] ** 2 + states[4] ** 2) / slow**2, 1.0)

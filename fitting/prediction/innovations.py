@@ -81,9 +81,7 @@ def candidates_of(ship: Ship) -> tuple[str, ...]:
 
 class Stretches:
     """Predicts the stretches of windows with a ``ship`` and its ``candidates``, one batch of windows after the other.
-
-    symbols: coefficients of the ship that are candidates too; their prior standard deviations are the typical sizes.
-    """
+    symbols: coefficients of the ship that are candidates too; their prior standard deviations are the typical sizes."""
 
     def __init__(
         self, ship: Ship, candidates: Sequence[str], lengths: float = LENGTHS, symbols: Sequence[str] = ()

@@ -63,9 +63,7 @@ class Window:
 
 def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -> list[tuple[int, int]]:
     """First and last row of windows of ``length`` seconds every ``stride`` seconds from the first of the times t (N,).
-
-    ``length`` 0 is the whole run. ``short_last`` keeps a last window that the run's end cuts short.
-    """
+    ``length`` 0 is the whole run. ``short_last`` keeps a last window that the run's end cuts short."""
     if length <= 0:
         return [(0, len(t) - 1)]
     tolerance = 0.5 * float(np.median(np.diff(t)))
@@ -119,9 +117,7 @@ def values_of(ship: Ship, trial: Trial) -> np.ndarray | None:
 
 def record_of(trial: Trial, inputs: Sequence[str], values: np.ndarray | None = None) -> Record:
     """A ``trial`` as windows need it, for a model with these ``inputs``; x = y = 0 where no positions were measured.
-
-    values: all coefficients (P,) of the ship in this trial, where they are not the simulator's.
-    """
+    values: all coefficients (P,) of the ship in this trial, where they are not the simulator's."""
     states, controls = trial.states, model_inputs(trial, inputs).array
     if not trial.has_position:
         states = states.copy()
@@ -254,10 +250,7 @@ def forces_along(simulator: Simulator, trial: Trial) -> Forces:
 
 def outside_share(simulator: Simulator, trial: Trial, windows: Sequence[Window]) -> float | None:
     """Share of rows predicted by ``simulator`` in ``windows`` of ``trial`` with a network input outside its training
-    range.
-
-    None for a ship without a network or without windows. Rows without inputs count nothing.
-    """
+    range. None for a ship without a network or without windows. Rows without inputs count nothing."""
     network, model = simulator.ship.network, simulator.model
     if network is None or not windows:
         return None

@@ -178,10 +178,8 @@ def _mean(total: np.ndarray, rows: float) -> np.ndarray:
 
 
 def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
-    """Standard deviation of each state over all rows of all ``trials``, heading as stored, shape (6,).
-
-    Raises UserError for trials without positions, and where a state never changes.
-    """
+    """Standard deviation of each state over all rows of all ``trials``, heading as stored, shape (6,). Raises UserError
+    for trials without positions, and where a state never changes."""
     located = [t for t in trials if t.has_position]
     rows = [np.column_stack([t[c] for c in STATES])[record_of(t, [n for n in INPUTS if n in t]).good] for t in located]
     if not rows:
@@ -197,10 +195,8 @@ def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
 
 
 def check_scorable(trials: Sequence[Trial], purpose: str, inputs: Sequence[str]) -> None:
-    """Raises UserError unless a whole 30 s window of one of ``trials`` can be scored.
-
-    purpose: what they are for, in words; inputs: of the models, as of ``Ship.inputs``.
-    """
+    """Raises UserError unless a whole 30 s window of one of ``trials`` can be scored. purpose: what they are for, in
+    words; inputs: of the models, as of ``Ship.inputs``."""
     if not any(whole_windows(trial, WINDOW, STRIDE, inputs) for trial in trials):
         names = ", ".join(trial.name for trial in trials[:MOST_NAMED])
         raise TooFewData(f"{names}: no whole window of {WINDOW:g} s without missing samples in the trials {purpose}")

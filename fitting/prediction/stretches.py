@@ -34,9 +34,7 @@ class FadingCurrent:
 @dataclass(frozen=True)
 class WindowBatch:
     """Stretches as arrays: steps (N, M) [s], 0 where a stretch has ended; inputs (N, C, M); logged start (6, M).
-
-    values: all coefficients (P, M) where records have their own, else None.
-    """
+    values: all coefficients (P, M) where records have their own, else None."""
 
     steps: np.ndarray
     inputs: np.ndarray
@@ -169,10 +167,8 @@ class Adaptation:
 
 
 def past_begin(record: Record, row: int, seconds: float) -> int:
-    """First row of the unbroken, measured stretch of at most ``seconds`` before ``row`` of a ``record``.
-
-    ``row`` itself if there is none.
-    """
+    """First row of the unbroken, measured stretch of at most ``seconds`` before ``row`` of a ``record``. ``row`` itself
+    if there is none."""
     t = record.t
     gap = 2.5 * float(np.median(np.diff(t)))  # one sample may be missing
     first = int(np.searchsorted(t, t[row] - seconds - 0.2 * gap))  # with half a sample of tolerance
@@ -199,9 +195,7 @@ def restarts(record: Record, row: int, a: Adaptation) -> list[Stretch]:
 
 def adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> tuple[FadingCurrent, np.ndarray]:
     """Current at the start of each of ``windows`` (M of them), fading, and offsets (S - 6, M) from the settled memory.
-
-    simulator: of the ship; a: how the past is used. Both are zero for a window without a past.
-    """
+    simulator: of the ship; a: how the past is used. Both are zero for a window without a past."""
     parts = [_adapt(simulator, windows[i : i + AT_ONCE], a) for i in range(0, len(windows), AT_ONCE)]
     return FadingCurrent(np.hstack([w for w, _ in parts]), a.decay), np.hstack([o for _, o in parts])
 

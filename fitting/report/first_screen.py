@@ -60,10 +60,8 @@ class FirstScreen:
 def first_screen(
     result: Mapping[str, Any], ship: Ship, known: Delivered, good: Sequence[str], bad: Sequence[str]
 ) -> FirstScreen:
-    """The first screen on a ``result``, content of result.json, and its ``ship``.
-
-    known: trials and form at hand; good, bad: as of ``fitting.report.use.use_rows``.
-    """
+    """The first screen on a ``result``, content of result.json, and its ``ship``. known: trials and form at hand; good,
+    bad: as of ``fitting.report.use.use_rows``."""
     form = known.form
     doubtful = bool(form and form.contradiction)
     rules = [f"{rule} ({_hanging(names, form)})" for rule, names in form.rules.items()] if form else []

@@ -227,10 +227,8 @@ def imo_form(
 def likely_causes(
     ship: Ship, trials: Sequence[Trial], model: JudgedFigures, result: Mapping[str, Any]
 ) -> tuple[str, ...]:
-    """What may make figures of a calibrated ``ship`` differ from those of her ``trials``, of what nobody stated.
-
-    model, result: as of ``imo_form``.
-    """
+    """What may make figures of a calibrated ``ship`` differ from those of her ``trials``, of what nobody stated. model,
+    result: as of ``imo_form``."""
     found, rate = [], Limits.for_ship(ship).rudder_rate
     if math.isfinite(rate) and "rudder_rate" not in ship.particulars:
         found.append(f"the {helm_words(ship)}: overshoots and advance grow as it falls (rudder_rate in the ship file)")
@@ -368,10 +366,8 @@ def _loaded(ship: Ship, full_load: float) -> Ship:
 def _factors(
     loaded: Ship, model: JudgedFigures, result: Mapping[str, Any], remarks: list[str]
 ) -> dict[tuple[str, str], np.ndarray]:
-    """F / B of each figure of the ships as they are, then over the draws, the same ones for both.
-
-    loaded: at full load; model: figures B of the ship as tested; result: content of result.json; remarks: to add to.
-    """
+    """F / B of each figure of the ships as they are, then over the draws, the same ones for both. loaded: at full load;
+    model: figures B of the ship as tested; result: content of result.json; remarks: to add to."""
     # the same draws for both ships: what is uncertain of both cancels in the ratio
     full = JudgedFigures.of(imo_figures(loaded))
     if model.scatter:

@@ -166,10 +166,8 @@ def _environment(package: str) -> Environment:
 
 
 def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[Delivered] = ()) -> str:
-    """One self-contained HTML page on ``results``: record, calibrated ship and folder with the figures of each.
-
-    known: of each result its trials and its form for IMO; none by default. Raises UserError for no results.
-    """
+    """One self-contained HTML page on ``results``: record, calibrated ship and folder with the figures of each. known:
+    of each result its trials and its form for IMO; none by default. Raises UserError for no results."""
     if not results:
         raise Missing("no run folder given")
     deliveries = [*known, *(Delivered() for _ in results[len(known) :])]

@@ -30,10 +30,8 @@ SETTINGS = "settings.json"
 
 @dataclass(frozen=True)
 class Store:
-    """Finished parts in ``folder``, of the run that ``about`` describes by plain values.
-
-    resume: the folder is there, of an interrupted run; else it is made.
-    """
+    """Finished parts in ``folder``, of the run that ``about`` describes by plain values. resume: the folder is there,
+    of an interrupted run; else it is made."""
 
     folder: Path
     about: Mapping[str, Any]

@@ -54,10 +54,8 @@ JOINT = ("turning", "crash-stop")  # Kinds of which several runs share axes
 def draw_maneuvers(
     runs: Sequence[Run], kind: str, clouds: Mapping[str, Sequence[Since]], ax: Axes | None = None
 ) -> Axes:
-    """Draw those of ``runs`` whose kind or name is ``kind`` on ``ax`` (None: new axes), which it returns.
-
-    clouds: as of ``maneuver_figure``. Raises UserError where there is none of them.
-    """
+    """Draw those of ``runs`` whose kind or name is ``kind`` on ``ax`` (None: new axes), which it returns. clouds: as of
+    ``maneuver_figure``. Raises UserError where there is none of them."""
     chosen = [run for run in runs if kind in (run.kind, run.name)]
     if not chosen:
         raise UnknownName(unknown("manoeuvre", kind, dict.fromkeys([*(r.kind for r in runs), *(r.name for r in runs)])))

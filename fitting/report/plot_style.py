@@ -107,10 +107,8 @@ def png_of(draw: Callable[[], Figure]) -> bytes:
 
 
 def figures_of(folder: Path, listed: Any) -> list[dict]:
-    """The figures ``listed`` in result.json with their content, from ``folder``/figures, as a data URI.
-
-    ``image`` is None for one that is missing.
-    """
+    """The figures ``listed`` in result.json with their content, from ``folder``/figures, as a data URI. ``image`` is
+    None for one that is missing."""
     figures = []
     for entry in listed or []:
         path = folder / "figures" / Path(str(entry.get("file", ""))).name
@@ -124,10 +122,8 @@ def figures_of(folder: Path, listed: Any) -> list[dict]:
 
 
 def figure_entry(content: bytes, name: str, title: str, caption: str, file: str = "") -> dict[str, Any]:
-    """One figure as the template takes it, with ``image`` None where ``content`` is no PNG file.
-
-    name: by which it finds its section; title, caption: in words; file: its name in the run folder.
-    """
+    """One figure as the template takes it, with ``image`` None where ``content`` is no PNG file. name: by which it
+    finds its section; title, caption: in words; file: its name in the run folder."""
     image = None
     if content.startswith(PNG):
         image = "data:image/png;base64," + base64.b64encode(content).decode()

@@ -291,11 +291,8 @@ def write_figures(
     trials: Sequence[Trial],
     validation: Sequence[Trial] = (),
 ) -> None:
-    """Write the figures of a calibration, in the order of a report.
-
-    written: where to; record: what it found; models: the ship before and after; trials, validation: calibrated on, and
-    held out.
-    """
+    """Write the figures of a calibration, in the order of a report. written: where to; record: what it found; models:
+    the ship before and after; trials, validation: calibrated on, and held out."""
     before, after = models
     if judged := validation or trials:
         which = "held-out" if validation else "training (none was held out)"

@@ -272,9 +272,7 @@ def unique_rows(rows: Iterable[tuple[str, Mapping[str, Any]]]) -> dict[str, tupl
 
 def trials_again(rows: Iterable[tuple[str, Mapping[str, Any]]]) -> tuple[list[tuple[str, Trial]], list[str]]:
     """(role, trial) of those ``rows`` whose file is there with the same hash, and a sentence for each of the others.
-
-    Raises UserError for a file that is as it was and still cannot be read.
-    """
+    Raises UserError for a file that is as it was and still cannot be read."""
     trials, absent = [], []
     for key, (role, row) in unique_rows(rows).items():
         path = Path(str(row["path"])) if row.get("path") else None

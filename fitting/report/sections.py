@@ -167,10 +167,8 @@ def _scaled_headline(result: dict, scaling: dict) -> dict[str, str]:
 
 
 def report_warnings(result: dict) -> list[str]:
-    """The warnings of ``result`` (content of result.json), and one where no trials were held out.
-
-    Convergence has its own place in the report.
-    """
+    """The warnings of ``result`` (content of result.json), and one where no trials were held out. Convergence has its
+    own place in the report."""
     words = [m["text"] for m in result["messages"] if m["level"] == "warning" and m["code"] != "not_converged"]
     if "validation" not in result["scores"] and not result.get("scaling"):
         words.append(

@@ -68,10 +68,8 @@ def delivered(result: Mapping[str, Any], ship: Ship, full_load: float | None = N
 
 
 def delivery_sections(result: Mapping[str, Any], ship: Ship, known: Delivered) -> dict[str, Any]:
-    """What the template shows of a ``result`` and its ``ship`` in the sections on use.
-
-    result: content of result.json; known: beside it.
-    """
+    """What the template shows of a ``result`` and its ``ship`` in the sections on use. result: content of result.json;
+    known: beside it."""
     envelope: Mapping[str, Sequence[float]] = result.get("envelope") or trial_envelope(ship, known.trials)
     good, bad = use_rows(envelope, ship, any(row.get("has_wind") for row in result["data"]))
     return {
@@ -164,10 +162,8 @@ WORDS = {
 
 
 def limit_rows(envelope: Mapping[str, Sequence[float]], length: float) -> list[dict[str, Any]]:
-    """Rows for the table of an ``envelope``: name, words, unit, low, high, and what is dimensionless of it.
-
-    length: of the ship [m].
-    """
+    """Rows for the table of an ``envelope``: name, words, unit, low, high, and what is dimensionless of it. length: of
+    the ship [m]."""
     rows, speed = [], max(map(abs, envelope.get("u", [0.0])))
     more = {"u": f"Froude number up to {speed / reference_speed(length):.2g}"}
     if speed > 0 and "r" in envelope:
