@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from fitting.calibration import Calibration
-    from fitting.report.axes import FitAxes
+    from fitting.report.plots import FitAxes
     from fitting.report.use import Delivered
     from fitting.solvers.reduced import ReducedProblem
     from fitting.solvers.rollout_loss import RolloutLoss
@@ -101,7 +101,7 @@ class FitResult(FitRecord):
     def plot(self) -> FitAxes:
         """Its figures on axes: ``fit.plot.tracks(ax)``, ``coefficients``, ``correlation``, ``forces``,
         ``residuals``."""
-        from fitting.report.axes import FitAxes  # late: matplotlib is slow to import
+        from fitting.report.plots import FitAxes  # late: matplotlib is slow to import
 
         return FitAxes(self, self.start, self.ship, self.objects)
 

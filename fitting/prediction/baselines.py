@@ -100,7 +100,8 @@ def fit_grey_box(
     # integrated from node to node with mean inputs: STEPS a window, whatever the sampling
     nodes = np.unique(np.linspace(0, len(samples.steps), STEPS + 1).round().astype(int))
     batch, measured = samples.between(nodes), _measured(stretches, len(samples.steps))[nodes]
-    box = GreyBox(tuple(inputs), _places(particulars), np.zeros(18), _bounds(measured))
+    speed, turn = np.nanmax(np.hypot(measured[:, 3], measured[:, 4])), np.nanmax(np.abs(measured[:, 5]))
+    box = GreyBox(tuple(inputs), _places(particulars), np.zeros(18), BEYOND * np.array([speed, speed, turn]))
     actuation = _actuation(box, batch.inputs)
     change = change_over(trials, window, 0.5 * window)
     start, size = _regressed(batch, measured, actuation, np.where(change < np.inf, change, 0.0)[3:] / window)
@@ -135,12 +136,6 @@ def _measured(stretches: Sequence[Stretch], steps: int) -> np.ndarray:
         if not stretch.record.has_position:
             measured[:, :2, i] = np.nan
     return measured
-
-
-def _bounds(measured: np.ndarray) -> np.ndarray:
-    """Bounds of surge and sway, and of the turn rate (3,), from ``measured`` states (n, 6, M)."""
-    speed = np.nanmax(np.hypot(measured[:, 3], measured[:, 4]))
-    return BEYOND * np.array([speed, speed, np.nanmax(np.abs(measured[:, 5]))])
 
 
 def _places(particulars: Mapping[str, float]) -> dict[str, tuple[float, float]]:

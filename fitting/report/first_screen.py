@@ -83,8 +83,8 @@ def first_screen(
         groups=groups,
         rows=tuple(rows),
         note=note,
-        good=tuple(_briefly(good)),
-        bad=tuple(_briefly(bad)),
+        good=tuple(use.partition(":")[0] for use in good),
+        bad=tuple(use.partition(":")[0] for use in bad),
         rules=tuple(rules),
     )
 
@@ -159,8 +159,3 @@ def _measured(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
         for f in maneuver["figures"]
     ]  # fmt: skip
     return rows[:MOST_MEASURED]
-
-
-def _briefly(sentences: Sequence[str]) -> list[str]:
-    """What stands before the colon of each sentence."""
-    return [sentence.partition(":")[0] for sentence in sentences]
