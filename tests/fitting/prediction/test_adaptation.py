@@ -14,11 +14,19 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import SensorNoise, add_noise, simulate
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
-from fitting.prediction.predict import predict, predict_all, record_of
-from fitting.prediction.score import score
-from fitting.prediction.stretches import Adaptation, FadingCurrent, WindowBatch, adapt, past_begin, restarts, rollout
+from fitting.prediction.predict import Window, predict, predict_all, record_of
+from fitting.prediction.score import Score, score
+from fitting.prediction.stretches import (
+    Adaptation,
+    FadingCurrent,
+    WindowBatch,
+    adapt,
+    default_past,
+    past_begin,
+    restarts,
+    rollout,
+)
 from mmg.rollout import Simulator
-from mmg.ship import Ship
 
 CURRENT = {"x": 0.03, "y": -0.04}
 
@@ -38,8 +46,17 @@ def run(current: bool, noise: bool = True) -> Trial:
     return add_noise(trial, SensorNoise.for_length(3.0), 1) if noise else trial
 
 
-def past(seconds: float = 30.0, ship: Ship | None = None) -> Adaptation:
-    return Adaptation.of(ship or hidden_ship(), seconds)
+def past(seconds: float = 30.0) -> Adaptation:
+    return Adaptation.of(hidden_ship(), seconds)
+
+
+def windows_of(trial: Trial, adaptation: Adaptation | None = None) -> list[Window]:
+    return predict(simulator(), trial, 30.0, 15.0, False, adaptation=adaptation)[0]
+
+
+def scores(model: Simulator, trial: Trial) -> list[Score]:
+    """Without and with the 30 s before each window."""
+    return [score(model, [trial], np.array([1.0, 1.0, 0.1, 0.1, 0.03, 0.01]), adapt=a) for a in (None, 30.0)]
 
 
 def test_a_hidden_current_is_found_and_the_forecast_gains() -> None:
@@ -49,27 +66,25 @@ def test_a_hidden_current_is_found_and_the_forecast_gains() -> None:
     water, _ = adapt(simulator(), windows, past())
     # the current along the ship shows little in ten seconds, so the prior keeps it small
     np.testing.assert_allclose(water.velocity[1], CURRENT["y"], atol=0.02)
-    sigma = np.array([1.0, 1.0, 0.1, 0.1, 0.03, 0.01])
-    without, adapted = (score(simulator(), [trial], sigma, adapt=a) for a in (None, 30.0))
+    without, adapted = scores(simulator(), trial)
     assert adapted.window < 0.6 * without.window
     assert adapted.paper < without.paper
 
 
 def test_without_a_disturbance_it_costs_next_to_nothing() -> None:
-    sigma = np.array([1.0, 1.0, 0.1, 0.1, 0.03, 0.01])
-    without, adapted = (score(simulator(), [run(False)], sigma, adapt=a) for a in (None, 30.0))
+    without, adapted = scores(simulator(), run(False))
     assert adapted.window < without.window + 1e-3
 
 
 def test_data_after_the_start_of_a_window_do_not_change_its_prediction() -> None:
     trial = run(True)
-    windows = predict(simulator(), trial, 30.0, 15.0, False, adaptation=past())[0]
+    windows = windows_of(trial, past())
     at = windows[2].first
     changed = {name: values.copy() for name, values in trial.columns.items()}
     rng = np.random.default_rng(0)
     for name in ("x", "y", "psi", "u", "v", "r"):
         changed[name][at + 1 :] += rng.normal(0, 1, len(trial) - at - 1)
-    later = predict(simulator(), replace(trial, columns=changed), 30.0, 15.0, False, adaptation=past())[0]
+    later = windows_of(replace(trial, columns=changed), past())
     for before, after in zip(windows[:3], later[:3], strict=True):
         np.testing.assert_array_equal(before.states, after.states)
     assert not np.array_equal(windows[4].states, later[4].states)
@@ -77,24 +92,21 @@ def test_data_after_the_start_of_a_window_do_not_change_its_prediction() -> None
 
 def test_data_before_the_past_that_is_used_do_not_change_it_either() -> None:
     trial = run(True)
-    windows = predict(simulator(), trial, 30.0, 15.0, False, adaptation=past(10.0))[0]
-    changed = {name: values.copy() for name, values in trial.columns.items()}
-    changed["v"][: windows[3].first - 51] += 0.1
-    later = predict(simulator(), replace(trial, columns=changed), 30.0, 15.0, False, adaptation=past(10.0))[0]
+    windows = windows_of(trial, past(10.0))
+    v = trial["v"].copy()
+    v[: windows[3].first - 51] += 0.1
+    later = windows_of(trial.with_columns(v=v), past(10.0))
     np.testing.assert_array_equal(windows[3].states, later[3].states)
 
 
 def test_windows_predicted_together_do_not_influence_each_other() -> None:
     both = predict_all(simulator(), [run(True), run(False)], 30.0, 15.0, False, adaptation=past())
-    alone = predict(simulator(), run(True), 30.0, 15.0, False, adaptation=past())
-    for one, other in zip(both[0][0], alone[0], strict=True):
+    for one, other in zip(both[0][0], windows_of(run(True), past()), strict=True):
         np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-12)
 
 
 def test_a_window_without_a_past_is_predicted_as_without_adaptation() -> None:
-    trial = run(True)
-    plain = predict(simulator(), trial, 30.0, 15.0, False)[0]
-    adapted = predict(simulator(), trial, 30.0, 15.0, False, adaptation=past())[0]
+    plain, adapted = windows_of(run(True)), windows_of(run(True), past())
     np.testing.assert_allclose(plain[0].states, adapted[0].states, atol=1e-12)
     assert np.abs(plain[1].states - adapted[1].states).max() > 0.05
 
@@ -114,7 +126,7 @@ def test_the_past_ends_at_missing_samples_and_gaps() -> None:
 def test_positions_are_not_needed() -> None:
     trial = run(True)
     blind = Trial("blind", {k: v for k, v in trial.columns.items() if k not in ("x", "y")})
-    windows = predict(simulator(), blind, 30.0, 15.0, False, adaptation=past())[0]
+    windows = windows_of(blind, past())
     assert all(np.isfinite(w.states).all() for w in windows)
     assert (windows[2].states[0, :2] == 0).all()
 
@@ -132,15 +144,14 @@ def test_a_current_that_lasts_is_that_of_the_current_effect() -> None:
 
 def test_a_lag_starts_from_what_the_past_left_in_it() -> None:
     ship = hidden_ship().with_effect("velocity_filter", {"tau": 0.8})
-    lagged = Simulator(ship)
     trial = simulate(ship, parse_maneuver("random:5", ship, n=10.0, duration=120.0), dt=0.1)
-    sigma = np.array([1.0, 1.0, 0.1, 0.1, 0.03, 0.01])
-    without, adapted = (score(lagged, [trial], sigma, adapt=a) for a in (None, 30.0))
+    without, adapted = scores(Simulator(ship), trial)
     assert adapted.window < 0.7 * without.window
 
 
-def test_settings_scale_by_froudes_law() -> None:
-    model, full = Adaptation.of(load_ship("esso_osaka_3m"), 30.0), Adaptation.of(load_ship("kvlcc2_full"), 300.0)
-    k = (load_ship("kvlcc2_full").particulars["L"] / 3.0) ** 0.5
+def test_settings_and_the_past_scale_by_froudes_law() -> None:
+    ships = load_ship("esso_osaka_3m"), load_ship("kvlcc2_full")
+    (model, full), k = (Adaptation.of(ship, 30.0) for ship in ships), (ships[1].particulars["L"] / 3.0) ** 0.5
     assert model.restart == pytest.approx(8.0) and full.restart == pytest.approx(8.0 * k)
     assert full.size == pytest.approx(0.02 * k) and full.errors[0] == pytest.approx(0.06 * k**2)
+    assert [default_past(ship) for ship in ships] == [30, round(30 * k)]

@@ -13,11 +13,10 @@ import pytest
 
 from cases.criteria.imo import imo_figures
 from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.ship_file import dump_ship
 from fitting.prediction.figure_intervals import maneuver_scatter, with_intervals
 from mmg.messages import has_code
 from mmg_ident.commands.main import main
-from tests.fitting.prediction.test_figure_intervals import SPEED, content, some_ship
+from tests.fitting.prediction.test_figure_intervals import SPEED, content, run_folder, some_ship
 
 
 @pytest.fixture(scope="module")
@@ -63,12 +62,15 @@ def test_without_a_calibration_the_coefficients_alone_are_drawn(ship: Any) -> No
 def test_the_command_prints_both_intervals_and_the_criterion_and_draws_the_tracks(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    ship = some_ship()
-    folder = tmp_path / "run"
-    folder.mkdir()
-    (folder / "ship.toml").write_text(dump_ship(ship, "test"), encoding="utf-8")
-    (folder / "result.json").write_text(json.dumps({"kind": "calibration", **content(ship)}), encoding="utf-8")
-    options = [str(folder), "--maneuver", "zigzag:10/10", "--scatter", "20", "--speed", str(SPEED)]
+    options = [
+        str(run_folder(tmp_path / "run", some_ship())),
+        "--maneuver",
+        "zigzag:10/10",
+        "--scatter",
+        "20",
+        "--speed",
+        str(SPEED),
+    ]
     assert main(["simulate", *options, "--plot", str(tmp_path / "tracks.png"), "--json"]) == 0
     rows = {row["figure"]: row for row in json.loads(capsys.readouterr().out)["figures"]}
     first = rows["overshoot_1"]

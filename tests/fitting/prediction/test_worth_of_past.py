@@ -10,13 +10,11 @@ import numpy as np
 import pytest
 
 from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.shipfiles.ship_file import dump_ship
 from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import SensorNoise, add_noise, simulate, write_trial
 from cases.trial import Trial
 from fitting.prediction.score import adaptation_worth, past_to_use
-from fitting.prediction.stretches import default_past
-from mmg.messages import has_code
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
@@ -26,6 +24,7 @@ PAID = {
     "past_s": 30.0, "trials": "left out", "files": 4, "worthwhile": True,
     "without": {"window": 1.0, "paper": 1.0}, "with": {"window": 0.8, "paper": 0.9},
 }  # fmt: skip
+POOR = {**PAID, "worthwhile": False}
 
 
 @cache
@@ -60,31 +59,29 @@ def test_trials_that_were_left_out_are_predicted_by_their_own_coefficients() -> 
     assert worse and worse["without"]["window"] > 1.1 * plain["without"]["window"]
 
 
-def test_by_default_a_run_does_what_it_knows() -> None:
-    seconds, said = past_to_use({"adaptation": PAID}, None)
-    assert seconds == 30 and has_code(said, "adaptation_on") and "--adapt 0" in said[0]
-    seconds, said = past_to_use({"adaptation": {**PAID, "worthwhile": False}}, None)
-    assert seconds == 0 and has_code(said, "adaptation_off")
-    for old in ({"bands": {}}, {"adaptation": None}, {"adaptation": {"worthwhile": True}}, {"adaptation": 3}):
-        seconds, said = past_to_use(old, None)
-        assert seconds == 0 and has_code(said, "adaptation_untested")
-    assert past_to_use({}, None) == (0.0, [])
-    assert past_to_use({"model": "fnn"}, None) == (0.0, [])
-
-
-def test_what_is_asked_for_is_done_whatever_the_run_knows() -> None:
-    assert past_to_use({"adaptation": PAID}, 0.0) == (0.0, [])
-    assert past_to_use({"adaptation": PAID}, 12.0) == (12.0, [])
-    poor = {"adaptation": {**PAID, "worthwhile": False}}
-    seconds, said = past_to_use(poor, 12.0)
-    assert seconds == 12 and has_code(said, "adaptation_does_not_pay")
-    assert has_code(past_to_use({}, 12.0)[1], "adaptation_untested")
-
-
-def test_the_past_scales_by_froudes_law() -> None:
-    length = load_ship("kvlcc2_full").particulars["L"]
-    assert default_past(load_ship("esso_osaka_3m")) == 30
-    assert default_past(load_ship("kvlcc2_full")) == round(30 * (length / 3.0) ** 0.5)
+@pytest.mark.parametrize(
+    ("result", "wanted", "seconds", "code"),
+    [
+        ({"adaptation": PAID}, None, 30, "adaptation_on"),
+        ({"adaptation": POOR}, None, 0, "adaptation_off"),
+        ({"bands": {}}, None, 0, "adaptation_untested"),
+        ({"adaptation": None}, None, 0, "adaptation_untested"),
+        ({"adaptation": {"worthwhile": True}}, None, 0, "adaptation_untested"),
+        ({"adaptation": 3}, None, 0, "adaptation_untested"),
+        ({}, None, 0, ""),
+        ({"model": "fnn"}, None, 0, ""),
+        ({"adaptation": PAID}, 0.0, 0, ""),
+        ({"adaptation": PAID}, 12.0, 12, ""),
+        ({"adaptation": POOR}, 12.0, 12, "adaptation_does_not_pay"),
+        ({}, 12.0, 12, "adaptation_untested"),
+    ],
+)
+def test_by_default_a_run_does_what_it_knows_and_else_what_the_user_wants(
+    result: dict, wanted: float | None, seconds: float, code: str
+) -> None:
+    used, notes = past_to_use(result, wanted)
+    assert used == seconds and [note.code for note in notes] == [code] * bool(code)
+    assert ("--adapt 0" in "".join(notes)) == (code == "adaptation_on")
 
 
 @pytest.mark.slow

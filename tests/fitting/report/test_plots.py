@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import matplotlib as mpl
@@ -10,38 +11,26 @@ import pytest
 from matplotlib.figure import Figure
 
 from cases.trial import Trial
-from fitting.prediction.predict import predict
+from fitting.prediction.predict import Window, predict
 from fitting.report.plot_maneuvers import COLOURS as LINES
 from fitting.report.plot_style import DASHES, FigureFolder
-from fitting.report.plots import (
-    error_growth_plot,
-    rms_with_error,
-    trajectory_plot,
-    write_figures,
-)
+from fitting.report.plots import error_growth_plot, rms_with_error, trajectory_plot, write_figures
 from mmg.rollout import Simulator
 from tests.support.calibrated import small_result
 from tests.support.colours import apart, told_by_colour_alone
 
 
-def texts(figure: Figure) -> str:
-    """All words on a figure once it is drawn."""
-    figure.draw_without_rendering()
-    found = [t.get_text() for ax in figure.axes for t in (*ax.get_yticklabels(), *ax.texts, ax.title)]
-    found += [label for ax in figure.axes for label in (ax.get_xlabel(), ax.get_ylabel())]
-    return "\n".join(found)
-
-
-def held_out_run() -> tuple[Simulator, Trial]:
-    """The simulator of the calibrated ship and the held-out trial."""
+@cache
+def held_out_run() -> tuple[Simulator, Trial, list[Window]]:
+    """The simulator of the calibrated ship, the held-out trial and its windows of 50 s."""
     objects = small_result().objects
     assert objects
-    return objects.after, objects.validation[0]
+    trial = objects.validation[0]
+    return objects.after, trial, predict(objects.after, trial, 50.0, 50.0)[0]
 
 
 def test_tracks_have_equal_scales_and_run_north_up() -> None:
-    after, trial = held_out_run()
-    windows = predict(after, trial, 50.0, 50.0)[0]
+    _, trial, windows = held_out_run()
     figure = trajectory_plot(trial, windows, windows, length=3.0)
     figure.draw_without_rendering()
     track = figure.axes[0]
@@ -57,8 +46,7 @@ def test_tracks_have_equal_scales_and_run_north_up() -> None:
 
 
 def test_a_runaway_prediction_does_not_flatten_the_measured_histories() -> None:
-    after, trial = held_out_run()
-    good = predict(after, trial, 50.0, 50.0)[0]
+    _, trial, good = held_out_run()
     wild = [type(w)(w.number, w.first, w.last, w.states * 1e4) for w in good]
     ax = trajectory_plot(trial, wild, good).axes[1]
     measured, runaway = ax.lines[0].get_ydata(), ax.lines[1].get_ydata()  # of u, in strips of the height 1
@@ -66,31 +54,29 @@ def test_a_runaway_prediction_does_not_flatten_the_measured_histories() -> None:
 
 
 def test_a_trial_without_positions_gets_histories_only() -> None:
-    after, trial = held_out_run()
-    blind = type(trial)("blind", {k: v for k, v in trial.columns.items() if k not in ("x", "y")})
-    windows = predict(after, blind, 50.0, 50.0)[0]
-    words = texts(trajectory_plot(blind, windows, windows))
-    assert "r [deg/s]" in words and len(trajectory_plot(blind, windows, windows).axes) == 1
+    _, trial, windows = held_out_run()
+    blind = Trial("blind", {k: v for k, v in trial.columns.items() if k not in ("x", "y")})
+    figure = trajectory_plot(blind, windows, windows)
+    (ax,) = figure.axes
+    assert "r [deg/s]" in [t.get_text() for t in ax.texts]
+
+
+TWIN = {"delta_port": 0.1, "delta_starboard": -0.1, "n": 8.0}
 
 
 @pytest.mark.parametrize(
     ("inputs", "labels", "lines"),
     [
-        (
-            {"delta_port": 0.1, "delta_starboard": -0.1, "n": 8.0},
-            ["angles [deg]: delta_port, delta_starboard", "n [1/s]"],
-            3,
-        ),
+        (TWIN, ["angles [deg]: delta_port, delta_starboard", "n [1/s]"], 3),
         ({"n": 8.0, "n_2": 7.0}, ["n [1/s]: n, n_2"], 2),
         ({"n": 0.0, "delta": 0.0, "azimuth": 1.0, "n_azimuth": 3.0}, ["angles [deg]", "n [1/s]"], 2),
         ({"n": 0.0, "delta": 0.0}, ["delta [deg]", "n [1/s]"], 2),
     ],
 )
 def test_every_input_that_moves_is_drawn(inputs: dict[str, float], labels: list[str], lines: int) -> None:
-    after, trial = held_out_run()
+    _, trial, windows = held_out_run()
     states = {c: v for c, v in trial.columns.items() if c not in ("n", "delta")}
-    other = type(trial)("twin", {**states, **{c: np.full(len(trial), v) for c, v in inputs.items()}})
-    windows = predict(after, trial, 50.0, 50.0)[0]
+    other = Trial("twin", {**states, **{c: np.full(len(trial), v) for c, v in inputs.items()}})
     ax = trajectory_plot(other, windows, windows).axes[1]
     words = [t.get_text() for t in ax.texts if "[" in t.get_text()]
     assert words == ["u [m/s]", "v [m/s]", "r [deg/s]", *labels]
@@ -98,8 +84,7 @@ def test_every_input_that_moves_is_drawn(inputs: dict[str, float], labels: list[
 
 
 def test_strips_stand_over_the_whole_trial_and_mark_where_windows_start() -> None:
-    after, trial = held_out_run()
-    windows = predict(after, trial, 50.0, 50.0)[0]
+    _, trial, windows = held_out_run()
     ax = trajectory_plot(trial, windows, windows).axes[1]
     assert ax.get_xlim() == (0.0, trial.t[-1] - trial.t[0])
     starts = trial.t[[w.first for w in windows]] - trial.t[0]
@@ -107,7 +92,7 @@ def test_strips_stand_over_the_whole_trial_and_mark_where_windows_start() -> Non
 
 
 def test_errors_start_at_zero_and_the_end_is_the_rms_of_the_windows() -> None:
-    model, trial = held_out_run()
+    model, trial, _ = held_out_run()
     figure = error_growth_plot({"after": model}, [trial], horizon=40.0, stride=20.0)
     windows = predict(model, trial, 40.0, 20.0, short_last=False)[0]
     ends = [np.hypot(*(w.states[-1, :2] - trial.states[w.last, :2])) for w in windows]
@@ -134,18 +119,14 @@ def test_figures_are_written_and_nothing_global_changes(tmp_path: Path) -> None:
     result = small_result()
     assert result.objects
     before = dict(mpl.rcParams)
-    written = FigureFolder(tmp_path)
-    o = result.objects
+    written, o = FigureFolder(tmp_path), result.objects
     write_figures(written, result, (o.before, o.after), o.trials, o.validation)
-    listed = written.rows
     assert dict(mpl.rcParams) == before
-    names = [entry["file"] for entry in listed]
+    names = [entry["file"] for entry in written.rows]
     assert names == ["error_growth.png", *(f"track_{k + 1}.png" for k in range(len(names) - 1))] and len(names) > 1
-    for entry in listed:
-        path = tmp_path / entry["file"]
-        assert path.stat().st_size > 3000, path
-        assert entry["title"] and entry["caption"]
-    assert result.objects.validation[0].name in next(e["title"] for e in listed if e["file"] == "track_1.png")
+    for entry in written.rows:
+        assert (tmp_path / entry["file"]).stat().st_size > 3000 and entry["title"] and entry["caption"]
+    assert o.validation[0].name in written.rows[1]["title"]
 
 
 # Figures can be read in grey and with deuteranopia: where two colours look alike there, hatches or dashes differ
@@ -157,16 +138,11 @@ def test_two_blues_are_told_apart_and_equal_greys_are_not() -> None:
     assert apart("#0072B2", "#7FB8D9") and not apart("#C00000", "#006000") and not apart("#808080", "#818181")
 
 
-def test_what_only_colours_tell_apart_is_found() -> None:
+@pytest.mark.parametrize(("dashes", "hatch", "alike"), [("-", "", 2), ("--", "////", 0)])
+def test_what_only_colours_tell_apart_is_found(dashes: str, hatch: str, alike: int) -> None:
     figure = Figure()
     ax = figure.subplots()
     ax.plot([0, 1], color="#C00000", label="one")
-    ax.plot([0, 1], color="#006000", label="other")
-    ax.bar([0, 1], [1, 1], color=["#C00000", "#006000"])
-    assert len(told_by_colour_alone(figure)) == 2
-    figure = Figure()
-    ax = figure.subplots()
-    ax.plot([0, 1], color="#C00000", label="one")
-    ax.plot([0, 1], color="#006000", ls="--", label="other")
-    ax.bar([0, 1], [1, 1], color=["#C00000", "#006000"], hatch=["", "////"])
-    assert told_by_colour_alone(figure) == []
+    ax.plot([0, 1], color="#006000", ls=dashes, label="other")
+    ax.bar([0, 1], [1, 1], color=["#C00000", "#006000"], hatch=["", hatch])
+    assert len(told_by_colour_alone(figure)) == alike

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 import re
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +19,7 @@ from cases.criteria import imo
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
+from fitting.identifiability.analysis import KINDS
 from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.figure_intervals import JudgedFigures
 from fitting.report import imo_form as imo_form_module
@@ -94,6 +97,24 @@ def test_the_advice_follows_from_what_the_trials_held() -> None:
     for words in ("reversed propeller", "going astern", "n hardly changed", "hard-over", "cross flow"):
         assert not any(words in line for line in fewer), words
     assert good
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run folder of the small calibration with its page."""
+    replace(small_result(), objects=None).save(tmp_path / "run")
+    return tmp_path / "run"
+
+
+@pytest.fixture
+def pages_of() -> Callable:
+    """What reads the pages of a PDF; where WeasyPrint or pypdf is missing, the test is skipped."""
+    try:
+        needs_weasyprint()
+    except UserError as error:
+        pytest.skip(str(error))
+    pypdf = pytest.importorskip("pypdf")
+    return lambda path: pypdf.PdfReader(path).pages
 
 
 @pytest.fixture(scope="module")
@@ -239,7 +260,7 @@ def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:
 
 
 @pytest.mark.slow
-def test_the_page_has_the_form_the_limits_and_the_advice(known: Delivered, tmp_path: Path) -> None:
+def test_the_page_has_the_form_the_limits_and_the_advice(known: Delivered, run: Path, tmp_path: Path) -> None:
     fit = small_result()
     form = build_page([(fit, fit.ship, tmp_path)], [known])
     for words in ("tested", "model, calm and deep [90 %]", "corrected to full load [90 %]", "Stopping"):
@@ -247,26 +268,17 @@ def test_the_page_has_the_form_the_limits_and_the_advice(known: Delivered, tmp_p
     side = known.form.rows[0].sides[0].model if known.form else None
     assert side is not None and side.interval is not None and f"{side.value:.2f} [{side.interval[0]:.2f}, " in form
     assert fit.envelope is not None and set(fit.envelope) >= {"u", "v", "r", "n", "delta", "beta"}
-    fit = replace(fit, objects=None).save(tmp_path / "run")
-    text = (tmp_path / "run" / "report.html").read_text()
+    text = (run / "report.html").read_text()
     for heading in ("11. Trial conditions", "12. Manoeuvring data for IMO", "13. Limits of use", "14. How to use"):
         assert heading in text
-    assert read_fit(tmp_path / "run").envelope == fit.envelope
+    assert read_fit(run).envelope == fit.envelope
 
 
-def test_the_counts_of_the_page_are_those_of_the_console(tmp_path: Path) -> None:
-    replace(small_result(), objects=None).save(tmp_path / "run")
-    text = (tmp_path / "run" / "report.html").read_text()
-    own = " ".join(text[text.index("free coefficients: ") : text.index("Shift: estimate")].split())
-    from fitting.identifiability.analysis import KINDS
-
+def test_the_counts_of_the_page_are_those_of_the_console_and_no_column_is_empty(run: Path) -> None:
+    text = (run / "report.html").read_text()
+    words = " ".join(text[text.index("free coefficients: ") : text.index("Shift: estimate")].split())
     counts = small_result().identifiability["counts"]
-    assert own == "free coefficients: " + ", ".join(f"{n} {KINDS[kind]}" for kind, n in counts.items() if n) + "."
-
-
-def test_no_column_of_the_page_is_empty(tmp_path: Path) -> None:
-    replace(small_result(), objects=None).save(tmp_path / "run")
-    text = (tmp_path / "run" / "report.html").read_text()
+    assert words == "free coefficients: " + ", ".join(f"{n} {KINDS[kind]}" for kind, n in counts.items() if n) + "."
     assert not re.findall(r"<th[^>]*></th>", text)
     for table in re.findall(r"(?s)<table.*?</table>", text):
         rows = [re.findall(r"(?s)<td[^>]*>(.*?)</td>", row) for row in re.findall(r"(?s)<tr.*?</tr>", table)]
@@ -276,33 +288,19 @@ def test_no_column_of_the_page_is_empty(tmp_path: Path) -> None:
 
 @pytest.mark.longest
 @pytest.mark.slow
-def test_the_pdf_holds_every_heading(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    try:
-        needs_weasyprint()
-    except UserError as error:
-        pytest.skip(str(error))
-    pypdf = pytest.importorskip("pypdf")
-    replace(small_result(), objects=None).save(tmp_path / "run")
-    assert main(["report", str(tmp_path / "run"), "--pdf", "--no-imo"]) == 0
-    html = (tmp_path / "run" / "report.html").read_text()
-    reader = pypdf.PdfReader(tmp_path / "run" / "report.pdf")
-    words = " ".join(" ".join(page.extract_text() for page in reader.pages).split())
-    headings = [" ".join(re.sub(r"<.*?>", "", h).split()) for h in re.findall(r"(?s)<h[123][^>]*>(.*?)</h[123]>", html)]
+def test_the_pdf_holds_every_heading(run: Path, pages_of: Callable) -> None:
+    assert main(["report", str(run), "--pdf", "--no-imo"]) == 0
+    text = (run / "report.html").read_text()
+    words = " ".join(" ".join(page.extract_text() for page in pages_of(run / "report.pdf")).split())
+    headings = [" ".join(re.sub(r"<.*?>", "", h).split()) for h in re.findall(r"(?s)<h[123][^>]*>(.*?)</h[123]>", text)]
     assert len(headings) > 15
-    import html as escapes
-
-    assert [h for h in map(escapes.unescape, headings) if h.replace(" ", "") not in words.replace(" ", "")] == []
+    assert [h for h in map(html.unescape, headings) if h.replace(" ", "") not in words.replace(" ", "")] == []
     with pytest.raises(UserError):
-        write_pdf("<p>x</p>", tmp_path / "nowhere" / "x.pdf")
+        write_pdf("<p>x</p>", run / "nowhere" / "x.pdf")
 
 
 @pytest.mark.slow
-def test_a_pdf_shows_the_pictures_of_its_page_and_no_others(tmp_path: Path) -> None:
-    try:
-        needs_weasyprint()
-    except UserError as error:
-        pytest.skip(str(error))
-    pypdf = pytest.importorskip("pypdf")
+def test_a_pdf_shows_the_pictures_of_its_page_and_no_others(tmp_path: Path, pages_of: Callable) -> None:
     picture = io.BytesIO()
     imsave(picture, np.zeros((2, 3, 3)), format="png")
     (tmp_path / "other.png").write_bytes(picture.getvalue())
@@ -310,27 +308,25 @@ def test_a_pdf_shows_the_pictures_of_its_page_and_no_others(tmp_path: Path) -> N
 
     def pictures(source: str) -> int:
         write_pdf(f'<p>x</p><img src="{source}" width="30">', tmp_path / "page.pdf")
-        return sum(len(page.images) for page in pypdf.PdfReader(tmp_path / "page.pdf").pages)
+        return sum(len(page.images) for page in pages_of(tmp_path / "page.pdf"))
 
     assert pictures(inside) == 1
     assert pictures((tmp_path / "other.png").as_uri()) == 0
 
 
 def test_without_weasyprint_one_line_says_what_to_do_and_nothing_is_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    replace(small_result(), objects=None).save(tmp_path / "run")
     monkeypatch.setitem(sys.modules, "weasyprint", None)
-    out = tmp_path / "page.html"
-    assert main(["report", str(tmp_path / "run"), "--pdf", "--no-imo", "--out", str(out)]) == 2
+    out = run / "page.html"
+    assert main(["report", str(run), "--pdf", "--no-imo", "--out", str(out)]) == 2
     assert "mmg-ident[pdf]" in capsys.readouterr().err
     assert not out.exists() and not out.with_suffix(".pdf").exists()
 
 
 @pytest.mark.slow
-def test_the_report_of_a_run_makes_the_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_report_of_a_run_makes_the_form(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(imo_form_module, "DRAWS", 20)
     monkeypatch.setattr(imo, "STANDARD", TURNS)
-    replace(small_result(), objects=None).save(tmp_path / "run")
-    text = write_report([tmp_path / "run"], tmp_path / "page.html")
+    text = write_report([run], run / "page.html")
     assert "appendix 6" in text and "[90" in text and "starboard" in text
