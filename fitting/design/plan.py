@@ -257,9 +257,9 @@ class Evolution:
         fading = np.sqrt(1 - (1 - self.c_s) ** (2 * self.generation))
         on = float(length / fading < (1.4 + 2 / (n + 1)) * self.norm)  # Heaviside: a path too long stalls the other
         self.path = (1 - self.c_c) * self.path + on * np.sqrt(self.c_c * (2 - self.c_c) * mu) * y
-        left = 1 - self.c_1 - self.c_mu + (1 - on) * self.c_1 * self.c_c * (2 - self.c_c)
+        remainder = 1 - self.c_1 - self.c_mu + (1 - on) * self.c_1 * self.c_c * (2 - self.c_c)
         rank_mu = np.einsum("k,ki,kj->ij", self.weights, selected, selected)
-        self.C = left * self.C + self.c_1 * np.outer(self.path, self.path) + self.c_mu * rank_mu
+        self.C = remainder * self.C + self.c_1 * np.outer(self.path, self.path) + self.c_mu * rank_mu
         self.sigma *= float(np.exp(min(1.0, self.c_s / self.damping * (length / self.norm - 1))))
 
 
@@ -291,8 +291,8 @@ class PlanTask:
         """Whether the propeller of ``ship`` is reversed at will: not with a diesel engine, which takes its time."""
         if self.wish.ahead or "n" not in ship.actuators or "pitch" in ship.actuators:
             return False
-        own = own_speed(ship)
-        return engine_of(ship, own, revolutions_for(ship, own)) is None
+        speed = own_speed(ship)
+        return engine_of(ship, speed, revolutions_for(ship, speed)) is None
 
 
 @dataclass(frozen=True)
@@ -353,11 +353,13 @@ class SequenceSearch:
     def __init__(self, info: TrialInformation, present: Present, task: PlanTask, sequences: Sequences) -> None:
         self.info, self.present, self.task, self.sequences = info, present, task, sequences
         self.ship = info.simulator.ship
-        own = self.ship.values[:, None]
-        values = np.hstack([own, own + task.draws])  # the first is the ship herself
+        nominal = self.ship.values[:, None]
+        values = np.hstack([nominal, nominal + task.draws])  # the first is the ship herself
         bounds = [(c.lower, c.upper) if not c.fixed else (-np.inf, np.inf) for c in self.ship.coefficients.values()]
         low, high = np.array(bounds, dtype=float).T[..., None]
-        self.theta = np.clip(values, np.minimum(low, own), np.maximum(high, own))  # she may lie beyond her bounds
+        self.theta = np.clip(
+            values, np.minimum(low, nominal), np.maximum(high, nominal)
+        )  # she may lie beyond her bounds
 
     def inputs(self, orders: np.ndarray, revolutions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (N + 1, 2, K) and inputs of the model (N, C, K) that follow ``orders`` (N + 1, 2, K) from

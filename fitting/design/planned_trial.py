@@ -183,8 +183,8 @@ class PlannedTrial:
         states = f.states.copy()
         states[:, 2] = wrap(states[:, 2])
         columns = {"t": np.round(t, 9), **dict(zip(STATES, states.T, strict=True))}
-        moved = actuator_positions(self.ship, f.inputs[:, 0], f.inputs[:, 1])
-        columns |= {name: np.broadcast_to(values, len(t)) for name, values in moved.items()}
+        positions = actuator_positions(self.ship, f.inputs[:, 0], f.inputs[:, 1])
+        columns |= {name: np.broadcast_to(values, len(t)) for name, values in positions.items()}
         columns |= {"n": f.inputs[:, 0]} if "n" not in columns else {}
         columns |= {"delta": f.inputs[:, 1]} if not any(name.startswith("delta") for name in columns) else {}
         columns |= {"n_order": f.orders[:, 0], "delta_order": f.orders[:, 1]}
@@ -255,10 +255,10 @@ def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnP
         notes.append("how much the noise of these trials is correlated was not stored (fit without --no-next-trial)")
     present = Present(np.linalg.inv(covariance), float(worth), wanted, names)
     task = PlanTask(wish, area, speed, draws_of(calibrated, ship)[:, :DRAWS])
-    found = search_plan(info, present, task, progress)
-    if not found.whole:
+    sequence = search_plan(info, present, task, progress)
+    if not sequence.whole:
         notes.append(f"the search was ended after {wish.time_limit:g} s (--time-limit); a longer one may find more")
-    return PlannedTrial(ship, task, found, present, dt, tuple(notes))
+    return PlannedTrial(ship, task, sequence, present, dt, tuple(notes))
 
 
 def _calibration_in(content: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -284,22 +284,22 @@ def _check_limits(wish: Wish) -> None:
         raise OutOfRange(f"--time-limit {wish.time_limit:g} s: give a positive number of seconds")
 
 
-def _speed(ship: Ship, known: Mapping[str, Any], wish: Wish) -> float:
+def _speed(ship: Ship, calibrated: Mapping[str, Any], wish: Wish) -> float:
     """Highest speed [m/s]: as given, else the higher one of the ship's own and that which the trials held."""
     if wish.speed_limit is not None:
         limit = reference_speed(ship.particulars["L"])
         if not (math.isfinite(wish.speed_limit) and 0.005 * limit <= wish.speed_limit <= limit):
             raise OutOfRange(f"--speed-limit {wish.speed_limit:g} m/s: give {0.005 * limit:.2g} to {limit:.3g} m/s")
         return wish.speed_limit
-    return max(own_speed(ship), *((known.get("envelope") or {}).get("u") or [0.0]))
+    return max(own_speed(ship), *((calibrated.get("envelope") or {}).get("u") or [0.0]))
 
 
-def _sigma(known: Mapping[str, Any], ship: Ship) -> np.ndarray:
+def _sigma(calibrated: Mapping[str, Any], ship: Ship) -> np.ndarray:
     """Noise (6,) of the states in the fit, of usual sensors where it is not known; infinite for positions that no trial
     has."""
     usual = astuple(SensorNoise.for_length(ship.particulars["L"]))
-    scaled = known.get("scaling") is not None
-    sigma = [usual[i] if scaled or not (value := known["sigma"].get(s)) else value for i, s in enumerate(STATES)]
-    if not scaled and not any(row["has_position"] for row in known["data"]):
+    scaled = calibrated.get("scaling") is not None
+    sigma = [usual[i] if scaled or not (value := calibrated["sigma"].get(s)) else value for i, s in enumerate(STATES)]
+    if not scaled and not any(row["has_position"] for row in calibrated["data"]):
         sigma[:2] = [math.inf, math.inf]
     return np.array(sigma, dtype=float)

@@ -117,23 +117,24 @@ class ChosenWindows:
     all: float
 
 
-def window_information(found: Innovations) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the windows (W,) and their information (W, P, P) on the candidates of ``found``, in units of their
-    typical sizes. Windows with a stretch that was moved by something else are left out."""
-    information, _, distance = information_of(found)
-    windows, position = np.unique(found.window, return_inverse=True)
-    information *= np.outer(found.typical, found.typical)  # by candidate in SI -> in typical sizes
+def window_information(innovations: Innovations) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the windows (W,) and their information (W, P, P) on the candidates of ``innovations``, in units of
+    their typical sizes. Windows with a stretch that was moved by something else are left out."""
+    information, _, distance = information_of(innovations)
+    windows, position = np.unique(innovations.window, return_inverse=True)
+    information *= np.outer(innovations.typical, innovations.typical)  # by candidate in SI -> in typical sizes
     total, worst = group_sums(position, information, len(windows)), np.zeros(len(windows))
     np.maximum.at(worst, position, distance)
     sound = worst < UNEXPLAINED
     return windows[sound], total[sound]
 
 
-def choose_windows(found: Innovations, most: int) -> ChosenWindows:
-    """At most so many windows of ``found``, whose candidates are coefficients: each adds most to the log determinant of
-    the information that those before it have, beginning with the prior (typical sizes are its standard deviations)."""
-    numbers, information = window_information(found)
-    P = len(found.typical)
+def choose_windows(innovations: Innovations, most: int) -> ChosenWindows:
+    """Up to ``most`` windows of ``innovations``, whose candidates are coefficients: each adds most to the log
+    determinant of the information that those before it have, beginning with the prior (typical sizes are its standard
+    deviations)."""
+    numbers, information = window_information(innovations)
+    P = len(innovations.typical)
     precision, remaining, chosen, gains = np.eye(P), np.ones(len(numbers), bool), list[int](), list[float]()
     total = float(np.linalg.slogdet(precision + information.sum(axis=0))[1]) if len(numbers) else 0.0
     while remaining.any() and len(chosen) < most:  # greedy D-optimal design

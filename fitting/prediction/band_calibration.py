@@ -99,13 +99,13 @@ def fit_bands(
     adapted = _WindowErrors(simulator, stretches, batch, rollout(simulator, batch, water, offset)[0], along=out)
     factor, with_past = (few_runs * part.factors(rest, fixed) for part in (errors, adapted))
     process = replace(process, factor=factor, adapted=with_past)
-    held = held_motion([record_of(trial, ship.inputs) for trial in trials], ship.inputs, length)
-    return process_dict(process) | ({"held": held_dict(held)} if held else {})
+    trial_motion = held_motion([record_of(trial, ship.inputs) for trial in trials], ship.inputs, length)
+    return process_dict(process) | ({"held": held_dict(trial_motion)} if trial_motion else {})
 
 
 def _stretches(trials: Sequence[Trial], ship: Ship, without: np.ndarray | None) -> list[Stretch]:
     """Windows of ``trials``, evenly spread, up to MOST_WINDOWS; without: (R, P) coefficients by trial."""
-    k, found = time_scale(ship.particulars["L"]), []
+    k, windows = time_scale(ship.particulars["L"]), []
     values = [None] * len(trials) if without is None else [v if np.isfinite(v).all() else ship.values for v in without]
     for trial, value in zip(trials, values, strict=True):
         record = record_of(trial, ship.inputs, value)
@@ -113,10 +113,10 @@ def _stretches(trials: Sequence[Trial], ship: Ship, without: np.ndarray | None) 
             bad = np.flatnonzero(~record.good[first : last + 1])
             end = first + int(bad[0]) - 1 if len(bad) else last  # a window ends before a row that is missing
             if end > first and trial.t[end] - trial.t[first] >= EVERY * k:
-                found.append(Stretch(record, first, end))
-    if len(found) <= MOST_WINDOWS:
-        return found
-    return [found[i] for i in np.linspace(0, len(found) - 1, MOST_WINDOWS).round().astype(int)]
+                windows.append(Stretch(record, first, end))
+    if len(windows) <= MOST_WINDOWS:
+        return windows
+    return [windows[i] for i in np.linspace(0, len(windows) - 1, MOST_WINDOWS).round().astype(int)]
 
 
 class _WindowErrors:
@@ -157,15 +157,15 @@ class _WindowErrors:
         process, rest: (n, 6, M) variance by the process without factors, and by all else. A horizon that too few
         errors reach has the factors of the one before it.
         """
-        found = np.ones((len(HORIZONS), 6))
+        result = np.ones((len(HORIZONS), 6))
         for h, horizon in enumerate(HORIZONS):
             near = self.until(horizon * WIDE) & (self.times > horizon / WIDE * self.scale)
             for s in range(6):
                 square = _wanted(self.error[:, s][near], process[:, s][near], rest[:, s][near])
-                before = found[h - 1, s] if h else 1.0
+                before = result[h - 1, s] if h else 1.0
                 # squares: factors stay between 0.1 and 10, set by hand
-                found[h, s] = np.sqrt(np.clip(square, 0.01, 100.0)) if np.isfinite(square) else before
-        return found
+                result[h, s] = np.sqrt(np.clip(square, 0.01, 100.0)) if np.isfinite(square) else before
+        return result
 
 
 def _likely_process(errors: _WindowErrors, noise: np.ndarray) -> Process | None:
@@ -179,9 +179,9 @@ def _likely_process(errors: _WindowErrors, noise: np.ndarray) -> Process | None:
     for m, d in product(MEMORIES, DECAYS):
         parts = np.moveaxis(velocity_variance(shape, dt, m * k, d * k), 0, 1)[:, every::every]
         for c in range(3):
-            value, found = likely_sizes(parts, sampled[:, c], 2 * noise[3 + c] ** 2)
+            value, sizes = likely_sizes(parts, sampled[:, c], 2 * noise[3 + c] ** 2)
             if value < best[c]:
-                best[c], memory[c], decay[c], size[c] = value, m * k, d * k, found
+                best[c], memory[c], decay[c], size[c] = value, m * k, d * k, sizes
     one = np.ones((len(HORIZONS), 6))
     return Process(memory, decay, size, noise, one, one, k * np.array(HORIZONS))
 
@@ -204,8 +204,8 @@ def likely_sizes(parts: np.ndarray, error: np.ndarray, floor: float) -> tuple[fl
         slope = (1 / variance - e2 / variance**2) / len(e2)
         return float((np.log(variance) + e2 / variance).mean()), weight * (A @ slope)
 
-    found = minimize(objective, np.full(len(A), -1.0), jac=True, method="L-BFGS-B", bounds=[(-12.0, 6.0)] * len(A))
-    return float(found.fun), np.sqrt(typical * np.exp(found.x) / means)
+    minimum = minimize(objective, np.full(len(A), -1.0), jac=True, method="L-BFGS-B", bounds=[(-12.0, 6.0)] * len(A))
+    return float(minimum.fun), np.sqrt(typical * np.exp(minimum.x) / means)
 
 
 def _wanted(e: np.ndarray, share: np.ndarray, rest: np.ndarray) -> float:

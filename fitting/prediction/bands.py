@@ -77,12 +77,12 @@ def acceleration_steps(dt: np.ndarray, memory: float, decay: float) -> np.ndarra
     # da = -a / memory dt + sqrt(2 / memory) dW (Ornstein-Uhlenbeck, variance 1), de = (a - e / T) dt, solved exactly
     # over a step; aa, ae, ee are integrals of products of their responses to dW over it
     T = decay * 1.01 if abs(decay - memory) < 0.01 * memory else decay  # equal ones would divide by zero
-    left, error, rate = np.exp(-dt / memory), np.exp(-dt / T), 1 / T - 1 / memory
-    both = (1 - left * error) / (1 / memory + 1 / T)  # integrals of products of the two exponentials
-    twice_left, twice_error = memory / 2 * (1 - left**2), T / 2 * (1 - error**2)
+    fade, error, rate = np.exp(-dt / memory), np.exp(-dt / T), 1 / T - 1 / memory
+    both = (1 - fade * error) / (1 / memory + 1 / T)  # integrals of products of the two exponentials
+    twice_fade, twice_error = memory / 2 * (1 - fade**2), T / 2 * (1 - error**2)
     noise = 2 / memory
-    ee = np.maximum(noise / rate**2 * (twice_left - 2 * both + twice_error), 0.0)  # rounding of short steps
-    return np.stack([left, error, (left - error) / rate, 1 - left**2, noise / rate * (twice_left - both), ee], axis=1)
+    ee = np.maximum(noise / rate**2 * (twice_fade - 2 * both + twice_error), 0.0)  # rounding of short steps
+    return np.stack([fade, error, (fade - error) / rate, 1 - fade**2, noise / rate * (twice_fade - both), ee], axis=1)
 
 
 def velocity_variance(square: np.ndarray, dt: np.ndarray, memory: float, decay: float) -> np.ndarray:
@@ -94,10 +94,10 @@ def velocity_variance(square: np.ndarray, dt: np.ndarray, memory: float, decay: 
     aa = square[0].copy()  # they began long before
     ae, ee = np.zeros_like(aa), np.zeros_like(aa)
     out = [ee]
-    for (left, error, gain, a, b, e), now in zip(acceleration_steps(dt, memory, decay), square, strict=False):
+    for (fade, error, gain, a, b, e), now in zip(acceleration_steps(dt, memory, decay), square, strict=False):
         ee = error**2 * ee + 2 * error * gain * ae + gain**2 * aa + e * now
-        ae = left * (error * ae + gain * aa) + b * now
-        aa = left**2 * aa + a * now
+        ae = fade * (error * ae + gain * aa) + b * now
+        aa = fade**2 * aa + a * now
         out.append(ee)
     return np.array(out)
 
@@ -166,13 +166,13 @@ class Bands:
     def measurement_variance(self, times: np.ndarray, states: np.ndarray) -> np.ndarray:
         """Variance (n, 6, M) by noise of the start, carried on, and of the sample that is predicted."""
         noise = self.process.noise**2
-        left = np.exp(-2 * times[:, None] / self.process.decay[:, None])  # of the variance of a velocity (n, 3, M)
-        reach = (1 - np.sqrt(left)) * self.process.decay[:, None]  # [s]: integral of a velocity error that decays
+        fade = np.exp(-2 * times[:, None] / self.process.decay[:, None])  # of the variance of a velocity (n, 3, M)
+        reach = (1 - np.sqrt(fade)) * self.process.decay[:, None]  # [s]: integral of a velocity error that decays
         way = np.hypot(states[:, 0] - states[0, 0], states[:, 1] - states[0, 1])
         # a wrong velocity, in whatever direction it goes, and a wrong heading by the way
         place = np.maximum(noise[3], noise[4]) * np.maximum(reach[:, 0], reach[:, 1]) ** 2 + noise[2] * way**2
         start = np.stack(
-            [place, place, noise[5] * reach[:, 2] ** 2, *np.moveaxis(noise[3:, None] * left, 1, 0)], axis=1
+            [place, place, noise[5] * reach[:, 2] ** 2, *np.moveaxis(noise[3:, None] * fade, 1, 0)], axis=1
         )
         start[:, :3] += noise[:3, None]  # x, y, psi of the start are carried on whole
         return start + noise[:, None]

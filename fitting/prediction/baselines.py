@@ -114,8 +114,8 @@ def fit_grey_box(
 
     def sensitivities(scaled: np.ndarray) -> np.ndarray:
         """Derivatives of the errors (rows, 18) by differences, all coefficients side by side."""
-        found = errors(np.column_stack([scaled, scaled[:, None] + DIFFERENCE * np.eye(18)]))
-        return (found[:, 1:] - found[:, :1]) / DIFFERENCE
+        perturbed = errors(np.column_stack([scaled, scaled[:, None] + DIFFERENCE * np.eye(18)]))
+        return (perturbed[:, 1:] - perturbed[:, :1]) / DIFFERENCE
 
     solution = least_squares(
         lambda scaled: errors(scaled[:, None])[:, 0],  # type: ignore[misc]

@@ -102,7 +102,7 @@ def ranges_of(runs: SimulatedRuns) -> dict[str, tuple[float, float]]:
 
 def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> tuple[str, ...]:
     """Which quantities of the first of ``runs`` leave the ranges of an ``envelope``, in words with the worst value."""
-    found = []
+    sentences = []
     for name, (least, most) in ranges_of(runs).items():
         if name not in envelope:
             continue
@@ -112,8 +112,8 @@ def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> 
         words, unit, factor = QUANTITIES[name]
         for reached, limit, over in ((least, low, least < low - slack), (most, high, most > high + slack)):
             if over:
-                found.append(f"{words} {factor * reached:.3g} {unit}, in the trials {factor * limit:.3g}")
-    return tuple(found)
+                sentences.append(f"{words} {factor * reached:.3g} {unit}, in the trials {factor * limit:.3g}")
+    return tuple(sentences)
 
 
 def outside_words(name: str, kind: str, outside: Sequence[str], widened: bool = True) -> str:

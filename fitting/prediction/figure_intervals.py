@@ -218,9 +218,13 @@ def drawn_figures(
     nominal = simulate_batch(simulator, plan, dt=dt, held=True)
     outside = outside_of(envelope, nominal) if envelope else None
     drawn = drawn_resistance(ship, plan, dict(drawn), count, seed)
-    own = figures_of_each(nominal, plan)[0]
+    nominal_figures = figures_of_each(nominal, plan)[0]
     # a figure that the ship herself does not reach has no change that could be carried on (``linearised``)
-    near = NEAR if bands is not None and plan.kind not in STOPS and all(map(math.isfinite, own.values())) else 1.0
+    near = (
+        NEAR
+        if bands is not None and plan.kind not in STOPS and all(map(math.isfinite, nominal_figures.values()))
+        else 1.0
+    )
     clusters = content.get("uncertainty", {}).get("runs")
     farther = student_factor(clusters) if clusters and near < 1 else 1.0  # of accelerations the bands have it already
 
@@ -245,12 +249,16 @@ def drawn_figures(
     ships, trials = ({name: column[part] for name, column in table.items()}
                      for part in (slice(count), slice(-count, None)))  # fmt: skip
     if near < 1:
-        ships, trials = linearised(own, ships, trials, near)
+        ships, trials = linearised(nominal_figures, ships, trials, near)
     # tracks are those of whole draws: a motion, unlike a figure, is not carried on in a straight line
-    whole = runs if near == 1 else simulated(tracks, 1.0)
-    kept = np.arange(len(whole.last) - (count if near == 1 else tracks), len(whole.last))[:tracks]  # single trials
-    motions = SimulatedRuns(whole.t, whole.states[:, :, kept], whole.inputs[:, :, kept], whole.last[kept])
-    few = SimulatedRuns(whole.t, *(x[..., :SHOWN] for x in (motions.states, motions.inputs, motions.last)))
+    full_draws = runs if near == 1 else simulated(tracks, 1.0)
+    kept = np.arange(len(full_draws.last) - (count if near == 1 else tracks), len(full_draws.last))[
+        :tracks
+    ]  # single trials
+    motions = SimulatedRuns(
+        full_draws.t, full_draws.states[:, :, kept], full_draws.inputs[:, :, kept], full_draws.last[kept]
+    )
+    few = SimulatedRuns(full_draws.t, *(x[..., :SHOWN] for x in (motions.states, motions.inputs, motions.last)))
     shown = tuple(s for s in since_each(few, plan.parameters["order_time"]) if s is not None)
     lost = int(np.isnan(runs.states[-1, 0, :count]).sum())
     widened = bands is not None and bands.held is not None
@@ -258,19 +266,19 @@ def drawn_figures(
 
 
 def linearised(
-    own: Mapping[str, float], ships: Mapping[str, np.ndarray], trials: Mapping[str, np.ndarray], near: float
+    nominal: Mapping[str, float], ships: Mapping[str, np.ndarray], trials: Mapping[str, np.ndarray], near: float
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Figures (count,) of ``ships`` and of single ``trials`` of them, from those of draws that lie ``near`` the ship.
 
     A covariance belongs to the model linearised in its coefficients: in directions that the trials hardly tell, draws
     through the whole model leave what the trials allow, and figures scatter too widely (Immer, Korzepa & Bauer 2021,
     Improving predictions of Bayesian neural nets via local linearization, AISTATS, eq. 10). So the figure's change
-    between the ship as she is, ``own``, and draws at a share ``near`` of their distance is carried on, in its
+    between the ship as she is, ``nominal``, and draws at a share ``near`` of their distance is carried on, in its
     logarithm where it is positive. A single trial has besides what it changes of the near ship's figure.
     """
     figures: tuple[dict[str, np.ndarray], dict[str, np.ndarray]] = {}, {}
     for name, column in ships.items():
-        once, at = trials[name], own.get(name, math.nan)
+        once, at = trials[name], nominal.get(name, math.nan)
         positive = at > 0 and not (column <= 0).any() and not (once <= 0).any()
         with np.errstate(over="ignore"):
             if positive:
@@ -312,11 +320,11 @@ def maneuver_scatter(
     judged = plan.kind in (JUDGED if content else STOPS)
     for name in ship.effects if judged else ():  # figures are those of the motion, whatever her instruments show
         ship = ship.without_effect(name) if EFFECTS[name].measures else ship
-    found = scattered(ship, plan, count, seed, correlation_in(content), dt)
+    scatter = scattered(ship, plan, count, seed, correlation_in(content), dt)
     if not judged:
-        return found, None, None
+        return scatter, None, None
     run = planned_run(ship, plan)
-    drawn, trials = drawn_figures(Simulator(ship), plan, found.coefficients, content, seed, dt, count)
+    drawn, trials = drawn_figures(Simulator(ship), plan, scatter.coefficients, content, seed, dt, count)
     limits = {  # SI and rad, as the draws
         row.figure: row.limit * (run.length if row.unit == "L" else math.radians(1.0))
         for row in assess(run, ship.particulars.get("scale"))
@@ -326,12 +334,12 @@ def maneuver_scatter(
         replace(row, **drawn.of(row.figure, limit=limits.get(row.figure)), share=drawn.share(row.figure),
                 limit=limits.get(row.figure))
         if row.figure in drawn.ship else row
-        for row in found.rows
+        for row in scatter.rows
     )  # fmt: skip
-    notices = (*found.notices, *drawn.notice(plan.name, plan.kind))
+    notices = (*scatter.notices, *drawn.notice(plan.name, plan.kind))
     kept = np.isfinite(trials.states).all(axis=(0, 1))
     trials = replace(trials, states=trials.states[:, :, kept], inputs=trials.inputs[:, :, kept], last=trials.last[kept])
-    return replace(found, rows=rows, notices=notices, values=drawn.ship, trials=trials), run, drawn
+    return replace(scatter, rows=rows, notices=notices, values=drawn.ship, trials=trials), run, drawn
 
 
 def accelerations(
@@ -375,7 +383,7 @@ def accelerations(
         lasting_size = np.minimum(lasting_size, UNTRIED * greatest_accelerations(nominal))
     before: list[np.ndarray] = []
     lasting = near * np.tile(rng.standard_normal((3, count)), copies)  # the same in both copies: a trial is of a ship
-    left = np.exp(-dt / memory)[:, None]
+    fade = np.exp(-dt / memory)[:, None]
     passing = np.zeros((3, copies * count))  # 0 for the ships, unit variance for the trials of them
     if copies == 2:
         passing[:, count:] = rng.standard_normal((3, count))
@@ -388,8 +396,8 @@ def accelerations(
             value[0] += np.clip(share[i] * lasting[0], -MOST_SHARE, MOST_SHARE) * slowing
         before[:] = [states[3] + dt * value[0]]  # u of the next step if she lost nothing by herself
         if copies == 2:  # Ornstein-Uhlenbeck, exactly over a step
-            fresh = rng.standard_normal((3, count)) * np.sqrt(1 - left**2)
-            passing[:, count:] = left * passing[:, count:] + fresh
+            fresh = rng.standard_normal((3, count)) * np.sqrt(1 - fade**2)
+            passing[:, count:] = fade * passing[:, count:] + fresh
         return np.nan_to_num(value)
 
     return push

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from cases.inputs import STANDARD, model_inputs
+from cases.inputs import model_inputs
 from cases.io.campaigns import campaign_among
 from cases.io.files import replace_text
 from cases.trial import Trial, bridged
@@ -72,8 +72,8 @@ def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -
     while start < t[-1] - tolerance:
         first = int(np.searchsorted(t, start - tolerance))
         last = int(np.searchsorted(t, t[first] + length + tolerance)) - 1
-        whole = t[min(last, len(t) - 1)] >= t[first] + length - 2 * tolerance
-        if last > first and (whole or short_last):
+        is_whole = t[min(last, len(t) - 1)] >= t[first] + length - 2 * tolerance
+        if last > first and (is_whole or short_last):
             result.append((first, min(last, len(t) - 1)))
         start += stride
     return result
@@ -150,12 +150,6 @@ def planned_windows(
     }
     words = f"{trial.name}: {len(rows) - len(kept)} window(s) touch missing samples and were left out"
     return kept, [Message(words, "windows_left_out")] if len(kept) < len(rows) else []
-
-
-def whole_windows(trial: Trial, length: float, stride: float, inputs: Sequence[str] = STANDARD) -> int:
-    """How many whole windows of ``length`` [s] every ``stride`` [s] of ``trial`` can be predicted by a model with these
-    ``inputs``."""
-    return len(planned_windows(trial, inputs, length, stride, False)[0])
 
 
 Predicted = list[tuple[list[Window], list[Message]]]  # Windows of each of several trials, and notes on those left out
@@ -256,13 +250,13 @@ def outside_share(simulator: Simulator, trial: Trial, windows: Sequence[Window])
         return None
     controls = model_inputs(trial, simulator.ship.inputs).array
     logged = np.vstack([w.states for w in windows]).T
-    held = np.vstack([controls[w.first : w.last + 1] for w in windows]).T
-    good = np.isfinite(logged).all(axis=0) & np.isfinite(held).all(axis=0)
+    inputs = np.vstack([controls[w.first : w.last + 1] for w in windows]).T
+    good = np.isfinite(logged).all(axis=0) & np.isfinite(inputs).all(axis=0)
     if not good.any():
         return None
     # the network sees the motion itself, behind lags and filters of the sensors
-    logged, held, values = logged[:, good], held[:, good], simulator.ship.values
-    features = np.array(model.features(states_behind(model, logged, held, values), held, values))
+    logged, inputs, values = logged[:, good], inputs[:, good], simulator.ship.values
+    features = np.array(model.features(states_behind(model, logged, inputs, values), inputs, values))
     order = [simulator.ship.features.index(name) for name in network.features]
     return float(network.outside(features[order]).mean())
 

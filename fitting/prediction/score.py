@@ -22,9 +22,9 @@ from fitting.prediction.predict import (
     ShipsByTrial,
     Window,
     change_over,
+    planned_windows,
     predict_all,
     record_of,
-    whole_windows,
 )
 from fitting.prediction.stretches import Adaptation, default_past
 from fitting.prediction.unit_errors import REFERENCES, STATE_ERRORS, RunErrors, UnitErrors, errors_in_units, is_worse
@@ -123,9 +123,9 @@ class Score:
 
         units = [_units_of(run) for run in self.units.runs] if self.units else [{} for _ in self.trials]
         rows = [
-            {**own, "paper": t.paper, "window": t.window, "windows": t.windows}
+            {**errors, "paper": t.paper, "window": t.window, "windows": t.windows}
             | {f"window_{s}": value for s, value in t.window_by_state.items()}
-            for t, own in zip(self.trials, units, strict=True)
+            for t, errors in zip(self.trials, units, strict=True)
         ]
         return pd.DataFrame(rows, index=pd.Index([t.name for t in self.trials], name="trial"))
 
@@ -166,9 +166,9 @@ def scores_by_set(model: Simulator | Forecaster, sets: Mapping[str, Sequence[Tri
             sigma = pooled_sigma(located)
         except UserError:  # of this alone: what a score finds missing in trials is the user's to know
             continue
-        found = score(model, located, sigma, f"the {name} trials", units=0.0)
-        if any(t.windows for t in found.trials):
-            scores[name] = found
+        scored = score(model, located, sigma, f"the {name} trials", units=0.0)
+        if any(t.windows for t in scored.trials):
+            scores[name] = scored
     return scores
 
 
@@ -197,7 +197,7 @@ def pooled_sigma(trials: Sequence[Trial]) -> np.ndarray:
 def check_scorable(trials: Sequence[Trial], purpose: str, inputs: Sequence[str]) -> None:
     """Raises UserError unless a whole 30 s window of one of ``trials`` can be scored. purpose: what they are for, in
     words; inputs: of the models, as of ``Ship.inputs``."""
-    if not any(whole_windows(trial, WINDOW, STRIDE, inputs) for trial in trials):
+    if not any(planned_windows(trial, inputs, WINDOW, STRIDE, False)[0] for trial in trials):
         names = ", ".join(trial.name for trial in trials[:MOST_NAMED])
         raise TooFewData(f"{names}: no whole window of {WINDOW:g} s without missing samples in the trials {purpose}")
 
@@ -248,8 +248,8 @@ def score(
     for trial, (restarts, remarks), (windows, more) in zip(trials, paper, short, strict=True):
         notes += remarks + more
         means = []
-        for j, found in enumerate((restarts, windows)):
-            squares, count = _squares(trial, found, whole=found is restarts)
+        for j, predicted in enumerate((restarts, windows)):
+            squares, count = _squares(trial, predicted, whole=predicted is restarts)
             squares = squares / sigma**2  # Wakita et al. (2022), Eq. 25: a sum over the states, a mean over the rows
             pooled[j] += squares.sum(), count
             means.append(_mean(squares, count))
@@ -382,14 +382,14 @@ def past_to_use(result: Mapping[str, Any], wanted: float | None) -> tuple[float,
     result: content of the run's result.json, empty for a bare ship, or of a black box, which knows no past; wanted:
     seconds that the caller names, None: what the result says pays.
     """
-    known: Any = result.get("adaptation")
+    worth: Any = result.get("adaptation")
     if wanted == 0 or (wanted is None and (not result or result.get("model", HYBRID) != HYBRID)):
         return 0.0, []
     try:
-        pays, default = bool(known["worthwhile"]), float(known["past_s"])
-        changes = [known["with"][metric] / known["without"][metric] - 1 for metric in ("window", "paper")]
+        pays, default = bool(worth["worthwhile"]), float(worth["past_s"])
+        changes = [worth["with"][metric] / worth["without"][metric] - 1 for metric in ("window", "paper")]
         evidence = (
-            f"on the {SETS.get(known['trials'], known['trials'])} mean squared errors of 30 s windows "
+            f"on the {SETS.get(worth['trials'], worth['trials'])} mean squared errors of 30 s windows "
             f"change by {changes[0]:+.0%}, of 100 s restarts by {changes[1]:+.0%}"
         )
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
@@ -430,13 +430,13 @@ def worth_of_left_out(
     return {"seconds": sum(row["seconds"] for row in concerned.values()), "trials": concerned, "scores": errors}
 
 
-def worth_message(found: Mapping[str, Any] | None) -> list[Message]:
-    """A message on ``found``, what ``worth_of_left_out`` gave."""
-    if not found:
+def worth_message(worth: Mapping[str, Any] | None) -> list[Message]:
+    """A message on ``worth``, what ``worth_of_left_out`` gave."""
+    if not worth:
         return []
-    count = len(found["trials"])
-    parts = [f"{found['seconds']:.1f} s of {count} trial{'s' * (count > 1)} were left out"]
-    for name, row in found["scores"].items():
+    count = len(worth["trials"])
+    parts = [f"{worth['seconds']:.1f} s of {count} trial{'s' * (count > 1)} were left out"]
+    for name, row in worth["scores"].items():
         words = [
             f"{label} {in_words(row[key]['with'])} instead of {in_words(row[key]['without'])}"
             for key, label in (("window", "30 s windows"), ("paper", "100 s restarts"))

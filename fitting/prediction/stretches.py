@@ -2,10 +2,9 @@
 
 The seconds before a window are cut into short restarts from the measured state. Their errors, younger ones counting
 more, are explained by a current with a Gaussian prior: one Gauss-Newton step, all windows and both directions in one
-batch. In the forecast the current decays. (A Kalman filter with latent accelerations of two memories and a current,
-its sizes chosen on the same records, was no better.) States of
-lags and filters start at their values at the end of the last restart, relative to settled. Rows from a window's start
-on are never read.
+batch. In the forecast the current decays. (A Kalman filter with latent accelerations of two memories and a current, its
+sizes chosen on the same records, was no better.) States of lags and filters start at their values at the end of the
+last restart, relative to settled. Rows from a window's start on are never read.
 """
 
 from __future__ import annotations

@@ -136,8 +136,8 @@ class UnitErrors:
     @property
     def references(self) -> dict[str, UnitErrors]:
         """Errors of what the model must beat, by name in REFERENCES."""
-        known = {name: getattr(self, name) for name in REFERENCES}
-        return {name: errors for name, errors in known.items() if errors is not None}
+        by_name = {name: getattr(self, name) for name in REFERENCES}
+        return {name: errors for name, errors in by_name.items() if errors is not None}
 
     @property
     def seconds(self) -> dict[str, float]:
@@ -152,12 +152,12 @@ class UnitErrors:
         for name, reference in self.references.items():
             parts = []
             for key, seconds in self.seconds.items():
-                own, other = (errors.pooled.after.get(key, StateErrors()) for errors in (self, reference))
-                if lost := _defeats(own, other):
+                model, rival = (errors.pooled.after.get(key, StateErrors()) for errors in (self, reference))
+                if lost := _defeats(model, rival):
                     first, *rest = lost
                     parts.append(f"after {seconds:.3g} s in {', '.join([f'{first} ({lost[first][1]})', *rest])}")
             pairs = zip(self.runs, reference.runs, strict=True) if by_run and len(self.runs) > 1 else ()
-            worst = {own.name: next(iter(lost.items())) for own, other in pairs if (lost := _defeats(own, other))}
+            worst = {model.name: next(iter(lost.items())) for model, rival in pairs if (lost := _defeats(model, rival))}
             if worst:
                 run, (state, (_, words)) = max(worst.items(), key=lambda row: row[1][1][0])
                 count = f"on {len(worst)} of {len(self.runs)} runs, most " if len(worst) > 1 else ""
@@ -172,11 +172,11 @@ def is_worse(before: float, after: float) -> bool:
     return after > (1 + NOTED) * before + 1e-6  # the summand: of two errors of nothing none is worse
 
 
-def _defeats(own: RunErrors | StateErrors, reference: RunErrors | StateErrors) -> dict[str, tuple[float, str]]:
+def _defeats(model: RunErrors | StateErrors, reference: RunErrors | StateErrors) -> dict[str, tuple[float, str]]:
     """States in which the ``reference`` is better, the worst first, each with the ratio of the errors and both."""
     worse = {}
     for key, (state, unit) in STATE_ERRORS.items():
-        mine, other = getattr(own, key), getattr(reference, key)
+        mine, other = getattr(model, key), getattr(reference, key)
         if is_worse(other, mine) and math.isfinite(mine):  # one that diverges is said to elsewhere
             worse[state] = (mine / max(other, 1e-9), f"{mine:.3g} against {other:.3g} {unit}")
     return dict(sorted(worse.items(), key=lambda row: row[1][0], reverse=True))
@@ -242,12 +242,12 @@ def ratios(own: RunErrors | StateErrors, reference: RunErrors | StateErrors) -> 
     return {state: mine / other if other > 0 else math.nan for state, (mine, other) in pairs.items()}
 
 
-def _summed(trials: Sequence[Trial], found: Predicted, size: float, unit: float, change: np.ndarray) -> UnitErrors:
-    """Errors of the windows of ``size`` [s] that were ``found``; unit: ship time L/U [s], NaN where it is not known;
-    change: of the states over such windows (6,)."""
+def _summed(trials: Sequence[Trial], predicted: Predicted, size: float, unit: float, change: np.ndarray) -> UnitErrors:
+    """Errors of windows of ``size`` [s] of ``trials`` as ``predicted``; unit: ship time L/U [s], NaN where it is not
+    known; change: of the states over such windows (6,)."""
     times = size / unit if math.isfinite(unit) else None
     when = {SHIP_LENGTH: unit, END: size} if times and times > 1 else {END: size}  # L/U is the time for one length
-    parts = [_parts(trial, windows, when) for trial, (windows, _) in zip(trials, found, strict=True)]
+    parts = [_parts(trial, windows, when) for trial, (windows, _) in zip(trials, predicted, strict=True)]
     runs = tuple(_errors(trial.name, [part], change) for trial, part in zip(trials, parts, strict=True))
     by_state = dict(zip(STATES, np.where(np.isfinite(change), change, np.nan).tolist(), strict=True))
     return UnitErrors(size, 0.5 * size, times, by_state, runs, _errors("all rows", parts, change))
@@ -308,9 +308,9 @@ def _maneuvers(
             states = dict(zip(STATES, windows[0].states.T, strict=True))
             # times of a run count from the first row of its trial: here that is a later one
             begin = run.order_time - float(cut.t[0] - run.trial.t[0])
-            moved = replace(run, order_time=begin, reversals=tuple(t - run.order_time + begin for t in run.reversals),
+            shifted = replace(run, order_time=begin, reversals=tuple(t - run.order_time + begin for t in run.reversals),
                             end=run.end - run.order_time + begin)  # fmt: skip
-            figures = measured_figures(cut.with_columns(**states), moved)
+            figures = measured_figures(cut.with_columns(**states), shifted)
             names = [name for name in COMPARED if name in run.figures and name in figures]
             rows = tuple(_figure(name, run.figures[name], figures[name]) for name in names)
             by_trial[number] += [ManeuverErrors(run.title, rows)] if rows else []

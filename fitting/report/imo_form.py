@@ -49,15 +49,15 @@ def standard_figures(result: Mapping[str, Any], ship: Ship) -> JudgedFigures:
     or none can be drawn there are no draws, and a notice says why. Raises UserError when no manoeuvre reaches its
     event.
     """
-    found = imo_figures(ship)
+    assessment = imo_figures(ship)
     why = "no covariance of the coefficients is known"
     if correlation_in(result) is not None:
         try:
-            return with_intervals(found, ship, result, DRAWS)
+            return with_intervals(assessment, ship, result, DRAWS)
         except UserError as error:
             why = str(error)
-    notices = (*found.notices, Message(f"no intervals: {why}", "no_covariance"))
-    return JudgedFigures.of(replace(found, notices=notices))
+    notices = (*assessment.notices, Message(f"no intervals: {why}", "no_covariance"))
+    return JudgedFigures.of(replace(assessment, notices=notices))
 
 
 def drawn_maneuvers(judged: JudgedFigures) -> dict[str, Any] | None:
@@ -205,11 +205,11 @@ def imo_form(
     for group, text, figures in FORM:
         sides = (text,) if text == "crash-stop" else (text.replace(":", ":-"), text)
         for figure, words in figures:
-            known = [by_name.get((side, figure)) for side in sides]
-            first = next((row for row in known if row is not None), None)
+            judged = [by_name.get((side, figure)) for side in sides]
+            first = next((row for row in judged if row is not None), None)
             cells = tuple(
                 _side(row, tested.get((side, figure)), factors.get((side, figure)))
-                for side, row in zip(sides, known, strict=True)
+                for side, row in zip(sides, judged, strict=True)
             )
             unit, limit = (first.unit, first.limit) if first else ("L", None)
             rows.append(FormRow(group, words, unit, limit, cells))
@@ -229,24 +229,24 @@ def likely_causes(
 ) -> tuple[str, ...]:
     """What may make figures of a calibrated ``ship`` differ from those of her ``trials``, of what nobody stated. model,
     result: as of ``imo_form``."""
-    found, rate = [], Limits.for_ship(ship).rudder_rate
+    causes, rate = [], Limits.for_ship(ship).rudder_rate
     if math.isfinite(rate) and "rudder_rate" not in ship.particulars:
-        found.append(f"the {helm_words(ship)}: overshoots and advance grow as it falls (rudder_rate in the ship file)")
+        causes.append(f"the {helm_words(ship)}: overshoots and advance grow as it falls (rudder_rate in the ship file)")
     speeds = {run.speed for run in model.runs}
     tested = ship.particulars.get("approach_speed")
     if tested and any(abs(speed / tested - 1) > OTHER_SPEED for speed in speeds):
-        found.append(f"the speed: the trials approach at {tested:.3g} m/s, the model at {max(speeds):.3g} m/s")
+        causes.append(f"the speed: the trials approach at {tested:.3g} m/s, the model at {max(speeds):.3g} m/s")
     if "antenna_offset" not in ship.effects and any(
         t.has_position and not has_code(t.notices, "reference_point") for t in trials
     ):
-        found.append("the antenna: positions are taken as midship's (reference_point in trials.toml)")
+        causes.append("the antenna: positions are taken as midship's (reference_point in trials.toml)")
     freed = {symbol.partition(".")[0] for rows in (result.get("per_run") or {}).values() for symbol in rows}
     if "current" not in {*ship.effects, *freed}:
-        found.append("a current, which is not freed (--with current, --per-run current)")
+        causes.append("a current, which is not freed (--with current, --per-run current)")
     # 90 deg/s: of a ship without a limit of her rudder's rate
     if any(is_sampled(t) is None and t.dt * min(rate, math.radians(90.0)) > COARSE for t in trials):
-        found.append('inputs that are read as held from sample to sample (inputs = "sampled" in trials.toml)')
-    return tuple(found)
+        causes.append('inputs that are read as held from sample to sample (inputs = "sampled" in trials.toml)')
+    return tuple(causes)
 
 
 def _of_correction(full_load: float | None, tested: bool) -> str:
@@ -289,15 +289,15 @@ def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> d
     """Mean of each tested figure over the runs among ``trials``, by manoeuvre and figure, of midship and through the
     water where the ``ship`` has an antenna or a current of her own. remarks: to add to."""
     try:
-        found = imo_figures_of_trials([of_midship(ship, trial) for trial in trials], ship) if trials else None
+        measured = imo_figures_of_trials([of_midship(ship, trial) for trial in trials], ship) if trials else None
     except UserError:
-        found = None
-    if found is None:
+        measured = None
+    if measured is None:
         remarks.append("tested: none of the trials at hand is a standard manoeuvre")
         return {}
     east, north = (ship.coefficients.get(f"current.{axis}") for axis in ("y", "x"))
     values: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    for run in found.runs:
+    for run in measured.runs:
         if (kind := _standard_run(run)) is None:
             continue
         if east and north:

@@ -82,7 +82,7 @@ class Store:
     def discard(self) -> None:
         """Remove what a run that ended with an error has begun, unless it was there before or holds finished parts."""
         parts = (self.load(path.stem) for path in self.folder.glob("*.json"))
-        kept = any(found is not None and found[0].get("status") != "diverged" for found in parts)
+        kept = any(part is not None and part[0].get("status") != "diverged" for part in parts)
         if self.resume or kept or not self.folder.is_dir():
             return
         shutil.rmtree(self.folder, ignore_errors=True)

@@ -96,7 +96,10 @@ def in_words(content: Mapping[str, Any], file: str) -> list[str]:
     lines = [f"{content['title']}: {words['lead'][0]}", "    t [s]   n [1/s]   rudder [deg]"]
     lines += [f"  {t:>7s} {n:>9s} {delta:>14s}" for t, n, delta in words["orders"]]
     lines.append("standard deviation before -> after")
-    lines += [f"  {name:22s} {before:>10s} -> {after:>10s}  ({left})" for name, before, after, left in words["wanted"]]
+    lines += [
+        f"  {name:22s} {before:>10s} -> {after:>10s}  ({remaining})"
+        for name, before, after, remaining in words["wanted"]
+    ]
     lines.append("mean log variance")
     for name, gain, _, inside in words["library"]:
         lines.append(f"  {gain} by {name}" + ("" if inside == "yes" else "  (leaves the area)"))
@@ -109,11 +112,11 @@ def keep_plan(planned: PlannedTrial, folder: Path, out: Path) -> None:
     out: the file for the autopilot, of which the report says the name, with the map beside it. Raises OSError where it
     cannot be written.
     """
-    own = folder / FOLDER
-    own.mkdir(exist_ok=True)
-    with replaced(own / MAP) as scratch:
+    target = folder / FOLDER
+    target.mkdir(exist_ok=True)
+    with replaced(target / MAP) as scratch:
         scratch.write_bytes(out.with_suffix(".png").read_bytes())
-    write_json(own / PLAN, planned.to_dict() | {"file": out.name})
+    write_json(target / PLAN, planned.to_dict() | {"file": out.name})
 
 
 def plan_map(planned: PlannedTrial) -> Figure:

@@ -117,8 +117,8 @@ def _inputs(trial: Trial) -> dict[str, dict[str, np.ndarray]]:
     angles = {c: np.degrees(trial[c]) for c in trial.columns if c.startswith(("delta", "azimuth"))}
     turns = {c: trial[c] for c in trial.columns if c == "n" or c.startswith("n_")}
     labels = ("delta [deg]" if list(angles) == ["delta"] else "angles [deg]", "n [1/s]")
-    moved = [{c: x for c, x in rows.items() if np.any(x)} for rows in (angles, turns)]
-    shown = moved if any(moved) else [angles, turns]
+    moving = [{c: x for c, x in rows.items() if np.any(x)} for rows in (angles, turns)]
+    shown = moving if any(moving) else [angles, turns]
     return {label: rows for label, rows in zip(labels, shown, strict=True) if rows}
 
 
@@ -193,10 +193,10 @@ def rms_with_error(squares: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np
     run: the trial of each window, (W,). The error is that of leaving out one trial after the other (jackknife, Efron
     1982), NaN with a single one: windows of a trial share its gusts.
     """
-    known = np.isfinite(squares)
+    finite = np.isfinite(squares)
     groups = [run == number for number in np.unique(run)]
-    total = np.array([np.where(known[g], squares[g], 0.0).sum(axis=0) for g in groups])  # (trials, T)
-    count = np.array([known[g].sum(axis=0) for g in groups])
+    total = np.array([np.where(finite[g], squares[g], 0.0).sum(axis=0) for g in groups])  # (trials, T)
+    count = np.array([finite[g].sum(axis=0) for g in groups])
     with np.errstate(invalid="ignore", divide="ignore"):
         rms = np.sqrt(total.sum(axis=0) / count.sum(axis=0))
         without = np.sqrt((total.sum(axis=0) - total) / (count.sum(axis=0) - count))  # each trial left out
@@ -335,9 +335,9 @@ def write_figures(
             f"(dots and ship outlines; dotted lines) over {length:.0f} s. North is up. {words}",
         )  # fmt: skip
     for row in record.profiles or ():
-        known = record.estimates[row["symbol"]]
+        estimate = record.estimates[row["symbol"]]
         written.write(
-            f"identifiability_profile_{row['symbol']}", partial(profile_plot, row, known.std, known.unit),
+            f"identifiability_profile_{row['symbol']}", partial(profile_plot, row, estimate.std, estimate.unit),
             f"Profile of {row['symbol']}",
             "Objective, minimised over all other coefficients and states, above its minimum and divided by the "
             f"dispersion of {row['dispersion']:.3g} (how much more the runs scatter than modelled): below the "
@@ -445,12 +445,12 @@ class FitAxes:
             return wanted
         if self.objects is None:
             raise Missing("trial: the result was read from its folder, which has no trials; give one of read_trials")
-        known: Sequence[Trial] = (*self.objects.trials, *self.objects.validation)
+        trials: Sequence[Trial] = (*self.objects.trials, *self.objects.validation)
         if isinstance(wanted, int):
-            if not 0 <= wanted < len(known):
-                raise OutOfRange(f"trial: {wanted} is none of 0 to {len(known) - 1}")
-            return known[wanted]
-        return _known("trial", wanted, {one.name: one for one in known})
+            if not 0 <= wanted < len(trials):
+                raise OutOfRange(f"trial: {wanted} is none of 0 to {len(trials) - 1}")
+            return trials[wanted]
+        return _known("trial", wanted, {one.name: one for one in trials})
 
 
 def _known(what: str, name: str, table: Mapping[str, T]) -> T:

@@ -20,62 +20,64 @@ from mmg.ship import CalibrationMark, Ship
 from mmg.states import STATES
 
 
-def marked(found: Ship, ship: Ship, trials: Sequence[Trial], name: str) -> Ship:
-    """The calibrated ship ``found`` with the ``name`` that was given, marked as calibrated today on ``trials`` from
+def marked(calibrated: Ship, ship: Ship, trials: Sequence[Trial], name: str) -> Ship:
+    """The ship ``calibrated`` with the ``name`` that was given, marked as calibrated today on ``trials`` from
     ``ship``."""
     hashes = sorted(trial.sha256 for trial in trials)  # one data set whatever the order of its files
     data = hashlib.sha256("\n".join(hashes).encode()).hexdigest() if all(hashes) else ""
     today = datetime.now(timezone.utc).date().isoformat()
     mark = CalibrationMark(name, today, data, ship.mark.name if ship.mark else ship.name)
-    return replace(found, name=name or found.name, mark=mark)
+    return replace(calibrated, name=name or calibrated.name, mark=mark)
 
 
-def solved(found: Calibration, command: str) -> dict[str, Any]:
-    """What the solver of the calibration ``found`` says of itself, by attribute of the result; command: its maker."""
-    solution, seg, noise = found.solution, found.segments, found.noise
+def solved(calibration: Calibration, command: str) -> dict[str, Any]:
+    """What the solver of a ``calibration`` says of itself, by attribute of the result; command: its maker."""
+    solution, seg, noise = calibration.solution, calibration.segments, calibration.noise
     return {
         "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "command": command,
-        "ship_name": found.ship.name,
+        "ship_name": calibration.ship.name,
         **{name: getattr(solution, name) for name in ("converged", "status", "advice", "objective", "iterations")},
         "constraint_violation": solution.violation,
-        "condition_number": condition_number(found.covariance),
-        "passes": found.passes,
-        "starts": found.starts,
-        "settings": found.settings,
+        "condition_number": condition_number(calibration.covariance),
+        "passes": calibration.passes,
+        "starts": calibration.starts,
+        "settings": calibration.settings,
         "versions": versions(),
-        "compiled": not found.problem.kernels.interpreted_because,
+        "compiled": not calibration.problem.kernels.interpreted_because,
         "windows": len(seg.run),
         "intervals": seg.intervals,
         "seconds_used": seg.duration,
-        "sigma": dict(zip(STATES, found.sigma, strict=True)),
+        "sigma": dict(zip(STATES, calibration.sigma, strict=True)),
         "noise": {
             s: {"rms": noise.rms[i], "correlation_time_samples": noise.tau[i], "unit": UNITS[s]}
             for i, s in enumerate(STATES)
         },
-        "fixed": [s for s in found.ship.symbols if s not in found.prior.symbols],
-        "per_run": found.constants.rows() if found.constants and not found.problem.prior.campaign else None,
+        "fixed": [s for s in calibration.ship.symbols if s not in calibration.prior.symbols],
+        "per_run": calibration.constants.rows()
+        if calibration.constants and not calibration.problem.prior.campaign
+        else None,
     }
 
 
-def coefficient_rows(found: Calibration) -> dict[str, dict[str, Any]]:
-    """What became of each free coefficient of the calibration ``found``, by symbol, as of ``CoefficientRow``."""
+def coefficient_rows(calibration: Calibration) -> dict[str, dict[str, Any]]:
+    """What became of each free coefficient of a ``calibration``, by symbol, as of ``CoefficientRow``."""
     kept = {field.name for field in fields(CoefficientRow)}
     return {
-        f.symbol: {name: value for name, value in vars(found.ship.coefficients[f.symbol]).items() if name in kept}
+        f.symbol: {name: value for name, value in vars(calibration.ship.coefficients[f.symbol]).items() if name in kept}
         | {"at_bound": f.bound or None, "prior_share": share}
-        for f, share in zip(found.identifiability.findings, np.diag(found.covariance), strict=True)
+        for f, share in zip(calibration.identifiability.findings, np.diag(calibration.covariance), strict=True)
     }
 
 
-def correlation_of(found: Calibration) -> dict[str, Any]:
-    """Correlation of the estimates of the calibration ``found``, as of ``Correlation``: with the standard errors it is
-    her covariance. That of the discounted information is weaker, so that together with robust errors sums and products
-    of coefficients that trials know well would seem unknown, and figures up to three times as uncertain."""
+def correlation_of(calibration: Calibration) -> dict[str, Any]:
+    """Correlation of the estimates of a ``calibration``, as of ``Correlation``: with the standard errors it is her
+    covariance. That of the discounted information is weaker, so that together with robust errors sums and products of
+    coefficients that trials know well would seem unknown, and figures up to three times as uncertain."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        size = np.sqrt(np.diag(found.covariance))
-        matrix = found.covariance / np.outer(size, size)
-    return {"symbols": found.prior.symbols, "matrix": np.round(matrix, 6)}
+        size = np.sqrt(np.diag(calibration.covariance))
+        matrix = calibration.covariance / np.outer(size, size)
+    return {"symbols": calibration.prior.symbols, "matrix": np.round(matrix, 6)}
 
 
 def uncertainty_rows(calibration: Calibration) -> dict:
@@ -98,8 +100,8 @@ def uncertainty_rows(calibration: Calibration) -> dict:
             "without_run": {
                 "method": "step",
                 "change_in_standard_errors": {
-                    calibration.segments.trials[run]: _most_moved(moved[: len(symbols)], symbols)
-                    for run, moved in zip(by_run.run, changes_without_each(by_run) / sizes, strict=True)
+                    calibration.segments.trials[run]: _most_moved(change[: len(symbols)], symbols)
+                    for run, change in zip(by_run.run, changes_without_each(by_run) / sizes, strict=True)
                 },
             },
         }

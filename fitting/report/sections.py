@@ -22,13 +22,13 @@ GROUPS = ("mass", *ROLES, "effects", "other")
 
 def component_of(ship: Ship) -> dict[str, str]:
     """Component each coefficient of ``ship`` belongs to: "mass", the role of its force model, or "effects"."""
-    found = dict.fromkeys(coefficient_table({}, ship.particulars), "mass")
+    components = dict.fromkeys(coefficient_table({}, ship.particulars), "mass")
     for role, name in ship.components.items():
         for symbol in coefficient_table({role: name}, ship.particulars):
-            found.setdefault(symbol, role)
-    found |= dict.fromkeys(ship.monomials, "expansion")  # terms of a generated polynomial
+            components.setdefault(symbol, role)
+    components |= dict.fromkeys(ship.monomials, "expansion")  # terms of a generated polynomial
     prefixes = tuple(f"{name}." for name in ship.effects)
-    return found | dict.fromkeys((s for s in ship.coefficients if s.startswith(prefixes)), "effects")
+    return components | dict.fromkeys((s for s in ship.coefficients if s.startswith(prefixes)), "effects")
 
 
 def coefficient_groups(result: Mapping[str, Any], ship: Ship) -> list[dict[str, Any]]:
@@ -160,8 +160,8 @@ def _scaled_headline(result: dict, scaling: dict) -> dict[str, str]:
     model = scaling["model"]
     what = f"{result['ship']}: {model['ship']} of {model['length_m']:g} m scaled to {scaling['length_m']:g} m."
     trials = len(model["trials"])
-    known = f"calibrated on {trials} trial{'s' * (trials != 1)}" if trials else "known by its priors alone"
-    better = f"The model is {known}; no trial of the ship herself took part, so no score says how good she is."
+    basis = f"calibrated on {trials} trial{'s' * (trials != 1)}" if trials else "known by its priors alone"
+    better = f"The model is {basis}; no trial of the ship herself took part, so no score says how good she is."
     state = "Scaled." if result["converged"] else f"THE CALIBRATION OF THE MODEL DID NOT CONVERGE ({result['status']})."
     return {"what": what, "better": better, "state": state}
 

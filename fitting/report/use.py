@@ -51,8 +51,8 @@ def delivered(result: Mapping[str, Any], ship: Ship, full_load: float | None = N
     result: content of result.json; full_load: draught [m] of the fully loaded ship; imo: with the form. Raises
     UserError for a draught that the model cannot be carried to.
     """
-    found, absent = trials_again(rows_by_role(result))
-    known = Delivered(tuple(trial for _, trial in found), tuple(absent), full_load=full_load)
+    trials, absent = trials_again(rows_by_role(result))
+    known = Delivered(tuple(trial for _, trial in trials), tuple(absent), full_load=full_load)
     if not imo:
         return known
     from fitting.report.imo_form import drawn_maneuvers, imo_form, standard_figures  # late: a fit leaves the form out
@@ -113,24 +113,24 @@ def condition_rows(ship: Ship, trials: Sequence[Trial], full_load: float | None 
 
 
 def _depth(ship: Ship, trials: Sequence[Trial]) -> Condition:
-    asked, draught = f"more than {DEEP:g} draughts", ship.particulars["d"]
+    required, draught = f"more than {DEEP:g} draughts", ship.particulars["d"]
     paths = [trial.path for trial in trials if trial.path]
     try:
         share = read_site(paths, ship).start.get("shallow_water", {}).get("d_h")
     except UserError as error:
-        return Condition("water depth", f"{NAME} cannot be used: {error}", asked, UNKNOWN)
+        return Condition("water depth", f"{NAME} cannot be used: {error}", required, UNKNOWN)
     if share is None:
-        return Condition("water depth", f"not stated: no [water] depth in {NAME} beside the trials", asked, UNKNOWN)
+        return Condition("water depth", f"not stated: no [water] depth in {NAME} beside the trials", required, UNKNOWN)
     verdict = FULFILLED if 1 / share > DEEP else FAILED
-    return Condition("water depth", f"{draught / share:.3g} m, {1 / share:.2g} draughts", asked, verdict)
+    return Condition("water depth", f"{draught / share:.3g} m, {1 / share:.2g} draughts", required, verdict)
 
 
 def _wind(ship: Ship, trials: Sequence[Trial]) -> Condition:
-    asked, scale = f"not above Beaufort {STRONGEST_WIND}", ship.particulars.get("scale", 1.0)
+    required, scale = f"not above Beaufort {STRONGEST_WIND}", ship.particulars.get("scale", 1.0)
     means = {t.name: float(np.nanmean(t["wind_speed"])) for t in trials if t.has_wind}
     if not means:
         why = "not logged" if trials else "the trial files are not there as they were"
-        return Condition("wind", why, asked, UNKNOWN)
+        return Condition("wind", why, required, UNKNOWN)
     strongest = max(means, key=lambda name: means[name])
     number = beaufort(means[strongest] * math.sqrt(scale))  # Froude's law
     words = f"strongest mean {means[strongest]:.3g} m/s ({strongest}): Beaufort {number}"
@@ -138,16 +138,18 @@ def _wind(ship: Ship, trials: Sequence[Trial]) -> Condition:
     missing = len(trials) - len(means)
     words += f"; {missing} of {len(trials)} trials log no wind" if missing else ""
     verdict = FAILED if number > STRONGEST_WIND else UNKNOWN if missing else FULFILLED
-    return Condition("wind", words, asked, verdict)
+    return Condition("wind", words, required, verdict)
 
 
 def _loading(ship: Ship, full_load: float | None) -> Condition:
-    draught, asked = ship.particulars["d"], f"full-load draught within {DRAUGHT:.0%}"
+    draught, required = ship.particulars["d"], f"full-load draught within {DRAUGHT:.0%}"
     if full_load is None:
         words = f"draught {draught:g} m; the full-load draught is not stated (--full-load-draught)"
-        return Condition("loading", words, asked, UNKNOWN)
+        return Condition("loading", words, required, UNKNOWN)
     verdict = FULFILLED if abs(draught / full_load - 1) <= DRAUGHT else FAILED
-    return Condition("loading", f"draught {draught:g} m, {draught / full_load:.0%} of {full_load:g} m", asked, verdict)
+    return Condition(
+        "loading", f"draught {draught:g} m, {draught / full_load:.0%} of {full_load:g} m", required, verdict
+    )
 
 
 # Quantity -> words, unit in which it is shown, factor from SI.
