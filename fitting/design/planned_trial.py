@@ -163,7 +163,8 @@ class PlannedTrial:
             side = "before" if self.found.states[0, 3] < 0 else "behind"
             run_up = f"{RUN_UP:g} ship lengths of a straight run-up {side} the start lie inside the area too"
         share, highest = self.present.worth, np.abs(self.found.orders[:, 0]).max()
-        worth = f", {share:.0%} of that information, as her residuals are correlated" if share < 0.95 else ""
+        correlated = share < 0.95  # set by hand: what is less is no news
+        worth = f", {share:.0%} of that information, as her residuals are correlated" if correlated else ""
         return (
             f"calm air, {water}; a straight approach, rudder midships",
             f"orders: rudder up to {math.degrees(wish.rudder_limit):.3g} deg, {highest:.3g} 1/s at most, "
@@ -207,7 +208,7 @@ def known_now(content: Mapping[str, Any], ship: Ship) -> tuple[Prior, np.ndarray
             f"{ship.called}: the run has no covariance of its coefficients, from which a trial could be planned; fit "
             "until it converges, and train on that run folder"
         )
-    prior = Prior.of(ship.fixing([s for s in ship.free if s not in symbols]))  # its standard deviations are estimates
+    prior = Prior.of(ship.fixing([s for s in ship.free if s not in symbols]))  # its std are those after the fit
     order = [symbols.index(s) for s in prior.symbols]
     share = std / prior_std
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
@@ -239,7 +240,7 @@ def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnP
     step = settings.get("step") or longest_step(ship)
     dt = min(step, longest_step(ship))
     window = max(20, round((settings.get("window") or 100 * step) / dt))  # steps; 100 are the default of a fit
-    if not (math.isfinite(wish.seconds) and 40 * dt <= wish.seconds <= 20000 * dt):
+    if not (math.isfinite(wish.seconds) and 40 * dt <= wish.seconds <= 20000 * dt):  # set by hand: bounds time
         raise OutOfRange(f"--time {wish.seconds:g} s: give {40 * dt:g} to {20000 * dt:g} s for {ship.called}")
     simulator = Simulator(ship, bool(settings.get("compiled", True)))
     info = TrialInformation(simulator, prior, _sigma(calibrated, ship), dt, window)

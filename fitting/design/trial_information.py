@@ -45,7 +45,7 @@ class TrialInformation:
         The state at the begin of each window, which is one shooting interval, is unknown."""
         (N, C, K), S, P = inputs.shape, states.shape[1], len(self.prior.symbols)
         windows = max(1, round(N / self.window))
-        m, M = N // windows, windows * K  # steps of a window; windows of all trials, that of a trial after the other
+        m, M = N // windows, windows * K  # steps of a window; the first windows of all trials, then the second
         first, each, measured = m * np.arange(windows), np.arange(M), np.isfinite(self.sigma).astype(float)
         controls = np.ascontiguousarray(np.concatenate([inputs[k : k + m] for k in first], axis=2))
         ends = np.stack([states[first], states[first + m]])  # (2, windows, S, K)

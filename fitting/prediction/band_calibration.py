@@ -73,7 +73,7 @@ def fit_bands(
     ship, length = simulator.ship, float(simulator.ship.particulars["L"])
     k = time_scale(length)
     stretches = _stretches(trials, ship, without)
-    if len(stretches) < 5:
+    if len(stretches) < 5:  # set by hand: fewer tell no size
         return None
     batch = WindowBatch.of(stretches)
     out = rollout(simulator, batch)[0]
@@ -172,7 +172,7 @@ def _likely_process(errors: _WindowErrors, noise: np.ndarray) -> Process | None:
     """The process of most likely times and sizes, without its factors; None when there are too few errors."""
     every, k = max(1, round(EVERY / COARSE)), errors.scale
     sampled = np.where(errors.counted[:, None], errors.error, np.nan)[every::every, 3:]  # of u, v, r
-    if (np.isfinite(sampled).sum(axis=(0, 2)) < 50).any():
+    if (np.isfinite(sampled).sum(axis=(0, 2)) < 50).any():  # set by hand, for five numbers of each state
         return None
     shape, dt = np.moveaxis(acceleration_sizes(errors.states, errors.length), 0, 1), np.diff(errors.times, axis=0)
     memory, decay, size, best = np.empty(3), np.empty(3), np.empty((3, 3)), np.full(3, np.inf)
@@ -211,7 +211,7 @@ def likely_sizes(parts: np.ndarray, error: np.ndarray, floor: float) -> tuple[fl
 def _wanted(e: np.ndarray, share: np.ndarray, rest: np.ndarray) -> float:
     """The COVER quantile of what must multiply ``share`` so that an error is just inside its band; NaN if too few."""
     good = np.isfinite(e)
-    if good.sum() < 100:
+    if good.sum() < 100:  # set by hand: ten errors lie beyond the quantile
         return np.nan
     with np.errstate(over="ignore"):  # of a ship that explodes
         return float(np.quantile(((e[good] / NORMAL) ** 2 - rest[good]) / np.maximum(share[good], 1e-300), COVER))

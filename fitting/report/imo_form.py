@@ -233,7 +233,7 @@ def likely_causes(
     if math.isfinite(rate) and "rudder_rate" not in ship.particulars:
         causes.append(f"the {helm_words(ship)}: overshoots and advance grow as it falls (rudder_rate in the ship file)")
     speeds = {run.speed for run in model.runs}
-    tested = ship.particulars.get("approach_speed")
+    tested = ship.particulars.get("approach_speed")  # that of the trials [m/s]
     if tested and any(abs(speed / tested - 1) > OTHER_SPEED for speed in speeds):
         causes.append(f"the speed: the trials approach at {tested:.3g} m/s, the model at {max(speeds):.3g} m/s")
     if "antenna_offset" not in ship.effects and any(

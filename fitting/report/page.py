@@ -96,7 +96,7 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
         "planned": plan_section(folder),
         "figures": figures,
         "citations": citations_of(result),
-        "first": 11,
+        "first": 11,  # number of the first section on use, behind those of report.html.j2
         "numbered": True,
         "usable": bool(result["converged"]),
         "first_screen": first_screen(result, ship, known, use["good"], use["bad"]),
@@ -111,6 +111,7 @@ def comparison_of(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     for key in dict.fromkeys(key for run in runs for key in run["result"]["scores"]):
         scores = [run["result"]["scores"][key]["after"] if key in run["result"]["scores"] else None for run in runs]
         rows = _side_by_side([score["trials"] if score else [] for score in scores], "name")
+        # a normalised error is comparable on the same trials and by the same sigma alone
         scored_alike = [([row["name"] for row in score["trials"]], score["sigma"]) for score in scores if score]
         tables.append({
             "title": SETS.get(key, key),

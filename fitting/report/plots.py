@@ -70,7 +70,7 @@ def trajectory_plot(
     for i, label, factor in HISTORIES:
         strips[label] = [(t, states[:, i] * factor, {"color": MEASURED, "lw": 1.0})]
         strips[label] += [(clock, z[:, i] * factor, {"lw": 1.2, **style}) for clock, z, style in runs]
-    for label, rows in _inputs(trial).items():
+    for label, rows in _inputs(trial).items():  # inputs of one kind share a strip
         looks = [{"color": color, "ls": dashes, "lw": 1.0} for (color, dashes), _ in zip(cycle(INPUTS), rows)]
         words = label if len(rows) == 1 else f"{label}: {', '.join(rows)}"
         strips[words] = [(t, values, look) for values, look in zip(rows.values(), looks, strict=True)]
@@ -155,7 +155,8 @@ def _track(
             ax.fill(y + ahead * np.sin(psi) + side * np.cos(psi), x + ahead * np.cos(psi) - side * np.sin(psi),
                     fc="none", ec=MEASURED, lw=0.8, zorder=4)  # fmt: skip
     drawn, near = np.vstack([states, *(z for z, _ in runs)]), np.vstack([states, runs[-1][0]])
-    limits = np.array([_near(drawn[:, i], near[:, i], 0.3) for i in (1, 0)])  # (east and north, low and high)
+    # led by what was measured and by the last prediction, as _draw_strips; (east and north, low and high)
+    limits = np.array([_near(drawn[:, i], near[:, i], 0.3) for i in (1, 0)])
     half = 0.55 * np.ptp(limits, axis=1).max() + 0.5 * (length or 0.0)
     (east, north), bar = limits.mean(axis=1), 10.0 ** np.floor(np.log10(half))
     ax.set(xlim=(east - half, east + half), ylim=(north - half, north + half), aspect="equal")
@@ -303,7 +304,7 @@ def _shown(trials: Sequence[Trial], validation: Sequence[Trial]) -> list[tuple[T
     for held_out, pool in ((True, validation), (False, trials)):
         for trial in sorted(pool, key=lambda t: (t.kind not in WHOLE, -t.duration)):
             chosen.setdefault(trial.kind or trial.name, (trial, held_out))
-    return list(chosen.values())[:4]  # one of each kind of manoeuvre in the usual campaign
+    return list(chosen.values())[:4]  # set by hand: one of each kind of manoeuvre in the usual campaign
 
 
 def write_figures(

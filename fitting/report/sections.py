@@ -66,8 +66,8 @@ def identifiability_section(result: Mapping[str, Any]) -> dict[str, Any] | None:
     for symbol, best in trial["best"].items():
         if best:
             helped.setdefault(best["name"], []).append(f"{symbol} (−{1 - best['variance_left'] ** 0.5:.0%})")
-    ranked = sorted(trial["options"], key=lambda option: option.get("mean_prior_share") or 2.0)
-    shown = [row for i, row in enumerate(ranked) if i < 10 or row["name"] in helped]
+    ranked = sorted(trial["options"], key=lambda option: option.get("mean_prior_share") or 2.0)  # null: behind all
+    shown = [row for i, row in enumerate(ranked) if i < 10 or row["name"] in helped]  # ten set by hand: display
     missing: dict[str, Any] = {"clusters": (), "condition_number": None, "condition_number_with_prior": None}
     return {**missing, **content, "trial": trial, "options": shown, "helped": helped}
 
@@ -82,6 +82,7 @@ def structure_section(folder: Path) -> dict[str, Any] | None:
     try:
         content = read_json(folder / SELECTION)
         rows = [{key: row[key] for key in SHOWN} for row in content["candidates"]]
+        # the best first; then those that ran away, then those that were not tried
         rows.sort(key=lambda row: (bool(row["left_out"]), row["validation"] is None, row["validation"] or 0.0))
         stability = {key: float(content["stability"][key]) for key in ("sequences", "diverged", "speed")}
         test = list(content["test"].items())
@@ -104,7 +105,7 @@ def plus_minus(value: float | None, std: float | None) -> str:
     if std is None or not math.isfinite(std) or std <= 0:
         return f"{value:.4g}".replace("-", "−")
     decimals = 1 - int(f"{std:.1e}".split("e")[1])  # of the rounded one: 0.0996 is 0.10
-    if decimals > 6 or decimals < -3:
+    if decimals > 6 or decimals < -3:  # set by hand: longer numbers as powers of ten
         power = math.floor(math.log10(max(abs(value), std)))
         scale = 10.0**power
         digits = max(0, decimals + power)

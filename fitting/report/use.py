@@ -63,7 +63,7 @@ def delivered(result: Mapping[str, Any], ship: Ship, full_load: float | None = N
         return replace(known, form=form, figure=drawn_maneuvers(model))
     except UserError as error:
         if full_load is not None and "--full-load-draught" in str(error):
-            raise
+            raise  # what the user gave is refused; a form that cannot be made is said on the page
         return replace(known, no_form=f"It cannot be made: {error}.")
 
 
@@ -119,7 +119,7 @@ def _depth(ship: Ship, trials: Sequence[Trial]) -> Condition:
         share = read_site(paths, ship).start.get("shallow_water", {}).get("d_h")
     except UserError as error:
         return Condition("water depth", f"{NAME} cannot be used: {error}", required, UNKNOWN)
-    if share is None:
+    if share is None:  # d_h is draught over depth
         return Condition("water depth", f"not stated: no [water] depth in {NAME} beside the trials", required, UNKNOWN)
     verdict = FULFILLED if 1 / share > DEEP else FAILED
     return Condition("water depth", f"{draught / share:.3g} m, {1 / share:.2g} draughts", required, verdict)
