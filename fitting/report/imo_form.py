@@ -16,19 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.criteria.imo import (
-    FAIL,
-    OPEN,
-    PASS,
-    Row,
-    WaterVelocity,
-    assess,
-    follows_rule,
-    helm_words,
-    imo_figures,
-    imo_figures_of_trials,
-    in_still_water,
-)
+from cases.criteria import imo
 from cases.criteria.standard_runs import Run
 from cases.inputs import is_sampled
 from cases.maneuvers.definitions import Limits
@@ -49,7 +37,7 @@ def standard_figures(result: Mapping[str, Any], ship: Ship) -> JudgedFigures:
     or none can be drawn there are no draws, and a notice says why. Raises UserError when no manoeuvre reaches its
     event.
     """
-    assessment = imo_figures(ship)
+    assessment = imo.imo_figures(ship)
     why = "no covariance of the coefficients is known"
     if correlation_in(result) is not None:
         try:
@@ -216,7 +204,7 @@ def imo_form(
     remarks += [f"the model's figures alone: {model.verdict} ({model.basis})"] if model.basis else []
     remarks += [str(note) for note in model.notices if not has_code([note], "not_checked")]
     causes = likely_causes(ship, trials, model, result or {}) if tested else ()
-    caveats = {run.name: [words for words in run.caveats if follows_rule(words)] for run in model.runs}
+    caveats = {run.name: [words for words in run.caveats if imo.follows_rule(words)] for run in model.runs}
     rules: dict[str, tuple[str, ...]] = {}
     for group, text, _ in FORM:
         for rule in caveats.get(text, ()):
@@ -231,7 +219,9 @@ def likely_causes(
     result: as of ``imo_form``."""
     causes, rate = [], Limits.for_ship(ship).rudder_rate
     if math.isfinite(rate) and "rudder_rate" not in ship.particulars:
-        causes.append(f"the {helm_words(ship)}: overshoots and advance grow as it falls (rudder_rate in the ship file)")
+        causes.append(
+            f"the {imo.helm_words(ship)}: overshoots and advance grow as it falls (rudder_rate in the ship file)"
+        )
     speeds = {run.speed for run in model.runs}
     tested = ship.particulars.get("approach_speed")  # that of the trials [m/s]
     if tested and any(abs(speed / tested - 1) > OTHER_SPEED for speed in speeds):
@@ -261,7 +251,7 @@ def _of_correction(full_load: float | None, tested: bool) -> str:
     )
 
 
-def _side(row: Row | None, tested: FormValue | None, factor: np.ndarray | None) -> FormSide:
+def _side(row: imo.Row | None, tested: FormValue | None, factor: np.ndarray | None) -> FormSide:
     """One side from the model's ``row``, the tested value, and F / B of the ship and of the draws."""
     model = corrected = None
     if row is not None and row.value is not None:
@@ -273,14 +263,14 @@ def _side(row: Row | None, tested: FormValue | None, factor: np.ndarray | None) 
             low, middle, high = map(float, np.quantile(draws, (0.05, 0.5, 0.95)))
             corrected = FormValue(middle, (low, high), tested.count)
     if row is None:
-        return FormSide(tested, model, corrected, OPEN)
+        return FormSide(tested, model, corrected, imo.OPEN)
     judged, verdict, limit = corrected or tested or model, row.verdict, row.limit
     # a figure of the model that no trial supports is not judged, but a tested one is
-    if judged is None or limit is None or not (verdict in (PASS, FAIL) or row.probability is not None):
+    if judged is None or limit is None or not (verdict in (imo.PASS, imo.FAIL) or row.probability is not None):
         return FormSide(tested, model, corrected, verdict)
     if judged is not model:
-        verdict = PASS if judged.value <= limit else FAIL
-    if verdict in (PASS, FAIL) and judged.interval and judged.interval[0] <= limit < judged.interval[1]:
+        verdict = imo.PASS if judged.value <= limit else imo.FAIL
+    if verdict in (imo.PASS, imo.FAIL) and judged.interval and judged.interval[0] <= limit < judged.interval[1]:
         verdict += ", within the interval"
     return FormSide(tested, model, corrected, verdict)
 
@@ -289,7 +279,7 @@ def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> d
     """Mean of each tested figure over the runs among ``trials``, by manoeuvre and figure, of midship and through the
     water where the ``ship`` has an antenna or a current of her own. remarks: to add to."""
     try:
-        measured = imo_figures_of_trials([of_midship(ship, trial) for trial in trials], ship) if trials else None
+        measured = imo.imo_figures_of_trials([of_midship(ship, trial) for trial in trials], ship) if trials else None
     except UserError:
         measured = None
     if measured is None:
@@ -301,8 +291,8 @@ def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> d
         if (kind := _standard_run(run)) is None:
             continue
         if east and north:
-            run = in_still_water(run, WaterVelocity(north.value, east.value, 0.0, "of the ship"))
-        for row in assess(run):
+            run = imo.in_still_water(run, imo.WaterVelocity(north.value, east.value, 0.0, "of the ship"))
+        for row in imo.assess(run):
             if row.value is not None:
                 values.setdefault((kind, row.figure), []).append((row.value, _reading(run, row.unit)))
     if not values:
@@ -369,7 +359,7 @@ def _factors(
     """F / B of each figure of the ships as they are, then over the draws, the same ones for both. loaded: at full load;
     model: figures B of the ship as tested; result: content of result.json; remarks: to add to."""
     # the same draws for both ships: what is uncertain of both cancels in the ratio
-    full = JudgedFigures.of(imo_figures(loaded))
+    full = JudgedFigures.of(imo.imo_figures(loaded))
     if model.scatter:
         try:
             full = with_intervals(full, loaded, result, DRAWS)
