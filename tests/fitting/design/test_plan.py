@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cases.maneuvers.definitions import Limits
+from cases.maneuvers.definitions import Limits, parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate_batch import simulate_batch
 from cases.trial import Trial
@@ -78,8 +78,6 @@ def test_orders_stay_within_limits_and_rates() -> None:
 
 def test_the_information_is_that_of_a_fit(ship: Ship) -> None:
     """The same windows by ``fitting.nlp.fisher_information``, its states eliminated by another recursion."""
-    from cases.maneuvers.definitions import parse_maneuver
-
     simulator, prior, h = Simulator(ship, compiled=False), Prior.of(ship), 0.5
     run = simulate_batch(simulator, parse_maneuver("zigzag:20/20", ship, duration=30.0), dt=h, held=True)
     trial: Trial = run.trial(0)

@@ -241,8 +241,7 @@ def test_few_runs_make_figures_less_certain_as_student_s_t(runs: int, quantile: 
     assert spreads[0] / spreads[1] == pytest.approx(quantile / 1.644854, rel=0.01)
     # bands have the few runs already: what pushes her outside of the trials is not widened again
     trial = simulate(few, parse_maneuver("zigzag:10/10", few, speed=SPEED))
-    held = held_motion([record_of(trial, few.inputs)], few.inputs, few.particulars["L"])
-    assert held is not None
+    held: Any = held_motion([record_of(trial, few.inputs)], few.inputs, few.particulars["L"])
     told["bands"] = known["bands"] = known["bands"] | {"held": held_dict(held)}
     still = {s: np.full(60, few.coefficients[s].value) for s in drawn}
     pushed = [drawn_figures(Simulator(few), plan, still, one, 0)[0].ship["advance"] for one in (told, known)]

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -131,16 +132,21 @@ def known() -> Delivered:
         return Delivered(trials, (), form, "", 1.1 * fit.ship.particulars["d"], drawn)
 
 
+def first_figure(known: Delivered) -> tuple[Any, ...]:
+    """The form, the first side of its first figure, what was tested there and the ends of the model's single trials."""
+    form: Any = known.form
+    side = form.rows[0].sides[0]
+    return form, side, side.tested, side.model.of_trial
+
+
 @pytest.mark.slow
-def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Delivered) -> None:
+def test_the_form_has_port_and_starboard_tested_model_and_corrected(known: Any) -> None:
     form = known.form
-    assert form is not None and form.tested and form.corrected and form.intervals
+    assert form.tested and form.corrected and form.intervals and known.figure
     rows = {(row.group.split(",")[0], row.name): row for row in form.rows}
     assert len(form.rows) == 7 and [len(row.sides) for row in form.rows] == [2] * 6 + [1]
-    assert known.figure is not None
     for side in rows["Turning circle", "Advance"].sides:
-        assert side.tested is not None and side.model is not None and side.corrected is not None
-        low, high = side.model.interval or (np.nan, np.nan)
+        low, high = side.model.interval
         assert low < side.model.value < high and side.model.interval != side.corrected.interval
         assert side.tested.value == pytest.approx(side.model.value, rel=0.1)
         assert side.corrected.value != pytest.approx(side.tested.value, rel=1e-4)
@@ -154,13 +160,10 @@ def test_tested_figures_outside_of_the_models_intervals_are_the_first_line(
     known: Delivered, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(imo, "STANDARD", TURNS)
-    form = known.form
-    assert form is not None and form.contradiction == "" and form.rows[0].sides[0].contradicts is False
-    side = form.rows[0].sides[0]
-    assert side.tested is not None and side.model is not None and side.model.of_trial is not None
-    end, reading = side.model.of_trial[1], side.tested.reading
-    readable = replace(side, tested=replace(side.tested, value=end + 0.9 * reading))
-    outside = replace(side, tested=replace(side.tested, value=end + 1.1 * reading))
+    form, side, tested, ends = first_figure(known)
+    assert form.contradiction == "" and side.contradicts is False
+    end, reading = ends[1], tested.reading
+    readable, outside = (replace(side, tested=replace(tested, value=end + share * reading)) for share in (0.9, 1.1))
     assert reading > 0 and outside.contradicts and readable.contradicts is False
     assert replace(outside, tested=None).contradicts is None
     wrong = replace(form, rows=(replace(form.rows[0], sides=(outside,)), *form.rows[1:]))
@@ -178,25 +181,19 @@ def test_tested_figures_outside_of_the_models_intervals_are_the_first_line(
 
 @pytest.mark.slow
 def test_the_first_screen_compares_tested_and_model_figures_and_says_what_hangs_on_a_rule(known: Delivered) -> None:
-    fit, form = small_result(), known.form
-    assert form is not None
+    fit, (form, side, tested, ends) = small_result(), first_figure(known)
     given = fit.to_dict(), fit.ship
     screen = first_screen(*given, known, ["turns: to 35 deg"], ["waves: none"])
     assert (screen.good, screen.bad, screen.doubtful, screen.causes) == (("turns",), ("waves",), False, ())
     assert len(screen.rows) == 7 and {len(row) for row in screen.rows} == {5}
-    side = form.rows[0].sides[0]
-    assert side.tested is not None and side.model is not None and side.model.of_trial is not None
-    assert screen.rows[0][1] == f"{side.tested.value:.2f}"
-    assert screen.rows[0][3] == f"{side.model.value:.2f} [{side.model.of_trial[0]:.2f}, {side.model.of_trial[1]:.2f}]"
-    far = replace(side, tested=replace(side.tested, value=2 * side.tested.value))
-    wrong = replace(
-        form, rows=(replace(form.rows[0], sides=(far,)),), causes=("a",), rules={"rate by rule": ("Turn,",)}
-    )
+    assert screen.rows[0][1] == f"{tested.value:.2f}"
+    assert screen.rows[0][3] == f"{side.model.value:.2f} [{ends[0]:.2f}, {ends[1]:.2f}]"
+    far, untested = replace(side, tested=replace(tested, value=2 * tested.value)), replace(side, tested=None)
+    wrong, alone = (replace(form, rows=(replace(form.rows[0], sides=(one,)),)) for one in (far, untested))
+    wrong = replace(wrong, causes=("a",), rules={"rate by rule": ("Turn,",)})
     screen = first_screen(*given, replace(known, form=wrong), [], [])
     assert screen.doubtful and screen.causes == ("a",) and screen.rows[0][1].endswith("(!)")
     assert len(screen.rules) == 1 and screen.rules[0].startswith("rate by rule")
-    untested = replace(side, tested=None)
-    alone = replace(form, rows=(replace(form.rows[0], sides=(untested,)),))
     screen = first_screen(*given, replace(known, form=alone), [], [])
     assert len(screen.groups) == 1 and [row[1:2] for row in screen.by_side[1]] == [("",)]
 
@@ -240,8 +237,8 @@ def test_a_tested_stop_is_judged_where_that_of_the_model_is_the_priors(monkeypat
         form = imo_form(ship, trials, model, result)
         (side,) = form.rows[-1].sides
         assert side.verdict.split(",")[0] == verdict and bool(side.tested) == bool(trials)
-        low, high = side.model.interval if side.model and side.model.interval else (np.nan, np.nan)
-        assert side.model is not None and low < side.model.value < high
+        low, high = side.model.interval
+        assert low < side.model.value < high
         assert any(model.basis in line for line in form.remarks) and "crash-stop" in model.basis
 
 
@@ -265,9 +262,9 @@ def test_the_page_has_the_form_the_limits_and_the_advice(known: Delivered, run: 
     form = build_page([(fit, fit.ship, tmp_path)], [known])
     for words in ("tested", "model, calm and deep [90 %]", "corrected to full load [90 %]", "Stopping"):
         assert words in form
-    side = known.form.rows[0].sides[0].model if known.form else None
-    assert side is not None and side.interval is not None and f"{side.value:.2f} [{side.interval[0]:.2f}, " in form
-    assert fit.envelope is not None and set(fit.envelope) >= {"u", "v", "r", "n", "delta", "beta"}
+    model = first_figure(known)[1].model
+    assert f"{model.value:.2f} [{model.interval[0]:.2f}, " in form
+    assert set(fit.envelope) >= {"u", "v", "r", "n", "delta", "beta"}
     text = (run / "report.html").read_text()
     for heading in ("11. Trial conditions", "12. Manoeuvring data for IMO", "13. Limits of use", "14. How to use"):
         assert heading in text
