@@ -224,7 +224,7 @@ def _excited(envelope: Mapping[str, Sequence[float]]) -> tuple[list[str], list[s
         angle = f"{DEGREES * largest[DRIFT]:.0f} deg"
         unseen = f"berthing and cross flow: drift angles beyond {angle} were not seen"
         judged.append((largest[DRIFT] >= np.radians(30), f"berthing and cross flow: drift angles to {angle}", unseen))
-    for name in set(RUDDERS) & set(envelope):
+    for name in (name for name in RUDDERS if name in envelope):
         angle = f"{DEGREES * largest[name]:.0f} deg"
         unseen = f"hard-over rudder: {name} stayed within {angle}, without stall"
         judged.append((largest[name] >= np.radians(34), f"hard-over rudder: {name} to {angle}", unseen))

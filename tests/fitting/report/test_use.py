@@ -98,6 +98,9 @@ def test_the_advice_follows_from_what_the_trials_held() -> None:
     for words in ("reversed propeller", "going astern", "n hardly changed", "hard-over", "cross flow"):
         assert not any(words in line for line in fewer), words
     assert good
+    names = ("delta", "delta_port", "delta_starboard")  # sentences on rudders in one order, whatever the process
+    _, twin = use_rows({name: [-0.1, 0.1] for name in reversed(names)}, SHIP)
+    assert [line.split()[2] for line in twin if line.startswith("hard-over")] == list(names)
 
 
 @pytest.fixture
