@@ -24,7 +24,7 @@ from mmg_ident.api import content_of
 from mmg_ident.commands.main import main
 from residual.result import read_training
 from residual.settings import TrainSettings
-from tests.fitting.prediction.test_worth_of_past import PAID, runs
+from tests.fitting.prediction.test_adaptation import PAID, runs
 from tests.support.calibrated import small_result
 from tests.support.commands import shown
 from tests.support.figures import unrendered
