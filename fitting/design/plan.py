@@ -357,9 +357,8 @@ class SequenceSearch:
         values = np.hstack([nominal, nominal + task.draws])  # the first is the ship herself
         bounds = [(c.lower, c.upper) if not c.fixed else (-np.inf, np.inf) for c in self.ship.coefficients.values()]
         low, high = np.array(bounds, dtype=float).T[..., None]
-        self.theta = np.clip(
-            values, np.minimum(low, nominal), np.maximum(high, nominal)
-        )  # she may lie beyond her bounds
+        # she may lie beyond her bounds herself
+        self.theta = np.clip(values, np.minimum(low, nominal), np.maximum(high, nominal))
 
     def inputs(self, orders: np.ndarray, revolutions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions (N + 1, 2, K) and inputs of the model (N, C, K) that follow ``orders`` (N + 1, 2, K) from

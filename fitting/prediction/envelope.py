@@ -71,7 +71,7 @@ def envelope_of(names: Sequence[str], features: np.ndarray) -> dict[str, list[fl
 def _drift(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Drift angles where the ship moves."""
     moving = np.hypot(u, v) > SLOW * np.abs(u).max()
-    return np.arctan2(-v[moving], u[moving])  # beta = -atan(v / u) in MMG: water from starboard is positive
+    return np.arctan2(-v[moving], u[moving])  # MMG: positive where she drifts to port
 
 
 def trial_envelope(ship: Ship, trials: Sequence[Trial]) -> dict[str, list[float]]:

@@ -238,7 +238,7 @@ def drawn_figures(
             values[symbol] = np.tile(x[:many] if share == 1 else at + share * farther * (x[:many] - at), copies)
         order = plan if plan.engine is None else replace(plan, engine=plan.engine.drawn(many, seed).repeated(copies))
         runs = simulate_pushed(simulator, order, values, dt, push)
-        with np.errstate(invalid="ignore", over="ignore"):  # Froude number 3: no displacement ship
+        with np.errstate(invalid="ignore", over="ignore"):  # Froude number 3: she runs away
             lost = ~(np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) < 3 * reference_speed(L))
         return replace(runs, states=np.where(lost, np.nan, runs.states))
 
@@ -252,9 +252,8 @@ def drawn_figures(
         ships, trials = linearised(nominal_figures, ships, trials, near)
     # tracks are those of whole draws: a motion, unlike a figure, is not carried on in a straight line
     full_draws = runs if near == 1 else simulated(tracks, 1.0)
-    kept = np.arange(len(full_draws.last) - (count if near == 1 else tracks), len(full_draws.last))[
-        :tracks
-    ]  # single trials
+    first = len(full_draws.last) - (count if near == 1 else tracks)  # single trials stand behind the ships
+    kept = np.arange(first, len(full_draws.last))[:tracks]
     motions = SimulatedRuns(
         full_draws.t, full_draws.states[:, :, kept], full_draws.inputs[:, :, kept], full_draws.last[kept]
     )

@@ -200,7 +200,7 @@ def window_for(trials: Sequence[Trial], length: float | None) -> float:
     if not math.isfinite(unit) or LEAST * unit <= SHORTEST:
         return SHORTEST
     longest = max(trial.duration for trial in trials)
-    # 0.05 longest: half of the longest trial in tens of seconds, so that it holds a window at each stride
+    # 0.05: half of the longest trial, in tens of seconds
     return max(min(10 * round(0.1 * MOST * unit), 10 * math.floor(0.05 * longest)), SHORTEST)
 
 

@@ -83,8 +83,7 @@ def delivery_sections(result: Mapping[str, Any], ship: Ship, known: Delivered) -
 
 
 FULFILLED, FAILED, UNKNOWN = "fulfilled", "not fulfilled", "unknown"
-# Depth over draught, Beaufort number, and deviation from the full-load draught that IMO MSC/Circ.1053 (2002), 2.2.1.2,
-# allows.
+# Depth over draught, Beaufort number and deviation from the full-load draught by IMO MSC/Circ.1053 (2002), 2.2.1.2.
 DEEP, STRONGEST_WIND, DRAUGHT = 4.0, 5, 0.05
 
 
@@ -157,7 +156,7 @@ WORDS = {
     "u": ("surge velocity", "m/s", 1.0),
     "v": ("sway velocity at midship", "m/s", 1.0),
     "r": ("yaw rate", "deg/s", DEGREES),
-    DRIFT: ("drift angle, positive where the water comes from starboard", "deg", DEGREES),
+    DRIFT: ("drift angle, positive where the water comes from port", "deg", DEGREES),  # MMG: beta = atan2(-v, u)
     "a_x": ("air relative to the hull, ahead", "m/s", 1.0),
     "a_y": ("air relative to the hull, to starboard", "m/s", 1.0),
 }

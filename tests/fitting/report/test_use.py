@@ -87,6 +87,9 @@ def test_limits_are_shown_in_the_units_of_the_bridge() -> None:
     assert rows["delta"]["unit"] == "deg" and rows["delta"]["high"] == pytest.approx(np.degrees(0.3))
     assert rows["r"]["unit"] == "deg/s" and rows["u"]["low"] == 5.0 and rows["n"]["unit"] == "1/s"
     assert "0.91" in rows["r"]["more"]  # 0.02 320 / 7
+    beta = rows["beta"]  # 1 m/s to starboard at 7 m/s ahead, where the water comes from starboard, and to port at 5 m/s
+    assert (beta["low"], beta["high"]) == pytest.approx(np.degrees([-np.arctan(1 / 7), np.arctan(1 / 5)]))
+    assert "from port" in beta["words"]
 
 
 def test_the_advice_follows_from_what_the_trials_held() -> None:
