@@ -39,6 +39,7 @@ from fitting.prediction.score import (
     worth_message,
     worth_of_left_out,
 )
+from fitting.prediction.tested_figures import measured_maneuvers
 from fitting.record import FitObjects, FitRecord
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved, uncertainty_rows
 from fitting.report.run_folder import data_rows, plain
@@ -188,7 +189,7 @@ def refit(earlier: FitResult, hold: Mapping[str, float], progress: OnProgress | 
     after = Simulator(found.ship, found.settings.compiled)
     scores = scores_by_set(after, {"validation": objects.validation, "training": objects.trials})
     made["scores"] = {name: ScorePair(earlier.scores[name].before, score) for name, score in scores.items()}
-    made["envelope"] = earlier.envelope
+    made["envelope"], made["tests"] = earlier.envelope, earlier.tests
     fit = with_values(CampaignFit(found, earlier.campaigns), TrialSet(objects.trials).campaigns)
     options = FitOptions(command=earlier.command, name=earlier.ship.name)
     remarks = TrialSet((*objects.trials, *objects.validation)).remarks
@@ -324,6 +325,7 @@ def _content(
         "adaptation": made.get("worth of adaptation"),
         "random_force": made["second estimate"].random_force if "second estimate" in made else None,
         "envelope": made["envelope"] if "envelope" in made else trial_envelope(found.ship, trials),
+        "tests": made["tests"] if "tests" in made else measured_maneuvers(found.ship, trials),
         "left_out": made.get("worth of what was left out"),
         "campaigns": fit.content,
         **uncertainty_rows(found),
