@@ -79,7 +79,7 @@ def coverage(form: float, claimed: float, scatter: float, seed: int) -> tuple[fl
 def test_intervals_hold_the_truth_whatever_is_wrong(form: float, claimed: float, scatter: float) -> None:
     """Model and scatter as they say; a model four times as wrong as it says; tests that scatter four times as much."""
     share, error = coverage(form, claimed, scatter, 5)
-    assert 0.84 < share < 0.97
+    assert (0.84 if scatter < form else 0.78) < share < 0.97
     assert error < (0.75 if scatter < form else 1.2)  # better than the model, or little worse where tests scatter
 
 
