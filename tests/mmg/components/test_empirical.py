@@ -40,7 +40,7 @@ def test_motoras_charts_for_kvlcc2() -> None:
 
 
 def test_clarke_for_kvlcc2() -> None:
-    """Printed by 1/2 rho L^2 U^2 (times d/L here); m_y' 0.2438 and Y_v -0.3887 in the MMG system. The rest by hand, with
+    """Printed by 1/2 rho L^2 U^2 (times d/L here); m_y' 0.2438 and Y_v -0.3887 in the MMG system. The rest by hand:
     pi d/L = 0.204204, B/L = 0.18125, B/d = 2.788462, C_b B/d = 2.258654."""
     got = empirical.clarke_1983(**KVLCC2)
     assert got["Y_v"] == pytest.approx(-0.3887, abs=0.51e-4)

@@ -14,8 +14,16 @@ from mmg.components.coefficients import names
 from mmg.components.expansion import hard_submodels, smooth_submodels
 from mmg.components.expansion.actuators import devices_of, parse_devices, variables, without_partner
 from mmg.components.expansion.series import DAMPING, STALL, speed_scale, variable
-from mmg.components.expansion.structure import Powers, Structure, monomials, regimes, term_list, terms
-from mmg.components.expansion.units import unit_monomials, units_of
+from mmg.components.expansion.structure import (
+    Powers,
+    Structure,
+    monomials,
+    regimes,
+    term_list,
+    terms,
+    unit_monomials,
+    units_of,
+)  # fmt: skip
 from mmg.components.expansion.words import parse_monomial
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, Unsupported
 from mmg.motion.flow import INPUTS, Flow
