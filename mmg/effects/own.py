@@ -35,6 +35,7 @@ class OwnEffect(Own, Effect):
 
     def __init__(self, function: Callable[..., Any], **stated: Any) -> None:
         super().__init__(function, **stated)
+        # on the instance, where it stands before the hook of the class
         setattr(self, HOOKS[self.enters], self._forces if self.enters == "force" else function)
 
     @property

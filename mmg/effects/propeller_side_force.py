@@ -28,9 +28,9 @@ class PropellerSideForce(Effect):
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         old = parts["propeller"]
         if _has_side_force(at.components):
-            new = Force(old.X, e.factor * old.Y, e.factor * old.N)
+            new = Force(old.X, e.factor * old.Y, e.factor * old.N)  # the rudder has had its slipstream by now
         else:
-            pitched = SimpleNamespace(**{"pitch_ratio": 0.7, **vars(at.p)})
+            pitched = SimpleNamespace(**{"pitch_ratio": 0.7, **vars(at.p)})  # 0.7: set by hand, where she has none
             published = SimpleNamespace(**{row.symbol: row.value for row in hachii.COEFFICIENTS})
             side = hachii.force(flow, pitched, published, at.s)
             new = Force(old.X, old.Y + e.factor * side.Y, old.N + e.factor * side.N)

@@ -94,12 +94,6 @@ def thrust(V_A: Any, n: Any, D: Any, rho: Any, s: Smoothing | None = None) -> An
     return rho * ca.pi / 8 * D**2 * series(V_A, 0.7 * ca.pi * n * D, A_T, B_T, s or Exact())
 
 
-def torque(V_A: Any, n: Any, D: Any, rho: Any, s: Smoothing | None = None) -> Any:
-    """Open-water torque Q [N m] at V_A [m/s], n [1/s], D [m], rho [kg/m^3] and smoothing s, as ``thrust``. Returns it
-    without the factor k_Q of the ship's own screw."""
-    return rho * ca.pi / 8 * D**3 * series(V_A, 0.7 * ca.pi * n * D, A_Q, B_Q, s or Exact())
-
-
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
     """Propeller force [N, N, N m] and slipstream; reversed, the loading holds the thrust deduction. flow, p, c, s: as
     in mmg/motion/flow.py."""
