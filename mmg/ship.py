@@ -25,6 +25,10 @@ from mmg.network import Network, features_of
 AIR = ("wind_north", "wind_east")
 
 
+def _in_words(models: Mapping[str, str]) -> str:
+    return ", ".join(f"{role} {name}" for role, name in models.items())
+
+
 @dataclass(frozen=True)
 class CalibrationMark:
     """Which calibration a ship is of.
@@ -104,15 +108,14 @@ class Ship:
         return pd.DataFrame([vars(c) for c in self.coefficients.values()]).set_index("symbol")
 
     def __repr__(self) -> str:
-        parts = [f"{role} {model}" for role, model in self.components.items()]
+        parts = [_in_words(self.components)]
         parts += [f"effects {', '.join(self.effects)}"] if self.effects else []
         parts += ["a network"] if self.network is not None else []
         count = f"{len(self.coefficients)} coefficients, {len(self.free)} free"
         return f"<Ship {self.title}: L {self.particulars['L']:g} m, {', '.join(parts)}; {count}>"
 
     def _repr_html_(self) -> str:
-        models = ", ".join(f"{role} {model}" for role, model in self.components.items())
-        caption = f"{self.name}, L = {self.particulars['L']:g} m: {models}"
+        caption = f"{self.name}, L = {self.particulars['L']:g} m: {_in_words(self.components)}"
         rows = [
             (c.symbol, c.value, c.std, c.unit or c.prime, "fixed" if c.fixed else "", c.source)
             for c in self.coefficients.values()
@@ -235,8 +238,7 @@ class Ship:
             module(role, name)
         lacking = [key for key in required_particulars(components) if key not in self.particulars]
         if lacking:
-            models_in_words = ", ".join(f"{role} {name}" for role, name in models.items())
-            raise Missing(f"{self.name}: has no particular {', '.join(lacking)}, needed by {models_in_words}")
+            raise Missing(f"{self.name}: has no particular {', '.join(lacking)}, needed by {_in_words(models)}")
         return self._with_components(components)
 
     def _with_components(self, components: dict[str, str], notices: tuple[str, ...] = ()) -> Ship:

@@ -43,16 +43,6 @@ class ExpansionVariable:
     angle: str = ""
     part: str = ""
 
-    @property
-    def cosine(self) -> bool:
-        """Whether it is a cosine of an angle."""
-        return self.part.endswith("cos")
-
-    @property
-    def sine(self) -> bool:
-        """Whether it is a sine of an angle."""
-        return self.part.endswith("sin")
-
 
 def parse_devices(text: str) -> tuple[Device, ...]:
     """The list of actuators in ``text``, such as "n, delta_starboard+delta_port".

@@ -205,11 +205,11 @@ def _duplicate(powers: Powers, force: str, rule: str) -> bool:
     paired = any(x.part.startswith("half") for x, _ in powers) or any(x.word.name == "mean" for x, _ in powers)
     if rule == "identity" or paired:
         return _follows_from_identity(powers)
-    if any(x.cosine and k >= 2 for x, k in powers):
+    if any(x.part == "cos" and k >= 2 for x, k in powers):
         return True
     # products of sines alone stay in Y and N: with them the counts are those of the paper at third order too
-    sines_alone = force != "X" and all(x.sine for x, _ in powers)
-    return not sines_alone and any(x.sine and k >= 2 for x, k in powers)
+    sines_alone = force != "X" and all(x.part == "sin" for x, _ in powers)
+    return not sines_alone and any(x.part == "sin" and k >= 2 for x, k in powers)
 
 
 def _follows_from_identity(powers: Powers) -> bool:
