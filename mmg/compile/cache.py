@@ -50,8 +50,8 @@ def cache_folder() -> Path:
         return Path(os.environ.get("LOCALAPPDATA") or home) / "mmg-ident"
     if platform.system() == "Darwin":
         return home / "Library" / "Caches" / "mmg-ident"
-    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    return (given if given.is_absolute() else home / ".cache") / "mmg-ident"
+    base = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return (base if base.is_absolute() else home / ".cache") / "mmg-ident"
 
 
 def compiler() -> str | None:
@@ -76,7 +76,7 @@ def _processor() -> str:
     return platform.processor() + platform.machine()
 
 
-def _own(status: os.stat_result) -> bool:
+def _is_private(status: os.stat_result) -> bool:
     """Whether a file or folder belongs to the user and no one else can write to it."""
     if not hasattr(os, "geteuid"):  # Windows
         return True
@@ -87,7 +87,7 @@ def _trusted(path: Path) -> bool:
     """Whether a cached library is the user's and has the content that its name says; removed where it is not."""
     try:
         with path.open("rb") as file:  # one handle for owner and content: the file cannot be exchanged in between
-            good = _own(os.fstat(file.fileno())) and hashlib.sha256(file.read()).hexdigest() in path.name
+            good = _is_private(os.fstat(file.fileno())) and hashlib.sha256(file.read()).hexdigest() in path.name
     except OSError:
         return False
     if not good:
@@ -146,15 +146,15 @@ def compile_library(
     try:
         folder = cache_folder()
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not _own(folder.stat()):
+        if not _is_private(folder.stat()):
             whose = f"the cache {folder} is another user's or others can write to it"
             return None, f"{whose}; chmod 700 it or set MMG_CACHE"
         kept = next(filter(_trusted, folder.glob(f"{key}-*{suffix}")), None)
         if kept:
             return kept, ""
-        made = text.make() if isinstance(text, LateSource) else text
-        _announce(what, made, folder)
-        return _built(folder, made, [cc, *flags], key, suffix, check)
+        source = text.make() if isinstance(text, LateSource) else text
+        _announce(what, source, folder)
+        return _built(folder, source, [cc, *flags], key, suffix, check)
     except OSError as error:
         return None, f"no cache folder for compiled code ({error})"
 
@@ -197,12 +197,12 @@ def _compiled(command: Sequence[str], units: Sequence[Path], built: Path) -> sub
     if len(units) == 1:
         return run(units[0], "-o", built, "-lm")
 
-    def made(unit: Path) -> subprocess.CompletedProcess[str]:
+    def compiled(unit: Path) -> subprocess.CompletedProcess[str]:
         level = ["-Og"] if unit.read_text(encoding="utf-8").startswith(LONG) else []
         return run("-c", *level, unit, "-o", unit.with_suffix(".o"))
 
     with ThreadPoolExecutor(min(len(units), os.cpu_count() or 1)) as pool:
-        runs = list(pool.map(made, units))
+        runs = list(pool.map(compiled, units))
     failed = next((one for one in runs if one.returncode), None)
     return failed or run(*(unit.with_suffix(".o") for unit in units), "-o", built, "-lm")
 

@@ -140,13 +140,13 @@ class IntervalKernel:
         is, for people.
         """
 
-        def made(library: ctypes.CDLL) -> IntervalKernel:
+        def kernel(library: ctypes.CDLL) -> IntervalKernel:
             return cls(library, whole.size1_out(0), whole.size2_out(1) - whole.size1_in(0))
 
         generators = (codegen, stages, interval_source)
         text = LateSource.of([whole], lambda: interval_source.interval_source(_without_repetition(whole)), *generators)
-        library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None, what)
-        return (None if library is None else made(library)), reason
+        library, reason = load_library(text, FLAGS, (lambda new: check(kernel(new))) if check else None, what)
+        return (None if library is None else kernel(library)), reason
 
     def values(
         self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, given: np.ndarray | None = None
@@ -262,8 +262,8 @@ class IntervalKernel:
         self, lanes: Lanes, arrays: dict[str, np.ndarray], middle: bool = False
     ) -> tuple[_IntervalRun, dict[str, np.ndarray]]:
         """The struct of a call, and the arrays that it points to: they must live as long as it."""
-        own = {"controls": lanes.controls, "count": lanes.steps, "group": lanes.group, "slot": lanes.slot}
-        every = own | {"h": np.array([lanes.h]), "interval": lanes.interval} | arrays
+        by_lane = {"controls": lanes.controls, "count": lanes.steps, "group": lanes.group, "slot": lanes.slot}
+        every = by_lane | {"h": np.array([lanes.h]), "interval": lanes.interval} | arrays
         tall, wide, extra = (len(arrays.get(name, ())) for name in ("states", "columns", "own"))
         sizes = (len(lanes.interval), len(lanes.controls), arrays["theta"].shape[1], extra)
         run = _IntervalRun(*sizes, middle, lanes.changes, tall, wide)

@@ -132,15 +132,15 @@ class LaneEmitter(Emitter):
         return [self._loop(line) for line in self.statements(places)]
 
     def _loop(self, line: str) -> str:
-        left, right = line.removeprefix("const real ").split(" = ", 1)
-        operation = self.program.values[int(left[1:])].operation
-        head = f"real {left}[{LANES}]; "
+        name, value = line.removeprefix("const real ").split(" = ", 1)
+        operation = self.program.values[int(name[1:])].operation
+        head = f"real {name}[{LANES}]; "
         if operation not in OWN:
-            return f"{head}for (l = 0; l < {LANES}; l++) {left}[l] = {right}"
-        parts = [self.name(i) for i in self.program.values[int(left[1:])].operands]
+            return f"{head}for (l = 0; l < {LANES}; l++) {name}[l] = {value}"
+        parts = [self.name(i) for i in self.program.values[int(name[1:])].operands]
         copies = " ".join(f"a{k}[l] = {text};" for k, text in enumerate(parts))
         arrays = ", ".join(f"a{k}" for k in range(len(parts)))
-        return f"{head}for (l = 0; l < {LANES}; l++) {{ {copies} }} odd |= lanes_{OWN[operation]}({arrays}, {left});"
+        return f"{head}for (l = 0; l < {LANES}; l++) {{ {copies} }} odd |= lanes_{OWN[operation]}({arrays}, {name});"
 
 
 def lane_functions(program: Program, outputs: list[int], tanh: str) -> str:

@@ -80,13 +80,13 @@ class Program:
     def leading_to(self, places: Iterable[int | None], after: int = CONSTANT) -> list[int]:
         """As ``needed``, for the values at these ``places`` and those of stages later than ``after`` behind them."""
         todo = [place for place in places if place is not None]
-        found: set[int] = set()
+        reached: set[int] = set()
         while todo:
             place = todo.pop()
-            if place not in found and self.values[place].stage > after:  # earlier stages have handed theirs on
-                found.add(place)
+            if place not in reached and self.values[place].stage > after:  # earlier stages have handed theirs on
+                reached.add(place)
                 todo += self.values[place].operands
-        return sorted(found)
+        return sorted(reached)
 
     def divided(self, outputs: Iterable[int], last: int, size: int) -> Program:
         """The same with its ``last`` stage divided after each ``size`` of its values behind these ``outputs``: a later
@@ -101,10 +101,10 @@ class Program:
         """Places, in order, of the results of a ``stage`` that later stages or these ``outputs`` themselves take up;
         arguments and constants are not among them."""
         outputs = list(outputs)
-        taken = {i for place in self.needed(outputs, stage) for i in self.values[place].operands}
+        read = {i for place in self.needed(outputs, stage) for i in self.values[place].operands}
         # an output may be made early
-        taken |= {place for j in outputs for place in self.results[j] if place is not None}
-        return sorted(i for i in taken if self.values[i].stage == stage and self.values[i].argument is None)
+        read |= {place for j in outputs for place in self.results[j] if place is not None}
+        return sorted(i for i in read if self.values[i].stage == stage and self.values[i].argument is None)
 
 
 @dataclass(frozen=True)
@@ -143,8 +143,8 @@ def divided_code(
     bodies = staged_bodies(divided, outputs, arguments, {**arrays, **between}, "d")
     most = max([bodies[stage].handed for stage in between], default=0) + 1
     given = [*arguments.values(), *arrays.values()]
-    taken = ", ".join([*(f"const V* {one}" for one in given), "V* M", "V* d"])
-    heads = [f"HIDDEN void {name}_{i}({taken})" for i in range(parts)]
+    parameters = ", ".join([*(f"const V* {one}" for one in given), "V* M", "V* d"])
+    heads = [f"HIDDEN void {name}_{i}({parameters})" for i in range(parts)]
     size = f"#define {name}_most {most}\n"
     texts = [bodies[last + i].text for i in range(parts)]
     functions = [f"{size}{head} {{\n  {t}\n}}\n#undef {name}_most\n" for head, t in zip(heads, texts, strict=True)]

@@ -114,12 +114,12 @@ def _restored(kind: type[Own], stated: dict[str, Any], packed: Callable[..., Any
     if isinstance(packed, bytes):
         import cloudpickle
 
-        made = kind(cloudpickle.loads(packed), **stated)  # bytes of the tasks of this product, never of files
+        model = kind(cloudpickle.loads(packed), **stated)  # bytes of the tasks of this product, never of files
     else:
-        made = kind(packed, **stated)
-    registered = made.names.get(made.name)
+        model = kind(packed, **stated)
+    registered = model.names.get(model.name)
     if isinstance(registered, Own) and registered.packed == packed:
         return registered  # one object for all ships that come: models are compared by identity
-    vars(made)["packed"] = packed  # as it came: packed anew the bytes may differ
-    made.names[made.name] = made
-    return made
+    vars(model)["packed"] = packed  # as it came: packed anew the bytes may differ
+    model.names[model.name] = model
+    return model

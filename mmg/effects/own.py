@@ -55,5 +55,5 @@ class OwnEffect(Own, Effect):
 
     def _forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         """The forces by role, as the function changed them or with what it adds."""
-        made = self.function(parts, flow, e, at)
-        return made if isinstance(made, dict) else {**parts, self.name: as_force(made, f"effect {self.name}")}
+        result = self.function(parts, flow, e, at)
+        return result if isinstance(result, dict) else {**parts, self.name: as_force(result, f"effect {self.name}")}

@@ -93,8 +93,8 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     cosines, sines = multiples(cos_a, sin_a)
     # each coefficient: sum over k of (row k of its series . features) times cos k a or sin k a
     C_X, C_Y, C_N = (
-        sum(sum(a * b for a, b in zip(row, seen, strict=True)) * angle for row, angle in zip(rows, angles, strict=True))
-        for rows, seen, angles in zip(SERIES, features(p, c.M_A), (cosines, sines, sines), strict=True)
+        sum(sum(a * b for a, b in zip(row, x, strict=True)) * angle for row, angle in zip(rows, angles, strict=True))
+        for rows, x, angles in zip(SERIES, features(p, c.M_A), (cosines, sines, sines), strict=True)
     )
     pressure = 0.5 * p.rho_a * squared
     X, Y = c.k_XA * pressure * p.A_T * -C_X, c.k_YA * pressure * p.A_L * C_Y  # C_X is a head resistance in print
