@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from mmg.errors import BadValue, Missing, UnknownName
+from mmg.model import settled
 from mmg.motion.flow import INPUTS
 from mmg.rollout import Simulator
 from mmg.ship import AIR, Ship
@@ -108,7 +109,7 @@ class RightHandSide:
             raise BadValue(f"{z.shape[1]} states and {c.shape[1]} controls; give as many of both, or one of either")
         z, c = (np.ascontiguousarray(np.broadcast_to(a, (len(a), M))) for a in (z, c))
         if len(z) < S:  # six numbers of a ship whose effects remember more
-            z = self._simulator.start(z, c)
+            z = settled(self._simulator.model, z, c, self.ship.values)
         return z, c, single
 
     def _as_array(self, controls: Any) -> np.ndarray:

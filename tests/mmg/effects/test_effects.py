@@ -21,6 +21,7 @@ from mmg.errors import UserError
 from mmg.model import Model, assemble
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from tests.support.actuator_ships import true_ship
 
 MORE = {"velocity_filter", "gyro"}  # Effects beyond those of a diagnosis: of the measurement model
 CONTRACT = {
@@ -180,6 +181,19 @@ def test_wind_force_stands_in_for_a_missing_wind_model() -> None:
     state, controls = states_and_controls(ESSO, 10)
     one, other = (np.array(assemble(ship).rates(state, controls, ship.values)) for ship in (blown, ESSO))
     np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-14)
+
+
+def test_two_screws_that_turn_against_each_other_walk_by_their_difference() -> None:
+    """Also by the side force that the effect brings for a propeller model without one: as of the model that has it."""
+    walking = true_ship("twin")
+    lent = walking.with_models(propeller="standard_kijima").with_effect("propeller_side_force", factor=1.0)
+    bare = lent.without_effect("propeller_side_force")
+    for n, n_2 in ((-8.0, -8.0), (-8.0, 0.0), (-4.0, -9.0)):
+        still, controls = np.zeros(6), {"n": n, "n_2": n_2, "delta_port": 0.0, "delta_starboard": 0.0}
+        own, added, without = (ship.rhs.forces(still, controls).loc["propeller"] for ship in (walking, lent, bare))
+        np.testing.assert_allclose(added["Y [N]"], own["Y [N]"], rtol=1e-9, atol=1e-12)
+        assert without["Y [N]"] == 0.0 and (added["Y [N]"] != 0.0) == (n != n_2)
+        assert (added["N [N m]"] - without["N [N m]"] != 0.0) == (n != n_2)
 
 
 def test_rudder_lag_and_delay_make_the_turn_late() -> None:
