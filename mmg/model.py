@@ -157,7 +157,7 @@ def _through_water(flow: Flow, currents: list[tuple[Any, Any, Any, Any]]) -> tup
     return flow.with_(u=flow.u - u_c, v=flow.v - v_c), u_c, v_c, a_cx, a_cy
 
 
-# What was assembled last: key, model, sizes of the memory. To make the functions takes longer than most questions.
+# What was assembled last: key, model, sizes of the memory. To make the functions takes longer than to call them.
 _ASSEMBLED: deque[tuple[tuple[Any, ...], Model, ca.Function]] = deque(maxlen=16)
 
 

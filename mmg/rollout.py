@@ -125,7 +125,7 @@ class Simulator:
             raise ValueError(f"method {method!r} is neither 'rk4' nor 'euler'")
         if len(start) == 6 and len(controls):
             start = settled(self.model, start, controls[0], theta)
-        if M * N == 0:  # nothing to integrate: kernels take at least one point and one step
+        if M * N == 0:  # nothing to integrate
             return np.repeat(start[None], 1 + int(keep.sum()), axis=0)
         if self._rollout is None:
             return self._stepwise(start, controls, steps, theta, keep, method, linear)

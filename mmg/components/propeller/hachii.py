@@ -27,8 +27,9 @@ SIDE_FORCE = True  # The model has a side force of its own (the effect propeller
 # Advance ratios J_s [-] of the middle branch of the reversing propeller's side force (Hachii 2004).
 ADVANCE_LOW, ADVANCE_HIGH = -0.35, -0.06
 
-# A_1 to A_8 of the side force and B_1 to B_8 of the yaw moment [-] (Hachii 2004; the last three single lineage).
+# A_1 to A_8 of the side force [-] (Hachii 2004; the last three single lineage).
 _A = (-7.90e-5, 7.99e-3, -4.93e-3, -5.87e-3, -5.58e-4, 5.08e-3, 1.70e-3, 9.16e-4)
+# B_1 to B_8 of the yaw moment [-], as A.
 _B = (3.50e-5, -3.17e-3, 1.96e-3, 2.33e-3, 2.25e-4, -2.16e-3, 6.27e-5, 6.25e-5)
 
 

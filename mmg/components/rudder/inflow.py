@@ -1,12 +1,9 @@
 """What the rudder models share: longitudinal inflow in all quadrants, aspect ratio, and the force on the ship.
 
-Longitudinal inflow u_R (Yoshimura's low-speed form ahead; Kitagawa 2015 in reversed flow, single public lineage):
-  n >= 0 and K_T > 0: u_R = eps sqrt{ eta [u_P + kappa (sqrt(u_P^2 + 8 K_T n^2 D^2/pi) - u_P)]^2 + (1 - eta) u_P^2 }
-  else with headway:  u_R = sgn(q) sqrt|q|, q = eta sgn(u_1) u_1^2 + (1 - eta) u_2^2 + C_PR u^2,
-                      u_2 = u eps (1 - w_P), u_1 = u_2 + n D k_xR sqrt(8 |K_T|/pi)
-  else (sternway):    u_R = u.
-The first is u_R = eps u_P sqrt{ eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta } of Yasukawa & Yoshimura
-(2015) for u_P > 0, multiplied out by u_P; eta = D_P/H_R, at most 1.
+Longitudinal inflow u_R (Yoshimura's low-speed form ahead; Kitagawa 2015 in reversed flow, single public lineage): the
+three equations of the model ``single``, where kappa = k_x / eps. The first of them is that of Yasukawa & Yoshimura
+(2015), u_R = eps u_P sqrt{ eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta }, for u_P > 0, multiplied out by
+u_P; eta = D_P/H_R, at most 1.
 """
 
 from __future__ import annotations
