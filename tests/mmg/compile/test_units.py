@@ -69,15 +69,14 @@ def test_one_line_says_what_is_compiled(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("MMG_CACHE", str(tmp_path))
-    functions = derivatives(load_ship("mariner"))[:1]
-    for said, new in ((1, True), (0, True), (0, False)):  # the first, a second one, and one from the cache
+    rates, jacobian, _ = derivatives(load_ship("mariner"))
+    # the first of a process, a second one, and the first one of another process from the cache
+    for said, function, anew in ((1, rates, True), (0, jacobian, False), (0, rates, True)):
         caplog.clear()
-        if said or not new:
+        if anew:
             monkeypatch.setattr(cache, "announced", [])
         with caplog.at_level(logging.INFO):
-            batch_functions(
-                functions if said or not new else derivatives(load_ship("mariner"))[1:2], True, "the mariner"
-            )
+            batch_functions([function], True, "the mariner")
         lines = [r.message for r in caplog.records if "compiling" in r.message]
         assert len(lines) == said and all(str(tmp_path) in line for line in lines)
 
