@@ -214,8 +214,8 @@ def test_a_monomial_is_read_as_it_is_written() -> None:
         ("cos(n)", "angle"), ("thrust(delta)", "not revolutions"), ("ahead(n) u", "no condition"),
         ("stalled u", "write stalled(delta)"), ("|ahead| u", "no condition"), ("sin(delta", "no variable"),
         ("sin(delta))", "brackets"), ("mean(u,v)", "actuators"), ("u^2", "no variable"),
-        ("tan(delta)", "no variable"), ("times(n)", "times"), ("times(n,u)", "times"), ("times(n,times(n,n_2))", "times"),
-        ("times(n,mean(n,n_2))", "times"),
+        ("tan(delta)", "no variable"), ("times(n)", "times"), ("times(n,u)", "times"),
+        ("times(n,times(n,n_2))", "times"), ("times(n,mean(n,n_2))", "times"),
     ],
 )  # fmt: skip
 def test_a_wrong_monomial_is_refused_with_its_word(text: str, words: str) -> None:
