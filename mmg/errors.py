@@ -14,8 +14,6 @@ from mmg.messages import printable
 
 # Most bytes of a name: file systems take 255, and suffixes are added. The limit is that of ext4 and NTFS.
 LONGEST_NAME = 200
-
-
 # What files cannot be called on Windows, whatever follows after a dot.
 DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT") for i in range(1, 10))}
 WINDOWS = os.name == "nt"
@@ -51,10 +49,10 @@ def together(faults: Sequence[UserError], heading: str) -> UserError:
     """One error of the kind of the first of the ``faults``, with the words ``heading`` before all where there are
     several. Equal sentences are said once."""
     sentences = tuple(dict.fromkeys(map(str, faults)))
-    found = type(faults[0])("; ".join(sentences) if len(faults) == 1 else f"{heading}: {'; '.join(sentences)}")
+    error = type(faults[0])("; ".join(sentences) if len(faults) == 1 else f"{heading}: {'; '.join(sentences)}")
     if len(sentences) > 1:
-        found.problems, found.heading = sentences, heading
-    return found
+        error.problems, error.heading = sentences, heading
+    return error
 
 
 class UnknownName(UserError):
@@ -118,7 +116,7 @@ def writing(what: object, advice: str = "choose another --out") -> Iterator[None
     """While it lasts, an error of the system is that of ``what`` is written: UserError, with ``advice``."""
     try:
         yield
-    except OSError as error:
+    except OSError as error:  # strerror is without the path, which ``what`` names
         raise NotWritable(f"{what}: cannot be written ({error.strerror or error}); {advice}") from None
 
 
@@ -149,9 +147,9 @@ def name_fault(name: str) -> str:
 
     A name may become that of a file on any system, so it holds no path, no drive, nothing that cannot be printed.
     """
-    if PureWindowsPath(name).name != name or name == "..":
+    if PureWindowsPath(name).name != name or name == "..":  # knows / and \\ and drives, on any system
         return "must be plain words, no path: without / and \\"
-    if any("\udc80" <= c <= "\udcff" for c in name):
+    if any("\udc80" <= c <= "\udcff" for c in name):  # surrogates that stand for bytes (PEP 383)
         return "holds bytes that are no text in this locale; set PYTHONUTF8=1, or LC_ALL to one with UTF-8"
     if name.partition(".")[0].strip().upper() in DEVICES:
         return "is a device on Windows, where no file can be called so; choose another name"

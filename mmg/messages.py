@@ -9,7 +9,7 @@ from html import escape
 def printable(text: str) -> str:
     """``text`` with what would steer a terminal (escape sequences, control characters) written as \\x1b and the like;
     line ends and tabs stay."""
-    if text.isprintable():
+    if text.isprintable():  # most texts are: in one pass
         return text
     return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text)
 
@@ -29,7 +29,7 @@ class Message(str):
         message.code = code
         return message
 
-    def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]
+    def __getnewargs__(self) -> tuple[str, str]:  # type: ignore[override]  # copies and pickles keep the code
         return str(self), self.code
 
 
@@ -58,19 +58,21 @@ def messages_from(rows: Iterable[dict[str, str]]) -> tuple[Message, ...]:
     return tuple(Message(row["text"], row["code"]) for row in rows)
 
 
-def html_table(caption: str, header: Sequence[str], rows: Iterable[Sequence[object]], most: int = 20) -> str:
-    """A table as HTML.
+MOST_ROWS = 20  # Rows of a table in a notebook, about as many as a screen holds. Set by hand.
 
-    caption: above the table; header: (C,) names of the columns; rows: of C cells each, floats shown with four digits;
-    most: rows shown, as many as a screen holds; the number of those left out is said.
+
+def html_table(caption: str, header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table as HTML, of at most MOST_ROWS rows; the number of those left out is said.
+
+    caption: above the table; header: (C,) names of the columns; rows: of C cells each, floats shown with four digits.
     """
 
     def cell(value: object) -> str:
         return escape("" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value))
 
     every = list(rows)
-    body = "".join("<tr>" + "".join(f"<td>{cell(v)}</td>" for v in row) + "</tr>" for row in every[:most])
-    more = f"<p>{len(every) - most} more rows</p>" if len(every) > most else ""
+    body = "".join("<tr>" + "".join(f"<td>{cell(v)}</td>" for v in row) + "</tr>" for row in every[:MOST_ROWS])
+    more = f"<p>{len(every) - MOST_ROWS} more rows</p>" if len(every) > MOST_ROWS else ""
     names = "".join(f"<th>{cell(name)}</th>" for name in header)
     return (
         f"<table><caption>{cell(caption)}</caption><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>{more}"

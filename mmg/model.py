@@ -76,7 +76,7 @@ def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoo
     """Force of each component by role, evaluated in the order in which they feed each other. ship: gives the models;
     flow, p, c, s: as in mmg/motion/flow.py."""
     result: dict[str, Force] = {}
-    flows: tuple[Flow, ...] = (flow,)
+    flows: tuple[Flow, ...] = (flow,)  # one for each propeller and the rudder behind it
     if twin_screw(ship.particulars):
         from mmg.components import twin  # late: few ships have two screws
 
@@ -106,7 +106,7 @@ def _equations(
     """
     effects = [(effect(name), ship.parameters_of(name, vars(c))) for name in ship.effects]
     p, memory = names(dict(ship.particulars)), Memory()
-    for e, values in effects:
+    for e, values in effects:  # first: masses and forces are those of the ship as she is
         p = e.particulars(p, values)
     x, y, psi, u, v, r = (state[i] for i in range(6))
     place = {"psi": psi, "x": x, "y": y, "time": controls.get("time", 0.0)}
@@ -115,9 +115,9 @@ def _equations(
     for e, values in effects:
         north, east = e.air(north, east, values)
         flow = flow if acted and e.moves else e.actuators(flow, memory, values, p, s)
-    if "actuators" in ship.components:
+    if "actuators" in ship.components:  # after the effects: these make orders of what was logged
         flow = module("actuators", ship.components["actuators"]).actuators(flow, memory, p, c, s)
-    a_x, a_y = relative_air(north, east, psi, u, v)
+    a_x, a_y = relative_air(north, east, psi, u, v)  # by the velocity over ground, whatever the water does
     currents = [w for e, values in effects if (w := e.water(flow, values)) is not None]
     flow, u_c, v_c, a_cx, a_cy = _through_water(flow.with_(a_x=a_x, a_y=a_y), currents)
     parts = component_forces(flow, ship, p, c, s)
@@ -126,10 +126,10 @@ def _equations(
     for e, values in effects:
         parts = e.forces(parts, flow, values, at)
         mass = e.inertia(mass, flow, values, p, s)
-    du, dv, dr = accelerations(flow.u, flow.v, r, sum(parts.values(), Force()), mass)
+    du, dv, dr = accelerations(flow.u, flow.v, r, sum(parts.values(), Force()), mass)  # of the velocity through water
     if "roll" in ship.components:
         module("roll", ship.components["roll"]).roll(flow, parts, dv, memory, p, c)
-    if currents:
+    if currents:  # to the velocity over ground: see ``_through_water``
         du, dv = du + r * v_c + a_cx, dv - r * u_c + a_cy
     features = {name: getattr(flow, name) for name in ship.features}
     if ship.network:
@@ -157,7 +157,8 @@ def _through_water(flow: Flow, currents: list[tuple[Any, Any, Any, Any]]) -> tup
     return flow.with_(u=flow.u - u_c, v=flow.v - v_c), u_c, v_c, a_cx, a_cy
 
 
-_KNOWN: deque[tuple[tuple[Any, ...], Model, ca.Function]] = deque(maxlen=16)
+# What was assembled last: key, model, sizes of the memory. To make the functions takes longer than to call them.
+_ASSEMBLED: deque[tuple[tuple[Any, ...], Model, ca.Function]] = deque(maxlen=16)
 
 
 def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = False, acted: bool = False) -> Model:
@@ -175,12 +176,13 @@ def assemble(ship: Ship, symbols: Sequence[str] | None = None, exact: bool = Fal
     key: tuple[Any, ...] = (
         *(tuple(m.items()) for m in (ship.particulars, ship.components, ship.monomials)),
         tuple((name, None if name in chosen else value) for name, value in values.items()),
+        # objects too: a name that was registered anew is another model
         (ship.effects, *map(effect, ship.effects), *ship.own, chosen, exact, acted),
     )
-    entry = next((each for each in list(_KNOWN) if each[0] == key), None)
+    entry = next((each for each in list(_ASSEMBLED) if each[0] == key), None)  # a copy: other threads may append
     if entry is None:
         entry = (key, *_assembled(ship, chosen, exact, acted))
-        _KNOWN.append(entry)
+        _ASSEMBLED.append(entry)
     _, model, sizes = entry
     return replace(model, ship=ship, sizes=_numbers(sizes, chosen, values))
 
@@ -198,10 +200,10 @@ def _assembled(ship: Ship, chosen: tuple[str, ...], exact: bool, acted: bool) ->
     state = ca.vertcat(six, *memory.symbols)
     derivative = ca.vertcat(rates, *memory.rates)
     rows = ca.vertcat(*[ca.horzcat(part.X, part.Y, part.N) for part in parts.values()])
-    placed = bool(ca.which_depends(derivative, six[:2], 1, True) != [False] * derivative.numel())
-
-    used = np.flatnonzero(ca.which_depends(ca.vertcat(*logged), theta, 1, False)).tolist()
-    few = theta[used] if used else ca.SX.sym("none")
+    placed = any(ca.which_depends(derivative, six[:2], 1, True))
+    columns = ca.vertcat(*logged)
+    used = np.flatnonzero(ca.which_depends(columns, theta, 1, False)).tolist()
+    few = theta[used] if used else ca.SX.sym("none")  # a function needs its argument, though nothing is read from it
 
     def function(name: str, expression: Any) -> ca.Function:
         arguments, labels = [state, controls, theta], ["state", "controls", "coefficients"]
@@ -219,8 +221,8 @@ def _assembled(ship: Ship, chosen: tuple[str, ...], exact: bool, acted: bool) ->
         forces=function("forces", rows),
         roles=tuple(parts),
         initial=ca.Function("initial", [six, controls, theta], [ca.densify(ca.vertcat(six, *_settled(memory)))]),
-        columns=ca.Function("columns", [state, theta], [ca.vertcat(*logged)], {"cse": True}),
-        columns_by=ca.Function("columns_by", [state, few], [ca.densify(ca.vertcat(*logged))], {"cse": True}),
+        columns=ca.Function("columns", [state, theta], [columns], {"cse": True}),
+        columns_by=ca.Function("columns_by", [state, few], [ca.densify(columns)], {"cse": True}),
         measured_by=np.array(used, dtype=int),
         features=function("features", ca.densify(ca.vertcat(*features.values()))),
         measured=any(effect(name).measures for name in ship.effects),
@@ -238,7 +240,7 @@ def _settled(memory: Memory) -> list[Any]:
     settled: list[Any] = []
     for target in memory.targets:
         start = ca.SX(target)
-        if settled:
+        if settled:  # a target may see states that were made before it, and none that come after
             start = ca.substitute([start], memory.symbols[: len(settled)], settled)[0]
         settled.append(start)
     return settled
@@ -277,14 +279,13 @@ def columns(
     for first in range(0, len(flat), many):
         z = flat[first : first + many]
         each = np.tile(coefficients, (1, len(z))) if np.ndim(coefficients) == 2 else coefficients
-        points = z.transpose(1, 0, 2).reshape(z.shape[1], -1)
+        points = z.transpose(1, 0, 2).reshape(z.shape[1], -1)  # (S, times x M), M fastest as in ``each``
         values = at(points, each) if at else model.at_points("columns_by", points, each)
         logged[first : first + many] = values.reshape(6, len(z), M).transpose(1, 0, 2)
     return logged.reshape(*states.shape[:-2], 6, M)
 
 
-AtPoints = Callable[..., np.ndarray]
-"""Of arguments (rows, M), the values (rows, M) at M points."""
+AtPoints = Callable[..., np.ndarray]  # Of arguments (rows, M), the values (rows, M) at M points
 
 
 def states_behind(
@@ -303,7 +304,7 @@ def states_behind(
     states = initial(six, controls, theta)
     if not model.measured:
         return states
-    for _ in range(INVERSIONS):
+    for _ in range(INVERSIONS):  # fixed point: the columns differ little from the state behind them
         error = columns(model, states, theta, at) - logged
         if not np.nanmax(np.abs(error), initial=0.0) > CLOSE:
             break

@@ -17,8 +17,8 @@ import numpy as np
 
 from mmg.errors import BadValue, Conflict
 
+# Features besides the actuators: velocities through the water, air relative to the hull; body axes [m/s, rad/s].
 MOTION, RELATIVE_AIR = ("u", "v", "r"), ("a_x", "a_y")
-"""Features besides the actuators: velocities through the water, air relative to the hull; body axes [m/s, rad/s]."""
 # No weight and no output scale of a trained network is larger: weights are of the order of 1.
 LARGEST = 1e6  # set by hand: it bounds what a damaged file can do
 OTHER = "network file for another ship or another input set"  # How every refusal of a network begins
@@ -41,8 +41,8 @@ class Layers:
         symbolic = isinstance(x, (ca.SX, ca.MX, ca.DM))
         f, product = (ca, ca.mtimes) if symbolic else (np, np.matmul)
         for W, b in zip(self.weights[:-1], self.biases, strict=True):
-            column = b[:, None] if not symbolic else ca.DM(b)
-            offset = np.tanh(column) if not symbolic else ca.DM(np.tanh(b))
+            column = ca.DM(b) if symbolic else b[:, None]
+            offset = ca.DM(np.tanh(b)) if symbolic else np.tanh(column)  # a constant, so that 0 gives 0
             x = f.tanh(product(W, x) + column) - offset
         return product(self.weights[-1], x)
 
@@ -87,6 +87,7 @@ class Network:
     def feels_air(self) -> bool:
         """Whether the air relative to the hull changes what it adds."""
         columns = [self.features.index(name) for name in RELATIVE_AIR if name in self.features]
+        # features enter by the first layer alone
         return any(bool(np.any(member.weights[0][:, columns])) for member in self.members)
 
     def outside(self, x: np.ndarray) -> np.ndarray:
@@ -112,7 +113,7 @@ class Network:
         if self.output_scales.shape != (3,) or not self.members:
             return "it must have three output scales and at least one member"
         for member in self.members:
-            rows = F
+            rows = F  # of what the next layer takes
             if len(member.weights) < 2 or len(member.biases) != len(member.weights) - 1:
                 return "it must have hidden layers with a bias each and a last layer without"
             for W, b in zip(member.weights, (*member.biases, np.zeros(3)), strict=True):

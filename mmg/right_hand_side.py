@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from mmg.errors import BadValue, Missing, UnknownName
+from mmg.model import settled
 from mmg.motion.flow import INPUTS
 from mmg.rollout import Simulator
 from mmg.ship import AIR, Ship
@@ -34,8 +35,13 @@ class RightHandSide:
     def __init__(self, ship: Ship) -> None:
         self.ship, self.own, self._simulator = ship, ship.own, Simulator(ship)
         self.states, self.controls = self._simulator.model.states, self._simulator.model.controls
-        known = {**UNITS, **{name: unit for name, (_, unit) in INPUTS.items()}, **dict.fromkeys(AIR, "m/s")}
-        self.units = {name: known.get(name, "s" if name == "time" else "") for name in (*self.states, *self.controls)}
+        units = {
+            **UNITS,
+            "time": "s",
+            **{name: unit for name, (_, unit) in INPUTS.items()},
+            **dict.fromkeys(AIR, "m/s"),
+        }
+        self.units = {name: units.get(name, "") for name in (*self.states, *self.controls)}
 
     def __repr__(self) -> str:
         return f"<right-hand side of {self.ship.name}: states {', '.join(self.states)}; controls {self._names}>"
@@ -48,6 +54,7 @@ class RightHandSide:
     def function(self) -> ca.Function:
         """The same as a CasADi Function: (state (S,), controls (C,)) -> rates (S,)."""
         z, c = ca.SX.sym("state", len(self.states)), ca.SX.sym("controls", len(self.controls))
+        # the coefficients as numbers: what depends on them alone is folded
         rates = ca.cse(ca.densify(self._simulator.model.rates(z, c, self.ship.values)))
         return ca.Function("rhs", [z, c], [rates], ["state", "controls"], ["rates"])
 
@@ -81,8 +88,8 @@ class RightHandSide:
         if not single:
             raise BadValue("forces: takes one state (S,), not several")
         model = self._simulator.model
-        found = np.array(model.forces(z[:, 0], c[:, 0], self.ship.values))
-        return pd.DataFrame(found, index=pd.Index(model.roles, name="component"), columns=["X [N]", "Y [N]", "N [N m]"])
+        rows = np.array(model.forces(z[:, 0], c[:, 0], self.ship.values))
+        return pd.DataFrame(rows, index=pd.Index(model.roles, name="component"), columns=["X [N]", "Y [N]", "N [N m]"])
 
     def _points(self, state: Any, controls: Any) -> tuple[np.ndarray, np.ndarray, bool]:
         """States (S, M), controls (C, M), and whether one point was given."""
@@ -101,8 +108,8 @@ class RightHandSide:
         if {z.shape[1], c.shape[1]} - {1, M}:
             raise BadValue(f"{z.shape[1]} states and {c.shape[1]} controls; give as many of both, or one of either")
         z, c = (np.ascontiguousarray(np.broadcast_to(a, (len(a), M))) for a in (z, c))
-        if len(z) < S:
-            z = self._simulator.start(z, c)
+        if len(z) < S:  # six numbers of a ship whose effects remember more
+            z = settled(self._simulator.model, z, c, self.ship.values)
         return z, c, single
 
     def _as_array(self, controls: Any) -> np.ndarray:

@@ -26,6 +26,7 @@ class Simulator:
         self.ship, self.compiled = ship, compiled
         self.model = assemble(ship)
         first = self.model.first
+        # without the position, where nothing depends on it: fewer arguments to load for every point and stage
         q, c = ca.SX.sym("q", len(self.model.states) - first), ca.SX.sym("c", len(self.model.controls))
         theta = ca.SX.sym("theta", len(self.model.symbols))
         rates = ca.cse(self.model.rates(ca.vertcat(ca.SX.zeros(first), q), c, theta))
@@ -107,7 +108,7 @@ class Simulator:
         N, M = len(controls) - linear, start.shape[1]
         keep = np.ones(N, dtype=bool) if keep is None else np.asarray(keep, dtype=bool)
         steps = np.asarray(dt, dtype=float)
-        if steps.ndim == 2 and steps.shape[1] == 1:
+        if steps.ndim == 2 and steps.shape[1] == 1:  # a column of steps is one for all points
             steps = steps[:, 0]
         C, P = len(self.model.controls), len(self.model.symbols)
         allowed: dict[str, tuple[tuple[int, ...], set[tuple[int, ...]]]] = {
@@ -124,15 +125,13 @@ class Simulator:
             raise ValueError(f"method {method!r} is neither 'rk4' nor 'euler'")
         if len(start) == 6 and len(controls):
             start = settled(self.model, start, controls[0], theta)
-        if M * N == 0:
+        if M * N == 0:  # nothing to integrate
             return np.repeat(start[None], 1 + int(keep.sum()), axis=0)
         if self._rollout is None:
             return self._stepwise(start, controls, steps, theta, keep, method, linear)
-        given = [start, controls, steps, theta]
-        per_point = (True, controls.ndim == 3, steps.ndim == 2, theta.ndim == 2)
-        start, controls, steps, theta = (
-            filled(a, LANES) if own else a for a, own in zip(given, per_point, strict=True)
-        )
+        # kernels take at least a vector of points: the last one is repeated where an array has them
+        by_point = ((start, True), (controls, controls.ndim == 3), (steps, steps.ndim == 2), (theta, theta.ndim == 2))
+        start, controls, steps, theta = (filled(a, LANES) if has_points else a for a, has_points in by_point)
         return self._rollout(start, controls, steps, theta, keep, method == "euler", linear)[..., :M]
 
     def _stepwise(
@@ -155,7 +154,7 @@ class Simulator:
         row = 1
         for k in range(N):
             h, a = steps[k], controls[k]
-            b = controls[k + 1] if linear else a
+            b = controls[k + 1] if linear else a  # inputs at begin and end of the step
             inputs_at = {0.0: a, 0.5: 0.5 * (a + b) if linear else a, 1.0: b}
             if method == "euler":
                 z = z + h * self.rates(z, a, theta)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-# Stage i is evaluated after this fraction of the step, from the step's start and the rates of stage i - 1. (Kutta
-# 1901.)
+# Stage i is evaluated after this fraction of the step, from the step's start and the rates of stage i - 1 (Kutta 1901).
 NODES = (0.0, 0.5, 0.5, 1.0)
-PARTS = (1, 2, 2, 1)  # The step follows the rates of its stages in these parts of their sum. (Kutta 1901.)
-MIDDLE = 2  # The later of the two stages in the middle of a step. A place in NODES (Kutta 1901).
+PARTS = (1, 2, 2, 1)  # The step follows the rates of its stages in these parts of their sum (Kutta 1901).
+MIDDLE = 2  # The later of the two stages in the middle of a step: a place in NODES (Kutta 1901).
 WEIGHTS = tuple(part / sum(PARTS) for part in PARTS)
 
 

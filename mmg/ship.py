@@ -25,6 +25,10 @@ from mmg.network import Network, features_of
 AIR = ("wind_north", "wind_east")
 
 
+def _in_words(models: Mapping[str, str]) -> str:
+    return ", ".join(f"{role} {name}" for role, name in models.items())
+
+
 @dataclass(frozen=True)
 class CalibrationMark:
     """Which calibration a ship is of.
@@ -104,15 +108,14 @@ class Ship:
         return pd.DataFrame([vars(c) for c in self.coefficients.values()]).set_index("symbol")
 
     def __repr__(self) -> str:
-        parts = [f"{role} {model}" for role, model in self.components.items()]
+        parts = [_in_words(self.components)]
         parts += [f"effects {', '.join(self.effects)}"] if self.effects else []
         parts += ["a network"] if self.network is not None else []
         count = f"{len(self.coefficients)} coefficients, {len(self.free)} free"
         return f"<Ship {self.title}: L {self.particulars['L']:g} m, {', '.join(parts)}; {count}>"
 
     def _repr_html_(self) -> str:
-        models = ", ".join(f"{role} {model}" for role, model in self.components.items())
-        caption = f"{self.name}, L = {self.particulars['L']:g} m: {models}"
+        caption = f"{self.name}, L = {self.particulars['L']:g} m: {_in_words(self.components)}"
         rows = [
             (c.symbol, c.value, c.std, c.unit or c.prime, "fixed" if c.fixed else "", c.source)
             for c in self.coefficients.values()
@@ -138,7 +141,7 @@ class Ship:
     def actuators(self) -> tuple[str, ...]:
         """Actuators that its force models listen to: names of mmg.motion.flow.INPUTS, in that order."""
         needed = {*actuators(self.components, self.particulars)}
-        if self.monomials:
+        if self.monomials:  # these belong to the ship, not to a model with a table of its own
             from mmg.components.expansion.words import parse_monomial  # late: few ships are polynomials
 
             needed = needed.union(*(parse_monomial(text).inputs for text in self.monomials.values()))
@@ -209,13 +212,13 @@ class Ship:
             rows[row.symbol] = row
         if chosen:
             raise UnknownName(f"{name}: has no parameter {next(iter(chosen))!r}")
-        order = tuple(e for e in EFFECTS if e in (*self.effects, name))
+        order = tuple(e for e in EFFECTS if e in (*self.effects, name))  # one order, whatever was switched on first
         return replace(self, effects=order, coefficients={**self.coefficients, **rows})
 
     def without_effect(self, name: str) -> Ship:
         """A copy without one of its effects."""
-        kept = {s: c for s, c in self.coefficients.items() if not s.startswith(f"{name}.")}
-        return replace(self, effects=tuple(e for e in self.effects if e != name), coefficients=kept)
+        rows = {s: c for s, c in self.coefficients.items() if not s.startswith(f"{name}.")}
+        return replace(self, effects=tuple(e for e in self.effects if e != name), coefficients=rows)
 
     def without(self, *names: str) -> Ship:
         """A copy without the effects, or the force models by their role ("wind", "rudder", ...), of these ``names``,
@@ -235,8 +238,7 @@ class Ship:
             module(role, name)
         lacking = [key for key in required_particulars(components) if key not in self.particulars]
         if lacking:
-            models_in_words = ", ".join(f"{role} {name}" for role, name in models.items())
-            raise Missing(f"{self.name}: has no particular {', '.join(lacking)}, needed by {models_in_words}")
+            raise Missing(f"{self.name}: has no particular {', '.join(lacking)}, needed by {_in_words(models)}")
         return self._with_components(components)
 
     def _with_components(self, components: dict[str, str], notices: tuple[str, ...] = ()) -> Ship:
@@ -244,17 +246,16 @@ class Ship:
         rows = coefficient_table(components, self.particulars)
         rows |= {s: c for s, c in self.coefficients.items() if s.partition(".")[0] in self.effects}
         rows |= {s: self.coefficients[s] for s in self.monomials if "expansion" in components}
-        return replace(
-            self.without_network(),
-            components=components,
-            coefficients={s: self.coefficients.get(s, c) for s, c in rows.items()},
-            notices=notices,
-        ).with_network(self.network)
+        coefficients = {s: self.coefficients.get(s, c) for s, c in rows.items()}
+        # the network last: it is checked against the actuators of the new models
+        bare = replace(self, network=None, components=components, coefficients=coefficients, notices=notices)
+        return bare.with_network(self.network)
 
     def _without_component(self, role: str) -> Ship:
         if role not in self.components:
-            known = ", ".join((*self.components, *self.effects))
-            raise UnknownName(f"--without {role}: {self.name} has no such component; it has {known}")
+            names = ", ".join((*self.components, *self.effects))
+            raise UnknownName(f"--without {role}: {self.name} has no such component; it has {names}")
+        # a hull or a polynomial must stay: without both the ship has no resistance
         alone = role in ("hull", "expansion") and not {"hull", "expansion"} & {*self.components} - {role}
         if role == "hull" or alone or (role == "propeller" and "rudder" in self.components):
             raise Conflict(f"--without {role}: the rest of the model needs it")
@@ -273,11 +274,11 @@ class Ship:
         """Her equations of motion as a function, ``ship.rhs(state, controls)``, with ``jacobian``, ``forces``, and
         ``function`` for CasADi: a ``mmg.right_hand_side.RightHandSide``. Made once, and again where a function that a
         user registered has changed."""
-        made = vars(self).get("rhs")
-        if made is None or made.own != self.own:
+        function = vars(self).get("rhs")  # a frozen dataclass takes no assignment
+        if function is None or function.own != self.own:
             # by its name: users look for it here, and it is made of what knows ships
-            made = vars(self)["rhs"] = import_module("mmg.right_hand_side").RightHandSide(self)
-        return made
+            function = vars(self)["rhs"] = import_module("mmg.right_hand_side").RightHandSide(self)
+        return function
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -308,10 +309,8 @@ class Ship:
 
     def of_campaign(self, name: str) -> Ship:
         """A copy as the trials of the campaign ``name`` have it, which knows no campaigns. Raises KeyError."""
-        campaign_values = {
-            symbol: value for symbol, value in self.campaigns[name].items() if symbol in self.coefficients
-        }
-        return replace(self.with_values(campaign_values), campaigns={})
+        values = {symbol: value for symbol, value in self.campaigns[name].items() if symbol in self.coefficients}
+        return replace(self.with_values(values), campaigns={})
 
     def with_coefficients(self, changed: Mapping[str, Coefficient]) -> Ship:
         """A copy with some coefficients replaced (their order is kept)."""

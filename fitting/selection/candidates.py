@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 from cases.shipfiles.generated_ship import generated_ship, structure_of
 from fitting.settings import Rules
 from mmg.components.expansion.actuators import variables
-from mmg.components.expansion.structure import Structure
-from mmg.components.expansion.units import units_of
+from mmg.components.expansion.structure import Structure, units_of
 from mmg.errors import OutOfRange, UnknownName, Unsupported
 from mmg.ship import Ship
 

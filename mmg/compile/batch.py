@@ -20,15 +20,12 @@ from mmg.compile.cache import LONG, UNIT, LateSource, load_library
 from mmg.compile.codegen import HIDDEN, LANES, prelude
 from mmg.compile.stages import Program, divided_code, units_of
 
+_SHARED = ("-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w")
 # -ftree-vectorize makes vectors of the loops over lanes (square roots). Without contraction a product and a sum are
 # rounded one by one whatever stands beside them, so equal expressions give equal bits; its cost is not measurable.
-FLAGS: tuple[str, ...] = (
-    "-O1", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w"
-)  # fmt: skip
+FLAGS: tuple[str, ...] = ("-O1", "-ftree-vectorize", "-ffp-contract=off", *_SHARED)
 # Of loops over matrices that are written by hand, the filter's and the elimination's.
-LOOP_FLAGS = (
-    "-O2", "-ftree-vectorize", "-ffp-contract=fast", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w"
-)  # fmt: skip
+LOOP_FLAGS = ("-O2", "-ftree-vectorize", "-ffp-contract=fast", *_SHARED)
 
 GENERATORS = (sys.modules[__name__], codegen, stages)  # Modules that the source of batch kernels comes from
 
@@ -65,11 +62,10 @@ class BatchFunction:
         if points % LANES:
             raise ValueError(f"{points} points is not a multiple of {LANES}")
         f = self.function
-        arrays = [np.ascontiguousarray(a, dtype=float) for a in inputs]
+        arrays = [np.ascontiguousarray(a, dtype=float) for a in inputs]  # named: they must outlive the call
         results = [np.empty((f.nnz_out(j), points)) for j in range(f.n_out())]
         arg = (ctypes.c_void_p * len(arrays))(*[a.ctypes.data for a in arrays])
-        # stride 0: the same for all points
-        ld = (ctypes.c_longlong * len(arrays))(*[points if a.ndim == 2 else 0 for a in arrays])
+        ld = (ctypes.c_longlong * len(arrays))(*[points if a.ndim == 2 else 0 for a in arrays])  # 0: for all points
         res = (ctypes.c_void_p * len(results))(*[a.ctypes.data for a in results])
         getattr(self.library, f.name())(ctypes.c_longlong(points), arg, ld, res)
         return results
@@ -77,13 +73,12 @@ class BatchFunction:
     def _interpreted(self, points: int, inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
         """The same by CasADi's virtual machine, zero-copy buffers, one map over the points."""
         f = self.function
-        shared = tuple(a.ndim == 1 for a in inputs)
-        key = (points, shared)
-        if key not in self._mapped:
-            # shared arguments are not copied
-            mapped = f.map(f.name(), "serial", points, [i for i, s in enumerate(shared) if s], [])
-            self._mapped[key] = (mapped, *mapped.buffer())
-        mapped, buffer, trigger = self._mapped[key]
+        shared = tuple(i for i, a in enumerate(inputs) if a.ndim == 1)  # not copied to every point
+        if (points, shared) not in self._mapped:  # to make a map takes longer than to call it
+            mapped = f.map(f.name(), "serial", points, list(shared), [])
+            self._mapped[points, shared] = (mapped, *mapped.buffer())  # the buffer lives as long as its function
+        _, buffer, trigger = self._mapped[points, shared]
+        # CasADi has the numbers of a point side by side, C code those of a row
         arrays = [np.ascontiguousarray(a if a.ndim == 1 else a.T, dtype=float) for a in inputs]
         results = [np.zeros((points, f.nnz_out(j))) for j in range(f.n_out())]
         for i, a in enumerate(arrays):
@@ -115,6 +110,7 @@ def batch_functions(
     """
     library, reason = None, "compilation switched off"
     if compiled:
+        # late: to write the source takes longer than to find the library that was made of it
         text = LateSource.of(functions, partial(source, functions), *GENERATORS)
         library, reason = load_library(text, FLAGS, partial(_faults, functions), what)
     return [BatchFunction(f, library) for f in functions], reason
@@ -122,7 +118,7 @@ def batch_functions(
 
 def points(rows: int, count: int, seed: int) -> np.ndarray:
     """Arguments (rows, count) of a test, where nothing is singular, the same for the same ``seed``."""
-    return np.random.default_rng(seed).uniform(0.2, 1.0, (rows, count))
+    return np.random.default_rng(seed).uniform(0.2, 1.0, (rows, count))  # away from rest, of the order of 1
 
 
 def finite_points(function: ca.Function, count: int, seed: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -142,13 +138,13 @@ def finite_at(results: Sequence[np.ndarray]) -> np.ndarray:
     return np.all([np.isfinite(a).all(axis=0) for a in results], axis=0)
 
 
-def differences(found: Sequence[np.ndarray], expected: Sequence[np.ndarray], close: float = CLOSE) -> str:
-    """What tells the arrays ``found`` (...,) each from the ``expected`` (...,), "" for nothing but rounding.
+def differences(results: Sequence[np.ndarray], expected: Sequence[np.ndarray], close: float = CLOSE) -> str:
+    """What tells the arrays ``results`` (...,) each from the ``expected`` (...,), "" for nothing but rounding.
 
     Compared are the finite numbers of ``expected``, each with a difference of at most ``close`` times the largest one
     of its array (what follows from no number is not the same everywhere).
     """
-    for a, b in zip(found, expected, strict=True):
+    for a, b in zip(results, expected, strict=True):
         finite = np.isfinite(b)
         away, largest = np.abs(a[finite] - b[finite]), float(np.abs(b[finite]).max(initial=0.0))
         if not (away <= close * largest + ROUNDING).all():  # not >: nan in the compiled result is a difference
@@ -160,7 +156,7 @@ def differences(found: Sequence[np.ndarray], expected: Sequence[np.ndarray], clo
 def _faults(functions: Sequence[ca.Function], library: ctypes.CDLL) -> str:
     """Which of these ``functions`` a new ``library`` gets wrong, "" for none."""
     for number, f in enumerate(functions):
-        inputs, expected = finite_points(f, LANES, 100 * number)
+        inputs, expected = finite_points(f, LANES, 100 * number)  # 100: other points for each, and for its inputs
         if differences(BatchFunction(f, library)(*inputs), expected):
             return f"{f.name()} differs from that of the portable path"
     return ""
@@ -185,19 +181,20 @@ def kernel(function: ca.Function) -> tuple[str, list[str]]:
     every result has row stride ``points``. A null ``res[j]`` is skipped. The function must be an SXFunction.
     """
     sizes = [function.nnz_in(i) for i in range(function.n_in())]
-    found = [function.nnz_out(j) for j in range(function.n_out())]
-    program = Program.of(function, [1] * len(sizes))
-    code = divided_code(function.name(), program, range(len(found)), {i: f"x{i}" for i in range(len(sizes))}, {})
-    used = {program.values[place].argument for place in program.needed(range(len(found)))}
+    out_sizes = [function.nnz_out(j) for j in range(function.n_out())]
+    outputs = range(len(out_sizes))
+    program = Program.of(function, [1] * len(sizes))  # one stage: each point has arguments of its own
+    code = divided_code(function.name(), program, outputs, {i: f"x{i}" for i in range(len(sizes))}, {})
+    used = {program.values[place].argument for place in program.needed(outputs)}
     lists = [", ".join(str(k) for k in [*range(size), -1] if k < 0 or (i, k) in used) for i, size in enumerate(sizes)]
     tables = "".join(f"static const short {function.name()}_of{i}[] = {{{each}}};\n" for i, each in enumerate(lists))
     arrays = "; ".join(f"V x{i}[{size + 1}]" for i, size in enumerate(sizes))
     shared = " ".join(f"if (!ld[{i}]) SHARED({i}, {function.name()})" for i in range(len(sizes)))
     reads = " ".join(f"if (ld[{i}]) READ({i}, {function.name()})" for i in range(len(sizes)))
-    writes = " ".join(f"if (res[{j}]) WRITE({j}, {size}, {sum(found[:j])})" for j, size in enumerate(found))
+    writes = " ".join(f"if (res[{j}]) WRITE({j}, {size}, {sum(out_sizes[:j])})" for j, size in enumerate(out_sizes))
     text = f"""{code.declared}{tables}
 EXPORT void {function.name()}(long long points, const double* const* arg, const long long* ld, double* const* res) {{
-  {arrays}; V d[{sum(found) + 1}];
+  {arrays}; V d[{sum(out_sizes) + 1}];
   {shared}
   for (long long at = 0; at < points; at += LANES) {{
     {reads}
@@ -212,7 +209,7 @@ EXPORT void {function.name()}(long long points, const double* const* arg, const 
 def source(functions: Sequence[ca.Function]) -> str:
     """C source, in units, with a batch kernel for each of the ``functions`` (SXFunctions with distinct names)."""
     head = prelude() + HIDDEN
-    whole, parts = zip(*[kernel(f) for f in functions], strict=True)
+    kernels, parts = zip(*[kernel(f) for f in functions], strict=True)
     short, long = ([part for each in parts if (len(each) > SHORT) == far for part in each] for far in (False, True))
     first, *units = units_of(head, short) or [head]
-    return UNIT.join([first + _MACROS + "".join(whole), *units, *units_of(LONG + head, long)])
+    return UNIT.join([first + _MACROS + "".join(kernels), *units, *units_of(LONG + head, long)])

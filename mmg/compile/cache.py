@@ -30,6 +30,13 @@ from mmg.progress import LOGGER
 # costs more than all the arithmetic.
 NATIVE = (("-march=native", "-mprefer-vector-width=512"), ("-march=native",), ())
 
+# Stands between the units of C source that are compiled side by side and linked to one library.
+UNIT = "\n/* next unit */\n"
+# Begins a unit of second derivatives: with -Og a compiler takes two thirds of the time of -O1 for as fast a code.
+LONG = "/* long code without loops */\n"
+# C files that are put into generated code: it is another where one of them has changed.
+C_FILES = tuple(sorted(Path(__file__).parent.glob("*.[ch]")))
+
 
 def cache_folder() -> Path:
     """Folder of compiled code: MMG_CACHE, else the platform's user cache. Raises OSError where there is no home."""
@@ -43,16 +50,8 @@ def cache_folder() -> Path:
         return Path(os.environ.get("LOCALAPPDATA") or home) / "mmg-ident"
     if platform.system() == "Darwin":
         return home / "Library" / "Caches" / "mmg-ident"
-    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    return (given if given.is_absolute() else home / ".cache") / "mmg-ident"
-
-
-# Stands between the units of C source that are compiled side by side and linked to one library.
-UNIT = "\n/* next unit */\n"
-
-
-# Begins a unit of second derivatives: with -Og a compiler takes two thirds of the time of -O1 for as fast a code.
-LONG = "/* long code without loops */\n"
+    base = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return (base if base.is_absolute() else home / ".cache") / "mmg-ident"
 
 
 def compiler() -> str | None:
@@ -63,21 +62,21 @@ def compiler() -> str | None:
     wanted = os.environ.get("MMG_CC")
     if wanted:
         return None if wanted == "none" else shutil.which(wanted)
-    return next((found for name in ("gcc", "clang", "cc") if (found := shutil.which(name))), None)
+    return next(filter(None, map(shutil.which, ("gcc", "clang", "cc"))), None)
 
 
 def _processor() -> str:
     """Text that changes when ``-march=native`` would mean something else."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines():
-            if line.startswith("flags"):
+            if line.startswith(("flags", "Features")):  # as x86 and as ARM call the list of their instructions
                 return line
-    except OSError:
+    except OSError:  # no such file but on Linux
         pass
     return platform.processor() + platform.machine()
 
 
-def _own(status: os.stat_result) -> bool:
+def _is_private(status: os.stat_result) -> bool:
     """Whether a file or folder belongs to the user and no one else can write to it."""
     if not hasattr(os, "geteuid"):  # Windows
         return True
@@ -87,8 +86,8 @@ def _own(status: os.stat_result) -> bool:
 def _trusted(path: Path) -> bool:
     """Whether a cached library is the user's and has the content that its name says; removed where it is not."""
     try:
-        with path.open("rb") as file:
-            good = _own(os.fstat(file.fileno())) and hashlib.sha256(file.read()).hexdigest() in path.name
+        with path.open("rb") as file:  # one handle for owner and content: the file cannot be exchanged in between
+            good = _is_private(os.fstat(file.fileno())) and hashlib.sha256(file.read()).hexdigest() in path.name
     except OSError:
         return False
     if not good:
@@ -96,8 +95,7 @@ def _trusted(path: Path) -> bool:
     return good
 
 
-Check = Callable[[ctypes.CDLL], str]
-"""Says what is wrong with a newly compiled library, "" for nothing."""
+Check = Callable[[ctypes.CDLL], str]  # Says what is wrong with a newly compiled library, "" for nothing
 
 
 @dataclass(frozen=True)
@@ -112,17 +110,15 @@ class LateSource:
         cls, functions: Sequence[ca.Function], make: Callable[[], str], *generators: ModuleType, kind: str = ""
     ) -> LateSource:
         """Source of a ``kind`` that modules ``generators`` make of CasADi ``functions`` by ``make``."""
-        files = [Path(str(module.__file__)).read_bytes() for module in generators]
-        made_by = hashlib.sha256(b"".join(files)).hexdigest()
+        files = [*(Path(str(module.__file__)) for module in generators), *C_FILES]
+        made_by = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
         return cls("\n".join([made_by, kind, *(f.serialize() for f in functions)]), make)
 
 
 Text = str | LateSource
 
-
 CHARACTERS_A_SECOND = 400_000  # Of C source that gcc 12 compiles on one processor of 2023 (600 kB in 1.5 s)
-announced: list[str] = []
-"""What this process has said that it compiles: the first thing alone, so that a command has one line of it."""
+announced: list[str] = []  # What this process has said that it compiles: the first thing alone, one line of a command
 
 
 def _announce(what: str, text: str, folder: Path) -> None:
@@ -145,22 +141,20 @@ def compile_library(
         return None, "no C compiler found (gcc or clang)"
     made_from = text.made_from if isinstance(text, LateSource) else text
     all_of_it = "\n".join([made_from, cc, *flags, *NATIVE[0], _processor(), platform.platform()])
-    key = hashlib.sha256(all_of_it.encode()).hexdigest()[:24]
+    key = hashlib.sha256(all_of_it.encode()).hexdigest()[:24]  # 96 bits: no two sources share a key by chance
     suffix = ".dll" if platform.system() == "Windows" else ".so"
     try:
         folder = cache_folder()
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not _own(folder.stat()):
-            return (
-                None,
-                f"the cache {folder} is another user's or others can write to it; chmod 700 it or set MMG_CACHE",
-            )
-        known = next(filter(_trusted, folder.glob(f"{key}-*{suffix}")), None)
-        if known:
-            return known, ""
-        made = text.make() if isinstance(text, LateSource) else text
-        _announce(what, made, folder)
-        return _built(folder, made, [cc, *flags], key, suffix, check)
+        if not _is_private(folder.stat()):
+            whose = f"the cache {folder} is another user's or others can write to it"
+            return None, f"{whose}; chmod 700 it or set MMG_CACHE"
+        kept = next(filter(_trusted, folder.glob(f"{key}-*{suffix}")), None)
+        if kept:
+            return kept, ""
+        source = text.make() if isinstance(text, LateSource) else text
+        _announce(what, source, folder)
+        return _built(folder, source, [cc, *flags], key, suffix, check)
     except OSError as error:
         return None, f"no cache folder for compiled code ({error})"
 
@@ -169,6 +163,7 @@ def _built(
     folder: Path, text: str, command: Sequence[str], key: str, suffix: str, check: Check | None
 ) -> tuple[Path | None, str]:
     """The library of C source, newly compiled by a command without its files; or (None, why not)."""
+    # beside the libraries, on the same file system: os.replace is then one step for every process that looks
     with tempfile.TemporaryDirectory(dir=folder, ignore_cleanup_errors=True) as scratch:
         built = Path(scratch) / f"code{suffix}"
         units = [Path(scratch) / f"code_{i}.c" for i in range(text.count(UNIT) + 1)]
@@ -196,26 +191,25 @@ def _compiled(command: Sequence[str], units: Sequence[Path], built: Path) -> sub
     """What the compiler said of the ``units``, compiled side by side, one at a time for each processor, and linked."""
 
     def run(*more: object) -> subprocess.CompletedProcess[str]:
-        whole = [*command, *map(str, more)]
-        return subprocess.run(whole, capture_output=True, encoding="utf-8", errors="replace")
+        # compilers answer in the bytes of their own locale
+        return subprocess.run([*command, *map(str, more)], capture_output=True, encoding="utf-8", errors="replace")
 
     if len(units) == 1:
         return run(units[0], "-o", built, "-lm")
 
-    def made(unit: Path) -> subprocess.CompletedProcess[str]:
+    def compiled(unit: Path) -> subprocess.CompletedProcess[str]:
         level = ["-Og"] if unit.read_text(encoding="utf-8").startswith(LONG) else []
         return run("-c", *level, unit, "-o", unit.with_suffix(".o"))
 
-    objects = [unit.with_suffix(".o") for unit in units]
     with ThreadPoolExecutor(min(len(units), os.cpu_count() or 1)) as pool:
-        done = list(pool.map(made, units))
-    wrong = next((one for one in done if one.returncode), None)
-    return wrong or run(*objects, "-o", built, "-lm")
+        runs = list(pool.map(compiled, units))
+    failed = next((one for one in runs if one.returncode), None)
+    return failed or run(*(unit.with_suffix(".o") for unit in units), "-o", built, "-lm")
 
 
 def _failed(cc: str, run: subprocess.CompletedProcess[str]) -> str:
     """Why a run of the compiler ``cc`` gave nothing."""
-    if run.returncode < 0:
+    if run.returncode < 0:  # POSIX: minus the number of the signal
         return f"{cc} was ended by signal {-run.returncode}"
     if run.returncode == 0:
         return f"{cc} made no library"

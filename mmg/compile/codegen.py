@@ -7,6 +7,7 @@ and Hessians of thousands of points run at SIMD speed from the very expression t
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import casadi as ca
@@ -14,31 +15,33 @@ import casadi as ca
 # Points per vector: 8 doubles fill an AVX-512 register, two AVX2 ones, four NEON ones.
 LANES = 8  # set by hand: speed, and rounding
 
-OF_ONE: tuple[str, ...] = ("sqrt", "exp", "log", "expm1", "log1p", "erf", "fabs", "floor", "ceil")
-OF_ONE += ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
 # Functions of the C library that CasADi has an operation for, of one and of two arguments.
+OF_ONE = ("sqrt", "exp", "log", "expm1", "log1p", "erf", "fabs", "floor", "ceil", "sin", "cos", "tan", "asin", "acos",
+          "atan", "sinh", "cosh", "tanh")  # fmt: skip
 OF_TWO = ("pow", "atan2", "fmin", "fmax", "fmod", "hypot", "copysign")
+# Operations on operands that are written alike in C and in MATLAB, and the signs of comparisons in C.
+ARITHMETIC = {ca.OP_ASSIGN: "{0}", ca.OP_ADD: "{0} + {1}", ca.OP_SUB: "{0} - {1}", ca.OP_MUL: "{0} * {1}",
+              ca.OP_NEG: "-{0}", ca.OP_SQ: "{0} * {0}"}  # fmt: skip
+COMPARISONS = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
 
-# C expression of each CasADi operation on its operands.
+
+def calls(prefix: str) -> dict[int, str]:
+    """CasADi operation -> C text of a call of the function of OF_ONE or OF_TWO, each behind ``prefix``."""
+    one = {getattr(ca, f"OP_{name.upper()}"): f"{prefix}{name}({{0}})" for name in OF_ONE}
+    two = {getattr(ca, f"OP_{name.upper()}"): f"{prefix}{name}({{0}}, {{1}})" for name in OF_TWO}
+    return {**one, **two, ca.OP_CONSTPOW: f"{prefix}pow({{0}}, {{1}})"}
+
+
+# C expression of each CasADi operation on its operands; a truth is 1 or 0, as CasADi has it.
 EXPRESSIONS: dict[int, str] = {
-    **{getattr(ca, f"OP_{name.upper()}"): f"v_{name}({{0}})" for name in OF_ONE},
-    **{getattr(ca, f"OP_{name.upper()}"): f"v_{name}({{0}}, {{1}})" for name in OF_TWO},
-    ca.OP_CONSTPOW: "v_pow({0}, {1})",
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_ADD: "{0} + {1}",
-    ca.OP_SUB: "{0} - {1}",
-    ca.OP_MUL: "{0} * {1}",
+    **calls("v_"),
+    **ARITHMETIC,
+    **{operation: f"compare({{0}} {sign} {{1}})" for operation, sign in COMPARISONS.items()},
     ca.OP_DIV: "quotient({0}, {1})",
-    ca.OP_NEG: "-{0}",
-    ca.OP_SQ: "{0} * {0}",
     ca.OP_TWICE: "2.0 * {0}",
     ca.OP_INV: "quotient(fill(1.0), {0})",
-    ca.OP_LT: "compare({0} < {1})",
-    ca.OP_LE: "compare({0} <= {1})",
-    ca.OP_EQ: "compare({0} == {1})",
-    ca.OP_NE: "compare({0} != {1})",
     ca.OP_NOT: "compare({0} == 0.0)",
-    ca.OP_AND: "compare(({0} != 0.0) & ({1} != 0.0))",
+    ca.OP_AND: "compare(({0} != 0.0) & ({1} != 0.0))",  # &, not &&: vectors have no logical operators
     ca.OP_OR: "compare(({0} != 0.0) | ({1} != 0.0))",
     ca.OP_SIGN: "compare({0} > 0.0) - compare({0} < 0.0)",
     ca.OP_IF_ELSE_ZERO: "when({0}, {1})",
@@ -63,7 +66,6 @@ _COMMON = (
 )
 _OWN = ("sqrt", "exp", "tanh", "sin", "cos", "atan2")  # Functions that do without the C library
 
-
 # exp, tanh, sin, cos and atan2 on vectors, free of branches, within a few units of the last bit: a C library
 # evaluates one number per call, with branches that scattered ships mispredict. Arguments are reduced by multiples of
 # ln 2 or pi / 2 given in parts (Cody & Waite 1980), the rest are Taylor polynomials. exp gives 0 below -708; sin and
@@ -71,11 +73,12 @@ _OWN = ("sqrt", "exp", "tanh", "sin", "cos", "atan2")  # Functions that do witho
 # contract=off.
 
 
-def _horner(coefficients: list[float]) -> str:
-    """C expression of c_0 + z (c_1 + z (...))."""
-    text = f"fill({coefficients[-1]!r})"
+def horner(coefficients: Sequence[float], term: str, number: str) -> str:
+    """C expression of the polynomial c_0 + z (c_1 + z (...)) of ``coefficients``. term: text of {0} z + {1}; number: of
+    a literal."""
+    text = number.format(repr(coefficients[-1]))
     for c in coefficients[-2::-1]:
-        text = f"more(z, {text}, fill({c!r}))"
+        text = term.format(text, number.format(repr(c)))
     return text
 
 
@@ -84,9 +87,11 @@ def inverse_factorials(first: int, step: int, count: int, alternate: bool) -> li
     return [(-1.0) ** (i if alternate else 0) / math.factorial(first + step * i) for i in range(count)]
 
 
-_EXPM1 = _horner(inverse_factorials(2, 1, 12, False))
-_SIN = _horner([-c for c in inverse_factorials(3, 2, 8, True)])
-_COS = _horner(inverse_factorials(4, 2, 7, True))
+# Taylor coefficients behind the first terms: of expm1(z) / z^2 - 1 / z, and of sin and cos by even powers. So many that
+# the first one left out is below the last bit for |z| <= ln(2) / 2 and |z| <= pi / 4, to which arguments are reduced.
+EXPM1 = inverse_factorials(2, 1, 12, False)
+SINE = [-c for c in inverse_factorials(3, 2, 8, True)]
+COSINE = inverse_factorials(4, 2, 7, True)
 # (atan(t) / t - 1) / z as a polynomial of z = t^2 up to tan^2(pi / 8), interpolated at the Chebyshev nodes. The degree
 # was set by hand.
 ARC = (
@@ -107,12 +112,13 @@ def c_file(module: str, name: str, **values: object) -> str:
 def prelude() -> str:
     """What all C files begin with: the type V of LANES points and the functions on it."""
     one, two = (sorted(set(names) - set(_OWN)) for names in (OF_ONE, OF_TWO))
-    calls = [f"static V v_{f}(V x) {{ LANEWISE({f}(x[i])); }}" for f in one]
-    calls += [f"static V v_{f}(V a, V b) {{ LANEWISE({f}(a[i], b[i])); }}" for f in two]
-    polynomials = {"expm1": _EXPM1, "sin": _SIN, "cos": _COS, "arc": _horner(list(ARC))}
-    reduced = {"per_ln2": 1 / math.log(2), "per_quarter": 2 / math.pi}
+    by_lane = [f"static V v_{f}(V x) {{ LANEWISE({f}(x[i])); }}" for f in one]
+    by_lane += [f"static V v_{f}(V a, V b) {{ LANEWISE({f}(a[i], b[i])); }}" for f in two]
+    series = {"expm1": EXPM1, "sin": SINE, "cos": COSINE, "arc": ARC}
+    polynomials = {name: horner(c, "more(z, {0}, {1})", "fill({0})") for name, c in series.items()}
+    reduced = {"per_ln2": 1 / math.log(2), "per_quarter": 2 / math.pi}  # arguments are counted in these
     functions = c_file(__file__, "functions.h", **polynomials, **reduced)
-    return _COMMON + c_file(__file__, "vector.h", lanes=LANES) + functions + "\n".join(calls) + "\n"
+    return _COMMON + c_file(__file__, "vector.h", lanes=LANES) + functions + "\n".join(by_lane) + "\n"
 
 
 def expression(operation: int, operands: list[str]) -> str:

@@ -21,7 +21,7 @@ from mmg.compile.codegen import LANES, c_file, prelude
 from mmg.compile.stages import Program, staged_bodies
 from mmg.runge_kutta import NODES, PARTS, rk4_step
 
-_INPUTS_AT = {0.5: "m", 1.0: "1"}
+_INPUTS_AT = {0.5: "m", 1.0: "1"}  # Node of the step -> ending of the C names of the inputs there: middle and end
 
 
 def _stages() -> str:
@@ -40,7 +40,7 @@ def rollout_source(rates: ca.Function, first: int) -> str:
 
     rates: SXFunction (q (S - first,), inputs (C,), coefficients (P,)) -> dense d state / dt (S,).
     """
-    program = Program.of(rates, (3, 2, 1))
+    program = Program.of(rates, (3, 2, 1))  # the states change in every stage, the coefficients never
     bodies = staged_bodies(program, [0], {0: "q", 1: "c", 2: "p"}, {1: "K", 2: "H"}, "d")
     names = ("shared", "inputs", "rates")
     parts: dict[str, str | int] = {name: bodies[i].text for i, name in enumerate(names, 1)}
@@ -50,7 +50,7 @@ def rollout_source(rates: ca.Function, first: int) -> str:
 
 
 class _RunArguments(ctypes.Structure):
-    """The struct Run of the C code."""
+    """The struct Run of the C code, field by field in its order."""
 
     _fields_ = (
         [(name, ctypes.c_longlong) for name in ("points", "steps", "linear", "euler")]
@@ -84,14 +84,14 @@ class Rollout:
         """
         S, M = start.shape
         N, C = len(keep), controls.shape[1]
-        own, dt_step = controls.ndim == 3, (0, 1, M)[dt.ndim]  # strides: one step for all, by step, by step and point
+        by_point, dt_step = controls.ndim == 3, (0, 1, M)[dt.ndim]  # strides: one for all, by step, by step and point
         start, controls, dt, theta = (np.ascontiguousarray(a, dtype=float) for a in (start, controls, dt, theta))
         keep = np.ascontiguousarray(keep, dtype=np.uint8)
         out = np.empty((1 + int(keep.sum()), S, M))
         run = _RunArguments(
             M, N, linear, euler,
             *(a.ctypes.data for a in (start, controls, dt, theta, keep, out)),
-            C * M if own else C, M if own else 1, own,
+            C * M if by_point else C, M if by_point else 1, by_point,
             dt_step, dt.ndim == 2,
             M if theta.ndim == 2 else 1, theta.ndim == 2,
         )  # fmt: skip
@@ -115,10 +115,11 @@ def _faults(rollout: Rollout, rates: ca.Function, first: int) -> str:
     (q, c, theta), _ = finite_points(rates, M, 1)
     start, controls = np.vstack([points(first, M, 0), q]), np.array([c, 0.9 * c])
     machine, z, expected = BatchFunction(rates, None), start, [start]
-    for held in controls:
-        z = rk4_step(lambda at, _, held=held: machine(at[first:], held, theta)[0], z, h)  # type: ignore[misc]
+    for inputs in controls:
+        z = rk4_step(lambda at, _, c=inputs: machine(at[first:], c, theta)[0], z, h)  # type: ignore[misc]
         expected.append(z)
-    dt, keep = np.array(h), np.ones(2, dtype=bool)
-    found = rollout(start, controls, dt, theta, keep, euler=False, linear=False)
-    steps = list(np.diff(np.array(expected), axis=0))  # changes, as states themselves would hide an error in small ones
-    return "a run differs from that of the portable path" if differences(list(np.diff(found, axis=0)), steps) else ""
+    run = rollout(start, controls, np.array(h), theta, np.ones(2, dtype=bool), euler=False, linear=False)
+    steps, run_steps = (
+        list(np.diff(z, axis=0)) for z in (np.array(expected), run)
+    )  # changes: states would hide errors
+    return "a run differs from that of the portable path" if differences(run_steps, steps) else ""

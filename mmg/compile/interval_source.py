@@ -25,18 +25,18 @@ from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
 
 # Rows and columns of the products that are kept in registers; columns are padded to whole tiles.
 TILE = 4  # set by hand: speed alone
-
-
 STACK = 4  # Stages, and samples, whose rows are multiplied at once. Set by hand: speed alone.
 
 NEWLINE = "\n  "
+# Arguments of a part of the rates or of their derivatives: states, inputs, coefficients, multipliers, what depends on
+# the coefficients alone and on the inputs besides, results.
 _AT = "const V* q, const V* c, const V* p, const V* u, const V* K, const V* H, V* d"
 _DECLARED = (
     "HIDDEN void {}_shared(const V* p, V* K)",
     "HIDDEN void {}_inputs(const V* c, const V* p, const V* K, V* H)",
 )
-_ARGUMENTS = {0: "q", 1: "c", 2: "p", 3: "u"}
-_ARRAYS = {1: "K", 2: "H"}
+_ARGUMENTS = {0: "q", 1: "c", 2: "p", 3: "u"}  # argument of ``derivatives`` -> its C array
+_ARRAYS = {1: "K", 2: "H"}  # stage -> C array of what it hands on
 
 
 def derivatives(
@@ -49,11 +49,11 @@ def derivatives(
     rates: (S,) expression of the other arguments, of whose states q are the last; free: positions of coefficients.
     """
     z, mu = ca.vertcat(q, *[coefficients[int(i)] for i in free]), ca.SX.sym("mu", rates.numel())
-    given, found = [q, inputs, coefficients], [ca.densify(rates), ca.jacobian(rates, z)]
+    arguments, results = [q, inputs, coefficients], [ca.densify(rates), ca.jacobian(rates, z)]
     if second:
-        # symmetric: the upper half is enough
-        given, found = [*given, mu], [*found, ca.triu(ca.hessian(ca.dot(mu, rates), z)[0])]
-    return ca.Function("whole", given, found)
+        arguments.append(mu)
+        results.append(ca.triu(ca.hessian(ca.dot(mu, rates), z)[0]))  # symmetric: the upper half is enough
+    return ca.Function("whole", arguments, results)
 
 
 def interval_source(whole: ca.Function) -> str:
@@ -70,16 +70,16 @@ def interval_source(whole: ca.Function) -> str:
         "MIDDLE": MIDDLE, "STACK": STACK, "CURVE": int(second),
     }  # fmt: skip
     program = Program.of(whole, (3, 2, 1, 3)[: whole.n_in()])  # of the state, inputs, coefficients, multipliers
-    head, units, known, kept = prelude() + HIDDEN, list[str](), list[str](), [0, 0]
+    head, units, declared, sizes_of = prelude() + HIDDEN, list[str](), list[str](), [0, 0]
     for name, outputs in (("rates", [0]), ("jacobian", [0, 1]), ("hessian", [2]))[: whole.n_out()]:
         code = divided_code(name, program, outputs, _ARGUMENTS, _ARRAYS)
-        kept = [max(a, code.early[stage].handed) for a, stage in zip(kept, _ARRAYS, strict=True)]
+        sizes_of = [max(a, code.early[stage].handed) for a, stage in zip(sizes_of, _ARRAYS, strict=True)]
         early = {line.format(name): code.early[i].text for i, line in enumerate(_DECLARED, 1)}
         functions = [f"{line} {{{NEWLINE}{body}\n}}\n" for line, body in early.items()] + code.functions
         units += units_of(LONG + head if name == "hessian" else head, functions)  # LONG: what is called seldom
-        known += [*(f"{line};\n" for line in early), code.declared]
-        known.append(f"static void {name}_at({_AT}) {{\n  {code.call}\n}}\n")
-    text = [head, _head(sizes), *known, f"#define KEPT {kept[0] + 1}\n#define HELD {kept[1] + 1}\n"]
+        declared += [*(f"{line};\n" for line in early), code.declared]
+        declared.append(f"static void {name}_at({_AT}) {{\n  {code.call}\n}}\n")
+    text = [head, _head(sizes), *declared, f"#define KEPT {sizes_of[0] + 1}\n#define HELD {sizes_of[1] + 1}\n"]
     text += [c_file(__file__, "intervals.h"), _through(J, S, Q), _bent(H, Q, S)]
     text += [_multiply()] if second else []
     return UNIT.join(["".join([*text, c_file(__file__, "intervals.c")]), *units])
@@ -98,9 +98,10 @@ def _through(J: ca.Sparsity, S: int, Q: int) -> str:
     """C functions that apply the Jacobian: ``through`` carries each column of the sensitivities through the stages of a
     step, in registers, ``pulled`` is J_q^T u, and ``pulled_free`` adds J_c^T u for the free coefficients c."""
     rows, columns = J.get_triplet()
+    # terms of each row of the sensitivities' rates, and of each state's adjoint
     ahead: list[list[str]] = [[] for _ in range(S)]
     back: list[list[str]] = [[] for _ in range(Q)]
-    mixed = sorted({r for r, c in zip(rows, columns, strict=True) if c >= Q})
+    mixed = sorted({r for r, c in zip(rows, columns, strict=True) if c >= Q})  # rates that see free coefficients
     own, free = [], []
     for at, (r, c) in enumerate(zip(rows, columns, strict=True)):
         if c < Q:
@@ -109,21 +110,19 @@ def _through(J: ca.Sparsity, S: int, Q: int) -> str:
         else:
             free.append(f"b[{c - Q}] = more(J[{at}], u[{r}], b[{c - Q}]);")
             own.append(f"own[{mixed.index(r)} * W + {S + c - Q}] = J[{at}];")
-    moved = [r for r in range(S) if ahead[r] or r in mixed]
-    sums = {r: f"own[{mixed.index(r)} * W + j]" if r in mixed else "fill(0.0)" for r in moved}
-    for r in moved:
+    changing = [r for r in range(S) if ahead[r] or r in mixed]  # those of the other states stay
+    sums = {r: f"own[{mixed.index(r)} * W + j]" if r in mixed else "fill(0.0)" for r in changing}
+    for r in changing:
         for term in ahead[r]:
             sums[r] = f"more({term}, {sums[r]})"
-    stage = [
-        f"const V g{c} = {f'more(f, d{S - Q + c}, z{S - Q + c})' if S - Q + c in moved else f'z{S - Q + c}'};"
-        for c in range(Q)
-    ]
+    # z: a column at the begin of the step, d: its rates in the stage before, t: their weighted sum, g: in this stage
+    stage = [f"const V g{r - S + Q} = {f'more(f, d{r}, z{r})' if r in changing else f'z{r}'};" for r in range(S - Q, S)]
     keep = " ".join(f"G[{c} * W] = g{c};" for c in range(Q))
     stage += [f"if (w->kept >> g & 1) {{ V* G = w->G + (k * 4 + g) * Q * W + j; {keep} }}"]
-    stage += [f"d{r} = {sums[r]};" for r in moved] + [f"t{r} = more(part, d{r}, t{r});" for r in moved]
+    stage += [f"d{r} = {sums[r]};" for r in changing] + [f"t{r} = more(part, d{r}, t{r});" for r in changing]
     begin = [f"V z{r} = w->Z[{r} * W + j];" for r in range(S)]
-    begin += [f"V d{r} = fill(0.0), t{r} = fill(0.0);" for r in moved]
-    end = [f"w->Z[{r} * W + j] = z{r} = choose(active, more(h, t{r}, z{r}), z{r});" for r in moved]
+    begin += [f"V d{r} = fill(0.0), t{r} = fill(0.0);" for r in changing]
+    end = [f"w->Z[{r} * W + j] = z{r} = choose(active, more(h, t{r}, z{r}), z{r});" for r in changing]
     slope = "slope[j]"
     for r in range(S):
         slope = f"more(pull[{r}], z{r}, {slope})"
@@ -164,10 +163,10 @@ def _bent(H: ca.Sparsity, Q: int, S: int) -> str:
     ``edge`` for H_qc of the other states, lags for instance, which is a few columns of the product.
     """
     rows, columns = H.get_triplet()
-    dense = sorted({i for r, c in zip(rows, columns, strict=True) if c < Q for i in (r, c)})
+    dense = sorted({i for r, c in zip(rows, columns, strict=True) if c < Q for i in (r, c)})  # nonlinear states
     terms: dict[int, list[str]] = {r: [] for r in dense}
-    mixed, edge, own = [], [], []
-    where: list[tuple[int, int]] = []
+    mixed, edge, own = [], [], []  # statements for H_qc of those states, H_qc of the others, H_cc
+    where: list[tuple[int, int]] = []  # rows and columns of H_cc
     for at, (r, c) in enumerate(zip(rows, columns, strict=True)):
         if c < Q:
             terms[r].append(f"X[{at}] * G[{c} * W + j]")
@@ -180,8 +179,7 @@ def _bent(H: ca.Sparsity, Q: int, S: int) -> str:
         else:
             own.append(f"sum[{len(where)}] += X[{at}];")
             where.append((r - Q, c - Q))
-    # half: A^T B + B^T A is added
-    lines = [f"B[{k} * TILE + e] = 0.5 * ({' + '.join(terms[r])});" for k, r in enumerate(dense)]
+    lines = [f"B[{k} * TILE + e] = 0.5 * ({' + '.join(terms[r])});" for k, r in enumerate(dense)]  # A^T B + B^T A
     copies = [f"A[{k} * TILE + e] = G[{r} * W + j];" for k, r in enumerate(dense)]
     pairs = ", ".join(f"{{{r}, {c}}}" for r, c in where) or "{0, 0}"  # C has no empty arrays
     inside = "\n    ".join([*copies, *lines])

@@ -6,12 +6,13 @@ import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 
 from mmg.compile import codegen, interval_source, stages
-from mmg.compile.batch import FLAGS, padded
+from mmg.compile.batch import FLAGS, filled, padded
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
 
@@ -19,28 +20,21 @@ from mmg.compile.codegen import LANES
 # measured in November 2026.
 SHARE = 16
 
-
-Wanted = tuple[np.ndarray, np.ndarray]
-"""Rows (states) and columns (states, then free coefficients) of sensitivities, by number."""
+Wanted = tuple[np.ndarray, np.ndarray]  # Rows (states) and columns (states, then free coefficients), by number
+# Of start states and coefficients, end states and their sensitivities.
 Steps = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Of start states and coefficients, end states and their sensitivities."""
+
+_SIZES = ("lanes", "steps", "groups", "extra", "middle", "changes", "tall", "wide")
+_ARRAYS = (
+    "start", "controls", "theta", "h", "count", "group", "slot", "interval", "given", "end", "interior", "states",
+    "columns", "pull", "ends", "slope", "cost", "weight", "own", "rows", "shared",
+)  # fmt: skip
 
 
 class _IntervalRun(ctypes.Structure):
-    """The struct Run of the C code."""
+    """The struct Run of the C code, field by field in its order (intervals.h says what each is); absent arrays null."""
 
-    _fields_ = (
-        [
-            (name, ctypes.c_longlong)
-            for name in ("lanes", "steps", "groups", "extra", "middle", "changes", "tall", "wide")
-        ]
-        + [
-            (name, ctypes.c_void_p)
-            for name in ("start", "controls", "theta", "h", "count", "group", "slot", "interval", "given")
-        ]
-        + [(name, ctypes.c_void_p) for name in ("end", "interior", "states", "columns", "pull", "ends", "slope")]
-        + [(name, ctypes.c_void_p) for name in ("cost", "weight", "own", "rows", "shared")]
-    )
+    _fields_ = [(name, ctypes.c_longlong) for name in _SIZES] + [(name, ctypes.c_void_p) for name in _ARRAYS]
 
 
 @dataclass(frozen=True)
@@ -49,9 +43,9 @@ class Lanes:
 
     interval: (lanes,) number of the interval of each lane; steps: (lanes,) of it, 0 where a lane only fills a vector;
     controls: (K, C, lanes) held over each step, or where an interval has ``changes`` means and changes over it (K, 2 C,
-    lanes); group: (lanes,) which coefficients it has; slot: (lanes,) where what
-    belongs to the coefficients is added up, -1 for none; shares: first and last block of those whose sums are made
-    apart, at the borders of slots; M: number of intervals; h: step [s].
+    lanes); group: (lanes,) which coefficients it has; slot: (lanes,) where what belongs to the coefficients is added
+    up, -1 for none; shares: first and last block of those whose sums are made apart, at the borders of slots; M: number
+    of intervals; h: step [s].
     """
 
     interval: np.ndarray
@@ -77,30 +71,24 @@ class Lanes:
         """From the steps (M,), controls (K, C, M), groups (M,) and slots (M,) of the intervals, the step h [s] and
         whether the controls have changes behind them."""
         M = len(steps)
-        # by slot, then the longest first: vectors are full of intervals of like length
-        order = np.lexsort((-steps, slot))
+        order = np.lexsort((-steps, slot))  # by slot, then the longest first: like lengths fill a vector
         borders = np.flatnonzero(np.diff(slot[order])) + 1
         wanted = np.arange(SHARE * LANES, M, SHARE * LANES)
-        # no slot in two shares
+        # a share ends at the first border of slots behind its size: no slot is in two shares
         near = borders[np.clip(np.searchsorted(borders, wanted), 0, len(borders) - 1)] if len(borders) else borders
         parts = np.split(order, np.unique(near))
-        lanes, real, shares, blocks = [], [], [], 0
-        for part in parts:
-            size = padded(len(part))
-            # a vector is filled with copies of its last interval
-            lanes.append(np.concatenate([part, np.repeat(part[-1:], size - len(part))]))
-            real.append(np.arange(size) < len(part))
-            shares.append((blocks, blocks + size // LANES))
-            blocks += size // LANES
-        interval, is_real = np.concatenate(lanes), np.concatenate(real)
-        whole = [np.where(is_real, values[interval], filler) for values, filler in ((steps, 0), (slot, -1))]
+        sizes = [padded(len(part)) for part in parts]
+        # vectors are filled with copies of the last interval of their share
+        interval = np.concatenate([filled(part, size) for part, size in zip(parts, sizes, strict=True)])
+        is_real = np.concatenate([np.arange(size) < len(part) for part, size in zip(parts, sizes, strict=True)])
+        ends = np.cumsum([size // LANES for size in sizes]).tolist()
         return cls(
             interval,
-            np.ascontiguousarray(whole[0], dtype=np.int64),
+            np.where(is_real, steps[interval], 0).astype(np.int64),
             np.ascontiguousarray(controls[:, :, interval], dtype=float),
-            np.ascontiguousarray(group[interval], dtype=np.int64),
-            np.ascontiguousarray(whole[1], dtype=np.int64),
-            tuple(shares),
+            group[interval].astype(np.int64),
+            np.where(is_real, slot[interval], -1).astype(np.int64),
+            tuple(pairwise([0, *ends])),
             M,
             float(h),
             changes,
@@ -109,10 +97,10 @@ class Lanes:
     @cached_property
     def position(self) -> np.ndarray:
         """Lane of each interval, (M,)."""
-        first = np.zeros(self.M, dtype=int)
-        real = np.flatnonzero(self.slot >= 0)
-        first[self.interval[real]] = real  # copies that fill a vector have slot -1
-        return first
+        lane = np.zeros(self.M, dtype=int)
+        real = np.flatnonzero(self.slot >= 0)  # copies that fill a vector have slot -1
+        lane[self.interval[real]] = real
+        return lane
 
     @cached_property
     def beyond(self) -> np.ndarray:
@@ -128,10 +116,10 @@ class Lanes:
         owner: (slots,) of what is added up by window."""
         share = np.repeat(np.arange(len(self.shares)), [LANES * (end - begin) for begin, end in self.shares])
         real, owners = self.slot >= 0, int(owner.max()) + 1
-        found, number = np.unique(share[real] * owners + owner[self.slot[real]], return_inverse=True)
+        pairs, number = np.unique(share[real] * owners + owner[self.slot[real]], return_inverse=True)
         part = np.full(len(share), -1, dtype=np.int64)
         part[real] = number
-        return part, found % owners
+        return part, pairs % owners
 
 
 @dataclass(frozen=True)
@@ -152,13 +140,13 @@ class IntervalKernel:
         is, for people.
         """
 
-        def made(library: ctypes.CDLL) -> IntervalKernel:
+        def kernel(library: ctypes.CDLL) -> IntervalKernel:
             return cls(library, whole.size1_out(0), whole.size2_out(1) - whole.size1_in(0))
 
         generators = (codegen, stages, interval_source)
         text = LateSource.of([whole], lambda: interval_source.interval_source(_without_repetition(whole)), *generators)
-        library, reason = load_library(text, FLAGS, (lambda new: check(made(new))) if check else None, what)
-        return (None if library is None else made(library)), reason
+        library, reason = load_library(text, FLAGS, (lambda new: check(kernel(new))) if check else None, what)
+        return (None if library is None else kernel(library)), reason
 
     def values(
         self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, given: np.ndarray | None = None
@@ -170,8 +158,11 @@ class IntervalKernel:
         run = self._states(lanes, start, theta)
         if given is not None:
             run["given"] = lanes.spread(given)
-        self._work("values", lanes, run)
-        return self._ends(lanes, run)
+        self._call("values", self._request(lanes, run))
+        interior = run["interior"][:, :, lanes.position]
+        if lanes.beyond.any():  # the kernel leaves what it does not reach unset
+            interior = np.where(lanes.beyond[:, None, :], 0.0, interior)
+        return run["end"][:, lanes.position], interior
 
     def linearise(
         self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, wanted: Wanted | None = None
@@ -183,7 +174,7 @@ class IntervalKernel:
         and columns of the sensitivities (default: all).
         """
         run = self._sensitivities(lanes, start, theta, pull, wanted)
-        self._work("linearise", lanes, run)
+        self._call("linearise", self._request(lanes, run))
         return run["end"][:, lanes.position], run["ends"], run["slope"]
 
     def gradient(
@@ -193,7 +184,7 @@ class IntervalKernel:
         gradients are ``pull`` (K - 1, S, M) and ``weight`` (S, M); start, theta: as of ``values``."""
         run = self._states(lanes, start, theta) | {"pull": lanes.spread(pull), "weight": lanes.spread(weight)}
         run["slope"] = np.empty((lanes.M, self.S + self.P))
-        self._work("gradient", lanes, run)
+        self._call("gradient", self._request(lanes, run))
         return run["slope"]
 
     def curve(
@@ -221,7 +212,7 @@ class IntervalKernel:
         run |= {"rows": np.empty((lanes.M, S, N)), "shared": np.zeros((int(slot.max()) + 1, P, P)), "slot": slot}
         if weight is not None:
             run["weight"] = lanes.spread(weight)
-        self._work("curve", lanes, run, middle)
+        self._call("curve", self._request(lanes, run, middle))
         shared, lower = run["shared"], np.tril_indices(P, -1)
         shared[:, lower[0], lower[1]] = shared[:, lower[1], lower[0]]  # the kernel sums the upper half alone
         return run["ends"], run["slope"], run["rows"], shared
@@ -245,13 +236,6 @@ class IntervalKernel:
             rows, columns = map(len, wanted)
         return run | {"ends": np.empty((lanes.M, rows, columns)), "slope": np.empty((lanes.M, columns))}
 
-    def _ends(self, lanes: Lanes, run: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        interior = run["interior"][:, :, lanes.position]
-        if lanes.beyond.any():
-            # the kernel leaves what it does not reach unset
-            interior = np.where(lanes.beyond[:, None, :], 0.0, interior)
-        return run["end"][:, lanes.position], interior
-
     def repeated(self, lanes: Lanes, theta: np.ndarray, wanted: Wanted) -> Steps:
         """``linearise`` of the same ``lanes`` of one step again and again, where setting up its arrays takes longer.
 
@@ -263,36 +247,29 @@ class IntervalKernel:
         request = self._request(lanes, run)
 
         def again(start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            # into the arrays whose addresses the struct holds
             run["start"][...], run["theta"][...] = start[:, lanes.interval], theta.T
             self._call("linearise", request)
             return run["end"][:, lanes.position], run["ends"].copy()
 
         return again
 
-    def _work(self, name: str, lanes: Lanes, arrays: dict[str, np.ndarray], middle: bool = False) -> None:
-        self._call(name, self._request(lanes, arrays, middle))
-
     def _call(self, name: str, request: tuple[_IntervalRun, object]) -> None:
-        if getattr(self.library, name)(ctypes.byref(request[0])):
+        if getattr(self.library, name)(ctypes.byref(request[0])):  # the C code returns 1 where malloc gives nothing
             raise MemoryError("no memory for the sensitivities of a block of intervals")
 
     def _request(
         self, lanes: Lanes, arrays: dict[str, np.ndarray], middle: bool = False
     ) -> tuple[_IntervalRun, dict[str, np.ndarray]]:
-        """The struct of a call, and the arrays that it points to."""
-        own = {"controls": lanes.controls, "count": lanes.steps, "group": lanes.group, "slot": lanes.slot}
-        whole = own | {"h": np.array([lanes.h]), "interval": lanes.interval} | arrays
-        sizes = {
-            "lanes": len(lanes.interval),
-            "steps": len(lanes.controls),
-            "groups": arrays["theta"].shape[1],
-            "extra": len(arrays.get("own", ())),
-            "middle": middle,
-            "changes": lanes.changes,
-            "tall": len(arrays.get("states", ())),
-            "wide": len(arrays.get("columns", ())),
-        }
-        return _IntervalRun(**sizes, **{key: value.ctypes.data for key, value in whole.items()}), whole
+        """The struct of a call, and the arrays that it points to: they must live as long as it."""
+        by_lane = {"controls": lanes.controls, "count": lanes.steps, "group": lanes.group, "slot": lanes.slot}
+        every = by_lane | {"h": np.array([lanes.h]), "interval": lanes.interval} | arrays
+        tall, wide, extra = (len(arrays.get(name, ())) for name in ("states", "columns", "own"))
+        sizes = (len(lanes.interval), len(lanes.controls), arrays["theta"].shape[1], extra)
+        run = _IntervalRun(*sizes, middle, lanes.changes, tall, wide)
+        for name, array in every.items():
+            setattr(run, name, array.ctypes.data)
+        return run, every
 
 
 def _without_repetition(function: ca.Function) -> ca.Function:

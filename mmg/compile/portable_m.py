@@ -6,33 +6,28 @@ import math
 
 import casadi as ca
 
-from mmg.compile.codegen import OF_ONE
+from mmg.compile.codegen import ARITHMETIC, OF_ONE
 from mmg.compile.portable_c import Emitter
 
 # M expression of each CasADi operation; ``when`` is a function of the file that holds the statements.
 EXPRESSIONS: dict[int, str] = {
     **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})" for name in OF_ONE},
     **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}}, {{1}})" for name in ("atan2", "hypot")},
-    ca.OP_FABS: "abs({0})",
+    **ARITHMETIC,
+    ca.OP_FABS: "abs({0})",  # functions of another name than in C
     ca.OP_FMIN: "min({0}, {1})",
     ca.OP_FMAX: "max({0}, {1})",
     ca.OP_FMOD: "rem({0}, {1})",
     ca.OP_COPYSIGN: "abs({0}) * (1 - 2 * ({1} < 0))",
     ca.OP_POW: "{0} ^ {1}",
     ca.OP_CONSTPOW: "{0} ^ {1}",
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_ADD: "{0} + {1}",
-    ca.OP_SUB: "{0} - {1}",
-    ca.OP_MUL: "{0} * {1}",
     ca.OP_DIV: "{0} / {1}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_SQ: "{0} * {0}",
     ca.OP_TWICE: "2 * {0}",
     ca.OP_INV: "1 / {0}",
     ca.OP_LT: "double({0} < {1})",
     ca.OP_LE: "double({0} <= {1})",
     ca.OP_EQ: "double({0} == {1})",
-    ca.OP_NE: "double({0} ~= {1})",
+    ca.OP_NE: "double({0} ~= {1})",  # MATLAB's sign, which Octave knows too
     ca.OP_NOT: "double({0} == 0)",
     ca.OP_AND: "double({0} ~= 0 && {1} ~= 0)",
     ca.OP_OR: "double({0} ~= 0 || {1} ~= 0)",

@@ -16,6 +16,13 @@ from mmg.compile.codegen import constant, expression
 
 CONSTANT = 0  # Stage of a value that depends on no argument
 
+# Instructions in one C function: registers are given out in more than twice the time for twice as many. Of 11,000
+# instructions gcc 12 makes code in 1.4 s, in 2.4 s with 3,000 a function, and that code is as fast to some per cent. So
+# it was measured; the number was set by hand.
+FUNCTION_SIZE = 800
+# Characters of such functions that are compiled together: each start of a compiler takes some .02 s. Set by hand.
+UNIT_TEXT = 150_000
+
 
 @dataclass(frozen=True)
 class Value:
@@ -46,14 +53,13 @@ class Program:
     def of(cls, function: ca.Function, stages: Sequence[int]) -> Program:
         """The program of an SXFunction. function: it; stages: the stage of each of its arguments, 1 or later."""
         values: list[Value] = []
-        at: dict[int, int] = {}
+        at: dict[int, int] = {}  # register of CasADi -> place of the value that it holds now
         results: list[list[int | None]] = [[None] * function.numel_out(j) for j in range(function.n_out())]
         rows = [function.sparsity_out(j).find() for j in range(function.n_out())]
         for k in range(function.n_instructions()):
             operation = function.instruction_id(k)
             inputs, outputs = function.instruction_input(k), function.instruction_output(k)
-            if operation == ca.OP_OUTPUT:
-                # CasADi numbers nonzeros, results count all elements
+            if operation == ca.OP_OUTPUT:  # CasADi numbers nonzeros, results count all elements
                 results[outputs[0]][rows[outputs[0]][outputs[1]]] = at[inputs[0]]
                 continue
             if operation == ca.OP_CONST:
@@ -74,40 +80,31 @@ class Program:
     def leading_to(self, places: Iterable[int | None], after: int = CONSTANT) -> list[int]:
         """As ``needed``, for the values at these ``places`` and those of stages later than ``after`` behind them."""
         todo = [place for place in places if place is not None]
-        found: set[int] = set()
+        reached: set[int] = set()
         while todo:
             place = todo.pop()
-            if place not in found and self.values[place].stage > after:  # earlier stages have handed theirs on
-                found.add(place)
+            if place not in reached and self.values[place].stage > after:  # earlier stages have handed theirs on
+                reached.add(place)
                 todo += self.values[place].operands
-        return sorted(found)
+        return sorted(reached)
 
     def divided(self, outputs: Iterable[int], last: int, size: int) -> Program:
         """The same with its ``last`` stage divided after each ``size`` of its values behind these ``outputs``: a later
         part is a later stage."""
-        values, count = list(self.values), 0
-        for place in self.needed(outputs, last - 1):
-            if values[place].argument is None:
-                values[place] = replace(values[place], stage=last + count // size)
-                count += 1
+        values = list(self.values)
+        places = [place for place in self.needed(outputs, last - 1) if values[place].argument is None]
+        for count, place in enumerate(places):  # in order: no part takes up what a later one makes
+            values[place] = replace(values[place], stage=last + count // size)
         return replace(self, values=tuple(values))
 
     def handed_on(self, outputs: Iterable[int], stage: int) -> list[int]:
         """Places, in order, of the results of a ``stage`` that later stages or these ``outputs`` themselves take up;
         arguments and constants are not among them."""
         outputs = list(outputs)
-        taken = {i for place in self.needed(outputs, stage) for i in self.values[place].operands}
+        read = {i for place in self.needed(outputs, stage) for i in self.values[place].operands}
         # an output may be made early
-        taken |= {place for j in outputs for place in self.results[j] if place is not None}
-        return sorted(i for i in taken if self.values[i].stage == stage and self.values[i].argument is None)
-
-
-# Instructions in one C function: registers are given out in more than twice the time for twice as many. Of 11,000
-# instructions gcc 12 makes code in 1.4 s, in 2.4 s with 3,000 a function, and that code is as fast to some per cent. So
-# it was measured; the number was set by hand.
-FUNCTION_SIZE = 800
-# Characters of such functions that are compiled together: each start of a compiler takes some .02 s. Set by hand.
-UNIT_TEXT = 150_000
+        read |= {place for j in outputs for place in self.results[j] if place is not None}
+        return sorted(i for i in read if self.values[i].stage == stage and self.values[i].argument is None)
 
 
 @dataclass(frozen=True)
@@ -139,18 +136,18 @@ def divided_code(
     """Code for some ``outputs`` of a ``program``, its last stage in functions NAME_0, NAME_1, ... of at most
     FUNCTION_SIZE instructions. name: NAME; arguments, arrays: as of ``staged_bodies``, arrays for early stages only."""
     last = max(arrays, default=CONSTANT) + 1
-    mine = program.divided(outputs, last, FUNCTION_SIZE)
-    parts = max([last, *(value.stage for value in mine.values)]) + 1 - last
+    divided = program.divided(outputs, last, FUNCTION_SIZE)
+    parts = max([last, *(value.stage for value in divided.values)]) + 1 - last
+    # each part hands on in a share of the array M, all as long as the longest
     between = {last + i: f"(M + {i} * {name}_most)" for i in range(parts - 1)}
-    bodies = staged_bodies(mine, outputs, arguments, {**arrays, **between}, "d")
+    bodies = staged_bodies(divided, outputs, arguments, {**arrays, **between}, "d")
     most = max([bodies[stage].handed for stage in between], default=0) + 1
     given = [*arguments.values(), *arrays.values()]
-    taken = ", ".join([*(f"const V* {one}" for one in given), "V* M", "V* d"])
-    heads = [f"HIDDEN void {name}_{i}({taken})" for i in range(parts)]
+    parameters = ", ".join([*(f"const V* {one}" for one in given), "V* M", "V* d"])
+    heads = [f"HIDDEN void {name}_{i}({parameters})" for i in range(parts)]
     size = f"#define {name}_most {most}\n"
-    functions = [
-        f"{size}{head} {{\n  {bodies[last + i].text}\n}}\n#undef {name}_most\n" for i, head in enumerate(heads)
-    ]
+    texts = [bodies[last + i].text for i in range(parts)]
+    functions = [f"{size}{head} {{\n  {t}\n}}\n#undef {name}_most\n" for head, t in zip(heads, texts, strict=True)]
     calls = " ".join(f"{name}_{i}({', '.join([*given, 'M', 'd'])});" for i in range(parts))
     declared = "".join(f"{head};\n" for head in heads)
     return DividedCode({stage: bodies[stage] for stage in arrays}, functions, declared, f"V M[{most * parts}]; {calls}")
@@ -159,22 +156,15 @@ def divided_code(
 def units_of(head: str, functions: Sequence[str]) -> list[str]:
     """C ``functions`` in units of about UNIT_TEXT characters, each behind the same ``head``."""
     units: list[str] = []
-    size = UNIT_TEXT
     for text in functions:
-        if size + len(text) > UNIT_TEXT:
+        if not units or len(units[-1]) - len(head) + len(text) > UNIT_TEXT:
             units.append(head)
-            size = 0
         units[-1] += text
-        size += len(text)
     return units
 
 
 def staged_bodies(
-    program: Program,
-    outputs: Sequence[int],
-    arguments: Mapping[int, str],
-    arrays: Mapping[int, str],
-    result: str,
+    program: Program, outputs: Sequence[int], arguments: Mapping[int, str], arrays: Mapping[int, str], result: str
 ) -> dict[int, StagedBody]:
     """Bodies by stage for some ``outputs`` of a ``program``.
 
@@ -182,49 +172,48 @@ def staged_bodies(
     array for what it hands on; the last stage is one more. result: name of the array to which the last stage writes the
     nonzeros of the outputs, one output after the other. Raises NotImplementedError for an operation without C.
     """
-    stages = [*arrays, max(arrays, default=CONSTANT) + 1]
-    place: dict[int, str] = {}
+    elements: dict[int, str] = {}  # place of a value that an earlier stage has handed on -> C text of it
     bodies = {}
-    for stage in stages:
-        last = stage == stages[-1]
+    for stage in [*arrays, max(arrays, default=CONSTANT) + 1]:
         lines: list[str] = []
-        known: set[int] = set()
+        declared: set[int] = set()
         for at in program.needed(outputs):
             value = program.values[at]
-            if value.stage != stage or value.argument is not None:
-                continue
-            for operand in value.operands:
-                lines += _known(program, operand, stage, arguments, place, known)
-            known.add(at)
-            lines.append(f"const V a{at} = {expression(value.operation, [f'a{i}' for i in value.operands])};")
-        if last:
-            wanted = [at for j in outputs for at in program.results[j] if at is not None]
-            for row, at in enumerate(wanted):
-                lines += _known(program, at, stage, arguments, place, known)
+            if value.stage == stage and value.argument is None:
+                for operand in value.operands:
+                    lines += _declarations(program, operand, arguments, elements, declared)
+                declared.add(at)
+                lines.append(_assigned(value, at))
+        if stage in arrays:
+            given = program.handed_on(outputs, stage)
+            elements |= {at: f"{arrays[stage]}[{row}]" for row, at in enumerate(given)}
+            lines += [f"{elements[at]} = a{at};" for at in given]
+        else:
+            given = [at for j in outputs for at in program.results[j] if at is not None]
+            for row, at in enumerate(given):  # a result may come from an earlier stage, or be an argument itself
+                lines += _declarations(program, at, arguments, elements, declared)
                 lines.append(f"{result}[{row}] = a{at};")
-            bodies[stage] = StagedBody("\n  ".join(lines), len(wanted))
-            continue
-        handed = program.handed_on(outputs, stage)
-        for row, at in enumerate(handed):
-            place[at] = f"{arrays[stage]}[{row}]"
-            lines.append(f"{place[at]} = a{at};")
-        bodies[stage] = StagedBody("\n  ".join(lines), len(handed))
+        bodies[stage] = StagedBody("\n  ".join(lines), len(given))
     return bodies
 
 
-def _known(
-    program: Program, at: int, stage: int, arguments: Mapping[int, str], place: Mapping[int, str], known: set[int]
+def _assigned(value: Value, at: int) -> str:
+    return f"const V a{at} = {expression(value.operation, [f'a{i}' for i in value.operands])};"
+
+
+def _declarations(
+    program: Program, at: int, arguments: Mapping[int, str], elements: Mapping[int, str], declared: set[int]
 ) -> list[str]:
-    """Statements that name a value from outside the ``stage``, unless it is ``known``, which it is afterwards."""
+    """Statements that name a value from outside of a stage, unless it is ``declared``, which it is afterwards."""
     value = program.values[at]
-    if at in known:
+    if at in declared:
         return []
-    known.add(at)
+    declared.add(at)
     if value.argument is not None:
         return [f"const V a{at} = {arguments[value.argument[0]]}[{value.argument[1]}];"]
     if value.stage == CONSTANT and not value.operands:
         return [f"const V a{at} = fill({constant(value.number)});"]
     if value.stage == CONSTANT:  # cheaper made again than handed on
-        before = [line for i in value.operands for line in _known(program, i, stage, arguments, place, known)]
-        return [*before, f"const V a{at} = {expression(value.operation, [f'a{i}' for i in value.operands])};"]
-    return [f"const V a{at} = {place[at]};"]
+        before = [line for i in value.operands for line in _declarations(program, i, arguments, elements, declared)]
+        return [*before, _assigned(value, at)]
+    return [f"const V a{at} = {elements[at]};"]

@@ -7,7 +7,7 @@ typedef unsigned long long U __attribute__((vector_size(8 * LANES)));
 #define LANEWISE(e) V y; for (int i = 0; i < LANES; i++) y[i] = (e); return y
 INLINE V load(const double* p) { V x; memcpy(&x, p, sizeof x); return x; }
 static inline void store(double* p, V x) { memcpy(p, &x, sizeof x); }
-INLINE V fill(double a) { return a - (V){0}; }
+INLINE V fill(double a) { return a - (V){0}; }  /* minus: -0.0 + 0 would be 0 */
 INLINE V choose(M m, V a, V b) { return real(((U)m & bits(a)) | (~(U)m & bits(b))); }
 #if defined(__AVX512DQ__) && defined(__GNUC__) && !defined(__clang__)
 #define ALL_LANES (unsigned char)-1

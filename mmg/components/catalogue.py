@@ -24,40 +24,26 @@ FORCES = ("hull", "propeller", "rudder", "bow_thruster", "stern_thruster", "azim
 # All roles: the last two move rudder and propeller to their orders, and add a degree of freedom.
 ROLES = (*FORCES, "actuators", "roll")
 
+
+def _files(folder: str, *names: str) -> dict[str, Any]:
+    return {name: f"{folder}.{name}" for name in names}
+
+
 # Role -> name -> file in this folder, or a model of a user. Those of a ship are read when she needs them.
 MODELS: dict[str, dict[str, Any]] = {
-    "hull": {
-        "unified": "hull.unified",
-        "harbour": "hull.harbour",
-        "polynomial": "hull.polynomial",
-        "abkowitz": "hull.abkowitz",
-    },
-    "propeller": {
-        "hachii": "propeller.hachii",
-        "four_quadrant": "propeller.four_quadrant",
-        "kang": "propeller.kang",
-        "cpp": "propeller.cpp",
-        "standard": "propeller.standard",
-        "standard_kijima": "propeller.standard_kijima",
-        "standard_hirano": "propeller.standard_hirano",
-    },
-    "rudder": {
-        "single": "rudder.single",
-        "vectwin": "rudder.vectwin",
-        "standard": "rudder.standard",
-        "lindenburg": "rudder.lindenburg",
-    },
+    "hull": _files("hull", "unified", "harbour", "polynomial", "abkowitz"),
+    "propeller": _files(
+        "propeller", "hachii", "four_quadrant", "kang", "cpp", "standard", "standard_kijima", "standard_hirano"
+    ),
+    "rudder": _files("rudder", "single", "vectwin", "standard", "lindenburg"),
     "bow_thruster": {"kobayashi": "thruster.bow"},
     "stern_thruster": {"kobayashi": "thruster.stern"},
-    "azimuth": {"azimuth": "thruster.azimuth"},
-    "expansion": {
-        "smooth_submodels": "expansion.smooth_submodels",
-        "hard_submodels": "expansion.hard_submodels",
-    },
-    "wind": {"fujiwara": "wind.fujiwara", "blendermann": "wind.blendermann", "isherwood": "wind.isherwood"},
-    "waves": {"drift": "waves.drift"},
-    "actuators": {"rate_limited": "actuators.rate_limited", "lag": "actuators.lag"},
-    "roll": {"linear": "roll.linear"},
+    "azimuth": _files("thruster", "azimuth"),
+    "expansion": _files("expansion", "smooth_submodels", "hard_submodels"),
+    "wind": _files("wind", "fujiwara", "blendermann", "isherwood"),
+    "waves": _files("waves", "drift"),
+    "actuators": _files("actuators", "rate_limited", "lag"),
+    "roll": _files("roll", "linear"),
 }
 
 BASE_PARTICULARS = ("L", "B", "d", "m", "x_G", "rho")  # Particulars that every ship needs, whatever its force models
@@ -95,8 +81,8 @@ def as_force(result: Any, where: str) -> Force:
     Raises UserError where it is neither."""
     if isinstance(result, Force):
         as_force((result.X, result.Y, result.N), where)
-        return result
-    if isinstance(result, (ca.SX, ca.DM)):
+        return result  # as it is: a propeller's has a slipstream, a rudder's has blades
+    if isinstance(result, (ca.SX, ca.DM)):  # a vertcat or horzcat of the three
         result = ca.vertsplit(ca.vec(result))
     if not isinstance(result, (tuple, list)) or len(result) != 3:
         size = f"{len(result)} values" if isinstance(result, (tuple, list)) else f"a {type(result).__name__}"
@@ -119,18 +105,18 @@ def model_names(role: str) -> list[str]:
 
 def own_models(components: Mapping[str, str]) -> tuple[OwnForce, ...]:
     """Those of the force models ``components`` (role -> name) that a user registered."""
-    found = (MODELS.get(role, {}).get(name) for role, name in components.items())
-    return tuple(model for model in found if isinstance(model, OwnForce))
+    models = (MODELS.get(role, {}).get(name) for role, name in components.items())
+    return tuple(model for model in models if isinstance(model, OwnForce))
 
 
 def module(role: str, name: str) -> Any:
     """The force model ``name`` of a role; UserError with the choices if there is none."""
-    found = MODELS.get(role, {}).get(name)
-    if found is None and name not in model_names(role):
+    model = MODELS.get(role, {}).get(name)
+    if model is None and name not in model_names(role):  # which loads the plug-ins: it may be there now
         words = f"known: {', '.join(MODELS[role])}; one of your own is registered first, by @mi.force"
         raise UnknownName(f"{role} = '{name}' is unknown; {words}")
-    found = found or MODELS[role][name]
-    return found if isinstance(found, OwnForce) else import_module(f"mmg.components.{found}")
+    model = model or MODELS[role][name]
+    return model if isinstance(model, OwnForce) else import_module(f"mmg.components.{model}")
 
 
 def summary(role: str, name: str) -> str:
@@ -149,11 +135,11 @@ def coefficient_table(components: Mapping[str, str], particulars: Mapping[str, f
     role -> model; particulars: symbol -> SI value. Raises UserError where two of them share a symbol."""
     models = [module(role, components[role]) for role in ROLES if role in components]
     rows = [*INERTIA, *(row for model in models for row in _rows(model, particulars))]
-    found = {row.symbol: row for row in rows}
-    if len(found) < len(rows):  # of the library no two roles share a symbol
+    by_symbol = {row.symbol: row for row in rows}
+    if len(by_symbol) < len(rows):  # of the library no two roles share a symbol
         (twice, _), *_ = Counter(row.symbol for row in rows).most_common(1)
         raise Conflict(f"coefficients: {twice} belongs to two parts of the model; rename it in your own")
-    return found
+    return by_symbol
 
 
 def _rows(model: Any, particulars: Mapping[str, float]) -> tuple[Coefficient, ...]:
@@ -178,7 +164,7 @@ def actuators(components: Mapping[str, str], particulars: Mapping[str, float]) -
     """
     needed = {name for item in components.items() for name in getattr(module(*item), "INPUTS", ())}
     needed |= {name for i in pods(particulars) for name in (f"n_azimuth{i}", f"azimuth{i}") if "azimuth" in components}
-    if twin_screw(particulars):
+    if twin_screw(particulars):  # n is the starboard propeller's then
         needed |= {"n_2"} if "n" in needed else set()
         needed = (needed - {"delta"}) | {"delta_port", "delta_starboard"} if "delta" in needed else needed
     return tuple(name for name in INPUTS if name in needed)

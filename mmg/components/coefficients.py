@@ -63,4 +63,4 @@ def table(source: str, *rows: tuple, fixed: bool = False) -> tuple[Coefficient, 
         unit, prime = ("", "mmg") if kind == "mmg" else (kind, "")
         return Coefficient(symbol, value, std, lower, upper, unit, prime, fixed, source, words)
 
-    return tuple(row(*given) for given in rows)
+    return tuple(row(*values) for values in rows)

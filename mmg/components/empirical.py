@@ -10,49 +10,22 @@ import math
 
 
 def kijima_1990(L: float, B: float, d: float, C_b: float, m_x: float = 0.0) -> dict[str, float]:
-    """Hull derivatives of Kijima et al. (1990), JSNAJ 168:141, even keel, MMG primes.
+    """Linear derivatives of Kijima et al. (1990), JSNAJ 168:141, even keel, MMG primes.
 
-    Y_H = 1/2 rho L d U^2 (Y_beta beta + Y_r r' + Y_bb beta|beta| + Y_rr r'|r'| + (Y_bbr beta + Y_brr r') beta r'),
-    N_H alike. Y_r is pure: Y_r - (m' + m_x') = -1.5 c and m' = 2 c give Y_r = m_x' + 0.5 c (``m_x`` in MMG primes).
-    Y_v = -Y_beta and N_v = -N_beta are added for the MMG polynomial. Two public codes agree on the numbers.
-    L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
+    Y_r is pure: Y_r - (m' + m_x') = -1.5 c and m' = 2 c give Y_r = m_x' + 0.5 c (``m_x`` in MMG primes). Two public
+    codes agree on the numbers. L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
     """
-    k, c, beam = 2 * d / L, C_b * B / L, d / B
-    fine = (1 - C_b) * beam
-    Y_beta, N_beta = 0.5 * math.pi * k + 1.4 * c, k
-    return {
-        "Y_beta": Y_beta,
-        "Y_r": m_x + 0.5 * c,
-        "Y_bb": 2.5 * fine + 0.5,
-        "Y_rr": 0.343 * C_b * beam - 0.07,
-        "Y_brr": 5.95 * fine,
-        "Y_bbr": 1.5 * C_b * beam - 0.65,
-        "N_beta": N_beta,
-        "N_r": -0.54 * k + k * k,
-        "N_bb": -0.96 * fine + 0.066,
-        "N_rr": 0.5 * c - 0.09,
-        "N_brr": -(0.5 * C_b * beam - 0.05),
-        "N_bbr": -(57.5 * c * c - 18.4 * c + 1.6),
-        "Y_v": -Y_beta,
-        "N_v": -N_beta,
-    }
+    k, c = 2 * d / L, C_b * B / L
+    # printed by the drift angle beta = -v': Y_v = -Y_beta, N_v = -N_beta
+    return {"Y_v": -(0.5 * math.pi * k + 1.4 * c), "Y_r": m_x + 0.5 * c, "N_v": -k, "N_r": -0.54 * k + k * k}
 
 
-def inoue_1981(L: float, B: float, d: float, C_b: float, trim: float = 0.0) -> dict[str, float]:
-    """Linear derivatives with trim [m, positive by the stern], Inoue et al. (1981), ISP 28:112; d the mean draught.
+def inoue_1981(L: float, B: float, d: float, C_b: float) -> dict[str, float]:
+    """Linear derivatives on even keel, Inoue et al. (1981), ISP 28:112: those of Kijima but for Y_r, the pure one.
 
-    UNVERIFIED (from recollection). Y_r as printed: Y_r - (m' + m_x') is not meant, Y_r is the pure one.
-    L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
+    UNVERIFIED (from recollection). L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
     """
-    k, c, t = 2 * d / L, C_b * B / L, trim / d
-    sway = 0.5 * math.pi * k + 1.4 * c
-    lever = k / sway
-    return {
-        "Y_v": -sway * (1 + 2 / 3 * t),
-        "Y_r": 0.25 * math.pi * k * (1 + 0.80 * t),
-        "N_v": -k * (1 - 0.27 * t / lever),
-        "N_r": -(0.54 * k - k * k) * (1 + 0.30 * t),
-    }
+    return {**kijima_1990(L, B, d, C_b), "Y_r": 0.25 * math.pi * (2 * d / L)}
 
 
 def yoshimura_masumoto_2012(
@@ -64,20 +37,17 @@ def yoshimura_masumoto_2012(
     single source; a_H = 0.627 C_b - 0.153 after Quadvlieg (2013), single source.
     L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
     """
-    k, c, slender = 2 * d / L, C_b * B / L, L / B
+    c, slender = C_b * B / L, L / B
     return {
+        **kijima_1990(L, B, d, C_b, m_x),
         "X_vv": 1.15 * c - 0.18,
         "X_vr": m_y - 1.91 * c + 0.08,
         "X_rr": -0.085 * c + 0.008 - x_G / L * m_y,
         "X_vvvv": -6.68 * c + 1.1,
-        "Y_v": -(0.5 * math.pi * k + 1.4 * c),
-        "Y_r": m_x + 0.5 * c,
         "Y_vvv": -0.185 * slender + 0.48,
         "Y_vvr": -0.75,
         "Y_vrr": -(0.26 * (1 - C_b) * slender + 0.11),
         "Y_rrr": -0.051,
-        "N_v": -k,
-        "N_r": -0.54 * k + k * k,
         "N_vvv": -(0.66 - 0.69 * C_b),
         "N_vvr": 1.55 * c - 0.76,
         "N_vrr": -0.075 * (1 - C_b) * slender - 0.098,
@@ -92,16 +62,14 @@ def yoshimura_masumoto_2012(
 def clarke_1983(L: float, B: float, d: float, C_b: float) -> dict[str, float]:
     """Linear derivatives of Clarke et al. (1983) in MMG primes, i.e. those of 1/2 rho L^2 U^2 times L/d.
 
-    With S = pi (d/L)^2 the printed ones are S times the brackets. Y_vdot, Y_rdot, N_vdot, N_rdot are the added masses
-    with the sign of a derivative: m_y = -Y_vdot, J_z = -N_rdot. Two public texts agree.
+    With S = pi (d/L)^2 the printed ones are S times the brackets. Y_vdot and N_rdot are added masses with the sign
+    of a derivative: m_y = -Y_vdot, J_z = -N_rdot. Two public texts agree.
     L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
     """
-    unit = math.pi * d / L  # S L/d
+    unit = math.pi * d / L  # S L/d: from the system with L in place of d to that of MMG
     wide, high = B / L, B / d
     return {
         "Y_vdot": -unit * (1 + 0.16 * C_b * high - 5.1 * wide**2),
-        "Y_rdot": -unit * (0.67 * wide - 0.0033 * high**2),
-        "N_vdot": -unit * (1.1 * wide - 0.041 * high),
         "N_rdot": -unit * (1 / 12 + 0.017 * C_b * high - 0.33 * wide),
         "Y_v": -unit * (1 + 0.40 * C_b * high),
         "Y_r": -unit * (-0.5 + 2.2 * wide - 0.08 * high),
@@ -145,7 +113,7 @@ def lee_1998(L: float, B: float, d: float, C_b: float, m_x: float = 0.0) -> dict
     high, long = C_b * B / d, L / d
     return {
         "Y_v": -0.4545 + 0.065 * high,
-        "Y_r": -0.115 * high + 0.0024 * long + 2 * C_b * B / L + m_x,
+        "Y_r": -0.115 * high + 0.0024 * long + 2 * C_b * B / L + m_x,  # the last two: m' + m_x'
         "N_v": -0.23 + 0.0059 * long,
         "N_r": -0.003724 * long + 0.10446 - 1.393 / long,
     }
@@ -157,11 +125,10 @@ def linear_derivatives(L: float, B: float, d: float, C_b: float, m_x: float = 0.
     Yoshimura & Masumoto (2012) have those of Kijima et al. (1990). m_x: added mass in MMG primes.
     L, B, d [m]: length, breadth, draught; C_b: block coefficient [-].
     """
-    kijima, clarke = kijima_1990(L, B, d, C_b, m_x), clarke_1983(L, B, d, C_b)
     derivatives = {
-        "Kijima (1990)": kijima,
+        "Kijima (1990)": kijima_1990(L, B, d, C_b, m_x),
         "Inoue (1981)": inoue_1981(L, B, d, C_b),
-        "Clarke (1983)": clarke,
+        "Clarke (1983)": clarke_1983(L, B, d, C_b),
         "Norrbin (1971)": norrbin_1971(L, B, d, C_b),
         "Wagner Smitt (1971)": wagner_smitt_1971(L, d),
         "Lee (1998)": lee_1998(L, B, d, C_b, m_x),
@@ -176,7 +143,7 @@ def motora_added_mass(L: float, B: float, d: float, C_b: float) -> dict[str, flo
     in two public codes; the line of m_x is UNVERIFIED but gives 0.0231 for KVLCC2 (published 0.022).
     """
     s, b, D = L / B, d / B, d * L / B**2
-    m = 2 * C_b * B / L
+    m = 2 * C_b * B / L  # m' of the displacement L B d C_b, by 1/2 rho L^2 d
     surge = 0.01 * (
         0.398
         + 11.97 * C_b * (1 + 3.73 * b)

@@ -10,20 +10,20 @@ from __future__ import annotations
 
 import math
 
+# Kinematic viscosity [m^2/s] of fresh and of sea water at 15 degrees C (ITTC 7.5-02-01-03: 1.139e-6, 1.188e-6).
 FRESH, SALT = 1.14e-6, 1.19e-6
-"""Kinematic viscosity [m^2/s] of fresh and of sea water at 15 degrees C (ITTC 7.5-02-01-03: 1.139e-6, 1.188e-6)."""
 ROUGHNESS = 150e-6  # Roughness [m] of a newly painted hull (ITTC 7.5-02-03-01.4)
 MODEL = 20.0  # Length [m] below which a ship is a model: smooth, and without allowances. Set by hand.
 
 
 def viscosity(density: float) -> float:
     """Kinematic viscosity [m^2/s] at 15 degrees C of water of this ``density`` [kg/m^3]: fresh below 1010."""
-    return FRESH if density < 1010 else SALT
+    return FRESH if density < 1010 else SALT  # between fresh water of 999 kg/m^3 and sea water of 1026
 
 
 def friction_line(reynolds: float) -> float:
     """C_F [-] = 0.075 / (log10 Re - 2)^2 (ITTC 1957). reynolds: U L / nu [-], above 1000."""
-    return 0.075 / (math.log10(max(reynolds, 1e3)) - 2) ** 2
+    return 0.075 / (math.log10(max(reynolds, 1e3)) - 2) ** 2  # the line has a pole at Re = 100
 
 
 def form_factor(L: float, B: float, d: float, C_b: float) -> float:

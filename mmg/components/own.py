@@ -17,18 +17,15 @@ from typing import Any, ClassVar
 from mmg.errors import Conflict, Unsupported
 from mmg.progress import LOGGER
 
-GROUP, PLUG_IN = "mmg_ident.models", "the plug-in"
-"""The entry points, and how the origin of what comes by them begins."""
-
-loading: list[str] = []
-"""Empty until the plug-ins were asked for; then "", and behind it the one that is being imported."""
+GROUP, PLUG_IN = "mmg_ident.models", "the plug-in"  # Entry points, and how the origin of what comes by them begins
+loading: list[str] = []  # Empty until plug-ins were asked for; then "", and behind it the one that is being imported
 
 
 def load_plug_ins() -> None:
     """Import what other packages register, once in a process; one that fails is named in a warning."""
     if loading:
         return
-    loading.append("")
+    loading.append("")  # first: a plug-in that looks up a name while it is imported begins no second round
     for entry in entry_points(group=GROUP):
         loading.append(f"{PLUG_IN} {entry.dist.name} {entry.dist.version}" if entry.dist else f"{PLUG_IN} {entry.name}")
         try:
@@ -73,6 +70,7 @@ class Own:
     @property
     def place(self) -> tuple[str, str]:
         """Where the function is defined: a cell of a notebook that is run again replaces what it made before."""
+        # processes that multiprocessing spawns import the main script under another name
         return self.function.__module__.replace("__mp_main__", "__main__"), self.function.__qualname__
 
     @cached_property
@@ -116,12 +114,12 @@ def _restored(kind: type[Own], stated: dict[str, Any], packed: Callable[..., Any
     if isinstance(packed, bytes):
         import cloudpickle
 
-        made = kind(cloudpickle.loads(packed), **stated)  # of our own tasks, never of files
+        model = kind(cloudpickle.loads(packed), **stated)  # bytes of the tasks of this product, never of files
     else:
-        made = kind(packed, **stated)
-    known = made.names.get(made.name)
-    if isinstance(known, Own) and known.packed == packed:
-        return known
-    vars(made)["packed"] = packed
-    made.names[made.name] = made
-    return made
+        model = kind(packed, **stated)
+    registered = model.names.get(model.name)
+    if isinstance(registered, Own) and registered.packed == packed:
+        return registered  # one object for all ships that come: models are compared by identity
+    vars(model)["packed"] = packed  # as it came: packed anew the bytes may differ
+    model.names[model.name] = model
+    return model

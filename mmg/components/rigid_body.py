@@ -15,16 +15,9 @@ INERTIA = table(
     "empirical default: Motora's charts give about these for full ships",
     ("m_x", 0.03, 0.015, 0.0, 0.15, "mmg", "added mass in surge, by 1/2 rho L^2 d"),
     ("m_y", 0.24, 0.1, 0.02, 0.6, "mmg", "added mass in sway, by 1/2 rho L^2 d"),
-    (
-        "I_J_z",
-        0.027,
-        0.01,
-        0.002,
-        0.1,
-        "mmg",
-        "yaw inertia about the centre of gravity plus added inertia, by 1/2 rho L^4 d",
-    ),
-)
+    ("I_J_z", 0.027, 0.01, 0.002, 0.1, "mmg", "yaw inertia about the centre of gravity plus added inertia, by "
+     "1/2 rho L^4 d"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -57,14 +50,13 @@ def inertia(p: SimpleNamespace, c: SimpleNamespace) -> Inertia:
     Coefficients Y_rdot and N_vdot (MMG primes) are taken into account where a hull model has them.
     p, c: particulars and coefficients by attribute.
     """
-    unit = 0.5 * p.rho * p.L**2 * p.d
-    moment = p.x_G * p.m
+    unit = 0.5 * p.rho * p.L**2 * p.d  # of a mass in the MMG system; of an inertia by L^2 more
     return Inertia(
         m=p.m,
         m_x=c.m_x * unit,
         m_y=c.m_y * unit,
-        moment=moment,
-        I_z=c.I_J_z * unit * p.L**2 + p.x_G**2 * p.m,
+        moment=p.x_G * p.m,
+        I_z=c.I_J_z * unit * p.L**2 + p.x_G**2 * p.m,  # Steiner: I_J_z is about the centre of gravity
         y_r=-c.Y_rdot * unit * p.L if hasattr(c, "Y_rdot") else 0.0,
         n_v=-c.N_vdot * unit * p.L if hasattr(c, "N_vdot") else 0.0,
     )
@@ -84,7 +76,7 @@ def accelerations(u: Any, v: Any, r: Any, force: Force, mass: Inertia) -> tuple[
     surge = (force.X + (m + m_y) * v * r + moment * r * r) / (m + m_x)
     f_y = force.Y - (m + m_x) * u * r
     f_n = force.N - moment * u * r
-    y_r, n_v = moment + mass.y_r, moment + mass.n_v
+    y_r, n_v = moment + mass.y_r, moment + mass.n_v  # off the diagonal: x_G m with the added masses of sway and yaw
     determinant = (m + m_y) * mass.I_z - y_r * n_v
     sway = (f_y * mass.I_z - y_r * f_n) / determinant
     yaw = (f_n * (m + m_y) - n_v * f_y) / determinant

@@ -16,6 +16,7 @@ from mmg.motion.flow import Blade, Flow, Force
 def mirrored_flows(flow: Flow, p: SimpleNamespace) -> tuple[Flow, Flow]:
     """What the starboard side sees, and what the port side sees in the mirror; ``p.y_P`` > 0 [m]. flow: at midship."""
     starboard = flow.with_(u=flow.u - p.y_P * flow.r, delta=flow.delta_starboard)
+    # its own u is u + y_P r: only after that the mirror turns the signs of v, r and delta
     port = flow.with_(u=flow.u + p.y_P * flow.r, v=-flow.v, r=-flow.r, n=flow.n_2, delta=-flow.delta_port)
     return starboard, port
 
@@ -28,5 +29,6 @@ def combined(starboard: Force, port: Force, p: SimpleNamespace) -> Force:
 
 
 def _levered(force: Force, p: SimpleNamespace, side: int) -> Force:
+    # side 1: starboard, N - y_P X; -1: port, mirrored back, -(N - y_P X) = -N + y_P X
     blades = tuple(Blade(b.X, side * b.Y, side * (b.N - p.y_P * b.X), b.sin2_alpha) for b in force.blades)
     return Force(force.X, side * force.Y, side * (force.N - p.y_P * force.X), blades=blades)

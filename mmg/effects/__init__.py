@@ -24,7 +24,7 @@ class _EffectsByName(UserDict[str, Any]):
         return self.data[name]  # type: ignore[no-any-return]
 
     def __contains__(self, name: object) -> bool:
-        if name not in self.data:
+        if name not in self.data:  # plug-ins are imported for an unknown name alone
             load_plug_ins()
         return name in self.data
 

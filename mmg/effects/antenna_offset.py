@@ -21,7 +21,7 @@ class AntennaOffset(Effect):
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         size, most, alone = 0.07 * p.L, p.L, "the same while u and v are midship's"
-        aboard = {"least": -0.5 * p.L, "most": 0.5 * p.L}
+        aboard = {"least": -0.5 * p.L, "most": 0.5 * p.L}  # no antenna lies beyond bow or stern
         return (
             Parameter("x", 0.0, size, -most, most, "m", "antenna ahead of midship", **aboard),
             Parameter("y", 0.0, size, -most, most, "m", "antenna to starboard of midship", **aboard),
@@ -31,4 +31,5 @@ class AntennaOffset(Effect):
 
     def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         north, east = body_to_earth(e.x + e.alone_x, e.y + e.alone_y, flow.psi)
+        # velocity of the point: v + r x (x, y), the true rate of turn; ``alone`` leaves it to the ship's own log
         return [y[0] + north, y[1] + east, y[2], y[3] - flow.r * e.y, y[4] + flow.r * e.x, y[5]]

@@ -34,7 +34,8 @@ class Bank(Effect):
         )
 
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
+        # distance from midship to the line, positive on the water's side of it
         away = e.distance - flow.x * ca.cos(e.bearing) - flow.y * ca.sin(e.bearing)
-        weight = 0.5 * (1 - ca.tanh(0.5 * away / e.decay))
+        weight = 0.5 * (1 - ca.tanh(0.5 * away / e.decay))  # 1 / (1 + exp(e / decay)), which does not overflow
         unit = 0.5 * at.p.rho * at.p.L * at.p.d * flow.u**2 * weight * ca.sin(e.bearing - flow.psi)
         return {**parts, "bank": Force(0.0, e.suction * unit, -e.moment * at.p.L * unit)}

@@ -28,12 +28,13 @@ class ControlDelay(Effect):
         return (Parameter("tau", 0.0, 0.4 * k, 0.0, 5.0 * k, "s", "time by which rudder and revolutions act late"),)
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
+        # typical revolutions: those of a propeller of 3 % of the length at Froude number 0.1 and J = 1
         k, size = time_scale(p.L), 0.1 * reference_speed(p.L) / (0.03 * p.L)
         flow = flow.actuated(RUDDERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, k, 0.3))
         return flow.actuated(PROPELLERS, lambda name, x: delayed(memory, f"control_delay.{name}", x, e.tau, k, size))
 
     def acted(self, record: np.ndarray, step: float, time: float) -> np.ndarray:
-        at = np.clip(np.arange(len(record)) - time / step, 0.0, len(record) - 1.0)
+        at = np.clip(np.arange(len(record)) - time / step, 0.0, len(record) - 1.0)  # place in the record, in parts
         low = np.minimum(at.astype(int), len(record) - 2)
         share = (at - low).reshape(-1, *(1,) * (record.ndim - 1))
         return (1 - share) * record[low] + share * record[low + 1]

@@ -67,11 +67,8 @@ class Parameter:
         )
 
 
-Columns = list[Any]
-"""The columns x, y, psi, u, v, r, as expressions or as samples (N,) each."""
-
-Parts = dict[str, Force]
-"""Forces by role of the ship, and by name of the effect that adds one."""
+Columns = list[Any]  # The columns x, y, psi, u, v, r, as expressions or as samples (N,) each
+Parts = dict[str, Force]  # Forces by role of the ship, and by name of the effect that adds one
 
 
 @dataclass(frozen=True)
@@ -92,17 +89,16 @@ class Effect(ABC):
     """An effect that enters nowhere: the base of all others."""
 
     name: str = ""
-    enters: str = ""
-    """Where it enters: "inflow", "force", "inertia", "actuator path" or "measurement", in words."""
-    needs_time: bool = False
-    needs: tuple[str, ...] = ()
-    """Roles that the ship must have."""
-    surroundings: bool = False
-    """Whether it belongs to a place or a day, not to the ship."""
+    enters: str = ""  # where: "inflow", "force", "inertia", "actuator path" or "measurement", in words
+    needs_time: bool = False  # whether it changes with the time [s] since the start of a run
+    needs: tuple[str, ...] = ()  # roles that the ship must have
+    surroundings: bool = False  # whether it belongs to a place or a day, not to the ship
+    # Standard uncertainty of its sizes, as a share of them, since its formula is one of several that are possible:
+    # beside what the trials leave open. No published value: chosen by the misses of ``benchmarks.blind`` on development
+    # seeds, whose generator has shapes of its own, so that its coverage is no test of them.
     form_error: float = 0.0
-    """Standard uncertainty of its sizes, as a share of them, since its formula is one of several that are possible:
-    beside what the trials leave open. No published value: chosen by the misses of ``benchmarks.blind`` on development
-    seeds, whose generator has shapes of its own, so that its coverage is no test of them."""
+    moves: tuple[str, ...] = ()  # inputs that ``acted`` moves: of an effect of one parameter, a time
+    acts_before: bool = False  # whether a negative time has a meaning: inputs that act before they are logged
 
     @property
     def summary(self) -> str:
@@ -145,11 +141,6 @@ class Effect(ABC):
     def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         """The columns as logged, from the true ones (or those of an earlier effect)."""
         return y
-
-    moves: tuple[str, ...] = ()
-    """Inputs that it moves by ``acted``: an effect of one parameter, a time, that acts on records alone."""
-    acts_before: bool = False
-    """Whether a negative time has a meaning: inputs that act before they are logged."""
 
     def acted(self, record: np.ndarray, step: float, time: float) -> np.ndarray:
         """Records of the inputs ``moves`` as they act, exactly: in place of ``actuators``, which a fit needs.

@@ -24,6 +24,7 @@ class Fouling(Effect):
 
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         hull = module("hull", at.components["hull"])
+        # straight motion at the same u; delta counts in hulls that hold the rudder, such as Abkowitz's
         resistance = hull.force(flow.with_(v=0.0, r=0.0, delta=0.0), at.p, at.c, at.s).X
         old = parts["hull"]
         return {**parts, "hull": Force(old.X + e.share * resistance, old.Y, old.N)}

@@ -37,6 +37,7 @@ class GnssDelay(Effect):
         )
 
     def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
+        # time constant of the all-pass: sqrt(delay^2 + that of an explicit integrator ^2), as in ``delayed``
         least = ca.sqrt(e.tau**2 + (e.alone + e.finished) ** 2 + time_scale(p.L) ** 2)
         behind, (north, east) = less_low_pass(y, memory, self.name, 0.5 * least, p, y[2])
         u, v = (component - 2 * e.tau / least * part for component, part in zip(y[3:5], behind, strict=True))
@@ -44,7 +45,7 @@ class GnssDelay(Effect):
             delayed(memory, f"{self.name}.{axis}", value, e.finished, time_scale(p.L), 0.1 * reference_speed(p.L))
             for axis, value in (("u", u), ("v", v))
         )
-        late = e.tau + e.alone + e.finished
+        late = e.tau + e.alone + e.finished  # position - late * low-passed velocity is the all-pass of the position
         return [y[0] - late * north, y[1] - late * east, y[2], u, v, y[5]]
 
     def samples(self, t: np.ndarray, y: Columns, flow: Flow, e: SimpleNamespace, p: SimpleNamespace) -> Columns:

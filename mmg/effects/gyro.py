@@ -33,6 +33,7 @@ class Gyro(Effect):
         return [*y[:5], low_passed_samples(t, y[5], e.T) * (1 + e.share)]
 
     def corrected(self, t: np.ndarray, y: Columns, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
+        # the lag undone: T r' + r, with the slope over 1.5 s of a 3 m model so that noise is not differentiated
         return [*y[:5], (y[5] + e.T * slope(t, y[5], 1.5 * time_scale(p.L))) / (1 + e.share)]
 
 
@@ -44,7 +45,7 @@ def slope(t: np.ndarray, x: np.ndarray, width: float) -> np.ndarray:
     def summed(values: np.ndarray) -> np.ndarray:
         return np.convolve(values, kernel, mode="same")
 
-    s = t - t[0]
+    s = t - t[0]  # small numbers: sums of squares of a clock since 1970 would cancel
     count, st, sx = summed(np.ones(len(t))), summed(s), summed(x)
     return (summed(s * x) - st * sx / count) / (summed(s * s) - st**2 / count)
 
@@ -52,7 +53,7 @@ def slope(t: np.ndarray, x: np.ndarray, width: float) -> np.ndarray:
 def low_passed_samples(t: np.ndarray, x: np.ndarray, T: float) -> np.ndarray:
     """Samples x (N,) at t (N,) [s] after a first-order lag of T [s]: (N,), exact for x linear between samples, settled
     at the start."""
-    if T == 0:
+    if T == 0:  # to the last bit what it was
         return x
     out = x.astype(float).copy()
     for k, h in enumerate(np.diff(t)):

@@ -26,5 +26,5 @@ class HeadingBias(Effect):
         )
 
     def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
-        u, v = earth_to_body(y[3], y[4], e.psi)
+        u, v = earth_to_body(y[3], y[4], e.psi)  # body axes turned by psi: the same rotation as from earth to body
         return [y[0], y[1], y[2] + e.psi + e.alone, u, v, y[5]]

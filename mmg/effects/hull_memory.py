@@ -25,7 +25,7 @@ class HullMemory(Effect):
 
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         k = time_scale(at.p.L)
-        size = 0.5 * at.p.rho * at.p.L * at.p.d * 1e-3 * GRAVITY * at.p.L
+        size = 0.5 * at.p.rho * at.p.L * at.p.d * 1e-3 * GRAVITY * at.p.L  # U^2 of Froude number 0.03, primes of 1
         old = parts["hull"]
         Y = lagged(at.memory, "hull_memory.Y", old.Y, e.T, 0.5 * k, size)
         N = lagged(at.memory, "hull_memory.N", old.N, e.T, 0.5 * k, 0.3 * size * at.p.L)

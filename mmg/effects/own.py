@@ -35,6 +35,7 @@ class OwnEffect(Own, Effect):
 
     def __init__(self, function: Callable[..., Any], **stated: Any) -> None:
         super().__init__(function, **stated)
+        # on the instance, where it stands before the hook of the class
         setattr(self, HOOKS[self.enters], self._forces if self.enters == "force" else function)
 
     @property
@@ -54,5 +55,5 @@ class OwnEffect(Own, Effect):
 
     def _forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         """The forces by role, as the function changed them or with what it adds."""
-        made = self.function(parts, flow, e, at)
-        return made if isinstance(made, dict) else {**parts, self.name: as_force(made, f"effect {self.name}")}
+        result = self.function(parts, flow, e, at)
+        return result if isinstance(result, dict) else {**parts, self.name: as_force(result, f"effect {self.name}")}

@@ -28,7 +28,9 @@ class RudderBacklash(Effect):
         return (Parameter("b", 0.0, 0.05, 0.0, 0.5, "rad", "half of the dead band between logged and real rudder"),)
 
     def actuators(self, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Flow:
-        time = 0.5 * time_scale(p.L)
+        time = 0.5 * time_scale(
+            p.L
+        )  # in which the remembered position follows, as the least time constant of ``rudder_lag``
         return flow.actuated(
             RUDDERS, lambda name, x: played(memory, f"rudder_backlash.{name}", x, e.b, time, SOFTEST, 0.3)
         )

@@ -31,6 +31,7 @@ class RudderLag(Effect):
     def acted(self, record: np.ndarray, step: float, time: float) -> np.ndarray:
         from scipy.linalg import solve_banded  # slow to import, and only a diagnosis needs it
 
+        # position at the end of each part, e_k = decay e_(k-1) + (1 - decay) record_k: a bidiagonal system
         decay = np.exp(-step / time)
         bands = np.ones((2, len(record)))
         bands[1] = -decay
@@ -38,4 +39,4 @@ class RudderLag(Effect):
         driven[0] = record[0]  # settled
         ends = solve_banded((1, 0), bands, driven.reshape(len(record), -1), check_finite=False).reshape(record.shape)
         starts = np.concatenate([record[:1], ends[:-1]])
-        return record + (starts - record) * (time / step) * (1 - decay)
+        return record + (starts - record) * (time / step) * (1 - decay)  # mean over the part of an exponential

@@ -32,6 +32,7 @@ class RudderStall(Effect):
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         X, Y, N = parts["rudder"].X, parts["rudder"].Y, parts["rudder"].N
         for blade in parts["rudder"].blades:
+            # sin^2: the same for water from either side and from behind
             lost = e.loss * 0.5 * (1 + ca.tanh((blade.sin2_alpha - ca.sin(e.alpha_s) ** 2) / e.width))
             X, Y, N = X - lost * blade.X, Y - lost * blade.Y, N - lost * blade.N
         return {**parts, "rudder": Force(X, Y, N)}

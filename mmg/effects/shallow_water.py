@@ -53,6 +53,7 @@ class ShallowWater(Effect):
 
     def inertia(self, inertia: Inertia, flow: Flow, e: SimpleNamespace, p: SimpleNamespace, s: Smoothing) -> Inertia:
         g = growth(flow, e)
+        # I_z of the ship herself about midship, radius of gyration L / 4: what remains is the added inertia J_z
         hull = 0.0625 * p.L**2 * p.m + p.x_G**2 * p.m
         return replace(
             inertia,

@@ -16,7 +16,7 @@ class Tow(Effect):
     surroundings = True
 
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
-        force = 0.05 * force_scale(p.L)
+        force = 0.05 * force_scale(p.L)  # 0.05 N at 3 m: a size that shows in a trial
         moment = force * p.L / 3
         return (
             Parameter("X", 0.0, force, -500 * force, 500 * force, "N", "constant force ahead"),

@@ -38,6 +38,7 @@ class VelocityFilter(Effect):
     def columns(self, y: Columns, flow: Flow, memory: Memory, e: SimpleNamespace, p: SimpleNamespace) -> Columns:
         order = 2 - e.body_axes  # the lag of an all-pass is twice its time constant, that of a low pass is its own
         time = ca.sqrt((e.tau / order) ** 2 + (0.5 * time_scale(p.L)) ** 2)
+        # heading 0 where body_axes is 1: the low pass turns with the ship
         behind, _ = less_low_pass(y, memory, self.name, time, p, (1 - e.body_axes) * y[2])
         u, v = (component - e.tau / time * part for component, part in zip(y[3:5], behind, strict=True))
         return [y[0], y[1], y[2], u, v, y[5]]

@@ -37,6 +37,7 @@ class WindForce(Effect):
         model = "the ship's wind model" if neutral else "Fujiwara's wind force"
         return tuple(
             Parameter(axis, neutral, 0.25, -2.0, 6.0, "", f"factor on {model}, {words}", least=least)
+            # X and Y never point against the wind; N, by a small lever, may have either sign
             for axis, words, least in (("X", "surge", 0.0), ("Y", "sway", 0.0), ("N", "yaw", -math.inf))
         )
 

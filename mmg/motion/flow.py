@@ -30,16 +30,13 @@ INPUTS = {
     "azimuth_4": ("direction into which the fourth azimuth thruster pushes, clockwise from ahead", "rad"),
 }
 
+RUDDERS, PROPELLERS = ("delta", "delta_port", "delta_starboard"), ("n", "n_2")  # among them
 PODS = 4  # Most azimuth thrusters of a ship. Set by hand: names of inputs are made for so many.
 
 
 def pods(particulars: Mapping[str, float]) -> tuple[str, ...]:
     """Endings of particulars and inputs of the pods after the first, such as "_2". particulars: symbol -> SI value."""
     return tuple(f"_{i}" for i in range(2, PODS + 1) if f"x_az_{i}" in particulars)
-
-
-RUDDERS, PROPELLERS = ("delta", "delta_port", "delta_starboard"), ("n", "n_2")
-"""Rudders and propellers among them."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +82,7 @@ class Force:
     blades: tuple[Blade, ...] = ()
 
     def __add__(self, other: Force) -> Force:
+        # a sum has no slipstream and no blades: only the parts of a ship have
         return Force(self.X + other.X, self.Y + other.Y, self.N + other.N)
 
 

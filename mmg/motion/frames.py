@@ -53,13 +53,13 @@ def apparent_wind(wind_speed: Any, wind_direction: Any, psi: Any, u: Any, v: Any
     wind_speed [m/s], wind_direction [rad]; psi: heading [rad].
     """
     a_x, a_y = relative_air(*wind_vector(wind_speed, wind_direction), psi, u, v)
-    return np.hypot(a_x, a_y), np.mod(np.arctan2(-a_y, -a_x), 2 * np.pi)
+    return np.hypot(a_x, a_y), np.mod(np.arctan2(-a_y, -a_x), 2 * np.pi)  # minus: coming from
 
 
 def true_wind(apparent_speed: Any, apparent_direction: Any, psi: Any, u: Any, v: Any) -> tuple[Any, Any]:
     """True wind speed [m/s] and coming-from direction [rad in 0..2 pi] from the apparent one. apparent_speed [m/s],
     apparent_direction and heading psi [rad]; u, v: over ground [m/s]."""
-    a_x, a_y = wind_vector(apparent_speed, apparent_direction)
+    a_x, a_y = wind_vector(apparent_speed, apparent_direction)  # in body axes, as its direction is from the bow
     north, east = body_to_earth(a_x + u, a_y + v, psi)
     return np.hypot(north, east), np.mod(np.arctan2(-east, -north), 2 * np.pi)
 
@@ -71,4 +71,4 @@ def drift_angle(u: Any, v: Any, s: Smoothing) -> Any:
     and centre line, so that -v = U sin(beta) holds on either side of u = 0 (own continuation, not published).
     Smooth: |u| is held above the speed width, at u = 1 m/s of a 7 m model beta is 1e-4 of itself too small.
     """
-    return ca.atan2(-v, s.magnitude(u, s.speed))
+    return ca.atan2(-v, s.magnitude(u, s.speed))  # its second argument is never 0: no jump and no slope without bound

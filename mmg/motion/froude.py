@@ -10,9 +10,8 @@ import math
 
 import numpy as np
 
-GRAVITY = 9.80665  # m/s^2 (standard). Standard acceleration of free fall (CGPM 1901).
-
-# m; constants of this product that depend on the size of a ship are written for a model of this length.
+GRAVITY = 9.80665  # Standard acceleration of free fall [m/s^2] (CGPM 1901).
+# Length [m] of the model for which constants that depend on the size of a ship are written.
 MODEL_LENGTH = 3.0  # set by hand: that of the Esso Osaka model whose trials were the first
 
 

@@ -50,7 +50,7 @@ def lagged(memory: Memory, name: str, x: Any, T: Any, least: float, size: float)
     T and no time constant is shorter than ``least`` [s], which an explicit integrator needs.
     memory, name, size: of the state.
     """
-    tau = ca.sqrt(T * T + least * least)
+    tau = ca.sqrt(T * T + least * least)  # never shorter, and with a slope of 0 in T at T = 0
     return x - T / tau * (x - memory.low_pass(name, x, tau, size))
 
 
@@ -61,13 +61,14 @@ def delayed(memory: Memory, name: str, x: Any, T: Any, least: float, size: float
     memory, name, size: of the state; least: as there [s].
     """
     tau = ca.sqrt(T * T + least * least)
+    # x - 2 (x - x_lp) is (1 - tau s / 2) / (1 + tau s / 2) x for the low pass of tau / 2
     return x - 2 * T / tau * (x - memory.low_pass(name, x, 0.5 * tau, size))
 
 
+# Doublings of the power q = 2^k of the clip x b / (|x|^q + b^q)^(1/q), 16 and 32: of a play, and of what draws the
+# remembered position along. Set by hand; the second must be sharper, or the remembered position would creep back inside
+# the play.
 SHARP, SHARPER = 4, 5
-"""Doublings of the power q = 2^k of the clip x b / (|x|^q + b^q)^(1/q), 16 and 32: of a play, and of what draws the
-remembered position along. Set by hand; the second must be sharper, or the remembered position would creep back inside
-the play."""
 
 
 def clip(x: Any, b: Any, softest: float, doublings: int = SHARP) -> Any:

@@ -19,7 +19,7 @@ from mmg.motion.froude import time_scale
 class Exact:
     """Branches as published: the reference against which the smooth model is tested."""
 
-    speed: float = 1e-12
+    speed: float = 1e-12  # [m/s] does not show; not 0, so that no root of a sum of squares with it is
 
     def absolute(self, x: Any, width: float) -> Any:
         """|x|, zero at zero."""
@@ -54,6 +54,7 @@ class Exact:
 
     def divide(self, x: Any, positive: Any, width: float) -> Any:
         """x / positive, zero where the denominator is zero."""
+        # CasADi evaluates both branches: without the fmax the other one would be no number
         return ca.if_else(positive > 0, x / ca.fmax(positive, 1e-300), 0.0)
 
     def angle(self, x: Any, y: Any, width: float) -> Any:
@@ -73,7 +74,7 @@ class Smooth:
         return cls(0.01 * time_scale(length))
 
     def absolute(self, x: Any, width: float) -> Any:
-        return x * x / ca.sqrt(x * x + width * width)
+        return x * x / ca.sqrt(x * x + width * width)  # exactly 0 at 0, as sqrt(x^2 + width^2) is not
 
     def magnitude(self, x: Any, width: float) -> Any:
         return ca.sqrt(x * x + width * width)
@@ -95,13 +96,13 @@ class Smooth:
         return ca.sqrt(x + width * width)
 
     def signed_root(self, x: Any, width: float) -> Any:
-        return x / ca.sqrt(ca.sqrt(x * x + width**4))
+        return x / ca.sqrt(ca.sqrt(x * x + width**4))  # width: of the root, so x is of the order of its square
 
     def divide(self, x: Any, positive: Any, width: float) -> Any:
         return x / ca.sqrt(positive * positive + width * width)
 
     def angle(self, x: Any, y: Any, width: float) -> Any:
-        return ca.atan2(ca.sqrt(y * y + width * width), x)
+        return ca.atan2(ca.sqrt(y * y + width * width), x)  # the first argument is never 0: smooth at rest and astern
 
 
 Smoothing = Exact | Smooth

@@ -12,18 +12,9 @@ from mmg.ship import Ship
 from tests.architecture.source import ROOT
 
 PATHS = (
-    "../../evil",
-    "/etc/evil",
-    "a/b",
-    "a\\b",
-    "C:evil",
-    "..",
-    ".",
-    "evil\n",
-    "\x1b[2Jevil",
-    "\u202eevil",
+    "../../evil", "/etc/evil", "a/b", "a\\b", "C:evil", "..", ".", "evil\n", "\x1b[2Jevil", "\u202eevil",
     "é" * LONGEST_NAME,
-)
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("name", PATHS)

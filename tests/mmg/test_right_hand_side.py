@@ -50,6 +50,13 @@ def test_many_points_are_single_points_side_by_side() -> None:
     np.testing.assert_allclose(found, np.transpose(each), rtol=1e-12)
 
 
+def test_six_numbers_are_the_motion_itself_whatever_instruments_make_of_it() -> None:
+    """Also of a ship whose effects remember something: no logged columns, from which the motion is another."""
+    plain = SHIP.with_effect("heading_bias", {"psi": 0.3})
+    remembering = plain.with_effect("hull_memory", {"T": 0.0})
+    np.testing.assert_allclose(remembering.rhs(Z, ORDERS)[:6], plain.rhs(Z, ORDERS), rtol=1e-12)
+
+
 def test_forces_are_by_component_and_a_ship_at_rest_stays() -> None:
     forces = SHIP.rhs.forces(Z, ORDERS)
     assert list(forces.index) == list(SHIP.components) and list(forces.columns) == ["X [N]", "Y [N]", "N [N m]"]

@@ -25,7 +25,7 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
     particulars."""
     k = time_scale(p.L)
     swift = getattr(p, "rudder_rate", math.radians(20.0) / k)
-    turns, time = 20.0 / k**2, 0.4 * k
+    turns, time = 20.0 / k**2, 0.4 * k  # revolutions go with 1 / sqrt(L), their rates with 1 / L
     return table(
         "20 deg/s and 20 rps/s of 3 m models by Froude's law",
         ("K_delta", swift, 0.2 * swift, 0.05 * swift, 5 * swift, "rad/s", "greatest rate of the rudder"),
@@ -38,6 +38,6 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 def actuators(flow: Flow, memory: Memory, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Flow:
     """Positions of rudders and propellers whose orders the flow holds. memory takes their states; p, c, s: as in
     mmg/motion/flow.py."""
-    size = 10.0 / time_scale(p.L)
+    size = 10.0 / time_scale(p.L)  # of the state: 10 rev/s of a 3 m model; of a rudder 0.3 rad
     flow = flow.actuated(RUDDERS, lambda name, order: rate_limited(memory, name, order, c.K_delta, c.T_delta, 0.3))
     return flow.actuated(PROPELLERS, lambda name, order: rate_limited(memory, name, order, c.K_n, c.T_n, size))

@@ -8,7 +8,6 @@ even (stays) or odd (changes its sign): u, revolutions, cosines are even, v, r, 
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -44,16 +43,6 @@ class ExpansionVariable:
     angle: str = ""
     part: str = ""
 
-    @property
-    def cosine(self) -> bool:
-        """Whether it is a cosine of an angle."""
-        return self.part.endswith("cos")
-
-    @property
-    def sine(self) -> bool:
-        """Whether it is a sine of an angle."""
-        return self.part.endswith("sin")
-
 
 def parse_devices(text: str) -> tuple[Device, ...]:
     """The list of actuators in ``text``, such as "n, delta_starboard+delta_port".
@@ -61,8 +50,7 @@ def parse_devices(text: str) -> tuple[Device, ...]:
     Raises UserError for a name that is no actuator, one that is given twice, and partners of different kinds.
     """
     devices = [Device(tuple(name.strip() for name in item.split("+"))) for item in text.split(",") if item.strip()]
-    names = [name for device in devices for name in device.names]
-    text, given = _shown(text), Counter(names)
+    text, given = _shown(text), Counter(name for device in devices for name in device.names)
     for name in given:
         if name not in INPUTS or name == "pitch":
             raise UnknownName(
@@ -96,6 +84,7 @@ def devices_of(inputs: Sequence[str], particulars: Mapping[str, float]) -> tuple
     devices: list[Device] = []
     while remaining:
         name = remaining.pop(0)
+        # of MIRRORED the propellers alone: rudders stay single
         partner = MIRRORED.get(name) if name == "n" else _mirrored_pod(name, remaining, particulars)
         if partner in remaining:
             remaining.remove(str(partner))
@@ -120,11 +109,7 @@ def without_partner(devices: Sequence[Device], particulars: Mapping[str, float])
 
 def variables(devices: Sequence[Device]) -> tuple[ExpansionVariable, ...]:
     """The variables of an expansion: motion, then those of each of the ``devices``; even before odd ones."""
-    expansion_variables = [
-        ExpansionVariable(Word("u"), False),
-        ExpansionVariable(Word("v"), True),
-        ExpansionVariable(Word("r"), True),
-    ]
+    expansion_variables = [ExpansionVariable(Word(name), name != "u") for name in ("u", "v", "r")]
     for device in devices:
         several = [_single(name) for name in device.names]
         if len(several) == 1:
@@ -134,6 +119,7 @@ def variables(devices: Sequence[Device]) -> tuple[ExpansionVariable, ...]:
             words = (one.word, other.word)
             expansion_variables.append(ExpansionVariable(Word("mean", words), one.odd, one.angle, one.part))
             half = f"half {one.part}" if one.part else ""
+            # reflection exchanges the two sides: the mean keeps the parity of one, the half difference changes it
             expansion_variables.append(ExpansionVariable(Word("half", words), not one.odd, one.angle, half))
     return tuple(sorted(expansion_variables, key=lambda variable: variable.odd))
 
@@ -157,7 +143,7 @@ def _is_pod(name: str) -> bool:
 
 def _pod_place(name: str, particulars: Mapping[str, float]) -> tuple[float, float]:
     """(x, y) [m] of a pod; y is 0 for the first and 1 for a later one where it is not known."""
-    suffix = re.sub(r"^azimuth", "", name)
+    suffix = name.removeprefix("azimuth")
     return particulars.get(f"x_az{suffix}", 0.0), particulars.get(f"y_az{suffix}", 1.0 if suffix else 0.0)
 
 

@@ -48,8 +48,8 @@ def series_force(
 
     hard: conditions are switched at once instead of blended; flow, p, c, s: as in mmg/motion/flow.py.
     """
-    switch: Smoothing = Exact() if hard else s
-    cache: dict[Any, Any] = {}
+    switch: Smoothing = Exact() if hard else s  # of conditions alone: moduli are smooth in either model
+    cache: dict[Any, Any] = {}  # hundreds of terms share a few dozen factors
     flow, total = _within(flow, p, s)
     for symbol, text in monomials.items():
         term = parse_monomial(text)
@@ -68,7 +68,7 @@ def _within(flow: Flow, p: SimpleNamespace, s: Smoothing) -> tuple[Flow, dict[st
             continue
         scale = speed_scale(p.L) / (p.L if name == "r" else 1.0)
         x, lowest, highest = getattr(flow, name) / scale, -getattr(p, low) / scale, getattr(p, high) / scale
-        beyond = s.positive(x - highest, WIDTH) - s.positive(lowest - x, WIDTH)
+        beyond = s.positive(x - highest, WIDTH) - s.positive(lowest - x, WIDTH)  # 0 inside, signed outside
         inside[name] = scale * (x - beyond)
         damping[force] = -DAMPING[name] * beyond
     return flow.with_(**inside), damping
@@ -89,7 +89,7 @@ def variable(word: Word, flow: Flow, L: float) -> Any:
         return math.prod(x[1:], start=x[0])
     if word.name in ("mean", "half"):
         return 0.5 * (x[0] + x[1]) if word.name == "mean" else 0.5 * (x[0] - x[1])
-    thrust = x[0] * ca.sqrt(x[0] * x[0] + WIDTH**2)
+    thrust = x[0] * ca.sqrt(x[0] * x[0] + WIDTH**2)  # n |n|, smooth at n = 0
     return thrust if word.name == "thrust" else thrust * (ca.cos(x[1]) if word.name == "push" else ca.sin(x[1]))
 
 
@@ -112,14 +112,16 @@ def _product(
 
 def _weight(condition: Word, flow: Flow, p: SimpleNamespace, s: Smoothing) -> Any:
     """Where a condition holds: 1, elsewhere 0."""
-    scaled = [variable(part, flow, p.L) for part in condition.parts]
+    scaled = [variable(part, flow, p.L) for part in condition.parts]  # angles have the scale 1
     if condition.name in ("ahead", "astern"):
         u = flow.u / speed_scale(p.L)
+        # u = 0 counts as ahead where conditions switch; a blend is half there
         ahead = s.step_or_zero(u, WIDTH) if isinstance(s, Exact) else s.step(u, WIDTH)
         return ahead if condition.name == "ahead" else 1 - ahead
     if condition.name in ("driving", "reversing"):
         driving = s.step_or_zero(sum(scaled) / len(scaled), WIDTH)
         return driving if condition.name == "driving" else 1 - driving
     limit = getattr(p, "delta_stall", STALL)
+    # several rudders: attached where all of them are
     attached = math.prod((s.step(limit - s.magnitude(x, WIDTH), 2 * WIDTH) for x in scaled), start=1.0)
     return attached if condition.name == "attached" else 1 - attached

@@ -8,22 +8,12 @@ a 3 m model. Miyauchi et al. (2023), Abkowitz-MMG hybrid model, made dimensionle
 Worth: as good as the trials that it was fitted to, and no better beyond them: it holds no hydrodynamics.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping
-from types import SimpleNamespace
+from functools import partial
 
 from mmg.components.coefficients import Coefficient
 from mmg.components.expansion.series import series_force
-from mmg.motion.flow import Flow, Force
-from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho")
-COEFFICIENTS: tuple[Coefficient, ...] = ()
+COEFFICIENTS: tuple[Coefficient, ...] = ()  # each ship has her own
 
-
-def force(
-    flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing, monomials: Mapping[str, str] | None = None
-) -> Force:
-    """Sum of the terms [N, N, N m]. flow, p, c, s: as in mmg/motion/flow.py; monomials: by symbol of coefficient."""
-    return series_force(flow, p, c, s, monomials or {}, hard=False)
+force = partial(series_force, hard=False)

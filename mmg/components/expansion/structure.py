@@ -5,8 +5,14 @@ Monomials of all variables up to an order (Taylor's series about rest, without i
  B  duplicates: what sin^2 + cos^2 = 1 makes of others is left out (DUPLICATES)
  C  modulus: squares become moduli (MODULI)
 and the whole set once for each sub-model (SUBMODELS). Miyauchi et al. (2023), section 2.2. The lists of the paper are
-not known to us term by term; the rule "paper" is one that gives its counts, 60 at second and 200 at third order of each
+not known term by term; the rule "paper" is one that gives its counts, 60 at second and 200 at third order of each
 sub-model of a ship with one propeller and two rudders.
+
+Or terms of units, a propeller with the rudder in its race, each of which adds a force of its own: no term multiplies
+actuators of two units, as in the MMG model. A term is a product of motions by one of the actions of a unit; of two
+units that mirror each other the mean or the half difference of the action, so that both share a coefficient. Beside
+them stand the terms of the hull alone. The actions are those of thrust and of a rudder in a race: n, n |n| by 1, cos,
+sin, sin cos, sin^2 of the angle.
 """
 
 from __future__ import annotations
@@ -19,8 +25,7 @@ from dataclasses import dataclass
 
 from mmg.components.coefficients import Coefficient
 from mmg.components.expansion.actuators import Device, ExpansionVariable, variables
-from mmg.components.expansion.units import unit_monomials, units_of
-from mmg.components.expansion.words import Monomial, Word
+from mmg.components.expansion.words import Monomial, Word, parse_monomial
 from mmg.errors import OutOfRange, UnknownName, Unsupported
 
 # paper: no squared cosine or sine, but in Y and N products of sines alone; identity: only what the identity of sine and
@@ -40,6 +45,18 @@ MOST = 20000  # Most monomials of one force before the rules: a structure of mor
 SIZES = {"X": (0.1, 0.03), "Y": (0.3, 0.05), "N": (0.1, 0.03)}
 SOURCE = "generated term, prior about 0 by the usual size of such forces"
 _WORDS = {"X": "surge force", "Y": "sway force", "N": "yaw moment"}
+
+# Of units: products of motions up to third degree, cross-flow drag among them.
+HULL = (
+    "u", "v", "r", "u |u|", "u u", "u v", "u r", "|u| v", "|u| r", "v |v|", "v |r|", "r |v|", "r |r|", "v v", "v r",
+    "r r", "u v v", "u v r", "u r r", "u u u", "v v v", "v v r", "v r r", "r r r", "u v |v|", "u v |r|",
+)  # fmt: skip
+_SCREWS = (("", 0), ("n", 1), ("thrust", 2))  # actions of a propeller with their degrees: none, n, n |n|
+_ANGLES = ((), ("cos",), ("sin",), ("sin", "cos"), ("sin", "sin"))  # and of the rudder in its race
+_STEADYING = (("X", "u"), ("Y", "v"), ("N", "r"))  # Force and motion of the terms that are a resistance
+
+Unit = tuple[str, str]  # Revolutions and angle of a propeller and its rudder, "" for none
+Powers = tuple[tuple[ExpansionVariable, int], ...]  # A monomial as variables with their powers
 
 
 @dataclass(frozen=True)
@@ -65,9 +82,9 @@ class Structure:
                 raise UnknownName(f"'{word}': known are {', '.join(choices)}")
         if self.order < 1:
             raise OutOfRange(f"order {self.order}: must be at least 1")
-        regimes(self)
+        regimes(self)  # for its errors
         count = len(variables(self.devices))
-        terms = math.comb(count + self.order, self.order) - 1
+        terms = math.comb(count + self.order, self.order) - 1  # monomials up to that degree but for the constant
         if terms > MOST:
             many = str(terms) if terms < 1e9 else f"{terms:.1e}"
             raise OutOfRange(
@@ -113,10 +130,6 @@ def regimes(structure: Structure) -> tuple[tuple[Word, ...], ...]:
     return ((),) if structure.submodels == "SM-1" else ((ahead,), (astern,))
 
 
-Powers = tuple[tuple[ExpansionVariable, int], ...]
-"""A monomial as variables with their powers."""
-
-
 def monomials(structure: Structure, force: str) -> tuple[Powers, ...]:
     """The monomials of ``force`` ("X", "Y" or "N") in one sub-model of a ``structure``, by order."""
     several = variables(structure.devices)
@@ -129,6 +142,7 @@ def monomials(structure: Structure, force: str) -> tuple[Powers, ...]:
             if not _duplicate(powers, force, structure.duplicates):
                 products.append(powers)
     if structure.moduli == "full" and structure.order == 2 and force != "X":
+        # of third degree: ``_factors`` makes the moduli of cross-flow drag of them, as at higher orders
         drifting = [x for x in several if x.word.name in ("v", "r")]
         products += [tuple(Counter(cubic).items()) for cubic in itertools.combinations_with_replacement(drifting, 3)]
     return tuple(products)
@@ -147,12 +161,8 @@ def terms(structure: Structure) -> tuple[Coefficient, ...]:
         for force in "XYN":
             for powers in monomials(structure, force):
                 text = Monomial(conditions, _factors(powers, structure.moduli))
-                std = SIZES[force][not any(x.word.name in ("v", "r") for x, _ in powers)]
-                lower, upper = _bounds(force, powers, 10 * std)
-                rows.append(Coefficient(
-                    f"{force}_{text.short}_{number}", 0.0, std, lower, upper, source=SOURCE, monomial=str(text),
-                    description=f"{_WORDS[force]}, generated term",
-                ))  # fmt: skip
+                std = _std(force, [x.word for x, _ in powers])
+                rows.append(_term(force, text, number, std, _bounds(force, powers, 10 * std)))
     return tuple(rows)
 
 
@@ -161,14 +171,21 @@ def _terms_of_units(structure: Structure) -> tuple[Coefficient, ...]:
     rows = []
     for force in "XYN":
         for text in unit_monomials(units_of(structure.devices), structure.order, force):
-            std = SIZES[force][not any(word.name in ("v", "r") for word, _ in text.factors)]
+            std = _std(force, [word for word, _ in text.factors])
             plain = len(text.factors) == 1 and text.factors[0][0].name
-            upper = 0.0 if (force, plain) in (("X", "u"), ("Y", "v"), ("N", "r")) else 10 * std
-            rows.append(Coefficient(
-                f"{force}_{text.short}_1", 0.0, std, -10 * std, upper, source=SOURCE, monomial=str(text),
-                description=f"{_WORDS[force]}, generated term",
-            ))  # fmt: skip
+            upper = 0.0 if (force, plain) in _STEADYING else 10 * std
+            rows.append(_term(force, text, 1, std, (-10 * std, upper)))
     return tuple(rows)
+
+
+def _std(force: str, words: Sequence[Word]) -> float:
+    return SIZES[force][not any(word.name in ("v", "r") for word in words)]
+
+
+def _term(force: str, text: Monomial, number: int, std: float, bounds: tuple[float, float]) -> Coefficient:
+    """The coefficient of a term of sub-model ``number``, its prior about 0."""
+    symbol, words = f"{force}_{text.short}_{number}", f"{_WORDS[force]}, generated term"
+    return Coefficient(symbol, 0.0, std, *bounds, source=SOURCE, description=words, monomial=str(text))
 
 
 def term_list(rows: Sequence[Coefficient]) -> str:
@@ -188,10 +205,11 @@ def _duplicate(powers: Powers, force: str, rule: str) -> bool:
     paired = any(x.part.startswith("half") for x, _ in powers) or any(x.word.name == "mean" for x, _ in powers)
     if rule == "identity" or paired:
         return _follows_from_identity(powers)
-    if any(x.cosine and k >= 2 for x, k in powers):
+    if any(x.part == "cos" and k >= 2 for x, k in powers):
         return True
-    sines_alone = force != "X" and all(x.sine for x, _ in powers)
-    return not sines_alone and any(x.sine and k >= 2 for x, k in powers)
+    # products of sines alone stay in Y and N: with them the counts are those of the paper at third order too
+    sines_alone = force != "X" and all(x.part == "sin" for x, _ in powers)
+    return not sines_alone and any(x.part == "sin" and k >= 2 for x, k in powers)
 
 
 def _follows_from_identity(powers: Powers) -> bool:
@@ -206,14 +224,14 @@ def _follows_from_identity(powers: Powers) -> bool:
             by_angle.setdefault(x.angle, {})[x.part] = k
     for parts in by_angle.values():
         mean, half = parts.get("cos", 0), parts.get("half cos", 0)
-        if mean >= 2 or (mean and half) or half >= 3:
+        if mean >= 2 or (mean and half) or half >= 3:  # leading terms C^2 (c^2 of one angle), C c, c^3
             return True
     return False
 
 
 def _factors(powers: Powers, rule: str) -> tuple[tuple[Word, bool], ...]:
     """The factors of a monomial after rule C."""
-    factors: list[tuple[Word, bool]] = []
+    factors: list[tuple[Word, bool]] = []  # each word, and whether it stands between bars
     alone = len(powers) == 1
     for x, k in powers:
         if rule == "full" and alone and k == 3:
@@ -229,9 +247,66 @@ def _bounds(force: str, powers: Powers, reach: float) -> tuple[float, float]:
     """Bounds of a coefficient, one side of which is 0 for the terms whose sign is plain."""
     if len(powers) == 1 and powers[0][1] == 1:
         word = powers[0][0].word
-        if (force, word.name) in (("X", "u"), ("Y", "v"), ("N", "r")):
+        if (force, word.name) in _STEADYING:
             return -reach, 0.0
         screws = {"n", "n_2", "push"}
         if force == "X" and (word.name in screws or (word.name == "mean" and word.parts[0].name in screws)):
             return 0.0, reach
     return -reach, reach
+
+
+def units_of(devices: Sequence[Device]) -> tuple[Unit, ...]:
+    """The one unit on the centre plane or the two that mirror each other, starboard first, of a list of ``devices``.
+
+    Empty where the list has other actuators than one or two propellers and one or two rudders, or no propeller.
+    """
+    names = {name for device in devices for name in device.names}
+    rudders = {"delta", "delta_starboard", "delta_port"} & names
+    if "n" not in names or names - rudders - {"n", "n_2"}:
+        return ()
+    if "delta" in rudders:
+        return () if len(rudders) > 1 or "n_2" in names else (("n", "delta"),)
+    if len(rudders) == 1:
+        return ()
+    starboard, port = ("delta_starboard", "delta_port") if rudders else ("", "")
+    other = "n_2" if "n_2" in names else "n"  # two rudders behind one propeller share its revolutions
+    return (("n", starboard),) if (other, port) == ("n", starboard) else (("n", starboard), (other, port))
+
+
+def unit_monomials(units: Sequence[Unit], order: int, force: str) -> tuple[Monomial, ...]:
+    """The terms of ``force`` ("X", "Y" or "N") of a hull with ``units``, motions and actions to ``order`` together."""
+    sideways = force != "X"
+    names = [motion for motion in HULL if _degree(motion) <= order and _turns(motion) == sideways]
+    motions = ("", *(motion for motion in HULL if _degree(motion) <= 2))  # an action by cubes of motions tells no more
+    for screw, degree in _SCREWS:
+        for angle in _ANGLES if units[0][1] else _ANGLES[:1]:
+            action_odd = angle.count("sin") % 2 == 1
+            for motion in motions if screw or angle else ():
+                if _degree(motion) + degree + len(angle) > order:
+                    continue
+                for word, word_odd in _both([_action(unit, screw, angle) for unit in units], action_odd):
+                    if (_turns(motion) != word_odd) == sideways:  # odd under reflection: a term of Y and N, else of X
+                        names.append(f"{motion} {word}".strip())
+    return tuple(map(parse_monomial, names))
+
+
+def _action(unit: Unit, screw: str, angle: Sequence[str]) -> Word:
+    revolutions, rudder = Word(unit[0]), Word(unit[1])
+    parts = [] if not screw else [revolutions if screw == "n" else Word("thrust", (revolutions,))]
+    parts += [Word(name, (rudder,)) for name in angle]
+    return Word("times", tuple(parts)) if len(parts) > 1 else parts[0]
+
+
+def _both(actions: Sequence[Word], mirrored: bool) -> list[tuple[Word, bool]]:
+    """Words for the actions of all units, and whether they change their sign under reflection."""
+    if len(set(actions)) == 1:
+        return [(actions[0], mirrored)]
+    return [(Word("mean", tuple(actions)), mirrored), (Word("half", tuple(actions)), not mirrored)]
+
+
+def _degree(motion: str) -> int:
+    return len(motion.split())
+
+
+def _turns(motion: str) -> bool:
+    return sum(factor in ("v", "r") for factor in motion.split()) % 2 == 1

@@ -26,11 +26,13 @@ MOTION = ("u", "v", "r")
 # Words that are no factors but say where a term acts.
 CONDITIONS = ("ahead", "astern", "driving", "reversing", "attached", "stalled")
 
+# Function -> kinds of its arguments: revolutions, an angle, or any variable of actuators; of conditions the one kind.
 _ARGUMENTS = {
     "sin": ("rad",), "cos": ("rad",), "thrust": ("rps",), "push": ("rps", "rad"), "side": ("rps", "rad"),
     "mean": ("any", "any"), "half": ("any", "any"),
 }  # fmt: skip
 _OF = {"driving": "rps", "reversing": "rps", "attached": "rad", "stalled": "rad"}
+# Words as parts of the symbol of a coefficient, which every file of a generated ship holds.
 _SHORT = {"delta_starboard": "ds", "delta_port": "dp", "delta": "d", "azimuth": "a", "mean": "m", "half": "h",
           "sin": "s", "cos": "c", "thrust": "t", "push": "px", "side": "py", "n_azimuth": "na", "n_bow": "nb",
           "n_stern": "ns", "times": "x"}  # fmt: skip
@@ -84,7 +86,7 @@ class Monomial:
 @lru_cache(maxsize=8192)
 def parse_monomial(text: str) -> Monomial:
     """The monomial that ``text`` says. Raises ValueError, whose text says what is wrong with it."""
-    words = re.sub(r"\s*([(,])\s*|\s+(\))", r"\1\2", text.strip()).split()
+    words = re.sub(r"\s*([(,])\s*|\s+(\))", r"\1\2", text.strip()).split()  # no blanks inside of brackets
     if not words:
         raise ValueError("is empty; write factors such as u |v| sin(delta)")
     conditions: list[Word] = []
@@ -112,7 +114,7 @@ def parse_word(text: str) -> Word:
     if inside is None:
         return Word(match[1])
     parts, depth, start = [], 0, 0
-    for i, character in enumerate(inside + ","):
+    for i, character in enumerate(inside + ","):  # a comma outside of inner brackets ends an argument
         depth += {"(": 1, ")": -1}.get(character, 0)
         if character == "," and depth == 0:
             parts.append(parse_word(inside[start:i]))

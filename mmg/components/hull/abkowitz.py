@@ -27,20 +27,19 @@ from typing import Any
 import casadi as ca
 
 from mmg.components.coefficients import Coefficient, table
+from mmg.components.hull import polynomial
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho", "m", "x_G", "U_0")
 INPUTS = ("delta",)
 
-# Drift angle [rad] up to which a polynomial of this kind is fitted to tests; beyond, it extrapolates. Captive tests end
-# at 20 to 30 degrees (Yasukawa & Yoshimura 2015).
-LARGEST_DRIFT = math.radians(30.0)
-
+LARGEST_DRIFT = polynomial.LARGEST_DRIFT
 SOURCE = "Mariner, Chislett & Stroem-Tejsen (1965) Hy-5, as published in MSS; single lineage"
 # Share [-] of U_0 below which the speed in 1/U stays constant: this library's choice, as the tests are about U_0.
 LOWEST = 0.4  # set by hand
 
+# Derivatives times 1e5, terms odd in delta with the sign of a rudder angle positive to starboard.
 _X = {
     "u": -184, "uu": -110, "uuu": -215, "vv": -899, "rr": 18, "rv": 798, "dd": -95, "udd": -190, "vd": -93, "uvd": -93,
 }  # fmt: skip
@@ -48,7 +47,6 @@ _Y = {
     "v": -1160, "r": -499, "vvv": -8078, "vvr": 15356, "vu": -1160, "ru": -499, "d": -278, "ddd": 90, "ud": -556,
     "uud": -278, "vdd": -4, "vvd": -1190, "0": -4, "0u": -8, "0uu": -4,
 }  # fmt: skip
-# Derivatives times 1e5, terms odd in delta with the sign of a rudder angle positive to starboard.
 _N = {
     "v": -264, "r": -166, "vvv": 1636, "vvr": -5483, "vu": -264, "ru": -166, "d": 139, "ddd": -45, "ud": 278,
     "uud": 139, "vdd": 13, "vvd": 489, "0": 3, "0u": 6, "0uu": 3,
@@ -62,7 +60,7 @@ def _rows(letter: str, what: str, values: dict[str, int]) -> list[tuple]:
     for term, number in values.items():
         value = 1e-5 * number
         words = " x ".join(_WORDS[factor] for factor in term if factor in _WORDS) or "none: asymmetry of one screw"
-        size = max(abs(value), 1e-4)
+        size = max(abs(value), 1e-4)  # no prior is narrower than that of a derivative of 10e-5
         row = (f"{letter}_{term}", value, 0.3 * size, value - 3 * size, value + 3 * size, "")
         rows.append((*row, f"{what}, term in {words}; by 1/2 rho L^2 U^2"))
     return rows
@@ -84,6 +82,7 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     small, U2 = 0.1 * s.speed, u * u + v * v
     lowest = (LOWEST * p.U_0) ** 2
     lack = s.positive(lowest - U2, 0.03 * lowest)
+    # 1/U becomes 1/sqrt(U^2 + hold^2): below LOWEST U_0 the sum is (LOWEST U_0)^2
     U, hold = s.root(U2, small), ca.sqrt(lack + small**2)
     U1, v1, r1 = (s.divide(part, U, hold) for part in (u - p.U_0, v, r * p.L))
 
@@ -93,6 +92,7 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
         return sum(math.prod((factors[f] for f in t), start=getattr(c, f"{letter}_{t}")) for t in terms)
 
     unit, mass = 0.5 * p.rho * p.L**2, 0.5 * p.rho * p.L**2 * p.d
+    # minus what the equations of motion have on the left and the printed derivatives inside: see above
     X = unit * U2 * series("X", _X) - (p.m + c.m_y * mass) * v * r - p.x_G * p.m * r * r
     Y = unit * U2 * series("Y", _Y) + (p.m + c.m_x * mass) * u * r
     N = unit * p.L * U2 * series("N", _N) + p.x_G * p.m * u * r

@@ -36,6 +36,6 @@ COEFFICIENTS = (
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
     """Hull force [N, N, N m]. flow, p, c, s: as in mmg/motion/flow.py."""
-    unit = 0.5 * p.rho * p.L * p.d * reference_speed(p.L)
+    unit = 0.5 * p.rho * p.L * p.d * reference_speed(p.L)  # by a speed [m/s] a force, sqrt(g L) stands for the other U
     damping = Force(-unit * c.D_u * flow.u, -unit * c.D_v * flow.v, -unit * p.L**2 * c.D_r * flow.r)
     return unified.force(flow, p, c, s) + damping

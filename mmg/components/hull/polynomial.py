@@ -64,7 +64,7 @@ def rates(v: Any, yaw: Any, U2: Any, s: Smoothing) -> tuple[Any, Any]:
     Smooth: r' is 1.5e-4 of itself too small at r' = 0.87, the steady turn of a full tanker.
     """
     small = 0.1 * s.speed
-    bound = (yaw / LARGEST_YAW) ** 2
+    bound = (yaw / LARGEST_YAW) ** 2  # U^2 at which r' = r L/U is LARGEST_YAW
     lack = s.positive(bound - U2, 0.03 * (bound + U2 + small**2))
     U, hold = s.root(U2, small), ca.sqrt(lack + small**2)
     return s.divide(v, U, hold), s.divide(yaw, U, hold)
@@ -75,8 +75,9 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     u, v, yaw = flow.u, flow.v, flow.r * p.L
     U2, small = u * u + v * v, 0.1 * s.speed
     U, width = s.root(U2, small), ABEAM * ca.sqrt(U2 + s.speed**2)
-    way = s.step(u, width) - s.step(-u, width)
+    way = s.step(u, width) - s.step(-u, width)  # tanh(u / width): 1 ahead, -1 astern
     v1, r1 = rates(v, yaw, U2, s)
+    # U^2 of the published form is multiplied out as far as a term has v' and r'; v1, r1 are those that remain
     X = way * (-c.R_0 * U2 + c.X_vv * v * v + c.X_rr * yaw * yaw + c.X_vvvv * (v * v1) ** 2) + c.X_vr * v * yaw
     Y = c.Y_v * U * v + way * c.Y_r * U * yaw
     Y += c.Y_vvv * v * v * v1 + way * c.Y_vvr * v * v * r1 + c.Y_vrr * v * yaw * r1 + way * c.Y_rrr * yaw * yaw * r1

@@ -43,12 +43,11 @@ def cross_flow(a: Any, b: Any, width: float) -> tuple[Any, Any]:
     division by zero: the roots of the two cases |a| >= |b|/2 and |a| < |b|/2 are merged by
     R = sqrt((a^2 - h^2)^2 + width^4), h = b/2.
     """
-    h = 0.5 * b
+    h = 0.5 * b  # of the section at either end: v + b xi changes its sign along the hull where |a| < |h|
     a2, h2 = a * a, h * h
-    R = ca.sqrt((a2 - h2) ** 2 + width**4)
-    larger = 0.5 * (a2 + h2 + R)
-    smaller = 0.5 * (a2 + h2 - R)
-    excess = 0.5 * (h2 - a2 + R)
+    R = ca.sqrt((a2 - h2) ** 2 + width**4)  # |a^2 - h^2| rounded
+    larger, smaller = 0.5 * (a2 + h2 + R), 0.5 * (a2 + h2 - R)  # max and min of a^2 and h^2
+    excess = 0.5 * (h2 - a2 + R)  # max(h^2 - a^2, 0)
     M = ca.sqrt(larger)
     I_Y = a * (M + smaller / (3 * M))
     I_N = b * (M / 6 - excess * (5 * larger - smaller) / (48 * larger * M))
@@ -61,10 +60,11 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     small = 0.1 * s.speed
     U = s.root(u * u + v * v, small)
     abs_u = s.absolute(u, small)
-    astern_share = s.angle(u, v, small) / ca.pi
-    I_Y, _ = cross_flow(v, c.C_rY * r * p.L, small)
+    astern_share = s.angle(u, v, small) / ca.pi  # |beta| / pi: 0 ahead, 1 astern
+    I_Y, _ = cross_flow(v, c.C_rY * r * p.L, small)  # force and moment have corrections of yaw of their own
     _, I_N = cross_flow(v, c.C_rN * r * p.L, small)
     X = (c.X_0F + (c.X_0A - c.X_0F) * astern_share) * u * U + c.X_vr * p.L * v * r
+    # |u| in Y_v and N_r, u in Y_r and N_v: going astern the hull is the ship mirrored fore and aft
     Y = c.Y_v * v * abs_u + c.Y_r * p.L * r * u - c.C_D * I_Y
     N = c.N_v * v * u + c.N_r * p.L * r * abs_u - c.C_D * I_N
     unit = 0.5 * p.rho * p.L * p.d

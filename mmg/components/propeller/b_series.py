@@ -27,9 +27,9 @@ def thrust_coefficient(J: np.ndarray, pitch_ratio: float, area_ratio: float, bla
     return (C * pitch_ratio**t * area_ratio**u * float(blades) ** v) @ np.asarray(J, dtype=float)[None] ** s[:, None]
 
 
-def thrust_parabola(pitch_ratio: float, area_ratio: float = 0.6, blades: int = 4) -> tuple[float, float, float]:
-    """k_0, k_1, k_2 of K_T = k_0 + k_1 J + k_2 J^2, least squares over 0 <= J <= P/D. pitch_ratio P/D, area_ratio
-    A_E/A_O, blades Z."""
-    J = np.linspace(0.0, pitch_ratio, 50)
-    k_2, k_1, k_0 = np.polyfit(J, thrust_coefficient(J, pitch_ratio, area_ratio, blades), 2)
+def thrust_parabola(pitch_ratio: float) -> tuple[float, float, float]:
+    """k_0, k_1, k_2 of K_T = k_0 + k_1 J + k_2 J^2 for A_E/A_O = 0.6 and Z = 4, least squares over 0 <= J <= P/D.
+    pitch_ratio: P/D."""
+    J = np.linspace(0.0, pitch_ratio, 50)  # beyond J of about P/D the thrust is negative
+    k_2, k_1, k_0 = np.polyfit(J, thrust_coefficient(J, pitch_ratio, 0.6, 4), 2)
     return float(k_0), float(k_1), float(k_2)

@@ -58,8 +58,9 @@ PITCH_WIDTH = math.radians(1.0)
 
 def _ahead_law(u: Any, m: Any, X_0: Any, X_1: Any, alpha: Any, c: SimpleNamespace, s: Smoothing) -> Any:
     """m^2 K_X [m^2/s^2] above the zero-thrust pitch; u is positive where positive pitch pushes, m = |n D|."""
-    width = s.magnitude(0.02 * m, 0.2 * s.speed)
+    width = s.magnitude(0.02 * m, 0.2 * s.speed)  # of the blends in u: 0.02 in J_s
     outer, inner = 1 - s.step(u + c.J_sx * m, width), 1 - s.step(u, width)
+    # u / m is J_s; K_X of the three pieces times m^2
     far = -alpha * m * (u + c.J_sx * m) + X_0 * m * m
     middle = X_1 * m * m + (X_1 - X_0) * m * u / c.J_sx
     near = m * (X_1 * m - alpha * u)
@@ -76,6 +77,7 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     X_1, X_0 = alpha * 0.7 * math.pi * ca.tan(angle), c.C_0 * angle / span
     along = sense * u
     above = _ahead_law(along, m, X_0, X_1, alpha, c, s)
+    # the law below the zero-thrust pitch is that above it with -J_s, -X_0, -X_1, and the other sign
     below = -_ahead_law(-along, m, -X_0, -X_1, alpha, c, s)
     positive = s.step(angle, PITCH_WIDTH)
     loading = sense * (positive * above + (1 - positive) * below)
@@ -83,6 +85,6 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     area = p.rho * p.D_P**2
     Y = area * nD**2 * K_Y
     one_minus_w = 1 - s.step(u, s.speed) * c.w_P0
-    aft = s.sign(loading, s.speed**2)
+    aft = s.sign(loading, s.speed**2)  # by the thrust: n > 0 may push either way here
     wash = Slipstream(one_minus_w, u * one_minus_w, loading / (1 - c.t_P), s.step_or_zero(nD, s.speed), aft)
     return Force(area * loading, Y, c.K_N_Y * p.L * Y, wash)

@@ -40,19 +40,19 @@ A_T = (
     2.7331e-3, 2.1436e-2, -2.4782e-3, 1.2317e-3, 5.0980e-3, 7.8076e-3, -3.7816e-3, 3.5353e-3, 5.3014e-3, 2.1940e-3,
     -2.8306e-3,
 )  # fmt: skip
-# B_0 to B_20 of C_T* [-]. (Table of Smogeli 2006.)
+# B_0 to B_20 of C_T* [-] (table of Smogeli 2006).
 B_T = (
     0.0, -7.4777e-1, -1.3822e-2, 1.0077e-1, -1.1318e-2, 4.7186e-2, 1.0666e-2, -9.0239e-3, -7.8452e-3, 2.3941e-2,
     8.0787e-3, -1.4942e-4, -3.1925e-3, 9.2620e-3, 1.5527e-3, -6.5683e-3, -6.1655e-4, 5.1033e-3, -6.0263e-4, -8.2244e-3,
     -6.3789e-4,
 )  # fmt: skip
-# A_0 to A_20 of C_Q* [-]. (Table of Smogeli 2006.)
+# A_0 to A_20 of C_Q* [-] (table of Smogeli 2006).
 A_Q = (
     2.4645e-3, 2.6718e-2, 1.6056e-3, 6.5822e-3, -2.2497e-3, -7.8062e-3, 2.4126e-4, 6.1475e-3, -1.6065e-3, -3.3291e-3,
     1.2311e-3, 3.1123e-3, -1.2559e-3, 1.3948e-3, 8.8397e-4, 5.0358e-5, -7.9990e-4, 1.3345e-3, 1.1928e-3, -1.3556e-4,
     -7.0825e-4,
 )  # fmt: skip
-# B_0 to B_20 of C_Q* [-]. (Table of Smogeli 2006.)
+# B_0 to B_20 of C_Q* [-] (table of Smogeli 2006).
 B_Q = (
     0.0, -1.1081e-1, 1.5909e-4, 1.6455e-2, -2.0601e-3, 8.5343e-3, 8.7856e-4, -3.1327e-3, -9.6650e-4, 4.3190e-3,
     1.2453e-3, 9.5986e-5, -7.9986e-4, 1.5073e-3, 2.4595e-4, -1.6918e-3, 5.1603e-4, 1.1504e-3, -4.7976e-4, -1.4566e-3,
@@ -79,10 +79,10 @@ COEFFICIENTS = (
 def series(V_A: Any, tip: Any, A: tuple[float, ...], B: tuple[float, ...], s: Smoothing) -> Any:
     """V_r^2 C*(beta) [m^2/s^2] for V_A and tip = 0.7 pi n D [m/s]. A, B: coefficients A_k, B_k (21,)."""
     rho = s.root(tip * tip + V_A * V_A, 0.1 * s.speed)
-    x, y = s.divide(tip, rho, 0.0), s.divide(V_A, rho, 0.0)
+    x, y = s.divide(tip, rho, 0.0), s.divide(V_A, rho, 0.0)  # cos beta and sin beta, both 0 at rest
     real, imaginary = 1.0, 0.0
     total = A[0]
-    for a, b in zip(A[1:], B[1:], strict=True):
+    for a, b in zip(A[1:], B[1:], strict=True):  # powers of w = x + i y: cos k beta + i sin k beta
         real, imaginary = real * x - imaginary * y, real * y + imaginary * x
         total = total + a * real + b * imaginary
     return rho * rho * total
@@ -94,19 +94,13 @@ def thrust(V_A: Any, n: Any, D: Any, rho: Any, s: Smoothing | None = None) -> An
     return rho * ca.pi / 8 * D**2 * series(V_A, 0.7 * ca.pi * n * D, A_T, B_T, s or Exact())
 
 
-def torque(V_A: Any, n: Any, D: Any, rho: Any, s: Smoothing | None = None) -> Any:
-    """Open-water torque Q [N m] at V_A [m/s], n [1/s], D [m], rho [kg/m^3] and smoothing s, as ``thrust``. Returns it
-    without the factor k_Q of the ship's own screw."""
-    return rho * ca.pi / 8 * D**3 * series(V_A, 0.7 * ca.pi * n * D, A_Q, B_Q, s or Exact())
-
-
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
     """Propeller force [N, N, N m] and slipstream; reversed, the loading holds the thrust deduction. flow, p, c, s: as
     in mmg/motion/flow.py."""
     nD = flow.n * p.D_P
     one_minus_w = wake.kijima(flow, p, c, s)
     u_P = flow.u * one_minus_w
-    T = c.k_T * thrust(u_P / c.k_J, flow.n, p.D_P, p.rho, s)
+    T = c.k_T * thrust(u_P / c.k_J, flow.n, p.D_P, p.rho, s)  # another screw has zero thrust at k_J times the J
     ahead = s.step_or_zero(nD, s.speed)
     X = (1 - ahead * c.t_P - (1 - ahead) * c.t_PA) * T
     loading = (1 - (1 - ahead) * c.t_PA) * T / (p.rho * p.D_P**2)

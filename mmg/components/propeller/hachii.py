@@ -24,11 +24,12 @@ PARTICULARS = ("L", "d", "rho", "D_P", "pitch_ratio")
 INPUTS = ("n",)
 SIDE_FORCE = True  # The model has a side force of its own (the effect propeller_side_force takes a factor on it)
 
+# Advance ratios J_s [-] of the middle branch of the reversing propeller's side force (Hachii 2004).
 ADVANCE_LOW, ADVANCE_HIGH = -0.35, -0.06
-"""Advance ratios J_s [-] of the middle branch of the reversing propeller's side force (Hachii 2004)."""
 
+# A_1 to A_8 of the side force [-] (Hachii 2004; the last three single lineage).
 _A = (-7.90e-5, 7.99e-3, -4.93e-3, -5.87e-3, -5.58e-4, 5.08e-3, 1.70e-3, 9.16e-4)
-# A_1 to A_8 of the side force and B_1 to B_8 of the yaw moment [-] (Hachii 2004; the last three single lineage).
+# B_1 to B_8 of the yaw moment [-], as A.
 _B = (3.50e-5, -3.17e-3, 1.96e-3, 2.33e-3, 2.25e-4, -2.16e-3, 6.27e-5, 6.25e-5)
 
 
@@ -68,10 +69,11 @@ def _below(u: Any, nD: Any, advance: Any, s: Smoothing) -> Any:
 
 def _side_force(u: Any, nD: Any, k: tuple[Any, ...], p: SimpleNamespace, ahead: Any, s: Smoothing) -> Any:
     """(n D)^2 times the side-force or moment polynomial [m^2/s^2]."""
-    n2, n1 = nD * nD, nD * u
+    n2, n1 = nD * nD, nD * u  # (n D)^2, and J_s (n D)^2
     low, high = _below(u, nD, ADVANCE_LOW, s), _below(u, nD, ADVANCE_HIGH, s)
     middle = k[0] * n2 + k[1] * n1
     reversed_ = (1 - high) * k[4] * n2 + (high - low) * middle + low * (k[2] * n2 + k[3] * n1)
+    # (n P)^2 (A_6 J_s^2 + A_7 J_s + A_8) with P = pitch_ratio D
     sternway = p.pitch_ratio**2 * (k[5] * u * u + k[6] * n1 + k[7] * n2)
     headway = s.step_or_zero(u, s.speed)
     return ahead * (1 - headway) * sternway + (1 - ahead) * reversed_
@@ -79,18 +81,18 @@ def _side_force(u: Any, nD: Any, k: tuple[Any, ...], p: SimpleNamespace, ahead: 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
     """Propeller force [N, N, N m] and slipstream. flow, p, c, s: as in mmg/motion/flow.py."""
-    D = p.D_P
-    u, nD = flow.u, flow.n * D
+    u, nD = flow.u, flow.n * p.D_P
     ahead = s.step_or_zero(nD, s.speed)
     one_minus_w = wake(flow, p, c, s)
     u_P = u * one_minus_w
     loading_ahead = c.k_0 * nD**2 + c.k_1 * nD * u_P + c.k_2 * u_P**2
     weak = 1 - _below(u, nD, c.C_10, s)
     loading_reversed = weak * (c.C_6 * nD**2 + c.C_7 * nD * u) + (1 - weak) * c.C_3 * nD**2
-    area = p.rho * D**2
-    X = area * (ahead * (1 - c.t_P) * loading_ahead + (1 - ahead) * loading_reversed)
-    A = tuple(getattr(c, f"A_{i}") for i in range(1, 9))
-    B = tuple(getattr(c, f"B_{i}") for i in range(1, 9))
+    area = p.rho * p.D_P**2  # rho n^2 D^4 K is area times (n D)^2 K
+    X = area * (
+        ahead * (1 - c.t_P) * loading_ahead + (1 - ahead) * loading_reversed
+    )  # reversed t_P is inside C_3 to C_7
+    A, B = (tuple(getattr(c, f"{letter}_{i}") for i in range(1, 9)) for letter in "AB")
     unit = 0.5 * p.rho * p.L * p.d
     Y = unit * _side_force(u, nD, A, p, ahead, s)
     N = unit * p.L * _side_force(u, nD, B, p, ahead, s)

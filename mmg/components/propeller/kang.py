@@ -60,7 +60,7 @@ def advance_ratio(speed: Any, nD: Any, s: Smoothing) -> Any:
     It falls off beyond and changes sign over n D of the size of the speed, not in a jump at n = 0. At J = 0.3 it is
     2e-4 below the ratio, at 0.6 0.3 %, at 0.9 1.6 %. nD: n D [m/s]; s: smoothing.
     """
-    square = s.root(nD**4, 0.5 * speed**2 / LIMIT**2 + s.speed**2)
+    square = s.root(nD**4, 0.5 * speed**2 / LIMIT**2 + s.speed**2)  # (n D)^2, never below the speed's own share
     return s.divide(nD * speed, square, 0.0)
 
 
@@ -70,12 +70,14 @@ def clip(x: Any, lower: Any, upper: Any, width: float, s: Smoothing) -> Any:
 
 
 def _cross(v_P: Any, size: Any, linear: Any, growth: Any, s: Smoothing) -> Any:
+    """What an inflow v_P' [-] across the propeller adds to 1 - w_P or 1 - t_P."""
     return size * (linear * v_P + (v_P + growth * v_P * s.absolute(v_P, 0.01)) ** 2)
 
 
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
     """Propeller force [N, N, N m] and slipstream. flow, p, c, s: as in mmg/motion/flow.py."""
     u, nD = flow.u, flow.n * p.D_P
+    # held above 3 % of r L: turning about midship has no v' and r' without bound
     U = s.root(u**2 + flow.v**2, s.magnitude(0.03 * p.L * flow.r, s.speed))
     v_P = s.divide(flow.v + c.x_P * p.L * flow.r, U, 0.0)
     J_s = advance_ratio(u, nD, s)
@@ -90,7 +92,7 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     against = c.k2_0 * nD**2 + c.k2_1 * nD * u_P + c.k2_2 * u_P**2
     ahead, forward = s.step_or_zero(nD, s.speed), s.step_or_zero(u, s.speed)
     turning_ahead = forward * along + (1 - forward) * against
-    turning_astern = -c.k_rev * ((1 - headway) * along + headway * against)
+    turning_astern = -c.k_rev * ((1 - headway) * along + headway * against)  # of the mirrored motion (-u, -n)
     loading = ahead * turning_ahead + (1 - ahead) * turning_astern
     X = p.rho * p.D_P**2 * one_minus_t * loading
     return Force(X, slipstream=Slipstream(one_minus_w, u_P, loading, ahead))

@@ -53,8 +53,8 @@ def coefficients_with(rows: tuple[tuple, ...], p: SimpleNamespace) -> tuple[Coef
 def loading(u_P: Any, nD: Any, ahead: Any, c: SimpleNamespace, s: Smoothing) -> Any:
     """n^2 D^2 K_T [m^2/s^2] in four quadrants. u_P, nD [m/s]; ahead: weight of n >= 0. c: coefficients; s:
     smoothing."""
-    z = u_P - J_MIN * nD
-    width = s.magnitude(0.02 * nD, 0.2 * s.speed)
+    z = u_P - J_MIN * nD  # (J - J_min) n D
+    width = s.magnitude(0.02 * nD, 0.2 * s.speed)  # 0.02 in J
     first = c.k_0 * nD**2 + c.k_1 * nD * u_P + c.k_2 * u_P**2
     at_limit = c.k_0 + c.k_1 * J_MIN + c.k_2 * J_MIN**2
     below = c.alpha_p * (c.k_1 * nD * z - c.k_2 * z**2) + at_limit * nD**2
@@ -71,6 +71,7 @@ def force_with(wake_of: Callable[..., Any], flow: Flow, p: SimpleNamespace, c: S
     ahead = s.step_or_zero(nD, s.speed)
     u_P = flow.u * one_minus_w
     load = loading(u_P, nD, ahead, c, s)
+    # reversed, beta_t is effective: no thrust deduction
     X = p.rho * p.D_P**2 * (1 - ahead * c.t_P) * load
     return Force(X, 0.0, 0.0, Slipstream(one_minus_w, u_P, load, ahead))
 

@@ -54,9 +54,9 @@ def hirano(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> 
     """1 - w_P [-], in (0, 1]; 1 with sternway. Hirano type, as in the public ESSO OSAKA code, which has
     no tau_a. flow, p, c, s: as in mmg/motion/flow.py."""
     U = s.root(flow.u**2 + flow.v**2, s.speed)
-    angle = s.divide(flow.v + c.x_P * p.L * flow.r, U, 0.0)
+    angle = s.divide(flow.v + c.x_P * p.L * flow.r, U, 0.0)  # a, of the other sign than beta_P for small angles
     one_minus = 1 - c.w_P0 + c.tau * s.absolute(angle, 0.01) + c.tau_a * angle + c.C_P * angle**2
-    clipped = s.positive(1 - s.positive(1 - one_minus, 0.01), 0.01)
+    clipped = s.positive(1 - s.positive(1 - one_minus, 0.01), 0.01)  # at most 1, then at least 0
     return 1 + s.step(flow.u, s.speed) * (clipped - 1)
 
 
@@ -83,5 +83,6 @@ def yasukawa_2015(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothi
     angle = inflow_angle(flow, p, c, s)
     from_port = s.step(angle, BLEND)
     C_2 = from_port * c.C_2_plus + (1 - from_port) * c.C_2_minus
+    # the modulus is exactly 0 at 0 and the bracket with it: the blend of C_2 leaves straight running as it is
     one_minus = (1 - c.w_P0) * (1 + (1 - ca.exp(-c.C_1 * s.absolute(angle, BLEND))) * (C_2 - 1))
     return 1 + s.step(flow.u, s.speed) * (one_minus - 1)

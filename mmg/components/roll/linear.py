@@ -46,6 +46,7 @@ def roll(flow: Flow, parts: dict[str, Force], dv: Any, memory: Memory, p: Simple
             K = K - lever * parts[role].Y
     inertia, stiffness = p.m * c.k_x_roll**2, p.m * GRAVITY * p.GM
     phi = memory.state("phi", 0.0, 0.1)
+    # typical size: 0.1 rad at the natural frequency sqrt(g GM) / k_x, k_x = 0.4 B
     rate = memory.state("p", 0.0, 0.1 * float((GRAVITY * p.GM) ** 0.5 / (0.4 * p.B)))
-    damping = 2 * c.zeta_roll * ca.sqrt(inertia * stiffness)
+    damping = 2 * c.zeta_roll * ca.sqrt(inertia * stiffness)  # of an oscillator of damping ratio zeta
     memory.moves(rate, (K - damping * rate - stiffness * ca.sin(phi)) / inertia)

@@ -1,12 +1,9 @@
 """What the rudder models share: longitudinal inflow in all quadrants, aspect ratio, and the force on the ship.
 
-Longitudinal inflow u_R (Yoshimura's low-speed form ahead; Kitagawa 2015 in reversed flow, single public lineage):
-  n >= 0 and K_T > 0: u_R = eps sqrt{ eta [u_P + kappa (sqrt(u_P^2 + 8 K_T n^2 D^2/pi) - u_P)]^2 + (1 - eta) u_P^2 }
-  else with headway:  u_R = sgn(q) sqrt|q|, q = eta sgn(u_1) u_1^2 + (1 - eta) u_2^2 + C_PR u^2,
-                      u_2 = u eps (1 - w_P), u_1 = u_2 + n D k_xR sqrt(8 |K_T|/pi)
-  else (sternway):    u_R = u.
-The first is u_R = eps u_P sqrt{ eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta } of Yasukawa & Yoshimura
-(2015) for u_P > 0, multiplied out by u_P; eta = D_P/H_R, at most 1.
+Longitudinal inflow u_R (Yoshimura's low-speed form ahead; Kitagawa 2015 in reversed flow, single public lineage): the
+three equations of the model ``single``, where kappa = k_x / eps. The first of them is that of Yasukawa & Yoshimura
+(2015), u_R = eps u_P sqrt{ eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta }, for u_P > 0, multiplied out by
+u_P; eta = D_P/H_R, at most 1.
 """
 
 from __future__ import annotations
@@ -49,16 +46,16 @@ def longitudinal(flow: Flow, p: SimpleNamespace, kappa: Any, c: SimpleNamespace,
     u, nD = flow.u, flow.n * p.D_P
     eta = share_in_slipstream(p)
     small = 0.1 * s.speed
-    pull = s.positive(wash.loading, s.speed * small)
+    pull = s.positive(wash.loading, s.speed * small)  # momentum theory of the slipstream asks for K_T > 0
     jet = s.root(wash.u_P**2 + 8 * pull / ca.pi, small) - wash.u_P
     ahead = c.epsilon * s.root(eta * (wash.u_P + kappa * jet) ** 2 + (1 - eta) * wash.u_P**2, small)
     u_2 = u * c.epsilon * wash.one_minus_w
-    aft = s.sign(nD, s.speed) if wash.aft is None else wash.aft
+    aft = s.sign(nD, s.speed) if wash.aft is None else wash.aft  # where the jet goes, in the sense of sgn(n)
     u_1 = u_2 + aft * c.k_xR * s.root(8 * s.absolute(wash.loading, small**2) / ca.pi, small)
     q = eta * u_1 * s.absolute(u_1, small) + (1 - eta) * u_2**2 + c.C_PR * u * u
     headway = s.step_or_zero(u, s.speed)
     otherwise = headway * s.signed_root(q, s.speed) + (1 - headway) * u
-    # K_T > 0, with a width of 0.01 in K_T (0.02 in J) and a scale that is positive at rest
+    # K_T > 0, with a width of 0.01 in K_T (0.02 in J) and a scale [m^2/s^2] that is positive at rest
     scale = nD**2 + u**2 + small**2
     pulling = wash.ahead * s.step(wash.loading, 0.01 * scale)
     return pulling * ahead + (1 - pulling) * otherwise
@@ -87,7 +84,7 @@ def on_the_ship(F_N: Any, sin2_alpha: Any, delta: Any, p: SimpleNamespace, c: Si
     sin2_alpha: sin^2 of the angle of attack; p, c: as in mmg/motion/flow.py.
     """
     sine, cosine = ca.sin(delta), ca.cos(delta)
-    X = -(1 - c.t_R) * F_N * sine
+    X = -(1 - c.t_R) * F_N * sine  # delta > 0 with F_N > 0: a drag, to port at the stern, bow to starboard
     Y = -(1 + c.a_H) * F_N * cosine
     N = -(p.x_R + c.a_H * c.x_H * p.L) * F_N * cosine
     return Force(X, Y, N, blades=(Blade(X, Y, N, sin2_alpha),))
@@ -99,5 +96,5 @@ def by_sine_law(
     """Force with F_N = 1/2 rho A_R f_alpha U_R^2 sin(delta - atan2(v_R, u_R)). flow, p, c, s: as in
     mmg/motion/flow.py."""
     U_R, cross = resultant(u_R, v_R, s), across(u_R, v_R, flow.delta)
-    F_N = 0.5 * p.rho * p.A_R * f_alpha * U_R * cross
+    F_N = 0.5 * p.rho * p.A_R * f_alpha * U_R * cross  # one U_R of the square is inside ``cross``
     return on_the_ship(F_N, s.divide(cross**2, U_R**2, 0.0), flow.delta, p, c)

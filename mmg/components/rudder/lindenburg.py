@@ -36,5 +36,6 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     u_R, v_R = standard.inflow(flow, p, c, s)
     U_R, cross = shared.resultant(u_R, v_R, s), shared.across(u_R, v_R, flow.delta)
     modulus = s.divide(s.absolute(cross, 0.1 * s.speed), U_R, 0.0)
+    # C_N is linear in the sine: U_R^2 C_N(sin alpha) = U_R C_N(U_R sin alpha), with the modulus of the sine itself
     F_N = 0.5 * p.rho * p.A_R * U_R * c.k_N * normal_force(cross, modulus, p.aspect_ratio)
     return shared.on_the_ship(F_N, s.divide(cross**2, U_R**2, 0.0), flow.delta, p, c)

@@ -41,7 +41,7 @@ COEFFICIENTS = table(
 def inflow(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> tuple[Any, Any]:
     """Longitudinal and lateral inflow velocity at the rudder (u_R, v_R) [m/s]. flow, p, c: as in mmg/motion/flow.py."""
     u_R = shared.longitudinal(flow, p, c.k_x / c.epsilon, c, s)
-    to_starboard = s.step(flow.v + p.x_R * flow.r, 0.5 * s.speed)
+    to_starboard = s.step(flow.v + p.x_R * flow.r, 0.5 * s.speed)  # sway at the rudder, of the other sign than beta_R
     gamma = to_starboard * c.gamma_P + (1 - to_starboard) * c.gamma_N
     v_R = -gamma * (flow.v + c.ell_R * p.L * flow.r)
     return u_R, v_R

@@ -49,7 +49,9 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
 def inflow(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> tuple[Any, Any]:
     """Longitudinal and lateral inflow velocity at the rudder (u_R, v_R) [m/s]. flow, p, c: as in mmg/motion/flow.py."""
     U = s.root(flow.u**2 + flow.v**2, 0.1 * s.speed)
-    across = U * drift_angle(flow.u, flow.v, s) - c.ell_R * p.L * flow.r
+    across = (
+        U * drift_angle(flow.u, flow.v, s) - c.ell_R * p.L * flow.r
+    )  # U beta_R [m/s], which has its sign at rest too
     from_port = s.step(across, 0.5 * s.speed)
     gamma = from_port * c.gamma_R_plus + (1 - from_port) * c.gamma_R_minus
     return shared.longitudinal(flow, p, c.kappa, c, s), gamma * across

@@ -40,13 +40,15 @@ PARTICULARS = ("L", "rho", "D_P", "pitch_ratio", "A_R", "aspect_ratio", "x_R")
 INPUTS = ("delta_port", "delta_starboard")
 
 STALL = 0.65450  # Angle of attack [rad] at which the normal-force law changes from sine to parabola (Kang et al. 2008).
-_PARABOLA = (0.6387, 2.0621, -0.8449)
-_SLOPE = 2.6252  # C_N [-] beyond STALL as a polynomial of |a| [rad], and by sin a below it (Kang et al. 2008).
+_PARABOLA = (0.6387, 2.0621, -0.8449)  # C_N [-] beyond STALL as a polynomial of |a| [rad] (Kang et al. 2008).
+_SLOPE = 2.6252  # C_N [-] by sin a below STALL (Kang et al. 2008).
+# Angle of attack [rad] beyond which the water comes from behind, and C_N by sin a there (UNVERIFIED, see below).
 _BACK = ca.pi - STALL
 _BACK_SLOPE = float((_PARABOLA[0] + _PARABOLA[1] * _BACK + _PARABOLA[2] * _BACK**2) / ca.sin(STALL))
 
 _SOURCE = "default of the VecTwin model: values of Kang et al. (2008), single public lineage"
 
+# Symbol of the docstring above and side, s or p -> coefficients from power 0 on; of r four for each row of GAMMA.
 _POLYNOMIALS: dict[str, tuple[float, ...]] = {
     "as": (0.665, 0.19, 0.051, -0.095), "ap": (0.665, -0.19, 0.051, 0.095),
     "bs": (0.015, -0.164), "bp": (-0.008, 0.114),
@@ -106,11 +108,9 @@ COEFFICIENTS = (
     *_detail(),
 )
 
-# First of the four flow-straightening coefficients, for beta < 0 and delta_2 >= 0.
+# First of the four flow-straightening coefficients, whether beta < 0, whether delta_2 >= 0.
 GAMMA = ((0, False, False), (4, True, False), (8, False, True), (12, True, True))
-
-A_H_RANGE, X_H_RANGE = (0.016, 0.60556), (-0.4344, -0.159)
-"""Bounds of a_H and x_H' [-] (Kang et al. 2008)."""
+A_H_RANGE, X_H_RANGE = (0.016, 0.60556), (-0.4344, -0.159)  # Bounds of a_H and x_H' [-] (Kang et al. 2008).
 
 
 def normal_coefficient(sine: Any, cosine: Any, s: Smoothing) -> Any:
@@ -120,7 +120,7 @@ def normal_coefficient(sine: Any, cosine: Any, s: Smoothing) -> Any:
     0.02 in cos a. Beyond pi - 0.6545 the parabola would change sign and leave a jump at 180 deg; there C_N is the
     sine through its value at that angle, 0.889 sin a (UNVERIFIED). s: smoothing.
     """
-    edge = ca.cos(STALL)
+    edge = ca.cos(STALL)  # by the cosine, which has no jump at 180 deg as the angle has
     stalled, backward = s.step(edge - cosine, 0.02), s.step(-edge - cosine, 0.02)
     size = s.angle(cosine, sine, 0.01)
     parabola = _PARABOLA[0] + _PARABOLA[1] * size + _PARABOLA[2] * size**2
@@ -138,13 +138,13 @@ def _power(terms: Sequence[Any], x: Any) -> Any:
 
 def _straightening(flow: Flow, angle: Any, port: bool, c: SimpleNamespace, s: Smoothing) -> Any:
     """gamma [-] at the corrected rudder angle ``angle`` = delta_2."""
-    beta = s.angle(flow.u, flow.v, 0.1 * s.speed)
+    beta = s.angle(flow.u, flow.v, 0.1 * s.speed)  # |beta|; its sign is that of -v
     to_starboard, positive = s.step(flow.v, 0.5 * s.speed), s.step_or_zero(angle, 0.02)
     r = _values(c, "rp" if port else "rs")
     total: Any = 0.0
     for i, negative_beta, positive_angle in GAMMA:
         gamma = c.k_gamma * (r[i] + r[i + 1] * beta + (r[i + 2] + r[i + 3] * beta) * angle) * beta
-        upper = 1.0 if i == (0 if port else 12) else 0.8
+        upper = 1.0 if i == (0 if port else 12) else 0.8  # 1.0: outward with the flow from that side
         weight = (to_starboard if negative_beta else 1 - to_starboard) * (positive if positive_angle else 1 - positive)
         total = total + weight * clip(gamma, 0.0, upper, 0.01, s)
     return total
@@ -154,7 +154,7 @@ def _lever(flow: Flow, angle: Any, port: bool, p: SimpleNamespace, c: SimpleName
     """Lever ell_R [m] of the yaw rate in the inflow."""
     C = _values(c, "Cp" if port else "Cs")
     to_starboard, positive = s.step_or_zero(0.5 * p.L * flow.r, 0.5 * s.speed), s.step_or_zero(angle, 0.02)
-    one, other = (positive * C[j] + (1 - positive) * C[j + 1] for j in (0, 2))
+    one, other = (positive * C[j] + (1 - positive) * C[j + 1] for j in (0, 2))  # r >= 0, r < 0
     return p.x_R * (to_starboard * one + (1 - to_starboard) * other)
 
 
@@ -170,16 +170,18 @@ def inflow(flow: Flow, port: bool, p: SimpleNamespace, c: SimpleNamespace, s: Sm
     def Q(letter: str) -> Any:
         return _power(_values(c, letter + side), slip)
 
-    first = angle_here - Q("b")
+    first = angle_here - Q("b")  # step 1
     outside = s.step(outward * first, 0.02)
+    # step 2: the other rudder turns the flow, outward by |cos| of the angle less
     turn = (Q("d") * other + Q("e") * other**2) * (1 + outside * (s.absolute(ca.cos(first), 0.02) - 1))
     angle = first - turn
-    free = _power(_values(c, "a" + side), angle_here) * flow.u
+    free = _power(_values(c, "a" + side), angle_here) * flow.u  # step 3: (1 - w_R) u, of the angle as it is set
     pull = s.positive(wash.loading, s.speed * small)
     jet = s.root(wash.u_P**2 + 8 * pull / ca.pi, small) - s.magnitude(wash.u_P, small)
     in_wash = free + c.k_x * jet
     eta = share_in_slipstream(p)
     q = eta * in_wash * s.absolute(in_wash, small) + (1 - eta) * free * s.absolute(free, small)
+    # step 4: at most 1
     slower = 1 - s.positive(1 - (Q("g") + Q("h") * angle + Q("k") * angle**2), 0.005)
     factor = 1 + s.step(outward * angle, 0.02) * (slower - 1)
     u_R = factor * s.signed_root(q, small)
@@ -196,7 +198,7 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     a_H = clip(_power((c.f_0, c.f_1, c.f_2), J), *A_H_RANGE, 0.005, s)
     x_H = clip(_power((c.g_0, c.g_1, c.g_2), J), *X_H_RANGE, 0.005, s)
     headway = s.step_or_zero(flow.u, s.speed)
-    strength = 0.5 * p.rho * p.A_R * c.k_N * (headway + (1 - headway) * c.k_A)
+    strength = 0.5 * p.rho * p.A_R * c.k_N * (headway + (1 - headway) * c.k_A)  # by U_R^2 C_N the normal force
     blades = []
     for port, delta in ((False, flow.delta_starboard), (True, flow.delta_port)):
         u_R, v_R, angle = inflow(flow, port, p, c, s)
@@ -204,7 +206,7 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
         sine = s.divide(u_R * ca.sin(angle) - v_R * ca.cos(angle), U_R, 0.0)
         cosine = s.divide(u_R * ca.cos(angle) + v_R * ca.sin(angle), U_R, 0.0)
         F_N = strength * U_R**2 * normal_coefficient(sine, cosine, s)
-        lateral = F_N * ca.cos(delta)
+        lateral = F_N * ca.cos(delta)  # in the ship's axes by the angle that is set, not the corrected one
         X, Y = -(1 - t_R) * F_N * ca.sin(delta), -(1 + a_H) * lateral
         blades.append(Blade(X, Y, -(p.x_R + a_H * x_H * p.L) * lateral, sine**2))
     one, other = blades

@@ -68,6 +68,7 @@ def _one(flow: Flow, ending: str, factor: Any, p: SimpleNamespace, c: SimpleName
     V = s.root(u**2 + v**2, 0.1 * s.speed)
     drag = 0.5 * p.rho * p.D_az**2 * c.C_pod * V
     disc = 0.25 * ca.pi * p.rho * p.D_az**2
+    # momentum theory: W (W - V) = |T| / (2 rho A), A the disc; of its two roots the one that is not negative
     W = 0.5 * V + s.root(0.25 * V**2 + 0.5 * s.magnitude(T / disc, (0.1 * s.speed) ** 2), 0.1 * s.speed)
     Z = c.k_N_az * disc * W * (v * cosine - u * sine)
     X, Y = T * cosine + Z * sine - drag * u, T * sine - Z * cosine - drag * v

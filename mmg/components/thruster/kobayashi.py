@@ -44,7 +44,7 @@ def effectiveness(Fr: Any, a: tuple[Any, ...], s: Smoothing) -> Any:
     a: (a_0, a_1, a_2); s: smoothing.
     """
     a_0, a_1, a_2 = a
-    rise = s.positive(a_1 + 2 * a_2 * Fr, 5e-3)
+    rise = s.positive(a_1 + 2 * a_2 * Fr, 5e-3)  # the slope, 0 up to the minimum
     return 1 + a_0 + a_1 * Fr + a_2 * Fr**2 - s.divide(rise**2, 4 * a_2, 1e-2)
 
 
@@ -57,9 +57,10 @@ def side_thruster(suffix: str, input_: str, flow: Flow, p: SimpleNamespace, c: S
     u, n, D, x = flow.u, getattr(flow, input_), getattr(p, f"D_{suffix}"), getattr(p, f"x_{suffix}")
     K_P, K_N, u_max = (getattr(c, f"{name}_{suffix}") for name in ("K_TP", "K_TN", "u_max"))
     nD = n * D
+    # (n D)^2 K_T without a branch: K_TP for n > 0, K_TN for n < 0
     squared = 0.5 * (K_P - K_N) * nD * s.absolute(nD, 0.1 * s.speed) + 0.5 * (K_P + K_N) * nD**2
     speed = s.absolute(u, 0.1 * s.speed)
-    T = p.rho * D**2 * squared * (1 - s.step_or_zero(speed - u_max, s.speed))
+    T = p.rho * D**2 * squared * (1 - s.step_or_zero(speed - u_max, s.speed))  # to starboard, at x
     Fr = speed / reference_speed(p.L)
     Y, N = (effectiveness(Fr, tuple(getattr(c, f"a_{k}{i}_{suffix}") for i in range(3)), s) for k in "YN")
     return Force(0.0, Y * T, N * x * T)

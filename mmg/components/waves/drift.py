@@ -43,10 +43,7 @@ COEFFICIENTS: tuple[Coefficient, ...] = (
 def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
     """Mean wave drift X, Y [N], N [N m] about midship; needs the heading ``flow.psi`` [rad]. flow, p, c, s: as in
     mmg/motion/flow.py."""
-    angle = c.chi_W - flow.psi
+    angle = c.chi_W - flow.psi  # coming from, clockwise from the bow
     scale = p.rho * GRAVITY * c.H_s**2 * p.L
-    return Force(
-        -scale * c.C_XW * ca.cos(angle),
-        -scale * c.C_YW * ca.sin(angle),
-        -scale * p.L * c.C_NW * ca.sin(2 * angle),
-    )
+    X, Y = -scale * c.C_XW * ca.cos(angle), -scale * c.C_YW * ca.sin(angle)
+    return Force(X, Y, -scale * p.L * c.C_NW * ca.sin(2 * angle))

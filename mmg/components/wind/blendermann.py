@@ -79,8 +79,10 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     cos_a, sin_a = s.divide(-flow.a_x, U_A, 0.0), s.divide(flow.a_y, U_A, 0.0)
     ahead = s.step(cos_a, BEAM_WIDTH)
     CD_l = (c.CD_stern + (c.CD_bow - c.CD_stern) * ahead) * p.A_T / p.A_L
+    # of the wind angle counter-clockwise from the bow; (2 sin a cos a)^2 is sin^2 2a
     D = 1.0 - 0.5 * c.delta_A * (1.0 - CD_l / c.CD_t) * (2.0 * sin_a * cos_a) ** 2
     pressure = 0.5 * p.rho_a * squared * p.A_L
     Y = pressure * c.CD_t * sin_a / D
+    # forward of midship [m]; |a|, as the point of attack is the same for wind from either side
     lever = p.C - 0.18 * (s.angle(-flow.a_x, flow.a_y, s.speed) - ca.pi / 2) * p.L_OA
     return Force(-pressure * CD_l * cos_a / D, Y, Y * lever)

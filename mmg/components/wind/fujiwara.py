@@ -54,7 +54,7 @@ def coefficients(p: SimpleNamespace) -> tuple[Coefficient, ...]:
     """Coefficient table for a ship of these particulars; prior std 30 % of the main term of each series. p:
     particulars."""
     values = regression(p)
-    size = {"X": abs(values["X_A1"]), "Y": abs(values["Y_A1"]), "N": abs(values["N_A2"])}
+    size = {"X": abs(values["X_A1"]), "Y": abs(values["Y_A1"]), "N": abs(values["N_A2"])}  # the main term of each
     rows = []
     for name, value in values.items():
         std, reach = (0.3 if name in ("X_A1", "Y_A1", "N_A2", "N_A1") else 0.1) * size[name[0]], 1.5 * size[name[0]]
@@ -67,15 +67,11 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     """Wind force [N, N, N m] of the air velocity relative to the ship. flow, p, c, s: as in mmg/motion/flow.py."""
     U_A = s.root(flow.a_x**2 + flow.a_y**2, s.speed)
     cos_a, sin_a = s.divide(-flow.a_x, U_A, 0.0), s.divide(flow.a_y, U_A, 0.0)
-    c2, s2 = cos_a**2, sin_a**2
+    c2, s2 = cos_a**2, sin_a**2  # multiple angles as polynomials of these: de Moivre
     cos_3, cos_5 = cos_a * (4 * c2 - 3), cos_a * (16 * c2**2 - 20 * c2 + 5)
     sin_2, sin_3, sin_5 = 2 * sin_a * cos_a, sin_a * (3 - 4 * s2), sin_a * (16 * s2**2 - 20 * s2 + 5)
     pressure = 0.5 * p.rho_a * U_A**2
     C_X = c.X_A0 + c.X_A1 * cos_a + c.X_A3 * cos_3 + c.X_A5 * cos_5
     C_Y = c.Y_A1 * sin_a + c.Y_A3 * sin_3 + c.Y_A5 * sin_5
     C_N = c.N_A1 * sin_a + c.N_A2 * sin_2 + c.N_A3 * sin_3
-    return Force(
-        pressure * p.A_T * C_X,
-        pressure * p.A_L * C_Y,
-        pressure * p.A_L * p.L * C_N,
-    )
+    return Force(pressure * p.A_T * C_X, pressure * p.A_L * C_Y, pressure * p.A_L * p.L * C_N)

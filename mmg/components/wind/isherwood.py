@@ -91,16 +91,14 @@ def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> F
     U_A = s.root(squared, s.speed)
     cos_a, sin_a = s.divide(-flow.a_x, U_A, 0.0), s.divide(flow.a_y, U_A, 0.0)
     cosines, sines = multiples(cos_a, sin_a)
+    # each coefficient: sum over k of (row k of its series . features) times cos k a or sin k a
     C_X, C_Y, C_N = (
-        sum(sum(a * b for a, b in zip(row, seen, strict=True)) * angle for row, angle in zip(rows, angles, strict=True))
-        for rows, seen, angles in zip(SERIES, features(p, c.M_A), (cosines, sines, sines), strict=True)
+        sum(sum(a * b for a, b in zip(row, x, strict=True)) * angle for row, angle in zip(rows, angles, strict=True))
+        for rows, x, angles in zip(SERIES, features(p, c.M_A), (cosines, sines, sines), strict=True)
     )
     pressure = 0.5 * p.rho_a * squared
-    return Force(
-        c.k_XA * pressure * p.A_T * -C_X,
-        c.k_YA * pressure * p.A_L * C_Y,
-        c.k_NA * pressure * p.A_L * p.L_OA * C_N,
-    )
+    X, Y = c.k_XA * pressure * p.A_T * -C_X, c.k_YA * pressure * p.A_L * C_Y  # C_X is a head resistance in print
+    return Force(X, Y, c.k_NA * pressure * p.A_L * p.L_OA * C_N)
 
 
 def multiples(cosine: Any, sine: Any) -> tuple[list[Any], list[Any]]:

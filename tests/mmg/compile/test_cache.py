@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
+from mmg.compile import batch, cache
 from mmg.compile.batch import FLAGS, batch_functions
-from mmg.compile.cache import UNIT, cache_folder, compile_library, compiler, load_library
+from mmg.compile.cache import UNIT, LateSource, cache_folder, compile_library, compiler, load_library
 from mmg.rollout import Simulator
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -35,20 +36,16 @@ def short_run(compiled: bool = True) -> tuple[np.ndarray, str]:
     return simulator.run(start, inputs, 0.1), simulator.interpreted_because
 
 
-def test_without_a_compiler_it_works_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["none", "no-such-compiler-anywhere"])
+def test_without_a_compiler_it_works_and_says_so(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     expected, _ = short_run()
-    monkeypatch.setenv("MMG_CC", "none")
+    monkeypatch.setenv("MMG_CC", name)
     monkeypatch.setenv("MMG_CACHE", str(tmp_path))
+    assert compiler() is None
     got, reason = short_run()
-    assert reason.startswith("no C compiler") and "'none'" in reason
+    assert reason.startswith("no C compiler") and repr(name) in reason
     np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-15)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_compiler_that_is_not_there_counts_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("MMG_CC", "no-such-compiler-anywhere")
-    assert compiler() is None
-    assert short_run()[1].startswith("no C compiler")
 
 
 def test_switched_off_says_so() -> None:
@@ -68,10 +65,7 @@ def script(folder: Path, body: str) -> str:
     [
         ("echo fatal: broken >&2; echo second line >&2; exit 3", "cc.sh failed: fatal: broken"),
         ("exit 1", "cc.sh failed"),
-        (
-            "echo 'code.c: In function f' >&2; echo 'c.c:1: error: why' >&2; exit 1",
-            "failed: c.c:1: error: why",
-        ),
+        ("echo 'code.c: In function f' >&2; echo 'c.c:1: error: why' >&2; exit 1", "failed: c.c:1: error: why"),
         (r"printf 'error: \351\377 \033[2J\n' >&2; exit 1", "cc.sh failed: error"),
         ("exit 0", "cc.sh made no library"),
         pytest.param("kill -9 $$", "signal 9", marks=pytest.mark.skipif(os.name != "posix", reason="signals")),
@@ -113,13 +107,6 @@ def test_a_cache_that_cannot_be_written_is_reported(monkeypatch: pytest.MonkeyPa
 # Cache
 
 
-def test_the_cache_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "here"))
-    assert cache_folder() == tmp_path / "here"
-    monkeypatch.delenv("MMG_CACHE")
-    assert cache_folder().name == "mmg-ident"
-
-
 @needs_compiler
 def test_the_same_code_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A stand-in that counts its calls; other code or other flags compile again."""
@@ -138,6 +125,17 @@ def test_the_same_code_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_pat
     compile_library("int x;", FLAGS)
     compile_library("int x;", ("-shared", "-fPIC"))
     assert calls_and_files() == (4, 4)
+
+
+def test_code_made_of_other_c_files_is_other_code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A release that differs in a C file alone does not take the libraries of the one before."""
+    assert {path.name for path in cache.C_FILES} >= {"functions.h", "vector.h", "intervals.c", "rollout.c"}
+    monkeypatch.setattr(cache, "C_FILES", (tmp_path / "loops.c",))
+    keys = set()
+    for text in ("a", "b", "a"):
+        (tmp_path / "loops.c").write_text(text)
+        keys.add(LateSource.of([simple("add", 1)], str, batch).made_from)
+    assert len(keys) == 2
 
 
 @pytest.fixture
@@ -201,8 +199,11 @@ def test_a_truncated_library_is_compiled_anew(kept: Path, left: int) -> None:
 
 
 @needs_compiler
-def test_a_relative_cache_and_an_empty_xdg_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_cache_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Absolute, relative, unset, and an empty or relative folder of XDG."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "here"))
+    assert cache_folder() == tmp_path / "here"
     monkeypatch.setenv("MMG_CACHE", ".")
     tmp_path.chmod(0o700)
     assert cache_folder() == tmp_path and load_library(SEVEN, FLAGS)[0]

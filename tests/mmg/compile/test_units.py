@@ -19,38 +19,10 @@ from mmg.compile.batch import batch_functions
 from mmg.compile.cache import UNIT, compiler
 from mmg.model import assemble
 from mmg.ship import Ship
+from tests.support.actuator_ships import true_ship
 
 ROOT = Path(__file__).parents[3]
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
-
-PODS = """[ship]
-name = "four pods"
-L = 33.9
-B = 9.6
-d = 2.7
-m = 543790.0
-x_G = 0.0
-rho = 1025.0
-D_az = 1.9
-x_az = -16.0
-y_az = 2.7
-x_az_2 = -16.0
-y_az_2 = -2.7
-x_az_3 = 14.0
-y_az_3 = 2.0
-x_az_4 = 14.0
-y_az_4 = -2.0
-
-[model]
-hull = "unified"
-azimuth = "azimuth"
-"""
-
-
-def ship_of_four_pods(folder: Path) -> Ship:
-    file = folder / "pods.toml"
-    file.write_text(PODS)
-    return load_ship(file)
 
 
 def derivatives(ship: Ship) -> list[ca.Function]:
@@ -80,8 +52,8 @@ def test_a_function_in_parts_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.slow
-def test_no_function_has_more_instructions_than_a_compiler_likes(tmp_path: Path) -> None:
-    functions = derivatives(ship_of_four_pods(tmp_path))
+def test_no_function_has_more_instructions_than_a_compiler_likes() -> None:
+    functions = derivatives(true_ship("pods"))
     assert max(f.n_instructions() for f in functions) > 2 * stages.FUNCTION_SIZE
     units = batch.source(functions).split(UNIT)
     parts = [part for unit in units for part in unit.split("HIDDEN void ")[1:] if "{" in part]
@@ -97,15 +69,14 @@ def test_one_line_says_what_is_compiled(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setenv("MMG_CACHE", str(tmp_path))
-    functions = derivatives(load_ship("mariner"))[:1]
-    for said, new in ((1, True), (0, True), (0, False)):  # the first, a second one, and one from the cache
+    rates, jacobian, _ = derivatives(load_ship("mariner"))
+    # the first of a process, a second one, and the first one of another process from the cache
+    for said, function, anew in ((1, rates, True), (0, jacobian, False), (0, rates, True)):
         caplog.clear()
-        if said or not new:
+        if anew:
             monkeypatch.setattr(cache, "announced", [])
         with caplog.at_level(logging.INFO):
-            batch_functions(
-                functions if said or not new else derivatives(load_ship("mariner"))[1:2], True, "the mariner"
-            )
+            batch_functions([function], True, "the mariner")
         lines = [r.message for r in caplog.records if "compiling" in r.message]
         assert len(lines) == said and all(str(tmp_path) in line for line in lines)
 
@@ -115,15 +86,13 @@ def test_one_line_says_what_is_compiled(
 @pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss in kilobytes")
 def test_a_compiler_of_four_pods_takes_less_than_half_a_gigabyte(tmp_path: Path) -> None:
     code = (
-        "import pathlib, resource; from tests.mmg.compile.test_units import *;"
+        "import resource; from tests.mmg.compile.test_units import *;"
         "from fitting.nlp.shooting import Kernels;"
-        "model = assemble(ship_of_four_pods(pathlib.Path(sys.argv[1])));"
+        "model = assemble(true_ship('pods'));"
         "reason = Kernels(model, np.arange(len(model.symbols))).interpreted_because;"
         "print(reason or resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)"
     )  # in a process of its own, which has had no other children
     environment = {**os.environ, "MMG_CACHE": str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path)], cwd=ROOT, env=environment, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert 0 < float(done.stdout) < 200e3

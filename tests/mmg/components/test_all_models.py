@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
 from functools import cache
 
 import casadi as ca
@@ -113,12 +112,7 @@ TWIN = new_ship("twin", {"L": 3.0, "B": 0.5, "d": 0.17, "C_b": 0.6, "y_P": 0.12,
 
 def equipped(name: str, **components: str) -> Ship:
     """A ship of the library with other force models, at their default coefficients."""
-    ship = load_ship(name)
-    components = {**ship.components, **components}
-    table = coefficient_table(components, ship.particulars)
-    return replace(
-        ship, components=components, coefficients={s: ship.coefficients.get(s, row) for s, row in table.items()}
-    )
+    return load_ship(name).with_models(**components)
 
 
 def whole_ships() -> list[Ship]:
@@ -140,11 +134,8 @@ def test_a_coasting_ship_loses_energy(ship: Ship, size: float) -> None:
     rng = np.random.default_rng(2)
     velocity = rng.normal(size=(3, 400))
     velocity[:, :60] *= rng.random((3, 60)) < 0.5
-    velocity[:, 390:] = [
-        [1, -1, 0, 0, 0, 0, 1, 1, -1, -1],
-        [0, 0, 1, -1, 0, 0, 1, -1, 1, -1],
-        [0] * 4 + [1, -1] + [0] * 4,
-    ]
+    velocity[:, 390:396] = np.kron(np.eye(3), [1, -1])
+    velocity[:, 396:] = [[1, 1, -1, -1], [1, -1, 1, -1], [0] * 4]
     velocity *= 0.3 * k / np.maximum(np.abs(velocity).max(axis=0), 1e-9)
     velocity[2] /= ship.particulars["L"] / 2
     state = np.vstack([np.zeros((3, 400)), velocity])

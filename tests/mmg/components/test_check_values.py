@@ -21,67 +21,33 @@ from mmg.model import Model, assemble
 from mmg.motion.flow import Flow
 from mmg.motion.frames import wind_vector
 from mmg.motion.smooth import Exact, Smooth
-from tests.support.force_numbers import table_values, xyn
+from tests.support.force_numbers import particulars_and_coefficients, table_values, xyn
 
 SHIP = load_ship("esso_osaka_3m")
 
+# u, v [m/s], r [rad/s], n [1/s], rudder [deg] of rows 1 to 6.
 MOTIONS = (
-    (0.3, 0.0, 0.0, 10, 0),
-    (0.3, -0.05, 0.03, 10, 20),
-    (0.2, 0.1, -0.05, -10, -30),
-    (-0.1, 0.05, 0.02, 10, 15),
-    (-0.15, -0.05, 0.02, -8, 15),
-    (0.0, 0.0, 0.05, 10, 35),
-)
-"""u, v [m/s], r [rad/s], n [1/s], rudder [deg] of rows 1 to 6."""
-
+    (0.3, 0.0, 0.0, 10, 0), (0.3, -0.05, 0.03, 10, 20), (0.2, 0.1, -0.05, -10, -30), (-0.1, 0.05, 0.02, 10, 15),
+    (-0.15, -0.05, 0.02, -8, 15), (0.0, 0.0, 0.05, 10, 35),
+)  # fmt: skip
 ACCELERATIONS = (
-    (1.730580e-3, 0.0, 0.0),
-    (-1.499789e-3, 2.393777e-3, 2.630696e-3),
-    (-1.344432e-2, -1.342714e-2, 6.278277e-3),
-    (6.929676e-3, -2.835568e-3, 1.095844e-3),
-    (-1.824839e-3, 6.101366e-3, -8.846714e-3),
+    (1.730580e-3, 0.0, 0.0), (-1.499789e-3, 2.393777e-3, 2.630696e-3), (-1.344432e-2, -1.342714e-2, 6.278277e-3),
+    (6.929676e-3, -2.835568e-3, 1.095844e-3), (-1.824839e-3, 6.101366e-3, -8.846714e-3),
     (4.446776e-3, -2.265330e-4, -8.939005e-4),
-)
-
+)  # fmt: skip
+# X, Y [N], N [N m] per component and row, printed with five decimals; no wind force is printed for row 6.
 FORCES = {
-    "hull": (
-        (-0.57966, 0.0, 0.0),
-        (-0.59185, 4.20008, 0.26272),
-        (-0.27232, -8.71524, 0.44727),
-        (0.09482, -1.92093, 0.04225),
-        (0.22738, 1.67764, -1.73546),
-        (0.0, 0.0, -0.40246),
-    ),
-    "propeller": (
-        (1.0814, 0.0, 0.0),
-        (0.95212, 0.0, 0.0),
-        (-1.24716, -0.42097, 0.50338),
-        (1.41518, 0.08535, 0.00796),
-        (-0.32226, -0.07587, 0.09178),
-        (1.27043, 0.0, 0.0),
-    ),
-    "rudder": (
-        (0.0, 0.0, 0.0),
-        (-0.08898, -0.42043, 0.61286),
-        (-0.00238, 0.00707, -0.01031),
-        (-0.01016, -0.06524, 0.09509),
-        (0.03843, 0.24665, -0.35954),
-        (-0.05238, -0.12864, 0.18752),
-    ),
-    "wind": (
-        (-0.00543, 0.0, 0.0),
-        (-0.00566, 0.00483, 0.0025),
-        (-0.00317, -0.0074, -0.00328),
-        (0.00077, -0.00185, 0.00117),
-        (0.00153, 0.00256, -0.00174),
-    ),
-}
-"""X, Y [N], N [N m] per component and row, printed with five decimals; no wind force is printed for row 6."""
+    "hull": ((-0.57966, 0.0, 0.0), (-0.59185, 4.20008, 0.26272), (-0.27232, -8.71524, 0.44727),
+             (0.09482, -1.92093, 0.04225), (0.22738, 1.67764, -1.73546), (0.0, 0.0, -0.40246)),
+    "propeller": ((1.0814, 0.0, 0.0), (0.95212, 0.0, 0.0), (-1.24716, -0.42097, 0.50338),
+                  (1.41518, 0.08535, 0.00796), (-0.32226, -0.07587, 0.09178), (1.27043, 0.0, 0.0)),
+    "rudder": ((0.0, 0.0, 0.0), (-0.08898, -0.42043, 0.61286), (-0.00238, 0.00707, -0.01031),
+               (-0.01016, -0.06524, 0.09509), (0.03843, 0.24665, -0.35954), (-0.05238, -0.12864, 0.18752)),
+    "wind": ((-0.00543, 0.0, 0.0), (-0.00566, 0.00483, 0.0025), (-0.00317, -0.0074, -0.00328),
+             (0.00077, -0.00185, 0.00117), (0.00153, 0.00256, -0.00174)),
+}  # fmt: skip
 
-LAST_DIGIT = 0.5e-5 * (1 + 1e-6)
-"""Half a unit of the last printed decimal of a force."""
-
+LAST_DIGIT = 0.5e-5 * (1 + 1e-6)  # Half a unit of the last printed decimal of a force
 EXACT_TOLERANCE = 1e-5
 
 SMOOTH_TOLERANCES = (1e-3, 1e-3, 2e-3, 2e-4, 5e-5, 5e-2)
@@ -97,8 +63,8 @@ row 6  4.3e-2 sway: u = 0 sits on the branch point of headway: 4.7 % of the side
        in units of the row's largest force over the mass this is 1.9e-3
 """
 
+# Largest deviation of a component of the smooth model by the largest force of its row (row 6: 3.7e-3).
 SMOOTH_FORCE_TOLERANCE = 5e-3
-"""Largest deviation of a component of the smooth model by the largest force of its row (row 6: 3.7e-3)."""
 
 
 @cache
@@ -207,38 +173,30 @@ def test_fujiwara_regression_gives_the_published_coefficients(symbol: str, value
 @pytest.mark.parametrize(
     ("degrees", "published"),
     [
-        (0, (-0.7276, 0, 0)),
-        (30, (-0.7609, 0.5238, 0.0739)),
-        (60, (-0.4595, 0.9296, 0.0636)),
-        (90, (-0.0105, 1.0406, -0.0298)),
-        (120, (0.4385, 0.9296, -0.1168)),
-        (150, (0.7400, 0.5238, -0.1064)),
+        (0, (-0.7276, 0, 0)), (30, (-0.7609, 0.5238, 0.0739)), (60, (-0.4595, 0.9296, 0.0636)),
+        (90, (-0.0105, 1.0406, -0.0298)), (120, (0.4385, 0.9296, -0.1168)), (150, (0.7400, 0.5238, -0.1064)),
         (180, (0.7067, 0, 0)),
     ],
-)
+)  # fmt: skip
 def test_wind_series_by_apparent_angle(degrees: float, published: tuple[float, float, float]) -> None:
     """Angle counter-clockwise from the bow: U_A cos = -a_x, U_A sin = a_y; from port it pushes right."""
     angle, speed = np.radians(degrees), 7.0
     flow = Flow(u=0.0, v=0.0, r=0.0, a_x=-speed * np.cos(angle), a_y=speed * np.sin(angle))
-    p = names(dict(SHIP.particulars))
-    coefficients = names({name: c.value for name, c in SHIP.coefficients.items()})
+    p, coefficients = particulars_and_coefficients("esso_osaka_3m")
     pressure = 0.5 * p.rho_a * speed**2
     units = pressure * np.array([p.A_T, p.A_L, p.A_L * p.L])
     for smoothing, tolerance in ((Exact(), 0.51e-4), (Smooth(), 0.55e-4)):
-        force = fujiwara.force(flow, p, coefficients, smoothing)
-        got = np.array([float(ca.DM(part)) for part in (force.X, force.Y, force.N)]) / units
+        got = xyn(fujiwara.force(flow, p, coefficients, smoothing)) / units
         np.testing.assert_allclose(got, published, rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize(
     ("a", "b", "published_Y", "published_N"),
     [
-        (0.1, 0.3, 0.01722222, 0.00512731),
-        (0.0, 0.3, 0.0, 0.0028125),
-        (-0.1, 0.15, -0.011875, 0.0025),
+        (0.1, 0.3, 0.01722222, 0.00512731), (0.0, 0.3, 0.0, 0.0028125), (-0.1, 0.15, -0.011875, 0.0025),
         (-0.03, 0.9, -0.01352, 0.02553733),
     ],
-)
+)  # fmt: skip
 @pytest.mark.parametrize(("width", "tolerance"), [(1e-6, 0.51e-8), (1e-3, 2e-8)])
 def test_cross_flow_closed_form_check_values(
     a: float, b: float, published_Y: float, published_N: float, width: float, tolerance: float

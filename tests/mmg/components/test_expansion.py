@@ -8,21 +8,19 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
-from fitting.selection.candidates import candidate, candidates
+from fitting.selection.candidates import candidates
 from mmg.components.coefficients import names
 from mmg.components.expansion import hard_submodels, smooth_submodels
+from mmg.components.expansion import structure as structures
 from mmg.components.expansion.actuators import devices_of, parse_devices, variables, without_partner
 from mmg.components.expansion.series import DAMPING, STALL, speed_scale, variable
 from mmg.components.expansion.structure import Powers, Structure, monomials, regimes, term_list, terms
-from mmg.components.expansion.units import unit_monomials, units_of
 from mmg.components.expansion.words import parse_monomial
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, Unsupported
 from mmg.motion.flow import INPUTS, Flow
 from mmg.motion.smooth import Smooth
-from mmg.rollout import Simulator
-from mmg.ship import Ship
 from tests.support.actuator_ships import true_ship
+from tests.support.force_numbers import xyn
 
 VECTWIN = parse_devices("n, delta_port, delta_starboard")
 PODS = parse_devices("azimuth+azimuth_2, azimuth_3+azimuth_4")
@@ -38,12 +36,12 @@ def motion(rng: np.random.Generator) -> dict[str, float]:
     return speeds | {name: rng.normal() * (8.0 if unit == "rps" else 1.0) for name, (_, unit) in INPUTS.items()}
 
 
-def mirrored(at: dict[str, float], devices: str) -> dict[str, float]:
-    """The same seen in the mirror: port becomes starboard, and pairs of the list of devices change places."""
+def mirrored(at: dict[str, float], pairs: bool) -> dict[str, float]:
+    """The same seen in the mirror: port becomes starboard, and actuators of ``pairs`` change places."""
     swap = {"n": "n_2", "delta_starboard": "delta_port", "azimuth": "azimuth_2", "azimuth_3": "azimuth_4",
             "n_azimuth": "n_azimuth_2", "n_azimuth_3": "n_azimuth_4"}  # fmt: skip
     swap |= {other: name for name, other in swap.items()}
-    swap = swap if "+" in devices else {}
+    swap = swap if pairs else {}
     odd = [n for n in at if n in ("v", "r", "n_bow", "n_stern") or n.startswith(("delta", "azimuth"))]
     turned = {name: -x if name in odd else x for name, x in at.items()}
     return {name: turned[swap.get(name, name)] for name in at}
@@ -55,8 +53,7 @@ def values(structure: Structure, at: dict[str, float], hard: bool = False, seed:
     rng = np.random.default_rng(seed)
     c = names(dict(zip((row.symbol for row in rows), rng.normal(size=len(rows)), strict=True)))
     model = hard_submodels if hard else smooth_submodels
-    force = model.force(Flow(**at), names(PAPER), c, SMOOTH, {row.symbol: row.monomial for row in rows})
-    return np.array([float(ca.DM(x)) for x in (force.X, force.Y, force.N)])
+    return xyn(model.force(Flow(**at), names(PAPER), c, SMOOTH, {row.symbol: row.monomial for row in rows}))
 
 
 @pytest.mark.parametrize(
@@ -112,15 +109,16 @@ def test_what_the_identity_leaves_is_independent_and_complete(devices: str, orde
 @pytest.mark.parametrize("devices", LISTS)
 @pytest.mark.parametrize("submodels", ["SM-1", "SM-2"])
 def test_mirrored_motion_gives_the_mirrored_force(devices: str, submodels: str) -> None:
-    several = parse_devices(devices)
-    if not any("_" in str(d) and "+" not in str(d) and "delta" in str(d) for d in several):  # two rudders one by one
-        rng = np.random.default_rng(5)
-        for order in (2, 3):
-            structure = Structure(several, order, submodels, duplicates="identity")
-            at = motion(rng)
-            np.testing.assert_allclose(
-                values(structure, mirrored(at, devices)), values(structure, at) * (1, -1, -1), rtol=1e-9, atol=1e-9
-            )
+    """Of the rules' terms, but for two rudders one by one, and of those of units, where there are units."""
+    several, rng = parse_devices(devices), np.random.default_rng(5)
+    kinds = [False] if devices != "n, delta_port, delta_starboard" else []
+    kinds += [True] if structures.units_of(several) and submodels == "SM-1" else []
+    for units, order in itertools.product(kinds, (2, 3)):
+        structure = Structure(several, order, submodels, duplicates="identity", units=units)
+        at = motion(rng)
+        at |= {} if "n_2" in devices else {"n_2": at["n"]}  # one propeller changes places with itself
+        there = values(structure, mirrored(at, "+" in devices or (units and "port" in devices)))
+        np.testing.assert_allclose(there, values(structure, at) * (1, -1, -1), rtol=1e-9, atol=1e-9)
 
 
 def test_moduli_change_squares_and_products_but_not_pure_cubes() -> None:
@@ -203,9 +201,8 @@ def test_derivatives_are_finite_everywhere_and_agree_with_differences(devices: s
 def test_a_monomial_is_read_as_it_is_written() -> None:
     text = "ahead attached(delta_port,delta_starboard) u |v| mean(n,n_2) half(sin(delta_starboard),sin(delta_port))"
     assert str(parse_monomial(text)) == text
-    assert str(parse_monomial(" ahead  attached( delta_port , delta_starboard ) u |v| ")) == (
-        "ahead attached(delta_port,delta_starboard) u |v|"
-    )
+    spaced = parse_monomial(" ahead  attached( delta_port , delta_starboard ) u |v| ")
+    assert str(spaced) == "ahead attached(delta_port,delta_starboard) u |v|"
     assert parse_monomial("stalled(delta) push(n_azimuth,azimuth)").inputs == {"delta", "n_azimuth", "azimuth"}
     assert parse_monomial("ahead |v| sin(delta_port)").short == "absv_sdp"
 
@@ -217,7 +214,8 @@ def test_a_monomial_is_read_as_it_is_written() -> None:
         ("cos(n)", "angle"), ("thrust(delta)", "not revolutions"), ("ahead(n) u", "no condition"),
         ("stalled u", "write stalled(delta)"), ("|ahead| u", "no condition"), ("sin(delta", "no variable"),
         ("sin(delta))", "brackets"), ("mean(u,v)", "actuators"), ("u^2", "no variable"),
-        ("tan(delta)", "no variable"),
+        ("tan(delta)", "no variable"), ("times(n)", "times"), ("times(n,u)", "times"),
+        ("times(n,times(n,n_2))", "times"), ("times(n,mean(n,n_2))", "times"),
     ],
 )  # fmt: skip
 def test_a_wrong_monomial_is_refused_with_its_word(text: str, words: str) -> None:
@@ -285,8 +283,7 @@ def test_beyond_its_range_a_polynomial_stays_at_the_edge_and_the_rest_is_damped(
 
     def force(u: float, v: float, r: float, **particulars: float) -> np.ndarray:
         flow = Flow(u=u, v=v, r=r, psi=0.0)
-        found = smooth_submodels.force(flow, names(PAPER | particulars), c, SMOOTH, rows)
-        return np.array([float(found.X), float(found.Y), float(found.N)])
+        return xyn(smooth_submodels.force(flow, names(PAPER | particulars), c, SMOOTH, rows))
 
     V, unit = speed_scale(3.0), 0.5 * 998.0 * 3.0 * 0.17 * speed_scale(3.0) ** 2 * np.array([1.0, 1.0, 3.0])
     np.testing.assert_allclose(force(0.2, 0.1, 0.1, **limits), force(0.2, 0.1, 0.1), rtol=0.03)
@@ -303,38 +300,24 @@ def test_beyond_its_range_a_polynomial_stays_at_the_edge_and_the_rest_is_damped(
 TWIN_UNITS = "n+n_2, delta_starboard+delta_port"
 
 
-def velocities(ship: Ship, motion: list[float], inputs: dict[str, float]) -> np.ndarray:
-    """Changes of u, v, r of ``ship`` in a fifth of a second of constant inputs in calm air."""
-    simulator = Simulator(ship, compiled=False)
-    controls = np.array([inputs.get(name, 0.0) for name in simulator.model.controls])
-    start = np.array([0.0, 0.0, 0.0, *motion])[:, None]
-    states = simulator.run(start, np.repeat(controls[None, :, None], 20, axis=0), 0.01, ship.values)
-    return states[-1, 3:6, 0] - np.array(motion)
-
-
 @pytest.mark.parametrize(
     ("actuators", "units"),
     [
         (TWIN_UNITS, (("n", "delta_starboard"), ("n_2", "delta_port"))),
         ("n, delta_port, delta_starboard", (("n", "delta_starboard"), ("n", "delta_port"))),
-        ("n, delta", (("n", "delta"),)),
-        ("n+n_2", (("n", ""), ("n_2", ""))),
-        ("n", (("n", ""),)),
-        ("n, delta, n_bow", ()),
-        ("n+n_2, delta", ()),
-        ("azimuth+azimuth_2", ()),
-        ("delta", ()),
+        ("n, delta", (("n", "delta"),)), ("n+n_2", (("n", ""), ("n_2", ""))), ("n", (("n", ""),)),
+        ("n, delta, n_bow", ()), ("n+n_2, delta", ()), ("azimuth+azimuth_2", ()), ("delta", ()),
     ],
-)
+)  # fmt: skip
 def test_units_are_a_propeller_with_the_rudder_behind_it(actuators: str, units: tuple[tuple[str, str], ...]) -> None:
-    assert units_of(parse_devices(actuators)) == units
+    assert structures.units_of(parse_devices(actuators)) == units
 
 
 @pytest.mark.parametrize("force", "XYN")
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 def test_no_term_multiplies_actuators_of_two_units_and_all_differ(force: str, order: int) -> None:
-    units = units_of(parse_devices(TWIN_UNITS))
-    found = unit_monomials(units, order, force)
+    units = structures.units_of(parse_devices(TWIN_UNITS))
+    found = structures.unit_monomials(units, order, force)
     texts = [str(term) for term in found]
     assert len(set(texts)) == len(texts) == len({term.short for term in found})
     assert all(parse_monomial(text) == term for text, term in zip(texts, found, strict=True))
@@ -345,38 +328,8 @@ def test_no_term_multiplies_actuators_of_two_units_and_all_differ(force: str, or
             assert [part.inputs <= set(unit) for part, unit in zip(actions[0].parts, units, strict=True)] == [True] * 2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["twin", "vectwin", "thrusters", "esso"])
-def test_the_mirror_image_of_a_state_has_the_mirror_image_of_the_force(kind: str) -> None:
-    own = load_ship("esso_osaka_3m").without_network() if kind == "esso" else true_ship(kind)
-    made = candidate(own, "units-order3").ship
-    rng = np.random.default_rng(3)
-    drawn = {
-        s: float(np.clip(rng.normal(0, 0.1 * made.coefficients[s].std), *_bounds(made, s))) for s in made.monomials
-    }
-    ship = parse_ship(dump_ship(made.with_values(drawn)))
-    screws, angles = {"n": 6.0, "n_2": 9.0}, {"delta_starboard": 0.3, "delta_port": -0.5, "delta": 0.4}
-    here = velocities(ship, [0.4, 0.1, 0.05], screws | angles)
-    swapped = {"n": 9.0, "n_2": 6.0} if "n_2" in ship.actuators else screws
-    mirrored = {"delta_starboard": 0.5, "delta_port": -0.3, "delta": -0.4}
-    there = velocities(ship, [0.4, -0.1, -0.05], swapped | mirrored)
-    assert np.abs(here).min() > 1e-6
-    np.testing.assert_allclose(there, here * [1, -1, -1], rtol=1e-9, atol=1e-12)
-
-
 def test_the_family_is_among_the_candidates_where_there_are_units() -> None:
     names = {one.name: one.unknowns for one in candidates(true_ship("twin"))}
     assert {"units-order2", "units-order3", "units-order4"} <= set(names)
     assert names["units-order3"] < names["full-order3"]
     assert not any(one.name.startswith("units") for one in candidates(true_ship("pods")))
-
-
-@pytest.mark.parametrize("text", ["times(n)", "times(n,u)", "times(n,times(n,n_2))", "times(n,mean(n,n_2))"])
-def test_a_product_is_of_two_or_more_variables_of_actuators(text: str) -> None:
-    with pytest.raises(ValueError, match="times"):
-        parse_monomial(text)
-
-
-def _bounds(ship: Ship, symbol: str) -> tuple[float, float]:
-    row = ship.coefficients[symbol]
-    return row.lower, row.upper

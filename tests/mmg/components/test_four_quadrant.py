@@ -52,8 +52,8 @@ def test_thrust_coefficient_at_the_printed_angles(degrees: float, printed: float
 @pytest.mark.parametrize(("n", "thrust", "torque"), [(10.0, 0.4451, 0.0666), (-10.0, -0.3471, -0.0628)])
 def test_bollard_thrust_and_torque(n: float, thrust: float, torque: float) -> None:
     assert K_T(0.0, n) == pytest.approx(thrust, abs=0.51e-4)
-    Q = float(ca.DM(fq.torque(0.0, n, D, RHO)))
-    assert Q / (RHO * n * n * D**5) == pytest.approx(torque, abs=0.51e-4)
+    Q_by_rho = np.pi / 8 * D**3 * float(fq.series(0.0, 0.7 * np.pi * n * D, fq.A_Q, fq.B_Q, EXACT))
+    assert Q_by_rho / (n * n * D**5) == pytest.approx(torque, abs=0.51e-4)
 
 
 @pytest.mark.parametrize(
@@ -70,14 +70,6 @@ def test_another_pitch_by_the_two_factors(J: float, polynomial: float) -> None:
     """P/D = 0.7151 by k_T = 0.6965, k_J = 0.75 (measured: 0, 0.0027, 0.0021); the plain table is far off."""
     assert K_T(J, k_T=0.6965, k_J=0.75) == pytest.approx(polynomial, abs=0.003)
     assert abs(K_T(J) - polynomial) > 0.1
-
-
-@pytest.mark.slow
-@settings(max_examples=100, deadline=None)
-@given(st.floats(-1, 1), st.floats(-15, 15), st.floats(0.1, 10.0))
-def test_thrust_grows_with_the_square_of_speed(V_A: float, n: float, factor: float) -> None:
-    one, other = (float(ca.DM(fq.thrust(k * V_A, k * n, D, RHO))) for k in (1.0, factor))
-    assert other == pytest.approx(factor**2 * one, rel=1e-9, abs=1e-12)
 
 
 @pytest.mark.parametrize("s", [EXACT, SMOOTH])
@@ -101,11 +93,11 @@ def test_factors_on_thrust_and_advance() -> None:
 
 
 def test_wake_fades_with_drift() -> None:
-    straight, oblique = (fq.force(Flow(u=0.3, v=v, r=0.0, n=10.0), P, C, EXACT) for v in (0.0, -0.2))
-    assert straight.slipstream is not None and oblique.slipstream is not None
-    beta = np.arctan2(0.2, 0.3)
-    assert float(ca.DM(oblique.slipstream.one_minus_w)) == pytest.approx(1 - C.w_P0 * np.exp(-4 * beta**2), rel=1e-6)
-    assert float(ca.DM(straight.slipstream.one_minus_w)) == pytest.approx(1 - C.w_P0)
+    for v in (0.0, -0.2):
+        wash = fq.force(Flow(u=0.3, v=v, r=0.0, n=10.0), P, C, EXACT).slipstream
+        assert wash is not None
+        by_hand = 1 - C.w_P0 * np.exp(-4 * np.arctan2(-v, 0.3) ** 2)
+        assert float(ca.DM(wash.one_minus_w)) == pytest.approx(by_hand, rel=1e-6)
 
 
 def test_a_stopped_propeller_is_a_brake() -> None:
@@ -126,8 +118,6 @@ def test_second_derivatives_do_not_blow_up_towards_rest(u: float, n: float) -> N
 
 def test_rudder_takes_its_slipstream() -> None:
     """More revolutions make the single rudder stronger."""
-    from mmg.components.rudder import single
-
     c = table_values(fq.COEFFICIENTS, single.COEFFICIENTS)
     both = behind(fq.force, single.force)
     slow, fast = (xyn(both(Flow(u=0.3, v=0.0, r=0.0, n=n, delta=0.3), P, c, SMOOTH))[1] for n in (5.0, 15.0))

@@ -24,6 +24,7 @@ SMOOTH = smooth(P)
 STATES = ((1.0, -0.1, 0.05, 10.0, 10.0), (1.1, 0.15, -0.08, 12.0, -20.0))
 """u, v [m/s], r [rad/s], n [1/s], rudder [deg]."""
 
+# X, Y, N of the hull; beta_P, 1 - w_P, J, K_T; X_P; u_R, beta_R, v_R; alpha_R, F_N; rudder; accelerations (SI).
 PRINTED = (
     {
         "hull": (-33.8664, 109.689, -63.3876),
@@ -44,9 +45,6 @@ PRINTED = (
         "rates": (-1.596941e-2, 2.092049e-2, 8.217546e-3),
     },
 )
-"""X, Y, N of the hull; beta_P, 1 - w_P, J, K_T; X_P; u_R, beta_R, v_R; alpha_R, F_N; rudder; accelerations (SI)."""
-
-QUANTITIES = tuple(PRINTED[0])
 
 
 @cache
@@ -69,22 +67,18 @@ def evaluated(row: int, exact: bool) -> dict[str, tuple[float, ...]]:
     rates = np.array(model("kvlcc2_l7", exact).rates(state, [n, delta, 0, 0], load_ship("kvlcc2_l7").values)).ravel()
     return {
         "hull": tuple(xyn(polynomial.force(flow, P, C, s))),
-        "wake": (
-            number(wake.inflow_angle(flow, P, C, s)),
-            number(wash.one_minus_w),
-            number(wash.u_P) / nD,
-            number(wash.loading) / nD**2,
-        ),
+        "wake": (number(wake.inflow_angle(flow, P, C, s)), number(wash.one_minus_w), number(wash.u_P) / nD,
+                 number(wash.loading) / nD**2),
         "X_P": (number(push.X),),
         "inflow": (u_R, v_R / gamma / np.hypot(u, v), v_R),
         "normal": (delta - np.arctan2(v_R, u_R), turn[0] / (-(1 - C.t_R) * np.sin(delta))),
         "rudder": tuple(turn),
         "rates": tuple(rates[3:]),
-    }
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("row", [0, 1])
-@pytest.mark.parametrize("quantity", QUANTITIES)
+@pytest.mark.parametrize("quantity", PRINTED[0])
 @pytest.mark.parametrize(("exact", "tolerance"), [(True, 1e-5), (False, 2e-4)])
 def test_single_states(row: int, quantity: str, exact: bool, tolerance: float) -> None:
     """Exact: 5e-6 or less, the printed digits. Smooth: 1.6e-4 (angle of attack), from |u| in the drift angle."""

@@ -12,11 +12,8 @@ from mmg.components.hull import abkowitz, polynomial
 from mmg.model import assemble
 from mmg.motion.flow import Flow
 from mmg.motion.smooth import Exact, Smoothing
-from tests.support.force_numbers import (
-    particulars_and_coefficients,
-    smooth,
-    xyn,
-)
+from mmg.runge_kutta import rk4_step
+from tests.support.force_numbers import particulars_and_coefficients, smooth, xyn
 
 P, C = particulars_and_coefficients("kvlcc2_l7")
 SMOOTH = smooth(P)
@@ -81,7 +78,7 @@ def test_turning_on_the_spot_is_braked_without_bound_on_r() -> None:
 
 # The Abkowitz polynomial: the Mariner moves as in its published equations; at rest all is smooth and zero
 SHIP = load_ship("mariner")
-P_MARINER, C_MARINER = particulars_and_coefficients("mariner")
+P_MARINER, _ = particulars_and_coefficients("mariner")
 U_0 = 7.7175
 
 
@@ -121,32 +118,18 @@ def test_the_smooth_model_is_close_down_to_half_the_service_speed(u: float, v: f
     np.testing.assert_allclose(got * (1, 1, P_MARINER.L), expected, rtol=0, atol=1e-3 * np.abs(expected).max())
 
 
-def test_it_needs_no_propeller_and_listens_to_the_rudder_alone() -> None:
+def test_defaults_are_the_mariner_who_listens_to_the_rudder_alone() -> None:
     assert SHIP.actuators == ("delta",)
-
-
-def test_defaults_are_the_mariner() -> None:
     for row in abkowitz.COEFFICIENTS:
         if not row.prime:
             assert SHIP.coefficients[row.symbol].value == pytest.approx(row.value, rel=1e-12)
 
 
-def test_rudder_to_starboard_turns_to_starboard() -> None:
-    s = smooth(P_MARINER)
-    neutral = xyn(abkowitz.force(Flow(u=U_0, v=0.0, r=0.0), P_MARINER, C_MARINER, s))
-    turned = xyn(abkowitz.force(Flow(u=U_0, v=0.0, r=0.0, delta=0.2), P_MARINER, C_MARINER, s)) - neutral
-    assert turned[0] < 0 and turned[1] < 0 and turned[2] > 0
-
-
 def run(delta: float, seconds: float, dt: float = 1.0) -> np.ndarray:
     """State after a turn at constant rudder from the service speed (6,)."""
-    rates = assemble(SHIP, symbols=()).rates
-    state, controls = np.array([0, 0, 0, U_0, 0, 0.0]), [delta, 0, 0]
+    rates, state = assemble(SHIP, symbols=()).rates, np.array([0, 0, 0, U_0, 0, 0.0])
     for _ in range(round(seconds / dt)):
-        k1 = np.array(rates(state, controls, [])).ravel()
-        k2 = np.array(rates(state + 0.5 * dt * k1, controls, [])).ravel()
-        k3 = np.array(rates(state + 0.5 * dt * k2, controls, [])).ravel()
-        state = state + dt / 6 * (k1 + 2 * k2 + 2 * k3 + np.array(rates(state + dt * k3, controls, [])).ravel())
+        state = rk4_step(lambda z, _: np.array(rates(z, [delta, 0, 0], [])).ravel(), state, dt)
     return state
 
 

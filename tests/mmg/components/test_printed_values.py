@@ -68,41 +68,34 @@ def coefficient(beta: float, A: tuple[float, ...], B: tuple[float, ...]) -> floa
     return float(np.array(A) @ np.cos(k * beta) + np.array(B) @ np.sin(k * beta))
 
 
-def open_water(J: float) -> tuple[float, float]:
-    """K_T and K_Q at advance ratio J [-] by the functions of the model: n = D = rho = 1."""
-    return float(four_quadrant.thrust(J, 1.0, 1.0, 1.0)), float(four_quadrant.torque(J, 1.0, 1.0, 1.0))
+THRUST, TORQUE = (four_quadrant.A_T, four_quadrant.B_T), (four_quadrant.A_Q, four_quadrant.B_Q)
 
 
 @pytest.mark.parametrize("beta", np.linspace(-3.1, 3.1, 23))
 def test_thrust_and_torque_are_the_sums_of_their_harmonics(beta: float) -> None:
     """V_r^2 C* with the harmonics evaluated one by one: by sines and cosines of k beta, not by a recursion."""
-    V_A, n = 2.0 * math.sin(beta), 2.0 * math.cos(beta) / (0.7 * math.pi)
-    unit = math.pi / 8 * 4.0
-    assert float(four_quadrant.thrust(V_A, n, 1.0, 1.0)) == pytest.approx(
-        unit * coefficient(beta, four_quadrant.A_T, four_quadrant.B_T), rel=1e-9, abs=1e-12
-    )
-    assert float(four_quadrant.torque(V_A, n, 2.0, 3.0)) == pytest.approx(
-        # the same speeds at twice the diameter are another angle
-        3 * math.pi * ((0.7 * math.pi * n * 2) ** 2 + V_A**2)
-        * coefficient(math.atan2(V_A, 0.7 * math.pi * n * 2), four_quadrant.A_Q, four_quadrant.B_Q),
-        rel=1e-9, abs=1e-12,
-    )  # fmt: skip
+    V_A, tip = 2.0 * math.sin(beta), 2.0 * math.cos(beta)
+    for A, B in (THRUST, TORQUE):
+        expected = 4.0 * coefficient(beta, A, B)
+        assert float(four_quadrant.series(V_A, tip, A, B, Exact())) == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    # of thrust the factor, at twice the diameter and n = 1 another angle
+    expected = 3 * math.pi / 2 * (V_A**2 + (1.4 * math.pi) ** 2) * coefficient(math.atan2(V_A, 1.4 * math.pi), *THRUST)
+    assert float(four_quadrant.thrust(V_A, 1.0, 2.0, 3.0)) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("J", [0.2, 0.4, 0.6, 0.8])
 def test_a_screw_reaches_most_of_the_ideal_efficiency_and_never_more(J: float) -> None:
     """eta_0 = J K_T / (2 pi K_Q) is 0.6 to 0.75 of that of an actuator disc, 2 / (1 + sqrt(1 + 8 K_T / (pi J^2)))."""
-    K_T, K_Q = open_water(J)
+    K_T, K_Q = (
+        math.pi / 8 * float(four_quadrant.series(J, 0.7 * math.pi, *each, Exact())) for each in (THRUST, TORQUE)
+    )
     ideal = 2 / (1 + math.sqrt(1 + 8 * K_T / (math.pi * J**2)))
     assert 0.6 < J * K_T / (2 * math.pi * K_Q) / ideal < 0.75
 
 
 def test_the_printed_harmonics_are_all_there() -> None:
     """Sums that no wrong digit or sign leaves unchanged, of the four rows as printed (in 1e-8)."""
-    sums = [
-        round(1e8 * sum(k * value for k, value in enumerate(row, start=1)))
-        for row in (four_quadrant.A_T, four_quadrant.B_T, four_quadrant.A_Q, four_quadrant.B_Q)
-    ]
+    sums = [round(1e8 * sum(k * value for k, value in enumerate(row, start=1))) for row in (*THRUST, *TORQUE)]
     assert sums == [79546935, -75064575, 11573665, -10054194]
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
 from mmg.components.catalogue import module
 from mmg.components.coefficients import names
@@ -14,13 +15,7 @@ from mmg.components.rudder import standard as rudder
 from mmg.motion.flow import Flow, Force, Slipstream
 from mmg.motion.frames import drift_angle
 from mmg.motion.smooth import Exact, Smoothing
-from tests.support.force_numbers import (
-    defaults,
-    number,
-    particulars_and_coefficients,
-    smooth,
-    xyn,
-)
+from tests.support.force_numbers import defaults, number, particulars_and_coefficients, smooth, xyn
 
 P, C = particulars_and_coefficients("kvlcc2_l7")
 SMOOTH = smooth(P)
@@ -28,24 +23,14 @@ PROPELLERS = ("standard", "standard_kijima", "standard_hirano")
 RUDDERS = ("standard", "lindenburg", "single")
 WAKES = {"yasukawa_2015": wake.yasukawa_2015, "kijima": wake.kijima, "hirano": wake.hirano}
 
-rudders = st.floats(-0.7, 0.7) | st.just(0.0)
+# Coefficients of all three propellers and rudders at once, those of KVLCC2 where it has them.
+MODELS = [("propeller", name) for name in PROPELLERS] + [("rudder", name) for name in RUDDERS]
+ALL = names({s: value for model in MODELS for s, value in defaults(*model, P).items()} | vars(C))
 
 
-def everything(**changes: float):
-    """Coefficients of all three propellers and rudders at once, those of KVLCC2 where it has them."""
-    values: dict[str, float] = {}
-    for role, models in (("propeller", PROPELLERS), ("rudder", RUDDERS)):
-        for name in models:
-            values.update(defaults(role, name, P))
-    return names({**values, **vars(C), **changes})
-
-
-ALL = everything()
-
-
-def behind(flow: Flow, propeller: str, steering: str, c, s: Smoothing) -> tuple[Force, Force]:
-    push = module("propeller", propeller).force(flow, P, c, s)
-    return push, module("rudder", steering).force(flow.with_(slipstream=push.slipstream), P, c, s)
+def washed(flow: Flow, c: SimpleNamespace, s: Smoothing) -> Flow:
+    """The flow behind the standard propeller."""
+    return flow.with_(slipstream=standard.force(flow, P, c, s).slipstream)
 
 
 # Wake
@@ -185,8 +170,7 @@ def test_flow_straightening_by_the_sign_of_beta_R(
     U = np.hypot(u, v)
     beta_R = np.arctan2(-v, u) + 0.710 * r * P.L / U
     assert (beta_R > 0) == (gamma == 0.640)
-    flow = Flow(u=u, v=v, r=r, n=10.0)
-    flow = flow.with_(slipstream=standard.force(flow, P, C, s).slipstream)
+    flow = washed(Flow(u=u, v=v, r=r, n=10.0), C, s)
     assert number(rudder.inflow(flow, P, C, s)[1]) == pytest.approx(U * gamma * beta_R, rel=tolerance)
 
 
@@ -194,8 +178,7 @@ def test_flow_straightening_by_the_sign_of_beta_R(
 @pytest.mark.parametrize("v", [-0.1, 0.1])
 def test_astern_the_rudder_moves_through_the_water_as_the_stern_does(u: float, v: float) -> None:
     """v_R has the sign of -v, u_R = u: the water comes from aft and from the side to which the stern moves."""
-    flow = Flow(u=u, v=v, r=0.0, n=-8.0)
-    flow = flow.with_(slipstream=standard.force(flow, P, C, Exact()).slipstream)
+    flow = washed(Flow(u=u, v=v, r=0.0, n=-8.0), C, Exact())
     u_R, v_R = (number(part) for part in rudder.inflow(flow, P, C, Exact()))
     assert u_R == u
     assert v_R * v < 0 and abs(v_R) < abs(v) * np.pi / 2
@@ -217,16 +200,14 @@ def test_f_alpha_defaults_to_fujii() -> None:
 @pytest.mark.parametrize("name", RUDDERS)
 @pytest.mark.parametrize("s", [Exact(), SMOOTH])
 def test_the_single_blade_is_the_whole_force(name: str, s: Smoothing) -> None:
-    flow = Flow(u=0.9, v=-0.2, r=0.03, n=10.0, delta=0.4)
-    _, force = behind(flow, "standard", name, ALL, s)
+    flow = washed(Flow(u=0.9, v=-0.2, r=0.03, n=10.0, delta=0.4), ALL, s)
+    force = module("rudder", name).force(flow, P, ALL, s)
     assert len(force.blades) == 1
     blade = force.blades[0]
     np.testing.assert_array_equal(xyn(force), xyn(Force(blade.X, blade.Y, blade.N)))
     assert abs(xyn(force)[2]) > 1
-    washed = flow.with_(slipstream=standard.force(flow, P, ALL, s).slipstream)
-    u_R, v_R = (
-        number(x) for x in module("rudder", "single" if name == "single" else "standard").inflow(washed, P, ALL, s)
-    )
+    by = module("rudder", "single" if name == "single" else "standard")
+    u_R, v_R = (number(x) for x in by.inflow(flow, P, ALL, s))
     assert number(blade.sin2_alpha) == pytest.approx(np.sin(0.4 - np.arctan2(v_R, u_R)) ** 2, rel=1e-4)
 
 
@@ -244,9 +225,9 @@ def test_the_rudder_of_lindenburg_stalls_and_the_other_does_not(s: Smoothing) ->
     """0.93256 of Lindenburg against 2.747 sin(35 deg) = 1.57562 of the sine law; like slopes at small angles."""
 
     def ratio(degrees: float) -> float:
-        flow = Flow(u=1.0, v=0.0, r=0.0, n=10.0, delta=np.radians(degrees))
-        one, other = (xyn(behind(flow, "standard", name, ALL, s)[1]) for name in ("lindenburg", "standard"))
-        return float(one[2] / other[2])
+        flow = washed(Flow(u=1.0, v=0.0, r=0.0, n=10.0, delta=np.radians(degrees)), ALL, s)
+        one, other = (number(model.force(flow, P, ALL, s).N) for model in (lindenburg, rudder))
+        return one / other
 
     assert ratio(1) == pytest.approx(1.0, abs=0.04)
     assert ratio(35) == pytest.approx(0.93256 / 1.57562, rel=1e-4)

@@ -15,6 +15,7 @@ from mmg.components.wind import blendermann, isherwood
 from mmg.model import assemble
 from mmg.motion.flow import Flow
 from mmg.motion.smooth import Exact, Smooth, Smoothing
+from tests.support.force_numbers import xyn
 
 WIND = (blendermann, isherwood)
 TANKER = SimpleNamespace(
@@ -31,8 +32,7 @@ def forces(model: ModuleType, speed: float, degrees: float, s: Smoothing | None 
     """X, Y, N in an apparent wind of ``speed`` from ``degrees`` counter-clockwise from the bow."""
     angle = np.radians(degrees)
     flow = Flow(u=0.0, v=0.0, r=0.0, a_x=-speed * np.cos(angle), a_y=speed * np.sin(angle))
-    f = model.force(flow, TANKER, values(model), s or Exact())
-    return np.array([float(f.X), float(f.Y), float(f.N)])
+    return xyn(model.force(flow, TANKER, values(model), s or Exact()))
 
 
 @pytest.mark.parametrize("model", WIND)
@@ -95,9 +95,8 @@ def test_isherwood_refit_reproduces_the_table_to_the_stated_share(
     for degrees in table[:, 0]:
         a = np.radians(degrees)
         flow = Flow(u=0, v=0, r=0, a_x=-np.cos(a), a_y=np.sin(a))
-        f = isherwood.force(flow, p, values(isherwood), Exact())
         units = 0.5 * p.rho_a * np.array([p.A_T, p.A_L, p.A_L * p.L_OA])
-        found.append(np.array([float(f.X), float(f.Y), float(f.N)]) / units)
+        found.append(xyn(isherwood.force(flow, p, values(isherwood), Exact())) / units)
     for name, rows, own, limit in zip("XYN", published, np.array(found).T, limits, strict=True):
         deviation = np.abs(own - rows).max() / np.abs(rows).max()
         assert 0.3 * limit < deviation < limit, (name, deviation)
@@ -115,8 +114,7 @@ def test_isherwood_table_row_by_hand() -> None:
 
 def drift_forces(psi: float, **changed: float) -> np.ndarray:
     c = names({row.symbol: row.value for row in drift.COEFFICIENTS} | {"H_s": 2.0} | changed)
-    f = drift.force(Flow(u=0, v=0, r=0, psi=psi), SimpleNamespace(L=100.0, rho=1025.0), c, Exact())
-    return np.array([float(f.X), float(f.Y), float(f.N)])
+    return xyn(drift.force(Flow(u=0, v=0, r=0, psi=psi), SimpleNamespace(L=100.0, rho=1025.0), c, Exact()))
 
 
 def test_waves_push_with_their_direction_and_are_stronger_on_the_side() -> None:

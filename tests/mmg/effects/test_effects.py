@@ -21,10 +21,9 @@ from mmg.errors import UserError
 from mmg.model import Model, assemble
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from tests.support.actuator_ships import true_ship
 
-MORE = {"velocity_filter", "gyro"}
-"""Effects of the library beyond those of a diagnosis: of the measurement model."""
-
+MORE = {"velocity_filter", "gyro"}  # Effects beyond those of a diagnosis: of the measurement model
 CONTRACT = {
     "current", "wind_force", "wind_sensor_bias", "shallow_water", "bank", "wave_drift", "rudder_lag",
     "rudder_backlash", "rudder_offset", "propeller_side_force", "rudder_stall", "fouling", "draft", "antenna_offset",
@@ -32,6 +31,7 @@ CONTRACT = {
 }  # fmt: skip
 
 ESSO = load_ship("esso_osaka_3m")
+CALM = ESSO.without("wind")
 SHIPS = ("esso_osaka_3m", "kvlcc2_l7", "vectwin_3m")
 
 
@@ -121,9 +121,8 @@ def test_derivatives_with_respect_to_the_parameters_agree_with_finite_difference
                 up, down = values.copy(), values.copy()
                 up[i] += h
                 down[i] -= h
-                slope = np.array(f(point, controls[:, column], up) - f(point, controls[:, column], down)).ravel() / (
-                    up[i] - down[i]
-                )
+                change = np.array(f(point, controls[:, column], up) - f(point, controls[:, column], down)).ravel()
+                slope = change / (up[i] - down[i])
                 np.testing.assert_allclose(exact[:, i], slope, rtol=1e-5, atol=1e-6 * np.abs(exact).max() + 1e-9)
                 moved = moved or np.abs(exact[:, i]).max() > 0
         assert moved, "no parameter has any influence"
@@ -159,10 +158,9 @@ def followed(*texts: str, ship: Ship = ESSO) -> Trial:
 
 def test_a_steady_current_carries_the_whole_motion_along() -> None:
     """In a uniform current the ship moves as in still water, plus the current (Galilean invariance, no air)."""
-    ship = parse_ship(dump_ship(ESSO).replace('wind = "fujiwara"\n', "").split("[coefficients.X_A0]")[0])
-    still = simulate_controls(ship, inputs())
+    still = simulate_controls(CALM, inputs())
     carried = inputs().with_columns(u=inputs()["u"] + 0.03, v=inputs()["v"] + 0.02)
-    drifting = simulate_controls(with_effects(ship, ["current:x=0.03,y=0.02"]), carried)
+    drifting = simulate_controls(with_effects(CALM, ["current:x=0.03,y=0.02"]), carried)
     np.testing.assert_allclose(drifting["x"], still["x"] + 0.03 * still.t, atol=1e-9)
     np.testing.assert_allclose(drifting["y"], still["y"] + 0.02 * still.t, atol=1e-9)
     np.testing.assert_allclose(drifting["r"], still["r"], atol=1e-10)
@@ -179,15 +177,23 @@ def test_a_drifting_ship_takes_up_a_changing_current() -> None:
 
 
 def test_wind_force_stands_in_for_a_missing_wind_model() -> None:
-    bare = parse_ship(dump_ship(ESSO).replace('wind = "fujiwara"\n', "").split("[coefficients.X_A0]")[0])
-    whole = bare.with_effect("wind_force", {"X": 1.0, "Y": 1.0, "N": 1.0})
+    blown = CALM.with_effect("wind_force", {"X": 1.0, "Y": 1.0, "N": 1.0})
     state, controls = states_and_controls(ESSO, 10)
-    np.testing.assert_allclose(
-        np.array(assemble(whole).rates(state, controls, whole.values)),
-        np.array(assemble(ESSO).rates(state, controls, ESSO.values)),
-        rtol=1e-9,
-        atol=1e-14,
-    )
+    one, other = (np.array(assemble(ship).rates(state, controls, ship.values)) for ship in (blown, ESSO))
+    np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-14)
+
+
+def test_two_screws_that_turn_against_each_other_walk_by_their_difference() -> None:
+    """Also by the side force that the effect brings for a propeller model without one: as of the model that has it."""
+    walking = true_ship("twin")
+    lent = walking.with_models(propeller="standard_kijima").with_effect("propeller_side_force", factor=1.0)
+    bare = lent.without_effect("propeller_side_force")
+    for n, n_2 in ((-8.0, -8.0), (-8.0, 0.0), (-4.0, -9.0)):
+        still, controls = np.zeros(6), {"n": n, "n_2": n_2, "delta_port": 0.0, "delta_starboard": 0.0}
+        own, added, without = (ship.rhs.forces(still, controls).loc["propeller"] for ship in (walking, lent, bare))
+        np.testing.assert_allclose(added["Y [N]"], own["Y [N]"], rtol=1e-9, atol=1e-12)
+        assert without["Y [N]"] == 0.0 and (added["Y [N]"] != 0.0) == (n != n_2)
+        assert (added["N [N m]"] - without["N [N m]"] != 0.0) == (n != n_2)
 
 
 def test_rudder_lag_and_delay_make_the_turn_late() -> None:
@@ -229,35 +235,26 @@ def test_a_ship_with_effects_is_a_ship_file() -> None:
 
 def test_an_effect_of_a_fit_is_free_and_held_as_asked() -> None:
     ship = freeing_effects(ESSO, ["current:x_rate,x=0.01", "bank:distance=5"])
-    assert {s for s in ship.free if "." in s} == {
-        "current.x",
-        "current.y",
-        "current.x_rate",
-        "bank.suction",
-        "bank.moment",
-    }
+    free = {"current.x", "current.y", "current.x_rate", "bank.suction", "bank.moment"}
+    assert {s for s in ship.free if "." in s} == free
     assert ship.coefficients["bank.distance"].value == 5 and ship.coefficients["current.x"].value == 0.01
 
 
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("curent", "'curent'"),
-        ("current:z=1", "'z'"),
-        ("current:x=fast", "fast"),
-        ("rudder_lag:T=-1", "T.* 0 "),
+        ("curent", "'curent'"), ("current:z=1", "'z'"), ("current:x=fast", "fast"), ("rudder_lag:T=-1", "T.* 0 "),
         ("shallow_water:d_h=1.5", "0.9"),
     ],
-)
+)  # fmt: skip
 def test_effects_that_make_no_sense_are_refused(text: str, words: str) -> None:
     with pytest.raises(UserError, match=words):
         parse_effect(text, ESSO, "--effect")
 
 
 def test_an_effect_needs_what_it_changes() -> None:
-    bare = parse_ship(dump_ship(ESSO).replace('wind = "fujiwara"\n', "").split("[coefficients.X_A0]")[0])
     with pytest.raises(UserError):
-        with_effects(bare, ["wind_sensor_bias"])
+        with_effects(CALM, ["wind_sensor_bias"])
 
 
 def test_what_a_gyro_logs_is_corrected_back_to_the_true_turn_rate() -> None:

@@ -68,13 +68,11 @@ def test_a_bank_sucks_by_the_square_of_speed_and_fades_over_its_length() -> None
     for y in (4.0, 7.0, 9.5):
         assert at(y)[1] == pytest.approx(0.03 * unit * 0.25 / (1 + math.exp((10.0 - y) / 1.5)))
     assert at(9.0, u=1.0) == pytest.approx(np.multiply(at(9.0), 4))
-    assert at(9.0, psi=math.pi) == pytest.approx(np.negative(at(9.0))) and at(9.0, psi=math.pi / 2)[1] == pytest.approx(
-        0
-    )
-    north = added("bank", Flow(u=0.5, v=0.0, r=0.0, x=10.0, y=5.0, psi=math.pi / 2), **(east | {"bearing": 0.0}))[
-        "bank"
-    ]
-    assert components(north) == pytest.approx(tuple(-x for x in at(10.0)))  # on its port side
+    assert at(9.0, psi=math.pi) == pytest.approx(np.negative(at(9.0)))
+    assert at(9.0, psi=math.pi / 2)[1] == pytest.approx(0)
+    on_the_line = Flow(u=0.5, v=0.0, r=0.0, x=10.0, y=5.0, psi=math.pi / 2)
+    north = added("bank", on_the_line, **(east | {"bearing": 0.0}))["bank"]
+    assert components(north) == pytest.approx(np.negative(at(10.0)))  # on its port side
 
 
 def test_shallow_water_grows_with_draught_over_clearance() -> None:
@@ -101,10 +99,8 @@ def test_beyond_stall_a_share_of_each_rudder_is_lost() -> None:
     left = components(added("rudder_stall", parts=parts, loss=0.4, alpha_s=0.35, width=0.06)["rudder"])
     assert left == pytest.approx((-1.5 + 0.4 * (1 + 0.25), 3 - 0.4 * (2 + 0.5), -5 + 0.4 * (3 + 1.0)), rel=1e-6)
     near = {"rudder": Force(-1.0, 2.0, -3.0, blades=(Blade(-1.0, 2.0, -3.0, math.sin(0.35) ** 2 + 0.03),))}
-    share = 0.4 * 0.5 * (1 + math.tanh(0.5))
-    assert components(added("rudder_stall", parts=near, loss=0.4, alpha_s=0.35)["rudder"])[1] == pytest.approx(
-        2 * (1 - share)
-    )
+    stalled = added("rudder_stall", parts=near, loss=0.4, alpha_s=0.35)["rudder"]
+    assert components(stalled)[1] == pytest.approx(2 * (1 - 0.4 * 0.5 * (1 + math.tanh(0.5))))
 
 
 def test_factors_on_wind_and_propeller_act_on_each_component() -> None:
@@ -219,22 +215,27 @@ def test_a_gyro_lags_as_a_first_order_system() -> None:
     assert after[3:] == pytest.approx(0.1 - (0.1 - after[2]) * np.exp(-(t[3:] - 1.0) / 2.0), abs=1e-12)
 
 
+def logging_of(name: str, e: SimpleNamespace) -> ca.Function:
+    """(true columns (6,), what is remembered) -> logged columns (6,), rates of what is remembered."""
+    memory, y = Memory(), ca.SX.sym("y", 6)
+    rows = EFFECTS[name].columns([y[i] for i in range(6)], MOVING, memory, e, P)
+    return ca.Function("f", [y, ca.vertcat(*memory.symbols)], [ca.vertcat(*rows), ca.vertcat(*memory.rates)])
+
+
 def turning(t: np.ndarray) -> list[np.ndarray]:
     """Exact columns of a steady turn that began with the first sample, straight before."""
     u, v, r = 0.5, -0.1, 0.04
     psi = 0.3 + r * t
     speed, angle = math.hypot(u, v), math.atan2(v, u)
-    x, y = (
-        speed / r * (np.sin(psi + angle) - math.sin(0.3 + angle)),
-        -speed / r * (np.cos(psi + angle) - math.cos(0.3 + angle)),
-    )
+    x = speed / r * (np.sin(psi + angle) - math.sin(0.3 + angle))
+    y = -speed / r * (np.cos(psi + angle) - math.cos(0.3 + angle))
     return [x, y, psi, np.full(len(t), u), np.full(len(t), v), np.full(len(t), r)]
 
 
-@pytest.mark.parametrize(
-    ("name", "symbol"),
-    [("gnss_delay", "tau"), ("gnss_delay", "alone"), ("gnss_delay", "finished"), ("velocity_filter", "tau")],
-)
+LATE = [("gnss_delay", "tau"), ("gnss_delay", "alone"), ("gnss_delay", "finished"), ("velocity_filter", "tau")]
+
+
+@pytest.mark.parametrize(("name", "symbol"), LATE)
 def test_late_instruments_log_what_was_true_before(name: str, symbol: str) -> None:
     """In a steady turn, of 0.8 s ago: position and velocity over ground; the heading is of now. ``alone`` is of the
     position, ``finished`` of u and v as they were; before the first sample the ship went straight on."""
@@ -257,20 +258,13 @@ def test_late_instruments_log_what_was_true_before(name: str, symbol: str) -> No
         assert (got[0][0], got[1][0]) == pytest.approx((-late * ahead.real, -late * ahead.imag))
 
 
-@pytest.mark.parametrize(
-    ("name", "symbol"),
-    [("gnss_delay", "tau"), ("gnss_delay", "alone"), ("gnss_delay", "finished"), ("velocity_filter", "tau")],
-)
+@pytest.mark.parametrize(("name", "symbol"), LATE)
 def test_the_model_of_a_late_instrument_is_late_by_as_much(name: str, symbol: str) -> None:
     """On a straight course the position lags by speed times delay, at any size of the delay, and the velocity by none;
     after a change the logged velocity lags by the delay in the mean."""
     for late in (0.02, 3.0):
-        memory = Memory()
-        y = ca.SX.sym("y", 6)
-        rows = EFFECTS[name].columns([y[i] for i in range(6)], MOVING, memory, values(name, **{symbol: late}), P)
-        f = ca.Function("f", [y, ca.vertcat(*memory.symbols)], [ca.vertcat(*rows), ca.vertcat(*memory.rates)])
-        now = np.array([0.0, 0.0, 0.3, 0.5, -0.1, 0.0])
-        states = np.zeros(len(memory.symbols))
+        f = logging_of(name, values(name, **{symbol: late}))
+        now, states = np.array([0.0, 0.0, 0.3, 0.5, -0.1, 0.0]), np.zeros(f.size1_in(1))
         missing = np.zeros(2)
         for _ in range(1500):  # from rest, as if velocity had jumped
             logged_now, rate = (np.array(a).ravel() for a in f(now, states))
@@ -295,9 +289,7 @@ def test_a_filter_in_body_axes_leaves_a_steady_turn_and_is_late_after_a_change(t
     changed = [*steady[:3], 0.5 + np.where(t < 1.0, 0.0, 0.1), steady[4], steady[5]]
     exact = EFFECTS["velocity_filter"].samples(t, changed, MOVING, e, P)[3]
     assert exact[t > 1.1] == pytest.approx(0.6 - 0.1 * np.exp(-(t[t > 1.1] - 0.99) / tau), abs=1e-3)
-    memory, y = Memory(), ca.SX.sym("y", 6)
-    rows = EFFECTS["velocity_filter"].columns([y[i] for i in range(6)], MOVING, memory, e, P)
-    f = ca.Function("f", [y, ca.vertcat(*memory.symbols)], [ca.vertcat(*rows), ca.vertcat(*memory.rates)])
+    f = logging_of("velocity_filter", e)
     states, missing = np.array([0.5, -0.1]), 0.0
     for psi in steady[2]:
         logged, rate = (np.array(a).ravel() for a in f([0.0, 0.0, psi, 0.6, -0.1, 0.04], states))
@@ -319,11 +311,8 @@ def rates_and_value(build: Any, x: float, state: float) -> tuple[float, float]:
 
 def test_memories_follow_their_equations() -> None:
     """Lag, delay, play and rate limit at one point of their phase plane, worked out by hand."""
-    tau = math.hypot(3.0, 4.0)
-    assert rates_and_value(lambda m, x: lagged(m, "a", x, 3.0, 4.0, 1.0), 2.0, 1.0) == pytest.approx((1 / tau, 2 - 0.6))
-    assert rates_and_value(lambda m, x: delayed(m, "a", x, 3.0, 4.0, 1.0), 2.0, 1.0) == pytest.approx(
-        (2 / tau, 2 - 1.2)
-    )
+    lag, delay = (rates_and_value(lambda m, x, f=f: f(m, "a", x, 3.0, 4.0, 1.0), 2.0, 1.0) for f in (lagged, delayed))
+    assert lag == pytest.approx((1 / 5.0, 2 - 0.6)) and delay == pytest.approx((2 / 5.0, 2 - 1.2))  # tau: hypot(3, 4)
     limited = rates_and_value(lambda m, x: rate_limited(m, "a", x, 0.5, 2.0, 1.0), 2.0, 1.0)
     assert limited == pytest.approx((0.5 * math.tanh(1.0), 1.0))
     no_play = rates_and_value(lambda m, x: played(m, "a", x, 0.0, 0.25, 2e-3, 1.0), 2.0, 1.0)
