@@ -22,7 +22,7 @@ from residual.settings import BlackBoxSettings, TrainSettings
 FOLDS = 5  # Parts into which the runs are split, or the blocks of fewer runs. Set by hand.
 WHOLE = 3  # Fewest runs of which whole ones judge. Set by hand.
 # Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind.
-GAP = 30.0  # set by hand: one window of the scores
+GAP = 30.0  # Set by hand: one window of the scores
 # Lengths of blocks [s], of which shorter ones are tried where longer ones are fewer than FOLDS. Set by hand.
 BLOCKS = (150.0, 120.0, 90.0, 75.0)
 
@@ -62,7 +62,7 @@ def split_pieces(
         parts = [*cut, *((p, 2) for p in pieces if p.run == runs[fold])]
     else:
         parts, fold = _blocks_by_role(pieces, turn, h, least + GAP, judge)
-    train, stop, judging = ([p for p, part in parts if part == number] for number in range(3))
+    train, stop, judging = ([p for p, part in parts if part == number] for number in range(3))  # as ``_role`` has them
     return Split(train, stop, judging, fold)
 
 
@@ -79,6 +79,7 @@ def _blocks_by_role(
 ) -> tuple[list[tuple[Stretch, int]], int]:
     """Blocks GAP apart, and what each serves for; those shorter than ``least`` [s] are trained on."""
     for length in BLOCKS:
+        # evenly: no short rest at the end of a piece, in which no window fits
         cut = [part for piece in pieces for part in piece.evenly(max(1, round(piece.steps * h / length)))]
         long = [b.steps * h >= least - 1e-9 for b in cut]
         # as long as possible: each cut loses a gap to either side
@@ -100,9 +101,9 @@ def _apart(parts: Sequence[tuple[Stretch, int]], rows: int) -> list[tuple[Stretc
     alike = [list(some) for _, some in groupby(parts, lambda one: (id(one[0].record), one[1]))]
     joined, result = [(replace(some[0][0], last=some[-1][0].last), some[0][1]) for some in alike], []
     for k, (block, part) in enumerate(joined):
-        beside = [joined[j] if 0 <= j < len(joined) else (None, part) for j in (k - 1, k + 1)]
-        before, after = (rows * (other is not None and other.run == block.run and p != part) for other, p in beside)
-        if block.steps > before + after:
+        neighbours = [joined[j] if 0 <= j < len(joined) else (None, part) for j in (k - 1, k + 1)]
+        before, after = (rows * (b is not None and b.run == block.run and p != part) for b, p in neighbours)
+        if block.steps > before + after:  # else nothing is left of it
             result.append((replace(block, first=block.first + before, last=block.last - after), part))
     return result
 

@@ -154,7 +154,7 @@ def test_a_comparison_that_ends_while_its_figures_are_drawn_says_so(
     def ended(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("residual.papers.comparison_figures.write_figures", ended)
+    monkeypatch.setattr("residual.papers.comparison.write_figures", ended)
     sets = ["--train", str(folder / "train"), "--test", str(folder / "test.csv")]
     assert main(["compare", *sets, "--models", "captive", "--out", str(tmp_path / "cmp")]) == 130
     content = json.loads((tmp_path / "cmp" / "result.json").read_text())
