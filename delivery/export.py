@@ -16,8 +16,7 @@ from fitting.report.run_folder import check_place, write_json, write_whole
 from mmg.errors import BadValue, Conflict, TargetExists, UnknownName, writing
 from mmg.messages import Message
 
-# File in every folder that is delivered: what the product is. A folder without it is never replaced.
-ABOUT = "product.json"
+ABOUT = "product.json"  # In every folder that is delivered: what it is. A folder without it is never replaced.
 
 
 @dataclass(frozen=True)
@@ -25,10 +24,9 @@ class Format:
     """A format: the module and the function in it that write, and what comes of it.
 
     writer: "module:function", the module in this room, of ``function(product, target, **given, **options)``; it writes
-    to ``target``, a folder or a file that exists and is empty, and returns messages on what it
-    wrote, or None. suffix: of a file, "" for a folder. given: arguments that make this format of it. options: names of
-    further options that the function takes; one of them, "replace", says whether what it writes beside its target may
-    take the place of another file, as --force does.
+    to ``target``, a folder or a file that exists and is empty, and returns messages on what it wrote, or None.
+    suffix: of a file, "" for a folder. given: arguments that make this format of it. options: names of further options
+    that the function takes; "replace" says whether what it writes beside its target may take the place of another file.
     """
 
     writer: str
@@ -77,7 +75,7 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
         raise Conflict(f"--{name.replace('_', '-')} does not belong to the format {form}")
     check_target(target, chosen, force)
     messages: list[Message] = []
-    if "replace" in chosen.options:
+    if "replace" in chosen.options:  # what is written beside the target obeys --force as well
         options["replace"] = force
 
     def fill(place: Path) -> None:
@@ -119,6 +117,7 @@ def check_target(target: Path, chosen: Format, force: bool) -> None:
             raise TargetExists(f"--out {target}: exists and is no {kind}; choose another name")
         if not force:
             raise TargetExists(f"--out {target}: exists already; choose another name or add --force")
+        # a folder of other files would be lost whole: not even by force
         if not chosen.suffix and any(target.iterdir()) and not (target / ABOUT).is_file():
             raise TargetExists(f"--out {target}: holds files that mmg export did not write; choose another name")
     check_place(target)
