@@ -194,7 +194,7 @@ class Hybrid(TrainableSystem):
         return self.physics.start(logged, controls)
 
     def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
-        rates, features = self.physics.rates_and_features(z, controls)
+        rates, features = self.physics.call("rates_and_features", z, controls)
         # on u, v, r alone: kinematics are exact, and memory states belong to the physics
         return torch.cat([rates[:3], rates[3:6] + self.residual(features), rates[6:]])
 
@@ -311,8 +311,9 @@ def layers_of(module: nn.Module) -> Layers:
     biases: list[np.ndarray] = []
     rest = torch.zeros(inner[0].in_features, dtype=torch.float64)  # tanh(b) of the layer before
     for layer in inner:
+        own = getattr(layer, "bias", None)  # None of Linear(..., bias=False), which its type does not say
         # what is subtracted after a layer goes into the next bias
-        b = layer.weight.double() @ rest + (0.0 if layer.bias is None else layer.bias)
+        b = layer.weight.double() @ rest + (0.0 if own is None else own)
         biases, rest = [*biases, b.numpy()], torch.tanh(b)
     # zero, so that training starts from the calibrated ship
     weights = *(layer.weight.numpy() for layer in inner), np.zeros((last.out_features, last.in_features))

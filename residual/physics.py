@@ -153,10 +153,6 @@ class Physics:
         """What a network on this ship sees at logged columns (6, M) under inputs (C, M), (F, M); without gradient."""
         return self.features(self.start(logged, controls), controls)
 
-    def rates_and_features(self, z: Tensor, controls: Tensor) -> tuple[Tensor, ...]:
-        """Both at once, (S, M) and (F, M)."""
-        return self.call("rates_and_features", z, controls)
-
     def columns(self, z: Tensor, controls: Tensor | None = None) -> Tensor:
         """The six columns as they are logged, (6, M); under any inputs where none is a coefficient."""
         if not self.model.measured:  # without instruments the columns are the states themselves

@@ -67,6 +67,12 @@ def advance_columns(logged: torch.Tensor, accelerations: torch.Tensor, h: float,
     return torch.cat([logged[:3] + h * kinematics(middle), velocities])
 
 
+def _keep(system: nn.Module, **values: np.ndarray) -> None:
+    """Keep ``values`` (N,) as buffers (N, 1) of ``system`` by name: in its file, and not trained."""
+    for name, value in values.items():
+        system.register_buffer(name, torch.as_tensor(np.array(value, dtype=float))[:, None])
+
+
 SAMPLES = 10_000  # Standard normal inputs at which the output of the untrained network is standardised (2025, Eq. 13).
 
 
@@ -85,13 +91,10 @@ class Feedforward(TrainableSystem):
     """Accelerations from standardised features by a network whose output is standardised as well.
 
     s = (features - mean) / std; y = net(s), standardised by the mean and deviation of the untrained net at standard
-    normal inputs; acceleration = mean + std * y of the measured accelerations. zero: what it gives at the origin of
-    the features is subtracted, so that a ship at rest in calm air stays there (2022, section 2.1).
-
-    mean, std: of the features (F,); acceleration_mean, acceleration_std: of the measured accelerations (3,).
+    normal inputs; acceleration = mean + std * y of the measured accelerations. Where settings.zero, what it gives at
+    the origin of the features is subtracted: a ship at rest in calm air stays there (2022, section 2.1).
     """
 
-    # buffers, as columns (F, 1) and (3, 1): they are in the file and are not trained
     mean: torch.Tensor
     std: torch.Tensor
     a_mean: torch.Tensor
@@ -99,22 +102,11 @@ class Feedforward(TrainableSystem):
     y_mean: torch.Tensor
     y_std: torch.Tensor
 
-    def __init__(
-        self,
-        mean: np.ndarray,
-        std: np.ndarray,
-        acceleration_mean: np.ndarray,
-        acceleration_std: np.ndarray,
-        width: int = 32,
-        layers: int = 2,
-        zero: bool = True,
-        seed: int = 0,
-    ) -> None:
+    def __init__(self, scales: Scales, settings: BlackBoxSettings, seed: int) -> None:
         super().__init__()
-        F, self.zero = len(mean), zero
-        self.net = layered((F, *(width,) * layers, 3), seed)
-        for name, value in (("mean", mean), ("std", std), ("a_mean", acceleration_mean), ("a_std", acceleration_std)):
-            self.register_buffer(name, torch.as_tensor(np.array(value, dtype=float))[:, None])
+        F, self.zero = len(scales.mean), settings.zero
+        self.net = layered((F, *(settings.width,) * settings.layers, 3), seed)
+        _keep(self, mean=scales.mean, std=scales.std, a_mean=scales.acceleration_mean, a_std=scales.acceleration)
         with torch.no_grad():
             y = self.net(torch.randn(SAMPLES, F, generator=torch.Generator().manual_seed(seed), dtype=torch.float64))
         self.register_buffer("y_mean", y.mean(dim=0)[:, None])
@@ -146,20 +138,18 @@ class Standard(TrainableSystem):
     feature_scale: torch.Tensor
     scale: torch.Tensor
 
-    def __init__(
-        self, feature_scale: np.ndarray, scale: np.ndarray, width: int = 32, memory: int = 4, seed: int = 0
-    ) -> None:
-        """feature_scale (F,), scale (3,); memory: rows that it remembers besides the present one, plus one (m)."""
+    def __init__(self, scales: Scales, settings: BlackBoxSettings, seed: int) -> None:
         super().__init__()
-        self.width, self.past = width, memory - 1
-        draw, F = torch.Generator().manual_seed(seed), len(feature_scale)
+        self.width, self.past = settings.width, settings.memory - 1  # m rows are the present one and m - 1 before it
+        draw, F, width = torch.Generator().manual_seed(seed), len(scales.feature), self.width
         # the order of the draws is part of a seed: another order is another training
         self.W0, self.Wr = uniform(draw, width, F), nn.Parameter(0.5 * uniform(draw, width, width).detach())
         self.W1, self.W2 = uniform(draw, width, width), uniform(draw, width, width)
         self.W3 = nn.Parameter(torch.zeros(3, width, dtype=torch.float64))  # untrained, it adds no acceleration
         self.b0, self.b1, self.b2 = (normal(draw, width) for _ in range(3))
-        self.register_buffer("feature_scale", torch.as_tensor(np.array(feature_scale, dtype=float)))
-        self.register_buffer("scale", torch.as_tensor(np.array(scale, dtype=float)))
+        # (F,) and (3,), as files have them
+        self.register_buffer("feature_scale", torch.as_tensor(np.array(scales.feature, dtype=float)))
+        self.register_buffer("scale", torch.as_tensor(np.array(scales.output, dtype=float)))
 
     def _fed(self, values: torch.Tensor) -> torch.Tensor:
         """What features (F, M) feed into the hidden layer, bias included (width, M)."""
@@ -217,6 +207,9 @@ class Windowed(Standard):
         return every[0], every[1:].reshape(memory.shape)  # the oldest is complete and answers; the others go on
 
 
+REACH = 0.2  # How far an estimated initial velocity may be from the measured one, over its deviation. Set by hand.
+
+
 class InitialState(TrainableSystem):
     """A black box, started from estimated u, v, r instead of the measured ones.
 
@@ -229,27 +222,17 @@ class InitialState(TrainableSystem):
     std: torch.Tensor
     reach: torch.Tensor
 
-    def __init__(
-        self,
-        inner: TrainableSystem,
-        rows: int,
-        mean: np.ndarray,
-        std: np.ndarray,
-        reach: np.ndarray,
-        width: int = 32,
-        seed: int = 0,
-    ) -> None:
+    def __init__(self, inner: TrainableSystem, scales: Scales, settings: BlackBoxSettings, seed: int) -> None:
         super().__init__()
-        self.inner, self.rows = inner, rows
-        self.past = max(rows, inner.past)
-        self.net = layered((len(mean) * (rows + 1), width, 3), seed)
+        self.inner, self.rows = inner, settings.initial
+        self.past = max(self.rows, inner.past)
+        self.net = layered((len(scales.mean) * (self.rows + 1), settings.width, 3), seed)
         last = self.net[-1]
         assert isinstance(last, nn.Linear)
         # zero output: before training the estimate is the measurement
         nn.init.zeros_(last.weight)
         nn.init.zeros_(last.bias)
-        for name, value in (("mean", mean), ("std", std), ("reach", reach)):
-            self.register_buffer(name, torch.as_tensor(np.array(value, dtype=float))[:, None])
+        _keep(self, mean=scales.mean, std=scales.std, reach=REACH * scales.std[:3])
 
     def shift(self, logged: torch.Tensor, controls: torch.Tensor, past: Past) -> torch.Tensor:
         """Estimated less measured u, v, r (3, M)."""
@@ -272,23 +255,12 @@ class InitialState(TrainableSystem):
         return self.inner.penalty()
 
 
-REACH = 0.2  # How far an estimated initial velocity may be from the measured one, over its deviation. Set by hand.
-
-
 def build_box(ship: Ship | None, scales: Scales, settings: TrainSettings, seed: int) -> TrainableSystem:
     """An untrained black box of these ``scales``, ``settings`` and ``seed``; nothing of the ``ship`` is used."""
     assert isinstance(settings, BlackBoxSettings)
-    t, system = settings, TrainableSystem()
-    if t.kind == "fnn":
-        accelerations = scales.acceleration_mean, scales.acceleration
-        system = Feedforward(scales.mean, scales.std, *accelerations, t.width, t.layers, t.zero, seed)
-    else:
-        recurrent = Standard if t.kind == "rnn" else Windowed
-        system = recurrent(scales.feature, scales.output, t.width, t.memory, seed)
-    if not t.initial:
-        return system
-    reach = REACH * scales.std[:3]
-    return InitialState(system, t.initial, scales.mean, scales.std, reach, t.width, seed)
+    kind = {"fnn": Feedforward, "rnn": Standard}.get(settings.kind, Windowed)
+    system = kind(scales, settings, seed)
+    return InitialState(system, scales, settings, seed) if settings.initial else system
 
 
 def box_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial], h: float) -> Scales:

@@ -104,7 +104,7 @@ def test_gradients_are_those_of_finite_differences(way):
     physics = physics_of(way)(ESSO)
     z, c = (a[:, 3:11].contiguous().requires_grad_() for a in points(ESSO))
     added = torch.zeros((3, 8), dtype=torch.float64, requires_grad=True)
-    torch.autograd.gradcheck(physics.rates_and_features, (z, c), atol=1e-6)
+    torch.autograd.gradcheck(lambda z, c: physics.call("rates_and_features", z, c), (z, c), atol=1e-6)
 
     def step(z: torch.Tensor, added: torch.Tensor) -> torch.Tensor:
         a, h = added * physics.features(z, c)[:3], torch.full((1, 1), 0.3, dtype=torch.float64)
@@ -121,7 +121,7 @@ def test_features_and_columns_are_those_of_the_model(way):
         physics, model = physics_of(way)(ship), assemble(ship, ())
         seen = np.array(model.features.map(z.shape[1])(z.numpy(), c.numpy(), np.zeros((0, z.shape[1]))))
         close(physics.features(z, c), seen)
-        close(physics.rates_and_features(z, c)[1], seen)
+        close(physics.call("rates_and_features", z, c)[1], seen)
         close(physics.columns(z), Simulator(ship).columns(z.numpy()))
         logged = physics.columns(z)
         close(physics.columns(physics.start(logged, c)), logged.numpy(), 1e-9)

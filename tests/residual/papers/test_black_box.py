@@ -20,6 +20,7 @@ from fitting.prediction.score import pooled_sigma, score
 from mmg.errors import BadValue, Conflict, TooFewData, Unreadable, UserError
 from residual.hybrid import Hybrid, Residual
 from residual.papers.black_box import (
+    REACH,
     BlackBox,
     Feedforward,
     InitialState,
@@ -267,12 +268,12 @@ def test_a_system_that_steps_can_be_started_from_an_estimate() -> None:
     known, batch = scales(), batch_of(3)
     residual = Residual.drawn(np.ones(7), np.array([1e-3, 1e-3, 1e-4]))
     hybrid = Hybrid(Physics(hybrids.ship(), compiled=False), residual, np.ones((7, 4)))
-    wrapped = InitialState(hybrid, 3, known.mean, known.std, 0.1 * known.std[:3])
+    wrapped = InitialState(hybrid, known, replace(QUICK, initial=3), 0)
     assert (rollout(wrapped, batch) - rollout(hybrid, batch)).abs().max() < 1e-12
     with torch.no_grad():
         wrapped.net[-1].bias.fill_(1.0)  # type: ignore[operator, union-attr]
     away = (rollout(wrapped, batch) - rollout(hybrid, batch))[0, 3:6].detach().numpy()
-    np.testing.assert_allclose(away, np.tile(0.1 * known.std[:3, None] * np.tanh(1.0), (1, len(batch))), atol=1e-12)
+    np.testing.assert_allclose(away, np.tile(REACH * known.std[:3, None] * np.tanh(1.0), (1, len(batch))), atol=1e-12)
     state_loss(wrapped, batch, SIGMA).backward()
     grad = wrapped.net[-1].bias.grad  # type: ignore[union-attr]
     assert isinstance(grad, torch.Tensor) and grad.abs().min() > 0.0, "the estimate is trained through the physics"
