@@ -335,10 +335,7 @@ def c_files(product: Product) -> dict[str, str]:
 
 def write_c(product: Product, target: Path) -> None:
     """Write the C product of ``product`` into the folder ``target``. Raises UserError where C cannot hold it."""
-    files = c_files(product) | {
-        "example.c": example_c(product),
-        "README.md": filled(TEMPLATES / "README.md", product),
-    }
+    files = c_files(product) | {"example.c": example_c(product), "README.md": filled(TEMPLATES / "README.md", product)}
     for name, text in files.items():
         (target / name).write_text(text, encoding="utf-8", newline="\n")
 

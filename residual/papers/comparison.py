@@ -458,7 +458,7 @@ def tables_text(comparison: Comparison) -> str:
         f"{len(study.test)}; {study.seeds} seed(s), mean ± standard deviation over them. Mean squared error summed "
         f"over x, y, psi, u, v, r over sigma = ({sigma}), pooled over the test trials. "
         "Nothing was chosen by the test trials; each seed stops by another part of the training trials. No model uses "
-        "the past of a window.",
+        "the past of a window."
     ]
     for metric, words in METRICS.items():
         lines += ["", f"### {words}", "", *accuracy(comparison, metric)]

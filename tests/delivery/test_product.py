@@ -6,12 +6,17 @@ import hashlib
 import json
 import shutil
 import zipfile
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cases.shipfiles.ship_file import dump_ship, dump_whole_ship, load_ship
 from delivery.export import ABOUT, FORMATS, export
+from delivery.fmi.ship import CoSimulatedShip
+from delivery.fmi.variables import variable_table
+from delivery.fmi.write import description
 from delivery.product import (
     LEFT_OUT,
     NAME_CHANGED,
@@ -38,13 +43,10 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture()
-def stopped(run: Path, tmp_path: Path) -> Path:
-    """A run folder whose calibration did not converge."""
-    folder = tmp_path / "stopped"
-    folder.mkdir()
-    (folder / "ship.toml").write_text((run / "ship.toml").read_text())
-    content = json.loads((run / "result.json").read_text()) | {"converged": False, "status": "Maximum_Iterations"}
+def changed(run: Path, folder: Path, content: dict[str, Any]) -> Path:
+    """The ``run`` in a new ``folder`` with this ``content`` of its result.json."""
+    folder.mkdir(parents=True)
+    shutil.copyfile(run / "ship.toml", folder / "ship.toml")
     (folder / "result.json").write_text(json.dumps(content))
     return folder
 
@@ -59,16 +61,12 @@ def refusal(capsys: pytest.CaptureFixture[str], *words: object) -> str:
 
 
 def test_coefficients_that_no_trial_excites_are_a_caveat(run: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "unexcited"
-    folder.mkdir()
-    (folder / "ship.toml").write_text((run / "ship.toml").read_text())
     content = json.loads((run / "result.json").read_text())
     rows = content["identifiability"]["coefficients"]
     first, second, *_ = rows
     for symbol in (first, second):
         rows[symbol]["kind"] = "silent"
-    (folder / "result.json").write_text(json.dumps(content))
-    (caveat,) = product_of(folder).caveats
+    (caveat,) = product_of(changed(run, tmp_path / "unexcited", content)).caveats
     assert caveat.code == UNEXCITED and f"2 of {len(rows)} " in str(caveat) and f"{first}, {second}" in str(caveat)
 
 
@@ -96,13 +94,8 @@ def contents(target: Path) -> dict[str, bytes]:
     return found
 
 
-PROJECTED = ("shipmmg", "pvs", "vrx")  # slow, and gazebo stands for them
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "form", [pytest.param(form, marks=[pytest.mark.slow] * (form in PROJECTED)) for form in sorted(FORMATS)]
-)
+@pytest.mark.parametrize("form", sorted(FORMATS))
 def test_a_run_gives_the_same_bytes_wherever_it_lies(form: str, run: Path, tmp_path: Path) -> None:
     """A product holds hashes of its run and of the data, and no path of either."""
     first, other = tmp_path / "a" / "run", tmp_path / "a longer name" / "copy"
@@ -148,8 +141,10 @@ def test_a_ship_that_was_never_calibrated_leaves_by_force_only(
 
 
 def test_a_run_that_did_not_converge_leaves_by_force_only(
-    stopped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    content = json.loads((run / "result.json").read_text()) | {"converged": False, "status": "Maximum_Iterations"}
+    stopped = changed(run, tmp_path / "stopped", content)
     said = refusal(capsys, stopped, "--format", "c", "--out", tmp_path / "c", "--json")
     assert "Maximum_Iterations" in said and "--force" in said and said.endswith("[not_calibrated]")
     assert has_code(product_of(stopped, force=True).caveats, NOT_CONVERGED)
@@ -173,10 +168,10 @@ def test_targets_are_not_lost(run: Path, tmp_path: Path, capsys: pytest.CaptureF
 
 
 def test_unknown_words_are_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    place = ("--out", tmp_path / "c", "--json")
-    assert refusal(capsys, run, "--format", "fortran", *place).endswith("[unknown_name]")
-    assert refusal(capsys, run, "--format", "c", "--without", "tow", *place).endswith("[unknown_name]")
-    assert refusal(capsys, tmp_path / "nothing", "--format", "c", *place).endswith("[unknown_name]")
+    others = (run, "fortran"), (run, "c", "--without", "tow"), (tmp_path / "nothing", "c")
+    for where, form, *more in others:
+        said = refusal(capsys, where, "--format", form, *more, "--out", tmp_path / "c", "--json")
+        assert said.endswith("[unknown_name]")
 
 
 def test_an_exact_delay_is_refused_with_what_to_do(tmp_path: Path) -> None:
@@ -191,10 +186,6 @@ def test_an_exact_delay_is_refused_with_what_to_do(tmp_path: Path) -> None:
 
 
 def test_a_product_is_called_as_its_calibration(run: Path) -> None:
-    from delivery.fmi.ship import CoSimulatedShip
-    from delivery.fmi.variables import variable_table
-    from delivery.fmi.write import description
-
     found = product_of(run)
     mark = found.ship.mark
     assert mark is not None and mark.name != found.ship.name and found.about()["ship"] == mark.name
@@ -204,8 +195,7 @@ def test_a_product_is_called_as_its_calibration(run: Path) -> None:
 
 def test_a_name_that_is_no_identifier_is_made_one(tmp_path: Path) -> None:
     ship = load_ship("esso_osaka_3m")
-    text = dump_ship(ship).replace('name = "esso_osaka_3m"', 'name = "2nd Été"')
-    (tmp_path / "ship.toml").write_text(text)
+    (tmp_path / "ship.toml").write_text(dump_ship(replace(ship, name="2nd Été")))
     found = product_of(tmp_path / "ship.toml", force=True)
     assert found.identifier == "ship_2nd_ete" and has_code(found.caveats, NAME_CHANGED)
 

@@ -23,14 +23,7 @@ from residual.papers.comparison import COLOURS, DASHED, MARKERS
 from residual.pipeline import train
 from residual.result import learning_plot
 from residual.settings import TrainSettings, settings_from
-from residual.train import (
-    Adam,
-    load_outcome,
-    save_outcome,
-    tasks_of,
-    train_one,
-    training_store,
-)
+from residual.train import Adam, load_outcome, save_outcome, tasks_of, train_one, training_store
 from residual.windows import windows
 from tests.residual.test_hybrid import QUICK
 from tests.support import hybrids

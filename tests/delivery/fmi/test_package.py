@@ -82,18 +82,15 @@ def test_units_have_those_that_people_read() -> None:
 def test_coefficients_say_how_well_they_are_known() -> None:
     ship = ship_of("plain")
     known = ship.coefficients["Y_v"].with_(std=0.0123, verdict="well determined", fixed=False, lower=-3.0, upper=2.0)
-    rows = {
-        row.name: row
-        for row in variable_table(CoSimulatedShip.of(product(ship.with_coefficients({"Y_v": known})))).rows
-    }
-    row = rows["coefficients.Y_v"]
+    table = variable_table(CoSimulatedShip.of(product(ship.with_coefficients({"Y_v": known}))))
+    (row,) = [row for row in table.rows if row.name == "coefficients.Y_v"]
     assert (row.start, row.lower, row.upper, row.variability) == (known.value, -3.0, 2.0, "tunable")
     assert "std 0.0123" in row.words and "well determined" in row.words
 
 
 @pytest.mark.slow
 @needs_compiler
-@pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.slow), 3])
+@pytest.mark.parametrize("version", [2, 3])
 def test_the_same_ship_gives_the_same_bytes(version: int, tmp_path: Path) -> None:
     write_fmu(product(ship_of("plain")), tmp_path / "again.fmu", version)
     assert (tmp_path / "again.fmu").read_bytes() == fmu("plain", version).read_bytes()
@@ -131,9 +128,8 @@ def test_an_fmu_of_sources_alone_compiles_and_moves(version: int, tmp_path: Path
     files = members(path)
     assert not [name for name in files if name.startswith("binaries/")]
     listed = "modelDescription.xml" if version == 2 else "sources/buildDescription.xml"
-    sources = [
-        e.get("name") or "" for e in Xml.fromstring(files[listed]).iter("File" if version == 2 else "SourceFile")
-    ]
+    elements = Xml.fromstring(files[listed]).iter("File" if version == 2 else "SourceFile")
+    sources = [e.get("name") or "" for e in elements]
     for file in files:
         (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / file).write_bytes(files[file])
@@ -264,9 +260,8 @@ def test_forces_are_those_of_the_model() -> None:
     product_ship = CoSimulatedShip.of(product(ship))
     model = product_ship.model
     with running(fmu("all", 2), 2) as instance:
-        instance.begin(
-            {"initial.u": 0.4, "initial.v": 0.03, "initial.r": 0.02, "propeller.n": 9.0, "rudder.delta": 0.2}
-        )
+        start = {"initial.u": 0.4, "initial.v": 0.03, "initial.r": 0.02}
+        instance.begin(start | {"propeller.n": 9.0, "rudder.delta": 0.2})
         found = [instance[[f"force.{role}.{axis}" for axis in "XYN"]] for role in model.roles]
     inputs = np.zeros(len(model.controls))
     inputs[[model.controls.index("n"), model.controls.index("delta")]] = 9.0, 0.2
@@ -344,32 +339,18 @@ def exercised(kind: str, version: int, command: list[str], folder: Path) -> int:
         archive.extractall(folder, [n for n in archive.namelist() if n.startswith("sources/")])
     program = folder / "exercise"
     files = [str(folder / "sources" / "fmu-main.c"), str(HERE / f"exercise_fmi{version}.c")]
-    whole = [
-        *command,
-        *STRICT,
-        "-std=c99",
-        "-I",
-        str(folder / "sources"),
-        *files,
-        "-o",
-        str(program),
-        "-lm",
-    ]
-    built = subprocess.run(whole, capture_output=True, text=True)
+    options = ["-std=c99", "-I", str(folder / "sources"), *files, "-o", str(program), "-lm"]
+    built = subprocess.run([*command, *STRICT, *options], capture_output=True, text=True)
     assert built.returncode == 0, built.stderr
     run = subprocess.run([str(program)], capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr
     return int(run.stdout.split()[0])
 
 
-def slow(*values: object) -> object:
-    """A case of the slow tests."""
-    return pytest.param(*values, marks=pytest.mark.slow)
-
-
 @pytest.mark.slow
 @needs_compiler
-@pytest.mark.parametrize(("kind", "version"), [("plain", 2), ("plain", 3), slow("all", 2), slow("all", 3)])
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("kind", ["plain", "all"])
 def test_wrong_calls_are_errors_and_saved_states_are_exact(kind: str, version: int, tmp_path: Path) -> None:
     compiler = "clang" if kind == "plain" and shutil.which("clang") else "gcc"
     if shutil.which(compiler) is None:

@@ -103,13 +103,7 @@ def test_the_mouse_links_charts_slider_and_track(tab: Browser) -> None:
 def test_dragging_in_one_chart_zooms_all(tab: Browser) -> None:
     box = "document.querySelector('.uplot .u-over').getBoundingClientRect()"
     x, y, width = (tab.value(f"{box}.{name}") for name in ("x", "y", "width"))
-    moves = (
-        ("Moved", 0.3),
-        ("Pressed", 0.3),
-        ("Moved", 0.5),
-        ("Moved", 0.6),
-        ("Released", 0.6),
-    )
+    moves = (("Moved", 0.3), ("Pressed", 0.3), ("Moved", 0.5), ("Moved", 0.6), ("Released", 0.6))
     for name, share in moves:
         where = {"x": x + share * width, "y": y + 30}
         tab.send("Input.dispatchMouseEvent", type=f"mouse{name}", button="left", clickCount=1, **where)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 
-from fitting.nlp.windows import pieces_of
 from fitting.prediction.predict import predict_all
 from mmg.errors import Missing, UnknownName
 from mmg.rollout import Simulator
@@ -19,7 +18,7 @@ from residual.physics import Physics
 from residual.settings import BlackBoxSettings
 from residual.system import RolloutBatch, TrainableSystem, rollout
 from residual.train import tasks_of, train_one
-from residual.windows import windows
+from tests.residual.test_hybrid import hybrid_and_batch, random_residual
 from tests.support import hybrids
 
 
@@ -44,20 +43,7 @@ def yaw_batch(M: int = 3, N: int = 10) -> RolloutBatch:
 
 
 def random_residuals(count: int) -> list[Residual]:
-    F, result = len(hybrids.ship().features), []
-    for seed in range(count):
-        residual = Residual.drawn(np.linspace(0.1, 1.0, F), np.array([1e-3, 2e-3, 5e-4]), 8, seed)
-        with torch.no_grad():
-            residual.W3.normal_(generator=torch.Generator().manual_seed(seed))
-        result.append(residual)
-    return result
-
-
-def hybrid_batch(steps: int = 8) -> RolloutBatch:
-    pieces = pieces_of(hybrids.trials(hybrids.ship(), 2, 60), 1.0, hybrids.ship().inputs)
-    batch = windows(pieces, 1.0, steps, steps)
-    assert batch is not None
-    return batch
+    return [random_residual(seed, 8) for seed in range(count)]
 
 
 # Particles
@@ -104,7 +90,7 @@ def test_the_same_seed_gives_the_same_particles_and_another_one_others() -> None
 
 @pytest.mark.slow
 def test_the_members_of_a_saved_network_are_those_it_was_made_of() -> None:
-    residuals, batch = random_residuals(2), hybrid_batch()
+    residuals, (_, batch) = random_residuals(2), hybrid_and_batch(steps=8)
     limit = np.full(len(hybrids.ship().features), np.inf)
     ship = hybrids.ship().with_network(to_network(residuals, hybrids.ship().actuators, -limit, limit))
     paths = particles(members_of(ship), batch, 2)
@@ -123,12 +109,14 @@ def test_the_members_of_a_saved_network_are_those_it_was_made_of() -> None:
 # Distances
 
 
+SIGNS = np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]])
+"""Of u, v, r of four particles: uncorrelated, of variance 1."""
+
+
 def hand_made() -> tuple[np.ndarray, np.ndarray]:
     """Particles (3, 6, 4) and truth (3, 6): in u, v, r independent, with deviations 1, 2 and 0.5 about 1."""
     paths, truth = np.zeros((3, 6, 4)), np.zeros((3, 6))
-    signs = np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]])
-    for c, (sign, deviation) in enumerate(zip(signs, (1.0, 2.0, 0.5), strict=True)):
-        paths[:, 3 + c] = 1.0 + deviation * sign
+    paths[:, 3:] = 1.0 + np.array([[1.0], [2.0], [0.5]]) * SIGNS
     truth[:, 3:] = 1.0
     truth[1, 3:] += (1.0, 2.0, 0.0)
     truth[2, 3:] += (0.0, 0.0, 1.5)
@@ -147,9 +135,8 @@ def test_distances_by_hand() -> None:
 def test_distances_see_correlated_states() -> None:
     """u and v that move together make an error across the line dear: e = (1, -1), Cov = [[1, .5], [.5, 1]] -> 4."""
     root = np.linalg.cholesky(np.array([[1, 0.5, 0], [0.5, 1, 0], [0, 0, 1]]))
-    signs = np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]])
     paths, truth = np.zeros((2, 6, 4)), np.zeros((2, 6))
-    paths[:, 3:], truth[1, 3:] = root @ signs, (1, -1, 0)
+    paths[:, 3:], truth[1, 3:] = root @ SIGNS, (1, -1, 0)
     assert mahalanobis(paths, truth) == pytest.approx(4.0)
 
 
