@@ -68,7 +68,7 @@ def similar_particulars(given: Mapping[str, float], law: Similarity) -> dict[str
         unit = PARTICULARS[name][1] if name in PARTICULARS else ""
         scaled[name] = value if name in KEPT else value * law.factor(unit, name)
     ratio = scaled.pop("scale", 1.0) / law.scale
-    # half a per cent is the rounding of a published scale, as 108.33 of the ESSO OSAKA; set by hand
+    # within half a per cent of 1 nothing is left of it; set by hand
     return scaled | ({"scale": ratio} if ratio > 1.005 else {})
 
 

@@ -134,7 +134,7 @@ def ship_values(values: Mapping[str, float], change: Change) -> dict[str, float]
         if symbol in v:
             scaled_values[symbol] = sign * change.resistance(sign * v[symbol])
             if symbol == "X_0F" and "X_0A" in v:
-                # astern the same change; at least half of it stays, as a resistance never pushes. By hand
+                # astern the same change; at least half of it stays, so that it remains a drag: set by hand
                 scaled_values["X_0A"] = min(v["X_0A"] + scaled_values[symbol] - v[symbol], 0.5 * v["X_0A"])
     if "w_P0" not in v:
         if {"a_0", "c_0"} <= v.keys():  # the wake 1 - w = a_0 + a_1 J_s + ... of Kang et al. (2008), 1 - t = c_0 + ...

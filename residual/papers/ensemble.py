@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
+from cases.io.campaigns import campaign_among, ship_of_campaign
 from cases.trial import Trial
 from fitting.nlp.windows import default_step
 from fitting.prediction.predict import Window, planned_windows
@@ -57,6 +58,8 @@ def predict_members(
     """
     if sampling not in SAMPLINGS:
         raise UnknownName(f"--members {sampling}: unknown; choose one of {', '.join(SAMPLINGS)}")
+    if isinstance(model, Ship):  # its instruments as in the campaign of the trial, as a prediction by the mean has them
+        model = ship_of_campaign(model, campaign_among(trial, model.campaigns))
     members, method = members_of(model), model.settings.method if isinstance(model, BlackBox) else "rk4"
     kept, notes = planned_windows(trial, model.inputs, length, stride, short_last)
     if not kept:

@@ -31,6 +31,7 @@ from mmg.errors import BadValue, Unsupported
 from mmg.messages import has_code
 from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
+from tests.support.commands import refused
 from tests.support.fmus import network
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -49,15 +50,6 @@ def changed(run: Path, folder: Path, content: dict[str, Any]) -> Path:
     shutil.copyfile(run / "ship.toml", folder / "ship.toml")
     (folder / "result.json").write_text(json.dumps(content))
     return folder
-
-
-def refusal(capsys: pytest.CaptureFixture[str], *words: object) -> str:
-    """The one line with which the command refuses."""
-    capsys.readouterr()
-    assert main(["export", *map(str, words)]) == 2
-    said = capsys.readouterr().err.strip()
-    assert "\n" not in said and said.startswith("mmg: "), said
-    return said
 
 
 def test_coefficients_that_no_trial_excites_are_a_caveat(run: Path, tmp_path: Path) -> None:
@@ -131,7 +123,7 @@ def test_a_product_names_its_run_and_its_data_by_hashes(run: Path) -> None:
 def test_a_ship_that_was_never_calibrated_leaves_by_force_only(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = refusal(capsys, "esso_osaka_3m", "--format", "c", "--out", tmp_path / "c", "--json")
+    said = refused(capsys, "export", "esso_osaka_3m", "--format", "c", "--out", tmp_path / "c", "--json")
     assert said.endswith("[not_calibrated]") and "--force" in said and not (tmp_path / "c").exists()
     assert main(["export", "esso_osaka_3m", "--format", "c", "--out", str(tmp_path / "c"), "--force", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
@@ -145,7 +137,7 @@ def test_a_run_that_did_not_converge_leaves_by_force_only(
 ) -> None:
     content = json.loads((run / "result.json").read_text()) | {"converged": False, "status": "Maximum_Iterations"}
     stopped = changed(run, tmp_path / "stopped", content)
-    said = refusal(capsys, stopped, "--format", "c", "--out", tmp_path / "c", "--json")
+    said = refused(capsys, "export", stopped, "--format", "c", "--out", tmp_path / "c", "--json")
     assert "Maximum_Iterations" in said and "--force" in said and said.endswith("[not_calibrated]")
     assert has_code(product_of(stopped, force=True).caveats, NOT_CONVERGED)
 
@@ -155,11 +147,11 @@ def test_targets_are_not_lost(run: Path, tmp_path: Path, capsys: pytest.CaptureF
     mine.mkdir()
     (mine / "thesis.txt").write_text("mine")
     words = (run, "--format", "c", "--json", "--out")
-    assert refusal(capsys, *words, mine).endswith("[target_exists]")
+    assert refused(capsys, "export", *words, mine).endswith("[target_exists]")
     for target in (mine, mine / "thesis.txt"):
-        assert refusal(capsys, *words, target, "--force").endswith("[target_exists]")
+        assert refused(capsys, "export", *words, target, "--force").endswith("[target_exists]")
     assert (mine / "thesis.txt").read_text() == "mine"
-    assert refusal(capsys, *words, mine / "thesis.txt" / "c").endswith("[not_writable]")
+    assert refused(capsys, "export", *words, mine / "thesis.txt" / "c").endswith("[not_writable]")
     assert main(["export", *map(str, words), str(tmp_path / "c")]) == 0
     (tmp_path / "c" / "esso_osaka_3m.c").write_text("")
     assert main(["export", *map(str, words), str(tmp_path / "c"), "--force"]) == 0
@@ -170,7 +162,7 @@ def test_targets_are_not_lost(run: Path, tmp_path: Path, capsys: pytest.CaptureF
 def test_unknown_words_are_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     others = (run, "fortran"), (run, "c", "--without", "tow"), (tmp_path / "nothing", "c")
     for where, form, *more in others:
-        said = refusal(capsys, where, "--format", form, *more, "--out", tmp_path / "c", "--json")
+        said = refused(capsys, "export", where, "--format", form, *more, "--out", tmp_path / "c", "--json")
         assert said.endswith("[unknown_name]")
 
 

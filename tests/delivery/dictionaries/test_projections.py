@@ -24,8 +24,8 @@ from mmg.errors import Unsupported, UserError
 from mmg.model import assemble
 from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship
-from mmg_ident.commands.main import main
 from tests.support.c_products import product
+from tests.support.commands import refused
 
 SHIPS = ("esso_osaka_3m", "kvlcc2_l7")
 
@@ -216,10 +216,9 @@ def test_a_plugin_moves_the_hull_as_well_as_it_says(name: str, form: str) -> Non
 def test_what_a_target_cannot_hold_is_refused_with_the_reason(
     ship: str, form: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = str(tmp_path / f"x{FORMATS[form].suffix}")
-    assert main(["export", ship, "--force", "--format", form, "--out", out, "--json"]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert line.startswith("mmg: ") and words in line and line.endswith("[unsupported]")
+    out = tmp_path / f"x{FORMATS[form].suffix}"
+    line = refused(capsys, "export", ship, "--force", "--format", form, "--out", out, "--json")
+    assert words in line and line.endswith("[unsupported]")
     assert list(tmp_path.iterdir()) == []
 
 

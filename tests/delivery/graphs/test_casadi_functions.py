@@ -20,8 +20,8 @@ from mmg.errors import NotInstalled
 from mmg.model import settled
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg_ident.commands.main import main
 from tests.support.c_products import product
+from tests.support.commands import refused
 from tests.support.networks import random_network
 
 
@@ -166,9 +166,8 @@ def test_onnxruntime_gives_the_accelerations(name: str, members: int, tmp_path: 
 
 def test_a_ship_without_a_network_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "x.onnx"
-    assert main(["export", "esso_osaka_3m", "--force", "--format", "onnx", "--out", str(path), "--json"]) == 2
-    error = capsys.readouterr().err.strip()
-    assert error.endswith("[missing]") and "mmg train" in error and "\n" not in error
+    error = refused(capsys, "export", "esso_osaka_3m", "--force", "--format", "onnx", "--out", path, "--json")
+    assert error.endswith("[missing]") and "mmg train" in error
     assert list(tmp_path.iterdir()) == []
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -160,6 +161,18 @@ def test_a_prediction_by_members_has_their_mean_and_their_spread(sampling: str) 
             np.testing.assert_allclose(window.std, paths.std(axis=0), rtol=0, atol=2e-3)
     with pytest.raises(UnknownName):
         predict_members(four, trial, 20.0, 20.0, True, "ts2")
+
+
+def test_members_log_by_the_instruments_of_the_campaign_of_the_trial(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MMG_CC", "none")  # a compiler takes longer than these windows
+    ship = hybrids.lacking().with_effect("gyro")
+    ship = replace(ship, campaigns={"spring": {"gyro.T": 3.0}, "autumn": {"gyro.T": 0.5}})
+    trial = replace(hybrids.trials(hybrids.ship(), 1, 40)[0], meta={"campaign": "spring"})
+    (window, *_), _ = predict_members(ship, trial, 20.0, 20.0, True)
+    (expected, *_), _ = predict_all(Simulator(ship, compiled=False), [trial], 20.0, 20.0)[0]
+    np.testing.assert_allclose(window.states, expected.states, rtol=0, atol=2e-3)
+    (other, *_), _ = predict_members(ship, replace(trial, meta={"campaign": "autumn"}), 20.0, 20.0, True)
+    assert np.abs(other.states - window.states)[:, 5].max() > 2e-3
 
 
 # Training
