@@ -7,7 +7,7 @@ import re
 import shlex
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -189,6 +189,9 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
             raise UnknownName(f"--without {name}: the ship has no such effect; it has {effect_names}")
         ship = ship.without_effect(name)
         caveats.append(Message(f"the effect {name} of the calibrated ship is left out", LEFT_OUT))
+    # values by campaign go with their effect: a file that names what the ship lacks cannot be read
+    campaigns = {day: {s: x for s, x in own.items() if s in ship.coefficients} for day, own in ship.campaigns.items()}
+    ship = replace(ship, campaigns={day: values for day, values in campaigns.items() if values})
     for name in ship.effects:
         if effect(name).surroundings:
             words = f"the effect {name} belongs to the place and the days of the trials; set it to zero elsewhere"

@@ -177,6 +177,15 @@ def test_an_exact_delay_is_refused_with_what_to_do(tmp_path: Path) -> None:
     export(left, "c", tmp_path / "c")
 
 
+def test_an_effect_goes_with_its_values_by_campaign(tmp_path: Path) -> None:
+    ship = load_ship("esso_osaka_3m").with_effect("gyro").with_effect("log_scale")
+    ship = replace(ship, campaigns={"spring": {"gyro.T": 0.9, "log_scale.share": 0.02}, "autumn": {"gyro.T": 0.4}})
+    (tmp_path / "ship.toml").write_text(dump_ship(ship))
+    for form in ("toml", "json"):
+        export(product_of(tmp_path / "ship.toml", force=True, without=["gyro"]), form, tmp_path / f"left.{form}")
+        assert load_ship(tmp_path / f"left.{form}").campaigns == {"spring": {"log_scale.share": 0.02}}
+
+
 def test_a_product_is_called_as_its_calibration(run: Path) -> None:
     found = product_of(run)
     mark = found.ship.mark

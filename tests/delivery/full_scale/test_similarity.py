@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.ship_file import library, load_ship
+from cases.shipfiles.ship_file import dump_ship, library, load_ship, parse_ship
 from cases.simulation.simulate import simulate
 from delivery.full_scale.similarity import Similarity, dropped_effects, similar_bands, similar_network, similar_ship
 from fitting.prediction.bands import SIZES, Process, bands_of, process_dict
@@ -75,8 +75,9 @@ def test_effects_of_place_instruments_and_steering_gear_stay_with_the_model() ->
     for name in ("current", "rudder_lag", "antenna_offset", "rudder_stall", "propeller_side_force"):
         ship = ship.with_effect(name)
     assert set(dropped_effects(ship)) == {"current", "rudder_lag", "antenna_offset"}
-    found = similar_ship(ship, LAW, "big")
+    found = similar_ship(replace(ship, campaigns={"spring": {"antenna_offset.x": 0.3}}), LAW, "big")
     assert set(found.effects) == {"rudder_stall", "propeller_side_force"}
+    assert parse_ship(dump_ship(found)).effects == found.effects, "values by campaign of what it lacks"
 
 
 def test_the_scale_of_a_model_is_used_up() -> None:
