@@ -70,6 +70,8 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
     """
     if form not in FORMATS:
         raise UnknownName(f"--format {form}: no such format; choose one of {', '.join(FORMATS)}")
+    if not isinstance(out, (str, Path)):
+        raise BadValue(f"out = {out!r}: is no path")
     chosen, target = FORMATS[form], Path(out)
     for name in sorted(set(options) - set(chosen.options)):
         raise Conflict(f"--{name.replace('_', '-')} does not belong to the format {form}")

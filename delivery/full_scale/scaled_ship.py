@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from delivery.full_scale.similarity import Similarity, similar_ship
 from delivery.full_scale.viscous import RESISTANCE, Change, Doubt, HullInWater, doubts, ship_values
 from mmg.components import friction
 from mmg.components.coefficients import Coefficient
-from mmg.errors import Missing, OutOfRange
+from mmg.errors import BadValue, Missing, OutOfRange
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
@@ -44,7 +45,11 @@ class Scaling:
     name: str = ""
 
     def check(self) -> None:
-        """Raises UserError for what no ship has."""
+        """Raises UserError for what is no number, or no ship has."""
+        for name in ("length", "speed", "density", "form_factor", "roughness"):
+            value, optional = getattr(self, name), name not in ("length", "roughness")
+            if not (isinstance(value, Real) or (value is None and optional)):
+                raise BadValue(f"{name} = {value!r}: is no number")
         if not SHORTEST <= self.length <= LONGEST:
             raise OutOfRange(f"--length {self.length:g}: give {SHORTEST:g} to {LONGEST:g} m")
         # wide enough for every ship, narrow enough for a wrong unit; set by hand

@@ -221,6 +221,7 @@ def test_a_command_takes_what_was_exported(form: str, tmp_path: Path, capsys: py
     assert outputs[0] == outputs[1]
 
 
-def test_a_file_of_another_ending_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadValue):
-        export(product_of("esso_osaka_3m", force=True), "toml", tmp_path / "ship.json")
+def test_a_file_of_another_ending_and_what_is_no_path_are_refused(tmp_path: Path) -> None:
+    for out in (tmp_path / "ship.json", 3):
+        with pytest.raises(BadValue):
+            export(product_of("esso_osaka_3m", force=True), "toml", out)  # type: ignore[arg-type]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from cases.shipfiles.ship_file import load_ship
 from delivery.full_scale.scaled_ship import Scaling, scaled_ship
 from delivery.full_scale.viscous import Change, HullInWater, ship_values
 from mmg.components.friction import allowance, form_factor, friction_line, wetted_surface
-from mmg.errors import Missing, OutOfRange
+from mmg.errors import BadValue, Missing, OutOfRange
 
 MODEL = load_ship("kvlcc2_l7")
 """KVLCC2, 7 m."""
@@ -150,6 +151,12 @@ def test_scaling_never_makes_a_coefficient_more_certain_by_itself() -> None:
 def test_what_no_ship_has_is_refused(length: float, more: dict[str, float], words: str) -> None:
     with pytest.raises(OutOfRange, match=words):
         scaled_ship(MODEL, Scaling(length, **more))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("more", [{"speed": "8"}, {"density": "x"}, {"form_factor": []}, {"roughness": None}])
+def test_what_is_no_number_is_refused(more: dict[str, Any]) -> None:
+    with pytest.raises(BadValue, match=next(iter(more))):
+        scaled_ship(MODEL, Scaling(320.0, **more))
 
 
 def test_particulars_that_are_lacking_are_named() -> None:
