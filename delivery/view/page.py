@@ -207,8 +207,11 @@ def _distinct(models: Sequence[ViewModel]) -> tuple[ViewModel, ...]:
 
 
 def same_ship(a: Ship, b: Ship) -> bool:
-    """Whether the ships ``a`` and ``b`` move alike: equal particulars, force models, effects, values and networks."""
-    first, second = ((s.particulars, s.components, s.effects, s.symbols, s.values.tolist()) for s in (a, b))
+    """Whether the ships ``a`` and ``b`` move and log alike: equal particulars, force models, effects, values (also by
+    campaign) and networks."""
+    first, second = (
+        (s.particulars, s.components, s.effects, s.symbols, s.values.tolist(), s.campaigns) for s in (a, b)
+    )
     if first != second or (a.network and a.network.features) != (b.network and b.network.features):
         return False
     # networks by what they give at five points

@@ -25,6 +25,7 @@ from delivery.view.page import (
     packed_times,
     rows_per_run,
     safe_json,
+    same_ship,
     shown_rows,
     view_page,
     write_view,
@@ -202,6 +203,8 @@ def test_a_diagnosis_beside_the_run_is_marked_and_one_of_two_must_be_chosen(run:
 
 
 def test_equal_models_are_shown_once_and_different_ones_by_their_run(run: Path, tmp_path: Path) -> None:
+    assert same_ship(lacking(), lacking()) and not same_ship(lacking(), ship())
+    assert not same_ship(ship(), replace(ship(), campaigns={"spring": {"Y_v": -0.3}})), "instruments by campaign"
     twin = shutil.copytree(run, tmp_path / "twin")
     assert [m.kind for m in gather([run, twin]).models] == ["start", "calibrated"]
     text = (twin / "ship.toml").read_text()
