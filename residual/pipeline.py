@@ -64,7 +64,7 @@ def train(
     began = time.perf_counter()
     if keep not in KEEP:  # before anything is read or trained
         raise UnknownName(f"keep: {keep!r} is unknown; choose one of {', '.join(KEEP)}")
-    ship, known, name, read_loss = _start(ship_or_fit)
+    ship, calibration, name, read_loss = _start(ship_or_fit)
     trained_on, by_role = TrialSet.of(trials).training(validation)
     if not trained_on:
         raise Missing("no trials to train on: name at least one trial file")
@@ -78,12 +78,15 @@ def train(
         tasks = tasks_of(kind, ship, trained_on, settings, validation, judged_apart=not black_box, loss=loss)
         outcomes, interrupted = train_seeds(tasks, progress, store)
         task = tasks[0]
-        own = _black_box(task, outcomes, name) if black_box else _hybrid(tasks, outcomes, bool(validation), known, keep)
+        if black_box:
+            of_kind = _black_box(task, outcomes, name)
+        else:
+            of_kind = _hybrid(tasks, outcomes, bool(validation), calibration, keep)
     except UserError:
         if store:
             store.discard()  # too little data or a wrong setting: there is nothing to continue from
         raise
-    own["notices"] = (*own.get("notices", ()), *taken, *other_loss)
+    of_kind["notices"] = (*of_kind.get("notices", ()), *taken, *other_loss)
     seconds, scales = time.perf_counter() - began, task.scales
     result = TrainResult(
         start=ship,
@@ -106,11 +109,11 @@ def train(
             *_seed_warnings(outcomes, task.settings),
             *by_role,
             *shared_rows(trained_on, validation),
-            *_calibrated_on(known, validation),
+            *_calibrated_on(calibration, validation),
         ),
         interrupted=interrupted,
         trials=validation or trained_on,
-        **own,
+        **of_kind,
     )
     models = tuple(result.models().values())
     if len(models) == 2:  # the calibrated ship alone where every training diverged
@@ -130,9 +133,9 @@ def _start(
     if isinstance(given, (str, Path)):
         stored = run_folder.described_in(Path(given)) / run_folder.LOSS
         return load_ship(given), _known(Path(given)), str(given), lambda: loss_in(stored)
-    known = {} if isinstance(given, Ship) else given.to_dict()
+    record = {} if isinstance(given, Ship) else given.to_dict()
     ship = given if isinstance(given, Ship) else given.ship
-    return ship, known, ship.name, lambda: given.loss if isinstance(given, FitResult) else None
+    return ship, record, ship.name, lambda: given.loss if isinstance(given, FitResult) else None
 
 
 def loss_of(
@@ -266,13 +269,13 @@ def _residual_size(network: Network, scales: Scales) -> dict[str, dict]:
 
 def _outside(kind: ModelKind, task: Task, trials: Sequence[Trial]) -> dict:
     """Shares of rows outside the range of the training rows, by trial and by feature, with the ends of the latter."""
-    ship, h, known = task.ship, task.h, task.scales.features
+    ship, h, training = task.ship, task.h, task.scales.features
     features_at = kind.features(ship)
     rows = {t.name: windows(kind.pieces(ship, [t], h), h, 1, 1) for t in trials}  # every row with one after it
     seen = {name: features_at(b.targets[0], b.controls[0]).numpy() for name, b in rows.items() if b}
     if not seen:
         return {}
-    lower, upper = known.min(axis=1)[:, None], known.max(axis=1)[:, None]  # (F, 1)
+    lower, upper = training.min(axis=1)[:, None], training.max(axis=1)[:, None]  # (F, 1)
     every = np.hstack(list(seen.values()))
     beyond = (every < lower) | (every > upper)
     return {

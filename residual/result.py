@@ -58,8 +58,8 @@ def page_of(
     runs: of each its name, the folder that holds its figures, the content of its result.json, and the ship that it
     recommends, None of a black box; full_load, imo: as of ``fitting.report.use.delivered``.
     """
-    known = [Delivered() if ship is None else delivered(content, ship, full_load, imo) for _, _, content, ship in runs]
-    shown = [_run(*run, own, i) for i, (run, own) in enumerate(zip(runs, known, strict=True), 1)]
+    uses = [Delivered() if ship is None else delivered(content, ship, full_load, imo) for _, _, content, ship in runs]
+    shown = [_run(*run, own, i) for i, (run, own) in enumerate(zip(runs, uses, strict=True), 1)]
     states = [(run.get("name", run["result"]["ship"]), run["title"], run["headline"]["state"]) for run in shown]
     titles = [f"{ship}: {title}" + (f" ({state})" if state else "") for ship, title, state in states]
     return rendered("training", runs=shown, titles=titles, percent=percent)
@@ -152,12 +152,12 @@ def judged_table(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     table = []
     for name, parts in sorted(runs.items()):
         before, after = (sum(p[k] or nan for p in parts.values()) / len(parts) for k in ("before", "after"))
-        known = {s: p["after"] / p["before"] - 1 for s, p in parts.items() if p["before"] and p["after"] is not None}
+        changes = {s: p["after"] / p["before"] - 1 for s, p in parts.items() if p["before"] and p["after"] is not None}
         table.append(
             {
                 "run": name, "windows": next(iter(parts.values()))["windows"], "before": before, "after": after,
                 "change": percent(after / before - 1 if before else None), "worse": after > 1.0005 * before,
-                "seeds": [percent(known[seed]) if seed in known else "" for seed in seeds],
+                "seeds": [percent(changes[seed]) if seed in changes else "" for seed in seeds],
             }
         )  # fmt: skip
     return table
@@ -168,11 +168,11 @@ def envelope_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     beyond, rows = result["outside"].get("features", {}), []
     for name, (low, high) in result["envelope"].items():
         words, unit, factor = shown_quantity(name)
-        own = beyond.get(name)
-        if own:
-            own = {**own, "lowest": factor * own["lowest"], "highest": factor * own["highest"]}
+        share = beyond.get(name)
+        if share:
+            share = {**share, "lowest": factor * share["lowest"], "highest": factor * share["highest"]}
         both = {"low": factor * low, "high": factor * high}
-        rows.append({"name": name, "words": words, "unit": unit, **both, "own": own})
+        rows.append({"name": name, "words": words, "unit": unit, **both, "own": share})
     return rows
 
 

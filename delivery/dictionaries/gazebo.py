@@ -57,8 +57,8 @@ def write_hull(product: Product, target: Path, form: str) -> list[Message]:
         )
     samples = motions(product, simulator)
     factors, errors = project(samples, form)
-    held = f"the hydrodynamics plugin of {simulator}"
-    messages = samples.messages(errors, held, f"the hull in {held}", instead)
+    target_words = f"the hydrodynamics plugin of {simulator}"
+    messages = samples.messages(errors, target_words, f"the hull in {target_words}", instead)
     P, mass = samples.ship.particulars, samples.mass
     coefficient, error = thrust_coefficient(samples)
     # rigid body and added mass are told apart by the radius of gyration: the ship has their sum I_z alone

@@ -197,12 +197,12 @@ def fmu_sources(ship: FmuShip, version: int) -> dict[str, str]:
 
     Raises UserError for equations that cannot be written in C.
     """
-    own = CALCULATED[type(ship)]
-    file_names = (*INSTANCE, own, WRAPPER[version])
+    calculated = CALCULATED[type(ship)]
+    file_names = (*INSTANCE, calculated, WRAPPER[version])
     files = {name: (OWN / name).read_text(encoding="utf-8") for name in file_names}
     files |= {name: (STANDARD / name).read_text(encoding="utf-8") for name in HEADERS[version]}
     files |= tracker_files(ship) if isinstance(ship, TrackedShip) else c_files(ship)
-    includes = (f"{ship.identifier}.c", INSTANCE[1], own, WRAPPER[version])
+    includes = (f"{ship.identifier}.c", INSTANCE[1], calculated, WRAPPER[version])
     note = "/* The one file to compile, with this folder among the include directories; link with libm. */\n"
     files[MAIN] = note + "".join(f'#include "{name}"\n' for name in includes)
     return files

@@ -54,8 +54,8 @@ def result_of(source: str | Path | Ship | FitResult) -> FitResult:
     content = content_on(folder)
     if content.get("kind") == "calibration":
         return read_fit(folder)
-    known = of_predictions(content)
-    return replace(_of_ship(load_ship(source)), bands=known.get("bands"), adaptation=known.get("adaptation"))
+    content = of_predictions(content)
+    return replace(_of_ship(load_ship(source)), bands=content.get("bands"), adaptation=content.get("adaptation"))
 
 
 def _without_trials(ship: Ship, start: Ship) -> FitResult:

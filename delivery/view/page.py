@@ -253,7 +253,7 @@ def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
 
 def _header(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequence[str]]) -> dict[str, Any]:
     """What the script reads before any run: names, lengths, models, inputs, the diagnosis."""
-    ship, found = campaign.ship, campaign.diagnosis
+    ship, marked = campaign.ship, campaign.diagnosis
     p = ship.particulars
     L = p["L"]
     # where forces are drawn, by L ahead of midship; usual places where the ship file has none
@@ -283,11 +283,11 @@ def _header(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequen
                 "duration": view.trial.duration,
                 "samples": len(view.trial),
                 "position": view.trial.has_position,
-                "missing": bool(found and view.trial.name in found.missing),
+                "missing": bool(marked and view.trial.name in marked.missing),
             }
             for view in campaign.trials
         ],
-        "diagnosis": {"folder": found.folder, "verdict": found.verdict, "sentence": found.sentence} if found else None,
+        "diagnosis": {key: getattr(marked, key) for key in ("folder", "verdict", "sentence")} if marked else None,
         "notes": list(campaign.notes),
     }
 

@@ -96,16 +96,16 @@ def paper_models(trials: Sequence[Trial], names: Sequence[str], epochs: int | No
     result = {}
     for name in names:
         kind, loss, split = TYPES[name]
-        own = tuple(t for t in trials if t.name in SPLITS[split])
-        if not own:
+        records = tuple(t for t in trials if t.name in SPLITS[split])
+        if not records:
             raise Missing(f"--models {name}: none of its training records is here, or all of them are test trials")
         rate = 2e-5 if loss == "state" else 1e-4  # as published, constant over the training
         plan: dict[str, Any] = {"batch": 512, "stride": 0.1, "rate": rate, "last_rate": rate, "epochs": epochs}
         if epochs is None:
-            passes = STEPS * BATCH * EVERY / sum(t.duration for t in own)  # about duration / EVERY windows an epoch
+            passes = STEPS * BATCH * EVERY / sum(t.duration for t in records)  # about duration / EVERY windows an epoch
             plan = {"batch": BATCH, "stride": EVERY, "rate": RATE, "last_rate": 2e-5, "epochs": max(1, round(passes))}
-        sigma = tuple(pooled_sigma(own).tolist())
-        result[name] = BlackBoxSettings(kind=kind, loss=loss, sigma=sigma, **NETWORK, **plan, **values), own
+        sigma = tuple(pooled_sigma(records).tolist())
+        result[name] = BlackBoxSettings(kind=kind, loss=loss, sigma=sigma, **NETWORK, **plan, **values), records
     return result
 
 
@@ -233,8 +233,8 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
             first = [job(study.subsets[0], "captive", study.ship)] if "captive" in study.models else []
             if {"calibrated", "hybrid"} & set(study.models):
                 first += [job(subset, "calibrated", study.ship) for subset in study.subsets]
-            made = run_all(_done, first, study.workers, note)  # before the networks, as a hybrid begins from one
-            calibrated = {e.subset: (ship, e.status) for e, ship in made if e.model == "calibrated" and ship}
+            calibrations = run_all(_done, first, study.workers, note)  # before the networks: a hybrid needs one
+            calibrated = {e.subset: (ship, e.status) for e, ship in calibrations if e.model == "calibrated" and ship}
             later = []
             for subset in study.subsets:
                 trained = {*KINDS, *study.paper, *(["hybrid"] if subset in calibrated else [])}
@@ -250,12 +250,12 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
 def _done(job: _Job) -> tuple[Entry, Ship | None]:
     """The entry of a job and, of a calibration, the ship."""
     began, (study, entry, trials, ship, end, stop, store) = time.monotonic(), job
-    left = None if end is None else end - time.time()  # of all machines alike
+    remaining = None if end is None else end - time.time()  # of all machines alike
     again = entry.model == "calibrated" and "hybrid" in study.models  # the store has the row alone, not the ship
-    known = store.load(entry.file) if store and not again else None
-    if known:
-        return adapter(Entry).validate_python(known[0]), None
-    if stop.exists() or (left is not None and left <= 0):
+    stored = store.load(entry.file) if store and not again else None
+    if stored:
+        return adapter(Entry).validate_python(stored[0]), None
+    if stop.exists() or (remaining is not None and remaining <= 0):
         return replace(entry, status="not begun"), None
     model: Simulator | Forecaster | None = None
     try:
@@ -263,10 +263,10 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
             entry = replace(entry, status="finished")
         elif entry.model == "calibrated":
             start = with_instruments(ship, study.instruments, trials)
-            found = estimate_coefficients(start, trials, Settings(time_limit=left))
-            ship, entry = found.ship, replace(entry, status="finished" if found.converged else "stopped")
+            calibration = estimate_coefficients(start, trials, Settings(time_limit=remaining))
+            ship, entry = calibration.ship, replace(entry, status="finished" if calibration.converged else "stopped")
         else:
-            model, entry = _trained(job, left)
+            model, entry = _trained(job, remaining)
     except UserError as error:
         return replace(entry, status=str(error), took_s=time.monotonic() - began), None
     model, tests = model or Simulator(ship), study.test
@@ -281,18 +281,18 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
     return entry, ship
 
 
-def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, Entry]:
+def _trained(job: _Job, remaining: float | None) -> tuple[Simulator | Forecaster, Entry]:
     """A hybrid or black box of one seed, and its entry before it is scored."""
     study, entry, trials, ship, _, stop, _ = job
     ship, hybrid = ship.without_network(), entry.model == "hybrid"
     assert entry.seed is not None
     values: dict[str, Any] = {"seeds": study.seeds, "seed": study.seed, "step": study.step}
     values |= {"epochs": study.epochs} if study.epochs else {}
-    own = TrainSettings(**values) if hybrid else BlackBoxSettings(kind=entry.model, **values)
-    settings = study.paper[entry.model][0] if entry.model in study.paper else own
+    general = TrainSettings(**values) if hybrid else BlackBoxSettings(kind=entry.model, **values)
+    settings = study.paper[entry.model][0] if entry.model in study.paper else general
     # judged apart by the test trials: nothing of the training data is spent on judging
     tasks = tasks_of(HYBRID_KIND if hybrid else BOX_KIND, ship, trials, settings, judged_apart=False)
-    task = replace(tasks[entry.seed - study.seed], seconds=left, stop=stop)
+    task = replace(tasks[entry.seed - study.seed], seconds=remaining, stop=stop)
     outcome = train_one(task)
     if outcome.status == "diverged":
         raise NoSolution("diverged, also at lower rates")
@@ -339,11 +339,11 @@ def growth(model: Simulator | Forecaster, trials: Sequence[Trial]) -> dict[str, 
         for w in windows:
             t = trial.t[w.first : w.last + 1] - trial.t[w.first]
             error = w.error(trial.states)
-            for found, horizon in zip(squares, HORIZONS, strict=True):
+            for errors, horizon in zip(squares, HORIZONS, strict=True):
                 if t[-1] >= horizon - trial.dt:  # the last sample may lie just before
                     k = int(np.abs(t - horizon).argmin())
-                    found.append((error[k, 0] ** 2 + error[k, 1] ** 2, error[k, 2] ** 2))
-    rms = [np.sqrt(np.mean(found, axis=0)).tolist() if found else (math.nan, math.nan) for found in squares]
+                    errors.append((error[k, 0] ** 2 + error[k, 1] ** 2, error[k, 2] ** 2))
+    rms = [np.sqrt(np.mean(errors, axis=0)).tolist() if errors else (math.nan, math.nan) for errors in squares]
     return dict(zip(GROWTH, zip(*rms, strict=True), strict=True))
 
 

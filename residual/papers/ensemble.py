@@ -61,14 +61,14 @@ def predict_members(
     if isinstance(model, Ship):  # its instruments as in the campaign of the trial, as a prediction by the mean has them
         model = ship_of_campaign(model, campaign_among(trial, model.campaigns))
     members, method = members_of(model), model.settings.method if isinstance(model, BlackBox) else "rk4"
-    kept, notes = planned_windows(trial, model.inputs, length, stride, short_last)
-    if not kept:
+    stretches, notes = planned_windows(trial, model.inputs, length, stride, short_last)
+    if not stretches:
         return [], notes
     h = model.h if isinstance(model, BlackBox) else default_step([trial], model.particulars["L"])
-    batch = gridded(list(kept.values()), h, members[0].past)
+    batch = gridded(list(stretches.values()), h, members[0].past)
     paths = particles(members, batch, len(members) if sampling != "ts1" else PARTICLES, sampling, method, seed)
     windows, distances = [], []
-    for i, (number, s) in enumerate(kept.items()):
+    for i, (number, s) in enumerate(stretches.items()):
         cloud = at_samples(paths[:, :, :, i], h, s)  # (N + 1, 6, P)
         # divided by their number: particles that follow the same member add nothing
         windows.append(Window(number, s.first, s.last, cloud.mean(axis=2), cloud.std(axis=2)))
