@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -33,13 +33,6 @@ class Format:
     suffix: str = ""
     given: Mapping[str, Any] = field(default_factory=dict)
     options: tuple[str, ...] = ()
-
-    @property
-    def function(self) -> Callable[..., Sequence[Message] | None]:
-        """The writer, imported when it is first asked for. Raises UserError where an optional library is missing."""
-        module, name = self.writer.split(":")
-        writer: Callable[..., Sequence[Message] | None] = getattr(import_module(f"delivery.{module}"), name)
-        return writer
 
 
 # The formats of ``mmg export`` by name.
@@ -80,8 +73,11 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
     if "replace" in chosen.options:  # what is written beside the target obeys --force as well
         options["replace"] = force
 
+    module, name = chosen.writer.split(":")
+    write = getattr(import_module(f"delivery.{module}"), name)  # imported when first asked for: some are slow
+
     def fill(place: Path) -> None:
-        messages.extend(chosen.function(product, place, **chosen.given, **options) or ())
+        messages.extend(write(product, place, **chosen.given, **options) or ())
         if not chosen.suffix:
             write_json(place / ABOUT, {"format": form, **product.about()})
 

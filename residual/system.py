@@ -82,10 +82,6 @@ class TrainableSystem(nn.Module):
         # weights are the parameters with two axes; biases cost nothing
         return sum(((p**2).sum() for p in self.parameters() if p.ndim == 2), torch.zeros((), dtype=torch.float64))
 
-    def learned(self) -> list[nn.Parameter]:
-        """The parameters that training changes."""
-        return [p for p in self.parameters() if p.requires_grad]
-
 
 @dataclass(frozen=True)
 class RolloutBatch:

@@ -219,7 +219,7 @@ class _Attempt:
 
     def run(self) -> str:
         """Train through the stages of the curriculum; "finished" or "stopped"."""
-        t, optimizer = self.task.settings, Adam(self.system.learned())
+        t, optimizer = self.task.settings, Adam(self.system.parameters())
         plan = [(seconds, batch) for seconds, batch, epochs in self.stages for _ in range(epochs)]
         for done, (seconds, batch) in enumerate(plan):
             # over the whole curriculum, not each stage: long rollouts, with their steep gradients, meet the low rates
@@ -248,7 +248,7 @@ class _Attempt:
             loss = self._loss(batch.chosen(which))
             loss.backward()
             # one rollout that nearly diverges has a gradient orders larger than the others and would undo the epoch
-            norm = torch.nn.utils.clip_grad_norm_(self.system.learned(), t.clip)
+            norm = torch.nn.utils.clip_grad_norm_(self.system.parameters(), t.clip)
             # before the step: one with NaN makes every weight NaN. A finite loss may have a gradient that is not finite
             if not torch.isfinite(loss) or not torch.isfinite(norm):
                 raise _Diverged

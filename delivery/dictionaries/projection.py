@@ -304,7 +304,7 @@ def _rudder(rng: np.random.Generator, M: int, widest: float, change: float) -> n
 def _inside(ranges: Mapping[str, tuple[float, float]], *values: np.ndarray) -> np.ndarray:
     """Whether each motion lies in the range of the trials and goes ahead; values: u, v, r, n, delta (M,)."""
     u, v = values[:2]
-    named = dict(zip(LIMITED, (*values, np.arctan2(-v, u)), strict=True))  # beta: drift, bow to port of the course
+    named = dict(zip(LIMITED, (*values, np.arctan2(-v, u)), strict=True))  # beta: drift, bow to starboard of the course
     good = (u > 0.05 * np.max(u)) & np.isfinite(v)  # the forms divide by u or U; 5 % by hand
     for name, (low, high) in ranges.items():
         if name in named:

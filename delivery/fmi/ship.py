@@ -20,7 +20,6 @@ WATER = ("current_north", "current_east")
 CURRENT = ("current.x", "current.y")
 RATES = ("current.x_rate", "current.y_rate")  # Of a current that changes with the time, [m/s^2]
 TIME = "time"
-_FUNCTIONS = ("rates", "forces", "initial", "columns", "features")  # Of ``Model``, all that take coefficients
 LATE_LOG, AXES = "velocity_filter.tau", "velocity_filter.body_axes"
 # Effects of instruments with which the lateness of the logged velocity is exact: none acts before it.
 AFTER_LATE = ("velocity_filter", "heading_bias", "log_scale", "gyro")
@@ -94,7 +93,8 @@ class CoSimulatedShip(Product):
                 return ca.Function(name, [z, theta], [function(z, old_theta)], {"cse": True})
             return ca.Function(name, [state, c, theta], [function(state, old_c, old_theta)], {"cse": True})
 
-        functions: dict[str, Any] = {name: changed(getattr(model, name)) for name in _FUNCTIONS}
+        names = ("rates", "forces", "initial", "columns", "features")  # of ``Model``, all that take coefficients
+        functions: dict[str, Any] = {name: changed(getattr(model, name)) for name in names}
         return replace(model, symbols=symbols, controls=controls, **functions)
 
     def inputs_of(self, names: Sequence[str]) -> tuple[str, ...]:

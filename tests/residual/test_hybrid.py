@@ -67,7 +67,7 @@ def test_gradient_of_the_rollout_loss_agrees_with_finite_differences(method: str
         a = acceleration_loss(hybrid, batch, torch.ones(3, dtype=torch.float64) * 1e-3)
         return state_loss(hybrid, batch, SIGMA, method) + hybrid.penalty() + 0.1 * a
 
-    check_gradients(loss, hybrid.learned())
+    check_gradients(loss, hybrid.parameters())
 
 
 def test_the_state_loss_is_equation_23() -> None:
@@ -178,7 +178,7 @@ def test_gradients_of_a_symmetric_residual_through_the_compiled_rollout() -> Non
         start = hybrid.start(batch.targets[0], batch.controls[0])
         error = (simulate(start, batch.controls, batch.h)[:, :6] - batch.targets) / SIGMA[:, None]
         (error**2).mean().backward()
-        gradients.append([p.grad.clone() for p in hybrid.learned()])  # type: ignore[union-attr]
+        gradients.append([p.grad.clone() for p in hybrid.parameters()])  # type: ignore[union-attr]
     assert len(gradients[0]) == 5 and all(g.abs().max() > 0 for g in gradients[0])
     for one, other in zip(*gradients, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-12)
