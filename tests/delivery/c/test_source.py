@@ -94,24 +94,17 @@ def close(found: np.ndarray, expected: np.ndarray, tolerance: float = 1e-12) -> 
 
 
 @pytest.mark.slow
-def test_rates_forces_columns_and_memory_agree_with_python(ship: Compiled) -> None:
-    model, theta = ship.of.model, ship.of.ship.values
-    for six, inputs in zip(*points(ship.of.ship), strict=True):
-        state = states_behind(model, six[:, None], inputs[:, None], theta)[:, 0]
-        assert close(ship.settle(six, inputs), state)
-        assert close(ship.rates(state, inputs), np.array(model.rates(state, inputs, theta)).ravel())
-        assert close(ship.forces(state, inputs).T, np.array(model.forces(state, inputs, theta)).T)
-        assert close(ship.columns(state), columns(model, state[:, None], theta)[:, 0])
-
-
-@pytest.mark.slow
-def test_jacobians_agree_with_python(ship: Compiled) -> None:
+def test_rates_forces_columns_memory_and_jacobians_agree_with_python(ship: Compiled) -> None:
     model, theta = ship.of.model, ship.of.ship.values
     z, c = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", len(model.controls))
     rates = model.rates(z, c, theta)
     exact = ca.Function("jacobians", [z, c], [ca.jacobian(rates, z), ca.jacobian(rates, c)])
     for six, inputs in zip(*points(ship.of.ship), strict=True):
         state = states_behind(model, six[:, None], inputs[:, None], theta)[:, 0]
+        assert close(ship.settle(six, inputs), state)
+        assert close(ship.rates(state, inputs), np.array(model.rates(state, inputs, theta)).ravel())
+        assert close(ship.forces(state, inputs).T, np.array(model.forces(state, inputs, theta)).T)
+        assert close(ship.columns(state), columns(model, state[:, None], theta)[:, 0])
         for found, expected in zip(ship.jacobians(state, inputs), exact(state, inputs), strict=True):
             assert close(found, np.array(expected))
 
