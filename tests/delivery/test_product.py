@@ -29,9 +29,8 @@ from delivery.product import (
 )
 from mmg.errors import BadValue, Unsupported
 from mmg.messages import has_code
-from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
-from tests.support.commands import refused
+from tests.support.commands import refused, shown
 from tests.support.fmus import network
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -125,8 +124,7 @@ def test_a_ship_that_was_never_calibrated_leaves_by_force_only(
 ) -> None:
     said = refused(capsys, "export", "esso_osaka_3m", "--format", "c", "--out", tmp_path / "c", "--json")
     assert said.endswith("[not_calibrated]") and "--force" in said and not (tmp_path / "c").exists()
-    assert main(["export", "esso_osaka_3m", "--format", "c", "--out", str(tmp_path / "c"), "--force", "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = shown("export", "esso_osaka_3m", "--format", "c", "--out", tmp_path / "c", "--force")
     assert [c["code"] for c in printed["caveats"]] == [UNCALIBRATED, NO_RANGE]
     assert printed["caveats"][0]["text"] in (tmp_path / "c" / "esso_osaka_3m.c").read_text()
     assert json.loads((tmp_path / "c" / ABOUT).read_text())["caveats"] == printed["caveats"]
@@ -146,15 +144,15 @@ def test_targets_are_not_lost(run: Path, tmp_path: Path, capsys: pytest.CaptureF
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "thesis.txt").write_text("mine")
-    words = (run, "--format", "c", "--json", "--out")
-    assert refused(capsys, "export", *words, mine).endswith("[target_exists]")
+    words = ("export", run, "--format", "c", "--out")
+    assert refused(capsys, *words, mine, "--json").endswith("[target_exists]")
     for target in (mine, mine / "thesis.txt"):
-        assert refused(capsys, "export", *words, target, "--force").endswith("[target_exists]")
+        assert refused(capsys, *words, target, "--force", "--json").endswith("[target_exists]")
     assert (mine / "thesis.txt").read_text() == "mine"
-    assert refused(capsys, "export", *words, mine / "thesis.txt" / "c").endswith("[not_writable]")
-    assert main(["export", *map(str, words), str(tmp_path / "c")]) == 0
+    assert refused(capsys, *words, mine / "thesis.txt" / "c", "--json").endswith("[not_writable]")
+    shown(*words, tmp_path / "c")
     (tmp_path / "c" / "esso_osaka_3m.c").write_text("")
-    assert main(["export", *map(str, words), str(tmp_path / "c"), "--force"]) == 0
+    shown(*words, tmp_path / "c", "--force")
     assert (tmp_path / "c" / "esso_osaka_3m.c").read_text() != ""
     assert sorted(p.name for p in tmp_path.iterdir()) == ["c", "mine"]
 
@@ -210,15 +208,10 @@ def test_identifiers_are_distinct_and_no_reserved_words() -> None:
 
 # The ship file and its JSON as products
 @pytest.mark.parametrize("form", ["toml", "json"])
-def test_a_command_takes_what_was_exported(form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / f"ship.{form}"
-    assert main(["export", "esso_osaka_3m", "--format", form, "--out", str(path), "--force"]) == 0
-    capsys.readouterr()
-    outputs = []
-    for ship in ("esso_osaka_3m", str(path)):
-        assert main(["simulate", ship, "--maneuver", "turning:35", "--duration", "20", "--json"]) == 0
-        outputs.append(capsys.readouterr().out)
-    assert outputs[0] == outputs[1]
+def test_a_command_takes_what_was_exported(form: str, tmp_path: Path) -> None:
+    path, maneuver = tmp_path / f"ship.{form}", ("--maneuver", "turning:35", "--duration", "20")
+    shown("export", "esso_osaka_3m", "--format", form, "--out", path, "--force")
+    assert shown("simulate", path, *maneuver) == shown("simulate", "esso_osaka_3m", *maneuver)
 
 
 def test_a_file_of_another_ending_and_what_is_no_path_are_refused(tmp_path: Path) -> None:

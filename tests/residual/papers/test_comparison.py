@@ -51,7 +51,7 @@ from residual.papers.comparison import (
 )
 from residual.settings import BlackBoxSettings
 from tests.support import hybrids
-from tests.support.commands import refused
+from tests.support.commands import refused, shown
 
 QUICK = ["--seeds", "2", "--epochs", "2", "--step", "1"]
 
@@ -71,18 +71,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_a_black_box_run_is_scored_and_predicts_like_a_ship(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_black_box_run_is_scored_and_predicts_like_a_ship(folder: Path, tmp_path: Path) -> None:
     content = read_result(folder / "box")
     assert content["kind"] == "training" and content["model"] == "rnn-window" and content["seeds"] == [0, 1]
     assert content["settings"]["memory"] == 3 and content["settings"]["augment"] == "sli2"
     assert [system.past for system in load_box(folder / "box").systems] == [2, 2]
     names = {p.name for p in (folder / "box").iterdir()}
     assert {"network.safetensors", "start.toml", "result.json", "figures"} <= names and "ship.toml" not in names
-    capsys.readouterr()
-    assert main(["score", "esso_osaka_3m", str(folder / "box"), str(folder / "test.csv"), "--json"]) == 0
-    models = json.loads(capsys.readouterr().out)["models"]
+    models = shown("score", "esso_osaka_3m", folder / "box", folder / "test.csv")["models"]
     ship, box = models["esso_osaka_3m"], models[str(folder / "box")]
     assert box["window"] > ship["window"] and box["trials"][0]["windows"] == ship["trials"][0]["windows"]
     out = tmp_path / "out.csv"
@@ -109,13 +105,10 @@ def test_a_black_box_is_no_ship_and_belongs_to_its_inputs(
 
 @pytest.mark.slow
 def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    test = str(folder / "test.csv")
-    arguments = ["compare", "--train", str(folder / "train"), test, "--test", test]
+    test, out = folder / "test.csv", ["--out", tmp_path / "cmp"]
+    arguments = ["compare", "--train", folder / "train", test, "--test", test, *out]
     arguments += [*QUICK, "--models", "captive,fnn,rnn-window", "--fractions", "0.5,1", "--no-random", "--workers", "1"]
-    capsys.readouterr()
-    assert main([*arguments, "--out", str(tmp_path / "cmp"), "--json"]) == 0
-    captured = capsys.readouterr()
-    content = json.loads(captured.out)
+    content = shown(*arguments)
     assert content["past_s"] == 0.0, "no model uses the past of a window"
     assert [row["name"] for row in content["test"]] == ["test"] and len(content["train"]) == 5, "tests are taken out"
     entries = content["entries"]
@@ -129,10 +122,9 @@ def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: p
         "tables.md", "result.json", "growth.png", "efficiency.png", "entries",
     }  # fmt: skip
     (tmp_path / "cmp" / "entries" / "fnn_1_seed_1.json").unlink()
-    assert main([*arguments, "--out", str(tmp_path / "cmp"), "--json", "--resume"]) == 0
-    again = json.loads(capsys.readouterr().out)["entries"]
+    again = shown(*arguments, "--resume")["entries"]
     assert [e["score"] for e in again] == [e["score"] for e in entries]
-    refused(capsys, *arguments, "--epochs", "3", "--out", tmp_path / "cmp", "--resume")
+    refused(capsys, *arguments, "--epochs", "3", "--resume")
     seconds = {(e["fraction"], e["random"]): e["training_s"] for e in entries if e["model"] == "fnn"}
     assert seconds[1.0, True] == 1000 and seconds[1.0, False] == 600 and 400 < seconds[0.5, True] < 600
 
