@@ -78,8 +78,7 @@ def decide(outcomes: Sequence[Outcome], whole_runs: bool = True) -> Decision:
         return Decision(False, _words(reason), nan, nan, nan, nan, reason=reason)
     window, spread = _pooled(good, 0)  # 30 s windows
     restart, restart_spread = _pooled(good, 1)  # 100 s restarts
-    # of all trainings together: each has judged other runs
-    rows = np.vstack([_numbered(o.judged) for o in good])
+    rows = np.vstack([_numbered(o.judged) for o in good])  # of all trainings together: each has judged other runs
     (error, limit, groups), (long_error, long_limit, _) = map(
         _chance, (rows, np.vstack([_numbered(o.restarts_judged) for o in good]))
     )
@@ -148,8 +147,7 @@ def _chance(rows: np.ndarray) -> tuple[float, float, int]:
         return nan, nan, groups
     sums = np.array([np.bincount(number, column) for column in rows[:, 2:4].T])  # (2, groups): before, after
     others = sums.sum(axis=1, keepdims=True) - sums  # of all groups but one
-    # of sums, not the mean of ratios: a run with next to no error before would rule
-    gains = 1 - others[1] / others[0]
+    gains = 1 - others[1] / others[0]  # of sums, not the mean of ratios: a run with next to no error before would rule
     error = sqrt((groups - 1) / groups * ((gains - gains.mean()) ** 2).sum())  # the jackknife's standard error
     # Student's t by scipy.special: scipy.stats takes long to import, and a decision is also read without training
     return error, error * float(stdtrit(groups - 1, LEVEL)), groups
@@ -166,8 +164,7 @@ def _pooled(outcomes: Sequence[Outcome], which: int) -> tuple[float, float]:
     if not len(before):
         return nan, nan
     if not np.isfinite(after).all():
-        # a prediction that diverges is worse than any gain elsewhere can make up for
-        return -inf, nan
+        return -inf, nan  # a prediction that diverges is worse than any gain elsewhere can make up for
     gain, share = 1 - after / before, before * count / (before * count).sum()
     pooled = float(share @ gain)
     # weighted as the mean is; n / (n - 1) as for an ordinary standard deviation

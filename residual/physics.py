@@ -30,8 +30,7 @@ def _evaluated(batch: BatchFunction, inputs: Sequence[Tensor]) -> list[Tensor]:
     """Outputs (rows, M), float64, of inputs (rows, M), or (rows, 1) for all points; without gradients."""
     M, arrays = max(a.shape[-1] for a in inputs), []
     for i, a in enumerate(inputs):
-        # nonzeros are rows, as every function here is dense
-        rows = batch.function.nnz_in(i)
+        rows = batch.function.nnz_in(i)  # nonzeros are rows, as every function here is dense
         if a.shape not in ((rows, M), (rows, 1)):
             raise ValueError(f"tensor {tuple(a.shape)}; needed: ({rows}, {M}) or ({rows}, 1)")
         # ``BatchFunction`` takes a value for all points as a vector
@@ -267,8 +266,7 @@ class _Rollout(torch.autograd.Function):
         for at, given in (("G1", "X"), ("G2", "T1"), ("GA", "T2")):
             # products of all evaluations at once by the linear algebra library, faster than sums within the loop
             gradients += [(arrays[at] @ kept[given].transpose(1, 2)).sum(0), arrays[at].sum((0, 2))]
-        # a long rollout holds hundreds of megabytes, which the next windows need
-        kept.clear()
+        kept.clear()  # a long rollout holds hundreds of megabytes, which the next windows need
         return None, None, None, None, arrays["first"], *gradients
 
 

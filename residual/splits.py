@@ -52,8 +52,7 @@ def split_pieces(
     if len(runs) >= FOLDS:
         fold = turn % FOLDS
         of_run = {run: _role(number, turn, FOLDS, judge) for number, run in enumerate(runs)}
-        # runs too short for a window are still worth training on
-        parts = [(p, of_run.get(p.run, 0)) for p in pieces]
+        parts = [(p, of_run.get(p.run, 0)) for p in pieces]  # runs too short for a window are still worth training on
     elif len(runs) >= WHOLE and judge:
         fold = turn % len(runs)
         others = [p for p in pieces if p.run != runs[fold]]
@@ -82,11 +81,9 @@ def _blocks_by_role(
         # evenly: no short rest at the end of a piece, in which no window fits
         cut = [part for piece in pieces for part in piece.evenly(max(1, round(piece.steps * h / length)))]
         long = [b.steps * h >= least - 1e-9 for b in cut]
-        # as long as possible: each cut loses a gap to either side
-        if sum(long) >= FOLDS:
+        if sum(long) >= FOLDS:  # as long as possible: each cut loses a gap to either side
             break
-    # three at the least: one part each to train, to stop and to judge by
-    folds = max(3, min(FOLDS, sum(long)))
+    folds = max(3, min(FOLDS, sum(long)))  # three at the least: one part each to train, to stop and to judge by
     roles = [
         _role(n - 1, turn, folds, judge) if is_long else 0 for is_long, n in zip(long, accumulate(long), strict=True)
     ]

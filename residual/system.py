@@ -48,8 +48,7 @@ class TrainableSystem(nn.Module):
     def step(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
         """State (Z, M) a step of h [s] later, inputs held: one Runge-Kutta (rk4) or Euler step of ``rates``."""
         if method == "euler":
-            # for the published networks, which are defined by Euler steps
-            return z + h * self.rates(z, controls)
+            return z + h * self.rates(z, controls)  # for the published networks, which are defined by Euler steps
         return rk4_step(lambda state, _: self.rates(state, controls), z, h)
 
     def simulate(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
@@ -163,8 +162,7 @@ class _Cost(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, error: torch.Tensor, weights: torch.Tensor, cost: Loss) -> torch.Tensor:
         e, w = error.numpy(), weights.numpy()
-        # beyond the end of a window a rollout may be no number
-        e = np.where(w > 0, e, 0.0)
+        e = np.where(w > 0, e, 0.0)  # beyond the end of a window a rollout may be no number
         ctx.slope = torch.from_numpy(cost.weight(w, e) * e)  # d (cost / 2) / d error, of every sample by itself
         return error.new_tensor(0.5 * cost.cost(w, e).sum())
 

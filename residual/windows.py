@@ -194,8 +194,7 @@ def training_scales(
     if rows is None:
         raise TooFewData("too little data to train on: no piece of a trial is longer than a step without a gap")
     measured, mask = measured_accelerations(rows)
-    # differences over a gap are no accelerations
-    accelerations = measured[0].numpy()[:, mask[0].numpy().all(axis=0)]
+    accelerations = measured[0].numpy()[:, mask[0].numpy().all(axis=0)]  # differences over a gap are no accelerations
     states = [p.logged for p in pieces]
     sigma = _loss_sigma(states, ship.particulars["L"])
     placed = [t for t in trials if t.has_position]
@@ -223,8 +222,7 @@ def _loss_sigma(states: Sequence[np.ndarray], length: float) -> np.ndarray:
     The deviation of positions over a whole pond would make the drift of a window invisible.
     """
     std = np.nanstd(np.vstack(states)[:, 3:], axis=0)
-    # a constant velocity has no scale by which its error could be measured
-    if not (std > 0).all():
+    if not (std > 0).all():  # a constant velocity has no scale by which its error could be measured
         raise TooFewData("u, v or r never changes in the training trials, so there is nothing to learn from")
     position = POSITION * length_scale(length)
     return np.array([position, position, HEADING, *std])

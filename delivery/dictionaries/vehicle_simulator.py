@@ -59,8 +59,7 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
 
 def _in_docstring(text: str) -> str:
     """A ``text`` that no name in it can end: a ship may be called anything."""
-    # a backslash would escape, three quotes would end it
-    return text.replace("\\", "/").replace('"', "'")
+    return text.replace("\\", "/").replace('"', "'")  # a backslash would escape, three quotes would end it
 
 
 def _shared(samples: projection.Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -214,8 +214,7 @@ def same_ship(a: Ship, b: Ship) -> bool:
     )
     if first != second or (a.network and a.network.features) != (b.network and b.network.features):
         return False
-    # networks by what they give at five points
-    states = np.linspace(-1.0, 1.0, 5 * len(a.features)).reshape(-1, 5)
+    states = np.linspace(-1.0, 1.0, 5 * len(a.features)).reshape(-1, 5)  # networks by what they give at five points
     nets = [s.network for s in (a, b) if s.network is not None]
     accelerations = [np.array(net.accelerations(states[: len(net.features)])).tolist() for net in nets]
     return accelerations[:1] == accelerations[1:]  # none of both, or two that are equal
@@ -413,8 +412,7 @@ def _window_columns(windows: Sequence[Window], rows: np.ndarray) -> dict[str, An
         inside = np.flatnonzero((rows >= window.first) & (rows <= window.last))
         if not len(inside):
             continue
-        # the first row of a window takes the place of the last one of the window before
-        starts.append(int(inside[0]))
+        starts.append(int(inside[0]))  # the first row of a window takes the place of the last one of the window before
         states[inside] = window.states[rows[inside] - window.first]
         if window.std is not None:
             deviations[inside] = window.std[rows[inside] - window.first]

@@ -229,8 +229,7 @@ class InitialState(TrainableSystem):
         self.net = layered((len(scales.mean) * (self.rows + 1), settings.width, 3), seed)
         last = self.net[-1]
         assert isinstance(last, nn.Linear)
-        # zero output: before training the estimate is the measurement
-        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.weight)  # zero output: before training the estimate is the measurement
         nn.init.zeros_(last.bias)
         _keep(self, mean=scales.mean, std=scales.std, reach=REACH * scales.std[:3])
 
