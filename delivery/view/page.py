@@ -30,7 +30,7 @@ from fitting.prediction.predict import Forecaster, Window, predict_all
 from fitting.report.page import label_of, rendered, write_page
 from fitting.report.run_folder import RESULT, plain, read_result, rows_by_role, trials_again, unique_rows
 from fitting.result import read_fit
-from mmg.errors import BadValue, Conflict, Missing
+from mmg.errors import BadValue, Conflict, Missing, UserError
 from mmg.motion.flow import INPUTS
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -182,15 +182,17 @@ def _used_with(folders: Sequence[Path], shown: Sequence[ViewTrial]) -> tuple[Pat
     """The diagnosis folder beside the runs that used any of the trials ``shown``; where there are several, none."""
     hashes = {view.trial.sha256 for view in shown}
     neighbours = dict.fromkeys(p.parent for folder in folders for p in folder.absolute().parent.glob(f"*/{CONTENT}"))
-    related = [
-        p
-        for p in neighbours
-        if (p / RESULT).is_file() and hashes & {row.get("sha256") for _, row in rows_by_role(read_result(p))}
-    ]
+    related: list[Path] = []
+    notes: list[str] = []
+    for path in (p for p in neighbours if (p / RESULT).is_file()):
+        try:
+            related += [path] if hashes & {row.get("sha256") for _, row in rows_by_role(read_result(path))} else []
+        except UserError as error:  # nobody asked for it: it must not keep the runs from being shown
+            notes.append(f"a diagnosis beside the run is not marked: {error}")
     if len(related) > 1:
         names = ", ".join(sorted(p.name for p in related))
-        return None, [f"several diagnoses lie beside the run ({names}); choose one with --diagnosis"]
-    return (related[0] if related else None), []
+        return None, [*notes, f"several diagnoses lie beside the run ({names}); choose one with --diagnosis"]
+    return (related[0] if related else None), notes
 
 
 def _distinct(models: Sequence[ViewModel]) -> tuple[ViewModel, ...]:

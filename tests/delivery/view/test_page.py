@@ -30,9 +30,11 @@ from delivery.view.page import (
     view_page,
     write_view,
 )
+from diagnosis.result import CONTENT
 from fitting.prediction.bands import bands_of
 from fitting.prediction.forces import NETWORK, forces_along
 from fitting.prediction.predict import predict
+from fitting.report.run_folder import RESULT
 from fitting.result import read_fit
 from mmg.errors import BadValue, Conflict, Missing, NotWritable
 from mmg.rollout import Simulator
@@ -181,6 +183,17 @@ def test_trials_are_those_of_the_run_where_they_are_as_they_were(run: Path, tmp_
         gather([own])
     given = gather([own], [run.parent / "trials"])
     assert {view.role for view in given.trials} == {"calibration", "held out"}
+
+
+def test_a_diagnosis_beside_the_run_that_cannot_be_read_is_a_note(tmp_path: Path) -> None:
+    own, folder = campaign(tmp_path), tmp_path / "earlier"
+    folder.mkdir()
+    for name in (CONTENT, RESULT):
+        (folder / name).write_text("{")
+    found = gather([own])
+    assert found.diagnosis is None and str(folder) in found.notes[0]
+    with pytest.raises(BadValue):
+        gather([own], diagnosis=folder)
 
 
 @pytest.mark.slow
