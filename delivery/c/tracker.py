@@ -84,11 +84,6 @@ class TrackedShip(Product):
     def coefficients(self) -> tuple[ProductCoefficient, ...]:
         return tuple(c for c in super().coefficients if c.symbol not in self.random.names)
 
-    @property
-    def late_columns(self) -> list[str]:
-        """As of ``CoSimulatedShip``: the filter is that of the fit, with its approximations."""
-        return []
-
 
 def tracker_words(ship: TrackedShip) -> dict[str, Any]:
     """What the templates of the filter take of a ``ship``."""

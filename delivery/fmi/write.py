@@ -177,8 +177,9 @@ def fmu_files(ship: FmuShip, version: int, platforms: Sequence[str] = ()) -> tup
         files["sources/buildDescription.xml"] = text.encode()
     files |= _papers(ship, table)
     messages: list[Message] = []
-    if ship.late_columns:
-        words = f"logged.* approximates the lateness of {', '.join(ship.late_columns)}; mmg simulate has it exactly"
+    # a filter is that of the fit, with its approximations
+    if isinstance(ship, CoSimulatedShip) and (late := ship.late_columns):
+        words = f"logged.* approximates the lateness of {', '.join(late)}; mmg simulate has it exactly"
         messages.append(Message(words, LATE_COLUMNS))
     if platforms:
         libraries = build(sources, ship.identifier, platforms_of(platforms, version))

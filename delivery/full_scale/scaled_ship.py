@@ -28,12 +28,10 @@ STEP = 1e-4
 
 @dataclass(frozen=True)
 class Scaling:
-    """What is asked for.
+    """What is asked for, as of ``delivery.full_scale.result.scale``.
 
-    length: of the ship [m]; speed: of the ship [m/s], at which friction and wake are taken, None: by U_0 of the model,
-    else the greatest speed of its trials, else Froude number 0.142; density: of the ship's water [kg/m^3], None: sea
-    water from 20 m on; form_factor: k [-] where it was measured; roughness: of the hull [m]; froude_only: similarity
-    alone; name: of the ship.
+    speed None: by U_0 of the model, else the greatest speed of its trials, else Froude number 0.142; density None: sea
+    water from 20 m on.
     """
 
     length: float
