@@ -78,10 +78,8 @@ def train(
         tasks = tasks_of(kind, ship, trained_on, settings, validation, judged_apart=not black_box, loss=loss)
         outcomes, interrupted = train_seeds(tasks, progress, store)
         task = tasks[0]
-        if black_box:
-            of_kind = _black_box(task, outcomes, name)
-        else:
-            of_kind = _hybrid(tasks, outcomes, bool(validation), calibration, keep)
+        more = bool(validation), calibration, keep
+        of_kind = _black_box(task, outcomes, name) if black_box else _hybrid(tasks, outcomes, *more)
     except UserError:
         if store:
             store.discard()  # too little data or a wrong setting: there is nothing to continue from
