@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -16,8 +16,7 @@ from fitting.report.run_folder import check_place, write_json, write_whole
 from mmg.errors import BadValue, Conflict, TargetExists, UnknownName, writing
 from mmg.messages import Message
 
-# File in every folder that is delivered: what the product is. A folder without it is never replaced.
-ABOUT = "product.json"
+ABOUT = "product.json"  # In every folder that is delivered: what it is. A folder without it is never replaced.
 
 
 @dataclass(frozen=True)
@@ -25,23 +24,15 @@ class Format:
     """A format: the module and the function in it that write, and what comes of it.
 
     writer: "module:function", the module in this room, of ``function(product, target, **given, **options)``; it writes
-    to ``target``, a folder or a file that exists and is empty, and returns messages on what it
-    wrote, or None. suffix: of a file, "" for a folder. given: arguments that make this format of it. options: names of
-    further options that the function takes; one of them, "replace", says whether what it writes beside its target may
-    take the place of another file, as --force does.
+    to ``target``, a folder or a file that exists and is empty, and returns messages on what it wrote, or None.
+    suffix: of a file, "" for a folder. given: arguments that make this format of it. options: names of further options
+    that the function takes; "replace" says whether what it writes beside its target may take the place of another file.
     """
 
     writer: str
     suffix: str = ""
     given: Mapping[str, Any] = field(default_factory=dict)
     options: tuple[str, ...] = ()
-
-    @property
-    def function(self) -> Callable[..., Sequence[Message] | None]:
-        """The writer, imported when it is first asked for. Raises UserError where an optional library is missing."""
-        module, name = self.writer.split(":")
-        writer: Callable[..., Sequence[Message] | None] = getattr(import_module(f"delivery.{module}"), name)
-        return writer
 
 
 # The formats of ``mmg export`` by name.
@@ -72,16 +63,21 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
     """
     if form not in FORMATS:
         raise UnknownName(f"--format {form}: no such format; choose one of {', '.join(FORMATS)}")
+    if not isinstance(out, (str, Path)):
+        raise BadValue(f"out = {out!r}: is no path")
     chosen, target = FORMATS[form], Path(out)
     for name in sorted(set(options) - set(chosen.options)):
         raise Conflict(f"--{name.replace('_', '-')} does not belong to the format {form}")
     check_target(target, chosen, force)
     messages: list[Message] = []
-    if "replace" in chosen.options:
+    if "replace" in chosen.options:  # what is written beside the target obeys --force as well
         options["replace"] = force
 
+    module, name = chosen.writer.split(":")
+    write = getattr(import_module(f"delivery.{module}"), name)  # imported when first asked for: some are slow
+
     def fill(place: Path) -> None:
-        messages.extend(chosen.function(product, place, **chosen.given, **options) or ())
+        messages.extend(write(product, place, **chosen.given, **options) or ())
         if not chosen.suffix:
             write_json(place / ABOUT, {"format": form, **product.about()})
 
@@ -119,6 +115,7 @@ def check_target(target: Path, chosen: Format, force: bool) -> None:
             raise TargetExists(f"--out {target}: exists and is no {kind}; choose another name")
         if not force:
             raise TargetExists(f"--out {target}: exists already; choose another name or add --force")
+        # a folder of other files would be lost whole: not even by force
         if not chosen.suffix and any(target.iterdir()) and not (target / ABOUT).is_file():
             raise TargetExists(f"--out {target}: holds files that mmg export did not write; choose another name")
     check_place(target)

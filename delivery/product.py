@@ -7,7 +7,7 @@ import re
 import shlex
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -32,9 +32,9 @@ RESERVED = frozenset([
     "throw", "true", "try", "typedef", "typeid", "typename", "union", "unsigned", "using", "virtual", "void",
     "volatile", "wchar_t", "while", "xor",
 ])  # fmt: skip
+# Codes of what is said of a product.
 NAME_CHANGED, UNCALIBRATED, NOT_CONVERGED = "name_changed", "uncalibrated", "not_converged"
 PLACE, LEFT_OUT, NO_RANGE, UNEXCITED = "belongs_to_the_place", "left_out", "range_unknown", "not_excited"
-"""Codes of what is said of a product."""
 SHOWN = 12  # Digits of a hash that a sentence shows. Set by hand: display.
 # States, inputs and ranges: words and unit. All other states are what an effect or an actuator remembers.
 QUANTITIES = {
@@ -113,7 +113,7 @@ class Product:
             ProductCoefficient(
                 **{key: getattr(c, key) for key in same},
                 identifier=name,
-                std=c.std if c.std > 0 and not c.fixed else None,
+                std=c.std if c.std > 0 and not c.fixed else None,  # what is fixed was not estimated
             )
             for c, name in zip(coefficients, identifiers([c.symbol for c in coefficients]), strict=True)
         )
@@ -126,6 +126,7 @@ class Product:
     @property
     def slow_squared(self) -> float:
         """u^2 + v^2 [m^2/s^2] below which the drift angle has no meaning: that of a tenth of the trials' speed."""
+        # a tenth: set by hand; 0 where no range is known
         return float((0.1 * max(map(abs, self.ranges.get("u", (0.0,))))) ** 2)
 
     @property
@@ -141,7 +142,7 @@ class Product:
         made = f", made {source['created']}" if source.get("created") else ""
         lines.append(f"Exported by mmg export from {source['source']} ({source['kind']}{made}).")
         if source.get("data"):
-            hashes = sorted(str(row["sha256"]) for row in source["data"])
+            hashes = sorted(str(row["sha256"]) for row in source["data"])  # the same data in any order are one
             together = hashlib.sha256("\n".join(hashes).encode()).hexdigest()[:SHOWN]
             lines.append(f"Calibrated on {', '.join(str(row['name']) for row in source['data'])} (data {together}).")
         return lines + [f"Caveat: {caveat}." for caveat in self.caveats]
@@ -179,7 +180,7 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     place = folder if is_run else None
     content = read_result(place) if place else {}
     ship = load_ship(place or where)
-    caveats = [*_blocking(ship, content)]
+    caveats = _blocking(ship, content)
     if caveats and not force:
         raise NotCalibrated(f"{where}: {caveats[0]}; calibrate it with mmg fit, or export it as it is with --force")
     for name in without:
@@ -221,6 +222,7 @@ def filled(template: Path, product: Product, markup: bool = False, **words: Any)
         "LONGEST_STEP": product.longest_step, "TITLE": product.ship.title,
         "CAVEATS": "".join(f"* {caveat}\n" for caveat in product.caveats) or "* none\n",
     }  # fmt: skip
+    # by plain text, so that a template reads as C, and before jinja: words that are filled in may hold SHIP
     text = template.read_text(encoding="utf-8").replace("SHIP", p).replace("UPPER", p.upper())
     settings = Environment(
         undefined=StrictUndefined, autoescape=markup, keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True
@@ -238,10 +240,12 @@ def identifiers(names: Sequence[str]) -> list[str]:
     """C identifiers made of ``names``, distinct: other characters become underscores, reserved words get one more."""
     made: list[str] = []
     for name in names:
+        # accents are split from their letters and dropped with all else that is not ASCII
         plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
         word = re.sub(r"\W+", "_", plain, flags=re.ASCII).strip("_") or "ship"
         word = f"ship_{word}" if word[0].isdigit() else word
         word = f"{word}_" if word.lower() in RESERVED else word
+        # by lower case: macros, and files on some systems, do not tell capitals apart
         taken, stem, count = {w.lower() for w in made}, word, 2
         while word.lower() in taken:
             word, count = f"{stem}_{count}", count + 1
@@ -287,6 +291,6 @@ def _without_folders(command: str) -> str:
     """A command whose paths have lost their folders, which say where things lay and nothing of the ship."""
     try:
         words = shlex.split(command)
-    except ValueError:
+    except ValueError:  # a quote that is not closed
         words = command.split()
     return shlex.join(re.split(r"[/\\]", word.rstrip("/\\"))[-1] or word for word in words)

@@ -218,7 +218,11 @@ class Ship:
     def without_effect(self, name: str) -> Ship:
         """A copy without one of its effects."""
         rows = {s: c for s, c in self.coefficients.items() if not s.startswith(f"{name}.")}
-        return replace(self, effects=tuple(e for e in self.effects if e != name), coefficients=rows)
+        # values by campaign go along: a ship file that names what the ship lacks cannot be read
+        own = {day: {s: x for s, x in values.items() if s in rows} for day, values in self.campaigns.items()}
+        campaigns = {day: values for day, values in own.items() if values}
+        effects = tuple(e for e in self.effects if e != name)
+        return replace(self, effects=effects, coefficients=rows, campaigns=campaigns)
 
     def without(self, *names: str) -> Ship:
         """A copy without the effects, or the force models by their role ("wind", "rudder", ...), of these ``names``,

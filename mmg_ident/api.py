@@ -492,7 +492,7 @@ def train(
         raise Conflict("network, loss: belong to a residual on a ship; leave out the black box and settings.loss")
     needs_torch("mi.train")
     from residual import pipeline
-    from residual.own_network import own_kind
+    from residual.hybrid import own_kind
 
     what = own_kind(ship_of(run), network, loss, settings.seed) if own else None
     runs, held_out = ready_trials(trials, validate, unchecked=unchecked)

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from residual.train import Outcome, Task
 
 MINIMUM_GAIN = 0.01  # Smallest mean improvement of the judged 30 s windows that is worth a network. Set by hand.
-# One-sided probability of chance's limit: the interval on other runs holds 90 %, as all intervals of the program.
-LEVEL = 0.95
+LEVEL = 0.95  # One-sided probability of chance's limit: the interval holds 90 %, as all intervals of the program
 BLOCK = 5  # Windows that count as one observation where fewer than WHOLE runs judge: 75 s. Set by hand.
 
 
@@ -39,7 +38,7 @@ class Decision:
 
     kept: bool
     words: str
-    improvement: float
+    improvement: float  # shares, 0.05 for 5 % less error
     spread: float
     restarts: float
     restarts_spread: float
@@ -55,7 +54,7 @@ def percent(share: float | None, sign: bool = True) -> str:
     """A ``share`` in per cent with a true minus sign, and a plus where ``sign`` is wanted."""
     if share is None or not isfinite(share):
         return "–"
-    if abs(share) < 0.0005:
+    if abs(share) < 0.0005:  # what one digit shows as zero has no sign
         return "0.0 %"
     return f"{share:{'+' if sign else ''}.1%}".replace("-", "−").replace("%", " %")
 
@@ -77,10 +76,9 @@ def decide(outcomes: Sequence[Outcome], whole_runs: bool = True) -> Decision:
     if not good:
         reason = "every training diverged, also at lower rates"
         return Decision(False, _words(reason), nan, nan, nan, nan, reason=reason)
-    window, spread = _pooled(good, 0)
-    restart, restart_spread = _pooled(good, 1)
-    # of all trainings together: each has judged other runs
-    rows = np.vstack([_numbered(o.judged) for o in good])
+    window, spread = _pooled(good, 0)  # 30 s windows
+    restart, restart_spread = _pooled(good, 1)  # 100 s restarts
+    rows = np.vstack([_numbered(o.judged) for o in good])  # of all trainings together: each has judged other runs
     (error, limit, groups), (long_error, long_limit, _) = map(
         _chance, (rows, np.vstack([_numbered(o.restarts_judged) for o in good]))
     )
@@ -147,11 +145,10 @@ def _chance(rows: np.ndarray) -> tuple[float, float, int]:
     groups = int(number.max()) + 1 if len(rows) else 0
     if groups < 2:
         return nan, nan, groups
-    sums = np.array([np.bincount(number, column) for column in rows[:, 2:4].T])
-    others = sums.sum(axis=1, keepdims=True) - sums
-    # of sums, not the mean of ratios: a run with next to no error before would rule
-    gains = 1 - others[1] / others[0]
-    error = sqrt((groups - 1) / groups * ((gains - gains.mean()) ** 2).sum())
+    sums = np.array([np.bincount(number, column) for column in rows[:, 2:4].T])  # (2, groups): before, after
+    others = sums.sum(axis=1, keepdims=True) - sums  # of all groups but one
+    gains = 1 - others[1] / others[0]  # of sums, not the mean of ratios: a run with next to no error before would rule
+    error = sqrt((groups - 1) / groups * ((gains - gains.mean()) ** 2).sum())  # the jackknife's standard error
     # Student's t by scipy.special: scipy.stats takes long to import, and a decision is also read without training
     return error, error * float(stdtrit(groups - 1, LEVEL)), groups
 
@@ -167,8 +164,7 @@ def _pooled(outcomes: Sequence[Outcome], which: int) -> tuple[float, float]:
     if not len(before):
         return nan, nan
     if not np.isfinite(after).all():
-        # a prediction that diverges is worse than any gain elsewhere can make up for
-        return -inf, nan
+        return -inf, nan  # a prediction that diverges is worse than any gain elsewhere can make up for
     gain, share = 1 - after / before, before * count / (before * count).sum()
     pooled = float(share @ gain)
     # weighted as the mean is; n / (n - 1) as for an ordinary standard deviation

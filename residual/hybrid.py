@@ -1,13 +1,17 @@
 """A calibrated ship with a learned residual acceleration: the network, the system, what training needs of it.
 
-The network is a small tanh network, zero at the origin, of bounded size (Wakita et al. 2022, Eq. 7).
+The network is a small tanh network, zero at the origin, of bounded size (Wakita et al. 2022, Eq. 7), or a torch module
+of a user.
 """
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
@@ -18,6 +22,8 @@ from cases.trial import Trial
 from fitting.nlp.windows import Stretch
 from fitting.prediction.predict import change_over
 from fitting.prediction.score import WINDOW
+from mmg.components.own import Own, origin_of
+from mmg.errors import BadValue
 from mmg.network import Layers, Network, features_of
 from mmg.ship import Ship
 from residual.physics import FusedRollout, Physics
@@ -26,7 +32,7 @@ from residual.system import Past, TrainableSystem
 from residual.train import ModelKind, Outcome, Task, restored
 from residual.windows import LEAST_SCALE, STRIDE, Scales, campaign_symbols, training_scales, windows
 
-# Features that change places when port becomes starboard, where a ship has both.
+# Features that change places when port becomes starboard, where a ship has both. A lone propeller n stays.
 SWAPPED = {"delta_port": "delta_starboard", "delta_starboard": "delta_port", "n": "n_2", "n_2": "n"}
 # Features that change sign.
 SIGN_CHANGING = (
@@ -60,8 +66,8 @@ class Layered(nn.Module):
     feature_scale (F,), h the last hidden layer. weights: (H, F), ..., (3, H); biases: (H,), ... of the hidden layers.
     """
 
-    scale: torch.Tensor
-    feature_scale: torch.Tensor
+    scale: torch.Tensor  # (3,) [m/s2, rad/s2]
+    feature_scale: torch.Tensor  # (F,)
 
     @property
     def weights(self) -> list[torch.Tensor]:
@@ -101,6 +107,7 @@ class Residual(Layered):
         super().__init__()
         for letter, arrays in (("W", layers.weights), ("b", layers.biases)):
             for number, values in enumerate(arrays, 1):
+                # names of single layers: they are those in the files of finished seeds
                 self.register_parameter(f"{letter}{number}", nn.Parameter(torch.tensor(values, dtype=torch.float64)))
         self.depth = len(layers.biases)
         self.register_buffer("scale", torch.as_tensor(np.array(scale, dtype=float)))
@@ -138,8 +145,8 @@ class Symmetric(Layered):
     into those of the mirrored motion and S = diag(1, -1, -1). It is again a network, twice as wide.
     """
 
-    mirror: torch.Tensor
-    turned: torch.Tensor
+    mirror: torch.Tensor  # Q (F, F), between scaled features
+    turned: torch.Tensor  # the diagonal of S (3, 1)
 
     def __init__(self, own: Residual, actuators: Sequence[str]) -> None:
         super().__init__()
@@ -158,7 +165,7 @@ class Symmetric(Layered):
         first, *inner, last = self.own.weights
         # the halves do not mix before the last layer, where their mean is taken
         ends = torch.cat([first, first @ self.mirror]), 0.5 * torch.cat([last, self.turned * last], dim=1)
-        return [ends[0], *(torch.block_diag(W, W) for W in inner), ends[1]]
+        return [ends[0], *(torch.block_diag(W, W) for W in inner), ends[1]]  # (2 H, F), (2 H, 2 H), (3, 2 H)
 
     @property
     def biases(self) -> list[torch.Tensor]:
@@ -179,7 +186,7 @@ class Hybrid(TrainableSystem):
         super().__init__()
         self.physics, self.residual = physics, residual
         widths = [len(b) for b in residual.biases]
-        # compiled only when it is first used: scoring a single system needs no compiler
+        # the loop in C has two hidden layers of one width; compiled when first used, as scoring needs no compiler
         self.fused = FusedRollout(physics, widths[0]) if widths == 2 * widths[:1] else None
         self.register_buffer("features", torch.as_tensor(np.ascontiguousarray(features, dtype=float)), persistent=False)
 
@@ -187,7 +194,7 @@ class Hybrid(TrainableSystem):
         return self.physics.start(logged, controls)
 
     def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
-        rates, features = self.physics.rates_and_features(z, controls)
+        rates, features = self.physics.call("rates_and_features", z, controls)
         # on u, v, r alone: kinematics are exact, and memory states belong to the physics
         return torch.cat([rates[:3], rates[3:6] + self.residual(features), rates[6:]])
 
@@ -285,3 +292,79 @@ def network_of(task: Task, outcomes: Sequence[Outcome]) -> Network | None:
         return None
     features = task.scales.features
     return to_network(residuals, task.ship.actuators, features.min(axis=1), features.max(axis=1))
+
+
+FORM = "torch.nn.Sequential of Linear layers with Tanh between them"  # Of a module of a user
+
+
+class OwnLoss(Own):
+    """The loss of a user, a function of normalised errors (N, 6, M)."""
+
+    def __call__(self, errors: torch.Tensor) -> Any:
+        return self.function(errors)
+
+
+@torch.no_grad()
+def layers_of(module: nn.Module) -> Layers:
+    """The ``module`` less its value at the origin as layers tanh(W x + b) - tanh(b), the last one zero."""
+    *inner, last = (layer for layer in module.modules() if isinstance(layer, nn.Linear))
+    biases: list[np.ndarray] = []
+    rest = torch.zeros(inner[0].in_features, dtype=torch.float64)  # tanh(b) of the layer before
+    for layer in inner:
+        own = getattr(layer, "bias", None)  # None of Linear(..., bias=False), which its type does not say
+        # what is subtracted after a layer goes into the next bias
+        b = layer.weight.double() @ rest + (0.0 if own is None else own)
+        biases, rest = [*biases, b.numpy()], torch.tanh(b)
+    # zero, so that training starts from the calibrated ship
+    weights = *(layer.weight.numpy() for layer in inner), np.zeros((last.out_features, last.in_features))
+    return Layers(weights, tuple(biases))
+
+
+def build_own(
+    module: nn.Sequential, first: int, ship: Ship, scales: Scales, settings: TrainSettings, seed: int
+) -> Hybrid:
+    """A calibrated ``ship`` with a residual of the ``module``: with its weights for the seed ``first``, drawn anew by
+    its layers for each other one. scales, settings, seed: as of ``residual.hybrid.build_hybrid``."""
+    made = copy.deepcopy(module)  # the module of the user stays as it is
+    if seed != first:
+        with torch.random.fork_rng(devices=[]):  # the draws of the user's process stay as they are
+            torch.manual_seed(seed)
+            for layer in made.modules():
+                if isinstance(layer, nn.Linear):
+                    layer.reset_parameters()
+    return hybrid_with(Residual(scales.feature, scales.output, layers_of(made)), ship, scales, settings)
+
+
+def own_kind(ship: Ship, network: Any, loss: Callable[[torch.Tensor], torch.Tensor] | None, first: int) -> ModelKind:
+    """What is trained on a ``ship`` with a ``network`` or a ``loss`` of a user, from the seed ``first`` on. network:
+    features (M, F) to (M, 3), None for the usual one; loss: of normalised errors (N, 6, M), None for that of states.
+
+    Raises UserError, which names the argument, for a module that the ship's equations cannot hold, and for a loss that
+    is no function.
+    """
+    kind = HYBRID_KIND
+    if network is not None:
+        _check_form(network, len(ship.features), ", ".join(ship.features))
+        kind = kind._replace(build=partial(build_own, network, first))
+    if loss is not None:
+        if not callable(loss):
+            raise BadValue(f"loss: is a {type(loss).__name__}; give a function of the normalised errors (N, 6, M)")
+        name = getattr(loss, "__name__", type(loss).__name__)
+        kind = kind._replace(own_loss=OwnLoss(loss, name=name, origin=origin_of(loss)))
+    return kind
+
+
+def _check_form(network: Any, count: int, features: str) -> None:
+    """Raises UserError unless a ``network`` is of the FORM and takes ``count`` features, of these names."""
+    if not isinstance(network, nn.Module):
+        raise BadValue(f"network: is a {type(network).__name__}; give a {FORM}")
+    parts = [part for part in network.modules() if not isinstance(part, nn.Sequential)]
+    kinds = [nn.Linear, nn.Tanh] * (len(parts) // 2) + [nn.Linear]
+    if len(parts) < 3 or [type(part) for part in parts] != kinds:
+        found = ", ".join(type(part).__name__ for part in parts)
+        raise BadValue(f"network: is {found}; equations, C and ONNX of a ship hold a {FORM}, one Tanh at least")
+    sizes = [(part.in_features, part.out_features) for part in parts if isinstance(part, nn.Linear)]
+    ends = sizes[0][0], sizes[-1][1]
+    if ends != (count, 3) or any(a[1] != b[0] for a, b in pairwise(sizes)):
+        words = f"{count} features ({features}) to 3 scaled accelerations du, dv, dr"
+        raise BadValue(f"network: leads from {ends[0]} to {ends[1]} by layers {sizes}; it must lead from {words}")

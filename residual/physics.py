@@ -30,8 +30,7 @@ def _evaluated(batch: BatchFunction, inputs: Sequence[Tensor]) -> list[Tensor]:
     """Outputs (rows, M), float64, of inputs (rows, M), or (rows, 1) for all points; without gradients."""
     M, arrays = max(a.shape[-1] for a in inputs), []
     for i, a in enumerate(inputs):
-        # nonzeros are rows, as every function here is dense
-        rows = batch.function.nnz_in(i)
+        rows = batch.function.nnz_in(i)  # nonzeros are rows, as every function here is dense
         if a.shape not in ((rows, M), (rows, 1)):
             raise ValueError(f"tensor {tuple(a.shape)}; needed: ({rows}, {M}) or ({rows}, 1)")
         # ``BatchFunction`` takes a value for all points as a vector
@@ -42,8 +41,8 @@ def _evaluated(batch: BatchFunction, inputs: Sequence[Tensor]) -> list[Tensor]:
 class Operator:
     """An SXFunction of columns as a torch operator: forward and reverse as compiled code, made when first used.
 
-    Call it with tensors (rows, M), or (rows, 1) for all points (these have no gradient). Outputs come in the
-    type of the first input, gradients in that of theirs.
+    Call it with tensors (rows, M), or (rows, 1) for all points (these have no gradient). Outputs come in the type of
+    the first input, gradients in that of theirs.
     """
 
     def __init__(self, function: ca.Function, compiled: bool = True) -> None:
@@ -59,7 +58,7 @@ class Operator:
     def adjoint(self, wanted: tuple[int, ...]) -> ca.Function:
         """(inputs, one seed (rows,) per output) -> products of the seeds with the Jacobians by the wanted inputs."""
         f = self.function
-        inputs, seeds = f.sx_in(), [ca.SX.sym(f"seed{j}", f.nnz_out(j)) for j in range(f.n_out())]
+        inputs, seeds = f.sx_in(), [ca.SX.sym(f"seed{j}", f.nnz_out(j)) for j in range(f.n_out())]  # one an output
         chosen = ca.vertcat(*[inputs[i] for i in wanted])
         # one reverse sweep over all outputs costs a few evaluations; Jacobians would cost one sweep an output
         products = ca.jtimes(ca.vertcat(*f.call(inputs)), chosen, ca.vertcat(*seeds), True)
@@ -90,7 +89,7 @@ class _Apply(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, operator: Operator, *inputs: Tensor) -> tuple[Tensor, ...]:
         ctx.operator = operator
-        ctx.save_for_backward(*inputs)
+        ctx.save_for_backward(*inputs)  # the points alone: the reverse code evaluates the function anew
         return tuple(a.to(inputs[0].dtype) for a in _evaluated(operator.forward, inputs))
 
     @staticmethod
@@ -99,6 +98,7 @@ class _Apply(torch.autograd.Function):
         inputs, needed = ctx.saved_tensors, ctx.needs_input_grad[1:]
         wanted = tuple(i for i, need in enumerate(needed) if need)
         products = iter(_evaluated(ctx.operator.reverse(wanted), (*inputs, *seeds)))
+        # one gradient per argument of ``forward``, of which the first, the operator, has none
         return None, *[next(products).to(a.dtype) if need else None for a, need in zip(inputs, needed, strict=True)]
 
 
@@ -113,7 +113,7 @@ class Physics:
 
     def __init__(self, ship: Ship, compiled: bool = True, symbols: Sequence[str] = ()) -> None:
         self.ship, self.model = ship, assemble(ship, symbols)
-        self.inputs = len(self.model.controls) + len(symbols)
+        self.inputs = len(self.model.controls) + len(symbols)  # C, with the values of ``symbols`` last
         self._compiled = compiled
         self._operators: dict[str, Operator] = {}
 
@@ -124,6 +124,7 @@ class Physics:
         z, c, a, h = ca.SX.sym("z", S), ca.SX.sym("c", self.inputs), ca.SX.sym("a", 3), ca.SX.sym("h")
         base = ca.SX.sym("base", S)
         rates, features = self.model.rates(z, c[:C], c[C:]), self.model.features(z, c[:C], c[C:])
+        # one stage of a Runge-Kutta step: base + h f(z, c), the accelerations a on the rates of u, v, r alone
         advanced = base + h * (rates + ca.vertcat(ca.SX(3, 1), a, ca.SX(S - 6, 1)))
         table = {
             "features": ([z, c], [features]),
@@ -151,13 +152,9 @@ class Physics:
         """What a network on this ship sees at logged columns (6, M) under inputs (C, M), (F, M); without gradient."""
         return self.features(self.start(logged, controls), controls)
 
-    def rates_and_features(self, z: Tensor, controls: Tensor) -> tuple[Tensor, ...]:
-        """Both at once, (S, M) and (F, M)."""
-        return self.call("rates_and_features", z, controls)
-
     def columns(self, z: Tensor, controls: Tensor | None = None) -> Tensor:
         """The six columns as they are logged, (6, M); under any inputs where none is a coefficient."""
-        if not self.model.measured:
+        if not self.model.measured:  # without instruments the columns are the states themselves
             return z[:6]
         return self.call("columns", z, z.new_zeros(self.inputs, 1) if controls is None else controls)[0]
 
@@ -169,25 +166,24 @@ class Physics:
         return torch.from_numpy(states_behind(self.model, six, inputs[:C], inputs[C:])).to(logged)
 
 
+# No contraction, as in mmg.compile.batch; rollout.c allows it in the products of the network alone.
 FLAGS = ("-O2", "-ftree-vectorize", "-ffp-contract=off", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
+# Arrays of the C struct Run: inputs, then results; T evaluations of the network, points contiguous.
+# W1 (H, F) ... b3 (3,): the layers, transposed (F, H), (H, H), (H, 3) for backward; seeds (N + 1, S, M): gradients at
+# the states out; Z (T, S, M): states at which it was evaluated; X (T, F, M), T1, T2 (T, H, M): features, hidden layers;
+# G1, G2 (T, H, M), GA (T, 3, M): gradients at the inputs of the layers and at the accelerations; first (S, M): at the
+# start.
 _ARRAYS = (
     "start", "controls", "W1", "b1", "W2", "b2", "W3", "b3", "seeds",
     "out", "Z", "X", "T1", "T2", "G1", "G2", "GA", "first",
 )  # fmt: skip
-"""Arrays of the C struct Run: inputs, then results; T evaluations of the network, points contiguous.
-
-W1 (H, F) ... b3 (3,): the layers, transposed (F, H), (H, H), (H, 3) for backward; seeds (N + 1, S, M) of the states
-out; Z (T, S, M): states at which it was evaluated; X (T, F, M), T1, T2 (T, H, M): features, hidden layers; G1, G2
-(T, H, M), GA (T, 3, M): gradients at the inputs of the layers and at the accelerations; first (S, M): at the start.
-"""
-
 _LOOP = Path(__file__).with_name("rollout.c")  # The loop over the steps, forward and backward; @names@ are filled in
 
 
 class _Run(ctypes.Structure):
     """The struct Run of the C code."""
 
-    _fields_ = (
+    _fields_ = (  # in the order of rollout.c
         [(name, ctypes.c_longlong) for name in ("points", "steps", "euler")]
         + [("h", ctypes.c_double)]
         + [(name, ctypes.c_void_p) for name in _ARRAYS]
@@ -239,7 +235,7 @@ class _Rollout(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, fused: FusedRollout, controls: Tensor, h: float, euler: bool, *given: Tensor) -> Tensor:
         N, M = len(controls), controls.shape[2]
-        T = N if euler else 4 * N
+        T = N if euler else 4 * N  # evaluations: RK4 has four stages a step
         sizes = {"Z": (T, fused.S), "X": (T, fused.F), "T1": (T, fused.H), "T2": (T, fused.H)}
         names = ("controls", "start", "W1", "b1", "W2", "b2", "W3", "b3")
         arrays = {name: a.detach().contiguous() for name, a in zip(names, (controls, *given), strict=True)}
@@ -248,7 +244,7 @@ class _Rollout(torch.autograd.Function):
         # kept on the context: ``save_for_backward`` is for inputs and outputs, which most of these are not
         ctx.fused, ctx.settings = fused, (M, N, euler, h)
         _run(fused, "forward", ctx.settings, arrays)
-        out = arrays.pop("out")
+        out = arrays.pop("out")  # a result that the context held would hold the context: neither would be freed
         ctx.arrays = arrays
         return out
 
@@ -266,12 +262,11 @@ class _Rollout(torch.autograd.Function):
         sizes = ("G1", fused.H), ("G2", fused.H), ("GA", 3)
         arrays |= {name: torch.empty((T, rows, M), dtype=torch.float64) for name, rows in sizes}
         _run(fused, "backward", ctx.settings, arrays)
-        gradients: list[Tensor] = []
+        gradients: list[Tensor] = []  # of W1, b1, W2, b2, W3, b3
         for at, given in (("G1", "X"), ("G2", "T1"), ("GA", "T2")):
             # products of all evaluations at once by the linear algebra library, faster than sums within the loop
             gradients += [(arrays[at] @ kept[given].transpose(1, 2)).sum(0), arrays[at].sum((0, 2))]
-        # a long rollout holds hundreds of megabytes, which the next windows need
-        kept.clear()
+        kept.clear()  # a long rollout holds hundreds of megabytes, which the next windows need
         return None, None, None, None, arrays["first"], *gradients
 
 

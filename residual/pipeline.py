@@ -62,14 +62,15 @@ def train(
     there is too little to train on, stop or judge by, KeyboardInterrupt after Ctrl-C before any training began.
     """
     began = time.perf_counter()
-    if keep not in KEEP:
+    if keep not in KEEP:  # before anything is read or trained
         raise UnknownName(f"keep: {keep!r} is unknown; choose one of {', '.join(KEEP)}")
-    ship, known, name, read_loss = _start(ship_or_fit)
+    ship, calibration, name, read_loss = _start(ship_or_fit)
     trained_on, by_role = TrialSet.of(trials).training(validation)
     if not trained_on:
         raise Missing("no trials to train on: name at least one trial file")
     settings = settings or TrainSettings()
     taken = assumed([*trained_on, *validation], ship.inputs)
+    # a hybrid starts from the calibrated ship below it, not from its network
     ship, black_box = ship.without_network(), isinstance(settings, BlackBoxSettings)
     settings, loss, other_loss = loss_of(settings, read_loss, ship, trained_on)
     kind = kind or (BOX_KIND if black_box else HYBRID_KIND)
@@ -77,12 +78,13 @@ def train(
         tasks = tasks_of(kind, ship, trained_on, settings, validation, judged_apart=not black_box, loss=loss)
         outcomes, interrupted = train_seeds(tasks, progress, store)
         task = tasks[0]
-        own = _black_box(task, outcomes, name) if black_box else _hybrid(tasks, outcomes, bool(validation), known, keep)
+        more = bool(validation), calibration, keep
+        of_kind = _black_box(task, outcomes, name) if black_box else _hybrid(tasks, outcomes, *more)
     except UserError:
         if store:
-            store.discard()
+            store.discard()  # too little data or a wrong setting: there is nothing to continue from
         raise
-    own["notices"] = (*own.get("notices", ()), *taken, *other_loss)
+    of_kind["notices"] = (*of_kind.get("notices", ()), *taken, *other_loss)
     seconds, scales = time.perf_counter() - began, task.scales
     result = TrainResult(
         start=ship,
@@ -105,14 +107,14 @@ def train(
             *_seed_warnings(outcomes, task.settings),
             *by_role,
             *shared_rows(trained_on, validation),
-            *_calibrated_on(known, validation),
+            *_calibrated_on(calibration, validation),
         ),
         interrupted=interrupted,
         trials=validation or trained_on,
-        **own,
+        **of_kind,
     )
     models = tuple(result.models().values())
-    if len(models) == 2:
+    if len(models) == 2:  # the calibrated ship alone where every training diverged
         sets = {"validation": validation, "training": trained_on}
         scores = score_pairs(*(scores_by_set(model, sets) for model in models))
         failed = [message for name, pair in scores.items() for message in pair.failed(name)]
@@ -129,9 +131,9 @@ def _start(
     if isinstance(given, (str, Path)):
         stored = run_folder.described_in(Path(given)) / run_folder.LOSS
         return load_ship(given), _known(Path(given)), str(given), lambda: loss_in(stored)
-    known = {} if isinstance(given, Ship) else given.to_dict()
+    record = {} if isinstance(given, Ship) else given.to_dict()
     ship = given if isinstance(given, Ship) else given.ship
-    return ship, known, ship.name, lambda: given.loss if isinstance(given, FitResult) else None
+    return ship, record, ship.name, lambda: given.loss if isinstance(given, FitResult) else None
 
 
 def loss_of(
@@ -142,8 +144,9 @@ def loss_of(
     if settings.loss != CALIBRATION:
         return settings, None, ()
     # the windows of a calibration start from states of its ship, which a black box has not
-    found = None if isinstance(settings, BlackBoxSettings) else read()
-    if found and found.symbols == campaign_symbols(ship) and (same := found.of_trials(trials)):
+    loss = None if isinstance(settings, BlackBoxSettings) else read()
+    # the values by campaign are inputs of the system: they must be those that the loss was built with
+    if loss and loss.symbols == campaign_symbols(ship) and (same := loss.of_trials(trials)):
         return settings, same, ()
     words = "the loss of a calibration of these trials is not known here: the network is trained by that of states"
     return replace(settings, loss=STATE), None, (Message(words, "loss_of_states"),)
@@ -210,8 +213,8 @@ def _seed_warnings(outcomes: Sequence[Outcome], settings: TrainSettings) -> tupl
         "restarted": "diverged at first and trained again at a lower rate",
         "missing": "not begun",
     }
-    found = {kind: ", ".join(str(s) for s in seeds if status.get(s, "missing") == kind) for kind in kinds}
-    return tuple(Message(f"{kinds[k]}: seed(s) {which}", f"seeds_{k}") for k, which in found.items() if which)
+    by_kind = {kind: ", ".join(str(s) for s in seeds if status.get(s, "missing") == kind) for kind in kinds}
+    return tuple(Message(f"{kinds[k]}: seed(s) {which}", f"seeds_{k}") for k, which in by_kind.items() if which)
 
 
 def _seed_rows(outcomes: Sequence[Outcome], judging: Sequence[Trial]) -> list[dict[str, Any]]:
@@ -224,7 +227,7 @@ def _seed_rows(outcomes: Sequence[Outcome], judging: Sequence[Trial]) -> list[di
             "judged_window": {"before": o.before[0], "after": o.after[0], "windows": o.held_out_windows},
             "judged_restarts": {"before": o.before[1], "after": o.after[1]},
             "judged_runs": _judged_runs(o, judging),
-            "stop_window": {"before": o.history[0][3], "after": min(row[3] for row in o.history)},
+            "stop_window": {"before": o.history[0][3], "after": min(row[3] for row in o.history)},  # row 0: untrained
             "training_windows": o.windows,
             "learning_rate": o.rate,
             "restarts": o.restarts,
@@ -239,16 +242,16 @@ def _judged_runs(outcome: Outcome, trials: Sequence[Trial]) -> list[dict]:
     """Per run that judged a training: name, number of its 30 s windows, errors before and after."""
     rows = []
     for run in np.unique(outcome.judged[:, 0]).astype(int):
-        own = outcome.judged[outcome.judged[:, 0] == run]
-        before, after = own[:, 2:].mean(axis=0).tolist()
-        rows.append({"run": trials[run].name, "windows": len(own), "before": before, "after": after})
+        windows_of_run = outcome.judged[outcome.judged[:, 0] == run]
+        before, after = windows_of_run[:, 2:].mean(axis=0).tolist()
+        rows.append({"run": trials[run].name, "windows": len(windows_of_run), "before": before, "after": after})
     return rows
 
 
 def _residual_size(network: Network, scales: Scales) -> dict[str, dict]:
     """Per channel the residual over the training rows [m/s2, rad/s2]; "ship_rms": of the ship without it."""
-    sizes = np.abs(network.accelerations(scales.features))
-    own = (scales.output - LEAST_SCALE) / OUTPUT
+    sizes = np.abs(network.accelerations(scales.features))  # (3, R)
+    ship_rms = (scales.output - LEAST_SCALE) / OUTPUT  # as ``hybrid_scales`` made the output scale of it
     return {
         name: {
             "rms": float(np.sqrt((size**2).mean())),
@@ -258,19 +261,19 @@ def _residual_size(network: Network, scales: Scales) -> dict[str, dict]:
             "ship_rms": float(rms),
             "unit": RATES[name],
         }
-        for name, size, bound, rms in zip(RATES, sizes, network.bound, own, strict=True)
+        for name, size, bound, rms in zip(RATES, sizes, network.bound, ship_rms, strict=True)
     }
 
 
 def _outside(kind: ModelKind, task: Task, trials: Sequence[Trial]) -> dict:
     """Shares of rows outside the range of the training rows, by trial and by feature, with the ends of the latter."""
-    ship, h, known = task.ship, task.h, task.scales.features
+    ship, h, training = task.ship, task.h, task.scales.features
     features_at = kind.features(ship)
-    rows = {t.name: windows(kind.pieces(ship, [t], h), h, 1, 1) for t in trials}
+    rows = {t.name: windows(kind.pieces(ship, [t], h), h, 1, 1) for t in trials}  # every row with one after it
     seen = {name: features_at(b.targets[0], b.controls[0]).numpy() for name, b in rows.items() if b}
     if not seen:
         return {}
-    lower, upper = known.min(axis=1)[:, None], known.max(axis=1)[:, None]
+    lower, upper = training.min(axis=1)[:, None], training.max(axis=1)[:, None]  # (F, 1)
     every = np.hstack(list(seen.values()))
     beyond = (every < lower) | (every > upper)
     return {
@@ -284,7 +287,7 @@ def _outside(kind: ModelKind, task: Task, trials: Sequence[Trial]) -> dict:
 
 def _calibrated_on(known: Mapping[str, Any], validation: Sequence[Trial]) -> tuple[Message, ...]:
     """A warning on validation trials that the ship was calibrated on."""
-    hashes = {row.get("sha256") for row in known.get("data", [])}
+    hashes = {row.get("sha256") for row in known.get("data", [])}  # by content: a copy under another name counts
     both = ", ".join(t.name for t in validation if t.sha256 and t.sha256 in hashes)
     words = f"{both}: the ship was calibrated on it, so its score is not held out"
     return (Message(words, "calibrated_on"),) if both else ()

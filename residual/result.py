@@ -1,4 +1,4 @@
-"""What a training found, and its run folder: one object, one writer, one reader.
+"""What a training found, its figures and report, and its run folder: one object, one writer, one reader.
 
 ``ship.toml`` (and ``network.safetensors``) is the recommended ship, the other one lies in a folder of its own:
 ``calibrated/`` beside a hybrid, ``hybrid/`` beside the calibrated ship. ``result.json`` holds settings, seeds, data and
@@ -14,10 +14,12 @@ import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from dataclasses import replace as changed
+from itertools import cycle
 from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from cases.shipfiles.network_file import NETWORK, save_network
@@ -26,7 +28,8 @@ from cases.trial import Trial
 from fitting.prediction.score import ScorePair, in_words
 from fitting.report import run_folder
 from fitting.report.page import citations_of, label_of, rendered, write_page
-from fitting.report.plot_style import figures_of
+from fitting.report.plot_style import ALARM, BEFORE, DASHES, FigureFolder, dress, figures_of, new_figure
+from fitting.report.plots import write_error_growth
 from fitting.report.use import Delivered, delivered, delivery_sections, shown_quantity
 from fitting.solvers.control import LEFT_OUT
 from mmg.errors import BadValue
@@ -39,6 +42,7 @@ from residual.settings import TrainSettings, settings_from
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
     from fitting.prediction.predict import Forecaster
     from residual.papers.black_box import BlackBox
@@ -54,8 +58,8 @@ def page_of(
     runs: of each its name, the folder that holds its figures, the content of its result.json, and the ship that it
     recommends, None of a black box; full_load, imo: as of ``fitting.report.use.delivered``.
     """
-    known = [Delivered() if ship is None else delivered(content, ship, full_load, imo) for _, _, content, ship in runs]
-    shown = [_run(*run, own, i) for i, (run, own) in enumerate(zip(runs, known, strict=True), 1)]
+    uses = [Delivered() if ship is None else delivered(content, ship, full_load, imo) for _, _, content, ship in runs]
+    shown = [_run(*run, own, i) for i, (run, own) in enumerate(zip(runs, uses, strict=True), 1)]
     states = [(run.get("name", run["result"]["ship"]), run["title"], run["headline"]["state"]) for run in shown]
     titles = [f"{ship}: {title}" + (f" ({state})" if state else "") for ship, title, state in states]
     return rendered("training", runs=shown, titles=titles, percent=percent)
@@ -148,12 +152,12 @@ def judged_table(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     table = []
     for name, parts in sorted(runs.items()):
         before, after = (sum(p[k] or nan for p in parts.values()) / len(parts) for k in ("before", "after"))
-        known = {s: p["after"] / p["before"] - 1 for s, p in parts.items() if p["before"] and p["after"] is not None}
+        changes = {s: p["after"] / p["before"] - 1 for s, p in parts.items() if p["before"] and p["after"] is not None}
         table.append(
             {
                 "run": name, "windows": next(iter(parts.values()))["windows"], "before": before, "after": after,
                 "change": percent(after / before - 1 if before else None), "worse": after > 1.0005 * before,
-                "seeds": [percent(known[seed]) if seed in known else "" for seed in seeds],
+                "seeds": [percent(changes[seed]) if seed in changes else "" for seed in seeds],
             }
         )  # fmt: skip
     return table
@@ -164,16 +168,65 @@ def envelope_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
     beyond, rows = result["outside"].get("features", {}), []
     for name, (low, high) in result["envelope"].items():
         words, unit, factor = shown_quantity(name)
-        own = beyond.get(name)
-        if own:
-            own = {**own, "lowest": factor * own["lowest"], "highest": factor * own["highest"]}
+        share = beyond.get(name)
+        if share:
+            share = {**share, "lowest": factor * share["lowest"], "highest": factor * share["highest"]}
         both = {"low": factor * low, "high": factor * high}
-        rows.append({"name": name, "words": words, "unit": unit, **both, "own": own})
+        rows.append({"name": name, "words": words, "unit": unit, **both, "own": share})
     return rows
 
 
+def learning_plot(per_seed: Sequence[Mapping[str, Any]], before: str = "calibrated ship") -> Figure:
+    """Stop error over that of what was ``before``, per epoch and seed of ``per_seed``.
+
+    Dots: weights kept; bars: judged error. Returns the figure.
+    """
+    figure = new_figure(3.2)
+    ax = dress(figure.subplots(), "epoch", f"30 s windows: error / {before}")
+    end = max(row["history"][-1]["epoch"] for row in per_seed)
+    for row, dashes in zip(per_seed, cycle(DASHES), strict=False):
+        epochs = [h["epoch"] for h in row["history"]]
+        errors = [h["stop"] / row["stop_window"]["before"] for h in row["history"]]
+        judged = row["judged_window"]["after"] / row["judged_window"]["before"]
+        (line,) = ax.plot(epochs, errors, linewidth=1.1, linestyle=dashes, label=f"seed {row['seed']}")
+        if np.isfinite(errors).any():
+            best = int(np.nanargmin(errors))
+            ax.plot(epochs[best], errors[best], "o", color=line.get_color(), markersize=4)
+        ax.plot(1.03 * max(end, 1), judged, "_", color=line.get_color(), markersize=9, markeredgewidth=2.0)
+        if row["status"] == "diverged":
+            ax.plot(epochs[-1], errors[-1], "x", color=ALARM)
+    if ax.get_ylim()[0] < 0.1:
+        ax.set_yscale("log")
+    ax.axhline(1.0, color=BEFORE, linestyle=(0, (4, 1.5)), linewidth=1.0, label=before)
+    ax.legend(fontsize=7.5, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+def write_figures(
+    written: FigureFolder,
+    content: Mapping[str, Any],
+    models: Mapping[str, Simulator | Forecaster],
+    trials: Sequence[Trial],
+) -> None:
+    """Write the figures of the training whose result.json has this ``content``.
+
+    written: where to; models: by their names in the figures, without and with what was trained; trials: that show how
+    the error grows, () to leave that figure out.
+    """
+    hybrid, held_out = content.get("decision") is not None, content["validation_data"]
+    start = "calibrated ship" if hybrid else "untrained network"
+    apart = ", which took no part in the training" if hybrid else ", here the same that it stopped by, which flatters"
+    written.write(
+        "learning", lambda: learning_plot(content["per_seed"], start), "Error of the windows to stop by",
+        f"Error of the windows to stop by after each epoch, over that of the {start}. Dot: the weights kept; bar "
+        f"at the right: their error on the windows that judge{apart}.",
+    )  # fmt: skip
+    if trials and any(row["has_position"] for row in held_out or content["data"]):
+        write_error_growth(written, models, trials, "validation" if held_out else "training")
+
+
+# The two ships of a training, and the folder of the one that is not recommended.
 CALIBRATED, HYBRID = "calibrated", "hybrid"
-"""The two ships of a training, and the folder of the one that is not recommended."""
 FINISHED = "training"  # Folder of the finished seeds, from which ``mmg train --resume`` continues
 
 
@@ -310,8 +363,7 @@ class TrainResult(TrainRecord):
         """Write the run folder, whole or not at all; then figures and report, of which one that fails is a warning.
 
         folder: it must not exist unless ``replace``, which keeps only its finished seeds; report: whether figures and
-        report are made. Raises UserError where it
-        exists or cannot be written.
+        report are made. Raises UserError where it exists or cannot be written.
         """
         folder = Path(folder)
         if not replace:
@@ -327,9 +379,6 @@ class TrainResult(TrainRecord):
         run_folder.write_whole(folder, fill, replace)
         if not report:
             return
-        from fitting.report.plot_style import FigureFolder
-        from residual.figures import write_figures
-
         written = FigureFolder(folder / run_folder.FIGURES)
         with written.making("figures"):
             write_figures(written, content, self.models(), self.trials or ())

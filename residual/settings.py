@@ -7,7 +7,7 @@ from typing import Any
 
 from fitting.settings import setting
 
-# Eq. 23 and Eq. 16 of Wakita et al. (2022), and that of the calibration of the ship.
+# Eq. 23 and Eq. 16 of Wakita et al. (2022), and that of the calibration of the ship
 LOSSES = STATE, ACCELERATION, CALIBRATION = "state", "acceleration", "calibration"
 KEEP = ("better", "always")  # Which ship is recommended: the better one as the decision says, or always the hybrid
 # Augmentation of Wakita et al. (2024, Table 4): windows of I rows begin every I / first number, each is replaced by so
@@ -53,7 +53,7 @@ class TrainSettings:
     time_limit: float | None = setting(None, "Limit of the training [s].", gt=0)
 
 
-_OF = {f.name: f.metadata for f in fields(TrainSettings)}
+_OF = {f.name: f.metadata for f in fields(TrainSettings)}  # Help and limits, which other defaults do not change
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from residual.settings import BlackBoxSettings, TrainSettings
 FOLDS = 5  # Parts into which the runs are split, or the blocks of fewer runs. Set by hand.
 WHOLE = 3  # Fewest runs of which whole ones judge. Set by hand.
 # Seconds left out between blocks of one run that serve differently: a run's next seconds know its motion and wind.
-GAP = 30.0  # set by hand: one window of the scores
+GAP = 30.0  # Set by hand: one window of the scores
 # Lengths of blocks [s], of which shorter ones are tried where longer ones are fewer than FOLDS. Set by hand.
 BLOCKS = (150.0, 120.0, 90.0, 75.0)
 
@@ -52,8 +52,7 @@ def split_pieces(
     if len(runs) >= FOLDS:
         fold = turn % FOLDS
         of_run = {run: _role(number, turn, FOLDS, judge) for number, run in enumerate(runs)}
-        # runs too short for a window are still worth training on
-        parts = [(p, of_run.get(p.run, 0)) for p in pieces]
+        parts = [(p, of_run.get(p.run, 0)) for p in pieces]  # runs too short for a window are still worth training on
     elif len(runs) >= WHOLE and judge:
         fold = turn % len(runs)
         others = [p for p in pieces if p.run != runs[fold]]
@@ -62,7 +61,7 @@ def split_pieces(
         parts = [*cut, *((p, 2) for p in pieces if p.run == runs[fold])]
     else:
         parts, fold = _blocks_by_role(pieces, turn, h, least + GAP, judge)
-    train, stop, judging = ([p for p, part in parts if part == number] for number in range(3))
+    train, stop, judging = ([p for p, part in parts if part == number] for number in range(3))  # as ``_role`` has them
     return Split(train, stop, judging, fold)
 
 
@@ -79,13 +78,12 @@ def _blocks_by_role(
 ) -> tuple[list[tuple[Stretch, int]], int]:
     """Blocks GAP apart, and what each serves for; those shorter than ``least`` [s] are trained on."""
     for length in BLOCKS:
+        # evenly: no short rest at the end of a piece, in which no window fits
         cut = [part for piece in pieces for part in piece.evenly(max(1, round(piece.steps * h / length)))]
         long = [b.steps * h >= least - 1e-9 for b in cut]
-        # as long as possible: each cut loses a gap to either side
-        if sum(long) >= FOLDS:
+        if sum(long) >= FOLDS:  # as long as possible: each cut loses a gap to either side
             break
-    # three at the least: one part each to train, to stop and to judge by
-    folds = max(3, min(FOLDS, sum(long)))
+    folds = max(3, min(FOLDS, sum(long)))  # three at the least: one part each to train, to stop and to judge by
     roles = [
         _role(n - 1, turn, folds, judge) if is_long else 0 for is_long, n in zip(long, accumulate(long), strict=True)
     ]
@@ -100,9 +98,9 @@ def _apart(parts: Sequence[tuple[Stretch, int]], rows: int) -> list[tuple[Stretc
     alike = [list(some) for _, some in groupby(parts, lambda one: (id(one[0].record), one[1]))]
     joined, result = [(replace(some[0][0], last=some[-1][0].last), some[0][1]) for some in alike], []
     for k, (block, part) in enumerate(joined):
-        beside = [joined[j] if 0 <= j < len(joined) else (None, part) for j in (k - 1, k + 1)]
-        before, after = (rows * (other is not None and other.run == block.run and p != part) for other, p in beside)
-        if block.steps > before + after:
+        neighbours = [joined[j] if 0 <= j < len(joined) else (None, part) for j in (k - 1, k + 1)]
+        before, after = (rows * (b is not None and b.run == block.run and p != part) for b, p in neighbours)
+        if block.steps > before + after:  # else nothing is left of it
             result.append((replace(block, first=block.first + before, last=block.last - after), part))
     return result
 

@@ -35,7 +35,7 @@ class TrainableSystem(nn.Module):
     past: grid rows before its start that ``start`` reads, 0 for one without memory.
     """
 
-    past: int = 0
+    past: int = 0  # a class default: most systems have no memory
 
     def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
         """State (Z, M) behind logged columns (6, M) under inputs (C, M); ``past`` is given where self.past > 0."""
@@ -48,15 +48,14 @@ class TrainableSystem(nn.Module):
     def step(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
         """State (Z, M) a step of h [s] later, inputs held: one Runge-Kutta (rk4) or Euler step of ``rates``."""
         if method == "euler":
-            # for the published networks, which are defined by Euler steps
-            return z + h * self.rates(z, controls)
+            return z + h * self.rates(z, controls)  # for the published networks, which are defined by Euler steps
         return rk4_step(lambda state, _: self.rates(state, controls), z, h)
 
     def simulate(self, z: torch.Tensor, controls: torch.Tensor, h: float, method: str = "rk4") -> torch.Tensor:
         """States (N + 1, Z, M) from z (Z, M) under inputs (N, C, M): one ``step`` after the other."""
         states = [z]
-        for held in controls:
-            states.append(self.step(states[-1], held, h, method))
+        for inputs in controls:  # (C, M), held over the step
+            states.append(self.step(states[-1], inputs, h, method))
         return torch.stack(states)
 
     def columns(self, z: torch.Tensor, controls: torch.Tensor | None = None) -> torch.Tensor:
@@ -79,11 +78,8 @@ class TrainableSystem(nn.Module):
     def penalty(self) -> torch.Tensor:
         """What its size costs, a scalar, times ``TrainSettings.penalty`` beside the loss: the sum of squared weights
         (Wakita et al. 2024, Eq. 11)."""
+        # weights are the parameters with two axes; biases cost nothing
         return sum(((p**2).sum() for p in self.parameters() if p.ndim == 2), torch.zeros((), dtype=torch.float64))
-
-    def learned(self) -> list[nn.Parameter]:
-        """The parameters that training changes."""
-        return [p for p in self.parameters() if p.requires_grad]
 
 
 @dataclass(frozen=True)
@@ -166,9 +162,8 @@ class _Cost(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, error: torch.Tensor, weights: torch.Tensor, cost: Loss) -> torch.Tensor:
         e, w = error.numpy(), weights.numpy()
-        # beyond the end of a window a rollout may be no number
-        e = np.where(w > 0, e, 0.0)
-        ctx.slope = torch.from_numpy(cost.weight(w, e) * e)
+        e = np.where(w > 0, e, 0.0)  # beyond the end of a window a rollout may be no number
+        ctx.slope = torch.from_numpy(cost.weight(w, e) * e)  # d (cost / 2) / d error, of every sample by itself
         return error.new_tensor(0.5 * cost.cost(w, e).sum())
 
     @staticmethod

@@ -62,6 +62,7 @@ class Adam:
     """
 
     def __init__(self, parameters: Iterable[torch.nn.Parameter]) -> None:
+        # of each: mean of its gradient and of its square, number of its steps, a tensor as the function wants it
         self.moments = [(p, torch.zeros_like(p), torch.zeros_like(p), torch.zeros(())) for p in parameters]
 
     @torch.no_grad()
@@ -75,13 +76,13 @@ class Adam:
         )  # fmt: skip
 
 
+# Share of its fall by which a stop error has to rise again, and weight of the newest one in its moving average, for a
+# training to end (Wakita et al. 2024, Eq. 25 and 24).
 RISE, NEWEST = 0.1, 0.1
-"""Share of its fall by which a stop error has to rise again, and weight of the newest one in its moving average, for a
-training to end (Wakita et al. 2024, Eq. 25 and 24)."""
-RESTARTS, LOWER = 2, 0.2
-"""How often a diverged training starts again, and the factor on its learning rate. Set by hand."""
+RESTARTS, LOWER = 2, 0.2  # How often a diverged training starts again, and the factor on its rate. Set by hand.
+EXPLODED = 100.0  # Stop error by that of the untrained system from which on a training has diverged. Set by hand.
+# Makes the untrained system of a ship, scales, settings and a seed; importable, so that it reaches other processes.
 BuildSystem = Callable[[Ship, Scales, TrainSettings, int], TrainableSystem]
-"""Makes the untrained system of a ship, scales, settings and a seed; importable, so that it reaches other processes."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,7 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
         # each attempt begins with the same weights and draws, so that only the lower rate differs
         for restart in range(RESTARTS + 1):
             rate = settings.rate * LOWER**restart
-            attempt = _Attempt(task, rate, control)
+            attempt = _Attempt(task, rate, control)  # also builds the system anew
             try:
                 status = attempt.run()
                 break
@@ -206,7 +207,7 @@ class _Attempt:
         # the untrained weights are the first best ones: a training that never helps ends where it began
         self.before = self.least = self.average = self._stop_error()
         # row 0 is the untrained system, which has no rollouts and no loss yet
-        self.history: list[tuple[int, float, float, float]] = [(0, 0.0, float("nan"), self.before)]
+        self.history: list[tuple[int, float, float, float]] = [(0, 0.0, math.nan, self.before)]
 
     def _state(self) -> dict[str, torch.Tensor]:
         # copies: the optimizer changes the parameters in place
@@ -218,11 +219,10 @@ class _Attempt:
 
     def run(self) -> str:
         """Train through the stages of the curriculum; "finished" or "stopped"."""
-        t, optimizer = self.task.settings, Adam(self.system.learned())
+        t, optimizer = self.task.settings, Adam(self.system.parameters())
         plan = [(seconds, batch) for seconds, batch, epochs in self.stages for _ in range(epochs)]
         for done, (seconds, batch) in enumerate(plan):
-            # over the whole curriculum, not each stage: longer rollouts, with their steeper gradients, meet the lower
-            # rates
+            # over the whole curriculum, not each stage: long rollouts, with their steep gradients, meet the low rates
             cosine = 0.5 * (1 + math.cos(math.pi * done / len(plan)))
             rate = t.last_rate + (self.rate - t.last_rate) * cosine
             loss = self._epoch(optimizer, rate, batch)
@@ -232,7 +232,7 @@ class _Attempt:
                 self.control.progress(Progress(f"seed {self.task.seed}", done + 1, len(plan), values))
             if self.control.stops:
                 return "stopped"
-            risen = self.average > self.least + RISE * (self.before - self.least)
+            risen = self.average > self.least + RISE * (self.before - self.least)  # Wakita et al. (2024, Eq. 25)
             if t.stop_after and risen and done + 1 >= t.stop_after:
                 break
         return "finished"
@@ -248,9 +248,8 @@ class _Attempt:
             loss = self._loss(batch.chosen(which))
             loss.backward()
             # one rollout that nearly diverges has a gradient orders larger than the others and would undo the epoch
-            norm = torch.nn.utils.clip_grad_norm_(self.system.learned(), t.clip)
-            # before the step: after one step with NaN every weight is NaN. A finite loss may have a gradient that is
-            # not
+            norm = torch.nn.utils.clip_grad_norm_(self.system.parameters(), t.clip)
+            # before the step: one with NaN makes every weight NaN. A finite loss may have a gradient that is not finite
             if not torch.isfinite(loss) or not torch.isfinite(norm):
                 raise _Diverged
             optimizer.step(rate)
@@ -264,7 +263,7 @@ class _Attempt:
         if t.loss == "acceleration":
             loss = acceleration_loss(self.system, batch, torch.as_tensor(self.task.scales.acceleration))
         elif self.task.loss:
-            loss = self._calibration(batch) / self.unit
+            loss = self._calibration(batch) / self.unit  # 1 for the ship without a residual
         elif own := self.task.own_loss:
             loss = own(normalised_errors(rollout(self.system, batch, t.method), batch, self.sigma))
             if not isinstance(loss, Tensor) or loss.dim() or not loss.requires_grad:
@@ -285,9 +284,9 @@ class _Attempt:
         error = self._stop_error()
         self.history.append((epoch, seconds, loss, error))
         # the small term serves data on which the ship has no error to begin with
-        if not math.isfinite(error) or error > 100 * self.before + 1e-9:
+        if not math.isfinite(error) or error > EXPLODED * self.before + 1e-9:
             raise _Diverged
-        self.average += NEWEST * (error - self.average)
+        self.average += NEWEST * (error - self.average)  # Wakita et al. (2024, Eq. 24)
         if error < self.least:
             self.least, self.best = error, self._state()
 
@@ -343,8 +342,8 @@ class ModelKind(NamedTuple):
 
     def pieces(self, ship: Ship, trials: Sequence[Trial], h: float) -> list[Stretch]:
         """The pieces of ``trials`` on a grid of ``h`` [s] with what the model reads."""
-        found = pieces_of(trials, h, self.inputs(ship))
-        return by_campaign(found, ship, trials) if self.campaigns else found
+        pieces = pieces_of(trials, h, self.inputs(ship))
+        return by_campaign(pieces, ship, trials) if self.campaigns else pieces
 
 
 def tasks_of(
@@ -405,6 +404,9 @@ def training_store(
     return Store(out / "training", about, resume and out.exists())
 
 
+_ROWS = ("before", "after", "history", "judged", "restarts_judged")  # Kept as arrays, to the last bit, as is the state
+
+
 def save_outcome(store: Store, outcome: Outcome) -> None:
     """Keep the ``outcome`` of a seed in ``store``."""
     rows = {name: np.array(getattr(outcome, name)) for name in _ROWS}
@@ -415,19 +417,15 @@ def save_outcome(store: Store, outcome: Outcome) -> None:
 
 def load_outcome(store: Store, seed: int) -> Outcome | None:
     """The training of a ``seed`` as ``store`` kept it, to the last bit; None where it is not complete."""
-    found = store.load(f"seed_{seed}")
-    if found is None:
+    kept = store.load(f"seed_{seed}")
+    if kept is None:
         return None
-    words, arrays = found
+    words, arrays = kept
     state = {name.removeprefix("state."): a for name, a in arrays.items() if name.startswith("state.")}
     history = tuple((int(row[0]), *row[1:]) for row in arrays["history"].tolist())
     ends: dict[str, Any] = {name: tuple(arrays[name].tolist()) for name in ("before", "after")}
     judged, restarts = arrays["judged"], arrays["restarts_judged"]
     return Outcome(**words, **ends, history=history, judged=judged, restarts_judged=restarts, state=state)
-
-
-# What of an outcome is kept as arrays, beside its state.
-_ROWS = ("before", "after", "history", "judged", "restarts_judged")
 
 
 def train_seeds(
@@ -443,15 +441,15 @@ def train_seeds(
     if store:
         store.open()
     settings = tasks[0].settings
-    known = {task.seed: load_outcome(store, task.seed) for task in tasks} if store else {}
-    missing = [task for task in tasks if not known.get(task.seed)]
-    for seed in [task.seed for task in tasks if known.get(task.seed)]:
+    finished = {t.seed: o for t in tasks if (o := load_outcome(store, t.seed))} if store else {}
+    missing = [task for task in tasks if task.seed not in finished]
+    for seed in finished:
         LOGGER.info("seed %d: already trained", seed)
     workers = max(1, min(width(settings.workers), len(missing)))
     if missing:
         LOGGER.info("training from seed(s) %s in %d process(es)", ", ".join(str(t.seed) for t in missing), workers)
     # the limit is for all: a process trains its seeds one after the other, so that each has its part of it
-    limit = settings.time_limit / -(-len(missing) // workers) if settings.time_limit and missing else None
+    limit = settings.time_limit / math.ceil(len(missing) / workers) if settings.time_limit and missing else None
     done = len(tasks) - len(missing)
     with tempfile.TemporaryDirectory() as scratch:
         stop = Path(scratch) / "stop"
@@ -476,10 +474,9 @@ def train_seeds(
             # epochs of several processes would arrive mixed, and their function cannot be sent to them
             work = partial(_trained, progress=progress) if workers == 1 else _trained
             made = run_all(work, jobs, workers, note)
-        # asked before the folder is gone
-        broken = stop.exists()
-    found = known | {o.seed: o for o in made if o}
-    outcomes = [o for o in (found.get(task.seed) for task in tasks) if o]
+        broken = stop.exists()  # asked before the folder is gone
+    by_seed = finished | {o.seed: o for o in made if o}
+    outcomes = [by_seed[task.seed] for task in tasks if task.seed in by_seed]
     if not outcomes:
         raise KeyboardInterrupt
     return outcomes, broken

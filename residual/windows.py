@@ -64,8 +64,8 @@ def by_campaign(pieces: Sequence[Stretch], ship: Ship, trials: Sequence[Trial]) 
     symbols = campaign_symbols(ship)
     if not symbols:
         return list(pieces)
-    own = [ship.symbols.index(symbol) for symbol in symbols]
-    values = [np.asarray(values_of(ship, trial))[own] for trial in trials]
+    places = [ship.symbols.index(symbol) for symbol in symbols]
+    values = [np.asarray(values_of(ship, trial))[places] for trial in trials]  # (V,) each
     result = []
     for piece in pieces:
         inputs = piece.record.controls
@@ -76,18 +76,19 @@ def by_campaign(pieces: Sequence[Stretch], ship: Ship, trials: Sequence[Trial]) 
 
 def calibration_windows(loss: RolloutLoss, pieces: Sequence[Stretch]) -> RolloutBatch | None:
     """The windows of the ``loss`` of a calibration, weighed only within ``pieces``, by run and time; None: nowhere."""
-    t = loss.began + loss.h * np.arange(len(loss.targets))[:, None]
+    t = loss.began + loss.h * np.arange(len(loss.targets))[:, None]  # (N + 1, M), by the clock of its run
     inside = np.zeros(t.shape, dtype=bool)
     for p in pieces:
+        # half a step of slack on either side: the grids of loss and pieces need not be the same
         inside |= (loss.run == p.run) & (t > p.t[0] - loss.h / 2) & (t < p.t[-1] + loss.h / 2)
     weights = loss.weights * inside[:, None]
-    some = np.flatnonzero(weights.any(axis=(0, 1)))
-    if not len(some):
+    weighed = np.flatnonzero(weights.any(axis=(0, 1)))
+    if not len(weighed):
         return None
-    own = np.broadcast_to(loss.values, (len(loss.controls), *loss.values.shape))
-    arrays = np.concatenate([loss.controls, own], axis=1), loss.targets, weights
-    controls, targets, mask = (torch.as_tensor(np.ascontiguousarray(a[..., some])) for a in arrays)
-    return RolloutBatch(loss.h, controls, targets, mask, states=torch.as_tensor(loss.starts[:, some].copy()))
+    values = np.broadcast_to(loss.values, (len(loss.controls), *loss.values.shape))  # the same over all steps
+    arrays = np.concatenate([loss.controls, values], axis=1), loss.targets, weights
+    controls, targets, mask = (torch.as_tensor(np.ascontiguousarray(a[..., weighed])) for a in arrays)
+    return RolloutBatch(loss.h, controls, targets, mask, states=torch.as_tensor(loss.starts[:, weighed].copy()))
 
 
 def augmented(
@@ -100,7 +101,7 @@ def augmented(
     start that are given along.
     """
     slices, copies = SETS[name]
-    batch = windows(pieces, h, rows - 1, max(1, rows // slices), past)
+    batch = windows(pieces, h, rows - 1, max(1, rows // slices), past)  # I rows are I - 1 steps
     if batch is None or not copies:
         return batch
     # positions and heading stay as measured, as in Table 5
@@ -108,6 +109,7 @@ def augmented(
     draw = torch.Generator().manual_seed(seed)
     batch = batch.chosen(torch.arange(len(batch)).repeat(copies))
     targets, before = batch.targets, batch.past
+    # by the mask: what is not measured stays 0
     targets = targets + torch.randn(targets.shape, generator=draw, dtype=torch.float64) * std * batch.mask
     if before:
         noisy = before.logged + torch.randn(before.logged.shape, generator=draw, dtype=torch.float64) * std
@@ -128,7 +130,7 @@ def compare_errors(
     first row of its piece, error of each system) of the 30 s windows and of the 100 s restarts.
     """
     past, scale = systems[0].past, torch.as_tensor(sigma)
-    place, found = np.array([(p.run, p.first) for p in pieces]).reshape(-1, 2), []
+    place, rows_by_length = np.array([(p.run, p.first) for p in pieces]).reshape(-1, 2), []
     # overlapping windows, and restarts side by side, as the scores have them
     for length, stride in ((WINDOW, STRIDE), (PAPER_WINDOW, PAPER_WINDOW)):
         rows, every = round(length / h), round(stride / h)
@@ -136,8 +138,8 @@ def compare_errors(
         errors = [window_errors(s, batch, scale, method) if batch else np.zeros(0) for s in systems]
         # as ``windows`` counts them, so that each error finds its run again
         counts = [len(range(p.first + past, p.last - rows + 1, every)) for p in pieces]
-        found.append(np.column_stack([np.repeat(place, counts, axis=0), *errors]))
-    return found[0], found[1]
+        rows_by_length.append(np.column_stack([np.repeat(place, counts, axis=0), *errors]))
+    return rows_by_length[0], rows_by_length[1]
 
 
 @torch.no_grad()
@@ -149,8 +151,8 @@ def window_errors(system: TrainableSystem, batch: RolloutBatch, sigma: torch.Ten
     return squares(rollout(system, batch, method), batch, sigma).numpy()
 
 
+# Sigma of the loss for x, y [m] of a 3 m ship and for psi [rad], set by hand; those of u, v, r are of the data.
 POSITION, HEADING = 1.0, 0.3
-"""Sigma of the loss for x, y [m] per 3 m of ship and for psi [rad], set by hand; those of u, v, r are of the data."""
 LEAST_SCALE = 1e-9  # Scale of what never changes in the training rows. It bounds a division.
 
 
@@ -188,18 +190,17 @@ def training_scales(
     deviation of the measured accelerations (Wakita et al. 2025, Eq. 14). Raises UserError where there are no rows, or
     nothing moves in them.
     """
-    rows = windows(pieces, h, 1, 1)
+    rows = windows(pieces, h, 1, 1)  # each row and the one after it, as windows of one step
     if rows is None:
         raise TooFewData("too little data to train on: no piece of a trial is longer than a step without a gap")
     measured, mask = measured_accelerations(rows)
-    # differences over a gap are no accelerations
-    known = measured[0].numpy()[:, mask[0].numpy().all(axis=0)]
+    accelerations = measured[0].numpy()[:, mask[0].numpy().all(axis=0)]  # differences over a gap are no accelerations
     states = [p.logged for p in pieces]
     sigma = _loss_sigma(states, ship.particulars["L"])
     placed = [t for t in trials if t.has_position]
     features = features_at(rows.targets[0], rows.controls[0]).numpy()
     rms, std = np.sqrt((features**2).mean(axis=1)), features.std(axis=1)
-    acceleration = np.maximum(known.std(axis=1), LEAST_SCALE)
+    acceleration = np.maximum(accelerations.std(axis=1), LEAST_SCALE)
     return Scales(
         # a feature that is always zero keeps scale 1, so that it stays zero and does not blow up outside the data
         feature=np.where(rms > LEAST_SCALE, rms, 1.0),
@@ -207,9 +208,9 @@ def training_scales(
         mean=features.mean(axis=1),
         std=np.where(std > LEAST_SCALE, std, 1.0),
         sigma=sigma,
-        score=pooled_sigma(placed) if placed else sigma,
+        score=pooled_sigma(placed) if placed else sigma,  # the scores' own scales need positions
         acceleration=acceleration,
-        acceleration_mean=known.mean(axis=1),
+        acceleration_mean=accelerations.mean(axis=1),
         noise=white_noise(states),
         features=features,
     )
@@ -221,8 +222,7 @@ def _loss_sigma(states: Sequence[np.ndarray], length: float) -> np.ndarray:
     The deviation of positions over a whole pond would make the drift of a window invisible.
     """
     std = np.nanstd(np.vstack(states)[:, 3:], axis=0)
-    # a constant velocity has no scale by which its error could be measured
-    if not (std > 0).all():
+    if not (std > 0).all():  # a constant velocity has no scale by which its error could be measured
         raise TooFewData("u, v or r never changes in the training trials, so there is nothing to learn from")
     position = POSITION * length_scale(length)
     return np.array([position, position, HEADING, *std])

@@ -27,10 +27,10 @@ from mmg.model import INVERSIONS
 from mmg.network import Layers, Network
 
 # Rows of a block whose sums a compiler keeps in registers: one AVX-512 register, two AVX2 ones.
-BLOCK = 8  # set by hand: speed alone
+BLOCK = 8  # Set by hand: speed alone
+# With |y| <= 0.625 a series of 15 terms is exact to rounding; doubled six times it serves |2 x| <= 40, beyond which
+# tanh is 1 to rounding. Taylor's remainder bounds the error: 0.625^16 / 16! is 3e-17.
 TERMS, DOUBLINGS = 15, 6
-"""With |y| <= 0.625 a series of 15 terms is exact to rounding; doubled six times it serves |2 x| <= 40. Taylor's
-remainder bounds the error: 0.625^16 / 16! is 3e-17."""
 
 
 def array(name: str, values: np.ndarray) -> str:
@@ -45,17 +45,17 @@ def tanh_statements(x: str) -> str:
 
     Even and odd terms of the series are apart, so that both may be worked at once.
     """
-    terms = [f"R({1 / factorial(k)!r})" for k in range(1, TERMS + 1)]
-    even, odd = (reduce(lambda total, c: f"({total}) * q + {c}", reversed(terms[i::2])) for i in (0, 1))
-    doubled = " ".join(["p = p * (p + R(2.0));"] * DOUBLINGS)
+    terms = [f"R({1 / factorial(k)!r})" for k in range(1, TERMS + 1)]  # of exp(h) - 1, from h on
+    # by Horner's rule in q = h^2; terms of odd powers of h come first in the list
+    odd, even = (reduce(lambda total, c: f"({total}) * q + {c}", reversed(terms[i::2])) for i in (0, 1))
+    doubled = " ".join(["p = p * (p + R(2.0));"] * DOUBLINGS)  # exp(2 y) - 1 of p = exp(y) - 1
     halved = f"const real h = {x} * R({2.0 ** (1 - DOUBLINGS)!r});\n    const real q = h * h;"
-    return f"{halved}\n    real p = ({even}) * h + ({odd}) * q;\n    {doubled}"
+    return f"{halved}\n    real p = ({odd}) * h + ({even}) * q;\n    {doubled}"
 
 
 def _filled(values: np.ndarray, columns: int = 0) -> np.ndarray:
     """Rows of ``values`` (rows,) or (rows, N) filled up with zeros to whole blocks, and to so many ``columns``."""
-    more = [(0, -len(values) % BLOCK), (0, columns - values.shape[-1])][: values.ndim]
-    return np.pad(values, more)
+    return np.pad(values, [(0, -len(values) % BLOCK), (0, columns - values.shape[-1])][: values.ndim])
 
 
 class Member:
@@ -67,14 +67,15 @@ class Member:
     def __init__(self, number: int, layers: Layers, scales: np.ndarray, share: np.ndarray) -> None:
         self.number, self.depth = number, len(layers.biases)
         columns = [len(scales), *(len(_filled(b)) for b in layers.biases)]
-        self.shapes = list(zip(columns[1:], columns[:-1], strict=True))
-        """(rows, columns) of its layers, filled up."""
+        self.shapes = list(zip(columns[1:], columns[:-1], strict=True))  # (rows, columns) of its layers, filled up
         self.width = columns[-1]
-        weights = [layers.weights[0] / scales[None, :], *layers.weights[1:-1]]
+        weights = [layers.weights[0] / scales[None, :], *layers.weights[1:-1]]  # of features unscaled
+        # transposed, (width, 4): du, dv, dr and a zero of one hidden neuron side by side
         last = np.zeros((self.width, 4))
         last[: len(layers.biases[-1]), :3] = (share[:, None] * layers.weights[-1]).T
         self.arrays = ""
         for i, (W, b) in enumerate(zip(weights, layers.biases, strict=True)):
+            # (blocks, columns, BLOCK): the loop over columns then reads the weights one after the other
             blocks = _filled(W, columns[i]).reshape(-1, BLOCK, columns[i]).transpose(0, 2, 1)
             rows = {"weight": blocks, "bias": _filled(b), "offset": _filled(np.tanh(b))}
             self.arrays += "".join(array(f"network_{number}_{name}_{i}", values) for name, values in rows.items())
@@ -85,21 +86,19 @@ class Member:
 
     def layers(self, *results: str) -> list[str]:
         """Calls of its layers one after the other, from x into ``results`` in turn."""
-        names = ["x", *(results[i % len(results)] for i in range(self.depth))]
-        shapes = enumerate(self.shapes)
+        names, shapes = ["x", *(results[i % len(results)] for i in range(self.depth))], enumerate(self.shapes)
         return [f"{rows}x{n}({self._constants(i)}, {names[i]}, {names[i + 1]})" for i, (rows, n) in shapes]
 
     @property
     def lane_layers(self) -> list[str]:
-        """The same calls for several ships at once."""
-        names = ["x", *(f"y[{i % 2}]" for i in range(self.depth))]
-        shapes = enumerate(self.shapes)
+        """The same calls for several ships at once, from x into two arrays in turn."""
+        names, shapes = ["x", *(f"y[{i % 2}]" for i in range(self.depth))], enumerate(self.shapes)
         return [f"layer({self._constants(i)}, {rows}, {n}, {names[i]}, {names[i + 1]})" for i, (rows, n) in shapes]
 
 
 def network_words(network: Network) -> dict[str, Any]:
     """What the templates of a ``network`` take."""
-    share = network.output_scales / len(network.members)
+    share = network.output_scales / len(network.members)  # the members are added up: their mean needs no division
     members = [Member(k, m, network.feature_scales, share) for k, m in enumerate(network.members)]
     deepest = max(member.depth for member in members)
     return {
@@ -116,7 +115,7 @@ LONGEST_STRING = 4000  # Most bytes of a string constant: C99 promises 4095. (C9
 
 def quoted(text: str, most: int = LONGEST_STRING) -> str:
     """C string constant of ``text`` in UTF-8, of which at most ``most`` bytes are kept."""
-    content = text.encode()[:most]
+    content = text.encode()[:most]  # may cut a character in two: bytes beyond ASCII are written as octal escapes
     plain = {ord('"'): '\\"', ord("\\"): "\\\\", ord("?"): "\\?", ord("\n"): "\\n"}
     return '"' + "".join(plain.get(b) or (chr(b) if 32 <= b < 127 else f"\\{b:03o}") for b in content) + '"'
 
@@ -124,6 +123,7 @@ def quoted(text: str, most: int = LONGEST_STRING) -> str:
 def comment(lines: Iterable[str]) -> str:
     """C comment of these ``lines``: characters that are not ASCII become ?, and nothing in them ends it early."""
     safe = [line.encode("ascii", "replace").decode().replace("*/", "* /").replace("/*", "/ *") for line in lines]
+    # no trigraphs, and no backslash at the end, which would join the next line
     safe = [line.replace("??", "? ?").rstrip("\\").rstrip() for line in safe]
     return "/* " + "\n * ".join(safe) + "\n */\n"
 
@@ -191,8 +191,8 @@ def header_c(product: Product, kept: int, more: str = "") -> str:
     )  # fmt: skip
 
 
+# Stages: what depends on the coefficients alone, on these and the inputs, and on the state.
 COEFFICIENTS, INPUTS, STATE = 1, 2, 3
-"""Stages: what depends on the coefficients alone, on these and the inputs, and on the state."""
 # Outputs: rates without network (S,), forces (R, 3), logged columns (6,), state with settled memory (S,) from the first
 # six, features (F,); derivatives of rates and features by state (S) and inputs (C), of logged columns by state.
 EVERY = RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z, FEATURES_C, COLUMNS_Z = tuple(
@@ -200,7 +200,7 @@ EVERY = RATES, FORCES, COLUMNS, SETTLED, FEATURES, RATES_Z, RATES_C, FEATURES_Z,
 )
 RUDDER = 0.3  # Rudder angle [rad] of the turn in an example. Set by hand.
 # Ships with more values than this are stepped one by one: their arrays would not fit into a small stack.
-MOST_VALUES = 1500  # set by hand: 12 kB an array of them
+MOST_VALUES = 1500  # Set by hand: 12 kB a ship, 8 bytes a value
 
 
 def equations(product: Product) -> Program:
@@ -227,6 +227,7 @@ def source_c(product: Product, more: str = "") -> tuple[str, int]:
     program, network, features = equations(product), product.ship.network, product.ship.features
     model, S, C = product.model, len(product.model.states), len(product.model.controls)
     shown = (RATES, FEATURES) if network else (RATES,)  # what a Runge-Kutta stage needs
+    # what one stage leaves behind for the next: in the model until coefficients change, in a step while inputs are held
     kept = {place: f"model->kept[{i}]" for i, place in enumerate(program.handed_on(EVERY, COEFFICIENTS))}
     held = {place: f"held[{i}]" for i, place in enumerate(program.handed_on(shown, INPUTS))}
     arguments = {0: "state[{0}]", 1: "inputs[{0}]", 2: "model->coefficients[{0}]"}
@@ -240,7 +241,7 @@ def source_c(product: Product, more: str = "") -> tuple[str, int]:
         """Statements that store an output of ``width`` columns row by row in ``target``."""
         places = program.results[output]
         rows = len(places) // width
-        order = [places[i + j * rows] for i in range(rows) for j in range(width)]
+        order = [places[i + j * rows] for i in range(rows) for j in range(width)]  # CasADi has them column by column
         return [f"{target}[{i}] = {by.name(place)};" for i, place in enumerate(order)]
 
     def made(output: int, target: str, width: int = 1) -> list[str]:
@@ -252,6 +253,7 @@ def source_c(product: Product, more: str = "") -> tuple[str, int]:
         return [f"{text} = {by.name(place)};" for place, text in values.items()]
 
     try:
+        # all of a function's outputs in one list of statements: what they share is computed once
         derivatives = [RATES_Z, RATES_C] + ([FEATURES, FEATURES_Z, FEATURES_C] if network else [])
         jacobians = emitter.statements(program.needed(derivatives, COEFFICIENTS))
         jacobians += stored(RATES_Z, "by_state", S) + stored(RATES_C, "by_inputs", C)
@@ -261,7 +263,7 @@ def source_c(product: Product, more: str = "") -> tuple[str, int]:
             jacobians += stored(FEATURES, "features") + stored(FEATURES_Z, "feature_z", S)
             jacobians += stored(FEATURES_C, "feature_c", C)
         feature = {name: emitter.name(place) for name, place in zip(features, program.results[FEATURES], strict=True)}
-        drift = ("u", "v") if any(name not in feature for name in product.ranges) else ()
+        drift = ("u", "v") if any(name not in feature for name in product.ranges) else ()  # what beta is made of
         wanted = [program.results[FEATURES][features.index(n)] for n in (*drift, *product.ranges) if n in feature]
         words: dict[str, Any] = {
             "INIT": first.statements(stage(EVERY, 0)) + passed(kept, first),
@@ -282,7 +284,7 @@ def source_c(product: Product, more: str = "") -> tuple[str, int]:
     except NotImplementedError as error:
         reason = f"the equations of this ship cannot be written as portable C ({error})"
         raise Unsupported(f"{reason}; leave the effect that needs it out with --without") from None
-    used = sorted({*functions_used(program, EVERY), "fabs"})
+    used = sorted({*functions_used(program, EVERY), "fabs"})  # which the measure of extrapolation takes
     text = filled(
         TEMPLATES / "ship.c", product, **{"LANES": 0} | words, ABOUT=comment(product.sentences),
         PRELUDE=prelude(used, f"{product.identifier.upper()}_SINGLE"), TABLES=definitions(product),
@@ -333,10 +335,7 @@ def c_files(product: Product) -> dict[str, str]:
 
 def write_c(product: Product, target: Path) -> None:
     """Write the C product of ``product`` into the folder ``target``. Raises UserError where C cannot hold it."""
-    files = c_files(product) | {
-        "example.c": example_c(product),
-        "README.md": filled(TEMPLATES / "README.md", product),
-    }
+    files = c_files(product) | {"example.c": example_c(product), "README.md": filled(TEMPLATES / "README.md", product)}
     for name, text in files.items():
         (target / name).write_text(text, encoding="utf-8", newline="\n")
 
@@ -365,7 +364,8 @@ def approach(product: Product) -> tuple[float, dict[str, float]]:
         speed, n = self_propulsion.approach(ship, highest if highest > 0 else None, None)
     except UserError:  # a ship before its calibration may hold no speed
         speed = self_propulsion.own_speed(ship)
+        # at the advance coefficient 0.6 of a usual screw, of 3 % of the ship's length where it is not known; by hand
         n = speed / (0.6 * ship.particulars.get("D_P", 0.03 * ship.particulars["L"]))
     inputs = self_propulsion.actuator_positions(ship, n, RUDDER)
     named = {name: round(float(value), 3) for name, value in inputs.items() if name in product.model.controls}
-    return round(speed, 3), {name: value for name, value in named.items() if value}
+    return round(speed, 3), {name: value for name, value in named.items() if value}  # inputs begin at zero

@@ -42,6 +42,7 @@ class TrackedShip(Product):
         stds, ship = deviations(coefficients, product.ship), disturbed(product.ship)
         noise = Noise.of(product.random_force, ship)
         given = {f.name: getattr(product, f.name) for f in fields(Product)}
+        # a name of its own: ship and tracker can be in one program
         given |= {"ship": ship, "identifier": f"{product.identifier}_tracker"}
         return cls(**given, plain=product, noise=noise, random=RandomStates.of(ship, noise, stds))
 
@@ -56,18 +57,19 @@ class TrackedShip(Product):
         z, six, c = (ca.SX.sym("z", n) for n in (S + len(random), 6, len(model.controls)))
         theta, first = ca.SX.sym("theta", len(symbols)), ca.DM(self.means)
 
-        def full(values: ca.SX | ca.DM) -> ca.SX:
-            known = dict(zip(random, ca.vertsplit(values), strict=True))
-            known |= dict(zip(symbols, ca.vertsplit(theta), strict=True))
-            return ca.vertcat(*[known[s] for s in model.symbols])
+        def all_coefficients(values: ca.SX | ca.DM) -> ca.SX:
+            by_symbol = dict(zip(random, ca.vertsplit(values), strict=True))
+            by_symbol |= dict(zip(symbols, ca.vertsplit(theta), strict=True))
+            return ca.vertcat(*[by_symbol[s] for s in model.symbols])
 
         def function(name: str, *given: ca.SX, after: Any = None) -> ca.Function:
-            values = first if name == "initial" else z[S:]
-            found = getattr(model, name)(*[a[:S] if a is z else a for a in given], full(values))
-            found = found if after is None else ca.vertcat(found, after)
-            return ca.Function(name, [*given, theta], [found], {"cse": True})
+            values = first if name == "initial" else z[S:]  # memory settles before a random state has moved
+            result = getattr(model, name)(*[a[:S] if a is z else a for a in given], all_coefficients(values))
+            result = result if after is None else ca.vertcat(result, after)
+            return ca.Function(name, [*given, theta], [result], {"cse": True})
 
         functions: dict[str, Any] = {name: function(name, z, c) for name in ("forces", "features")}
+        # zero rates, as states: derivatives by them are then those by states, and the filter lets them fade itself
         functions["rates"] = function("rates", z, c, after=ca.SX.zeros(len(random)))
         functions["initial"] = function("initial", six, c, after=first)
         functions["columns"] = function("columns", z)
@@ -82,16 +84,11 @@ class TrackedShip(Product):
     def coefficients(self) -> tuple[ProductCoefficient, ...]:
         return tuple(c for c in super().coefficients if c.symbol not in self.random.names)
 
-    @property
-    def late_columns(self) -> list[str]:
-        """As of ``CoSimulatedShip``: the filter is that of the fit, with its approximations."""
-        return []
-
 
 def tracker_words(ship: TrackedShip) -> dict[str, Any]:
     """What the templates of the filter take of a ``ship``."""
     scales, K = state_scale(ship.ship.particulars["L"]), len(ship.random.names)
-    memories = [m if np.isfinite(m) else 0.0 for m in ship.random.memories]
+    memories = [m if np.isfinite(m) else 0.0 for m in ship.random.memories]  # 0 in C: it does not fade
     tables: dict[str, Any] = {"sizes": ship.random.sizes, "memories": memories, "sensors": ship.noise.sensors}
     tables |= {"means": ship.means, "unknown": FIRST * scales, "settled": SETTLED * ship.model.sizes}
     constants = {name: (len(values), ", ".join(number(float(x)) for x in values)) for name, values in tables.items()}

@@ -23,8 +23,9 @@ from mmg.errors import Unsupported
 from mmg.messages import Message
 
 TEMPLATE = Path(__file__).parent / "templates" / "hull.sdf.j2"
-# Radius of gyration of the ship in yaw [-, by L] (Yasukawa & Yoshimura 2015); more yaw inertia is added mass.
-GYRATION = 0.25
+# Radii of gyration: in yaw [-, by L] (Yasukawa & Yoshimura 2015); more yaw inertia is added mass. In roll [-, by B]: a
+# usual value, set by hand, as nothing of the projection rolls.
+GYRATION, ROLL_GYRATION = 0.25, 0.4
 # Factors that each plugin has, by channel.
 TERMS: dict[str, dict[str, tuple[str, ...]]] = {
     "gazebo": {
@@ -56,25 +57,28 @@ def write_hull(product: Product, target: Path, form: str) -> list[Message]:
         )
     samples = motions(product, simulator)
     factors, errors = project(samples, form)
-    held = f"the hydrodynamics plugin of {simulator}"
-    messages = samples.messages(errors, held, f"the hull in {held}", instead)
+    target_words = f"the hydrodynamics plugin of {simulator}"
+    messages = samples.messages(errors, target_words, f"the hull in {target_words}", instead)
     P, mass = samples.ship.particulars, samples.mass
     coefficient, error = thrust_coefficient(samples)
+    # rigid body and added mass are told apart by the radius of gyration: the ship has their sum I_z alone
     hull_inertia = P["m"] * (GYRATION * P["L"]) ** 2
-    sign = -1.0 if form == "gazebo" else 1.0
+    sign = -1.0 if form == "gazebo" else 1.0  # of added masses: SNAME has them negative
+    # I_z is about midship, the link's inertia about the centre of gravity: less moment x_G = m x_G^2 (Steiner)
     added = {"xDotU": mass.m_x, "yDotV": mass.m_y, "nDotR": max(mass.I_z - mass.moment * P["x_G"] - hull_inertia, 0.0)}
     parameters: dict[str, Any] = {name: repr(sign * value) for name, value in added.items()}
     parameters |= {name: repr(value) for name, value in factors.items()}
     if form == "gazebo":
         parameters |= {"disable_coriolis": "true", "water_density": P["rho"]}
-    else:
+    else:  # a limit far above what the projection holds, so that it cuts nothing: a hundred times, set by hand
         parameters["max_effort"] = repr(float(f"{100 * max(e.force for e in errors):.2g}"))
     content: dict[str, Any] = {
+        # no two hyphens in a row: they end a comment in XML
         "title": product.ship.title.replace("--", "- -"), "simulator": simulator,
         "said": [str(line).replace("--", "- -") for line in (*messages, *product.caveats)],
         "name": product.identifier, "diameter": P["D_P"], "density": P["rho"], "thrust": f"{coefficient:.6g}",
         "thrust_error": f"{100 * error:.1f}", "x_G": P["x_G"], "mass": P["m"], "filename": filename, "plugin": plugin,
-        "ixx": repr(P["m"] * (0.4 * P.get("B", 0.15 * P["L"])) ** 2), "iyy": repr(hull_inertia),
+        "ixx": repr(P["m"] * (ROLL_GYRATION * P.get("B", 0.15 * P["L"])) ** 2), "iyy": repr(hull_inertia),
         "izz": repr(mass.I_z - mass.moment * P["x_G"] - added["nDotR"]), "parameters": parameters,
     }  # fmt: skip
     target.write_text(filled(TEMPLATE, product, markup=True, **content), encoding="utf-8")
@@ -87,10 +91,10 @@ def wanted_force(samples: Motions, form: str) -> np.ndarray:
     mass = samples.mass
     driving = [samples.forces[role] for role in ("propeller", "rudder") if role in samples.forces]
     force = samples.needed_force() - sum(driving, np.zeros((3, len(samples.u))))
-    if form == "gazebo":
+    if form == "gazebo":  # its added masses act on u' and v' alone: m_y v r and m_x u r of the ship are left
         force[0] += mass.m_y * samples.v * samples.r
         force[1] -= mass.m_x * samples.u * samples.r
-    else:
+    else:  # they act on u' - v r and v' + u r: m_x v r where the ship has m_y v r, and m_y u r for m_x u r
         force[0] += (mass.m_y - mass.m_x) * samples.v * samples.r
         force[1] += (mass.m_y - mass.m_x) * samples.u * samples.r
     return force
@@ -100,7 +104,7 @@ def term(name: str, form: str, velocities: dict[str, np.ndarray]) -> np.ndarray:
     """Values (M,) of the term whose factor is called ``name``, such as xUabsU. form: "gazebo" or "vrx"; velocities: U,
     V, R (M,)."""
     first, rest = velocities[name[1]], name[2:]
-    if form == "vrx":
+    if form == "vrx":  # subtracted, so that a drag has a positive factor
         return -first * (np.abs(velocities[rest]) if rest else 1.0)
     if rest.startswith("abs"):
         return first * np.abs(velocities[rest[3:]])
@@ -127,5 +131,5 @@ def thrust_coefficient(samples: Motions) -> tuple[float, float]:
     """
     P, X = samples.ship.particulars, samples.forces["propeller"][0]
     unit = P["rho"] * P["D_P"] ** 4 * (2 * math.pi * samples.n) ** 2
-    factor = float(unit @ X / (unit @ unit))
+    factor = float(unit @ X / (unit @ unit))  # least squares by one factor
     return factor, float(np.sqrt(np.mean((factor * unit - X) ** 2) / np.mean(X**2)))

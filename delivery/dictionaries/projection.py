@@ -30,12 +30,11 @@ from mmg.rollout import Simulator
 from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship
 
+# Largest rudder angle [rad] where no range is known (SOLAS II-1, 29), and rudder rate [rad/s] of a 3 m model: that of
+# ``mmg simulate``.
 RUDDER, RATE = math.radians(35.0), math.radians(20.0)
-"""Largest rudder angle [rad] where no range is known (SOLAS II-1, 29), and rudder rate [rad/s] of a 3 m model: that of
-``mmg simulate``."""
 SPEEDS = (0.5, 0.75, 1.0)  # Approach speeds [-, by the design speed] where no range is known. Set by hand.
-RUNS, SAMPLES, KEPT = 8, 500, 1500
-"""Runs per approach speed, samples of each, and motions kept at most. They bound the time."""
+RUNS, SAMPLES, KEPT = 8, 500, 1500  # Runs per approach speed, samples of each, motions kept at most: bounds of time
 LIMITED = ("u", "v", "r", "n", "delta", "beta")  # Quantities of the trials' range by which motions are left out
 # Share [-] of a range by which a motion may exceed it: judgement, rounding of the range aside. Set by hand.
 MARGIN = 0.02
@@ -44,8 +43,7 @@ WORST = 0.5  # Share [-] of a channel's force (RMS) beyond which a projection is
 # little enough to leave what the motions determine. Set by hand.
 PULL = 0.1
 EXACT = "export the ship as c, casadi or fmu, which hold it exactly"  # What to do instead of a projection
-Rates = Callable[[np.ndarray, float, float], np.ndarray]
-"""(u, v, r (3,), n [1/s], delta [rad]) -> their rates (3,)."""
+Rates = Callable[[np.ndarray, float, float], np.ndarray]  # (u, v, r (3,), n [1/s], delta [rad]) -> their rates (3,)
 
 
 @dataclass(frozen=True)
@@ -107,7 +105,7 @@ class Motions:
         errors: by channel; target, form: words on both; instead: what to do. Raises UserError where a channel's error
         is too large a share.
         """
-        worst = max(errors, key=lambda e: e.share)
+        worst = max(errors, key=lambda e: e.share)  # one useless channel makes the motion useless
         if worst.share > WORST:
             raise Unsupported(
                 f"{target} cannot hold this ship: the error in {worst.channel} is {100 * worst.share:.0f} % of the "
@@ -122,13 +120,12 @@ class Motions:
     def ship_rates(self) -> Rates:
         """The rates of the ship in calm air and water."""
         model = assemble(self.ship, symbols=())
-        columns = {name: model.controls.index(name) for name in ("n", "delta") if name in model.controls}
-        controls, state = np.zeros(len(model.controls)), np.zeros(6)
+        controls, state = np.zeros(len(model.controls)), np.zeros(6)  # all other inputs stay at rest
 
         def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
             for name, value in (("n", n), ("delta", delta)):
-                if name in columns:
-                    controls[columns[name]] = value
+                if name in model.controls:
+                    controls[model.controls.index(name)] = value
             state[3:] = nu
             return np.array(model.rates(state, controls, [])).ravel()[3:6]
 
@@ -141,6 +138,7 @@ class Motions:
         has changed by 200 deg, or after 60 ship lengths.
         """
         L, n, largest = self.ship.particulars["L"], float(self.n.max()), float(np.abs(self.delta).max())
+        # the fastest motion that hardly turns, at less than 2 % of the greatest rate; set by hand
         straight = np.argmax(np.where(np.abs(self.r) < 0.02 * np.abs(self.r).max(), self.u, 0.0))
         speed = float(self.u[straight])
         dt, rate, z, delta = L / speed / 40, RATE / time_scale(L), np.array([0.0, 0.0, 0.0, speed, 0.0, 0.0]), 0.0
@@ -153,6 +151,7 @@ class Motions:
 
         for _ in range(round(60 * L / speed / dt)):
             rows.append(z)
+            # 200 deg: a little beyond the tactical diameter at 180; a projection may also run away
             if not np.isfinite(z).all() or z[2] > math.radians(200):
                 break
             delta = min(largest, delta + rate * dt)
@@ -168,6 +167,7 @@ class Motions:
         circles = []
         for one in (self.ship_rates(), rates):
             x, y, psi = self.turning_path(one)[:, :3].T
+            # ahead at 90 deg of heading, aside at 180 (IMO MSC.137(76))
             advance, diameter = float(np.interp(0.5 * math.pi, psi, x)), float(np.interp(math.pi, psi, y))
             circles.append(
                 {"advance_L": advance / L, "tactical_diameter_L": diameter / L} if psi[-1] >= math.pi else None
@@ -236,17 +236,19 @@ def motions(product: Product, target: str, seed: int = 0) -> Motions:
             controls[:, model.controls.index(name)] = values
     start = np.zeros((6, M))
     start[3] = np.repeat(speeds, RUNS)
+    # interpreted: to compile takes longer than these runs. The last state belongs to no input
     states = Simulator(ship, compiled=False).run(start, controls, step)[:-1]
     flat = states[:, 3:6].transpose(1, 0, 2).reshape(3, -1)
     inputs = controls.transpose(1, 0, 2).reshape(len(model.controls), -1)
     n, delta = np.broadcast_to(n, (SAMPLES, M)).ravel(), delta.ravel()
     inside = _inside(product.ranges, *flat, n, delta)
-    if inside.sum() < 100:
+    if inside.sum() < 100:  # too few for the factors of a form; set by hand
         raise Unsupported(
             f"{target} needs motions ahead to be projected on; the range of the trials leaves {int(inside.sum())} of "
             f"{len(inside)}: export the ship as c, casadi or fmu"
         )
     rows = np.flatnonzero(inside)
+    # drawn, not the first ones: all runs and the whole of each are in it
     rows = rows if len(rows) <= KEPT else np.sort(rng.choice(rows, KEPT, replace=False))
     return _evaluated(model, flat[:, rows], inputs[:, rows], n[rows], delta[rows], left_out)
 
@@ -255,10 +257,10 @@ def _evaluated(
     model: Model, nu: np.ndarray, inputs: np.ndarray, n: np.ndarray, delta: np.ndarray, left_out: tuple[str, ...]
 ) -> Motions:
     """Motions with the accelerations and forces of the model; nu (3, M), inputs (C, M), n, delta (M,)."""
-    states = np.vstack([np.zeros((3, nu.shape[1])), nu])
+    states = np.vstack([np.zeros((3, nu.shape[1])), nu])  # place and heading are no matter in calm air and water
     rates = np.array(model.rates(states, inputs, np.zeros((0, 1))))[3:6]
     forces = np.array(model.forces.map(nu.shape[1])(states, inputs, np.zeros((0, nu.shape[1]))))
-    by_role = forces.reshape(len(model.roles), nu.shape[1], 3).transpose(0, 2, 1)
+    by_role = forces.reshape(len(model.roles), nu.shape[1], 3).transpose(0, 2, 1)  # (roles, 3, M)
     values = dict(zip(LIMITED, (*nu, n, delta, np.arctan2(-nu[1], nu[0])), strict=True))
     limits = {name: (float(a.min()), float(a.max())) for name, a in values.items()}
     return Motions(
@@ -269,13 +271,14 @@ def _evaluated(
 def _approaches(ship: Ship, ranges: Mapping[str, tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:
     """Revolutions [1/s] and steady speeds [m/s] of the approaches: three each."""
     L = ship.particulars["L"]
-    if "n" not in ship.actuators:
+    if "n" not in ship.actuators:  # the hull model holds its propeller: speeds about that of its coefficients
         return np.zeros(3), np.array([0.9, 1.0, 1.1]) * ship.particulars["U_0"]
     low, high = ranges.get("n", (0.0, 0.0))
     if high > 0:
+        # ahead alone, from 40 % of the greatest on: slower runs say little of the forces; set by hand
         revolutions = np.linspace(max(low, 0.4 * high), high, 3)
         return revolutions, np.array([speed_for(ship, n) for n in revolutions])
-    design = ship.particulars.get("U_0", 0.07 * reference_speed(L))
+    design = ship.particulars.get("U_0", 0.07 * reference_speed(L))  # 0.07: Froude number [-], set by hand
     speeds = np.array(SPEEDS) * design
     return np.array([revolutions_for(ship, u) for u in speeds]), speeds
 
@@ -286,9 +289,10 @@ def _rudder(rng: np.random.Generator, M: int, widest: float, change: float) -> n
     delta, row = np.zeros((SAMPLES, M)), np.zeros(M)
     orders = np.zeros((SAMPLES, M))
     for m in range(M):
-        k, side = 5, 1.0 if m % 2 else -1.0
+        k, side = 5, 1.0 if m % 2 else -1.0  # five samples straight ahead first
         while k < SAMPLES:
             hold = int(rng.integers(20, 160))
+            # three in ten hard over, of which a uniform draw has hardly any; set by hand
             orders[k : k + hold, m] = side * widest * (1.0 if rng.random() < 0.3 else rng.random())
             k, side = k + hold, -side
     for k in range(SAMPLES):
@@ -300,8 +304,8 @@ def _rudder(rng: np.random.Generator, M: int, widest: float, change: float) -> n
 def _inside(ranges: Mapping[str, tuple[float, float]], *values: np.ndarray) -> np.ndarray:
     """Whether each motion lies in the range of the trials and goes ahead; values: u, v, r, n, delta (M,)."""
     u, v = values[:2]
-    named = dict(zip(LIMITED, (*values, np.arctan2(-v, u)), strict=True))
-    good = (u > 0.05 * np.max(u)) & np.isfinite(v)
+    named = dict(zip(LIMITED, (*values, np.arctan2(-v, u)), strict=True))  # beta: drift, bow to starboard of the course
+    good = (u > 0.05 * np.max(u)) & np.isfinite(v)  # the forms divide by u or U; 5 % by hand
     for name, (low, high) in ranges.items():
         if name in named:
             margin = MARGIN * (high - low)
@@ -325,11 +329,12 @@ def fit_parameters(
     """
     names, x0 = list(start), np.array(list(start.values()), dtype=float)
     low, high = (np.array([bounds[name][side] for name in names]) for side in (0, 1))
-    x0 = np.clip(x0, low + 1e-9 * (high - low), high - 1e-9 * (high - low))
-    size = high - low
+    size = high - low  # by which the steps are counted: parameters of unlike size count alike
+    x0 = np.clip(x0, low + 1e-9 * size, high - 1e-9 * size)  # ``least_squares`` wants a start inside its bounds
 
     def weighted(z: np.ndarray) -> np.ndarray:
         errors = residual(x0 + size * z)
+        # by the root of their number: the sum of squares is the mean, whatever the number of motions
         return np.concatenate([errors / np.sqrt(len(errors)), PULL * z])
 
     solution = least_squares(weighted, np.zeros(len(x0)), bounds=((low - x0) / size, (high - x0) / size), x_scale="jac")
@@ -340,6 +345,7 @@ def linear_parameters(terms: Mapping[str, np.ndarray], force: np.ndarray) -> dic
     """Factors of ``terms`` (name -> (M,)) that add up to ``force`` (M,) in the least-squares sense."""
     columns = np.array(list(terms.values())).T
     size = np.sqrt(np.mean(columns**2, axis=0))
-    size[size == 0] = 1.0
+    size[size == 0] = 1.0  # a term that never acts
+    # by size, so that rcond compares like with like; directions below 1e-6 get no factor: nothing determines them
     factors = np.linalg.lstsq(columns / size, force, rcond=1e-6)[0] / size
     return dict(zip(terms, factors.tolist(), strict=True))

@@ -25,16 +25,18 @@ from mmg.errors import Missing, Unsupported
 from mmg.messages import Message
 from mmg.motion.flow import Force
 
+# Symbols of the hull polynomial by channel; powers of v' and r' as their letters say (Yasukawa & Yoshimura 2015).
 HULL = {
     "X": ("R_0", "X_vv", "X_vr", "X_rr", "X_vvvv"),
     "Y": ("Y_v", "Y_r", "Y_vvv", "Y_vvr", "Y_vrr", "Y_rrr"),
     "N": ("N_v", "N_r", "N_vvv", "N_vvr", "N_vrr", "N_rrr"),
 }
+# Parameters of the propeller: where a fit starts if the ship has none of that name, and its bounds. Set by hand.
 SCREW: dict[str, tuple[float, float, float]] = {
     "k_0": (0.3, 0.05, 0.8), "k_1": (-0.28, -1.0, 0.2), "k_2": (-0.14, -1.0, 0.5), "w_P0": (0.4, 0.0, 0.85),
     "x_P": (-0.5, -1.5, 0.0), "t_P": (0.2, 0.0, 0.6),
 }  # fmt: skip
-# Parameters of propeller and rudder: where a fit starts if the ship has none of that name, and its bounds.
+# The same of the rudder.
 BLADE: dict[str, tuple[float, float, float]] = {
     "t_R": (0.35, -0.5, 0.95), "a_H": (0.3, -0.5, 1.5), "x_H": (-0.45, -1.5, 0.5), "l_R": (-0.8, -2.5, 0.5),
     "gamma_R_plus": (0.45, 0.02, 1.5), "gamma_R_minus": (0.45, 0.02, 1.5), "kappa": (0.5, 0.0, 2.0),
@@ -118,9 +120,10 @@ def rudder(samples: projection.Motions, p: Mapping[str, float], one_minus_w: np.
     J = one_minus_w * samples.u / (samples.n * P["D_P"])
     beta_R = beta - p["l_R"] * r1
     v_R = U * np.where(beta_R < 0, p["gamma_R_minus"], p["gamma_R_plus"]) * beta_R
+    # no root of a negative number where the propeller brakes hard
     jet = 1 + p["kappa"] * (np.sqrt(np.maximum(1 + 8 * K_T / (np.pi * J**2), 0.0)) - 1)
     u_R = p["epsilon"] * samples.u * one_minus_w * np.sqrt(eta * jet**2 + 1 - eta)
-    sine = np.sin(samples.delta - np.arctan2(v_R, u_R))
+    sine = np.sin(samples.delta - np.arctan2(v_R, u_R))  # of the angle of attack
     F = 0.5 * P["rho"] * P["A_R"] * p["f_alpha"] * (u_R**2 + v_R**2) * sine
     cosine = F * np.cos(samples.delta)
     lever = P["x_R"] + p["a_H"] * p["x_H"] * P["L"]
@@ -136,7 +139,7 @@ def hull_terms(samples: projection.Motions) -> dict[str, dict[str, np.ndarray]]:
         lever = P["L"] if letter == "N" else 1.0
         columns[letter] = {}
         for symbol in symbols:
-            powers = "" if symbol == "R_0" else symbol[2:]
+            powers = "" if symbol == "R_0" else symbol[2:]  # the letters behind "X_": X_vvvv is v'^4
             sign = -1.0 if symbol == "R_0" else 1.0
             columns[letter][symbol] = sign * lever * unit * v1 ** powers.count("v") * r1 ** powers.count("r")
     return columns
@@ -158,11 +161,11 @@ def project(samples: projection.Motions) -> tuple[dict[str, float], tuple[projec
     needed = samples.needed_force()
     values = {s: c.value for s, c in samples.ship.coefficients.items()}
     start = {name: values.get(name, values.get(OTHER_NAMES.get(name, ""), row[0])) for name, row in _OWN.items()}
-    if "epsilon" in values and "k_x" in values:
+    if "epsilon" in values and "k_x" in values:  # k_x = epsilon kappa: what the race adds
         start["kappa"] = values["k_x"] / values["epsilon"]
     bounds = {name: row[1:] for name, row in _OWN.items()}
-    fixed = {"t_P": start.pop("t_P")}
-    own_X, own_R = samples.forces["propeller"][0], samples.forces["rudder"]
+    fixed = {"t_P": start.pop("t_P")}  # the thrust alone does not tell it from k_0
+    own_X, own_R = samples.forces["propeller"][0], samples.forces["rudder"]  # (M,), (3, M)
     size_X, size_R = _rms(own_X), np.array([_rms(row) for row in own_R])[:, None]
 
     def screw(x: np.ndarray) -> np.ndarray:
@@ -208,12 +211,15 @@ def _together(
     size = np.array([_rms(row) for row in needed])[:, None]
     terms = hull_terms(samples)
     columns = [np.array(list(row.values())).T for row in terms.values()]
+    # what the hull's linear terms cannot hold of a remainder is its part outside their span (variable projection,
+    # Golub and Pereyra 1973): they need no place among the parameters that iterate
     bases = [np.linalg.qr(a)[0] for a in columns]
     free = {name: start[name] for name in _OWN if name != "t_P"}
 
     def residual(x: np.ndarray) -> np.ndarray:
         remainder, thrust = _remainder(samples, start | dict(zip(free, x, strict=True)), needed)
         off = [(row - Q @ (Q.T @ row)) / s for row, Q, s in zip(remainder, bases, size, strict=True)]
+        # 0.3, set by hand: enough that resistance and thrust do not drift away together, which the sum would not see
         return np.concatenate([*off, 0.3 * (thrust - own_thrust) / _rms(own_thrust)])
 
     parameters = start | projection.fit_parameters(residual, free, bounds)
@@ -228,13 +234,15 @@ def dictionaries(samples: projection.Motions, p: Mapping[str, float]) -> tuple[d
     P, mass = samples.ship.particulars, samples.mass
     basic = {
         "L_pp": P["L"], "B": P["B"], "d": P["d"], "x_G": P["x_G"], "D_p": P["D_P"], "m": P["m"],
+        # I_z holds the added inertia, which therefore is 0 beside it
         "I_zG": mass.I_z - P["x_G"] ** 2 * P["m"], "A_R": P["A_R"], "m_x": mass.m_x, "m_y": mass.m_y, "J_z": 0.0,
         "η": P["D_P"] / math.sqrt(P["A_R"] * P["aspect_ratio"]), "x_R": P["x_R"],
     }  # fmt: skip
     for name in (*BLADE, "t_P", "w_P0", "x_P"):
-        basic[BASIC.get(name, name)] = p[name] * (P["L"] if name == "x_H" else 1.0)
+        basic[BASIC.get(name, name)] = p[name] * (P["L"] if name == "x_H" else 1.0)  # x_H alone in metres there
     maneuvering = {name: p[name] for name in ("k_0", "k_1", "k_2")}
     maneuvering |= {f"{symbol}_dash": p[symbol] for symbols in HULL.values() for symbol in symbols}
+    # Python reads names in this form: ϵ becomes ε, as the arguments of the class are called
     return {normalize("NFKC", name): float(value) for name, value in basic.items()}, maneuvering
 
 
@@ -251,14 +259,16 @@ def shipmmg_rates(samples: projection.Motions, p: Mapping[str, float]) -> projec
 
 def nomoto(samples: projection.Motions) -> tuple[float, float, str]:
     """K [1/s], T [s] of the ship of ``samples`` about straight running, and why there are none, "" where there are."""
-    rates, h = samples.ship_rates(), 1e-4
+    rates, h = samples.ship_rates(), 1e-4  # step of the central differences: rates are smooth, rounding is 1e-16 / h
     u, n, L = float(samples.u.max()), float(samples.n.max()), samples.ship.particulars["L"]
 
     def slope(dv: float, dr: float, ddelta: float) -> np.ndarray:
-        ends = [rates(np.array([u, s * dv, s * dr]), n, s * ddelta)[1:] for s in (1.0, -1.0)]
+        ends = [rates(np.array([u, s * dv, s * dr]), n, s * ddelta)[1:] for s in (1.0, -1.0)]  # v', r'
         return (ends[0] - ends[1]) / 2
 
     v, r, d = slope(h * u, 0, 0) / (h * u), slope(0, h * u / L, 0) / (h * u / L), slope(0, 0, h) / h
+    # v' = a_11 v + a_12 r + b_1 delta, r' = a_21 v + a_22 r + b_2 delta, with v = (a_11, a_21), r = (a_12, a_22),
+    # d = (b_1, b_2): K = (a_21 b_1 - a_11 b_2) / det, T_1 + T_2 = -(a_11 + a_22) / det, T_3 = b_2 / (K det)
     determinant = float(v[0] * r[1] - r[0] * v[1])
     K = float((v[1] * d[0] - v[0] * d[1]) / determinant)
     T = float(-(v[0] + r[1]) / determinant) - float(d[1] / (v[1] * d[0] - v[0] * d[1]))

@@ -43,6 +43,7 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
     messages.append(samples.compared(vehicle_rates(samples, p))[1])
     L = samples.ship.particulars["L"]
     scale, speed = time_scale(L), float(samples.u.max())
+    # gain 1.5 and lead time L/U of the autopilot, ten seconds of a 3 m model before a step of rudder: set by hand
     words: dict[str, Any] = {
         "called": repr(f"{product.ship.title}, projected by mmg-ident"), "title": _in_docstring(product.ship.title),
         "name": product.identifier, "said": [_in_docstring(str(line)) for line in (*messages, *product.caveats)],
@@ -58,7 +59,7 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
 
 def _in_docstring(text: str) -> str:
     """A ``text`` that no name in it can end: a ship may be called anything."""
-    return text.replace("\\", "/").replace('"', "'")
+    return text.replace("\\", "/").replace('"', "'")  # a backslash would escape, three quotes would end it
 
 
 def _shared(samples: projection.Motions, p: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -66,7 +67,7 @@ def _shared(samples: projection.Motions, p: Mapping[str, float]) -> tuple[np.nda
     L, n, u = samples.ship.particulars["L"], samples.n, samples.u
     c2 = p["c_uu"] * u * np.abs(u) + p["c_un"] * u * n + p["c_nn"] * np.abs(n) * n
     thrust = p["Tuu"] * u**2 / L + p["Tun"] * u * n + L * p["Tnn"] * np.abs(n) * n
-    return samples.v / u, np.maximum(c2, 0.0), thrust
+    return samples.v / u, np.maximum(c2, 0.0), thrust  # a square of a speed, whatever its three parts add up to
 
 
 def terms(samples: projection.Motions, p: Mapping[str, float]) -> dict[str, dict[str, np.ndarray]]:
@@ -92,20 +93,22 @@ def project(samples: projection.Motions) -> tuple[dict[str, float], tuple[projec
     """Parameters of the form and the errors, by ``samples``: motions of the ship."""
     P, mass = samples.ship.particulars, samples.mass
     L, m, u, n = P["L"], P["m"], samples.u, samples.n
+    # 0.2: thrust deduction of a usual ship, set by hand; the factors of g_T take up what it is off
     t = samples.ship.coefficients["t_P"].value if "t_P" in samples.ship.coefficients else 0.2
     p = {"m11": (m + mass.m_x) / m, "m22": (m + mass.m_y) / m, "m33": mass.I_z / (m * L**2), "t": t}
     pull = {"Tuu": u**2 / L, "Tun": u * n, "Tnn": L * np.abs(n) * n}
     p |= projection.linear_parameters(pull, samples.forces["propeller"][0] / (m * (1 - t)))
-    rates = np.array([p["m11"], p["m22"], p["m33"] * L])[:, None] * L * samples.rates
-    D2 = P.get("D_P", 0.03 * L) ** 2
+    rates = np.array([p["m11"], p["m22"], p["m33"] * L])[:, None] * L * samples.rates  # left-hand sides (3, M)
+    D2 = P.get("D_P", 0.03 * L) ** 2  # 3 % of the length: a usual screw, set by hand
 
     def with_slipstream(x: np.ndarray) -> dict[str, float]:
         """All parameters for shares ``x`` of u^2 and u n D in c^2."""
         q = p | {"c_uu": float(x[0]), "c_un": float(x[1]) * math.sqrt(D2), "c_nn": D2}
         remainder = rates.copy()
+        # the thrust is the propeller's own, fitted before; all else of each equation is linear in its factors
         remainder[0] -= L * (1 - t) * _shared(samples, q)[2]
-        for row, found in zip(remainder, terms(samples, q).values(), strict=True):
-            q |= projection.linear_parameters(found, row)
+        for row, factors_of in zip(remainder, terms(samples, q).values(), strict=True):
+            q |= projection.linear_parameters(factors_of, row)
         return q
 
     def residual(x: np.ndarray) -> np.ndarray:
@@ -113,19 +116,19 @@ def project(samples: projection.Motions) -> tuple[dict[str, float], tuple[projec
         off = form(samples, q) - rates
         return (off / np.sqrt(np.mean(rates**2, axis=1))[:, None]).ravel()
 
+    # two shares by iteration, the linear factors inside
     shares = projection.fit_parameters(residual, {"uu": 0.5, "un": 0.5}, {"uu": (0.0, 20.0), "un": (-2.0, 20.0)})
-    found = with_slipstream(np.array(list(shares.values())))
-    needed = samples.needed_force(replace(mass, moment=0.0))
-    unit = np.array([m / L, m / L, m])[:, None]
-    return found, projection.channel_errors(needed, needed + unit * (form(samples, found) - rates))
+    parameters = with_slipstream(np.array(list(shares.values())))
+    needed = samples.needed_force(replace(mass, moment=0.0))  # the form couples v' and r' by no mass
+    unit = np.array([m / L, m / L, m])[:, None]  # of an equation to a force [N], a moment [N m]
+    return parameters, projection.channel_errors(needed, needed + unit * (form(samples, parameters) - rates))
 
 
 def form(samples: projection.Motions, p: Mapping[str, float]) -> np.ndarray:
     """Right-hand sides of the three equations (3, M), that of yaw by L. samples: motions; p: all parameters."""
-    sums = [sum(p[name] * values for name, values in row.items()) for row in terms(samples, p).values()]
-    found = np.array(sums)
-    found[0] += samples.ship.particulars["L"] * (1 - p["t"]) * _shared(samples, p)[2]
-    return found
+    sums = np.array([sum(p[name] * values for name, values in row.items()) for row in terms(samples, p).values()])
+    sums[0] += samples.ship.particulars["L"] * (1 - p["t"]) * _shared(samples, p)[2]
+    return sums
 
 
 def vehicle_rates(samples: projection.Motions, p: Mapping[str, float]) -> projection.Rates:
@@ -134,7 +137,6 @@ def vehicle_rates(samples: projection.Motions, p: Mapping[str, float]) -> projec
     inertia = L * np.array([p["m11"], p["m22"], p["m33"] * L])
 
     def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
-        found: np.ndarray = form(samples.at(nu, n, delta), p)[:, 0] / inertia
-        return found
+        return np.asarray(form(samples.at(nu, n, delta), p)[:, 0] / inertia)
 
     return rates

@@ -18,8 +18,8 @@ from mmg.errors import Conflict, NotInstalled, ProgramFailed, UnknownName, UserE
 
 # The one file to compile: it includes the others. File names with a hyphen cannot be those of a ship.
 MAIN = "fmu-main.c"
+# Without errno and traps, which the C never reads: with them a compiler may not make plain instructions of roots.
 FLAGS: tuple[str, ...] = ("-std=c99", "-O2", "-fno-math-errno", "-fno-trapping-math", "-shared", "-fvisibility=hidden")
-LINKED = ("-lm",)
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class FmuPlatform:
     zig: str
 
 
-# By their names in FMI 3.0.
+# By their names in FMI 3.0; 2.17 in zig's name of a target is the oldest glibc that loads its libraries.
 PLATFORMS = {
     p.folder_3: p
     for p in (
@@ -53,7 +53,7 @@ def this_platform() -> str:
     """Name of the platform of this process, as in PLATFORMS; "" for one that is not among them."""
     machine = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}
     processor = machine.get(platform.machine().lower(), platform.machine().lower())
-    if processor == "x86_64" and sys.maxsize < 2**32:
+    if processor == "x86_64" and sys.maxsize < 2**32:  # a 32-bit Python on a 64-bit system loads 32-bit libraries
         processor = "x86"
     name = f"{processor}-{platform.system().lower()}"
     return name if name in PLATFORMS else ""
@@ -66,6 +66,7 @@ def platforms_of(names: Sequence[str], version: int) -> list[str]:
     """
     if list(names) == [NONE]:
         return []
+    # reversed: of two with one folder in FMI 2.0 the first is meant
     names_3 = {**{p.folder_2: name for name, p in reversed(PLATFORMS.items())}, **{name: name for name in PLATFORMS}}
     for name in names:
         if name not in names_3:
@@ -99,16 +100,16 @@ def build_here(sources: dict[str, str], identifier: str) -> tuple[dict[str, byte
 def _command(name: str) -> list[str]:
     """The compiler for a platform, with the flags that only it needs."""
     chosen, zig = PLATFORMS[name], shutil.which("zig")
+    # of Windows: no DLL of the compiler beside the library, and no time in it, so that equal sources give equal bytes
     alone = ["-static-libgcc", "-Wl,--no-insert-timestamp"]
     position, last = ([], alone) if name.endswith("windows") else (["-fPIC"], [])
-    local_compiler = compiler() if name == this_platform() else None
-    if name == this_platform() and os.environ.get("MMG_CC") == NONE:
-        raise NotInstalled(f"--platforms {name}: no C compiler, because MMG_CC is {NONE!r}")
-    if local_compiler:
-        return [local_compiler, *position, *last]
+    if name == this_platform():
+        if os.environ.get("MMG_CC") == NONE:
+            raise NotInstalled(f"--platforms {name}: no C compiler, because MMG_CC is {NONE!r}")
+        if local_compiler := compiler():
+            return [local_compiler, *position, *last]
     for other in chosen.compilers:
-        path = shutil.which(other)
-        if path:
+        if path := shutil.which(other):
             return [path, *position, *last]
     if zig or importlib.util.find_spec("ziglang"):
         command = [zig] if zig else [sys.executable, "-m", "ziglang"]
@@ -124,10 +125,10 @@ def _built(sources: dict[str, str], identifier: str, name: str, command: Sequenc
         folder = Path(scratch)
         for file, text in sources.items():
             (folder / file).write_text(text, encoding="utf-8")
-        full_command = [*command, *FLAGS, "-I.", MAIN, "-o", library, *LINKED]
+        full_command = [*command, *FLAGS, "-I.", MAIN, "-o", library, "-lm"]
         run = subprocess.run(full_command, cwd=folder, capture_output=True, encoding="utf-8", errors="replace")
         if run.returncode:
             lines = run.stderr.strip().splitlines() or ["no message"]
-            error = next((line for line in lines if "error" in line), lines[0])
+            error = next((line for line in lines if "error" in line), lines[0])  # warnings may stand before it
             raise ProgramFailed(f"--platforms {name}: {command[0]} failed ({error})")
         return (folder / library).read_bytes()

@@ -18,9 +18,8 @@ from mmg.ship import AIR, Ship
 # Inputs in place of the coefficients CURRENT: velocity of the water over ground [m/s].
 WATER = ("current_north", "current_east")
 CURRENT = ("current.x", "current.y")
-RATES = ("current.x_rate", "current.y_rate")
+RATES = ("current.x_rate", "current.y_rate")  # Of a current that changes with the time, [m/s^2]
 TIME = "time"
-_FUNCTIONS = ("rates", "forces", "initial", "columns", "features")
 LATE_LOG, AXES = "velocity_filter.tau", "velocity_filter.body_axes"
 # Effects of instruments with which the lateness of the logged velocity is exact: none acts before it.
 AFTER_LATE = ("velocity_filter", "heading_bias", "log_scale", "gyro")
@@ -30,6 +29,7 @@ def _logs_late_alone(ship: Ship) -> bool:
     """Whether the logged velocity of ``ship`` is late and all else that its instruments do depends on the moment."""
     measuring = [name for name in ship.effects if effect(name).measures]
     gyro = ship.coefficients.get("gyro.T")
+    # the wrapper delays the velocity in axes of the earth
     late = "velocity_filter" in measuring and ship.coefficients[AXES].value == 0
     return late and set(measuring) <= set(AFTER_LATE) and (gyro is None or gyro.value == 0)
 
@@ -57,13 +57,13 @@ class CoSimulatedShip(Product):
             if effect(name).input_delay(ship.parameters_of(name)) is None:
                 continue
             symbols = [symbol for symbol in ship.coefficients if symbol.startswith(f"{name}.")]
-            if late is not None or len(symbols) != 1:
+            if late is not None or len(symbols) != 1:  # the wrapper has one queue of inputs, by one coefficient
                 raise Unsupported(f"the effect {name}: an FMU holds one delay of the actuators; use --without")
             late, ship = coefficients[symbols[0]], ship.without_effect(name)
         late_log = None
         if _logs_late_alone(ship):
             late_log, ship = coefficients[LATE_LOG], ship.without_effect(LATE_LOG.split(".")[0])
-        steady = "current" not in ship.effects
+        steady = "current" not in ship.effects  # else the effect keeps its rates, and the inputs start at its values
         ship = ship.with_effect("current") if steady else ship
         x, y = (ship.coefficients[symbol].value for symbol in CURRENT)
         given = {f.name: getattr(product, f.name) for f in fields(Product)}
@@ -82,6 +82,7 @@ class CoSimulatedShip(Product):
         inputs = dict(zip(controls, ca.vertsplit(c), strict=True))
         values = dict(zip(symbols, ca.vertsplit(theta), strict=True))
         values |= dict(zip(CURRENT, (inputs[name] for name in WATER), strict=True))
+        # arguments of the ship's own functions; zero is what these lack: the time, and the rates of a steady current
         old_c = ca.vertcat(*[inputs.get(name, ca.SX(0)) for name in model.controls])
         old_theta = ca.vertcat(*[values.get(name, ca.SX(0)) for name in model.symbols])
         z, six = ca.SX.sym("state", len(model.states)), ca.SX.sym("state", 6)
@@ -92,7 +93,8 @@ class CoSimulatedShip(Product):
                 return ca.Function(name, [z, theta], [function(z, old_theta)], {"cse": True})
             return ca.Function(name, [state, c, theta], [function(state, old_c, old_theta)], {"cse": True})
 
-        functions: dict[str, Any] = {name: changed(getattr(model, name)) for name in _FUNCTIONS}
+        names = ("rates", "forces", "initial", "columns", "features")  # of ``Model``, all that take coefficients
+        functions: dict[str, Any] = {name: changed(getattr(model, name)) for name in names}
         return replace(model, symbols=symbols, controls=controls, **functions)
 
     def inputs_of(self, names: Sequence[str]) -> tuple[str, ...]:

@@ -1,19 +1,22 @@
-"""The variables of an FMU and their units: one table, from which both model descriptions and the tables of the C code
-are written."""
+"""The variables of an FMU, of a ship or of a filter that follows one, and their units: one table, from which both model
+descriptions and the tables of the C code are written."""
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from delivery.c.tracker import TrackedShip
 from delivery.fmi.ship import TIME, WATER, CoSimulatedShip
 from delivery.product import QUANTITIES, ProductCoefficient, unit_of
 from mmg.motion.flow import PROPELLERS, RUDDERS
+from mmg.motion.froude import time_scale
 from mmg.ship import AIR
 from mmg.states import STATES
 
-# Exponents of the units that a ship file may name, alone or as products.
+# Exponents of the units that a ship file may name, alone or as products; FMI has the radian as a base unit.
 BASES = {"kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {"rad": 1}, "N": {"kg": 1, "m": 1, "s": -2}}
 # Unit -> unit for people, and its value for one of the unit.
 SHOWN = {
@@ -23,8 +26,12 @@ SHOWN = {
     "1/s": ("rpm", 60.0),
 }
 _PLAIN = str.maketrans({"²": "2", "³": "3", "^": "", "·": "."})
+# Axes of the outputs, in the order of enum FmuOutput of fmu-instance.h: all six, as partners of other tools have them.
 POSITION = ("north", "east", "down", "roll", "pitch", "yaw")
 VELOCITY = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+MEDIA = {"wind": "air", "current": "water"}
+HORIZON = 60.0  # Seconds ahead of a forecast of a 3 m model, unless it is set: those of ``benchmarks.tracker``
+TRUST = "how far state and inputs lie outside what the trials held; 0 inside, -1 where that is not known"
 FORCE = {"X": ("N", "force ahead"), "Y": ("N", "force to starboard"), "N": ("N.m", "moment about midship")}
 
 
@@ -38,12 +45,12 @@ def exponents(unit: str) -> dict[str, int] | None:
     powers: dict[str, int] = {}
     for place, part in enumerate(unit.split("/")):
         for word in re.split(r"[. ]+", part):
-            match = re.fullmatch(r"([A-Za-z]+)(-?\d*)", word)
-            if word == "1":
+            if word == "1":  # of 1/s
                 continue
+            match = re.fullmatch(r"([A-Za-z]+)(-?\d*)", word)
             if match is None or match[1] not in BASES:
                 return None
-            power = int(match[2] or 1) * (1 if place == 0 else -1)
+            power = int(match[2] or 1) * (1 if place == 0 else -1)  # all that stands behind a stroke divides
             for base, n in BASES[match[1]].items():
                 powers[base] = powers.get(base, 0) + n * power
     return {base: n for base, n in powers.items() if n}
@@ -91,26 +98,53 @@ def input_name(actuator: str) -> str:
     return f"propeller.{actuator}" if actuator in (*PROPELLERS, "pitch") else f"thruster.{actuator}"
 
 
-def variable_table(ship: CoSimulatedShip) -> VariableTable:
-    """The variables of ``ship``."""
-    actuators = [name for name in ship.model.controls if name not in (*AIR, *WATER, TIME)]
-    parameters = (*ship.coefficients, *ship.delays)
+def _begin(actuators: Sequence[str], media: Mapping[str, tuple[float, float]]) -> list[FmuVariable]:
+    """The time, ``actuators``, and the velocities north and east of ``media``, which start at these values [m/s]."""
     rows = [FmuVariable("time", "independent", "s", "time")]
     for name in actuators:
         words, unit = QUANTITIES[name]
         rows.append(FmuVariable(input_name(name), "input", plain_unit(unit), f"{words}; held over a step", 0.0))
-    for what, of, starts in (("wind", "air", (0.0, 0.0)), ("current", "water", ship.water)):
+    for name, starts in media.items():
         for axis, start in zip(("north", "east"), starts, strict=True):
-            words = f"velocity of the {of} over ground towards {axis}; held over a step"
-            rows.append(FmuVariable(f"{what}_velocity.{axis}", "input", "m/s", words, start))
+            words = f"velocity of the {MEDIA[name]} over ground towards {axis}; held over a step"
+            rows.append(FmuVariable(f"{name}_velocity.{axis}", "input", "m/s", words, start))
+    return rows
+
+
+def _numbered(rows: Sequence[FmuVariable], actuators: int, inputs: int, parameters: int) -> VariableTable:
+    """The table of ``rows``, whose value references are their places: the C code counts on it."""
+    return VariableTable(tuple(replace(row, reference=i) for i, row in enumerate(rows)), actuators, inputs, parameters)
+
+
+def variable_table(ship: CoSimulatedShip) -> VariableTable:
+    """The variables of ``ship``, in the order of fmu-instance.h."""
+    actuators = [name for name in ship.model.controls if name not in (*AIR, *WATER, TIME)]
+    parameters = (*ship.coefficients, *ship.delays)
+    rows = _begin(actuators, {"wind": (0.0, 0.0), "current": ship.water})
     for state in STATES:
         words = f"{QUANTITIES[state][0]}, at the start"
         rows.append(FmuVariable(f"initial.{state}", "parameter", unit_of(state), words, 0.0, "fixed"))
     rows += [coefficient_row(c) for c in parameters] + _outputs(ship)
     words = "whether the ship moves inside what the trials held, that is extrapolation = 0"
     rows.append(FmuVariable("valid", "output", None, words, variability="discrete"))
-    numbered = tuple(replace(row, reference=i) for i, row in enumerate(rows))
-    return VariableTable(numbered, len(actuators), len(actuators) + 4, len(parameters))
+    return _numbered(rows, len(actuators), len(actuators) + 4, len(parameters))
+
+
+def tracker_table(ship: TrackedShip) -> VariableTable:
+    """The variables of a filter of ``ship``, in the order of fmu-instance.h."""
+    actuators = [name for name in ship.model.controls if name not in (*AIR, TIME)]
+    rows = _begin(actuators, {"wind": (0.0, 0.0)})
+    for state in STATES:
+        words = f"{QUANTITIES[state][0]}, as logged at the begin of a step; NaN where there is no new measurement"
+        rows.append(FmuVariable(f"measured.{state}", "input", unit_of(state), words, math.nan))
+    seconds = HORIZON * time_scale(ship.ship.particulars["L"])
+    words = "how far ahead forecast.* lies; the controls are held"
+    horizon = FmuVariable("horizon", "parameter", "s", words, seconds, "tunable", 1e-3)  # no forecast of no time
+    parameters = [*map(coefficient_row, ship.coefficients), *_filter_noise(ship), horizon]
+    rows += parameters + _filter_outputs(ship)
+    words = "whether the filter has begun and the ship moves inside what the trials held"
+    rows.append(FmuVariable("valid", "output", None, words, variability="discrete"))
+    return _numbered(rows, len(actuators), len(actuators) + 2, len(parameters))
 
 
 def coefficient_row(c: ProductCoefficient) -> FmuVariable:
@@ -120,7 +154,7 @@ def coefficient_row(c: ProductCoefficient) -> FmuVariable:
         words.append("dimensionless")
     words.append(f"std {c.std:.3g}" if c.std is not None else "fixed" if c.fixed else "std not known")
     words += [c.verdict] if c.verdict else ["not determined by trials"]
-    lower, upper = min(c.lower, c.value), max(c.upper, c.value)
+    lower, upper = min(c.lower, c.value), max(c.upper, c.value)  # FMI wants the start value within the bounds
     name, unit = f"coefficients.{c.symbol}", plain_unit(c.unit)
     return FmuVariable(name, "parameter", unit, "; ".join(words), c.value, "tunable", lower, upper)
 
@@ -155,3 +189,34 @@ def _absent(axis: str, ship: CoSimulatedShip) -> str:
     """What is added to the words on an axis in which the ship does not move."""
     moving = axis not in ("down", "heave", "pitch") and not (axis == "roll" and "phi" not in ship.model.states)
     return "" if moving else "; always 0, the model has no such motion"
+
+
+def _unit(ship: TrackedShip, name: str) -> str:
+    """Unit of a state or of a coefficient."""
+    return unit_of(name) or plain_unit(ship.ship.coefficients[name].unit)
+
+
+def _filter_noise(ship: TrackedShip) -> list[FmuVariable]:
+    """Parameters in the order of the noise of the C code."""
+    random, rows = ship.random, []
+    for name, size in zip(random.names, random.sizes, strict=True):
+        rows.append((f"noise.{name}", _unit(ship, name), f"standard deviation of the random state {name}", size))
+    for name, memory in zip(random.names, random.memories, strict=True):
+        time = memory if math.isfinite(memory) else 0.0  # infinite: a coefficient, which does not fade
+        rows.append((f"memory.{name}", "s", f"time in which {name} fades; 0: it does not", time))
+    for state, size in zip(STATES, ship.noise.sensors, strict=True):
+        rows.append((f"noise.{state}", unit_of(state), f"standard deviation of the errors of logged {state}", size))
+    rows.append(("noise.interval", "s", "samples nearer than this share their errors", ship.noise.interval))
+    return [FmuVariable(name, "parameter", unit, words, float(x), "tunable", 0.0) for name, unit, words, x in rows]
+
+
+def _filter_outputs(ship: TrackedShip) -> list[FmuVariable]:
+    names, rows = (*STATES, *ship.random.names), []
+    for kind, words in (("estimate", "from all samples before"), ("std", "standard deviation of the estimate")):
+        rows += [(f"{kind}.{name}", _unit(ship, name), f"{name}: {words}") for name in names]
+    rows.append(("nis", "", "squared distance of the last sample from what was expected of it: chi-square"))
+    rows.append(("compared", "", "numbers of the last sample that were compared: the degrees of freedom of nis"))
+    for kind, words in (("forecast", "as it will be logged"), ("forecast_std", "standard deviation of the forecast")):
+        rows += [(f"{kind}.{state}", unit_of(state), f"{state} after the horizon: {words}") for state in STATES]
+    rows.append(("extrapolation", "", TRUST))
+    return [FmuVariable(name, "output", unit, words) for name, unit, words in rows]

@@ -26,15 +26,14 @@ from delivery.c.source import c_files
 from delivery.c.tracker import TrackedShip, tracker_files
 from delivery.fmi.binaries import MAIN, PLATFORMS, build, build_here, platforms_of
 from delivery.fmi.ship import TIME, CoSimulatedShip
-from delivery.fmi.tracker import tracker_table
-from delivery.fmi.variables import SHOWN, VariableTable, exponents, variable_table
+from delivery.fmi.variables import SHOWN, VariableTable, exponents, tracker_table, variable_table
 from delivery.product import Product, filled
 from fitting.report.run_folder import plain, versions
 from mmg.errors import TargetExists
 from mmg.messages import Message
 
 FmuShip: TypeAlias = CoSimulatedShip | TrackedShip
-TEMPLATES = Path(__file__).parent / "c"
+OWN, STANDARD = Path(__file__).parent / "c", Path(__file__).parent / "headers"  # Of this program, of FMI
 # Kinds of groups in the order in which the schema wants them.
 ORDER = ("Generic", "Force", "Torque", "LinearVelocity", "AngularVelocity", "LinearDisplacement",
          "AngularDisplacement")  # fmt: skip
@@ -52,17 +51,13 @@ def description(ship: FmuShip, table: VariableTable, version: int, token: str, f
     version: of FMI, 2 or 3; token: the GUID or instantiation token; files: sources, which FMI 2.0 lists here.
     """
     names = sorted({row.unit for row in table.rows if row.unit})
+    # STEP, which a master takes by default: a fifth of the longest step, to one digit; set by hand
     return filled(
-        TEMPLATES / "modelDescription.xml", ship, two=version == 2, NAME=ship.plain.ship.called, TOKEN=token,
+        OWN / "modelDescription.xml", ship, two=version == 2, NAME=ship.plain.ship.called, TOKEN=token,
         WORDS=" ".join(ship.plain.sentences), VERSION=versions()["mmg-ident"], IDENTIFIER=ship.identifier, FILES=files,
         UNITS=[(name, exponents(name), SHOWN.get(name)) for name in names], STEP=float(f"{ship.longest_step / 5:.1g}"),
         ROWS=table.rows, OUTPUTS=table.of("output"), SHOWN=SHOWN, INFINITE=math.inf, xml=xml,
     )  # fmt: skip
-
-
-def build_description(ship: FmuShip, main: str) -> str:
-    """sources/buildDescription.xml of FMI 3.0 for ``ship``. main: the source to compile."""
-    return filled(TEMPLATES / "buildDescription.xml", ship, IDENTIFIER=ship.identifier, MAIN=main)
 
 
 def osp_groups(table: VariableTable) -> list[tuple[str, str, tuple[str, ...]]]:
@@ -101,7 +96,7 @@ def osp_description(ship: CoSimulatedShip, table: VariableTable) -> str:
     groups, unit_of = osp_groups(table), {row.name: row.unit or "" for row in table.rows}
     units = sorted({unit_of[name] for _, _, members in groups for name in members} - {""})
     return filled(
-        TEMPLATES / "ospDescription.xml", ship, GROUPS=groups, UNIT_OF=unit_of,
+        OWN / "ospDescription.xml", ship, GROUPS=groups, UNIT_OF=unit_of,
         UNITS=[(unit, exponents(unit) or {}) for unit in units],
     )  # fmt: skip
 
@@ -110,12 +105,11 @@ def fmu_page(ship: FmuShip, table: VariableTable) -> str:
     """The HTML page of ``ship`` with the variables of ``table``."""
     groups = [(title, table.of(title.lower()[:-1])) for title in ("Inputs", "Outputs", "Parameters")]
     return filled(
-        TEMPLATES / "page.html", ship, markup=True, NAME=ship.identifier, STEP=f"{ship.longest_step:g}",
+        OWN / "page.html", ship, markup=True, NAME=ship.identifier, STEP=f"{ship.longest_step:g}",
         TRACKS=isinstance(ship, TrackedShip), WORDS=ship.plain.sentences, RANGES=ship.ranges, GROUPS=groups,
     )  # fmt: skip
 
 
-OWN, STANDARD = Path(__file__).parent / "c", Path(__file__).parent / "headers"
 INSTANCE, MODEL = ("fmu-instance.h", "fmu-instance.c"), "fmu-model.h"
 CALCULATED = {CoSimulatedShip: "fmu-ship.c", TrackedShip: "fmu-tracker.c"}
 WRAPPER = {2: "fmi2-functions.c", 3: "fmi3-functions.c"}
@@ -124,8 +118,8 @@ HEADERS = {
     2: ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h"),
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
+# Codes of what is said of an FMU.
 SOURCES_ONLY, LATE_COLUMNS, OSP_DESCRIPTION = "no_binary", "columns_approximate", "osp_description"
-"""Codes of what is said of an FMU."""
 LICENCE = "fmi-standard-headers.txt"  # File with the licence of the headers of the standard
 
 
@@ -143,6 +137,7 @@ def write_fmu(
     # libcosim builds the name of the description from that of the model
     osp_file = target.parent / f"{ship.identifier}_OspModelDescription.xml"
     text = osp_description(ship, variable_table(ship))
+    # before anything is compiled, which takes seconds
     if osp_file.exists() and not replace and osp_file.read_text(encoding="utf-8", errors="replace") != text:
         raise TargetExists(f"{osp_file}: describes another FMU; export to another folder, or add --force")
     files, messages = fmu_files(ship, version, platforms)
@@ -173,16 +168,18 @@ def fmu_files(ship: FmuShip, version: int, platforms: Sequence[str] = ()) -> tup
     for ``write_fmu``. Raises UserError as that does."""
     table = tracker_table(ship) if isinstance(ship, TrackedShip) else variable_table(ship)
     sources = fmu_sources(ship, version)
-    token = _token(ship, table, version, sources)
+    token = _token(ship, table, version, sources)  # of all else, as the model's header holds it
     sources |= {MODEL: model_header(ship, table, token)}
     files = {f"sources/{name}": text.encode() for name, text in sources.items()}
     files["modelDescription.xml"] = description(ship, table, version, token, [MAIN]).encode()
-    if version == 3:
-        files["sources/buildDescription.xml"] = build_description(ship, MAIN).encode()
+    if version == 3:  # FMI 2.0 lists its sources in the model description
+        text = filled(OWN / "buildDescription.xml", ship, IDENTIFIER=ship.identifier, MAIN=MAIN)
+        files["sources/buildDescription.xml"] = text.encode()
     files |= _papers(ship, table)
     messages: list[Message] = []
-    if ship.late_columns:
-        words = f"logged.* approximates the lateness of {', '.join(ship.late_columns)}; mmg simulate has it exactly"
+    # a filter is that of the fit, with its approximations
+    if isinstance(ship, CoSimulatedShip) and (late := ship.late_columns):
+        words = f"logged.* approximates the lateness of {', '.join(late)}; mmg simulate has it exactly"
         messages.append(Message(words, LATE_COLUMNS))
     if platforms:
         libraries = build(sources, ship.identifier, platforms_of(platforms, version))
@@ -201,12 +198,12 @@ def fmu_sources(ship: FmuShip, version: int) -> dict[str, str]:
 
     Raises UserError for equations that cannot be written in C.
     """
-    own = CALCULATED[type(ship)]
-    file_names = (*INSTANCE, own, WRAPPER[version])
+    calculated = CALCULATED[type(ship)]
+    file_names = (*INSTANCE, calculated, WRAPPER[version])
     files = {name: (OWN / name).read_text(encoding="utf-8") for name in file_names}
     files |= {name: (STANDARD / name).read_text(encoding="utf-8") for name in HEADERS[version]}
     files |= tracker_files(ship) if isinstance(ship, TrackedShip) else c_files(ship)
-    includes = (f"{ship.identifier}.c", INSTANCE[1], own, WRAPPER[version])
+    includes = (f"{ship.identifier}.c", INSTANCE[1], calculated, WRAPPER[version])
     note = "/* The one file to compile, with this folder among the include directories; link with libm. */\n"
     files[MAIN] = note + "".join(f'#include "{name}"\n' for name in includes)
     return files
@@ -214,8 +211,8 @@ def fmu_sources(ship: FmuShip, version: int) -> dict[str, str]:
 
 def model_header(ship: FmuShip, table: VariableTable, token: str) -> str:
     """The file MODEL: sizes, start values and bounds. ship, table: of the FMU; token: GUID or instantiation token."""
-    start = [row.start for row in table.rows[1:] if row.start is not None]
-    bounds = table.rows[1 + table.inputs + 6 :][: table.parameters]
+    start = [row.start for row in table.rows[1:] if row.start is not None]  # FMU_SET numbers: all that can be set
+    bounds = table.rows[1 + table.inputs + 6 :][: table.parameters]  # parameters alone: behind time, inputs, initial.*
     sizes = {
         "FMU_STATES": len(ship.model.states),
         "FMU_ACTUATORS": table.actuators,
@@ -227,6 +224,7 @@ def model_header(ship: FmuShip, table: VariableTable, token: str) -> str:
     }
     return filled(
         OWN / MODEL, ship, TOKEN=token, SIZES=sizes, START=_numbers(start),
+        # infinite bounds as the largest number: the repr of an infinite one is no C
         LOWER=_numbers([max(row.lower, -sys.float_info.max) for row in bounds]),
         HIGHEST=_numbers([min(row.upper, sys.float_info.max) for row in bounds]),
     )  # fmt: skip
@@ -239,6 +237,7 @@ def _motion_sizes(ship: CoSimulatedShip, table: VariableTable) -> dict[str, int]
         "FMU_TIMED": int(TIME in ship.model.controls),
         "FMU_DELAYED": int(ship.late is not None),
         "FMU_LOGS_LATE": int(ship.late_log is not None),
+        # places in ``set`` of the delays, which follow the coefficients: of the actuators, and last of the log
         "FMU_DELAY": table.inputs + 6 + len(ship.coefficients),
         "FMU_LOG_DELAY": table.inputs + 6 + table.parameters - 1,
         "FMU_ROLL": states.index("phi") if "phi" in states else -1,
@@ -252,8 +251,8 @@ def _filter_sizes(ship: TrackedShip, table: VariableTable) -> dict[str, int]:
         "FMU_DELAYED": 0,
         "FMU_LOGS_LATE": 0,
         "FMU_ESTIMATES": 6 + len(ship.random.names),
-        "FMU_NOISE": table.inputs + 6 + len(ship.coefficients),
-        "FMU_HORIZON": table.inputs + 6 + table.parameters - 1,
+        "FMU_NOISE": table.inputs + 6 + len(ship.coefficients),  # behind the coefficients
+        "FMU_HORIZON": table.inputs + 6 + table.parameters - 1,  # the last parameter
     }
 
 
@@ -275,15 +274,17 @@ def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
 
 def _token(ship: FmuShip, table: VariableTable, version: int, sources: dict[str, str]) -> str:
     """A token that two FMUs share only where they are the same: made of all that it stands for."""
+    # header and description without a token, which cannot be made of itself
     parts = [*sources.items(), (MODEL, model_header(ship, table, ""))]
     parts.append(("", description(ship, table, version, "", ())))
+    # by a null between the parts: no two lists of parts then give the same text
     digest = hashlib.sha256("\0".join(f"{name}\0{text}" for name, text in parts).encode()).hexdigest()
     return f"{{{uuid.UUID(digest[:32])}}}"
 
 
 def _papers(ship: FmuShip, table: VariableTable) -> dict[str, bytes]:
     """Files of an FMU for people and for this program: a page, licences, the ship file, what is known of the ship."""
-    header = (STANDARD / HEADERS[3][0]).read_text(encoding="utf-8")
+    header = (STANDARD / HEADERS[3][0]).read_text(encoding="utf-8")  # its first comment is the licence
     licence = header[header.index("Copyright (C)") : header.index("*/", header.index("Copyright (C)"))]
     files = {
         "documentation/index.html": fmu_page(ship, table),

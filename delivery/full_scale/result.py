@@ -54,8 +54,8 @@ def result_of(source: str | Path | Ship | FitResult) -> FitResult:
     content = content_on(folder)
     if content.get("kind") == "calibration":
         return read_fit(folder)
-    known = of_predictions(content)
-    return replace(_of_ship(load_ship(source)), bands=known.get("bands"), adaptation=known.get("adaptation"))
+    content = of_predictions(content)
+    return replace(_of_ship(load_ship(source)), bands=content.get("bands"), adaptation=content.get("adaptation"))
 
 
 def _without_trials(ship: Ship, start: Ship) -> FitResult:
@@ -71,12 +71,12 @@ def _without_trials(ship: Ship, start: Ship) -> FitResult:
 
 
 def _of_ship(ship: Ship) -> FitResult:
-    free = [s for s in ship.free if 0 < ship.coefficients[s].std < math.inf]
-    rows = {}
+    free, rows = [s for s in ship.free if 0 < ship.coefficients[s].std < math.inf], {}
     for s in free:
         c = ship.coefficients[s]
         rows[s] = CoefficientRow(c.value, c.std, c.value, c.std, _finite(c.lower), _finite(c.upper), None, 1.0,
                                  c.verdict or "prior", c.description, c.unit, c.prime)  # fmt: skip
+    # no run, no correlation: each stands for itself
     independent = Correlation(tuple(free), tuple(tuple(float(a == b) for b in free) for a in free))
     return replace(_without_trials(ship, ship), estimates=rows, correlation=independent)
 
@@ -88,11 +88,11 @@ def scaled_result(source: str | Path | Ship | FitResult, scaling: Scaling, comma
     command: the command line. Raises UserError as ``scaled_ship`` does.
     """
     model = result_of(source)
-    model = model.model or model
+    model = model.model or model  # of a scaled ship the model that it was scaled from
     matrix = np.array(model.correlation.matrix, dtype=float)
-    fastest = max(map(abs, (model.envelope or {}).get("u", [0.0])))
+    fastest = max(map(abs, (model.envelope or {}).get("u", [0.0])))  # 0: not known
     scaled = scaled_ship(model.ship, scaling, model.correlation.symbols, matrix if matrix.size else None, fastest)
-    priors = scaled_ship(_prior_ship(model), scaling, fastest=fastest).ship
+    priors = scaled_ship(_prior_ship(model), scaling, fastest=fastest).ship  # by the same laws as the estimates
     estimates = _coefficient_rows(model, scaled, priors)
     named = {
         s: scaled.ship.coefficients[s].with_(verdict=row.verdict, prior_value=row.prior_value, prior_std=row.prior_std)
@@ -159,8 +159,8 @@ def _coefficient_rows(model: FitResult, scaled: ScaledShip, priors: Ship) -> dic
         verdict = (old.verdict if old else c.verdict) or "prior"
         if s in scaled.changed:
             verdict = f"{model.ship.coefficients[s].value:.4g} of the model, scaled by ITTC-78; there: {verdict}"
-        bound = old.at_bound if old and s not in scaled.changed else None
-        share = (c.std / prior.std) ** 2 if prior.std > 0 else None
+        bound = old.at_bound if old and s not in scaled.changed else None  # a changed value has left its bound
+        share = (c.std / prior.std) ** 2 if prior.std > 0 else None  # of the prior's variance that is left
         rows[s] = CoefficientRow(
             c.value, c.std, prior.value, prior.std, _finite(c.lower), _finite(c.upper), bound,
             share, verdict, c.description, c.unit, c.prime,
@@ -216,7 +216,7 @@ def _account(model: FitResult, scaled: ScaledShip, scaling: Scaling) -> dict[str
             "added_std": doubt.std if doubt else 0.0, "source": doubt.source if doubt else "follows from the others",
             "changed": s in scaled.changed,
         })  # fmt: skip
-    speed = scaled.speed * math.sqrt(scaled.law.scale)
+    speed = scaled.speed * math.sqrt(scaled.law.scale)  # of the ship, at the Froude number of the model
     return {
         "model": {"ship": old.name, "length_m": old.particulars["L"], "status": model.status,
                   "trials": [row.name for row in model.data]},
@@ -264,8 +264,7 @@ def self_propulsion(ship: Ship, speed: float) -> dict[str, float | None]:
     return point
 
 
-DRAWS, STEP = 60, 0.5
-"""Draws of the ship that are shown; step of their motions in seconds of a 3 m model. Set by hand."""
+DRAWS, STEP = 60, 0.5  # Draws of the ship that are shown; step of their motions in seconds of a 3 m model. Set by hand.
 CIRCLES, ZIGZAG = ("turning:35", "turning:-35"), "zigzag:20/20"
 CAPTION = (
     "Model and ship at the same Froude number {froude:.3f}, in ship lengths; thin: {draws} draws of the ship from her "
@@ -318,12 +317,13 @@ def _draw(ax: Axes, ship: Ship, text: str, speed: float, drawn: dict[str, np.nda
     """One manoeuvre of a ship, and of draws of it."""
     L = ship.particulars["L"]
     plan = parse_maneuver(text, ship, speed=speed)
+    # the ship herself is run 0, the draws follow
     values = {s: np.concatenate([[ship.coefficients[s].value], rows]) for s, rows in drawn.items()}
-    first = next(iter(ship.symbols))
+    first = ship.symbols[0]  # a batch of one run without draws: any coefficient at its own value
     given = values or {first: np.array([ship.coefficients[first].value])}
     runs = simulate_batch(ship, plan, given, STEP * time_scale(L))
-    time = np.arange(runs.states.shape[0]) * STEP * time_scale(L) * math.sqrt(GRAVITY / L)
-    for k in reversed(range(runs.states.shape[2])):
+    time = np.arange(runs.states.shape[0]) * STEP * time_scale(L) * math.sqrt(GRAVITY / L)  # [-], alike for both
+    for k in reversed(range(runs.states.shape[2])):  # the ship last, on top of her draws
         rows = slice(0, int(runs.last[k]) + 1)
         x, y, psi = (runs.states[rows, i, k] for i in range(3))
         across, along = (time[rows], np.degrees(psi)) if text == ZIGZAG else (y / L, x / L)

@@ -43,9 +43,9 @@ class Similarity:
     def factor(self, unit: str, name: str = "") -> float:
         """By what a quantity of this ``unit``, such as "m/s^2", grows. Raises UserError for an unknown unit, with the
         ``name`` of the quantity."""
-        length, density, sign = 0.0, 0, 1
+        length, density, sign = 0.0, 0, 1  # exponents of the scale and of the ratio of densities
         for part in re.split(r"(/)|[ ·*]", unit.replace("²", "^2").replace("³", "^3")):
-            if part == "/":
+            if part == "/":  # all that stands behind a stroke divides
                 sign = -1
                 continue
             symbol, _, power = (part or "").partition("^")
@@ -68,17 +68,16 @@ def similar_particulars(given: Mapping[str, float], law: Similarity) -> dict[str
         unit = PARTICULARS[name][1] if name in PARTICULARS else ""
         scaled[name] = value if name in KEPT else value * law.factor(unit, name)
     ratio = scaled.pop("scale", 1.0) / law.scale
+    # within half a per cent of 1 nothing is left of it; set by hand
     return scaled | ({"scale": ratio} if ratio > 1.005 else {})
 
 
 def dropped_effects(ship: Ship) -> tuple[str, ...]:
     """Effects of a ``ship`` that stay with the model: of its place and day, its instruments and its steering gear."""
 
-    def stays(name: str) -> bool:
-        known_effect = effect(name)
-        return known_effect.surroundings or known_effect.measures or known_effect.enters == "actuator path"
-
-    return tuple(name for name in ship.effects if stays(name))
+    return tuple(
+        name for name in ship.effects if (e := effect(name)).surroundings or e.measures or e.enters == "actuator path"
+    )
 
 
 def similar_ship(ship: Ship, law: Similarity, name: str) -> Ship:
@@ -101,8 +100,9 @@ def similar_ship(ship: Ship, law: Similarity, name: str) -> Ship:
     # a gear or a speed that was measured on the model is the ship's by no more than the law
     sources = {key: BY_RULE + f"Froude's law, {text.removeprefix(BY_RULE)}" for key, text in ship.sources.items()}
     mark = ship.mark and replace(ship.mark, name=f"{ship.mark.name} scaled to {particulars['L']:.4g} m")
+    # values by campaign are those of the model's instruments, which the ship has not
     bare = replace(ship, network=None, name=name, particulars=particulars, coefficients=rows, description=words,
-                   mark=mark, sources=sources)  # fmt: skip
+                   mark=mark, sources=sources, campaigns={})  # fmt: skip
     return bare.with_network(network)
 
 
@@ -132,7 +132,7 @@ def similar_adaptation(adaptation: Mapping[str, Any] | None, law: Similarity) ->
     """
     if not adaptation:
         return None
-    seconds = float(max(1.0, round(adaptation["past_s"] * math.sqrt(law.scale))))
+    seconds = float(max(1.0, round(adaptation["past_s"] * math.sqrt(law.scale))))  # whole seconds, one at the least
     return {**adaptation, "past_s": seconds, "trials": "trials of the model"}
 
 
@@ -144,6 +144,7 @@ def similar_bands(bands: Mapping[str, Any] | None, law: Similarity) -> dict[str,
     if not bands:
         return None
     time = math.sqrt(law.scale)
+    # copies of what is changed below: the bands of the model stay as they are
     scaled: dict[str, Any] = {key: dict(value) if key != "horizons_s" else value for key, value in bands.items()}
     if "held" in scaled:  # its points are divided by the scales of u, v, r L, actuators, air
         actuators = [name for name in scaled["held"]["inputs"] if name in INPUTS]
@@ -154,7 +155,7 @@ def similar_bands(bands: Mapping[str, Any] | None, law: Similarity) -> dict[str,
         scaled["horizons_s"] = [value * time for value in scaled["horizons_s"]]
     for key in ("acceleration_memory_s", "error_decay_s"):
         scaled[key] = {name: value * time for name, value in scaled[key].items()}
-    turning = scaled["acceleration_std"]["r"]
+    turning = scaled["acceleration_std"]["r"]  # [rad/s^2], by 1 / scale; those of u and v [m/s^2] stay
     scaled["acceleration_std"]["r"] = {name: turning[name] / law.scale for name in SIZES}
-    scaled["noise"] = dict.fromkeys(scaled["noise"], 0.0)
+    scaled["noise"] = dict.fromkeys(scaled["noise"], 0.0)  # of the model's instruments, which the ship has not
     return scaled

@@ -86,7 +86,7 @@ class Change:
 
     def resistance(self, R: float) -> float:
         """R_0' [-] of the ship from that of the model, ``R``."""
-        total = R / self.model.surface - self.model.allowance
+        total = R / self.model.surface - self.model.allowance  # R_0' is by 1/2 rho L d U^2, friction by the surface
         remainder, friction_alone = self._readings(total)
         kept = remainder
         if self.form_factor is None and self.model.froude <= WAVELESS:
@@ -96,7 +96,7 @@ class Change:
     def resistance_std(self, R: float) -> float:
         """Standard deviation [-] of ``resistance(R)`` for a known R: the form factor's, and half the allowances."""
         remainder, friction_alone = self._readings(R / self.model.surface - self.model.allowance)
-        form = 0.05 * (self.model.C_F - self.ship.C_F)
+        form = 0.05 * (self.model.C_F - self.ship.C_F)  # of a form factor known to 0.05
         if self.form_factor is None:
             form = math.hypot(form, 0.5 * (remainder - friction_alone))
         return self.ship.surface * math.hypot(form, 0.5 * (self.ship.allowance - self.model.allowance))
@@ -106,7 +106,7 @@ class Change:
         and a remainder that stays, and all of it by friction. The remainder is not negative unless k was given."""
         k = self.model.watanabe if self.form_factor is None else self.form_factor
         rest, friction_alone = total - (1 + k) * self.model.C_F, total * self.ship.C_F / self.model.C_F
-        if rest < 0 and self.form_factor is None:
+        if rest < 0 and self.form_factor is None:  # the estimated form factor is too large for this resistance
             return friction_alone, friction_alone
         return (1 + k) * self.ship.C_F + rest, friction_alone
 
@@ -114,12 +114,13 @@ class Change:
         """Wake fraction of the ship from that of the model, ``w``; t: thrust deduction [-]."""
         k = self.model.watanabe if self.form_factor is None else self.form_factor
         thick = [(1 + k) * side.C_F + side.allowance for side in (self.ship, self.model)]
-        still = min(t + RUDDER_WAKE, w)
+        still = min(t + RUDDER_WAKE, w)  # a wake below that part has nothing that friction makes, and stays
         return still + (w - still) * thick[0] / thick[1]
 
     @property
     def fading(self) -> float:
         """0 at one length, towards 1 for ships of very different size: weight of standard deviations by judgement."""
+        # so that a ship at her own length is as well known as before
         return 1 - min(self.model.L, self.ship.L) / max(self.model.L, self.ship.L)
 
 
@@ -129,10 +130,11 @@ def ship_values(values: Mapping[str, float], change: Change) -> dict[str, float]
     change: of the water. Only symbols that the model has are in it.
     """
     v, scaled_values = values, {}
-    for symbol, sign in zip(RESISTANCE, (1.0, -1.0), strict=True):
+    for symbol, sign in zip(RESISTANCE, (1.0, -1.0), strict=True):  # R_0' is a drag, X_0F a force ahead
         if symbol in v:
             scaled_values[symbol] = sign * change.resistance(sign * v[symbol])
             if symbol == "X_0F" and "X_0A" in v:
+                # astern the same change; at least half of it stays, so that it remains a drag: set by hand
                 scaled_values["X_0A"] = min(v["X_0A"] + scaled_values[symbol] - v[symbol], 0.5 * v["X_0A"])
     if "w_P0" not in v:
         if {"a_0", "c_0"} <= v.keys():  # the wake 1 - w = a_0 + a_1 J_s + ... of Kang et al. (2008), 1 - t = c_0 + ...
@@ -145,9 +147,9 @@ def ship_values(values: Mapping[str, float], change: Change) -> dict[str, float]
         if symbol in v and v["w_P0"] > 0:
             scaled_values[symbol] = v[symbol] * w / v["w_P0"]
     if "epsilon" in v:
-        behind = change.wake(1 - v["epsilon"] * (1 - v["w_P0"]), t)
+        behind = change.wake(1 - v["epsilon"] * (1 - v["w_P0"]), t)  # w_R, as the wake at the propeller
         scaled_values["epsilon"] = (1 - behind) / (1 - w)
-        if "kappa" in v:
+        if "kappa" in v:  # kappa epsilon stays
             scaled_values["kappa"] = v["kappa"] * v["epsilon"] / scaled_values["epsilon"]
     return scaled_values
 
@@ -190,15 +192,17 @@ def doubts(ship: Ship, values: Mapping[str, float], scaled: Mapping[str, float],
             doubt_of[symbol] = Doubt(change.resistance_std(abs(values[symbol])), words)
     published = "0.03, and a quarter of the change (ITTC's 0.32 for KVLCC2 against the published 0.35)"
     for symbol in {"w_P0", "a_0"} & scaled.keys():
+        # independent: how well a wake is known, and how far the method carries it
         std = math.hypot(0.03 * change.fading, 0.25 * (scaled[symbol] - values[symbol]))
         doubt_of[symbol] = Doubt(std, published)
     if "epsilon" in scaled:
         doubt_of["epsilon"] = _rudder_doubt(values, scaled, change)
     if "kappa" in scaled:
-        share, words = SHARES["k_x"]
+        share, words = SHARES["k_x"]  # what the race adds, under another name
         doubt_of["kappa"] = Doubt(share * change.fading * scaled["kappa"], f"{share:.0%}: {words}")
     part = component_of(ship)
     for symbol in (s for s in ship.symbols if s not in scaled):
+        # its own share, that of its group, or that of its force model: "hull"
         key = symbol if symbol in SHARES else "gamma" if symbol.startswith("gamma") else part.get(symbol, "")
         if key in SHARES:
             share, words = SHARES[key]

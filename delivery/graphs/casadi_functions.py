@@ -32,7 +32,7 @@ def write_casadi(product: Product, target: Path) -> list[Message]:
         function.save(str(target / f"{name}.casadi"))
     write_json(target / "model.json", about(product, functions))
     shutil.copyfile(TEMPLATES / "example.py", target / "example.py")
-    if {"n", "delta"} <= set(product.model.controls):
+    if {"n", "delta"} <= set(product.model.controls):  # the controller steers by one rudder at given revolutions
         shutil.copyfile(TEMPLATES / "heading_mpc.py", target / "heading_mpc.py")
     ship = product.ship
     late = [name for name in ship.effects if effect(name).input_delay(ship.parameters_of(name)) is not None]
@@ -63,7 +63,7 @@ def casadi_functions(model: Model) -> dict[str, ca.Function]:
     }
     functions = {}
     for name, (given, expression, result) in arguments.items():
-        dense = [ca.densify(expression)]
+        dense = [ca.densify(expression)]  # full vectors, whatever is zero in this ship
         functions[name] = ca.Function(name, list(given.values()), dense, list(given), [result], {"cse": True})
     return functions
 
@@ -96,7 +96,7 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
         "largest_rudder_rad": max(map(abs, rudder)) if rudder else None,
         "caveats": [str(text) for text in product.caveats],
     }
-    return json.loads(json.dumps(plain(content)))
+    return json.loads(json.dumps(plain(content)))  # tuples and numpy numbers as JSON has them
 
 
 def _quantity(name: str) -> dict[str, str]:

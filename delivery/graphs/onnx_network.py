@@ -60,15 +60,8 @@ def about(ship: Ship, network: Network) -> dict[str, Any]:
         {"name": name, "unit": unit, "scale": scale, "bound": bound}
         for (name, unit), scale, bound in zip(ACCELERATIONS, network.output_scales, network.bound, strict=True)
     ]
-    return plain(
-        {
-            "ship": ship.called,
-            "title": ship.title,
-            "features": rows,
-            "accelerations": outputs,
-            "members": len(network.members),
-        }
-    )
+    content = {"ship": ship.called, "title": ship.title, "features": rows, "accelerations": outputs}
+    return plain(content | {"members": len(network.members)})
 
 
 def _finite(bound: float) -> float | None:
@@ -89,6 +82,7 @@ def onnx_model(network: Network, metadata: dict[str, Any]) -> Any:
     graph.node("Mul", mean, graph.constant("output_scales", network.output_scales), out="accelerations")
     below = graph.node("Less", "features", graph.constant("lower", network.lower))
     above = graph.node("Greater", "features", graph.constant("upper", network.upper))
+    # by way of numbers: no operator reduces Booleans
     beyond = graph.node("Cast", graph.node("Or", below, above), to=onnx.TensorProto.FLOAT)
     most = graph.node("ReduceMax", beyond, axes=[1], keepdims=0)
     graph.node("Cast", most, out="outside", to=onnx.TensorProto.BOOL)
@@ -134,5 +128,5 @@ def _member(graph: _Graph, layers: Layers, x: str, k: int) -> str:
     for i, (W, b) in enumerate(zip(layers.weights[:-1], layers.biases, strict=True)):
         product = graph.node("MatMul", x, graph.constant(f"weight_{k}_{i}", W.T))
         bent = graph.node("Tanh", graph.node("Add", product, graph.constant(f"bias_{k}_{i}", b)))
-        x = graph.node("Sub", bent, graph.constant(f"rest_{k}_{i}", np.tanh(b)))
+        x = graph.node("Sub", bent, graph.constant(f"rest_{k}_{i}", np.tanh(b)))  # zero at the origin
     return graph.node("MatMul", x, graph.constant(f"weight_{k}_{len(layers.biases)}", layers.weights[-1].T))

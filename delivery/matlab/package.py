@@ -34,6 +34,7 @@ def example_m(product: Product) -> str:
     """A script that steers ``product`` through 600 s with the rudder held."""
     controls, (speed, inputs) = list(product.model.controls), approach(product)
     settings = "".join(f"inputs({controls.index(name) + 1}) = {x!r};  % {name}\n" for name, x in inputs.items())
+    # M counts from 1
     clock = f"  inputs({controls.index('time') + 1}) = 0.1 * (k - 1);\n" if "time" in controls else ""
     return filled(TEMPLATES / "example_turn.m", product, SETTINGS=settings, SPEED=speed, CLOCK=clock)
 
@@ -58,7 +59,7 @@ def function_m(product: Product) -> str:
     def body(output: int, target: str, rows: int) -> list[str]:
         places = program.results[output]
         columns = len(places) // max(rows, 1)
-        values = [[emitter.name(places[i + j * rows]) for j in range(columns)] for i in range(rows)]
+        values = [[emitter.name(places[i + j * rows]) for j in range(columns)] for i in range(rows)]  # by columns
         text = "; ...\n    ".join(", ".join(row) for row in values)
         return [*emitter.statements(program.needed([output])), f"{target} = [{text}];"]
 
@@ -73,7 +74,7 @@ def function_m(product: Product) -> str:
         }
     except NotImplementedError as error:
         raise Unsupported(f"the equations of this ship cannot be written in M ({error})") from None
-    if ship.network:
+    if ship.network:  # the program holds the ship without it
         added = "rates(4:6) = rates(4:6) + network(features_of(state, inputs, theta));"
         functions["rates = rates_of(state, inputs, theta)"].append(added)
     lines = [f"% {line}".encode("ascii", "replace").decode().replace("\n", " ") for line in product.sentences]
@@ -107,7 +108,7 @@ def _network_words(ship: Ship) -> dict[str, Any]:
     if network is None:
         return {"MEMBERS": ()}
     made = [m_column("c.features", network.feature_scales), m_column("c.outputs", network.output_scales)]
-    for k, member in enumerate(network.members, 1):
+    for k, member in enumerate(network.members, 1):  # c.W1_2: layer 2 of member 1
         for i, (W, b) in enumerate(zip(member.weights[:-1], member.biases, strict=True), 1):
             made += [m_column(f"c.W{k}_{i}", W), m_column(f"c.b{k}_{i}", b)]
         made.append(m_column(f"c.W{k}", member.weights[-1]))

@@ -11,6 +11,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
@@ -28,7 +29,7 @@ from fitting.prediction.predict import Forces, Forecaster, Window, forces_along,
 from fitting.report.page import label_of, rendered, write_page
 from fitting.report.run_folder import RESULT, plain, read_result, rows_by_role, trials_again, unique_rows
 from fitting.result import read_fit
-from mmg.errors import BadValue, Conflict, Missing
+from mmg.errors import BadValue, Conflict, Missing, UserError
 from mmg.motion.flow import INPUTS
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -94,7 +95,7 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis
     diagnoses = [folder for folder, kind in kinds.items() if kind == "diagnosis"]
     if diagnosis is not None:
         diagnoses = [*diagnoses, diagnosis]
-    if len(dict.fromkeys(diagnoses)) > 1:
+    if len(dict.fromkeys(diagnoses)) > 1:  # the same folder twice is one
         raise Conflict(f"{diagnoses[1]}: a page marks one diagnosis, and {diagnoses[0]} is another; give one of them")
     models: list[ViewModel] = []
     rows: list[tuple[str, Mapping[str, Any]]] = []
@@ -113,6 +114,7 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis
     notes += dict.fromkeys(str(note) for model in distinct for note in assumed(measured, model.predictor.inputs))
     ships = [model.ship for model in distinct if model.ship is not None]
     if not ships:  # black boxes alone: the ship for which they were trained
+        # here and below late: a page on calibrations needs nothing of trainings
         from residual.result import read_training
 
         ships = [read_training(folders[0]).start]
@@ -143,7 +145,7 @@ def _models(folder: Path, kind: str) -> list[ViewModel]:
     if training.black_box is not None:
         return [ViewModel("black box", "black box", run, training.black_box)]
     bands = bands_of(training.to_dict(), training.ship)
-    kept = training.recommended == "hybrid"
+    kept = training.recommended == "hybrid"  # the bands are those of the recommended ship alone
     models = [ViewModel("calibrated", "calibrated", run, Simulator(training.start), None if kept else bands)]
     if training.hybrid is not None:
         words = "hybrid" if kept else "hybrid (not recommended)"
@@ -165,7 +167,7 @@ def _trials(
 ) -> tuple[list[ViewTrial], list[str]]:
     """The trials to show, each file once, and what is missing of them."""
     if given:
-        rows_by_hash = unique_rows(rows)
+        rows_by_hash = unique_rows(rows)  # the role of a file is found by its content
         return [ViewTrial(t, rows_by_hash.get(str(t.sha256), ("other", {}))[0]) for t in read_trials(given)], []
     pairs, absent = trials_again(rows)
     if not pairs:
@@ -178,16 +180,18 @@ def _trials(
 def _used_with(folders: Sequence[Path], shown: Sequence[ViewTrial]) -> tuple[Path | None, list[str]]:
     """The diagnosis folder beside the runs that used any of the trials ``shown``; where there are several, none."""
     hashes = {view.trial.sha256 for view in shown}
-    around = dict.fromkeys(p.parent for folder in folders for p in folder.absolute().parent.glob(f"*/{CONTENT}"))
-    good = [
-        p
-        for p in around
-        if (p / RESULT).is_file() and hashes & {row.get("sha256") for _, row in rows_by_role(read_result(p))}
-    ]
-    if len(good) > 1:
-        names = ", ".join(sorted(p.name for p in good))
-        return None, [f"several diagnoses lie beside the run ({names}); choose one with --diagnosis"]
-    return (good[0] if good else None), []
+    neighbours = dict.fromkeys(p.parent for folder in folders for p in folder.absolute().parent.glob(f"*/{CONTENT}"))
+    related: list[Path] = []
+    notes: list[str] = []
+    for path in (p for p in neighbours if (p / RESULT).is_file()):
+        try:
+            related += [path] if hashes & {row.get("sha256") for _, row in rows_by_role(read_result(path))} else []
+        except UserError as error:  # nobody asked for it: it must not keep the runs from being shown
+            notes.append(f"a diagnosis beside the run is not marked: {error}")
+    if len(related) > 1:
+        names = ", ".join(sorted(p.name for p in related))
+        return None, [*notes, f"several diagnoses lie beside the run ({names}); choose one with --diagnosis"]
+    return (related[0] if related else None), notes
 
 
 def _distinct(models: Sequence[ViewModel]) -> tuple[ViewModel, ...]:
@@ -197,21 +201,24 @@ def _distinct(models: Sequence[ViewModel]) -> tuple[ViewModel, ...]:
         twin = next((i for i, k in enumerate(kept) if k.ship and model.ship and same_ship(k.ship, model.ship)), None)
         if twin is None:
             kept.append(model)
-        elif kept[twin].bands is None and model.bands is not None:
+        elif kept[twin].bands is None and model.bands is not None:  # the start of a training is a calibrated ship
             kept[twin] = replace(kept[twin], bands=model.bands)
     labels = [model.label for model in kept]
     return tuple(replace(m, label=f"{m.label}, {m.run}") if labels.count(m.label) > 1 else m for m in kept)
 
 
 def same_ship(a: Ship, b: Ship) -> bool:
-    """Whether the ships ``a`` and ``b`` move alike: equal particulars, force models, effects, values and networks."""
-    first, second = ((s.particulars, s.components, s.effects, s.symbols, s.values.tolist()) for s in (a, b))
+    """Whether the ships ``a`` and ``b`` move and log alike: equal particulars, force models, effects, values (also by
+    campaign) and networks."""
+    first, second = (
+        (s.particulars, s.components, s.effects, s.symbols, s.values.tolist(), s.campaigns) for s in (a, b)
+    )
     if first != second or (a.network and a.network.features) != (b.network and b.network.features):
         return False
-    states = np.linspace(-1.0, 1.0, 5 * len(a.features)).reshape(-1, 5)
+    states = np.linspace(-1.0, 1.0, 5 * len(a.features)).reshape(-1, 5)  # networks by what they give at five points
     nets = [s.network for s in (a, b) if s.network is not None]
     accelerations = [np.array(net.accelerations(states[: len(net.features)])).tolist() for net in nets]
-    return accelerations[:1] == accelerations[1:]
+    return accelerations[:1] == accelerations[1:]  # none of both, or two that are equal
 
 
 LENGTHS = (30.0, 100.0, 0.0)  # Windows of a page [s]: those of both metrics of ``mmg score``, and 0, the whole run
@@ -219,10 +226,9 @@ SCRIPTS = ("uplot/uPlot.iife.min.js", "data.js", "charts.js", "track.js", "force
 STYLES = ("uplot/uPlot.min.css", "view.css")
 WIND = {"wind_north": ("velocity of the air towards north", "m/s"), "wind_east": ("and towards east", "m/s")}
 MISSING = -32768  # The 16-bit number that stands for a value that is not finite
-LARGEST = 32767  # The largest 16-bit number
+LARGEST = 32767  # The largest 16-bit number: as far below zero as above, so that the steps are even
 BUDGET = 10e6  # Bytes of all runs of a page together, about. Set by hand: what a browser opens at once.
-FEWEST, MOST = 120, 1000  # set by hand
-"""Rows of a run: fewer are not shown than the first, and more than the second no screen resolves."""
+FEWEST, MOST = 120, 1000  # Rows of a run: no fewer, and no more than a screen resolves. Set by hand.
 
 
 def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
@@ -247,15 +253,16 @@ def view_page(campaign: Campaign, lengths: Sequence[float] = LENGTHS) -> str:
 
 def _header(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequence[str]]) -> dict[str, Any]:
     """What the script reads before any run: names, lengths, models, inputs, the diagnosis."""
-    ship, found = campaign.ship, campaign.diagnosis
+    ship, marked = campaign.ship, campaign.diagnosis
     p = ship.particulars
     L = p["L"]
+    # where forces are drawn, by L ahead of midship; usual places where the ship file has none
     places = {"propeller": -0.5, "rudder": p.get("x_R", -0.5 * L) / L}
     places |= {"bow_thruster": p.get("x_BT", 0.4 * L) / L, "stern_thruster": p.get("x_ST", -0.4 * L) / L}
     return {
         "ship": ship.title,
-        "length": p["L"],
-        "breadth": p.get("B", p["L"] / 6),
+        "length": L,
+        "breadth": p.get("B", L / 6),  # to draw the hull alone
         "lengths": list(lengths),
         "inputs": [
             {"name": name, "words": words, "unit": unit}
@@ -276,11 +283,11 @@ def _header(campaign: Campaign, lengths: Sequence[float], roles: Sequence[Sequen
                 "duration": view.trial.duration,
                 "samples": len(view.trial),
                 "position": view.trial.has_position,
-                "missing": bool(found and view.trial.name in found.missing),
+                "missing": bool(marked and view.trial.name in marked.missing),
             }
             for view in campaign.trials
         ],
-        "diagnosis": {"folder": found.folder, "verdict": found.verdict, "sentence": found.sentence} if found else None,
+        "diagnosis": {key: getattr(marked, key) for key in ("folder", "verdict", "sentence")} if marked else None,
         "notes": list(campaign.notes),
     }
 
@@ -336,7 +343,7 @@ def predictions(
     Raises UserError for a trial that lacks an input of the model.
     """
     simulator = model.predictor
-    longest = max(trial.duration for trial in trials) + 1.0
+    longest = max(trial.duration for trial in trials) + 1.0  # a stride from which no second window begins
     bands = model.bands if isinstance(simulator, Simulator) else None
     results = [predict_all(simulator, trials, s, s or longest, short_last=True, bands=bands) for s in lengths]
     forces = [forces_along(simulator, trial) if isinstance(simulator, Simulator) else {} for trial in trials]
@@ -351,14 +358,16 @@ def rows_per_run(campaign: Campaign, lengths: Sequence[float], roles: Sequence[S
 
     campaign: what is shown; lengths: of windows; roles: of each model.
     """
+    # ten: time, states and about three inputs; six states of each window, as many deviations; X, Y, N of each role
     columns = 10.0 + sum(len(lengths) * (12 if m.bands else 6) for m in campaign.models) + 3 * sum(map(len, roles))
+    # two bytes a number, four thirds of them in base64
     return int(np.clip(BUDGET / (len(campaign.trials) * columns * 2 * 4 / 3), FEWEST, MOST))
 
 
 def shown_rows(count: int, starts: Sequence[int], most: int) -> np.ndarray:
     """Rows (K,) of a trial of ``count`` samples that the page shows: evenly spaced, with the ``starts`` of windows and
     the last one; K is about ``most``."""
-    even = np.arange(0, count, max(1, -(-count // most)))
+    even = np.arange(0, count, max(1, math.ceil(count / most)))
     return np.unique(np.concatenate([even, np.asarray(starts, dtype=int), [count - 1]]))
 
 
@@ -404,7 +413,7 @@ def _window_columns(windows: Sequence[Window], rows: np.ndarray) -> dict[str, An
         inside = np.flatnonzero((rows >= window.first) & (rows <= window.last))
         if not len(inside):
             continue
-        starts.append(int(inside[0]))
+        starts.append(int(inside[0]))  # the first row of a window takes the place of the last one of the window before
         states[inside] = window.states[rows[inside] - window.first]
         if window.std is not None:
             deviations[inside] = window.std[rows[inside] - window.first]
@@ -422,8 +431,9 @@ def packed(values: np.ndarray) -> list[Any]:
     column = np.asarray(values, dtype=float)
     good = np.isfinite(column)
     low, high = (float(column[good].min()), float(column[good].max())) if good.any() else (0.0, 0.0)
-    offset, scale = 0.5 * low + 0.5 * high, (0.5 * high - 0.5 * low) / LARGEST
+    offset, scale = 0.5 * low + 0.5 * high, (0.5 * high - 0.5 * low) / LARGEST  # halved first: no overflow
     steps = np.full(len(column), MISSING, dtype="<i2")
+    # 1.0: of a column that does not change, all of whose steps are 0
     steps[good] = np.clip(np.rint((column[good] - offset) / (scale or 1.0)), -LARGEST, LARGEST).astype("<i2")
     return [offset, scale, base64.b64encode(steps.tobytes()).decode()]
 
@@ -436,4 +446,5 @@ def packed_times(t: np.ndarray) -> str:
 def safe_json(data: Any) -> str:
     """``data`` as JSON that may stand in a script element: no text in it ends the element or begins a comment."""
     text = json.dumps(plain(data), separators=(",", ":"), allow_nan=False, ensure_ascii=True)
+    # </script>, <!-- and ]]> would end it; as escapes the parser of JSON reads the same text
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

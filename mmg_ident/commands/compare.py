@@ -69,8 +69,7 @@ def compare(
     from fitting.report.plot_style import FigureFolder
     from mmg_ident.studies import comparison_study
     from residual.papers.comparison import compare as compared
-    from residual.papers.comparison import comparison_dict, tables_text
-    from residual.papers.comparison_figures import write_figures
+    from residual.papers.comparison import comparison_dict, tables_text, write_figures
 
     if resume and not out:
         raise Conflict("--resume needs the --out of the interrupted comparison")

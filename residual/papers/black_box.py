@@ -40,7 +40,7 @@ def features(logged: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
     """
     _, _, psi, u, v, _ = logged
     c, s = torch.cos(psi), torch.sin(psi)
-    north, east = controls[-2], controls[-1]
+    north, east = controls[-2], controls[-1]  # of the air over ground, going to
     air = torch.stack([c * north + s * east - u, c * east - s * north - v])
     return torch.cat([logged[3:6], controls[:-2], air])
 
@@ -58,12 +58,19 @@ def advance_columns(logged: torch.Tensor, accelerations: torch.Tensor, h: float,
     method: "euler": Wakita et al. (2022), Eq. 20 to 22; "rk4": kinematics by the midpoint rule, with an error of third
     order.
     """
-    velocities = logged[3:6] + h * accelerations
+    velocities = logged[3:6] + h * accelerations  # exact for accelerations that are held
     if method == "euler":
         return torch.cat([logged[:3] + h * kinematics(logged), velocities])
+    # half a step on, psi = psi_0 + (h / 2) r_0 + (h / 2)^2 r' / 2, and u, v, r in the middle
     turned = logged[2] + 0.5 * h * (logged[5] + 0.25 * h * accelerations[2])
     middle = torch.cat([logged[:2], turned[None], logged[3:6] + 0.5 * h * accelerations])
     return torch.cat([logged[:3] + h * kinematics(middle), velocities])
+
+
+def _keep(system: nn.Module, **values: np.ndarray) -> None:
+    """Keep ``values`` (N,) as buffers (N, 1) of ``system`` by name: in its file, and not trained."""
+    for name, value in values.items():
+        system.register_buffer(name, torch.as_tensor(np.array(value, dtype=float))[:, None])
 
 
 SAMPLES = 10_000  # Standard normal inputs at which the output of the untrained network is standardised (2025, Eq. 13).
@@ -71,23 +78,21 @@ SAMPLES = 10_000  # Standard normal inputs at which the output of the untrained 
 
 def layered(sizes: tuple[int, ...], seed: int) -> nn.Sequential:
     """Linear layers of these ``sizes`` with tanh between, initialised by ``seed`` as PyTorch does (2025, 3.3)."""
-    with torch.random.fork_rng(devices=[]):
+    with torch.random.fork_rng(devices=[]):  # PyTorch's layers draw from the global generator, which stays as it is
         torch.manual_seed(seed)
         linear = [nn.Linear(a, b, dtype=torch.float64) for a, b in pairwise(sizes)]
     parts: list[nn.Module] = []
     for layer in linear:
         parts += [layer, nn.Tanh()]
-    return nn.Sequential(*parts[:-1])
+    return nn.Sequential(*parts[:-1])  # no tanh after the last layer
 
 
 class Feedforward(TrainableSystem):
     """Accelerations from standardised features by a network whose output is standardised as well.
 
     s = (features - mean) / std; y = net(s), standardised by the mean and deviation of the untrained net at standard
-    normal inputs; acceleration = mean + std * y of the measured accelerations. zero: what it gives at the origin of
-    the features is subtracted, so that a ship at rest in calm air stays there (2022, section 2.1).
-
-    mean, std: of the features (F,); acceleration_mean, acceleration_std: of the measured accelerations (3,).
+    normal inputs; acceleration = mean + std * y of the measured accelerations. Where settings.zero, what it gives at
+    the origin of the features is subtracted: a ship at rest in calm air stays there (2022, section 2.1).
     """
 
     mean: torch.Tensor
@@ -97,22 +102,11 @@ class Feedforward(TrainableSystem):
     y_mean: torch.Tensor
     y_std: torch.Tensor
 
-    def __init__(
-        self,
-        mean: np.ndarray,
-        std: np.ndarray,
-        acceleration_mean: np.ndarray,
-        acceleration_std: np.ndarray,
-        width: int = 32,
-        layers: int = 2,
-        zero: bool = True,
-        seed: int = 0,
-    ) -> None:
+    def __init__(self, scales: Scales, settings: BlackBoxSettings, seed: int) -> None:
         super().__init__()
-        F, self.zero = len(mean), zero
-        self.net = layered((F, *(width,) * layers, 3), seed)
-        for name, value in (("mean", mean), ("std", std), ("a_mean", acceleration_mean), ("a_std", acceleration_std)):
-            self.register_buffer(name, torch.as_tensor(np.array(value, dtype=float))[:, None])
+        F, self.zero = len(scales.mean), settings.zero
+        self.net = layered((F, *(settings.width,) * settings.layers, 3), seed)
+        _keep(self, mean=scales.mean, std=scales.std, a_mean=scales.acceleration_mean, a_std=scales.acceleration)
         with torch.no_grad():
             y = self.net(torch.randn(SAMPLES, F, generator=torch.Generator().manual_seed(seed), dtype=torch.float64))
         self.register_buffer("y_mean", y.mean(dim=0)[:, None])
@@ -120,14 +114,14 @@ class Feedforward(TrainableSystem):
 
     def output(self, values: torch.Tensor) -> torch.Tensor:
         """Accelerations (3, M) at features (F, M), before anything is subtracted."""
-        y = self.net(((values - self.mean) / self.std).T).T
+        y = self.net(((values - self.mean) / self.std).T).T  # PyTorch's layers take points as rows
         return self.a_mean + self.a_std * (y - self.y_mean) / self.y_std
 
     def acceleration(self, values: torch.Tensor) -> torch.Tensor:
         """Accelerations (3, M) at features (F, M)."""
         if not self.zero:
             return self.output(values)
-        both = self.output(torch.cat([values, torch.zeros_like(values[:, :1])], dim=1))
+        both = self.output(torch.cat([values, torch.zeros_like(values[:, :1])], dim=1))  # the origin as last point
         return both[:, :-1] - both[:, -1:]
 
     def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
@@ -144,19 +138,18 @@ class Standard(TrainableSystem):
     feature_scale: torch.Tensor
     scale: torch.Tensor
 
-    def __init__(
-        self, feature_scale: np.ndarray, scale: np.ndarray, width: int = 32, memory: int = 4, seed: int = 0
-    ) -> None:
-        """feature_scale (F,), scale (3,); memory: rows that it remembers besides the present one, plus one (m)."""
+    def __init__(self, scales: Scales, settings: BlackBoxSettings, seed: int) -> None:
         super().__init__()
-        self.width, self.past = width, memory - 1
-        draw, F = torch.Generator().manual_seed(seed), len(feature_scale)
+        self.width, self.past = settings.width, settings.memory - 1  # m rows are the present one and m - 1 before it
+        draw, F, width = torch.Generator().manual_seed(seed), len(scales.feature), self.width
+        # the order of the draws is part of a seed: another order is another training
         self.W0, self.Wr = uniform(draw, width, F), nn.Parameter(0.5 * uniform(draw, width, width).detach())
         self.W1, self.W2 = uniform(draw, width, width), uniform(draw, width, width)
-        self.W3 = nn.Parameter(torch.zeros(3, width, dtype=torch.float64))
+        self.W3 = nn.Parameter(torch.zeros(3, width, dtype=torch.float64))  # untrained, it adds no acceleration
         self.b0, self.b1, self.b2 = (normal(draw, width) for _ in range(3))
-        self.register_buffer("feature_scale", torch.as_tensor(np.array(feature_scale, dtype=float)))
-        self.register_buffer("scale", torch.as_tensor(np.array(scale, dtype=float)))
+        # (F,) and (3,), as files have them
+        self.register_buffer("feature_scale", torch.as_tensor(np.array(scales.feature, dtype=float)))
+        self.register_buffer("scale", torch.as_tensor(np.array(scales.output, dtype=float)))
 
     def _fed(self, values: torch.Tensor) -> torch.Tensor:
         """What features (F, M) feed into the hidden layer, bias included (width, M)."""
@@ -172,6 +165,7 @@ class Standard(TrainableSystem):
 
     def _remember(self, memory: torch.Tensor, fed: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """z1 of the present row (width, M) and the memory for the next one."""
+        # zero at the origin, as ``hidden`` is: the bias is in ``fed``
         z1 = torch.tanh(torch.addmm(fed, self.Wr, memory)) - torch.tanh(self.b0)[:, None]
         return z1, z1
 
@@ -207,9 +201,13 @@ class Windowed(Standard):
         return torch.zeros(self.past * self.width, M, dtype=torch.float64)
 
     def _remember(self, memory: torch.Tensor, fed: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        # (m, width, M): windows begun m - 1 rows ago, ..., one row ago, and the one that begins now
         begun = torch.cat([self.Wr @ memory.reshape(self.past, *fed.shape), torch.zeros_like(fed)[None]])
         every = torch.tanh(fed + begun) - torch.tanh(self.b0)[:, None]
-        return every[0], every[1:].reshape(memory.shape)
+        return every[0], every[1:].reshape(memory.shape)  # the oldest is complete and answers; the others go on
+
+
+REACH = 0.2  # How far an estimated initial velocity may be from the measured one, over its deviation. Set by hand.
 
 
 class InitialState(TrainableSystem):
@@ -224,26 +222,16 @@ class InitialState(TrainableSystem):
     std: torch.Tensor
     reach: torch.Tensor
 
-    def __init__(
-        self,
-        inner: TrainableSystem,
-        rows: int,
-        mean: np.ndarray,
-        std: np.ndarray,
-        reach: np.ndarray,
-        width: int = 32,
-        seed: int = 0,
-    ) -> None:
+    def __init__(self, inner: TrainableSystem, scales: Scales, settings: BlackBoxSettings, seed: int) -> None:
         super().__init__()
-        self.inner, self.rows = inner, rows
-        self.past = max(rows, inner.past)
-        self.net = layered((len(mean) * (rows + 1), width, 3), seed)
+        self.inner, self.rows = inner, settings.initial
+        self.past = max(self.rows, inner.past)
+        self.net = layered((len(scales.mean) * (self.rows + 1), settings.width, 3), seed)
         last = self.net[-1]
         assert isinstance(last, nn.Linear)
-        nn.init.zeros_(last.weight)
+        nn.init.zeros_(last.weight)  # zero output: before training the estimate is the measurement
         nn.init.zeros_(last.bias)
-        for name, value in (("mean", mean), ("std", std), ("reach", reach)):
-            self.register_buffer(name, torch.as_tensor(np.array(value, dtype=float))[:, None])
+        _keep(self, mean=scales.mean, std=scales.std, reach=REACH * scales.std[:3])
 
     def shift(self, logged: torch.Tensor, controls: torch.Tensor, past: Past) -> torch.Tensor:
         """Estimated less measured u, v, r (3, M)."""
@@ -266,23 +254,12 @@ class InitialState(TrainableSystem):
         return self.inner.penalty()
 
 
-REACH = 0.2  # How far an estimated initial velocity may be from the measured one, over its deviation. Set by hand.
-
-
 def build_box(ship: Ship | None, scales: Scales, settings: TrainSettings, seed: int) -> TrainableSystem:
     """An untrained black box of these ``scales``, ``settings`` and ``seed``; nothing of the ``ship`` is used."""
     assert isinstance(settings, BlackBoxSettings)
-    t, system = settings, TrainableSystem()
-    if t.kind == "fnn":
-        accelerations = scales.acceleration_mean, scales.acceleration
-        system = Feedforward(scales.mean, scales.std, *accelerations, t.width, t.layers, t.zero, seed)
-    else:
-        recurrent = Standard if t.kind == "rnn" else Windowed
-        system = recurrent(scales.feature, scales.output, t.width, t.memory, seed)
-    if not t.initial:
-        return system
-    reach = REACH * scales.std[:3]
-    return InitialState(system, t.initial, scales.mean, scales.std, reach, t.width, seed)
+    kind = {"fnn": Feedforward, "rnn": Standard}.get(settings.kind, Windowed)
+    system = kind(scales, settings, seed)
+    return InitialState(system, scales, settings, seed) if settings.initial else system
 
 
 def box_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial], h: float) -> Scales:
@@ -325,24 +302,23 @@ class BlackBox:
         It steps along its own grid and is interpolated. Of what was before a stretch it reads the rows that its memory
         takes; where there are fewer, the oldest one stands for those before.
         """
-        torch.set_num_threads(1)
+        torch.set_num_threads(1)  # as in a training: other processes may run beside this one
         past = max(system.past for system in self.systems)
         batch = gridded(stretches, self.h, past)
-        known = [replace(batch, past=batch.past and batch.past.latest(s.past)) for s in self.systems]
-        paths = [rollout(s, b, self.settings.method).numpy() for s, b in zip(self.systems, known, strict=True)]
+        batches = [replace(batch, past=batch.past and batch.past.latest(s.past)) for s in self.systems]
+        paths = [rollout(s, b, self.settings.method).numpy() for s, b in zip(self.systems, batches, strict=True)]
         path = np.mean(paths, axis=0)
-        rows = max(s.last - s.first for s in stretches) + 1
-        out = np.full((rows, 6, len(stretches)), np.nan)
+        out = np.full((max(s.steps for s in stretches) + 1, 6, len(stretches)), np.nan)
         for i, s in enumerate(stretches):
             out[: s.steps + 1, :, i] = at_samples(path[:, :, i], self.h, s)
-            out[0, :, i] = s.record.states[s.first]
+            out[0, :, i] = s.logged[0]  # as measured, also where the start was estimated
         return out
 
 
 def at_samples(path: np.ndarray, h: float, stretch: Stretch) -> np.ndarray:
     """A ``path`` (N + 1, ...) on a grid of ``h`` [s] from the first row of a ``stretch``, interpolated to its rows."""
     place = np.minimum((stretch.t - stretch.t[0]) / h, len(path) - 1)
-    below = np.minimum(place.astype(int), len(path) - 2)
+    below = np.minimum(place.astype(int), len(path) - 2)  # the last row is the end of the last step
     share = (place - below).reshape(-1, *(1,) * (path.ndim - 1))
     return (1 - share) * path[below] + share * path[below + 1]
 
@@ -352,39 +328,40 @@ def gridded(stretches: Sequence[Stretch], h: float, past: int) -> RolloutBatch:
 
     past: rows before each start that are given along.
     """
-    steps = [max(1, int(np.ceil((s.record.t[s.last] - s.record.t[s.first]) / h - 1e-9))) for s in stretches]
+    # the slack is for spans of whole steps, which rounding makes a little longer
+    steps = [max(1, int(np.ceil((s.t[-1] - s.t[0]) / h - 1e-9))) for s in stretches]
     N, C, M = max(steps), stretches[0].record.controls.shape[1], len(stretches)
     controls, start = np.zeros((N, C, M)), np.zeros((1, 6, M))
-    logged, held = np.zeros((past, 6, M)), np.zeros((past, C, M))
+    logged, inputs = np.zeros((past, 6, M)), np.zeros((past, C, M))
     for i, s in enumerate(stretches):
-        rows = slice(s.first, s.last + 1)
-        t = s.record.t[rows]
-        means = step_means(t, s.record.controls[rows], t[0] + h * np.arange(steps[i] + 1))
+        inside = s.record.controls[s.first : s.last + 1]
+        means = step_means(s.t, inside, s.t[0] + h * np.arange(steps[i] + 1))
         controls[: steps[i], :, i], controls[steps[i] :, :, i] = means, means[-1]
-        start[0, :, i] = s.record.states[s.first]
+        start[0, :, i] = s.logged[0]
         if past:
-            logged[:, :, i], held[:, :, i] = _before(s, h, past)
-    tensors = [torch.from_numpy(a) for a in (controls, start, logged, held)]
+            logged[:, :, i], inputs[:, :, i] = _before(s, h, past)
+    tensors = [torch.from_numpy(a) for a in (controls, start, logged, inputs)]
     return RolloutBatch(h, tensors[0], tensors[1], torch.ones_like(tensors[1]), Past(*tensors[2:]) if past else None)
 
 
 def _before(s: Stretch, h: float, rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Logged rows (P, 6) h [s] apart before a stretch and inputs (P, C) over the steps after them."""
     record, first = s.record, s.first
+    # a longer pause is a gap, as of ``fitting.nlp.windows.pieces_of``
     longest = max(2.5 * float(np.median(np.diff(record.t))), 2 * h)
     broken = ~record.good[:first] | (np.diff(record.t[: first + 1]) > longest)
     # no further back than is read: what was long before must not move a digit
     read = int(np.searchsorted(record.t, record.t[first] - rows * h, "right")) - 1
     k = max(int(np.flatnonzero(broken).max(initial=-1)) + 1, read)
     t = record.t[k : first + 1]
-    known = min(rows, int((t[-1] - t[0]) / h + 1e-6))
-    edges = t[-1] - h * np.arange(known, -1, -1)
-    if not known:
+    logged_rows = min(rows, int((t[-1] - t[0]) / h + 1e-6))
+    edges = t[-1] - h * np.arange(logged_rows, -1, -1)
+    if not logged_rows:
         return record.states[[first] * rows], record.controls[[first] * rows]
     states = np.column_stack([np.interp(edges[:-1], t, record.states[k : first + 1, j]) for j in range(6)])
     inputs = step_means(t, record.controls[k : first + 1], edges)
-    missing = [0] * (rows - known) + list(range(known))
-    return states[missing], inputs[missing]
+    chosen = [0] * (rows - logged_rows) + list(range(logged_rows))  # the oldest stands for those before it
+    return states[chosen], inputs[chosen]
 
 
 def box_of(task: Task, outcomes: Sequence[Outcome]) -> BlackBox:
@@ -408,10 +385,10 @@ def save_box(path: Path, box: BlackBox) -> None:
 
     Raises UserError where a weight is not finite or the file cannot be written.
     """
-    arrays = {f"scales.{name}": torch.as_tensor(np.array(getattr(box.scales, name))) for name in _SCALES}
+    arrays = {f"scales.{name}": np.array(getattr(box.scales, name)) for name in _SCALES}
     for k, system in enumerate(box.systems):
-        arrays |= {f"{k}.{name}": value.detach().contiguous() for name, value in system.state_dict().items()}
-    bad = [name for name, value in arrays.items() if not torch.isfinite(value).all()]
+        arrays |= {f"{k}.{name}": value.detach().contiguous().numpy() for name, value in system.state_dict().items()}
+    bad = [name for name, value in arrays.items() if not np.isfinite(value).all()]
     if bad:
         raise NoSolution(f"{path}: {bad[0]} of the network is not finite, so it is not written; train it again")
     about = {
@@ -420,7 +397,7 @@ def save_box(path: Path, box: BlackBox) -> None:
         "training": json.dumps({k: v for k, v in asdict(box.settings).items() if k != "workers"}),
     }  # fmt: skip
     try:
-        save_tensors(path, {name: value.numpy() for name, value in arrays.items()}, about)
+        save_tensors(path, arrays, about)
     except (OSError, SafetensorError) as error:
         raise NotWritable(f"{path}: cannot be written ({error})") from None
 
@@ -439,10 +416,11 @@ def load_box(where: str | Path, ship: Ship | None = None) -> BlackBox:
         scales = _scales(arrays)
         systems = tuple(build_box(None, scales, settings, 0) for _ in range(members_in(about, arrays)))
         for k, system in enumerate(systems):
-            own = {name: a for name, a in arrays.items() if name.startswith(f"{k}.")}
-            system.load_state_dict({name.partition(".")[2]: a for name, a in own.items()})
+            prefix = f"{k}."
+            system.load_state_dict({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
         box = BlackBox(settings, actuators, float(about["h"]), systems, about["ship"], about["ship_hash"], scales)
         _check(box)
+    # a file may be anybody's: whatever its content makes of the code above is a refusal in one line
     except (LookupError, ValueError, TypeError, AttributeError, ArithmeticError, RuntimeError) as error:
         raise BadValue(f"{path}: cannot be used ({str(error).splitlines()[0]}); train it again") from None
     if ship and (actuators != ship.actuators or box.ship_hash != ship_hash(ship)):
@@ -460,7 +438,8 @@ def _settings(about: Mapping[str, str], arrays: Mapping[str, torch.Tensor]) -> B
         raise ValueError("no kind of network")
     if settings.width < 1 or settings.layers < 1:
         raise ValueError("it has no layer")
-    square = settings.kind != "fnn" or settings.layers > 1
+    # before anything is built: a file that lies must not make arrays of gigabytes
+    square = settings.kind != "fnn" or settings.layers > 1  # whether it has weights of width by width
     if settings.layers > len(arrays) or settings.width ** (1 + square) > sum(a.numel() for a in arrays.values()):
         raise ValueError("its layers are larger than its arrays")
     return settings
@@ -470,6 +449,7 @@ def _scales(arrays: dict[str, torch.Tensor]) -> Scales:
     scales = {name: arrays[f"scales.{name}"].double().numpy() for name in _SCALES}
     if {len(scales[name]) for name in ("feature", "mean", "std")} != {len(scales["mean"])}:
         raise ValueError("scales of different lengths")
+    # what only a training needs is not in the file
     return Scales(**scales, **{name: np.empty(0) for name in ("sigma", "score", "noise", "features")})
 
 

@@ -11,9 +11,10 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import pairwise
+from functools import partial
+from itertools import pairwise, product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from fitting.parallel import run_all
 from fitting.prediction.predict import Forecaster, predict, predict_all
 from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score
 from fitting.report.parts import Store
+from fitting.report.plot_style import DASHES, FigureFolder, dress, new_figure
 from fitting.report.run_folder import SCHEMA_VERSION, Real, adapter, data_rows, plain
 from fitting.settings import Settings
 from fitting.solvers.control import interrupts_noted
@@ -39,6 +41,9 @@ from residual.hybrid import HYBRID_KIND, network_of
 from residual.papers.black_box import BOX_KIND, box_of
 from residual.settings import KINDS, BlackBoxSettings, TrainSettings
 from residual.train import tasks_of, train_one
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MODELS = ("captive", "calibrated", "hybrid", *KINDS)
 # Seconds after a start at which the growth of the error is read: up to the restarts of Wakita et al. (2022).
@@ -59,8 +64,7 @@ class Subset:
         return f"{self.fraction:.0%}" + ("" if self.random else " without random")
 
 
-PaperModels = dict[str, tuple[BlackBoxSettings, tuple[Trial, ...]]]
-"""Name of a network -> its settings and the trials that it is trained on."""
+PaperModels = dict[str, tuple[BlackBoxSettings, tuple[Trial, ...]]]  # Network -> settings and trials to train on
 PAPERS = ("wakita2022",)
 # Type of network -> kind, loss and split of the records (Table 7).
 TYPES = {
@@ -74,9 +78,9 @@ TYPES = {
 NETWORK: dict[str, Any] = {
     "width": 200, "memory": 10, "step": 0.1, "curriculum": ((6.0, 1.0),), "method": "euler", "penalty": 0.0,
 }  # fmt: skip
+# Of the shorter schedule: gradient steps, seconds between windows, windows a step, and first rate. Set by hand: some
+# ten minutes a network on one core.
 STEPS, EVERY, BATCH, RATE = 200, 3.0, 128, 1e-3
-"""Of the shorter schedule: gradient steps, seconds between windows, windows a step, and first rate. Set by hand: some
-ten minutes a network on one core."""
 SHORTER = (
     f"A schedule shorter than the published one: {STEPS} gradient steps of {BATCH} windows, one every {EVERY:g} s, at "
     f"rates of {RATE:g} to 2e-05; --epochs N as published: windows at every row, 512 a step, at 2e-05 (or 1e-4)"
@@ -92,16 +96,16 @@ def paper_models(trials: Sequence[Trial], names: Sequence[str], epochs: int | No
     result = {}
     for name in names:
         kind, loss, split = TYPES[name]
-        own = tuple(t for t in trials if t.name in SPLITS[split])
-        if not own:
+        records = tuple(t for t in trials if t.name in SPLITS[split])
+        if not records:
             raise Missing(f"--models {name}: none of its training records is here, or all of them are test trials")
-        rate = 2e-5 if loss == "state" else 1e-4
+        rate = 2e-5 if loss == "state" else 1e-4  # as published, constant over the training
         plan: dict[str, Any] = {"batch": 512, "stride": 0.1, "rate": rate, "last_rate": rate, "epochs": epochs}
         if epochs is None:
-            passes = STEPS * BATCH * EVERY / sum(t.duration for t in own)
+            passes = STEPS * BATCH * EVERY / sum(t.duration for t in records)  # about duration / EVERY windows an epoch
             plan = {"batch": BATCH, "stride": EVERY, "rate": RATE, "last_rate": 2e-5, "epochs": max(1, round(passes))}
-        sigma = tuple(pooled_sigma(own).tolist())
-        result[name] = BlackBoxSettings(kind=kind, loss=loss, sigma=sigma, **NETWORK, **plan, **values), own
+        sigma = tuple(pooled_sigma(records).tolist())
+        result[name] = BlackBoxSettings(kind=kind, loss=loss, sigma=sigma, **NETWORK, **plan, **values), records
     return result
 
 
@@ -189,8 +193,8 @@ class Comparison:
         return [e for e in self.entries if (e.model, e.subset) == wanted and e.score is not None]
 
 
+# A study, an entry to fill, its trials and its ship; when all ends, a file that ends it, and where it is kept.
 _Job = tuple[Study, Entry, tuple[Trial, ...], Ship, float | None, Path, Store | None]
-"""A study, an entry to fill, its trials and its ship; when all ends, a file that ends it, and where it is kept."""
 
 
 def compare(study: Study, store: Store | None = None, progress: OnProgress | None = None) -> Comparison:
@@ -206,7 +210,7 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
     if store:
         store.open()
     with tempfile.TemporaryDirectory() as scratch:
-        stop = Path(scratch) / "stop"
+        stop = Path(scratch) / "stop"  # a file, which processes of a pool can look for: not all of them get the signal
 
         def job(subset: Subset, model: str, ship: Ship, seed: int | None = None, keep: Store | None = store) -> _Job:
             trials = study.paper[model][1] if model in study.paper else chosen[subset]
@@ -229,8 +233,8 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
             first = [job(study.subsets[0], "captive", study.ship)] if "captive" in study.models else []
             if {"calibrated", "hybrid"} & set(study.models):
                 first += [job(subset, "calibrated", study.ship) for subset in study.subsets]
-            made = run_all(_done, first, study.workers, note)
-            calibrated = {e.subset: (ship, e.status) for e, ship in made if e.model == "calibrated" and ship}
+            calibrations = run_all(_done, first, study.workers, note)  # before the networks: a hybrid needs one
+            calibrated = {e.subset: (ship, e.status) for e, ship in calibrations if e.model == "calibrated" and ship}
             later = []
             for subset in study.subsets:
                 trained = {*KINDS, *study.paper, *(["hybrid"] if subset in calibrated else [])}
@@ -246,12 +250,12 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
 def _done(job: _Job) -> tuple[Entry, Ship | None]:
     """The entry of a job and, of a calibration, the ship."""
     began, (study, entry, trials, ship, end, stop, store) = time.monotonic(), job
-    left = None if end is None else end - time.time()  # of all machines alike
-    again = entry.model == "calibrated" and "hybrid" in study.models
-    known = store.load(entry.file) if store and not again else None
-    if known:
-        return adapter(Entry).validate_python(known[0]), None
-    if stop.exists() or (left is not None and left <= 0):
+    remaining = None if end is None else end - time.time()  # of all machines alike
+    again = entry.model == "calibrated" and "hybrid" in study.models  # the store has the row alone, not the ship
+    stored = store.load(entry.file) if store and not again else None
+    if stored:
+        return adapter(Entry).validate_python(stored[0]), None
+    if stop.exists() or (remaining is not None and remaining <= 0):
         return replace(entry, status="not begun"), None
     model: Simulator | Forecaster | None = None
     try:
@@ -259,10 +263,10 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
             entry = replace(entry, status="finished")
         elif entry.model == "calibrated":
             start = with_instruments(ship, study.instruments, trials)
-            found = estimate_coefficients(start, trials, Settings(time_limit=left))
-            ship, entry = found.ship, replace(entry, status="finished" if found.converged else "stopped")
+            calibration = estimate_coefficients(start, trials, Settings(time_limit=remaining))
+            ship, entry = calibration.ship, replace(entry, status="finished" if calibration.converged else "stopped")
         else:
-            model, entry = _trained(job, left)
+            model, entry = _trained(job, remaining)
     except UserError as error:
         return replace(entry, status=str(error), took_s=time.monotonic() - began), None
     model, tests = model or Simulator(ship), study.test
@@ -277,17 +281,18 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
     return entry, ship
 
 
-def _trained(job: _Job, left: float | None) -> tuple[Simulator | Forecaster, Entry]:
+def _trained(job: _Job, remaining: float | None) -> tuple[Simulator | Forecaster, Entry]:
     """A hybrid or black box of one seed, and its entry before it is scored."""
     study, entry, trials, ship, _, stop, _ = job
     ship, hybrid = ship.without_network(), entry.model == "hybrid"
     assert entry.seed is not None
     values: dict[str, Any] = {"seeds": study.seeds, "seed": study.seed, "step": study.step}
     values |= {"epochs": study.epochs} if study.epochs else {}
-    own = TrainSettings(**values) if hybrid else BlackBoxSettings(kind=entry.model, **values)
-    settings = study.paper[entry.model][0] if entry.model in study.paper else own
+    general = TrainSettings(**values) if hybrid else BlackBoxSettings(kind=entry.model, **values)
+    settings = study.paper[entry.model][0] if entry.model in study.paper else general
+    # judged apart by the test trials: nothing of the training data is spent on judging
     tasks = tasks_of(HYBRID_KIND if hybrid else BOX_KIND, ship, trials, settings, judged_apart=False)
-    task = replace(tasks[entry.seed - study.seed], seconds=left, stop=stop)
+    task = replace(tasks[entry.seed - study.seed], seconds=remaining, stop=stop)
     outcome = train_one(task)
     if outcome.status == "diverged":
         raise NoSolution("diverged, also at lower rates")
@@ -305,7 +310,7 @@ def subset_of(trials: Sequence[Trial], subset: Subset) -> tuple[Trial, ...]:
     kept = [t for t in trials if subset.random or not is_random(t)]
     if subset.fraction < 1:
         cut = [block for trial in kept for block in blocks_of(trial)]
-        edges = np.floor(np.arange(len(cut) + 1) * subset.fraction + 0.5)
+        edges = np.floor(np.arange(len(cut) + 1) * subset.fraction + 0.5)  # a block counts where this goes up by one
         kept = [block for block, wanted in zip(cut, np.diff(edges) > 0, strict=True) if wanted]
     if not kept:
         raise TooFewData(f"nothing is left of the training trials at {subset.words}; leave that share out")
@@ -334,11 +339,11 @@ def growth(model: Simulator | Forecaster, trials: Sequence[Trial]) -> dict[str, 
         for w in windows:
             t = trial.t[w.first : w.last + 1] - trial.t[w.first]
             error = w.error(trial.states)
-            for found, horizon in zip(squares, HORIZONS, strict=True):
-                if t[-1] >= horizon - trial.dt:
+            for errors, horizon in zip(squares, HORIZONS, strict=True):
+                if t[-1] >= horizon - trial.dt:  # the last sample may lie just before
                     k = int(np.abs(t - horizon).argmin())
-                    found.append((error[k, 0] ** 2 + error[k, 1] ** 2, error[k, 2] ** 2))
-    rms = [np.sqrt(np.mean(found, axis=0)).tolist() if found else (math.nan, math.nan) for found in squares]
+                    errors.append((error[k, 0] ** 2 + error[k, 1] ** 2, error[k, 2] ** 2))
+    rms = [np.sqrt(np.mean(errors, axis=0)).tolist() if errors else (math.nan, math.nan) for errors in squares]
     return dict(zip(GROWTH, zip(*rms, strict=True), strict=True))
 
 
@@ -353,7 +358,7 @@ def table_9_errors(model: Simulator | Forecaster, trials: Sequence[Trial]) -> tu
         again = any(word in f"{trial.kind} {trial.name}".lower() for word in RESTARTED)
         windows = [] if again else predict(model, trial, 0.0, PAPER_WINDOW)[0]
         windows = windows or predict(model, trial, PAPER_WINDOW, PAPER_WINDOW)[0]
-        errors = [((w.error(trial.states) / sigma) ** 2).sum(axis=1) for w in windows]
+        errors = [((w.error(trial.states) / sigma) ** 2).sum(axis=1) for w in windows]  # (N + 1,) each
         result.append(float(np.concatenate(errors).mean()) if errors else math.nan)
     return tuple(result)
 
@@ -382,6 +387,7 @@ def mean_and_std(values: Sequence[float], digits: int = 3) -> str:
     if not len(values) or not np.isfinite(values).all():
         return "-"
     mean = float(np.mean(values))
+    # of a sample of seeds, hence ddof=1
     return f"{mean:.{digits}f}" + (f" ± {np.std(values, ddof=1):.{digits}f}" if len(values) > 1 else "")
 
 
@@ -452,7 +458,7 @@ def tables_text(comparison: Comparison) -> str:
         f"{len(study.test)}; {study.seeds} seed(s), mean ± standard deviation over them. Mean squared error summed "
         f"over x, y, psi, u, v, r over sigma = ({sigma}), pooled over the test trials. "
         "Nothing was chosen by the test trials; each seed stops by another part of the training trials. No model uses "
-        "the past of a window.",
+        "the past of a window."
     ]
     for metric, words in METRICS.items():
         lines += ["", f"### {words}", "", *accuracy(comparison, metric)]
@@ -476,7 +482,7 @@ def tables_text(comparison: Comparison) -> str:
 
 
 def _noted(comparison: Comparison) -> list[Message]:
-    """What mmg check says of the trials of the ``comparison``, and what her ship assumes of them."""
+    """What mmg check says of the trials of the ``comparison``, and what its ship assumes of them."""
     trials = [*comparison.study.train, *comparison.study.test]
     return [*TrialSet.of(trials).remarks, *assumed(trials, comparison.study.ship.inputs)]
 
@@ -505,3 +511,60 @@ def comparison_dict(comparison: Comparison, command: str) -> dict:
         "schedule": SHORTER if comparison.study.paper and comparison.study.epochs is None else None,
         "published_table_9": {"test": TABLE_9_TEST, "values": TABLE_9, "note": TABLE_9_NOTE},
     }
+
+
+COLOURS = {
+    "captive": "#8A8A8A", "calibrated": "#0072B2", "hybrid": "#009E73", "fnn": "#D58A00", "rnn": "#CC79A7",
+    "rnn-window": "#C0305A",
+}  # fmt: skip
+DASHED = dict(zip(COLOURS, DASHES, strict=True))
+MARKERS = dict(zip(COLOURS, "oDs^vX", strict=True))  # Of the lines of the models: they differ without their colours too
+# Model -> the one whose look it has: those of a paper stand beside the captive ship alone.
+AS = {model: model for model in COLOURS} | dict(zip(TYPES, list(COLOURS)[1:], strict=True))
+
+
+def _look(model: str) -> dict[str, Any]:
+    return {"color": COLOURS[AS[model]], "marker": MARKERS[AS[model]], "markersize": 4}
+
+
+def growth_plot(comparison: Comparison) -> Figure:
+    """Position and heading error over the horizon, of ``comparison``; mean and range over the seeds."""
+    figure = new_figure(3.2)
+    axes = figure.subplots(1, 2)
+    for ax, (error, (words, factor, _)) in zip(axes, GROWTH.items(), strict=True):
+        dress(ax, "time since the start [s]", words, "" if ax is axes[1] else "Growth of the error")
+        for model in comparison.study.models:
+            rows = [factor * np.array(e.growth[error]) for e in comparison.of(model)]
+            if rows:
+                ax.plot(HORIZONS, np.mean(rows, axis=0), linestyle=DASHED[AS[model]], label=model, **_look(model))
+                ends, colour = (np.min(rows, axis=0), np.max(rows, axis=0)), COLOURS[AS[model]]
+                ax.fill_between(HORIZONS, *ends, color=colour, alpha=0.15)
+        ax.set_ylim(bottom=0)
+    axes[0].legend(fontsize=7.5, frameon=False)
+    return figure
+
+
+def efficiency_plot(comparison: Comparison) -> Figure:
+    """Pooled 30 s windows over the seconds of training data, of ``comparison``; dashed without random manoeuvres."""
+    figure = new_figure(3.2)
+    ax = dress(figure.subplots(), "training data [s]", "30 s windows, mean squared error", "Data efficiency")
+    style = {True: "-", False: "--"}
+    for model, random in product((m for m in comparison.study.models if m != "captive"), style):
+        parts = [comparison.of(model, subset) for subset in comparison.study.subsets if subset.random is random]
+        points = sorted((p[0].training_s, np.mean([e.score.window for e in p if e.score])) for p in parts if p)
+        if points:
+            label = model if random else None
+            ax.plot(*zip(*points, strict=True), style[random], label=label, **_look(model))
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.legend(fontsize=7.5, frameon=False, title="dashed: without random", title_fontsize=7.5)
+    return figure
+
+
+def write_figures(written: FigureFolder, comparison: Comparison) -> None:
+    """Write the figures of the ``comparison``. written: where to."""
+    plots = {"growth": growth_plot}
+    if len(comparison.study.subsets) > 1:
+        plots["efficiency"] = efficiency_plot
+    for name, plot in plots.items():
+        written.write(name, partial(plot, comparison), name, "")

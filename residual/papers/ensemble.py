@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 
+from cases.io.campaigns import campaign_among, ship_of_campaign
 from cases.trial import Trial
 from fitting.nlp.windows import default_step
 from fitting.prediction.predict import Window, planned_windows
@@ -24,6 +25,7 @@ from residual.physics import Physics
 from residual.system import RolloutBatch, TrainableSystem, rollout
 
 SAMPLINGS = ("ts-infinity", "ts1")
+SINGULAR = 1e-13  # Smallest eigenvalue of a correlation matrix to invert. Set by hand: some hundred roundings.
 PARTICLES = 100  # Particles of each window under TS1; under TS-infinity more than the members add nothing. Set by hand.
 
 
@@ -34,6 +36,7 @@ def members_of(model: Ship | BlackBox) -> list[TrainableSystem]:
     """
     if isinstance(model, BlackBox):
         return list(model.systems)
+    # one physics for all, compiled once; no training rows, which only a penalty needs
     physics, nothing = Physics(model.without_network()), np.zeros((len(model.features), 1))
     return [Hybrid(physics, Residual.of_network(m.network), nothing) for m in model.members if m.network]
 
@@ -55,22 +58,25 @@ def predict_members(
     """
     if sampling not in SAMPLINGS:
         raise UnknownName(f"--members {sampling}: unknown; choose one of {', '.join(SAMPLINGS)}")
+    if isinstance(model, Ship):  # its instruments as in the campaign of the trial, as a prediction by the mean has them
+        model = ship_of_campaign(model, campaign_among(trial, model.campaigns))
     members, method = members_of(model), model.settings.method if isinstance(model, BlackBox) else "rk4"
-    kept, notes = planned_windows(trial, model.inputs, length, stride, short_last)
-    if not kept:
+    stretches, notes = planned_windows(trial, model.inputs, length, stride, short_last)
+    if not stretches:
         return [], notes
     h = model.h if isinstance(model, BlackBox) else default_step([trial], model.particulars["L"])
-    batch = gridded(list(kept.values()), h, members[0].past)
+    batch = gridded(list(stretches.values()), h, members[0].past)
     paths = particles(members, batch, len(members) if sampling != "ts1" else PARTICLES, sampling, method, seed)
-    windows, apart = [], []
-    for i, (number, s) in enumerate(kept.items()):
-        cloud = at_samples(paths[:, :, :, i], h, s)
+    windows, distances = [], []
+    for i, (number, s) in enumerate(stretches.items()):
+        cloud = at_samples(paths[:, :, :, i], h, s)  # (N + 1, 6, P)
         # divided by their number: particles that follow the same member add nothing
         windows.append(Window(number, s.first, s.last, cloud.mean(axis=2), cloud.std(axis=2)))
-        apart.append(mahalanobis(cloud, trial.states[s.first : s.last + 1]))
+        distances.append(mahalanobis(cloud, trial.states[s.first : s.last + 1]))
     words = f"{trial.name}: std is the spread of {len(members)} members, not the error of a prediction"
-    if np.isfinite(apart).all():
-        words += f"; u, v, r are {np.sqrt(np.mean(apart) / 3):.1f} times as far from their mean (rms)"
+    if np.isfinite(distances).all():
+        # 3: the mean squared distance of three components that are as far away as they scatter
+        words += f"; u, v, r are {np.sqrt(np.mean(distances) / 3):.1f} times as far from their mean (rms)"
     return windows, [*notes, Message(words, "spread_of_members")]
 
 
@@ -92,9 +98,9 @@ def particles(
         paths = torch.stack([rollout(member, batch, method) for member in members[:count]], dim=2)
         return paths[:, :, torch.arange(count) % len(members)].numpy()
     draw, M = torch.Generator().manual_seed(seed), len(batch)
-    which = torch.randint(len(members), (count * M,), generator=draw)
+    which = torch.randint(len(members), (count * M,), generator=draw)  # particle p of window m is column p M + m
     starts = torch.stack([member.start(batch.targets[0], batch.controls[0], batch.past) for member in members])
-    z = starts[which, :, torch.arange(count * M) % M].T.contiguous()
+    z = starts[which, :, torch.arange(count * M) % M].T.contiguous()  # (Z, P M)
     states = [members[0].columns(z)]
     for controls in batch.controls:
         which = torch.randint(len(members), (count * M,), generator=draw)
@@ -118,9 +124,10 @@ def mahalanobis(paths: np.ndarray, truth: np.ndarray) -> float:
     mean = cloud.mean(axis=2)
     off, error = cloud - mean[:, :, None], truth[1:, 3:6] - mean
     C = np.einsum("nip,njp->nij", off, off) / cloud.shape[2]
-    scale = np.sqrt(np.maximum(np.diagonal(C, axis1=1, axis2=2), 1e-300))
-    alike = C / (scale[:, :, None] * scale[:, None, :])
-    if np.linalg.eigvalsh(alike).min() < 1e-13:
+    # by the correlation matrix: u, v and r have unlike units, which alone would make C look singular
+    scale = np.sqrt(np.maximum(np.diagonal(C, axis1=1, axis2=2), 1e-300))  # 1e-300: no division by 0
+    correlation = C / (scale[:, :, None] * scale[:, None, :])
+    if np.linalg.eigvalsh(correlation).min() < SINGULAR:
         return float("nan")
     scaled = error / scale
-    return float(np.nanmean((scaled * np.linalg.solve(alike, scaled[..., None])[..., 0]).sum(axis=-1)))
+    return float(np.nanmean((scaled * np.linalg.solve(correlation, scaled[..., None])[..., 0]).sum(axis=-1)))

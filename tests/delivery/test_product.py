@@ -6,12 +6,17 @@ import hashlib
 import json
 import shutil
 import zipfile
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cases.shipfiles.ship_file import dump_ship, dump_whole_ship, load_ship
 from delivery.export import ABOUT, FORMATS, export
+from delivery.fmi.ship import CoSimulatedShip
+from delivery.fmi.variables import variable_table
+from delivery.fmi.write import description
 from delivery.product import (
     LEFT_OUT,
     NAME_CHANGED,
@@ -24,8 +29,8 @@ from delivery.product import (
 )
 from mmg.errors import BadValue, Unsupported
 from mmg.messages import has_code
-from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
+from tests.support.commands import refused, shown
 from tests.support.fmus import network
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -38,37 +43,21 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.fixture()
-def stopped(run: Path, tmp_path: Path) -> Path:
-    """A run folder whose calibration did not converge."""
-    folder = tmp_path / "stopped"
-    folder.mkdir()
-    (folder / "ship.toml").write_text((run / "ship.toml").read_text())
-    content = json.loads((run / "result.json").read_text()) | {"converged": False, "status": "Maximum_Iterations"}
+def changed(run: Path, folder: Path, content: dict[str, Any]) -> Path:
+    """The ``run`` in a new ``folder`` with this ``content`` of its result.json."""
+    folder.mkdir(parents=True)
+    shutil.copyfile(run / "ship.toml", folder / "ship.toml")
     (folder / "result.json").write_text(json.dumps(content))
     return folder
 
 
-def refusal(capsys: pytest.CaptureFixture[str], *words: object) -> str:
-    """The one line with which the command refuses."""
-    capsys.readouterr()
-    assert main(["export", *map(str, words)]) == 2
-    said = capsys.readouterr().err.strip()
-    assert "\n" not in said and said.startswith("mmg: "), said
-    return said
-
-
 def test_coefficients_that_no_trial_excites_are_a_caveat(run: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "unexcited"
-    folder.mkdir()
-    (folder / "ship.toml").write_text((run / "ship.toml").read_text())
     content = json.loads((run / "result.json").read_text())
     rows = content["identifiability"]["coefficients"]
     first, second, *_ = rows
     for symbol in (first, second):
         rows[symbol]["kind"] = "silent"
-    (folder / "result.json").write_text(json.dumps(content))
-    (caveat,) = product_of(folder).caveats
+    (caveat,) = product_of(changed(run, tmp_path / "unexcited", content)).caveats
     assert caveat.code == UNEXCITED and f"2 of {len(rows)} " in str(caveat) and f"{first}, {second}" in str(caveat)
 
 
@@ -96,13 +85,8 @@ def contents(target: Path) -> dict[str, bytes]:
     return found
 
 
-PROJECTED = ("shipmmg", "pvs", "vrx")  # slow, and gazebo stands for them
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "form", [pytest.param(form, marks=[pytest.mark.slow] * (form in PROJECTED)) for form in sorted(FORMATS)]
-)
+@pytest.mark.parametrize("form", sorted(FORMATS))
 def test_a_run_gives_the_same_bytes_wherever_it_lies(form: str, run: Path, tmp_path: Path) -> None:
     """A product holds hashes of its run and of the data, and no path of either."""
     first, other = tmp_path / "a" / "run", tmp_path / "a longer name" / "copy"
@@ -138,19 +122,20 @@ def test_a_product_names_its_run_and_its_data_by_hashes(run: Path) -> None:
 def test_a_ship_that_was_never_calibrated_leaves_by_force_only(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = refusal(capsys, "esso_osaka_3m", "--format", "c", "--out", tmp_path / "c", "--json")
+    said = refused(capsys, "export", "esso_osaka_3m", "--format", "c", "--out", tmp_path / "c", "--json")
     assert said.endswith("[not_calibrated]") and "--force" in said and not (tmp_path / "c").exists()
-    assert main(["export", "esso_osaka_3m", "--format", "c", "--out", str(tmp_path / "c"), "--force", "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = shown("export", "esso_osaka_3m", "--format", "c", "--out", tmp_path / "c", "--force")
     assert [c["code"] for c in printed["caveats"]] == [UNCALIBRATED, NO_RANGE]
     assert printed["caveats"][0]["text"] in (tmp_path / "c" / "esso_osaka_3m.c").read_text()
     assert json.loads((tmp_path / "c" / ABOUT).read_text())["caveats"] == printed["caveats"]
 
 
 def test_a_run_that_did_not_converge_leaves_by_force_only(
-    stopped: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    said = refusal(capsys, stopped, "--format", "c", "--out", tmp_path / "c", "--json")
+    content = json.loads((run / "result.json").read_text()) | {"converged": False, "status": "Maximum_Iterations"}
+    stopped = changed(run, tmp_path / "stopped", content)
+    said = refused(capsys, "export", stopped, "--format", "c", "--out", tmp_path / "c", "--json")
     assert "Maximum_Iterations" in said and "--force" in said and said.endswith("[not_calibrated]")
     assert has_code(product_of(stopped, force=True).caveats, NOT_CONVERGED)
 
@@ -159,24 +144,24 @@ def test_targets_are_not_lost(run: Path, tmp_path: Path, capsys: pytest.CaptureF
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "thesis.txt").write_text("mine")
-    words = (run, "--format", "c", "--json", "--out")
-    assert refusal(capsys, *words, mine).endswith("[target_exists]")
+    words = ("export", run, "--format", "c", "--out")
+    assert refused(capsys, *words, mine, "--json").endswith("[target_exists]")
     for target in (mine, mine / "thesis.txt"):
-        assert refusal(capsys, *words, target, "--force").endswith("[target_exists]")
+        assert refused(capsys, *words, target, "--force", "--json").endswith("[target_exists]")
     assert (mine / "thesis.txt").read_text() == "mine"
-    assert refusal(capsys, *words, mine / "thesis.txt" / "c").endswith("[not_writable]")
-    assert main(["export", *map(str, words), str(tmp_path / "c")]) == 0
+    assert refused(capsys, *words, mine / "thesis.txt" / "c", "--json").endswith("[not_writable]")
+    shown(*words, tmp_path / "c")
     (tmp_path / "c" / "esso_osaka_3m.c").write_text("")
-    assert main(["export", *map(str, words), str(tmp_path / "c"), "--force"]) == 0
+    shown(*words, tmp_path / "c", "--force")
     assert (tmp_path / "c" / "esso_osaka_3m.c").read_text() != ""
     assert sorted(p.name for p in tmp_path.iterdir()) == ["c", "mine"]
 
 
 def test_unknown_words_are_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    place = ("--out", tmp_path / "c", "--json")
-    assert refusal(capsys, run, "--format", "fortran", *place).endswith("[unknown_name]")
-    assert refusal(capsys, run, "--format", "c", "--without", "tow", *place).endswith("[unknown_name]")
-    assert refusal(capsys, tmp_path / "nothing", "--format", "c", *place).endswith("[unknown_name]")
+    others = (run, "fortran"), (run, "c", "--without", "tow"), (tmp_path / "nothing", "c")
+    for where, form, *more in others:
+        said = refused(capsys, "export", where, "--format", form, *more, "--out", tmp_path / "c", "--json")
+        assert said.endswith("[unknown_name]")
 
 
 def test_an_exact_delay_is_refused_with_what_to_do(tmp_path: Path) -> None:
@@ -190,11 +175,16 @@ def test_an_exact_delay_is_refused_with_what_to_do(tmp_path: Path) -> None:
     export(left, "c", tmp_path / "c")
 
 
-def test_a_product_is_called_as_its_calibration(run: Path) -> None:
-    from delivery.fmi.ship import CoSimulatedShip
-    from delivery.fmi.variables import variable_table
-    from delivery.fmi.write import description
+def test_an_effect_goes_with_its_values_by_campaign(tmp_path: Path) -> None:
+    ship = load_ship("esso_osaka_3m").with_effect("gyro").with_effect("log_scale")
+    ship = replace(ship, campaigns={"spring": {"gyro.T": 0.9, "log_scale.share": 0.02}, "autumn": {"gyro.T": 0.4}})
+    (tmp_path / "ship.toml").write_text(dump_ship(ship))
+    for form in ("toml", "json"):
+        export(product_of(tmp_path / "ship.toml", force=True, without=["gyro"]), form, tmp_path / f"left.{form}")
+        assert load_ship(tmp_path / f"left.{form}").campaigns == {"spring": {"log_scale.share": 0.02}}
 
+
+def test_a_product_is_called_as_its_calibration(run: Path) -> None:
     found = product_of(run)
     mark = found.ship.mark
     assert mark is not None and mark.name != found.ship.name and found.about()["ship"] == mark.name
@@ -204,8 +194,7 @@ def test_a_product_is_called_as_its_calibration(run: Path) -> None:
 
 def test_a_name_that_is_no_identifier_is_made_one(tmp_path: Path) -> None:
     ship = load_ship("esso_osaka_3m")
-    text = dump_ship(ship).replace('name = "esso_osaka_3m"', 'name = "2nd Été"')
-    (tmp_path / "ship.toml").write_text(text)
+    (tmp_path / "ship.toml").write_text(dump_ship(replace(ship, name="2nd Été")))
     found = product_of(tmp_path / "ship.toml", force=True)
     assert found.identifier == "ship_2nd_ete" and has_code(found.caveats, NAME_CHANGED)
 
@@ -219,17 +208,13 @@ def test_identifiers_are_distinct_and_no_reserved_words() -> None:
 
 # The ship file and its JSON as products
 @pytest.mark.parametrize("form", ["toml", "json"])
-def test_a_command_takes_what_was_exported(form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = tmp_path / f"ship.{form}"
-    assert main(["export", "esso_osaka_3m", "--format", form, "--out", str(path), "--force"]) == 0
-    capsys.readouterr()
-    outputs = []
-    for ship in ("esso_osaka_3m", str(path)):
-        assert main(["simulate", ship, "--maneuver", "turning:35", "--duration", "20", "--json"]) == 0
-        outputs.append(capsys.readouterr().out)
-    assert outputs[0] == outputs[1]
+def test_a_command_takes_what_was_exported(form: str, tmp_path: Path) -> None:
+    path, maneuver = tmp_path / f"ship.{form}", ("--maneuver", "turning:35", "--duration", "20")
+    shown("export", "esso_osaka_3m", "--format", form, "--out", path, "--force")
+    assert shown("simulate", path, *maneuver) == shown("simulate", "esso_osaka_3m", *maneuver)
 
 
-def test_a_file_of_another_ending_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadValue):
-        export(product_of("esso_osaka_3m", force=True), "toml", tmp_path / "ship.json")
+def test_a_file_of_another_ending_and_what_is_no_path_are_refused(tmp_path: Path) -> None:
+    for out in (tmp_path / "ship.json", 3):
+        with pytest.raises(BadValue):
+            export(product_of("esso_osaka_3m", force=True), "toml", out)  # type: ignore[arg-type]

@@ -15,6 +15,7 @@ from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.nlp.prior import ByCampaign
+from fitting.nlp.problem import Problem
 from fitting.nlp.windows import pieces_of
 from fitting.settings import Settings
 from fitting.solvers.reduced import ReducedProblem
@@ -38,20 +39,19 @@ SHIPS = ("plain", "student", "campaigns")
 def calibrated(kind: str) -> tuple[Calibration, list[Trial]]:
     """A calibration by squares, by Student's t, or with a lag of the gyro by campaign."""
     if kind != "campaigns":
-        trials = list(demo_trials(3, dt=0.5)[0][:4])
-        return estimate_coefficients(
-            ESSO, trials, Settings(passes=2, loss="student" if kind == "student" else "gaussian")
-        ), trials
-    trials = fleet(
-        ESSO,
-        {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, (0.0, 0.9), strict=False)},
-        ("zigzag:20/20",),
-        5,
-        10.0,
-        60.0,
-    )
+        trials, loss = list(demo_trials(3, dt=0.5)[0][:4]), "student" if kind == "student" else "gaussian"
+        return estimate_coefficients(ESSO, trials, Settings(passes=2, loss=loss)), trials
+    lags = {day: [f"gyro:T={lag}"] for day, lag in zip(DAYS, (0.0, 0.9), strict=False)}
+    trials = fleet(ESSO, lags, ("zigzag:20/20",), 5, 10.0, 60.0)
     own = ByCampaign(("gyro.T",), DAYS[:2], (0, 1))
     return estimate_coefficients(ESSO.with_effect("gyro"), trials, Settings(passes=2), per_run=own), trials
+
+
+def cost_of_samples(problem: Problem, x: np.ndarray) -> float:
+    """The objective at ``x`` (n,) less the prior and the memory of the first states."""
+    nodes, p = problem.split(x)
+    memory = 0.5 * (problem.memory_weight * (nodes - problem.measured_nodes)[:, 6:] ** 2).sum()
+    return float(problem.objective(x) - 0.5 * p @ p - memory)
 
 
 def still(found: Calibration, symbols: tuple[str, ...]) -> Hybrid:
@@ -72,8 +72,7 @@ def test_value_and_gradient_are_those_of_the_calibration(kind: str) -> None:
         _, slope = reduced.objective(p)
         x = reduced.best_states(p)
         assert x is not None
-        nodes, scaled = problem.split(x)
-        memory = 0.5 * (problem.memory_weight * (nodes - problem.measured_nodes)[:, 6:] ** 2).sum()
+        _, scaled = problem.split(x)
         loss = RolloutLoss.of(problem, x)
         theta = torch.tensor(prior.mean + prior.std * scaled, requires_grad=True)
         values = theta[torch.as_tensor(problem.columns.at[problem.columns.window].T)]
@@ -86,8 +85,7 @@ def test_value_and_gradient_are_those_of_the_calibration(kind: str) -> None:
         hybrid.fused.library = None
         value = calibration_loss(hybrid, batch, loss.cost)
         value.backward()
-        expected = problem.objective(x) - 0.5 * scaled @ scaled - memory
-        assert float(value.detach()) == pytest.approx(expected, rel=1e-9)
+        assert float(value.detach()) == pytest.approx(cost_of_samples(problem, x), rel=1e-9)
         assert theta.grad is not None
         off = theta.grad.numpy() * prior.std - (slope * prior.std - scaled)
         assert np.linalg.norm(off) < 1e-6 * np.linalg.norm(slope * prior.std - scaled)
@@ -102,13 +100,9 @@ def test_a_training_sees_the_value_of_the_calibrated_ship_by_compiled_rollouts(k
     pieces = pieces_of(trials, loss.h, found.ship.inputs)
     batch = calibration_windows(loss, pieces)
     assert batch is not None and len(batch) == len(found.segments.run)
-    x = found.solution.x
-    expected = RolloutLoss.of(found.problem, x)
-    nodes, p = found.problem.split(x)
-    memory = 0.5 * (found.problem.memory_weight * (nodes - found.problem.measured_nodes)[:, 6:] ** 2).sum()
     value = float(calibration_loss(still(found, loss.symbols), batch, loss.cost).detach())
-    assert value == pytest.approx(found.problem.objective(x) - 0.5 * p @ p - memory, rel=1e-6)
-    np.testing.assert_array_equal(expected.weights, loss.weights)
+    assert value == pytest.approx(cost_of_samples(found.problem, found.solution.x), rel=1e-6)
+    np.testing.assert_array_equal(RolloutLoss.of(found.problem, found.solution.x).weights, loss.weights)
 
 
 def test_windows_count_only_where_a_split_trains() -> None:

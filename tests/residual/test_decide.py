@@ -17,7 +17,7 @@ from residual.hybrid import HYBRID_KIND
 from residual.pipeline import train
 from residual.settings import TrainSettings
 from residual.splits import FOLDS, GAP, Split, split_pieces
-from residual.system import Past, TrainableSystem
+from residual.system import TrainableSystem
 from residual.train import Outcome, tasks_of, train_one
 from residual.windows import Scales
 from tests.support import hybrids
@@ -93,15 +93,16 @@ class Ballast(TrainableSystem):
         super().__init__()
         self.w = torch.nn.Parameter(torch.zeros(1, dtype=torch.float64))
 
-    def start(self, logged: torch.Tensor, controls: torch.Tensor, past: Past | None = None) -> torch.Tensor:
-        return logged
-
     def rates(self, z: torch.Tensor, controls: torch.Tensor) -> torch.Tensor:
         return torch.cat([self.w.expand(1, z.shape[1]), torch.zeros_like(z[1:])])
 
 
 def ballast(ship: Ship, scales: Scales, training: TrainSettings, seed: int) -> TrainableSystem:
     return Ballast()
+
+
+BALLAST = HYBRID_KIND._replace(build=ballast)
+DRIFT = TrainSettings(seeds=2, step=1.0, epochs=30, rate=2e-2, penalty=0.0, curriculum=((10.0, 1.0),))
 
 
 def drifting(runs: int, speeds: list[float]) -> list[Trial]:
@@ -118,8 +119,7 @@ def test_what_judges_is_neither_trained_on_nor_stopped_by() -> None:
     """Four runs drift forward and the judging one backward: whoever had looked at it would not go forward."""
     ship = hybrids.ship()
     trials = drifting(5, [-0.3, 0.3, 0.3, 0.3, 0.3])
-    training = TrainSettings(seeds=1, step=1.0, epochs=30, rate=2e-2, penalty=0.0, curriculum=((10.0, 1.0),))
-    (task,) = tasks_of(HYBRID_KIND._replace(build=ballast), ship, trials, training)
+    (task,) = tasks_of(BALLAST, ship, trials, replace(DRIFT, seeds=1))
     found = train_one(task)
     assert {int(run) for run in found.judged[:, 0]} == {0}
     assert found.state["w"][0] == pytest.approx(0.3, abs=0.05)
@@ -133,12 +133,10 @@ def test_what_judges_is_neither_trained_on_nor_stopped_by() -> None:
 def test_validation_trials_judge_and_do_not_stop() -> None:
     ship = hybrids.ship()
     trials = drifting(6, [0.3, 0.3, 0.3, 0.3, 0.3, -0.3])
-    kind = HYBRID_KIND._replace(build=ballast)
-    training = TrainSettings(seeds=2, step=1.0, epochs=30, rate=2e-2, penalty=0.0, curriculum=((10.0, 1.0),))
-    for task in tasks_of(kind, ship, trials[:5], training, trials[5:]):
+    for task in tasks_of(BALLAST, ship, trials[:5], DRIFT, trials[5:]):
         found = train_one(task)
         assert found.after[0] > 2 * found.before[0] and found.state["w"][0] == pytest.approx(0.3, abs=0.05)
-    (task, _) = tasks_of(kind, ship, trials[:5], training, trials[5:], judged_apart=False)
+    (task, _) = tasks_of(BALLAST, ship, trials[:5], DRIFT, trials[5:], judged_apart=False)
     assert train_one(task).after[0] <= train_one(task).before[0], "without `judged_apart` it stops by them"
 
 
@@ -151,6 +149,8 @@ def test_validation_needs_something_to_stop_by() -> None:
 
 NO_RESTART = float("nan")
 """Error of 100 s restarts where none fits."""
+EVEN = [(1.0, 0.9), (1.0, 0.91), (1.0, 0.89), (1.0, 0.92), (1.0, 0.88)]
+"""Errors of runs before and after that all become about a tenth better."""
 
 
 def outcome(
@@ -183,17 +183,15 @@ def test_the_decision(outcomes: list[Outcome], kept: bool) -> None:
 
 
 def test_100_s_predictions_that_become_worse_within_what_runs_differ_by_are_no_harm() -> None:
-    even = [(1.0, 0.9), (1.0, 0.91), (1.0, 0.89), (1.0, 0.92), (1.0, 0.88)]
     for worse, kept in (([0.9, 0.95, 1.0, 1.15, 1.05], True), ([1.04, 1.05, 1.06, 1.05, 1.05], False)):
         rows = np.array([(run, 0, 1.0, error) for run, error in enumerate(worse)])
-        one = replace(outcome(0.9, float(np.mean(worse)), runs=even), restarts_judged=rows)
+        one = replace(outcome(0.9, float(np.mean(worse)), runs=EVEN), restarts_judged=rows)
         assert decide([one, one]).kept is kept
 
 
 def test_a_gain_that_one_run_makes_is_no_gain() -> None:
-    even = [(1.0, 0.9), (1.0, 0.91), (1.0, 0.89), (1.0, 0.92), (1.0, 0.88)]
     single = [(1.0, 0.4), (1.0, 1.02), (1.0, 1.03), (1.0, 1.02), (1.0, 1.03)]
-    for runs, kept in ((even, True), (single, False)):
+    for runs, kept in ((EVEN, True), (single, False)):
         found = decide([outcome(0.9, runs=runs), outcome(0.9, runs=runs)])
         assert found.kept is kept, found.words
     assert found.runs_error == pytest.approx(np.std([0.6, -0.02, -0.03, -0.02, -0.03], ddof=1) / np.sqrt(5))
@@ -213,8 +211,7 @@ def test_few_runs_need_a_larger_gain_than_many() -> None:
 
 @pytest.mark.slow
 def test_parts_of_runs_that_were_trained_on_decide_nothing() -> None:
-    even = [(1.0, 0.9), (1.0, 0.91), (1.0, 0.89), (1.0, 0.92), (1.0, 0.88)]
-    found = decide([outcome(0.9, runs=even)] * 2, whole_runs=False)
+    found = decide([outcome(0.9, runs=EVEN)] * 2, whole_runs=False)
     assert not found.kept
     trials = hybrids.trials(hybrids.lacking(), 2, 300)
     trained = train(hybrids.ship(), trials, settings=TrainSettings(seeds=1, step=1.0, epochs=1))

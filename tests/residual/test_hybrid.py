@@ -13,6 +13,7 @@ from fitting.nlp.windows import Stretch, pieces_of
 from mmg.errors import TooFewData
 from mmg.messages import has_code
 from mmg.rollout import Simulator
+from mmg.ship import Ship
 from residual.hybrid import Hybrid, Residual, Symmetric, build_hybrid, hybrid_scales, to_network
 from residual.physics import Physics
 from residual.pipeline import train
@@ -25,12 +26,13 @@ from tests.support import hybrids
 from tests.support.differences import check_gradients
 
 QUICK = TrainSettings(seeds=2, epochs=25, width=12, penalty=0.001, rate=1e-2, step=1.0, stride=5.0)
+SIGMA = torch.tensor([1.0, 1.0, 0.3, 0.1, 0.05, 0.02], dtype=torch.float64)
 
 
-def random_residual(seed: int = 0) -> Residual:
+def random_residual(seed: int = 0, width: int = 16, ship: Ship | None = None) -> Residual:
     """Random weights, the last layer included."""
-    F = len(hybrids.ship().features)
-    residual = Residual.drawn(np.linspace(0.1, 1.0, F), np.array([1e-3, 2e-3, 5e-4]), 16, seed)
+    F = len((ship or hybrids.ship()).features)
+    residual = Residual.drawn(np.linspace(0.1, 1.0, F), np.array([1e-3, 2e-3, 5e-4]), width, seed)
     with torch.no_grad():
         residual.W3.normal_(generator=torch.Generator().manual_seed(seed))
     return residual
@@ -60,14 +62,12 @@ def hybrid_and_batch(h: float = 1.0, steps: int = 12):  # type: ignore[no-untype
 @pytest.mark.parametrize("method", ["rk4", "euler"])
 def test_gradient_of_the_rollout_loss_agrees_with_finite_differences(method: str) -> None:
     hybrid, batch = hybrid_and_batch()
-    sigma = torch.tensor([1.0, 1.0, 0.3, 0.1, 0.05, 0.02], dtype=torch.float64)
 
     def loss() -> torch.Tensor:
-        return state_loss(hybrid, batch, sigma, method) + hybrid.penalty() + 0.1 * acceleration_loss(
-            hybrid, batch, torch.ones(3, dtype=torch.float64) * 1e-3
-        )  # fmt: skip
+        a = acceleration_loss(hybrid, batch, torch.ones(3, dtype=torch.float64) * 1e-3)
+        return state_loss(hybrid, batch, SIGMA, method) + hybrid.penalty() + 0.1 * a
 
-    check_gradients(loss, hybrid.learned())
+    check_gradients(loss, hybrid.parameters())
 
 
 def test_the_state_loss_is_equation_23() -> None:
@@ -124,11 +124,10 @@ def test_a_time_limit_keeps_the_best_weights_so_far() -> None:
     assert has_code(trained.warnings, "seeds_stopped")
 
 
-def test_too_little_data_is_one_clear_sentence() -> None:
+@pytest.mark.parametrize("seconds", [25, 60])
+def test_too_little_data_is_one_clear_sentence(seconds: int) -> None:
     with pytest.raises(TooFewData):
-        train(hybrids.ship(), hybrids.trials(hybrids.ship(), 1, 25), settings=QUICK)
-    with pytest.raises(TooFewData):
-        train(hybrids.ship(), hybrids.trials(hybrids.ship(), 1, 60), settings=QUICK)
+        train(hybrids.ship(), hybrids.trials(hybrids.ship(), 1, seconds), settings=QUICK)
 
 
 def test_the_seed_decides_everything() -> None:
@@ -154,11 +153,8 @@ def test_random_inputs_at_twice_the_range_do_not_diverge_in_1000_runs() -> None:
 @pytest.mark.parametrize("name", ["esso_osaka_3m", "vectwin_3m"])
 def test_a_symmetric_residual_answers_mirrored_motion_by_mirrored_accelerations(name: str) -> None:
     ship = load_ship(name)
-    F = len(ship.features)
-    own = Residual.drawn(np.linspace(0.1, 1.0, F), np.array([1e-3, 2e-3, 5e-4]), 8, 3)
-    with torch.no_grad():
-        own.W3.normal_(generator=torch.Generator().manual_seed(1))
-    both, rng = Symmetric(own, ship.actuators), np.random.default_rng(0)
+    limit = np.ones(len(ship.features))
+    both, rng = Symmetric(random_residual(3, 8, ship), ship.actuators), np.random.default_rng(0)
     values = {feature: rng.normal(size=50) for feature in ship.features}
     turned = {feature: -a if feature in ("v", "r", "a_y", "n_bow") else a for feature, a in values.items()}
     for port, starboard in (("delta", "delta"), ("delta_port", "delta_starboard")):
@@ -167,7 +163,7 @@ def test_a_symmetric_residual_answers_mirrored_motion_by_mirrored_accelerations(
     one, other = (both(torch.as_tensor(np.array([v[f] for f in ship.features]))) for v in (values, turned))
     np.testing.assert_allclose(other.detach(), one.detach() * torch.tensor([[1.0], [-1.0], [-1.0]]), atol=1e-16)
     assert (one.abs().mean(dim=1) > 1e-6).all(), "symmetric because it is nothing"
-    network = to_network([both], ship.actuators, -np.ones(F), np.ones(F))
+    network = to_network([both], ship.actuators, -limit, limit)
     x = np.array([values[f] for f in ship.features])
     np.testing.assert_allclose(network.accelerations(x), one.detach().numpy(), atol=1e-16)
 
@@ -176,14 +172,13 @@ def test_a_symmetric_residual_answers_mirrored_motion_by_mirrored_accelerations(
 def test_gradients_of_a_symmetric_residual_through_the_compiled_rollout() -> None:
     plain, batch = hybrid_and_batch()
     hybrid = Hybrid(plain.physics, Symmetric(random_residual(), hybrids.ship().actuators), np.ones((7, 4)))
-    sigma = torch.tensor([1.0, 1.0, 0.3, 0.1, 0.05, 0.02], dtype=torch.float64)
     gradients = []
     for simulate in (hybrid.simulate, lambda *given: TrainableSystem.simulate(hybrid, *given)):
         hybrid.zero_grad()
         start = hybrid.start(batch.targets[0], batch.controls[0])
-        error = (simulate(start, batch.controls, batch.h)[:, :6] - batch.targets) / sigma[:, None]
+        error = (simulate(start, batch.controls, batch.h)[:, :6] - batch.targets) / SIGMA[:, None]
         (error**2).mean().backward()
-        gradients.append([p.grad.clone() for p in hybrid.learned()])  # type: ignore[union-attr]
+        gradients.append([p.grad.clone() for p in hybrid.parameters()])  # type: ignore[union-attr]
     assert len(gradients[0]) == 5 and all(g.abs().max() > 0 for g in gradients[0])
     for one, other in zip(*gradients, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-12)

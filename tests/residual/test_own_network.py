@@ -12,8 +12,7 @@ from torch import nn
 
 import mmg_ident as mi
 from delivery.c.source import c_files
-from residual.hybrid import Hybrid, Residual, Symmetric, to_network
-from residual.own_network import layers_of
+from residual.hybrid import Hybrid, Residual, Symmetric, layers_of, to_network
 from residual.physics import Physics
 from residual.settings import BlackBoxSettings, TrainSettings
 from tests.support import hybrids

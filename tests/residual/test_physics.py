@@ -21,8 +21,6 @@ from tests.support.quick import first_quick
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 ESSO = load_ship("esso_osaka_3m")
-
-
 SHIPS = {name: load_ship(name) for name in library()}
 OTHERS = {
     "memory": with_effects("rudder_lag", "hull_memory", "control_delay"),
@@ -68,19 +66,9 @@ def physics_of(way: str):
     return lambda ship: Physics(ship, WAYS[way])
 
 
-COMPILED = ("esso_osaka_3m", "vectwin_3m", "hybrid")
-"""Ships whose operators are also compiled in the default run; the others are in the slow one."""
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "way"),
-    [
-        *((name, "interpreted") for name in (*SHIPS, *OTHERS)),
-        *((name, "C") for name in COMPILED),
-        *(pytest.param(name, "C", marks=pytest.mark.slow) for name in (*SHIPS, *OTHERS) if name not in COMPILED),
-    ],
-)
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", [*SHIPS, *OTHERS])
 def test_values_and_gradients_are_those_of_casadi(name, way):
     ship = {**SHIPS, **OTHERS}[name]
     z, c = points(ship)
@@ -104,7 +92,7 @@ def test_gradients_are_those_of_finite_differences(way):
     physics = physics_of(way)(ESSO)
     z, c = (a[:, 3:11].contiguous().requires_grad_() for a in points(ESSO))
     added = torch.zeros((3, 8), dtype=torch.float64, requires_grad=True)
-    torch.autograd.gradcheck(physics.rates_and_features, (z, c), atol=1e-6)
+    torch.autograd.gradcheck(lambda z, c: physics.call("rates_and_features", z, c), (z, c), atol=1e-6)
 
     def step(z: torch.Tensor, added: torch.Tensor) -> torch.Tensor:
         a, h = added * physics.features(z, c)[:3], torch.full((1, 1), 0.3, dtype=torch.float64)
@@ -121,7 +109,7 @@ def test_features_and_columns_are_those_of_the_model(way):
         physics, model = physics_of(way)(ship), assemble(ship, ())
         seen = np.array(model.features.map(z.shape[1])(z.numpy(), c.numpy(), np.zeros((0, z.shape[1]))))
         close(physics.features(z, c), seen)
-        close(physics.rates_and_features(z, c)[1], seen)
+        close(physics.call("rates_and_features", z, c)[1], seen)
         close(physics.columns(z), Simulator(ship).columns(z.numpy()))
         logged = physics.columns(z)
         close(physics.columns(physics.start(logged, c)), logged.numpy(), 1e-9)
@@ -129,12 +117,7 @@ def test_features_and_columns_are_those_of_the_model(way):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "method"),
-    [
-        ("esso_osaka_3m", "euler"),
-        ("memory", "rk4"),
-        *(pytest.param(name, "rk4", marks=pytest.mark.slow) for name in ("vectwin_3m", "place")),
-    ],
+    ("name", "method"), [("esso_osaka_3m", "euler"), ("memory", "rk4"), ("vectwin_3m", "rk4"), ("place", "rk4")]
 )
 def test_a_network_trained_in_torch_is_the_same_in_casadi(name, method):
     ship = {**SHIPS, **OTHERS}[name]
@@ -232,10 +215,8 @@ def test_states_and_gradients_are_those_of_single_steps(name, method):
 
 
 def test_shapes_that_do_not_fit_are_refused():
-    ship = FUSED["esso"]
-    z, c = points(ship)
-    residual = Residual.of_network(random_network(ship))
-    with pytest.raises(ValueError, match="fit"):
-        FusedRollout(Physics(ship), 8)(z, c[None, :, :-1], 0.1, residual.plain())
-    with pytest.raises(ValueError, match="fit"):
-        FusedRollout(Physics(ship), 9)(z, c[None], 0.1, residual.plain())
+    z, c = points(ESSO)
+    layers = Residual.of_network(random_network(ESSO)).plain()
+    for width, inputs in ((8, c[None, :, :-1]), (9, c[None])):
+        with pytest.raises(ValueError, match="fit"):
+            FusedRollout(Physics(ESSO), width)(z, inputs, 0.1, layers)

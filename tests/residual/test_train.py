@@ -18,19 +18,12 @@ from fitting.nlp.windows import pieces_of
 from mmg.errors import BadValue
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from residual.figures import learning_plot
 from residual.hybrid import HYBRID_KIND
-from residual.papers.comparison_figures import COLOURS, DASHED, MARKERS
+from residual.papers.comparison import COLOURS, DASHED, MARKERS
 from residual.pipeline import train
+from residual.result import learning_plot
 from residual.settings import TrainSettings, settings_from
-from residual.train import (
-    Adam,
-    load_outcome,
-    save_outcome,
-    tasks_of,
-    train_one,
-    training_store,
-)
+from residual.train import Adam, load_outcome, save_outcome, tasks_of, train_one, training_store
 from residual.windows import windows
 from tests.residual.test_hybrid import QUICK
 from tests.support import hybrids

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +15,8 @@ import pytest
 from cases.maneuvers.self_propulsion import speed_for
 from cases.shipfiles.ship_file import load_ship
 from delivery.c.source import approach, write_c
+from delivery.product import Product, identifiers
 from fitting.selection.candidates import candidate
-from mmg.ship import Ship
 from tests.delivery.c.test_source import SHIPS, ship_of
 from tests.support.c_products import COMPILERS, STRICT, compiled, compiler, product, write_files
 from tests.support.quick import first_quick
@@ -27,18 +29,20 @@ ENVELOPES: tuple[dict[str, tuple[float, float]] | None, ...] = (
 """Ranges of the trials; what is written of them is the same for every ship."""
 
 
+def compile_strictly(which: str, of: Product, folder: Path, *flags: str) -> None:
+    """Fails unless the source of ``of`` compiles without a warning."""
+    command = [*compiler(which), *STRICT, *flags, "-c", write_files(of, folder), "-o", folder / "ship.o"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0 and not done.stderr, done.stderr[:2000]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("which", "single"), [("gcc, C", False), ("clang, C++", False), ("gcc, C++", True), ("clang, C", True)]
 )
 def test_it_compiles_without_a_warning(which: str, single: bool, tmp_path: Path) -> None:
-    command = compiler(which)
     of = product(ship_of("hybrid"))
-    source = write_files(of, tmp_path)
-    flags = ["-O1", "-ffast-math", *([f"-D{of.identifier.upper()}_SINGLE"] if single else [])]
-    done = subprocess.run([*command, *STRICT, *flags, "-c", source, "-o", tmp_path / "ship.o"],
-                          capture_output=True, text=True)  # fmt: skip
-    assert done.returncode == 0 and not done.stderr, done.stderr[:2000]
+    compile_strictly(which, of, tmp_path, "-O1", "-ffast-math", *[f"-D{of.identifier.upper()}_SINGLE"] * single)
 
 
 def test_the_turn_of_the_example_begins_as_the_ship_runs() -> None:
@@ -59,33 +63,26 @@ def test_the_turn_of_the_example_begins_as_the_ship_runs() -> None:
 @pytest.mark.parametrize("which", list(COMPILERS))
 def test_every_ship_compiles_without_a_warning(which: str, name: str, tmp_path: Path) -> None:
     for held in ENVELOPES if name == "esso_osaka_3m" else ENVELOPES[:1]:
-        source = write_files(product(ship_of(name), held), tmp_path)
-        done = subprocess.run([*compiler(which), *STRICT, "-O1", "-c", source, "-o", tmp_path / "ship.o"],
-                              capture_output=True, text=True)  # fmt: skip
-        assert done.returncode == 0 and not done.stderr, done.stderr[:2000]
+        compile_strictly(which, product(ship_of(name), held), tmp_path, "-O1")
+
+
+def symbols_of(name: str, folder: Path, flags: Sequence[str], *options: str) -> str:
+    """What nm lists of the compiled ship ``name``; the test is skipped where it is missing."""
+    if shutil.which("nm") is None:
+        pytest.skip("nm is missing")
+    source, built = write_files(product(ship_of(name)), folder), folder / "ship.o"
+    subprocess.run([*compiler("gcc, C"), "-O1", *flags, "-c", source, "-o", built], check=True)
+    return subprocess.run(["nm", *options, built], capture_output=True, text=True, check=True).stdout
 
 
 @pytest.mark.slow
-def test_it_needs_the_c_library_alone(tmp_path: Path) -> None:
-    command = compiler("gcc, C")
-    if shutil.which("nm") is None:
-        pytest.skip("nm is missing")
+def test_it_needs_the_c_library_alone_and_writes_nothing_global(tmp_path: Path) -> None:
     mathematics = {"sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "sqrt", "exp", "log", "expm1",
                    "log1p", "erf", "floor", "ceil", "pow", "atan2", "fmod", "hypot", "sincos"}  # fmt: skip
     for name in VARIED[:2]:
-        source = write_files(product(ship_of(name)), tmp_path)
-        subprocess.run([*command, "-O1", "-c", source, "-o", tmp_path / "ship.o"], check=True)
-        listed = subprocess.run(["nm", "-u", tmp_path / "ship.o"], capture_output=True, text=True, check=True).stdout
-        needed = {word.split("@")[0] for word in re.findall(r"U (\S+)", listed)}
+        needed = {word.split("@")[0] for word in re.findall(r"U (\S+)", symbols_of(name, tmp_path, (), "-u"))}
         assert needed - {"memcpy", "memset", "_GLOBAL_OFFSET_TABLE_"} <= mathematics, needed
-
-
-@pytest.mark.slow
-def test_nothing_global_is_written(tmp_path: Path) -> None:
-    command = compiler("gcc, C")
-    source = write_files(product(ship_of("hybrid")), tmp_path)
-    subprocess.run([*command, "-O1", "-fno-pic", "-fno-pie", "-c", source, "-o", tmp_path / "ship.o"], check=True)
-    listed = subprocess.run(["nm", tmp_path / "ship.o"], capture_output=True, text=True, check=True).stdout
+    listed = symbols_of("hybrid", tmp_path, ("-fno-pic", "-fno-pie"))
     assert not re.findall(r" [BbCDdSs] ", listed), listed
 
 
@@ -159,10 +156,8 @@ def test_sanitizers_find_nothing(name: str, tmp_path: Path) -> None:
     command, of = compiler("gcc, C"), product(ship_of(name))
     source, main = write_files(of, tmp_path), tmp_path / "main.c"
     main.write_text(HARNESS.format(p=of.identifier, up=of.identifier.upper()))
-    flags = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
-    done = subprocess.run(
-        [*command, *flags, source, main, "-lm", "-o", tmp_path / "run"], capture_output=True, text=True
-    )
+    flags = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-lm", "-o", tmp_path / "run"]
+    done = subprocess.run([*command, source, main, *flags], capture_output=True, text=True)
     if (done.returncode and "sanit" in done.stderr + done.stdout) or "lasan" in done.stderr:
         pytest.skip("the compiler has no sanitizers")
     assert done.returncode == 0, done.stderr
@@ -177,31 +172,17 @@ def test_the_example_prints_a_turn(tmp_path: Path) -> None:
     assert {p.name for p in tmp_path.iterdir()} == {"esso_osaka_3m.h", "esso_osaka_3m.c", "example.c", "README.md"}
     build = re.search(r"^cc -std=c99 .*$", (tmp_path / "README.md").read_text(), re.MULTILINE)
     assert build
-    words = [*command, *STRICT, *build[0].split()[2:]]
-    subprocess.run(words, check=True, cwd=tmp_path)
+    subprocess.run([*command, *STRICT, *build[0].split()[2:]], check=True, cwd=tmp_path)
     rows = subprocess.run([tmp_path / "example"], capture_output=True, text=True, check=True).stdout.splitlines()
     assert rows[0].startswith("t [s],x [m],y [m],psi [rad]") and len(rows) == 62
     last = [float(x) for x in rows[-1].split(",")]
     assert last[0] == 600.0 and last[3] > 6.0, "it has not turned"
 
 
-def odd_names() -> list[Ship]:
-    from dataclasses import replace
-
-    names = ("3rd ship", "Été-ro", "double", "日本丸", 'a"b?' + "?-c", "X" * 60)
-    return [replace(ship_of("esso_osaka_3m"), name=name, reference="*/ #error") for name in names]
-
-
 @pytest.mark.slow
-def test_any_name_of_a_ship_makes_an_identifier(tmp_path: Path) -> None:
-    from delivery.product import identifiers
-
-    command = compiler("gcc, C")
-    for ship in odd_names():
-        of = product(ship)
-        of = type(of)(
-            ship, identifiers([ship.name])[0].lower(), of.ranges, {"source": ship.name + "*/", "kind": "t\\"}, ()
-        )
-        source = write_files(of, tmp_path)
-        done = subprocess.run([*command, *STRICT, "-fsyntax-only", source], capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr[:2000]
+@pytest.mark.parametrize("name", ["3rd ship", "Été-ro", "double", "日本丸", 'a"b?' + "?-c", "X" * 60])
+def test_any_name_of_a_ship_makes_an_identifier(name: str, tmp_path: Path) -> None:
+    ship = replace(ship_of("esso_osaka_3m"), name=name, reference="*/ #error")
+    provenance = {"source": f"{name}*/", "kind": "t\\"}
+    of = replace(product(ship), identifier=identifiers([name])[0].lower(), provenance=provenance)
+    compile_strictly("gcc, C", of, tmp_path, "-fsyntax-only")

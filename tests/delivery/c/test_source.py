@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from itertools import pairwise
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -27,15 +27,12 @@ def hybrid(members: int = 1, widths: tuple[int, ...] = (32, 32), name: str = "es
     rng, ship = np.random.default_rng(7), load_ship(name)
     chosen = ship.features[::-1]
     sizes = (len(chosen), *widths, 3)
-    layers = tuple(
-        Layers(
-            tuple(rng.normal(size=(b, a)) / np.sqrt(a) for a, b in pairwise(sizes)),
-            tuple(rng.normal(size=b) for b in sizes[1:-1]),
-        )
-        for _ in range(members)
-    )
+    layers = []
+    for _ in range(members):
+        weights = tuple(rng.normal(size=(b, a)) / np.sqrt(a) for a, b in pairwise(sizes))
+        layers.append(Layers(weights, tuple(rng.normal(size=b) for b in sizes[1:-1])))
     scales, limit = rng.uniform(0.3, 2.0, len(chosen)), np.full(len(chosen), np.inf)
-    return ship.with_network(Network(chosen, scales, layers, np.array([2e-3, 2e-3, 1e-3]), -limit, limit))
+    return ship.with_network(Network(chosen, scales, tuple(layers), np.array([2e-3, 2e-3, 1e-3]), -limit, limit))
 
 
 def remembering() -> Ship:
@@ -55,11 +52,8 @@ def generated() -> Ship:
     return ship.with_values({s: c.value + c.std * rng.normal() for s, c in ship.coefficients.items() if "_" in s[1:2]})
 
 
-SHIPS = {
-    "esso_osaka_3m": lambda: load_ship("esso_osaka_3m"),
-    "kvlcc2_l7": lambda: load_ship("kvlcc2_l7"),
-    "kvlcc2_full": lambda: load_ship("kvlcc2_full"),
-    "mariner": lambda: load_ship("mariner"),
+SHIPS: dict[str, Callable[[], Ship]] = {
+    **{name: partial(load_ship, name) for name in ("esso_osaka_3m", "kvlcc2_l7", "kvlcc2_full", "mariner")},
     "twin rudders": lambda: load_ship("vectwin_3m"),
     "four pods": lambda: true_ship("pods"),
     "hybrid": hybrid,
@@ -70,30 +64,14 @@ SHIPS = {
 }
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("c")
-
-
 @cache
 def ship_of(name: str) -> Ship:
-    found: Ship = SHIPS[name]()
-    return found
+    return SHIPS[name]()
 
 
-LONGER = (
-    "esso_osaka_3m",
-    "kvlcc2_full",
-    "hybrid of three networks of one layer",
-    "hybrid of three layers",
-    "generated",
-)
-EVERY = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONGER)) for name in SHIPS]
-
-
-@pytest.fixture(scope="module", params=EVERY)
-def ship(request: pytest.FixtureRequest, folder: Path) -> Compiled:
-    return compiled(product(ship_of(request.param)), folder)
+@pytest.fixture(scope="module", params=SHIPS)
+def ship(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Compiled:
+    return compiled(product(ship_of(request.param)), tmp_path_factory.mktemp("c"))
 
 
 def points(of: Ship, count: int = 20) -> tuple[np.ndarray, np.ndarray]:
@@ -116,24 +94,17 @@ def close(found: np.ndarray, expected: np.ndarray, tolerance: float = 1e-12) -> 
 
 
 @pytest.mark.slow
-def test_rates_forces_columns_and_memory_agree_with_python(ship: Compiled) -> None:
-    model, theta = ship.of.model, ship.of.ship.values
-    for six, inputs in zip(*points(ship.of.ship), strict=True):
-        state = states_behind(model, six[:, None], inputs[:, None], theta)[:, 0]
-        assert close(ship.settle(six, inputs), state)
-        assert close(ship.rates(state, inputs), np.array(model.rates(state, inputs, theta)).ravel())
-        assert close(ship.forces(state, inputs).T, np.array(model.forces(state, inputs, theta)).T)
-        assert close(ship.columns(state), columns(model, state[:, None], theta)[:, 0])
-
-
-@pytest.mark.slow
-def test_jacobians_agree_with_python(ship: Compiled) -> None:
+def test_rates_forces_columns_memory_and_jacobians_agree_with_python(ship: Compiled) -> None:
     model, theta = ship.of.model, ship.of.ship.values
     z, c = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", len(model.controls))
     rates = model.rates(z, c, theta)
     exact = ca.Function("jacobians", [z, c], [ca.jacobian(rates, z), ca.jacobian(rates, c)])
     for six, inputs in zip(*points(ship.of.ship), strict=True):
         state = states_behind(model, six[:, None], inputs[:, None], theta)[:, 0]
+        assert close(ship.settle(six, inputs), state)
+        assert close(ship.rates(state, inputs), np.array(model.rates(state, inputs, theta)).ravel())
+        assert close(ship.forces(state, inputs).T, np.array(model.forces(state, inputs, theta)).T)
+        assert close(ship.columns(state), columns(model, state[:, None], theta)[:, 0])
         for found, expected in zip(ship.jacobians(state, inputs), exact(state, inputs), strict=True):
             assert close(found, np.array(expected))
 
@@ -159,9 +130,8 @@ def test_600_s_agree_with_the_simulator(ship: Compiled) -> None:
     held = np.repeat(rng.normal(size=(30, len(ship.of.model.controls))), 40, axis=0)
     names = ship.of.model.controls
     held *= [0.3 if "delta" in n or n == "azimuth" else 1.0 if n.startswith("wind") else 0.0 for n in names]
-    held[:, [n in ("n", "n_2") for n in names]] = (
-        0.12 * np.sqrt(9.81 * L) / (0.6 * ship.of.ship.particulars.get("D_P", 1.0))
-    )
+    revolutions = 0.12 * np.sqrt(9.81 * L) / (0.6 * ship.of.ship.particulars.get("D_P", 1.0))
+    held[:, [n in ("n", "n_2") for n in names]] = revolutions
     state = ship.settle(start, held[0])
     python = Simulator(ship.of.ship).run(state[:, None], np.repeat(held, parts, axis=0)[:, :, None], h / parts)
     for k, inputs in enumerate(held, 1):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import shutil
 from pathlib import Path
 
@@ -25,37 +24,30 @@ LOGGED = [f"logged.{name}" for name in STATES]
 EXACT = 1e-9
 
 
-def difference(found: np.ndarray, expected: Trial) -> float:
-    """The largest difference of columns of a motion (N, 6) from those of a trial; angles modulo a turn."""
-    error = found - expected.states
+def difference(found: np.ndarray, expected: np.ndarray) -> float:
+    """The largest difference of columns of a motion (N, 6) from those ``expected`` (N, 6); angles modulo a turn."""
+    error = found - expected
     error[:, 2] = (error[:, 2] + np.pi) % (2 * np.pi) - np.pi
     return float(np.abs(error).max())
 
 
-def check(kind: str, version: int, h: float, duration: float) -> None:
-    """Raises AssertionError unless the FMU moves as the ship does under the same inputs."""
-    ship, trial = ship_of(kind), inputs_over(ship_of(kind), h, duration)
+def without_lag(ship: Ship) -> Ship:
+    """The ship as she moves: her filtered velocities are of the instruments."""
+    return ship.without_effect("velocity_filter") if "velocity_filter" in ship.effects else ship
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("h", [0.07, 0.1, 0.25, 0.5])
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("kind", ["plain", "hybrid", "memory", "all"])
+def test_ten_minutes_are_those_of_simulate(kind: str, version: int, h: float) -> None:
+    """Also of a ship with memory, delay and network: "all"."""
+    ship, trial = ship_of(kind), inputs_over(ship_of(kind), h, 600.0)
     with running(fmu(kind, version), version) as instance:
         found = instance.run(ship, trial, [*MOTION, *LOGGED])
     assert np.ptp(found[:, 2]) > 0.5, "it hardly turns"
-    assert difference(found[:, 6:], simulate_controls(ship, trial)) < EXACT
-    true = ship.without_effect("velocity_filter") if "velocity_filter" in ship.effects else ship
-    assert difference(found[:, :6], simulate_controls(true, trial)) < EXACT
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("version", "h"), [(2, 0.07), (3, 0.5)])
-def test_a_ship_with_memory_delay_and_network_moves_as_in_simulate(version: int, h: float) -> None:
-    check("all", version, h, 60.0)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "version", "h"),
-    list(itertools.product(["plain", "hybrid", "memory", "all"], [2, 3], [0.07, 0.1, 0.25, 0.5])),
-)
-def test_ten_minutes_are_those_of_simulate(kind: str, version: int, h: float) -> None:
-    check(kind, version, h, 600.0)
+    assert difference(found[:, 6:], simulate_controls(ship, trial).states) < EXACT
+    assert difference(found[:, :6], simulate_controls(without_lag(ship), trial).states) < EXACT
 
 
 @pytest.mark.slow
@@ -66,13 +58,10 @@ def test_logged_columns_are_those_of_the_instruments_and_the_current_is_where_it
     write_fmu(product(ship), tmp_path / "ship.fmu", 2)
     with running(tmp_path / "ship.fmu", 2) as instance:
         found = instance.run(ship, trial, [*MOTION, *LOGGED])
-    assert difference(found[:, 6:], simulate_controls(ship, trial)) < EXACT
+    assert difference(found[:, 6:], simulate_controls(ship, trial).states) < EXACT
     # the motion starts where the instruments say that it does: the states behind the first sample
-    start = found[0, :6]
-    true = Trial(
-        "inputs", {**trial.columns, **{name: np.full(len(trial), x) for name, x in zip(STATES, start, strict=True)}}
-    )
-    assert difference(found[:, :6], simulate_controls(adrift, true)) < EXACT
+    start = {name: np.full(len(trial), x) for name, x in zip(STATES, found[0, :6], strict=True)}
+    assert difference(found[:, :6], simulate_controls(adrift, trial.with_columns(**start)).states) < EXACT
 
 
 def test_the_current_is_an_input_of_every_ship() -> None:
@@ -81,16 +70,15 @@ def test_the_current_is_an_input_of_every_ship() -> None:
     with running(fmu("plain", 2), 2) as instance:
         instance[["current_velocity.north", "current_velocity.east"]] = list(water.values())
         found = instance.run(ship, trial, MOTION)
-    assert difference(found, simulate_controls(ship.with_effect("current", water), trial)) < EXACT
+    assert difference(found, simulate_controls(ship.with_effect("current", water), trial).states) < EXACT
 
 
 def test_a_ship_adrift_goes_with_water_and_air() -> None:
     with running(fmu("plain", 2), 2) as instance:
         start = dict(zip(("initial.u", "initial.v"), map(float, earth_to_body(0.1, 0.05, 0.4)), strict=True))
-        water = {
-            f"{what}_velocity.{axis}": x for what in ("current", "wind") for axis, x in (("north", 0.1), ("east", 0.05))
-        }
-        instance.begin({"initial.psi": 0.4, **start, **water})
+        for medium in ("current_velocity", "wind_velocity"):
+            start |= {f"{medium}.north": 0.1, f"{medium}.east": 0.05}
+        instance.begin({"initial.psi": 0.4, **start})
         for k in range(100):
             instance.fmu.doStep(0.1 * k, 0.1)
         assert np.allclose(instance[MOTION[:3]], [1.0, 0.5, 0.4], atol=1e-9)
@@ -149,9 +137,5 @@ def test_libcosim_moves_the_ship_as_simulate_and_connects_its_groups(kind: str, 
         folder.mkdir()
         trial = inputs_over(ship, h, 600.0 if kind == "all" else 30.0)
         found, wind = cosimulated(fmu(kind, 2), ship, trial, folder)
-        true = ship.without_effect("velocity_filter") if "velocity_filter" in ship.effects else ship
-        expected = simulate_controls(true, trial)
-        error = found - expected.states[1:]
-        error[:, 2] = (error[:, 2] + np.pi) % (2 * np.pi) - np.pi
-        assert np.abs(error).max() < EXACT
+        assert difference(found, simulate_controls(without_lag(ship), trial).states[1:]) < EXACT
         assert np.allclose(wind, found[-2, 3:5], atol=1e-12)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from cases.shipfiles.ship_file import load_ship
 from delivery.full_scale.scaled_ship import Scaling, scaled_ship
 from delivery.full_scale.viscous import Change, HullInWater, ship_values
 from mmg.components.friction import allowance, form_factor, friction_line, wetted_surface
-from mmg.errors import Missing, OutOfRange
+from mmg.errors import BadValue, Missing, OutOfRange
 
 MODEL = load_ship("kvlcc2_l7")
 """KVLCC2, 7 m."""
@@ -33,11 +34,10 @@ def test_the_same_length_changes_nothing(name: str) -> None:
     model = load_ship(name)
     found = scaled_ship(model, Scaling(model.particulars["L"]))
     assert found.ship.values == pytest.approx(model.values, rel=1e-12)
-    ours = [found.ship.coefficients[s].std for s in model.symbols]
-    assert ours == pytest.approx([model.coefficients[s].std for s in model.symbols], rel=1e-6)
+    ours, theirs = ([one.coefficients[s].std for s in model.symbols] for one in (found.ship, model))
+    assert ours == pytest.approx(theirs, rel=1e-6)
     assert found.correlation == pytest.approx(np.eye(len(found.symbols)), abs=1e-6)
-    same = {s: v for s, v in found.ship.particulars.items() if s != "scale"}
-    assert same == {s: v for s, v in model.particulars.items() if s != "scale"}
+    assert found.ship.particulars | {"scale": 1} == {**model.particulars, "scale": 1}
 
 
 def test_a_slightly_longer_ship_is_a_slightly_different_one() -> None:
@@ -65,10 +65,8 @@ def test_a_rate_of_the_model_is_a_rule_for_the_ship() -> None:
 def test_scaling_with_the_published_changes_alone_is_the_published_ship() -> None:
     """By Froude's law with the wake of the full-scale tests the library's two KVLCC2 are one."""
     found = scaled_ship(MODEL, Scaling(320.0, froude_only=True)).ship.with_values({"w_P0": 0.35})
-    full = load_ship("kvlcc2_full")
-    assert {s: c.value for s, c in found.coefficients.items()} == pytest.approx(
-        {s: c.value for s, c in full.coefficients.items()}, rel=1e-3
-    )
+    ours, theirs = ({s: c.value for s, c in one.coefficients.items()} for one in (found, load_ship("kvlcc2_full")))
+    assert ours == pytest.approx(theirs, rel=1e-3)
     assert "kvlcc2_full" in REFERENCES
 
 
@@ -150,6 +148,12 @@ def test_scaling_never_makes_a_coefficient_more_certain_by_itself() -> None:
 def test_what_no_ship_has_is_refused(length: float, more: dict[str, float], words: str) -> None:
     with pytest.raises(OutOfRange, match=words):
         scaled_ship(MODEL, Scaling(length, **more))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("more", [{"speed": "8"}, {"density": "x"}, {"form_factor": []}, {"roughness": None}])
+def test_what_is_no_number_is_refused(more: dict[str, Any]) -> None:
+    with pytest.raises(BadValue, match=next(iter(more))):
+        scaled_ship(MODEL, Scaling(320.0, **more))
 
 
 def test_particulars_that_are_lacking_are_named() -> None:

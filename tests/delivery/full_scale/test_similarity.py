@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.ship_file import library, load_ship
+from cases.shipfiles.ship_file import dump_ship, library, load_ship, parse_ship
 from cases.simulation.simulate import simulate
 from delivery.full_scale.similarity import Similarity, dropped_effects, similar_bands, similar_network, similar_ship
 from fitting.prediction.bands import SIZES, Process, bands_of, process_dict
@@ -22,6 +22,8 @@ from mmg.motion.froude import time_scale
 from tests.support.networks import random_network
 
 LAW = Similarity(100.0, 1.025)
+FACTORS = np.array([100.0, 100, 1, 10, 10, 0.1])
+"""Of x, y, psi, u, v, r."""
 
 
 @pytest.mark.parametrize(
@@ -75,8 +77,9 @@ def test_effects_of_place_instruments_and_steering_gear_stay_with_the_model() ->
     for name in ("current", "rudder_lag", "antenna_offset", "rudder_stall", "propeller_side_force"):
         ship = ship.with_effect(name)
     assert set(dropped_effects(ship)) == {"current", "rudder_lag", "antenna_offset"}
-    found = similar_ship(ship, LAW, "big")
+    found = similar_ship(replace(ship, campaigns={"spring": {"antenna_offset.x": 0.3}}), LAW, "big")
     assert set(found.effects) == {"rudder_stall", "propeller_side_force"}
+    assert parse_ship(dump_ship(found)).effects == found.effects, "values by campaign of what it lacks"
 
 
 def test_the_scale_of_a_model_is_used_up() -> None:
@@ -106,12 +109,10 @@ def test_motions_are_as_new_to_the_ship_as_to_the_model() -> None:
     theirs = held_of(scaled["held"], names)
     assert theirs is not None
     states, inputs = rng.normal(0.2, 0.2, (9, 6, 2)), rng.normal(size=(9, len(names), 2))
-    factors = np.array([100.0, 100, 1, 10, 10, 0.1])[:, None]
-    inputs_of_ship = (
-        inputs * np.array([LAW.factor({"n": "rps", "delta": "rad"}.get(name, "m/s")) for name in names])[:, None]
-    )
+    growth = np.array([LAW.factor({"n": "rps", "delta": "rad"}.get(name, "m/s")) for name in names])[:, None]
     ours = held.novelty(states, inputs, 3.0)
-    assert ours.max() > 0 and theirs.novelty(states * factors, inputs_of_ship, 300.0) == pytest.approx(ours, abs=0.05)
+    assert ours.max() > 0
+    assert theirs.novelty(states * FACTORS[:, None], inputs * growth, 300.0) == pytest.approx(ours, abs=0.05)
 
 
 def test_bands_grow_as_the_motion_and_lose_the_noise_of_instruments() -> None:
@@ -122,13 +123,9 @@ def test_bands_grow_as_the_motion_and_lose_the_noise_of_instruments() -> None:
     process = Process(np.array([2.0, 2, 3]), np.array([15.0, 10, 5]), size, np.full(6, 0.01), factor, factor, horizons)
     content = {"bands": process_dict(process)}
     before, after = bands_of(content, model), bands_of({"bands": similar_bands(content["bands"], LAW)}, ship)
-    assert before and after
-    assert (after.process.noise == 0).all()
-    rng = np.random.default_rng(5)
-    times = np.linspace(0, 30, 31)[:, None]
-    states = rng.normal(0.1, 0.05, (31, 6, 1))
-    factors = np.array([100.0, 100, 1, 10, 10, 0.1])
+    assert before and after and (after.process.noise == 0).all()
+    times, states = np.linspace(0, 30, 31)[:, None], np.random.default_rng(5).normal(0.1, 0.05, (31, 6, 1))
     ours = before.process_variance(times, states, 3.0)
-    theirs = after.process_variance(10 * times, states * factors[:, None], 300.0)
-    assert theirs == pytest.approx(ours * factors[:, None] ** 2)
+    theirs = after.process_variance(10 * times, states * FACTORS[:, None], 300.0)
+    assert theirs == pytest.approx(ours * FACTORS[:, None] ** 2)
     assert after.process.factor_at(10 * times) == pytest.approx(before.process.factor_at(times))

@@ -16,6 +16,7 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 from tests.delivery.c.test_source import points, ship_of
 from tests.support.c_products import product
+from tests.support.quick import first_quick
 
 COUNT = 4
 SCRIPT = """
@@ -77,31 +78,20 @@ def compared(ship: Ship, folder: Path, build: str = "") -> None:
     assert (found[~told] >= 0).all() and found[~told].max() > 0
 
 
-@pytest.mark.parametrize(
-    "name", ["hybrid", *(pytest.param(n, marks=pytest.mark.slow) for n in ("twin rudders", "memory effects"))]
-)
-def test_the_m_file_agrees_with_python(name: str, tmp_path: Path) -> None:
-    compared(ship_of(name), tmp_path)
-
-
-@pytest.mark.parametrize(
-    "name", ["hybrid", *(pytest.param(n, marks=pytest.mark.slow) for n in ("twin rudders", "memory effects"))]
-)
-def test_the_mex_file_agrees_with_python(name: str, tmp_path: Path) -> None:
-    if shutil.which("mkoctfile") is None:
+@pytest.mark.parametrize("form", ["m", "mex"])
+@pytest.mark.parametrize("name", first_quick(("hybrid", "twin rudders", "memory effects")))
+def test_m_and_mex_file_agree_with_python(name: str, form: str, tmp_path: Path) -> None:
+    if form == "mex" and shutil.which("mkoctfile") is None:
         pytest.skip("mkoctfile is missing")
-    compared(ship_of(name), tmp_path, f"mkoctfile --mex {product(ship_of(name)).identifier}_mex.c")
+    build = f"mkoctfile --mex {product(ship_of(name)).identifier}_mex.c"
+    compared(ship_of(name), tmp_path, build if form == "mex" else "")
 
 
 def test_it_says_what_is_wrong_with_its_arguments(tmp_path: Path) -> None:
     of = product(ship_of("esso_osaka_3m"))
     write_matlab(of, tmp_path)
-    calls = (
-        "'sink', 1, 2",
-        "'rates', zeros(5, 1), zeros(4, 1)",
-        "'rates', zeros(6, 1), zeros(9, 1)",
-        "'step', zeros(6, 1)",
-    )
+    rates = ("'rates', zeros(5, 1), zeros(4, 1)", "'rates', zeros(6, 1), zeros(9, 1)")
+    calls = ("'sink', 1, 2", *rates, "'step', zeros(6, 1)")
     tries = "".join(f"try, esso_osaka_3m({call}); catch e, disp([e.identifier  e.message]); end\n" for call in calls)
     said = octave(tmp_path, tries)
     lines = said.strip().splitlines()

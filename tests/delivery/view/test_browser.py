@@ -87,9 +87,11 @@ def test_keys_change_run_window_time_and_what_is_shown(tab: Browser) -> None:
     assert tab.value(f"{VALUES}[1].hidden") is True
 
 
+BOX = "document.querySelector('.uplot .u-over').getBoundingClientRect()"
+
+
 def test_the_mouse_links_charts_slider_and_track(tab: Browser) -> None:
-    box = "document.querySelector('.uplot .u-over').getBoundingClientRect()"
-    x, y, width = (tab.value(f"{box}.{name}") for name in ("x", "y", "width"))
+    x, y, width = (tab.value(f"{BOX}.{name}") for name in ("x", "y", "width"))
     tab.hover(x + 0.25 * width, y + 20)
     tab.hover(x + 0.5 * width, y + 20)
     time = tab.value("run().t[Chosen.row]")
@@ -101,15 +103,8 @@ def test_the_mouse_links_charts_slider_and_track(tab: Browser) -> None:
 
 
 def test_dragging_in_one_chart_zooms_all(tab: Browser) -> None:
-    box = "document.querySelector('.uplot .u-over').getBoundingClientRect()"
-    x, y, width = (tab.value(f"{box}.{name}") for name in ("x", "y", "width"))
-    moves = (
-        ("Moved", 0.3),
-        ("Pressed", 0.3),
-        ("Moved", 0.5),
-        ("Moved", 0.6),
-        ("Released", 0.6),
-    )
+    x, y, width = (tab.value(f"{BOX}.{name}") for name in ("x", "y", "width"))
+    moves = (("Moved", 0.3), ("Pressed", 0.3), ("Moved", 0.5), ("Moved", 0.6), ("Released", 0.6))
     for name, share in moves:
         where = {"x": x + share * width, "y": y + 30}
         tab.send("Input.dispatchMouseEvent", type=f"mouse{name}", button="left", clickCount=1, **where)

@@ -6,6 +6,7 @@ import base64
 import hashlib
 import json
 import re
+import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -24,12 +25,15 @@ from delivery.view.page import (
     packed_times,
     rows_per_run,
     safe_json,
+    same_ship,
     shown_rows,
     view_page,
     write_view,
 )
+from diagnosis.result import CONTENT
 from fitting.prediction.bands import bands_of
 from fitting.prediction.predict import NETWORK, forces_along, predict
+from fitting.report.run_folder import RESULT
 from fitting.result import read_fit
 from mmg.errors import BadValue, Conflict, Missing, NotWritable
 from mmg.rollout import Simulator
@@ -113,7 +117,7 @@ def test_the_predictions_are_those_of_the_models(run: Path, text: str) -> None:
     assert [m["kind"] for m in header["models"]] == ["start", "calibrated"]
     assert [r["role"] for r in header["runs"]] == ["calibration", "held out"]
     assert header["lengths"] == [30, 100, 0] and header["models"][0]["roles"] == ["hull", "propeller", "rudder", "wind"]
-    (trial,) = read_trials([r["path"] for r in [vars(fit.data[0])]])
+    (trial,) = read_trials([fit.data[0].path])
     t = np.frombuffer(base64.b64decode(runs[0]["t"]), "<f4")
     rows = np.searchsorted(trial.t - trial.t[0], t - 1e-4)
     bands = bands_of(fit.to_dict(), fit.ship)
@@ -123,10 +127,8 @@ def test_the_predictions_are_those_of_the_models(run: Path, text: str) -> None:
         states = np.array([unpacked(column) for column in part["states"]]).T
         assert [int(rows[start]) for start in part["starts"]] == [w.first for w in windows]
         for w in windows[:-1]:
-            inside = (rows >= w.first) & (rows < w.last)
-            assert np.allclose(
-                states[inside], w.states[rows[inside] - w.first], atol=2e-3 * np.ptp(states, axis=0).max()
-            )
+            inside, close = (rows >= w.first) & (rows < w.last), 2e-3 * np.ptp(states, axis=0).max()
+            assert np.allclose(states[inside], w.states[rows[inside] - w.first], atol=close)
         assert ("std" in part) == (own is not None)
     assert np.abs(np.array([unpacked(c) for c in runs[0]["measured"]]).T - trial.states[rows]).max() < 1e-3
 
@@ -157,10 +159,8 @@ def test_words_from_files_stay_words(run: Path) -> None:
     one = gather([run])
     models = (replace(one.models[0], label=EVIL, run=EVIL), *one.models[1:])
     shown = replace(one.trials[0].trial, kind=EVIL)
-    bad = replace(
-        one, ship=replace(one.ship, name="<b>x"), models=models, trials=(ViewTrial(shown, EVIL),), notes=(EVIL,)
-    )
-    text = view_page(bad)
+    ship = replace(one.ship, name="<b>x")
+    text = view_page(replace(one, ship=ship, models=models, trials=(ViewTrial(shown, EVIL),), notes=(EVIL,)))
     assert "alert" not in "".join(t for a, t in Parsed(text).of("script") if a.get("type") != "application/json")
     assert "<b>x" not in text and content(text)[0]["notes"] == [EVIL]
 
@@ -184,6 +184,17 @@ def test_trials_are_those_of_the_run_where_they_are_as_they_were(run: Path, tmp_
     assert {view.role for view in given.trials} == {"calibration", "held out"}
 
 
+def test_a_diagnosis_beside_the_run_that_cannot_be_read_is_a_note(tmp_path: Path) -> None:
+    own, folder = campaign(tmp_path), tmp_path / "earlier"
+    folder.mkdir()
+    for name in (CONTENT, RESULT):
+        (folder / name).write_text("{")
+    found = gather([own])
+    assert found.diagnosis is None and str(folder) in found.notes[0]
+    with pytest.raises(BadValue):
+        gather([own], diagnosis=folder)
+
+
 @pytest.mark.slow
 def test_a_diagnosis_beside_the_run_is_marked_and_one_of_two_must_be_chosen(run: Path, tmp_path: Path) -> None:
     own = campaign(tmp_path)
@@ -204,8 +215,8 @@ def test_a_diagnosis_beside_the_run_is_marked_and_one_of_two_must_be_chosen(run:
 
 
 def test_equal_models_are_shown_once_and_different_ones_by_their_run(run: Path, tmp_path: Path) -> None:
-    import shutil
-
+    assert same_ship(lacking(), lacking()) and not same_ship(lacking(), ship())
+    assert not same_ship(ship(), replace(ship(), campaigns={"spring": {"Y_v": -0.3}})), "instruments by campaign"
     twin = shutil.copytree(run, tmp_path / "twin")
     assert [m.kind for m in gather([run, twin]).models] == ["start", "calibrated"]
     text = (twin / "ship.toml").read_text()
@@ -249,15 +260,10 @@ def test_a_column_keeps_a_65534th_of_its_range(size: float) -> None:
     assert np.abs(found - values).max() <= 0.5001 * np.ptp(values) / 65534
 
 
-def test_what_is_missing_stays_missing() -> None:
-    values = np.array([1.0, np.nan, np.inf, 3.0])
-    found = unpacked(packed(values))
-    assert np.isnan(found).tolist() == [False, True, True, False]
-    assert found[[0, 3]].tolist() == [1.0, 3.0]
+def test_what_is_missing_stays_missing_and_constant_and_huge_columns_are_no_trouble() -> None:
+    found = unpacked(packed(np.array([1.0, np.nan, np.inf, 3.0])))
+    np.testing.assert_array_equal(found, [1.0, np.nan, np.nan, 3.0])
     assert np.isnan(unpacked(packed(np.full(3, np.nan)))).all()
-
-
-def test_a_constant_column_and_a_huge_one_are_no_trouble() -> None:
     assert unpacked(packed(np.full(4, 7.25))).tolist() == [7.25] * 4
     wide = np.array([-1.7e308, 0.0, 1.7e308])
     assert np.allclose(unpacked(packed(wide)), wide, atol=1e304)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from cases.io.published_splits import SPLITS
-from cases.shipfiles.ship_file import load_ship
+from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
@@ -51,7 +51,7 @@ from residual.papers.comparison import (
 )
 from residual.settings import BlackBoxSettings
 from tests.support import hybrids
-from tests.support.commands import refused
+from tests.support.commands import refused, shown
 
 QUICK = ["--seeds", "2", "--epochs", "2", "--step", "1"]
 
@@ -71,18 +71,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_a_black_box_run_is_scored_and_predicts_like_a_ship(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_black_box_run_is_scored_and_predicts_like_a_ship(folder: Path, tmp_path: Path) -> None:
     content = read_result(folder / "box")
     assert content["kind"] == "training" and content["model"] == "rnn-window" and content["seeds"] == [0, 1]
     assert content["settings"]["memory"] == 3 and content["settings"]["augment"] == "sli2"
     assert [system.past for system in load_box(folder / "box").systems] == [2, 2]
     names = {p.name for p in (folder / "box").iterdir()}
     assert {"network.safetensors", "start.toml", "result.json", "figures"} <= names and "ship.toml" not in names
-    capsys.readouterr()
-    assert main(["score", "esso_osaka_3m", str(folder / "box"), str(folder / "test.csv"), "--json"]) == 0
-    models = json.loads(capsys.readouterr().out)["models"]
+    models = shown("score", "esso_osaka_3m", folder / "box", folder / "test.csv")["models"]
     ship, box = models["esso_osaka_3m"], models[str(folder / "box")]
     assert box["window"] > ship["window"] and box["trials"][0]["windows"] == ship["trials"][0]["windows"]
     out = tmp_path / "out.csv"
@@ -98,33 +94,21 @@ def test_a_black_box_is_no_ship_and_belongs_to_its_inputs(
     box, test = folder / "box", folder / "test.csv"
     refused(capsys, "simulate", box, "--maneuver", "turning:35")
     refused(capsys, "fit", box, test, "--out", tmp_path / "run")
-    line = refused(capsys, "predict", box, test, "--adapt", "20", "--out", tmp_path / "p.csv")
-    assert "--adapt" in line
+    assert "--adapt" in refused(capsys, "predict", box, test, "--adapt", "20", "--out", tmp_path / "p.csv")
     other = tmp_path / "other"
     other.mkdir()
     for name in ("network.safetensors", "result.json"):
         (other / name).write_bytes((box / name).read_bytes())
-    from cases.shipfiles.ship_file import dump_ship
-
     (other / "start.toml").write_text(dump_ship(load_ship("vectwin_3m"), "another"))
     refused(capsys, "score", other, test)
 
 
 @pytest.mark.slow
 def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = [
-        "compare",
-        "--train",
-        str(folder / "train"),
-        str(folder / "test.csv"),
-        "--test",
-        str(folder / "test.csv"),
-    ]
+    test, out = folder / "test.csv", ["--out", tmp_path / "cmp"]
+    arguments = ["compare", "--train", folder / "train", test, "--test", test, *out]
     arguments += [*QUICK, "--models", "captive,fnn,rnn-window", "--fractions", "0.5,1", "--no-random", "--workers", "1"]
-    capsys.readouterr()
-    assert main([*arguments, "--out", str(tmp_path / "cmp"), "--json"]) == 0
-    captured = capsys.readouterr()
-    content = json.loads(captured.out)
+    content = shown(*arguments)
     assert content["past_s"] == 0.0, "no model uses the past of a window"
     assert [row["name"] for row in content["test"]] == ["test"] and len(content["train"]) == 5, "tests are taken out"
     entries = content["entries"]
@@ -138,11 +122,9 @@ def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: p
         "tables.md", "result.json", "growth.png", "efficiency.png", "entries",
     }  # fmt: skip
     (tmp_path / "cmp" / "entries" / "fnn_1_seed_1.json").unlink()
-    assert main([*arguments, "--out", str(tmp_path / "cmp"), "--json", "--resume"]) == 0
-    again = json.loads(capsys.readouterr().out)["entries"]
+    again = shown(*arguments, "--resume")["entries"]
     assert [e["score"] for e in again] == [e["score"] for e in entries]
-    other = [*arguments, "--epochs", "3", "--out", tmp_path / "cmp", "--resume"]
-    refused(capsys, *other)
+    refused(capsys, *arguments, "--epochs", "3", "--resume")
     seconds = {(e["fraction"], e["random"]): e["training_s"] for e in entries if e["model"] == "fnn"}
     assert seconds[1.0, True] == 1000 and seconds[1.0, False] == 600 and 400 < seconds[0.5, True] < 600
 
@@ -154,7 +136,7 @@ def test_a_comparison_that_ends_while_its_figures_are_drawn_says_so(
     def ended(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("residual.papers.comparison_figures.write_figures", ended)
+    monkeypatch.setattr("residual.papers.comparison.write_figures", ended)
     sets = ["--train", str(folder / "train"), "--test", str(folder / "test.csv")]
     assert main(["compare", *sets, "--models", "captive", "--out", str(tmp_path / "cmp")]) == 130
     content = json.loads((tmp_path / "cmp" / "result.json").read_text())
@@ -177,15 +159,10 @@ def test_calibrated_and_hybrid_are_trained_on_the_same_trials_as_the_networks() 
 @pytest.mark.slow
 def test_the_time_limit_keeps_what_is_done() -> None:
     trials = tuple(hybrids.trials(hybrids.ship(), 5, 150))
-    study = Study(
-        hybrids.ship(), trials, trials[:1], ("captive", "fnn"), seeds=2, epochs=3000, step=1.0, time_limit=12.0
-    )
-    found = compare(study)
-    assert [(e.model, e.status) for e in found.entries] == [
-        ("captive", "finished"),
-        ("fnn", "stopped"),
-        ("fnn", "not begun"),
-    ]
+    plan = {"seeds": 2, "epochs": 3000, "step": 1.0, "time_limit": 12.0}
+    found = compare(Study(hybrids.ship(), trials, trials[:1], ("captive", "fnn"), **plan))
+    entries = [("captive", "finished"), ("fnn", "stopped"), ("fnn", "not begun")]
+    assert [(e.model, e.status) for e in found.entries] == entries
     assert found.interrupted and found.entries[1].score is not None and found.entries[2].score is None
     assert "100%" in tables_text(found)
 
@@ -314,9 +291,8 @@ def test_a_study_of_the_paper_trains_on_trials_of_its_own_and_says_its_schedule(
     trials, tests = hybrids.trials(hybrids.ship(), 5, 60), tuple(named(["turn_1"], 120))
     values = {"width": 6, "memory": 3, "epochs": 1, "step": 1.0, "curriculum": ((6.0, 1.0),)}
     settings = BlackBoxSettings(kind="rnn-window", seeds=1, sigma=(1.0, 1.0, 0.1, 1.0, 1.0, 1.0), **values)
-    study = Study(
-        hybrids.ship(), tests, tests, ("captive", "type5"), seeds=1, paper={"type5": (settings, tuple(trials))}
-    )
+    paper = {"type5": (settings, tuple(trials))}
+    study = Study(hybrids.ship(), tests, tests, ("captive", "type5"), seeds=1, paper=paper)
     found = compare(study)
     assert [(e.model, e.status, e.training_s, len(e.table_9)) for e in found.entries] == [
         ("captive", "finished", 120.0, 1), ("type5", "finished", 300.0, 1),

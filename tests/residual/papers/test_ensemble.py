@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
-from fitting.nlp.windows import pieces_of
 from fitting.prediction.predict import predict_all
 from mmg.errors import Missing, UnknownName
 from mmg.rollout import Simulator
@@ -19,7 +19,7 @@ from residual.physics import Physics
 from residual.settings import BlackBoxSettings
 from residual.system import RolloutBatch, TrainableSystem, rollout
 from residual.train import tasks_of, train_one
-from residual.windows import windows
+from tests.residual.test_hybrid import hybrid_and_batch, random_residual
 from tests.support import hybrids
 
 
@@ -44,20 +44,7 @@ def yaw_batch(M: int = 3, N: int = 10) -> RolloutBatch:
 
 
 def random_residuals(count: int) -> list[Residual]:
-    F, result = len(hybrids.ship().features), []
-    for seed in range(count):
-        residual = Residual.drawn(np.linspace(0.1, 1.0, F), np.array([1e-3, 2e-3, 5e-4]), 8, seed)
-        with torch.no_grad():
-            residual.W3.normal_(generator=torch.Generator().manual_seed(seed))
-        result.append(residual)
-    return result
-
-
-def hybrid_batch(steps: int = 8) -> RolloutBatch:
-    pieces = pieces_of(hybrids.trials(hybrids.ship(), 2, 60), 1.0, hybrids.ship().inputs)
-    batch = windows(pieces, 1.0, steps, steps)
-    assert batch is not None
-    return batch
+    return [random_residual(seed, 8) for seed in range(count)]
 
 
 # Particles
@@ -104,7 +91,7 @@ def test_the_same_seed_gives_the_same_particles_and_another_one_others() -> None
 
 @pytest.mark.slow
 def test_the_members_of_a_saved_network_are_those_it_was_made_of() -> None:
-    residuals, batch = random_residuals(2), hybrid_batch()
+    residuals, (_, batch) = random_residuals(2), hybrid_and_batch(steps=8)
     limit = np.full(len(hybrids.ship().features), np.inf)
     ship = hybrids.ship().with_network(to_network(residuals, hybrids.ship().actuators, -limit, limit))
     paths = particles(members_of(ship), batch, 2)
@@ -123,12 +110,14 @@ def test_the_members_of_a_saved_network_are_those_it_was_made_of() -> None:
 # Distances
 
 
+SIGNS = np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]])
+"""Of u, v, r of four particles: uncorrelated, of variance 1."""
+
+
 def hand_made() -> tuple[np.ndarray, np.ndarray]:
     """Particles (3, 6, 4) and truth (3, 6): in u, v, r independent, with deviations 1, 2 and 0.5 about 1."""
     paths, truth = np.zeros((3, 6, 4)), np.zeros((3, 6))
-    signs = np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]])
-    for c, (sign, deviation) in enumerate(zip(signs, (1.0, 2.0, 0.5), strict=True)):
-        paths[:, 3 + c] = 1.0 + deviation * sign
+    paths[:, 3:] = 1.0 + np.array([[1.0], [2.0], [0.5]]) * SIGNS
     truth[:, 3:] = 1.0
     truth[1, 3:] += (1.0, 2.0, 0.0)
     truth[2, 3:] += (0.0, 0.0, 1.5)
@@ -147,9 +136,8 @@ def test_distances_by_hand() -> None:
 def test_distances_see_correlated_states() -> None:
     """u and v that move together make an error across the line dear: e = (1, -1), Cov = [[1, .5], [.5, 1]] -> 4."""
     root = np.linalg.cholesky(np.array([[1, 0.5, 0], [0.5, 1, 0], [0, 0, 1]]))
-    signs = np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]])
     paths, truth = np.zeros((2, 6, 4)), np.zeros((2, 6))
-    paths[:, 3:], truth[1, 3:] = root @ signs, (1, -1, 0)
+    paths[:, 3:], truth[1, 3:] = root @ SIGNS, (1, -1, 0)
     assert mahalanobis(paths, truth) == pytest.approx(4.0)
 
 
@@ -173,6 +161,18 @@ def test_a_prediction_by_members_has_their_mean_and_their_spread(sampling: str) 
             np.testing.assert_allclose(window.std, paths.std(axis=0), rtol=0, atol=2e-3)
     with pytest.raises(UnknownName):
         predict_members(four, trial, 20.0, 20.0, True, "ts2")
+
+
+def test_members_log_by_the_instruments_of_the_campaign_of_the_trial(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MMG_CC", "none")  # a compiler takes longer than these windows
+    ship = hybrids.lacking().with_effect("gyro")
+    ship = replace(ship, campaigns={"spring": {"gyro.T": 3.0}, "autumn": {"gyro.T": 0.5}})
+    trial = replace(hybrids.trials(hybrids.ship(), 1, 40)[0], meta={"campaign": "spring"})
+    (window, *_), _ = predict_members(ship, trial, 20.0, 20.0, True)
+    (expected, *_), _ = predict_all(Simulator(ship, compiled=False), [trial], 20.0, 20.0)[0]
+    np.testing.assert_allclose(window.states, expected.states, rtol=0, atol=2e-3)
+    (other, *_), _ = predict_members(ship, replace(trial, meta={"campaign": "autumn"}), 20.0, 20.0, True)
+    assert np.abs(other.states - window.states)[:, 5].max() > 2e-3
 
 
 # Training
