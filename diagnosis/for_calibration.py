@@ -19,9 +19,9 @@ from cases.criteria.standard_runs import approach_speed, simulated_run
 from cases.evidence.kinematics import consistency
 from cases.evidence.tails import chi2_tail
 from cases.io.campaigns import campaign_labels
-from cases.shipfiles.effects import calm_and_deep
+from cases.shipfiles.effects import calm_and_deep, parameters
 from cases.trial import Trial
-from diagnosis.estimation.candidates import Candidate, Column, parameters
+from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import possible_readings
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from cases.evidence.tails import chi2_tail
-from diagnosis.estimation.candidates import TIMES, Candidate, FullModel, neutral, parameters
+from cases.shipfiles.effects import parameters
+from diagnosis.estimation.candidates import TIMES, Candidate, FullModel, neutral
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import EstimatedParameter, InstrumentFault, NamedEffect, RankedCandidate
 from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, Selection

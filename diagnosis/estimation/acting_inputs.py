@@ -8,29 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
 from diagnosis.estimation.gridded_trials import PARTS, GriddedTrials, means_and_changes
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from mmg.effects import EFFECTS
-from mmg.model import Model
-from mmg.ship import Ship
 
 # Steps of h by which an input is moved for its derivative: one part, over which the record is straight.
 APART = 1.0 / PARTS
 
 
-class Steered(Protocol):
-    """A ship of a model, and those of her coefficients that make her inputs late."""
-
-    ship: Ship
-    model: Model
-    late: tuple[str, ...]
-
-
-def acting(steps: Steered, data: GriddedTrials, theta: np.ndarray) -> GriddedTrials:
+def acting(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> GriddedTrials:
     """``data`` with the inputs as they act on a ship of coefficients ``theta`` (all,) or (all, R) by window.
 
     steps: the transition model. The record of ``data`` stays, so that other coefficients may follow. Whatever follows
@@ -113,7 +102,7 @@ def _late(steps: TransitionModel, columns: np.ndarray) -> list[tuple[int, str]]:
     return [(i, s) for i, s in named if s in steps.late]
 
 
-def _values(steps: Steered, theta: np.ndarray) -> tuple[tuple[float, ...], ...]:
+def _values(steps: TransitionModel, theta: np.ndarray) -> tuple[tuple[float, ...], ...]:
     """Values of what makes inputs late, among coefficients (all,) or (all, R): by window where they differ; () where
     nothing does."""
     each = [np.atleast_1d(theta[steps.ship.symbols.index(s)]) for s in steps.late]
@@ -136,7 +125,7 @@ def _both_sides(
     return (acting(steps, data, less), acting(steps, data, more)), np.asarray(more[place] - less[place])
 
 
-def _acted(steps: Steered, data: GriddedTrials, values: Sequence[Sequence[float]]) -> np.ndarray:
+def _acted(steps: TransitionModel, data: GriddedTrials, values: Sequence[Sequence[float]]) -> np.ndarray:
     """The record (N, R, C) of ``data`` in parts of steps, as it acts."""
     names, record = list(steps.model.controls), data.whole_record.copy()
     for symbol, by_window in zip(steps.late, values, strict=True):

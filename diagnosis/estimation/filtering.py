@@ -182,11 +182,6 @@ def _faults(library: ctypes.CDLL) -> str:
     return f"the filter differs from that in numpy {wrong}" if wrong else ""
 
 
-def forget_code() -> None:
-    """Choose again between code and numpy when the filter is next used."""
-    _library.cache_clear()
-
-
 def source() -> str:
     """The C file with ``filter`` and ``responses``."""
     return prelude() + c_file(__file__, "filter.c")

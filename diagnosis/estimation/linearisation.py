@@ -23,11 +23,12 @@ from diagnosis.estimation.kalman import (
     linear_system,
     smoothed,
 )
-from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states
+from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states, set_values
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
 from mmg.model import settled
 from mmg.motion.flow import INPUTS
 from mmg.motion.froude import state_scale
+from mmg.ship import Ship
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,12 @@ class Point:
     p: np.ndarray
     path: Trajectory
     noise: NoiseModel
+
+    def with_values(self, ship: Ship, data: GriddedTrials, p: np.ndarray) -> Point:
+        """The same with other ``p`` (P,), cut to the bounds; ship, data: as of ``set_values``."""
+        p = np.clip(p, *self.free.scaled_bounds)
+        theta = set_values(ship, data, self.theta, self.free.columns, self.free.mean + self.free.std * p)
+        return Point(theta, self.free, p, self.path, self.noise)
 
     def fixed(self) -> Point:
         """The same with nothing free."""
@@ -251,6 +258,16 @@ def linearise_and_filter(
     return Linearisation(
         steps, data, at, active, linear, system, filter_run, white, left, states, residual, size, nll, rows
     )
+
+
+def path_of_all_states(steps: TransitionModel, data: GriddedTrials, point: Point) -> Trajectory:
+    """The path of a ``point`` of the model ``steps`` in trials ``data``, with the states on which nothing depends there
+    simulated along it."""
+    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, point.free.symbols, point.theta))
+    if not len(passive):
+        return point.path
+    controls = acting(steps, data, point.theta).controls
+    return point.path.along(steps.with_passive_states(point.path.z, controls, point.theta, point.path.push, passive))
 
 
 def column_positions(steps: TransitionModel, free: Priors) -> np.ndarray:

@@ -8,7 +8,7 @@ while parameters are far from the optimum, then by its average information.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -116,11 +116,8 @@ class _Iteration:
 
     def moved(self, ship: Ship, data: GriddedTrials, share: float, noise: NoiseModel) -> Point:
         """A share of the way, with this noise."""
-        free, path = self.at.free, self.at.path
-        p = np.clip(self.at.p + share * self.dp, *free.scaled_bounds)
-        theta = set_values(ship, data, self.at.theta, free.columns, free.mean + free.std * p)
-        path = path.moved(path.z + share * self.dz, share * self.dforce, data.gusts)
-        return Point(theta, free, p, path, noise)
+        path = self.at.path.moved(self.at.path.z + share * self.dz, share * self.dforce, data.gusts)
+        return replace(self.at.with_values(ship, data, self.at.p + share * self.dp), path=path, noise=noise)
 
 
 def _iteration(here: Linearisation, typical: NoiseModel | None) -> _Iteration:
@@ -166,9 +163,7 @@ def estimate(
     """
     active = active_states(steps, start.free.symbols, start.theta)
     typical = initial_noise(steps.ship)
-    p = np.clip(start.p, *start.free.scaled_bounds)
-    theta = set_values(steps.ship, data, start.theta, start.free.columns, start.free.mean + start.free.std * p)
-    now = Point(theta, start.free, p, start.path, start.noise)
+    now = start.with_values(steps.ship, data, start.p)
     best: _Iteration | None = None
     likeliest: _Iteration | None = None
     share, reductions, converged, used, in_vain = 1.0, 0, False, 0, 0

@@ -43,13 +43,6 @@ class LinearModel:
     observed: np.ndarray
     observing: np.ndarray
 
-    @property
-    def D(self) -> np.ndarray:
-        """All of D, (K + 1, R, 6, P)."""
-        D = np.zeros((*self.logged.shape, self.G.shape[3]))
-        D[..., self.observing] = self.observed
-        return D
-
 
 class TransitionModel:
     """Steps of length h [s] of a ``ship`` with S states and C inputs; compiled: use generated C code.
@@ -116,10 +109,7 @@ class TransitionModel:
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) logged as ``six`` (6, M) under ``controls`` (C, M), memory states settled; theta: coefficients
         (all,) or by window (all, R)."""
-        return states_behind(self.model, six, controls, theta, self._settled_at, self._columns_at)
-
-    def _settled_at(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        return self._initial.at(six, controls, theta)[0]
+        return states_behind(self.model, six, controls, theta, lambda *at: self._initial.at(*at)[0], self._columns_at)
 
     def _columns_at(self, z: np.ndarray, own: np.ndarray) -> np.ndarray:
         return self._columns.at(z, own)[0]

@@ -20,13 +20,13 @@ import numpy as np
 
 from cases.evidence.kinematics import ALIKE, TRACK, TURN, Kinematics, SensorFault
 from cases.io.campaigns import Groups
+from cases.shipfiles.effects import parameters
 from cases.trial import Trial
-from diagnosis.estimation.acting_inputs import acting
-from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Candidate, Column, parameters
+from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearisation import Point, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, linearise_and_filter, path_of_all_states
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import PRIOR_WIDTH, Priors, active_states, get_values
+from diagnosis.estimation.parameters import PRIOR_WIDTH, Priors, get_values
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import Between, GroupDifference, GroupParameter, group_row, parameters_by_group
 from diagnosis.hypotheses.forward_selection import ODDS
@@ -84,17 +84,12 @@ def run_slopes(
     steps: the transition model; data: the trials, whose ``run`` is the number of the group; runs: (R,) run of each
     window; fit: the fit; candidates: those to be tested. Returns the slopes of each run.
     """
-    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, fit.free.symbols, fit.theta))
-    z = fit.path.z
-    if len(passive):
-        controls = acting(steps, data, fit.theta).controls
-        z = steps.with_passive_states(z, controls, fit.theta, fit.path.push, passive)
     sizes = {x: size for c in candidates for x, size in zip(c.columns, c.typical, strict=True)}
     more = [x for x in sizes if x not in fit.free.columns]
     n, typical = len(more), np.array([sizes[x] for x in more])
     free = fit.free + Priors(tuple(more), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
     p = np.concatenate([fit.p, np.zeros(n)])
-    point = Point(fit.theta, free, p, fit.path.along(z), fit.noise)
+    point = Point(fit.theta, free, p, path_of_all_states(steps, data, fit), fit.noise)
     here = linearise_and_filter(steps, data, point, np.arange(steps.S))
     grams = np.einsum("krca,krcb->rab", here.white, here.white, optimize=True)
     slopes = -(grams[:, :-1, -1] + here.logdet_gradient)

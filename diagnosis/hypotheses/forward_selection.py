@@ -173,18 +173,13 @@ def _predictive(p: SearchProblem, nothing: Linearisation | None, fit: Estimate) 
 
 
 def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], ScoreTest, int]) -> RefittedEffect:
-    """``refit_candidate`` of the arguments in ``task``, as processes take them."""
-    return refit_candidate(*task)
+    """Refit with one effect more; one argument, as processes take it.
 
-
-def refit_candidate(
-    problem: SearchProblem, before: Estimate, named: Sequence[Candidate], score: ScoreTest, count: int
-) -> RefittedEffect:
-    """Refit ``problem`` from the fit ``before`` with the effects ``named`` and one more.
-
-    score: the test of the candidate, whose first-order estimate is the first value; count: candidates that were tested,
-    by which the probability is corrected. Returns the fit with its gain.
+    task: the problem; the fit before, from which it starts; the effects named so far; the test of the candidate, whose
+    first-order estimate is the first value; how many candidates were tested, by which the probability is corrected.
+    Returns the fit with its gain.
     """
+    problem, before, named, score, count = task
     c = score.candidate
     start = {x: before.value(*x) for e in named for x in e.columns}
     if c.start is not None:

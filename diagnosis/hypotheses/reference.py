@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.first_fit import MAX_FITS
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.linearisation import Point, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, linearise_and_filter, path_of_all_states
 from diagnosis.estimation.map_estimate import Estimate, estimate
-from diagnosis.estimation.parameters import Priors, active_states, priors_of_effects
+from diagnosis.estimation.parameters import Priors, priors_of_effects
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.unnamed import unnamed_forms
 
@@ -71,11 +70,7 @@ def fit_reference(
     effects = priors_of_effects(candidates, 1.0)
     free = base + effects
     p = np.concatenate([null.p, np.zeros(len(effects.symbols))])
-    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, null.free.symbols, null.theta))
-    z = null.path.z
-    if len(passive):
-        z = steps.with_passive_states(z, acting(steps, data, null.theta).controls, null.theta, null.path.push, passive)
-    start = Point(null.theta, free, p, null.path.along(z), null.noise)
+    start = Point(null.theta, free, p, path_of_all_states(steps, data, null), null.noise)
     found = _with_likeliest_noise(steps, data, start)
     spread = _scatter(steps, data, found, len(base.symbols))
     P, known = len(base.symbols), found.p.copy()

@@ -14,12 +14,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import DrivenColumns
-from diagnosis.estimation.linearisation import Point, linearise_and_filter, timing_columns
-from diagnosis.estimation.parameters import Priors, active_in_window, active_states
+from diagnosis.estimation.linearisation import Point, linearise_and_filter, path_of_all_states, timing_columns
+from diagnosis.estimation.parameters import Priors, active_in_window
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.effects import EFFECTS
 from mmg.motion.froude import time_scale
@@ -144,17 +143,13 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
 
     steps: the transition model; data: the trials; found: the fit; candidates: those tested. Returns the slopes.
     """
-    data = acting(steps, data, found.theta)
-    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
-    active, z = np.arange(steps.S), found.path.z  # a candidate's memory takes part in the slope of the log determinant
-    if len(passive):
-        z = steps.with_passive_states(z, data.controls, found.theta, found.path.push, passive)
+    active = np.arange(steps.S)  # a candidate's memory takes part in the slope of the log determinant
     each = [x for c in candidates for x in c.columns]
     sizes = {s: size for c in candidates for s, size in zip(c.symbols, c.typical, strict=True)}
     symbols = list(sizes)
     typical, free, n = np.array([sizes[s] for s in symbols]), found.free, len(symbols)
     both = free + Priors(tuple(map(Column, symbols)), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
-    point = Point(found.theta, both, np.zeros(len(both.columns)), found.path.along(z), found.noise)
+    point = Point(found.theta, both, np.zeros(len(both.columns)), path_of_all_states(steps, data, found), found.noise)
     timing = timing_columns(steps, data, point, active)
     pushed = DrivenColumns.pushing(timing)
     linearised = linearise_and_filter(steps, data, point, active, lambda _: [pushed], is_brief=True)

@@ -18,7 +18,6 @@ from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import initial_trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import set_values
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import LEFT_OUT, TESTS, Budget, BudgetShare
 from diagnosis.hypotheses.forward_selection import Selection
@@ -111,9 +110,8 @@ def left_out_errors(steps: TransitionModel, data: GriddedTrials, fit: Estimate) 
     for run in np.unique(data.run):
         own = data.run == run
         without = every - gram[own, :-1, :-1].sum(axis=0)
-        p = np.clip(fit.p + np.linalg.solve(without, slope[own].sum(axis=0)), *fit.free.scaled_bounds)
-        theta = set_values(steps.ship, data, fit.theta, fit.free.columns, fit.free.mean + fit.free.std * p)
-        parts.append(_errors(steps, data.windows(own), theta))
+        moved = fit.with_values(steps.ship, data, fit.p + np.linalg.solve(without, slope[own].sum(axis=0)))
+        parts.append(_errors(steps, data.windows(own), moved.theta))
     return WindowErrors.joined(parts)
 
 
@@ -121,9 +119,8 @@ def with_force(steps: TransitionModel, data: GriddedTrials, fit: Estimate, missi
     """Errors in ``data`` of the ``fit`` of ``steps`` with a ``missing`` force and the coefficients that go with it."""
     z = initial_trajectory(steps, data, fit.theta).z
     force = missing.on(data, 0.5 * (z[:-1] + z[1:]))
-    p = np.clip(fit.p - missing.taken @ missing.mean.ravel(), *fit.free.scaled_bounds)
-    theta = set_values(steps.ship, data, fit.theta, fit.free.columns, fit.free.mean + fit.free.std * p)
-    return errors(steps, data, theta, window_length(steps.ship), force=force)
+    moved = fit.with_values(steps.ship, data, fit.p - missing.taken @ missing.mean.ravel())
+    return errors(steps, data, moved.theta, window_length(steps.ship), force=force)
 
 
 def _floors(steps: TransitionModel, data: GriddedTrials, fit: Estimate, rng: np.random.Generator) -> list[WindowErrors]:
@@ -131,9 +128,8 @@ def _floors(steps: TransitionModel, data: GriddedTrials, fit: Estimate, rng: np.
     ``data``."""
     found = []
     for seen in simulated_trials(steps, data, fit, SIMULATED, rng):
-        p = np.clip(rng.multivariate_normal(fit.p, fit.covariance, method="eigh"), *fit.free.scaled_bounds)
-        theta = set_values(steps.ship, data, fit.theta, fit.free.columns, fit.free.mean + fit.free.std * p)
-        found.append(_errors(steps, seen, theta))
+        drawn = rng.multivariate_normal(fit.p, fit.covariance, method="eigh")
+        found.append(_errors(steps, seen, fit.with_values(steps.ship, data, drawn).theta))
     return [e for e in found if np.isfinite(e.mean).all()]
 
 

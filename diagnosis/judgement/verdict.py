@@ -15,8 +15,9 @@ from functools import cache
 import numpy as np
 
 from cases.evidence.tails import chi2_tail
+from cases.shipfiles.effects import parameters
 from cases.trial import Trial
-from diagnosis.estimation.candidates import Candidate, FullModel, parameters
+from diagnosis.estimation.candidates import Candidate, FullModel
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
@@ -26,7 +27,6 @@ from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.prepare import Prepared
 from diagnosis.summary import parameters_of
-from mmg.effects import EFFECTS
 from mmg.messages import Message
 from mmg.progress import OnProgress
 from mmg.ship import Ship
@@ -192,7 +192,7 @@ def beyond_reported(effects: Sequence[NamedEffect], ship: Ship) -> list[Message]
     """A sentence on each of the named ``effects`` of a ``ship`` that is surely larger than any known of."""
     rows = []
     for e in effects:
-        for p in EFFECTS[e.name].parameters(ship.namespace, dict(ship.components)):
+        for p in parameters(ship, e.name):
             found = e.parameters.get(p.symbol)
             if found is None or abs(found.value - p.neutral) - 2 * found.std <= p.reported:
                 continue

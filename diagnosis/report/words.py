@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cases.shipfiles.effects import parameters
 from diagnosis.findings import (
     MATTERS,
     Budget,
@@ -282,7 +283,7 @@ def quantity(p: EstimatedParameter) -> str:
 
 
 def _parameters(name: str, d: Findings) -> dict[str, Parameter]:
-    return {p.symbol: p for p in EFFECTS[name].parameters(d.ship.namespace, dict(d.ship.components))}
+    return {p.symbol: p for p in parameters(d.ship, name)}
 
 
 def sizes(name: str, parameters: Mapping[str, EstimatedParameter], d: Findings) -> list[dict[str, str]]:

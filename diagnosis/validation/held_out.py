@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
-from diagnosis.estimation.acting_inputs import Steered, acting
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Linearisation, initial_trajectory, linearised_if_finite
 from diagnosis.estimation.map_estimate import Estimate
@@ -24,26 +23,6 @@ from mmg.ship import Ship
 # Draws of runs or blocks, for intervals. Set by hand: the ends of a 90 % interval are known to 0.05 standard errors.
 DRAWS = 2000
 MOST = 1e6  # Largest scaled squared error [-], also of a prediction that diverges. Set by hand: it bounds a mean.
-
-
-class Stepper(Steered, Protocol):
-    """What predicts step by step: ``TransitionModel`` of a ship, or a ship with a learned residual."""
-
-    def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """States (S, M) that are logged as (6, M) under inputs (C, M)."""
-
-    def follow(
-        self,
-        z: np.ndarray,
-        inputs: np.ndarray,
-        theta: np.ndarray,
-        carried: np.ndarray | None = None,
-        whole: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Paths (K + 1, R, S) from the first states of z, as ``TransitionModel.follow``."""
-
-    def logged(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Logged columns (K + 1, R, 6) of a path z (K + 1, R, S)."""
 
 
 def scales(length: float) -> np.ndarray:
@@ -70,7 +49,7 @@ class WindowErrors:
 
 
 def errors(
-    steps: Stepper,
+    steps: TransitionModel,
     data: GriddedTrials,
     theta: np.ndarray,
     length: float,
@@ -79,8 +58,8 @@ def errors(
 ) -> WindowErrors:
     """Errors of open-loop windows of ``length`` seconds (0: whole runs).
 
-    steps: what predicts; data: R windows of the test trials; theta: (all,) coefficients; begin: (K + 1, R, S) from
-    ``start_states`` if known; force: (K, R, 3) that pushes the ship as well [N, N, N m]. Each window begins at its
+    steps: the transition model; data: R windows of the test trials; theta: (all,) coefficients; begin: (K + 1, R, S)
+    from ``start_states`` if known; force: (K, R, 3) that pushes the ship as well [N, N, N m]. Each window begins at its
     logged row, STRIDE seconds after the one before. A channel that was not measured does not count.
     """
     data = acting(steps, data, theta)
@@ -98,8 +77,8 @@ def errors(
     sigma = scales(float(steps.ship.particulars["L"]))
     along = np.arange(int(count.max()))[:, None]
     at, row = (np.minimum(k0 + along + i, len(x) - 1) for i, x in enumerate((data.inputs, data.y)))
-    pushed = {} if force is None else {"force": force[at, r0]}
-    path = steps.follow(np.repeat(z[None], len(along) + 1, axis=0), data.controls[at, r0], theta, **pushed)
+    pushed = None if force is None else force[at, r0]
+    path = steps.follow(np.repeat(z[None], len(along) + 1, axis=0), data.controls[at, r0], theta, force=pushed)
     error = (steps.logged(path[1:], theta) - data.y[row, r0]) / sigma
     good = data.measured[row, r0] & (along < count)[..., None]
     square = np.where(good, np.minimum(np.nan_to_num(error**2, nan=MOST), MOST), 0.0)
@@ -108,11 +87,11 @@ def errors(
     return WindowErrors(square.sum(axis=(0, 2)) / np.maximum(good.sum(axis=(0, 2)), 1), end, data.run[r0])
 
 
-def start_states(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.ndarray:
+def start_states(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> np.ndarray:
     """States (K + 1, R, S) at the logged rows, from which a prediction may begin.
 
-    steps: what predicts; data: the trials; theta: (all,) coefficients. Lagged states of actuators and
-    forces follow from the inputs and the logged motion before; those of sensors are at their steady values.
+    steps: the transition model; data: the trials; theta: (all,) coefficients. Lagged states of actuators and forces
+    follow from the inputs and the logged motion before; those of sensors are at their steady values.
     """
     data = acting(steps, data, theta)
     names = steps.model.states

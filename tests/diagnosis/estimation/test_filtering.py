@@ -31,9 +31,9 @@ def code() -> ctypes.CDLL:
 @pytest.fixture
 def forgotten() -> Iterator[None]:
     """The choice between code and numpy is made again, before and after."""
-    filtering.forget_code()
+    filtering._library.cache_clear()
     yield
-    filtering.forget_code()
+    filtering._library.cache_clear()
 
 
 def system(n: int, seed: int = 0) -> LinearSystem:
