@@ -110,8 +110,7 @@ def group_row(
     return GroupDifference(name, nature, source, most, parts, test.statistic, test.degrees, p, test.log_bayes)
 
 
-TESTS, LEFT_OUT = "test trials", "left-out runs"
-"""What a budget is made of."""
+TESTS, LEFT_OUT = "test trials", "left-out runs"  # What a budget is made of
 # Share of the avoidable error below which a further effect is not named, and nothing is called a remainder. Set by
 # hand; without it no answer to 400 open cases changes (row ``matters`` of benchmarks/ablation.md).
 MATTERS = 0.05
@@ -220,10 +219,10 @@ class UnexplainedForce:
         return {name: value for name, value in vars(self).items() if name not in ("force", "std")}
 
 
+# A number before and after the named effects were added; JSON names them.
 Pair = Annotated[
     tuple[Real, Real], BeforeValidator(lambda v: (v.get("before"), v.get("after")) if isinstance(v, dict) else v)
 ]
-"""A number before and after the named effects were added; JSON names them."""
 
 
 @dataclass(frozen=True)

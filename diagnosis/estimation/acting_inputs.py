@@ -29,6 +29,7 @@ def acting(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> Gr
     if values == data.acting_at:
         return data
     record = _acted(steps, data, values) if values else data.whole_record
+    # without what was before the window
     inputs, changes = means_and_changes(record[len(record) - PARTS * len(data.inputs) :])
     return replace(data, inputs=inputs, changes=changes, acting_at=values)
 
@@ -59,6 +60,7 @@ def linearised(
     for i, symbol in late:
         sides, apart = _both_sides(steps, data, theta, symbol)
         ends = [steps.advance(begin, side.controls.reshape(K * R, -1).T, every) for side in sides]
+        # by difference: the record is no expression of the model
         linear.G[..., i] = (ends[1] - ends[0])[active].T.reshape(K, R, -1) / apart[..., None]
     return linear
 
@@ -83,7 +85,7 @@ def logdet_gradient(
     places, values = np.array([i for i, _ in late], dtype=int), np.zeros((R, len(late)))
     if not late:
         return places, values
-    middle = (0.5 * (z[:-1] + z[1:])).reshape(K * R, -1).T
+    middle = (0.5 * (z[:-1] + z[1:])).reshape(K * R, -1).T  # the midpoint rule, as in ``logdet_gradient`` of steps
     every = steps.coefficients(theta, force.reshape(-1, 3).T)
     wanted = np.concatenate([active, steps.S + np.arange(3)])
     for j, (_, symbol) in enumerate(late):

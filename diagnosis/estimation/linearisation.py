@@ -47,6 +47,7 @@ class Trajectory:
         if self.gust is None or self.gusts is None:
             return self.force
         push = self.force.copy()
+        # a gust [share] times what one of the wind's speed pushes by
         push[:-1] += (self.gusts @ self.gust[:-1, ..., None])[..., 0]
         return push
 
@@ -92,8 +93,8 @@ class Point:
         return Point(self.theta, NO_PRIORS, np.zeros(0), self.path, self.noise)
 
 
+# More columns of a linearisation, in parts, side by side.
 ExtraColumns = Callable[[LinearModel], Sequence[DrivenColumns | ProductColumns]]
-"""More columns of a linearisation, in parts, side by side."""
 
 
 @dataclass(frozen=True)
@@ -156,11 +157,11 @@ class Linearisation:
         have moved by dp (P,) [prior std] (default: not at all)."""
         white, states = self.left, self.states
         if dp is not None and len(dp):
-            move = self.size * dp
+            move = self.size * dp  # (R, P) in units of the parameters
             pushed, seen = self.residual.forcing.copy(), self.residual.observed.copy()
             pushed[:, :, : self.linear.G.shape[2], 0] += (self.linear.G @ move[:, :, None])[..., 0]
             seen[..., 0] += np.einsum("krld,rd->krl", self.linear.observed, move[:, self.linear.observing])
-            column = DrivenColumns.dense(pushed, seen, self.residual.start)
+            column = DrivenColumns.dense(pushed, seen, self.residual.start)  # the residual at the moved parameters
             white, states = (x[..., 0] for x in whitened(self.system, self.filter, column, with_states=True))
         return smoothed(self.system, self.filter, white, states)
 
@@ -213,7 +214,7 @@ def initial_covariance(
         every = np.repeat(theta, 7, axis=1) if theta.ndim > 1 else theta
         tried = settled(steps.model, start.reshape(6, -1), controls, every).reshape(steps.S, R, 7)
         slope[:, 6:] = np.moveaxis((tried[6:, :, 1:] - tried[6:, :, :1]) / 1e-4, 0, 1)
-    P = slope @ slope.swapaxes(1, 2)
+    P = slope @ slope.swapaxes(1, 2)  # (R, S, S): six independent errors of the motion
     at = np.arange(6, steps.S)
     P[:, at, at] += (SETTLED * steps.model.sizes) ** 2  # else the covariance has no inverse
     return P[:, active[:, None], active[None]]
@@ -254,6 +255,7 @@ def linearise_and_filter(
         whitened(system, filter_run, block, white[..., begin:end], rows=rows)
     white[..., -1] = last  # the residual stands last, so that products with it are the last row
     # of white numbers
+    # prediction error decomposition, and the priors
     nll = 0.5 * float(filter_run.log_det.sum() + (left**2).sum() + at.p @ at.p) + noise.neg_log_prior
     return Linearisation(
         steps, data, at, active, linear, system, filter_run, white, left, states, residual, size, nll, rows
@@ -306,6 +308,7 @@ def _residual(
         pushed[:, :, A + 3 :, 0] = np.exp(-data.h / at.noise.gust_tau) * gust[:-1] - gust[1:]
         start[:, A + 3 : own, 0] = -gust[0]
     if A > 6:
+        # memory states begin where they would come to rest
         calm = settled(steps.model, z[0, :, :6].T, data.inputs[0].T, at.theta).T
         start[:, 6:A, 0] = (calm - z[0])[:, active[6:]]
     return DrivenColumns.dense(pushed, (linear.logged - data.y)[..., None], start)

@@ -35,15 +35,15 @@ BREAKS_DOWN = (
 )
 
 
-STALLED, ROUGH = 0.5, 0.15
-"""Expected gain of log likelihood up to which a rough fit that gains nothing ends, and any rough fit: hypotheses differ
-by more. Set by hand."""
+# Expected gains of log likelihood; hypotheses differ by more. Set by hand.
+STALLED = 0.5  # Up to which a rough fit ends that gains nothing
+ROUGH = 0.15  # Up to which any rough fit ends
 # Expected gain of log likelihood by the parameters up to which the noise goes by its average information.
 NEAR = 30.0  # set by hand
 # Iterations without a gain after which a fit ends: the slope does not hold along the step, as at a bend.
 IN_VAIN = 3  # set by hand
+# Of a linearisation and the gain that is expected from it: whether a fit may end there, not converged.
 IsEnough = Callable[[Linearisation, float], bool]
-"""Of a linearisation and the gain that is expected from it: whether a fit may end there, not converged."""
 
 
 def never(here: Linearisation, gain: float) -> bool:
@@ -128,11 +128,11 @@ def _iteration(here: Linearisation, typical: NoiseModel | None) -> _Iteration:
     A = gram[:-1, :-1] + np.eye(len(at.p))  # p is in prior standard deviations
     slope = gram[:-1, -1] + at.p + here.logdet_gradient.sum(axis=0)
     low, high = at.free.scaled_bounds
-    dp = within_bounds(A, slope, low - at.p, high - at.p)
+    dp = within_bounds(A, slope, low - at.p, high - at.p)  # the Gauss-Newton step where bounds allow it
     mean, r, u = here.smoothed(dp)
     dz, count = np.zeros_like(at.path.z), len(active)
     dz[..., active] = mean[..., :count]
-    gain = -float(slope @ dp + 0.5 * dp @ A @ dp)
+    gain = -float(slope @ dp + 0.5 * dp @ A @ dp)  # of log likelihood, by the quadratic model
     noise, more = at.noise, 0.0
     if typical is not None and gain < NEAR:  # average information holds near the optimum alone
         noise, more = noise_step(here, r, u, typical)

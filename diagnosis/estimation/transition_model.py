@@ -120,7 +120,7 @@ class TransitionModel:
         theta: (all,), or (all, R) by window where the points are K times those of R windows.
         """
         every = spread(theta, force.shape[1]).copy()
-        every[self.force] += force
+        every[self.force] += force  # (3, M) on those of the coefficients (all, M)
         return every
 
     def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -199,9 +199,11 @@ class TransitionModel:
         the others it says nothing (default: all).
         """
         (K, R), A, P, S = inputs.shape[:2], len(active), len(columns), self.S
+        # once each, sorted
         each, where = np.unique(np.concatenate([columns, self._force_columns]), return_inverse=True)
         exist = np.flatnonzero(np.arange(K)[:, None] < (K if count is None else count) * np.ones(R))
         start, held, push = (a.reshape(K * R, -1)[exist].T for a in (z[:-1], inputs, force))
+        # each step of each window is an interval
         lanes = self._lanes(held[None], push[None], _groups(theta, exist % R))
         wanted = active, np.concatenate([active, S + each])
         ends = self._intervals.linearise(lanes, start, np.atleast_2d(theta.T), np.zeros((0, S, len(exist))), wanted)
@@ -264,6 +266,7 @@ class TransitionModel:
         of_logged = _weights(weight_logged, rows, np.where(places < S, place[places], -1))
         states = z.reshape(len(z) * R, S).T
         logged = self._logged_hessian.at(states, spread(theta, states.shape[1]), of_logged)[0]
+        # steps of a window added up
         result = sum(found.reshape(self.P, -1, R).sum(axis=1).T for found in (rates, logged))
         return np.asarray(result)[:, columns]
 

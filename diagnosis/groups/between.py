@@ -96,7 +96,7 @@ def run_slopes(
     names = np.unique(runs)
     # to typical sizes
     unit = np.array([sizes.get(x, std) / std for x, std in zip(free.columns, free.std, strict=True)])
-    g = np.array([slopes[runs == r].sum(axis=0) for r in names]) * unit
+    g = np.array([slopes[runs == r].sum(axis=0) for r in names]) * unit  # windows of a run together
     G = np.array([grams[runs == r, :-1, :-1].sum(axis=0) for r in names]) * np.outer(unit, unit)
     group = np.array([data.run[runs == r][0] for r in names])
     precision = np.concatenate([unit[: len(fit.p)] ** 2, np.full(n, COMMON**-2.0)])
@@ -114,7 +114,7 @@ def with_scatter(s: RunSlopes, scatter: Mapping[Column, float], but: Sequence[Co
         return s
     precision = np.diag([scatter[s.columns[i]] ** -2.0 for i in at])
     part = np.linalg.solve(s.G[:, at][:, :, at] + precision, np.concatenate([s.G[:, at], s.g[:, at, None]], axis=2))
-    back = s.G[:, :, at] @ part
+    back = s.G[:, :, at] @ part  # what the free values explain
     return replace(s, G=s.G - back[..., :-1], g=s.g - back[..., -1])
 
 
@@ -391,6 +391,7 @@ class _Search:
         values = (fit.free.mean + fit.free.std * fit.p)[at]
         runs = np.array([len(set(self.runs[self.problem.data.run == k])) for k in range(len(names))])
         covariance = fit.covariance[np.ix_(at, at)] * np.outer(fit.free.std[at], fit.free.std[at])
+        # of a mean over the runs of a group
         covariance += np.diag(np.kron(1.0 / runs, (t.test.scatter * c.typical) ** 2))
         return replace(t.row, parameters=self._parts(c, values, covariance))
 

@@ -36,8 +36,7 @@ AFTER_RUDDER = "force that swings after the rudder"  # Kind of the forces of wha
 WATER = {"stream to the north": "current.x", "stream to the east": "current.y"}
 # Change of the water [m/s] and of the wind [its share] by which their action is differentiated. Set by hand.
 SMALL = 1e-3
-Points = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""States, inputs and coefficients of steps."""
+Points = tuple[np.ndarray, np.ndarray, np.ndarray]  # States (S, M), inputs (C, M) and coefficients (all, M) of steps
 
 
 @dataclass(frozen=True)
@@ -123,6 +122,7 @@ class Dictionary:
         """Derivative (C,) of 1/2 log det F along each column, of the linearisation ``at`` with these columns."""
         forms, sizes = self.forces, self.noise.force
         own = at.by_rates[..., : len(self.active)]  # (K, R, A, A)
+        # by the gradient of a form: forms depend on the logged states
         pull = np.einsum("kraf,krab->krfb", self.by_force, own)[..., :6]
         result = [(np.einsum("mkrb,krfb->mf", forms.gradients, pull) * sizes).ravel()]
         for action, size in self.scaled(at.linear, self.actions):
@@ -146,6 +146,7 @@ class Dictionary:
     def scaled(self, linear: LinearModel, actions: Mapping[str, Action]) -> list[tuple[Action, float]]:
         """Each of the ``actions``, and the unit of it that is as strong as the latent force."""
         inside = self.data.inside
+        # what a step of the latent force adds to the states
         strength = np.linalg.norm(linear.force * self.noise.force, axis=(2, 3))[inside]
         return [
             (a, float(np.sqrt((strength**2).mean() / max((a.step[inside] ** 2).sum(axis=1).mean(), 1e-300))))

@@ -96,7 +96,7 @@ class Events:
         for i, (action, size) in enumerate(self.forms.scaled(at.linear, self.forms.actions)):
             whole = np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
             by_step = size * action.delayed[DELAYS.index(LATE)] * whole
-            result[:, i * W : (i + 1) * W] = by_step.T @ self.stretches
+            result[:, i * W : (i + 1) * W] = by_step.T @ self.stretches  # summed over the steps of each stretch
         streams, w = self.forms.scaled(at.linear, _streams(self.forms)), self.waves.shape[1]
         for i, (action, size) in enumerate(streams, start=-len(streams)):
             whole = size * np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
@@ -169,7 +169,7 @@ def event_slopes(
     for kind in dict.fromkeys(kinds):
         at = np.array([k == kind for k in kinds])
         own = white[..., P:-1][..., at]
-        squares = np.einsum("krce,krcf->ref", own, own, optimize=True)
+        squares = np.einsum("krce,krcf->ref", own, own, optimize=True)  # within each run
         run, number = np.nonzero(np.einsum("ree->re", squares) > SEEN)
         if not len(run):
             continue

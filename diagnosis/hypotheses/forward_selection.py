@@ -23,9 +23,12 @@ from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, sl
 from fitting.parallel import run_all
 from mmg.progress import OnProgress, Progress
 
-SHORT, SCREEN = 6, 0.05
-"""Candidates refitted, the best by the score test: twice the three that held 93 % of the true effects of a prototype,
-of those that it shows at this level; those in CURVED are refitted whatever it says. So it was measured."""
+# Candidates refitted, the best by the score test: twice the three that held 93 % of the true effects of a prototype. So
+# it was measured.
+SHORT = 6
+# Probability by chance from which the score test shows none (row ``refits of what the score test shows`` of
+# benchmarks/ablation.md).
+SCREEN = 0.05
 # Effects whose slope at the neutral value says little: a dead band acts only when it is as large as the motion.
 CURVED = ("rudder_backlash",)
 # The one threshold of the verdict, in log units: odds of 20 to 1 (strong evidence, Kass & Raftery 1995).
@@ -35,8 +38,7 @@ ODDS = float(np.log(20.0))
 MOST = 6
 # Better places without a new effect from which a search begins anew, before one more effect is selected.
 TRIES = 3  # set by hand
-IsPossible = Callable[[Estimate, Candidate], bool]
-"""Of a fit with a candidate: whether that has a size which it can have."""
+IsPossible = Callable[[Estimate, Candidate], bool]  # Whether a candidate has a size in a fit which it can have
 
 
 @dataclass(frozen=True)
@@ -185,7 +187,7 @@ def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], Score
     if c.start is not None:
         first = c.start
     elif c.effect in CURVED:
-        first = np.clip(c.neutral + c.typical, c.lower, c.upper)
+        first = np.clip(c.neutral + c.typical, c.lower, c.upper)  # its slope at the neutral value says nothing
     else:
         first = np.clip(c.neutral + score.phi * c.typical, c.lower, c.upper)
         start |= followed(before, score, first)
@@ -193,9 +195,9 @@ def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], Score
     fit = refit(problem.steps, problem.data, problem.base, before, [*named, c], start, is_rough=True)
     kept = sum(len(e.columns) for e in named)
     gain = gained(before, kept, fit, kept + len(c.columns)) / score.dispersion
-    by_chance = min(1.0, count * chi2_tail(2 * gain, score.degrees))
+    by_chance = min(1.0, count * chi2_tail(2 * gain, score.degrees))  # likelihood ratio, Bonferroni
     p_value = by_chance if c.effect in CURVED else min(score.p_value, by_chance)
-    return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value)
+    return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value)  # BIC (Schwarz 1978)
 
 
 def refitted_without(problem: SearchProblem, best: RefittedEffect, named: Sequence[Candidate]) -> Estimate:

@@ -32,9 +32,8 @@ from mmg.ship import AIR, Ship
 SECONDS = 150.0  # Time at sea of each manoeuvre [s of a 3 m model]. Set by hand.
 AIM = 10.0  # Standard error of a size that is good to have [% of it]. Set by hand.
 TOGETHER = 8  # Manoeuvres that are linearised together. Set by hand: bounds memory.
-TELLS_APART, MANY = 6.6, 50
-"""Misfit that tells two explanations apart at 1 %, and repetitions of a manoeuvre that nobody would run. The 99 %
-quantile of chi-squared of one degree of freedom, 6.63; repetitions by hand."""
+TELLS_APART = 6.6  # Misfit that tells two explanations apart at 1 %: 99 % quantile of chi-squared of 1 degree, 6.63
+MANY = 50  # Repetitions of a manoeuvre that nobody would run. Set by hand.
 
 
 def next_test(problem: SearchProblem, first: Estimate, candidates: Sequence[Candidate], ship: Ship) -> str:
@@ -163,13 +162,14 @@ def _misfits(
     point = Point(first.theta, free, np.zeros(len(free.mean)), path, first.noise)
     linearised = linearise_and_filter(steps, data, point)
     known = [first.free.columns.index(c) for c in base.columns]
-    before = np.linalg.inv(first.covariance[np.ix_(known, known)])
+    before = np.linalg.inv(first.covariance[np.ix_(known, known)])  # information of the present trials
     q = len(one.columns)
     size = get_values(problem.steps.ship, problem.data, first.theta, one.columns)
     phi = (size - one.neutral) / more.std[:q]
     ends = np.cumsum([q, *(len(e.symbols) for e in others)])
     misfits = []
     for gram in _grams(data, linearised.white[..., :-1], len(trials)):
+        # without what the coefficients take, with what is known of them
         S = gram[P:, P:] - gram[P:, :P] @ np.linalg.solve(gram[:P, :P] + before, gram[:P, P:])
         row = [] if others else [phi @ S[:q, :q] @ phi]
         for begin, end in pairwise(ends):

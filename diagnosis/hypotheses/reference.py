@@ -23,8 +23,8 @@ from diagnosis.estimation.parameters import Priors, priors_of_effects
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.unnamed import unnamed_forms
 
-LEAST, ROUNDS = 0.1, 20  # set by hand
-"""Least standard deviation of an effect between runs, in typical sizes; rounds of expectation-maximisation."""
+LEAST = 0.1  # Least standard deviation of an effect between runs, in typical sizes. Set by hand.
+ROUNDS = 20  # Of expectation-maximisation. Set by hand.
 # Standard deviations within which an effect is the usual misfit in other trials. Without this limit trials with hardly
 # any random force had a current fitted 79 of them off before it was looked for.
 USUAL = 4.0
@@ -75,7 +75,7 @@ def fit_reference(
     spread = _scatter(steps, data, found, len(base.symbols))
     P, known = len(base.symbols), found.p.copy()
     std = np.sqrt(np.diag(found.covariance))
-    std[P:] = np.hypot(std[P:], spread / np.sqrt(runs))
+    std[P:] = np.hypot(std[P:], spread / np.sqrt(runs))  # the mean of the other runs scatters too
     moved: list[Candidate] = []
     strong: list[Candidate] = []
     for c in candidates:
@@ -111,8 +111,10 @@ def _with_likeliest_noise(steps: TransitionModel, data: GriddedTrials, start: Po
     """
     fits = [estimate(steps, data, start, MAX_FITS, fixed_noise=True), estimate(steps, data, start, MAX_FITS)]
     one, other = (fit.noise for fit in fits)
+    # half way in the logarithms
     between = one.with_(force=np.sqrt(one.force * other.force), white=np.sqrt(one.white * other.white))
     fits.append(estimate(steps, data, replace(fits[0], noise=between), MAX_FITS, fixed_noise=True))
+    # Laplace: + log det of the information / 2
     return min(fits, key=lambda fit: fit.nll - 0.5 * float(np.linalg.slogdet(fit.covariance)[1]))
 
 
@@ -135,8 +137,8 @@ def _scatter(steps: TransitionModel, data: GriddedTrials, fit: Estimate, first: 
     g = np.array([slopes[data.run == r][:, first:].sum(axis=0) for r in runs])
     std = np.ones(G.shape[1])
     for _ in range(ROUNDS):
-        C = np.linalg.inv(G + np.diag(std**-2.0))
+        C = np.linalg.inv(G + np.diag(std**-2.0))  # E: covariance of each run's own value
         move = np.einsum("rab,rb->ra", C, g)
-        std = np.sqrt(np.mean(move**2 + np.einsum("raa->ra", C), axis=0))
+        std = np.sqrt(np.mean(move**2 + np.einsum("raa->ra", C), axis=0))  # M: mean of the expected squares
         std = np.maximum(std, LEAST)
     return std

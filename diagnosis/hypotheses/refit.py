@@ -73,7 +73,7 @@ def refit(
     more = priors_of_effects(effects)
     free = base.only([s not in more.symbols for s in base.symbols]) + more
     first = np.array([start.get(c, m) for c, m in zip(more.columns, more.mean, strict=True)])
-    new = np.array([c not in before.free.columns for c in more.columns])
+    new = np.array([c not in before.free.columns for c in more.columns])  # known effects begin where they are
     moved = [c for c in free.columns if c in start and c not in more.columns]
     here, there = get_values(steps.ship, data, before.theta, moved), np.array([start[c] for c in moved])
     for share in SHARES:

@@ -44,6 +44,7 @@ def projected(gram: np.ndarray, logdet: np.ndarray, p: np.ndarray, known: np.nda
     slope = -(gram[:-1, -1] + logdet)
     slope[:P] -= prior @ p  # the prior pulls, too: at the optimum both vanish together
     taken = np.linalg.solve(gram[:P, :P] + prior, gram[:P, P:-1])
+    # Schur complement of the free parameters
     return Projected(slope[P:] - taken.T @ slope[:P], gram[P:-1, P:-1] - gram[P:-1, :P] @ taken, taken)
 
 
@@ -126,6 +127,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
     pick = np.array([*range(P), *range(P + n, P + n + c), *(P + symbols.index(x.symbol) for x in each), P + n + c])
     acts = np.hstack([np.ones((len(data.run), P + c)), active_in_window(each, data), np.ones((len(data.run), 1))])
     grams = grams[:, pick[:, None], pick[None]] * acts[:, :, None] * acts[:, None]
+    # runs are independent
     gram, logdet_gradients = grams.sum(axis=0), (logdet_gradient[:, pick] * acts).sum(axis=0)[:-1]
     own = np.diag(gram)[P + c : -1].copy()
     rest = projected(gram, logdet_gradients, found.p)
@@ -149,7 +151,7 @@ def score_tests(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> li
     # rounding: a little below 0
     draws = rng.standard_normal((DRAWS, len(values))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     tests = [_test(s, c, draws) for c in candidates]
-    least = np.min([null for _, null in tests], axis=0)
+    least = np.min([null for _, null in tests], axis=0)  # (DRAWS,) the smallest of all candidates
     count = sum(row.excited for row, _ in tests)
     rows = [replace(row, p_value=_largest(row.p_single, least, count) if row.T > 0 else 1.0) for row, _ in tests]
     return sorted(rows, key=lambda r: (r.p_single, -r.T))
@@ -168,11 +170,12 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[ScoreTest, np.nda
         return row, np.ones(len(draws))
     S = S[np.ix_(seen, seen)]
     inverse = np.linalg.pinv(S, rcond=1e-8, hermitian=True)
+    # fewer where two parameters look alike
     degrees = int(np.linalg.matrix_rank(S, tol=1e-8 * np.trace(S), hermitian=True))
     phi = np.zeros(len(at))
     phi[seen] = inverse @ s.g[at][seen]
     ratio = s.dispersion.get(c, 1.0)
-    T = float(phi[seen] @ s.g[at][seen]) / ratio
+    T = float(phi[seen] @ s.g[at][seen]) / ratio  # g' S^-1 g (Rao 1948)
     d = draws[:, at][:, seen]
     null = chdtrc(degrees, np.einsum("da,ab,db->d", d, inverse, d))  # chi2.sf without its checks of each call
     p = float(chdtrc(degrees, T))
@@ -180,7 +183,7 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[ScoreTest, np.nda
         null, p = np.where(d[:, 0] > 0, 0.5 * null, 1.0), 0.5 * p
         if phi[0] <= 0:
             T, p, phi = 0.0, 1.0, np.zeros(1)
-    absorbed = float(np.clip(1 - np.mean(np.diag(S) / own[seen]), 0.0, 1.0))
+    absorbed = float(np.clip(1 - np.mean(np.diag(S) / own[seen]), 0.0, 1.0))  # information lost by the projection
     errors = np.full(len(at), np.inf)
     errors[seen] = np.sqrt(ratio * np.diag(inverse))
     taken = s.taken[:, at] if len(s.taken) else s.taken

@@ -61,7 +61,7 @@ def budget_of(
     complete = predicted[-1] if missing is None or tests is None else with_force(steps, seen, final, missing)
     floor = min(float(simulated.mean.mean()), mean[-1], float(complete.mean.mean()))
     drawn = _drawn([*predicted, complete], floors, rng)  # (DRAWS, fits and floor)
-    gap = drawn[:, 0] - drawn[:, -1]
+    gap = drawn[:, 0] - drawn[:, -1]  # what could be avoided, by draw
     rows: list[BudgetShare] = []
     if (gap <= 0).mean() <= SURE and mean[0] > floor:
         shares = -np.diff(drawn[gap > 0], axis=1) / gap[gap > 0, None]
@@ -109,7 +109,7 @@ def left_out_errors(steps: TransitionModel, data: GriddedTrials, fit: Estimate) 
     parts = []
     for run in np.unique(data.run):
         own = data.run == run
-        without = every - gram[own, :-1, :-1].sum(axis=0)
+        without = every - gram[own, :-1, :-1].sum(axis=0)  # information of the other runs and the priors
         moved = fit.with_values(steps.ship, data, fit.p + np.linalg.solve(without, slope[own].sum(axis=0)))
         parts.append(_errors(steps, data.windows(own), moved.theta))
     return WindowErrors.joined(parts)
@@ -156,6 +156,7 @@ def _drawn(predicted: Sequence[WindowErrors], floors: Sequence[WindowErrors], rn
     found = redrawn_means([e.mean for e in (*predicted, *floors)], predicted[0].run, rng)
     which = len(predicted) + rng.choice(len(floors), DRAWS)
     last = len(predicted) - 1
+    # the floor is at most what was reached
     floor = np.minimum(found[np.arange(DRAWS), which], found[:, last - 1 : last + 1].min(axis=1))
     return np.column_stack([found[:, :last], floor])
 
@@ -166,5 +167,5 @@ def processes(shape: tuple[int, ...], sizes: np.ndarray, tau: float, h: float, r
     x = rng.standard_normal((*shape, len(sizes)))
     left = np.exp(-h / tau)
     for k in range(1, len(x)):
-        x[k] = left * x[k - 1] + np.sqrt(1 - left**2) * x[k]
+        x[k] = left * x[k - 1] + np.sqrt(1 - left**2) * x[k]  # variance 1 at every step
     return x * sizes

@@ -107,11 +107,11 @@ def judged_search(
     return JudgedSearch(found, forms, verdict, is_left, (*reasons, *_acts_like(full, found)))
 
 
-FAR_OFF, RARE, FAR_WITHOUT = 5.0, 1e-4, 8.0
-"""Prior standard deviations of one coefficient, and probability by chance of all together, from which the ship that
-fits is not the ship that was given, so that no effect is named; and deviations from which not even "none" can be said.
-Of 12 sets of trials whose ship was given with coefficients off by 30 %, stated to 8 %, six had a name without this and
-one with it. So it was measured."""
+# Where the ship that fits is not the ship that was given. Of 12 sets of trials whose ship was given with coefficients
+# off by 30 %, stated to 8 %, six had a name without these and one with them. So it was measured.
+FAR_OFF = 5.0  # Prior standard deviations of one coefficient from which no effect is named
+RARE = 1e-4  # Probability by chance of all coefficients together below which none is
+FAR_WITHOUT = 8.0  # Prior standard deviations from which not even "none" can be said
 
 
 def another_ship(fit: Estimate, ship: Ship, is_named: bool) -> Message | None:
@@ -123,6 +123,7 @@ def another_ship(fit: Estimate, ship: Ship, is_named: bool) -> Message | None:
     rows = {}
     for symbol, p, std in zip(fit.free.symbols, fit.p, fit.free.std, strict=True):
         if "." not in symbol and symbol in ship.coefficients:
+            # in the wider of both priors
             rows[symbol] = float(p * std / max(std, ship.coefficients[symbol].prior_std or 0.0))
     sizes = np.abs(list(rows.values()))
     most, together = sizes.max(initial=0.0), chi2_tail(float((sizes**2).sum()), len(sizes))
@@ -239,8 +240,8 @@ def limits(
     return [Message(words, code) for code, words in rows]
 
 
-FAR, LONG = 3.0, 3.0  # set by hand
-"""Prior standard deviations from which a coefficient is far off; memories of the random force that a run lasts."""
+FAR = 3.0  # Prior standard deviations from which a coefficient is far off. Set by hand.
+LONG = 3.0  # Memories of the random force that a run lasts at least. Set by hand.
 
 
 def _doubts(ready: Prepared, named: Estimate | None) -> list[tuple[str, str]]:

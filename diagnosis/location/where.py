@@ -33,10 +33,10 @@ STEADY, CHANGING = "steady turning", "entering a turn / yaw changing"
 STRAIGHT, ACCELERATING = "straight ahead", "accelerating"
 STOPPING, SLOW = "stopping / astern (n<0)", "drifting slow"
 PHASES = (STRAIGHT, ACCELERATING, CHANGING, STEADY, STOPPING, SLOW)
+# Shares of the usual speed of the trials: below the first a ship is slow; faster astern than the second, it backs.
 SLOW_SHARE, ASTERN_SHARE = 0.25, 0.05  # set by hand: they name bins
-"""Shares of the usual speed of the trials: below the first a ship is slow; faster astern than the second, it backs."""
+# r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed.
 TURNING, TURN_CHANGE, SPEED_CHANGE = 0.1, 0.1, 0.03  # set by hand: they name bins
-"""r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed."""
 FEW = 12  # An input with no more different values than this has a bin for each of them. Set by hand: display.
 
 
@@ -147,8 +147,7 @@ def _change(z: np.ndarray, reach: int, steps: np.ndarray) -> np.ndarray:
 
 
 CHANNELS, UNITS = ("surge", "sway", "yaw"), ("N", "N", "N m")
-MOST, EACH = 30, 3
-"""Most regions listed: of all, and of one variable and channel. Set by hand: display."""
+MOST, EACH = 30, 3  # Most regions listed: of all, and of one variable and channel. Set by hand: display.
 ENOUGH = 5.0  # Correlation times tau of the latent force that a region must last to be listed. Set by hand.
 
 
@@ -200,10 +199,11 @@ def by_variable(variables: Sequence[Variable], s: Samples) -> tuple[list[dict[st
         mean, rms = means(s.force, member), np.sqrt(means(s.force**2, member))
         later = means(s.after, member) if s.after is not None else None
         spread = np.sqrt(np.maximum(rms**2 - mean**2, 0.0) / np.maximum(lasts / 2, 1.0)[:, None])
-        chance = 2 * s.tau * len(count) / (len(s.force) * s.h)
+        chance = 2 * s.tau * len(count) / (len(s.force) * s.h)  # each bin's mean takes one of the independent samples
         outside = np.maximum(len(s.force) - count, 1)[:, None]
         rest = (len(s.force) * average - count[:, None] * mean) / outside
         rest_square = np.maximum((len(s.force) * square - count[:, None] * rms**2) / outside, 1e-12 * square + 1e-300)
+        # of a log mean square of n samples: 2 / n
         variance = 2 * (1 / lasts + 1 / np.maximum(total - lasts, 0.5))[:, None]
         z = np.log(np.maximum(rms**2 / rest_square, 1e-12)) / np.sqrt(variance)
         mean_z = (mean - rest) / np.sqrt(variance * np.maximum(square, 1e-300))
@@ -315,7 +315,7 @@ def _energies(data: GriddedTrials, force: np.ndarray, edges: Sequence[float]) ->
         part = force[:steps, w]
         frequency, square = periodogram(part, data.h)
         at = np.clip(np.digitize(frequency, edges), 1, len(edges) - 1)
-        result[0] += steps * part.mean(axis=0) ** 2
+        result[0] += steps * part.mean(axis=0) ** 2  # the periodogram is of the force less its mean
         np.add.at(result, at, steps * square)
     return result / data.steps.sum()
 

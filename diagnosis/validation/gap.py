@@ -30,19 +30,16 @@ from mmg.messages import Message, html_table, message_rows
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-GIVEN, REFITTED, LEARNED, NAMED, BOTH, FLOOR = (
-    "as given",
-    "refitted",
-    "hybrid",
-    "named effects",
-    "named + hybrid",
-    "floor",
-)
-"""Lines of the comparison: the ship as she came, calibrated on the training trials, with a learned residual, with the
-effects that a diagnosis names, with a residual learned beside these, and what a complete model would leave."""
+# Lines of the comparison.
+GIVEN = "as given"  # The ship as she came
+REFITTED = "refitted"  # Calibrated on the training trials
+LEARNED = "hybrid"  # With a learned residual
+NAMED = "named effects"  # With the effects that a diagnosis names
+BOTH = "named + hybrid"  # With a residual learned beside these
+FLOOR = "floor"  # What a complete model would leave
 CHANNELS = {"surge": "m/s²", "sway": "m/s²", "yaw": "rad/s²"}  # Accelerations that a network adds, and their units
-BINS, FEWEST = 12, 20
-"""Bins of a feature over which accelerations are averaged, and rows of one that is shown. Set by hand: display."""
+BINS = 12  # Of a feature, over which accelerations are averaged. Set by hand: display.
+FEWEST = 20  # Rows of a bin that is shown. Set by hand: display.
 
 
 @dataclass(frozen=True)
@@ -223,7 +220,7 @@ def _row(name: str, means: Mapping[str, np.ndarray], draws: Mapping[str, np.ndar
     if name in (GIVEN, REFITTED, FLOOR) or FLOOR not in means:
         return row
     gap, gaps = means[REFITTED][0] - means[FLOOR][0], draws[REFITTED][:, 0] - draws[FLOOR][:, 0]
-    if not gap > 0 or (gaps > 0).mean() < 0.95:
+    if not gap > 0 or (gaps > 0).mean() < 0.95:  # not >: nan
         return row  # nothing that could surely be avoided
     closed = (draws[REFITTED][:, 0] - draws[name][:, 0])[gaps > 0] / gaps[gaps > 0]
     least, most = np.quantile(closed, [0.05, 0.95]).tolist()

@@ -82,7 +82,7 @@ def errors(
     error = (steps.logged(path[1:], theta) - data.y[row, r0]) / sigma
     good = data.measured[row, r0] & (along < count)[..., None]
     square = np.where(good, np.minimum(np.nan_to_num(error**2, nan=MOST), MOST), 0.0)
-    last = square[count - 1, np.arange(len(k0)), :3] * sigma[:3] ** 2
+    last = square[count - 1, np.arange(len(k0)), :3] * sigma[:3] ** 2  # [m2, m2, rad2]
     end = np.stack([last[:, 0] + last[:, 1], last[:, 2]], axis=1)
     return WindowErrors(square.sum(axis=(0, 2)) / np.maximum(good.sum(axis=(0, 2)), 1), end, data.run[r0])
 
@@ -111,15 +111,15 @@ def window_length(ship: Ship) -> float:
     return WINDOW * time_scale(ship.particulars["L"])
 
 
-FEW, TOGETHER = 3, 4
-"""With fewer runs than FEW, blocks of TOGETHER neighbouring windows are drawn instead of runs. Set by hand."""
+FEW = 3  # Runs below which blocks of neighbouring windows are drawn instead of runs. Set by hand.
+TOGETHER = 4  # Windows of such a block. Set by hand.
 
 
 def redrawn_means(columns: Sequence[np.ndarray], run: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Means (DRAWS, k) of k ``columns`` (W,) of windows whose runs ``run`` (W,) are drawn again (block bootstrap), or
     blocks of TOGETHER neighbouring windows where runs are few; rng: random numbers."""
     if len(np.unique(run)) < FEW:
-        run = np.arange(len(run)) // TOGETHER + 1000 * run
+        run = np.arange(len(run)) // TOGETHER + 1000 * run  # no block holds windows of two runs
     runs = np.unique(run)
     sums = np.array([[x[run == r].sum() for r in runs] for x in columns])
     counts = np.array([(run == r).sum() for r in runs])
@@ -196,9 +196,8 @@ def compare(
     )
 
 
-SETTLED, FITS = 0.1, 20
-"""Change of log likelihood from which a filter along other trials has settled, and most linearisations of it: where
-hardly any random force acts, its size falls step by step. Set by hand."""
+SETTLED = 0.1  # Change of log likelihood from which a filter along other trials has settled. Set by hand.
+FITS = 20  # Linearisations of it at most: where hardly any random force acts, its size falls step by step. Set by hand.
 
 
 def one_step_likelihood(steps: TransitionModel, data: GriddedTrials, fit: Estimate, fits: int = FITS) -> np.ndarray:

@@ -31,9 +31,9 @@ def code() -> ctypes.CDLL:
 @pytest.fixture
 def forgotten() -> Iterator[None]:
     """The choice between code and numpy is made again, before and after."""
-    filtering._library.cache_clear()
+    filtering.compiled.cache_clear()
     yield
-    filtering._library.cache_clear()
+    filtering.compiled.cache_clear()
 
 
 def system(n: int, seed: int = 0) -> LinearSystem:
