@@ -27,14 +27,7 @@ from diagnosis.estimation.candidates import FITTED_ALONG, find
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
-from diagnosis.findings import (
-    Between,
-    DiagnosisInputs,
-    HeldOut,
-    InstrumentFault,
-    RandomSizes,
-    UnexplainedForce,
-)
+from diagnosis.findings import Between, DiagnosisInputs, HeldOut, InstrumentFault, RandomSizes, UnexplainedForce
 from diagnosis.groups.between import compare_groups
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.next_test import next_test, telling_test
@@ -209,8 +202,7 @@ def _held_out(p: SearchProblem, before: Estimate, after: Estimate, seed: int) ->
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:
-    """The value of ``work``, which makes ``name``; where it cannot be made, ``otherwise``, and why in ``reasons``: what
-    was found is not lost by it."""
+    """The value of ``work``, which makes ``name``; where that fails, ``otherwise``, and why in ``reasons``."""
     try:
         return work()
     except (UserError, np.linalg.LinAlgError) as error:

@@ -50,8 +50,7 @@ def diagnosis_store(
     origin: str,
     resume: bool = False,
 ) -> Store:
-    """Where the finished campaigns and trainings of a diagnosis are kept until it ends, with what must be the same to
-    continue it.
+    """Where finished campaigns and trainings are kept until a diagnosis ends, with what a continued one must share.
 
     out: its folder; ship, trials, tests, options: as given to ``diagnose``; origin: words for where the ship is from;
     resume: continue where ``out`` is there.

@@ -13,13 +13,7 @@ from cases.evidence.kinematics import Kinematics, consistency
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from diagnosis.estimation.candidates import (
-    FITTED_ALONG,
-    Candidate,
-    Column,
-    FullModel,
-    ship_with_all_effects,
-)
+from diagnosis.estimation.candidates import FITTED_ALONG, Candidate, Column, FullModel, ship_with_all_effects
 from diagnosis.estimation.first_fit import MAX_FITS, FirstFit, fit_without_effects
 from diagnosis.estimation.gridded_trials import COARSE, can_divide, grid_trials, possible_readings
 from diagnosis.estimation.gusts import trials_in_gusts
@@ -100,8 +94,7 @@ class Prepared:
     """The problem and the fit without any effect.
 
     reading: how samples of the actuators were read; gap: one in so many grid times is compared; line: of
-    ``spectral_line``; is_order_usual: channels of the latent force follow each other in the trials of the calibration
-    as well.
+    ``spectral_line``; is_order_usual: channels of the latent force follow each other in trials of the calibration, too.
     """
 
     problem: SearchProblem

@@ -47,8 +47,7 @@ MOST_ROWS = 400  # Rows of a run at most: the force changes over seconds. Set by
 
 
 def missing_force(d: Findings) -> dict[str, MissingForce]:
-    """The missing force along each training trial of ``d``, by name; empty for findings that were read from a folder,
-    which have no fit."""
+    """The missing force along each training trial of ``d``, by name; empty for findings that were read: no fit."""
     if d.null is None or d.data is None:
         return {}
     data, path = d.data, d.null.path.force
@@ -134,8 +133,7 @@ class Diagnosis(Findings):
         return html_table(f"{self.verdict}: {self.sentence}", list(table.columns), table.itertuples(index=False))
 
     def told_by(self, content: Mapping[str, Any]) -> Diagnosis:
-        """The same with what the result of a calibration tells of predictions, where nothing is known of them yet;
-        content: of its result.json."""
+        """With what the ``content`` of a calibration's result.json tells of predictions, where nothing is known yet."""
         predictions = self.inputs.of_predictions or of_predictions(content)
         return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, of_predictions=predictions))
 

@@ -88,8 +88,7 @@ def named_effect(full: FullModel, selection: Selection, candidate: Candidate, ti
 
 
 def without_exact_gyro(ship: Ship, given: Ship, faults: Sequence[InstrumentFault]) -> Ship:
-    """The ``ship`` without the gain of the gyro that was freed for a diagnosis: the one ``given`` has none, and it is
-    none of the ``faults`` found."""
+    """The ``ship`` without the gyro's gain that a diagnosis freed: not in ``given``, none of the ``faults``."""
     freed = "gyro" not in given.effects and "gyro" not in (fault.name for fault in faults)
     return ship.without_effect("gyro") if freed else ship
 
@@ -137,8 +136,7 @@ def usual_values(full: FullModel, effect: str) -> dict[str, float]:
 
 
 def ranking(full: FullModel, first: Search) -> tuple[RankedCandidate, ...]:
-    """All candidates of the ``full`` model by the ``first`` search: those refitted first, the others behind them by
-    their score; each effect once."""
+    """All candidates of ``full`` by the ``first`` search, once each: those refitted first, then the others by score."""
     rows: dict[str, RankedCandidate] = {}
     for r in first.refitted:
         s, name = first.score(r.candidate), r.candidate.effect

@@ -46,8 +46,7 @@ def linearised(
     """``TransitionModel.linearise`` with the inputs as they act, and with the responses to what makes them late.
 
     steps: the model; data: the trials; theta: coefficients (all,) or (all, R); z: (K + 1, R, S) path; force: (K, R, 3)
-    latent; columns: (P,) positions in ``steps.symbols``; active: (A,) positions of states. Returns the model about the
-    path.
+    latent; columns: (P,) positions in ``steps.symbols``; active: (A,) positions of states. Returns the model.
     """
     at = np.asarray(columns, dtype=int)
     linear = steps.linearise(z, acting(steps, data, theta).controls, theta, force, at, active, data.steps)
@@ -105,8 +104,7 @@ def _late(steps: TransitionModel, columns: np.ndarray) -> list[tuple[int, str]]:
 
 
 def _values(steps: TransitionModel, theta: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    """Values of what makes inputs late, among coefficients (all,) or (all, R): by window where they differ; () where
-    nothing does."""
+    """Values of what makes inputs late, of ``theta`` (all,) or (all, R): by window where they differ, () for none."""
     each = [np.atleast_1d(theta[steps.ship.symbols.index(s)]) for s in steps.late]
     if not any(x.any() for x in each):
         return ()

@@ -38,8 +38,7 @@ def whitened(
     (K + 1, R, n, c), an empty array where these are not wanted.
 
     s, f: system and its filter run; out: (K + 1, R, 6, c), columns of a larger array or not; with_states: whether the
-    states are wanted; rows: (k,) rising grid times of which responses are wanted, the only ones in what is returned
-    and in ``out`` (default: all).
+    states are wanted; rows: (k,) rising grid times, the only ones of what is returned and of ``out`` (default: all).
     """
     if out is None:
         out = np.empty((len(s.good) if rows is None else len(rows), *s.good.shape[1:], columns.width))

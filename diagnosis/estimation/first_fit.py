@@ -1,5 +1,4 @@
-"""The fit without any effect with which a diagnosis begins, to samples far enough apart that their errors are not
-correlated."""
+"""The first fit of a diagnosis, without any effect, to samples so far apart that their errors are not correlated."""
 
 from __future__ import annotations
 
@@ -68,8 +67,7 @@ def fit_without_effects(
     """Fit without effects, first on all samples, and again on fewer where neighbouring residuals are correlated.
 
     steps: the transition model; data: the trials; theta: (all,) first coefficients; base: their priors; noise: first
-    sizes; gap: one in so many grid times was compared in other trials of these instruments, 0: not known. Returns the
-    fit, which is not ``finished``.
+    sizes; gap: one in so many grid times was compared in other trials, 0: not known. Returns the fit, not ``finished``.
     """
     p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std  # [prior std]
     most = max(1, data.samples // (FEW if gap else LEAST))
@@ -92,8 +90,7 @@ def fit_without_effects(
 
 
 def _surely_correlated(limit: float, here: Linearisation, gain: float) -> bool:
-    """Whether residuals ``here`` are correlated by surely more than ``limit``, where a step is expected to gain no more
-    than ``gain``."""
+    """Whether residuals ``here`` are correlated by surely more than ``limit``, where a step gains at most ``gain``."""
     data = here.data
     near = gain < NEARLY * data.samples
     return near and lag_correlation(data, np.where(data.good, here.left, 0.0)) > SURELY * limit

@@ -73,8 +73,7 @@ def order_of(
     """Test of whitened residuals.
 
     system, run: linear model of the trials and its filter run; white: (K + 1, R, 6) residuals; noise: with the latent
-    force of the system; h: step [s]; seed: of the draws, whose scores give the law of that of the residuals. Returns
-    the test.
+    force of the system; h: step [s]; seed: of the draws that give the law of the scores. Returns the test.
     """
 
     def parts() -> Iterator[np.ndarray]:
@@ -99,16 +98,11 @@ def order_by_law(score: np.ndarray, drawn: np.ndarray) -> ForceOrder:
 
 
 def turning_scores(
-    system: LinearSystem,
-    run: Filtered,
-    noise: NoiseModel,
-    h: float,
-    parts: Callable[[], Iterator[np.ndarray]],
+    system: LinearSystem, run: Filtered, noise: NoiseModel, h: float, parts: Callable[[], Iterator[np.ndarray]]
 ) -> np.ndarray:
     """Slopes (3, c) of the negative log likelihood by the turning in the planes of PAIRS, at none.
 
-    system, run, noise, h: as of ``order_of``; parts: yields whitened residuals (K + 1, R, 6, some) of c campaigns in
-    all.
+    system, run, noise, h: as of ``order_of``; parts: yields whitened residuals (K + 1, R, 6, some), c in all.
     """
     others = [with_turning(system, noise, h, way * STEP * pair) for pair in np.eye(3) for way in (1, -1)]
     again = [filtered(other) for other in others]

@@ -163,8 +163,7 @@ def grid_trials(
 
 
 def can_divide(trials: Sequence[Trial], sample: float) -> bool:
-    """Whether all ``trials`` have a sample every ``sample`` [s], so that a part of it may be a step: states are
-    compared where they were measured."""
+    """Whether all ``trials`` have a sample every ``sample`` [s]: states are compared where they were measured."""
     gaps = np.concatenate([np.diff(t.t) for t in trials])
     return bool(np.all(np.abs(gaps / sample - np.maximum(1, np.round(gaps / sample))) < EVEN))
 

@@ -70,8 +70,7 @@ class DrivenColumns:
 @dataclass(frozen=True)
 class ProductColumns:
     """f times v columns that act on the states: pushes (K, R, m, f), what each adds over a step to the first m states,
-    times each of the ``values`` (v, K, R), or (v, K, 1) that are the same in all windows. Those of one value are
-    side by side."""
+    times each of the ``values`` (v, K, R), or (v, K, 1) of all windows. Those of one value are side by side."""
 
     pushes: np.ndarray
     values: np.ndarray

@@ -196,8 +196,7 @@ SETTLED = 0.03  # set by hand
 def initial_covariance(
     steps: TransitionModel, data: GriddedTrials, z: np.ndarray, theta: np.ndarray, active: np.ndarray
 ) -> np.ndarray:
-    """Covariance (R, A, A) of the active states at the start of the windows of ``data``: motion unknown, memory states
-    settled with it.
+    """Covariance (R, A, A) of the active states where windows of ``data`` begin: motion unknown, memory settled with it.
 
     steps: model; z: (R, S) first states; theta: coefficients (all,) or (all, R); active: (A,) positions of states.
     """
@@ -263,8 +262,7 @@ def linearise_and_filter(
 
 
 def path_of_all_states(steps: TransitionModel, data: GriddedTrials, point: Point) -> Trajectory:
-    """The path of a ``point`` of the model ``steps`` in trials ``data``, with the states on which nothing depends there
-    simulated along it."""
+    """The path of a ``point`` of ``steps`` in trials ``data``; states on which nothing depends there are simulated."""
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, point.free.symbols, point.theta))
     if not len(passive):
         return point.path

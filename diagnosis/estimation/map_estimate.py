@@ -15,12 +15,7 @@ import numpy as np
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.linearisation import (
-    Linearisation,
-    Point,
-    initial_trajectory,
-    linearised_if_finite,
-)
+from diagnosis.estimation.linearisation import Linearisation, Point, initial_trajectory, linearised_if_finite
 from diagnosis.estimation.noise_sizes import initial_noise, noise_step, updated_noise
 from diagnosis.estimation.parameters import Priors, active_states, set_values
 from diagnosis.estimation.transition_model import TransitionModel

@@ -49,11 +49,9 @@ def least_noise(ship: Ship) -> NoiseModel:
 
 
 def wider(known: NoiseModel, ship: Ship) -> NoiseModel:
-    """First sizes for trials of a ``ship`` whose instruments and surroundings had the sizes ``known`` in others: none
-    below the initial ones.
+    """First sizes for trials of a ``ship`` that had the sizes ``known`` in others: none below the initial ones.
 
-    A fit that begins with hardly any random force or error makes the coefficients explain all that an unmodelled effect
-    does, and ends far from the ship.
+    A fit that begins with hardly any noise makes coefficients explain an unmodelled effect, and ends far from the ship.
     """
     first = initial_noise(ship)
     force, white = np.maximum(known.force, first.force), np.maximum(known.white, first.white)
@@ -73,8 +71,7 @@ BESIDE_GUSTS = 0.2
 
 def least_force(noise: NoiseModel, data: GriddedTrials, typical: NoiseModel) -> np.ndarray:
     """Least size (3,) [N, N, N m] of the latent force of trials ``data`` whose gusts have the sizes of ``noise``;
-    typical: sizes by
-    ``initial_noise``."""
+    typical: sizes by ``initial_noise``."""
     least = LEAST_FORCE * typical.force
     if data.gusts is None:
         return least
@@ -111,8 +108,7 @@ def _with_sizes(here: Linearisation, sizes: np.ndarray) -> NoiseModel:
 
 
 def _squares(here: Linearisation, r: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sums (q,) of the squares of what each source of noise makes of the smoother's r (K, R, n) and u (K + 1, R, 6),
-    and their expected values."""
+    """Sums (q,) of the squares of what each source makes of r (K, R, n) and u (K + 1, R, 6), and their expectations."""
     A, masks = len(here.active), (here.system.inside[..., None], here.system.good)
     made, expected = (r[..., A:] ** 2, u**2), (here.adjoint.N[..., A:], here.adjoint.D)
     sums = [[np.where(m, x, 0.0).sum(axis=(0, 1)) for m, x in zip(masks, own, strict=True)] for own in (made, expected)]
@@ -132,8 +128,7 @@ def updated_noise(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: No
     """The sizes of the noise of a linearisation ``here`` after one step of the fixed point q <- q sum r^2 / sum N
     (force, gusts, coloured errors) and R <- R sum u^2 / sum D; a prior counts as PRIOR_SAMPLES more samples of each.
 
-    r: (K, R, n), u: (K + 1, R, 6) of the smoother; typical: sizes by ``initial_noise``, which say how small and large
-    each may become.
+    r: (K, R, n), u: (K + 1, R, 6) of the smoother; typical: sizes by ``initial_noise``, which bound those returned.
     """
     noise, (sizes, lower, upper) = here.at.noise, _sizes_and_bounds(here, typical)
     (own, known), (made, expected) = _prior_share(noise, sizes), _squares(here, r, u)

@@ -41,8 +41,7 @@ def finer_step(
 
     sample: sampling time of the trials [s], of which the step stays a multiple; divisible: or becomes a part. The mean
     over a step h of a process of first order is off the line through its ends by its size times sqrt(h / (6 tau)),
-    which moves a velocity by that share of its response to the force. Beyond the noise of quiet sensors it would pass
-    for an effect with memory.
+    which moves a velocity by that share of its response. Beyond quiet sensors it would pass for an effect with memory.
     """
     active = active_states(steps, fit.free.symbols, fit.theta)
     force = linearise_and_filter(steps, data, fit.fixed(), active).linear.force[:, :, 3:6]
@@ -166,9 +165,8 @@ def spectral_line(
     ``dense`` shows it in two sensors, as waves do that move the ship; in one it is the sensor's. p: probability of such
     a line by chance, 1 where too few samples are left. Periodograms are summed over windows and bands; by chance that
     of a band over the mean of neighbouring bands has an F distribution. It must stand out of those on either side, so
-    that a coloured spectrum has no lines, and clearly (TWICE), so that a hill of it is none. The slowest bands, which
-    the latent force follows, are left out. A periodic force, as of waves, makes a line, which the latent force cannot
-    follow.
+    that a coloured spectrum has no lines, and clearly (TWICE), so that a hill of it is none. The slowest bands are left
+    out: the latent force follows them. A periodic force, as of waves, it cannot follow.
     """
     spacing, pieces = _equally_spaced(data)
     if not pieces:

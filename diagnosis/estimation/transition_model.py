@@ -292,8 +292,7 @@ def _groups(theta: np.ndarray, window: np.ndarray) -> np.ndarray:
 
 
 def step_faults(whole: ca.Function, kernel: IntervalKernel) -> str:
-    """What is wrong with two steps of a new ``kernel`` of the function ``whole`` (as of ``derivatives``), "" for
-    nothing."""
+    """What is wrong with two steps of a new ``kernel`` of the function ``whole`` of ``derivatives``, "" for nothing."""
     M, S = LANES + 1, kernel.S
     (q, c, theta), _ = finite_points(whole, M, 0)
     controls = np.repeat(np.vstack([c, 0.1 * c])[None], 2, axis=0)

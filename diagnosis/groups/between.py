@@ -106,8 +106,7 @@ def run_slopes(
 def with_scatter(s: RunSlopes, scatter: Mapping[Column, float], but: Sequence[Column] = ()) -> RunSlopes:
     """The slopes ``s`` with some parameters free to differ from run to run.
 
-    scatter: parameter -> standard deviation between runs, in typical sizes; but: parameters that stay the same. Returns
-    slopes along the others.
+    scatter: parameter -> standard deviation between runs [typical sizes]; but: those that stay. Returns the other slopes.
     """
     at = [i for i, x in enumerate(s.columns) if x in scatter and x not in but]
     if not at:
@@ -180,8 +179,7 @@ def compare_groups(
     """What differs between ``groups`` of ``trials``.
 
     problem: the trials on a grid with the priors of the ship; null: the fit without any effect, which all groups share;
-    sensors: what the columns of each run say of each other. Returns the answer. Raises UserError for a group of which
-    nothing can be used.
+    sensors: what the columns of each run say of each other. Raises UserError for a group without usable trials.
     """
     number = np.array(groups.number)
     unused = [name for i, name in enumerate(groups.names) if i not in number[problem.data.run]]
@@ -357,8 +355,7 @@ class _Search:
     def _tests(
         self, fit: Estimate, own: Sequence[Candidate]
     ) -> tuple[list[Tested[Candidate]], RunSlopes, dict[Column, float]]:
-        """All candidates that have no values by group yet, tested about a fit, the slopes of each run, and the scatter
-        of the surroundings between runs."""
+        """Tests about a fit of all candidates without values by group, slopes by run, scatter of the surroundings."""
         gone = {s for c in own for s in c.symbols}
         rest = [c for c in self.candidates if not gone & set(c.symbols)]
         local = [c for c in self.candidates if c.effect in LOCAL]
@@ -422,8 +419,7 @@ def is_cause(t: Tested[Candidate]) -> bool:
 
 
 def physical(best: Tested[Candidate], clear: Sequence[Tested[Candidate]]) -> Tested[Candidate]:
-    """The difference to name where ``best``, of those that are ``clear``, is a coefficient: a cause in the ship, if one
-    explains as much."""
+    """What to name where ``best`` is a coefficient: a cause in the ship that explains as much, if ``clear`` has one."""
     if best.of.effect in EFFECTS:
         return best
     causes = [t for t in clear if is_cause(t) and t.row.log_bayes > best.row.log_bayes - ALIKE_BY]

@@ -154,8 +154,7 @@ class Dictionary:
         ]
 
     def _errors(self, linear: LinearModel) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """Errors of the sensors: channel, values (K + 1, R), gradients (K + 1, R, A + 3) by active states and latent
-        force."""
+        """Errors of sensors: channel, values (K + 1, R), gradients (K + 1, R, A + 3) by active states and force."""
         compared = np.asarray(self.data.good.any(axis=2))
         A, rows = len(self.active), []
         for channel, names in ERRORS.items():

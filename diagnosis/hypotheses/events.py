@@ -128,8 +128,7 @@ def _streams(forms: Dictionary) -> dict[str, Action]:
 
 @dataclass(frozen=True)
 class EventSlopes:
-    """Slopes g (c,) of the log likelihood along the events of one kind, the free parameters projected out, and their
-    information S (c, c)."""
+    """Slopes g (c,) along the events of one kind and their information S (c, c), the free parameters projected out."""
 
     g: np.ndarray
     S: np.ndarray

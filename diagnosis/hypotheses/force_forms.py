@@ -73,8 +73,7 @@ def spread_of(values: np.ndarray) -> np.ndarray:
 class SmoothBasis:
     """Smooth functions of variables, whose units and order are taken from trials.
 
-    values: (m, M) of the variables; scale: length over which a function changes; components: how many of the functions
-    are kept.
+    values: (m, M) of the variables; scale: length over which a function changes; components: functions kept.
     """
 
     def __init__(self, values: np.ndarray, scale: float, components: int) -> None:

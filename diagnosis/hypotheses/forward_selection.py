@@ -126,8 +126,7 @@ def search(
     """Test all candidates of ``problem`` that are not ``named`` yet at the fit ``before``, and refit the best.
 
     seed: of the drawn law of the largest score; workers: processes over which the refits are spread; progress: called
-    after each refit; is_possible: as of ``IsPossible``. Returns the tests and the refits, judged by the problem's tests
-    as well.
+    after each; is_possible: as of ``IsPossible``. Returns tests and refits, judged by the problem's tests as well.
     """
     p = problem
     rest = [c for c in p.candidates if c.effect not in {e.effect for e in named}]
@@ -178,8 +177,7 @@ def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], Score
     """Refit with one effect more; one argument, as processes take it.
 
     task: the problem; the fit before, from which it starts; the effects named so far; the test of the candidate, whose
-    first-order estimate is the first value; how many candidates were tested, by which the probability is corrected.
-    Returns the fit with its gain.
+    estimate is the first value; how many were tested, which corrects the probability. Returns the fit and its gain.
     """
     problem, before, named, score, count = task
     c = score.candidate
@@ -219,8 +217,7 @@ def select_effects(
 ) -> Selection:
     """Select effects of ``problem`` one after the other while the evidence for the best of the rest exceeds ODDS.
 
-    null: the fit without effects; seed, workers, progress, is_possible: as of ``search``. Returns the effects and the
-    fits.
+    null: the fit without effects; seed, workers, progress, is_possible: as of ``search``. Returns effects and fits.
     """
     named, now, searches, tries = list[Candidate](), null, list[Search](), TRIES
     while len(named) < MOST:

@@ -131,8 +131,7 @@ def _simulated(problem: SearchProblem, ship: Ship) -> tuple[list[Option], list[T
 
 
 def _rolled_out(problem: SearchProblem, theta: np.ndarray, trials: Sequence[Trial]) -> tuple[GriddedTrials, Trajectory]:
-    """The ``trials`` on the grid of the ``problem``, and the paths of the model without latent force from their
-    begin."""
+    """The ``trials`` on the grid of the ``problem``, and paths of the model from their begin without latent force."""
     steps = problem.steps
     data = trials_in_gusts(steps, trials)
     data = acting(steps, data, theta)
@@ -149,8 +148,7 @@ def _order(option: Option) -> str:
 def _misfits(
     problem: SearchProblem, first: Estimate, one: Candidate, others: Sequence[Candidate], trials: Sequence[Trial]
 ) -> np.ndarray:
-    """Misfit (runs, others) of each other effect in place of the first (or of none, without others) in one run of each
-    of some manoeuvres."""
+    """Misfit (runs, others) in one run of each manoeuvre of each other effect, or of none, in place of the first."""
     steps = problem.steps
     data, path = _rolled_out(problem, first.theta, trials)
     effects = [one, *others]

@@ -37,10 +37,9 @@ class Reference:
     """What the trials of the calibration show.
 
     priors: of the coefficients and of the parameters of all effects, for other trials; candidates: with the estimates
-    as their neutral values, unless they are STRONG; strong: those that are; theta: (all,) first coefficients; shift,
-    scatter: value of each parameter and its standard deviation between runs [typical sizes]; unnamed: log Bayes factor
-    of unnamed forms per grid time compared; unexplained: the same without the strong effects; noise: sizes of what is
-    random.
+    as neutral values, unless they are STRONG; strong: those that are; theta: (all,) first coefficients; shift, scatter:
+    of each parameter, and its standard deviation between runs [typical sizes]; unnamed: log Bayes factor of unnamed
+    forms per grid time compared; unexplained: that without strong effects; noise: sizes of what is random.
     """
 
     priors: Priors
@@ -105,9 +104,8 @@ def _with_likeliest_noise(steps: TransitionModel, data: GriddedTrials, start: Po
     """The fit of ``start``, with its noise, that of the fit itself, or half way between them: where the likelihood is
     the largest with the parameters integrated out (Laplace's approximation).
 
-    So many parameters can explain most of the random force of a few runs. The likelihood is then the largest with
-    hardly any, and with errors of the parameters as small, unless these are integrated out (restricted likelihood,
-    Harville 1977).
+    So many parameters can explain most of the random force of a few runs. The likelihood is then largest with hardly
+    any, and errors as small, unless they are integrated out (restricted likelihood, Harville 1977).
     """
     fits = [estimate(steps, data, start, MAX_FITS, fixed_noise=True), estimate(steps, data, start, MAX_FITS)]
     one, other = (fit.noise for fit in fits)

@@ -22,8 +22,7 @@ class SearchProblem:
     """What all hypotheses share: the transition model of the full ship, data, priors of its coefficients, candidates.
 
     expected_unnamed: log Bayes factor of unnamed forms that the trials of the calibration show, for as many samples;
-    expected_unnamed_null: the same without the effects that are strong in those trials; tests: trials that take no part
-    in any fit, or None.
+    expected_unnamed_null: that without effects that are strong there; tests: trials that no fit sees, or None.
     """
 
     steps: TransitionModel

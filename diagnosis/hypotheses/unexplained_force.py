@@ -1,9 +1,8 @@
 """What is left unexplained, as a force: its size by channel, what it follows, when it acts, and where it would show.
 
 The force is a sum of unnamed forms, products and smooth functions of motion, inputs and wind, whose coefficients have a
-Gaussian prior of one size in each channel. The sizes are those of the largest marginal likelihood (empirical Bayes), 0
-where that is best without any force; the force is the mean of the posterior. What the free coefficients could imitate
-is not in it.
+Gaussian prior of one size in each channel. The sizes have the largest marginal likelihood (empirical Bayes), 0 where
+that is best; the force is the mean of the posterior, without what the free coefficients could imitate.
 """
 
 from __future__ import annotations
@@ -92,8 +91,7 @@ def unexplained_force(
 ) -> UnexplainedForce:
     """The unexplained force ``found`` at a ``fit`` to ``data``, for diagnosis.json and the report.
 
-    evidence: for it, in log units; ship: the diagnosed one, for its masses; advice: which manoeuvre would tell
-    more, in words.
+    evidence: for it, in log units; ship: diagnosed, for its masses; advice: which manoeuvre would tell more.
     """
     forms = _net_forms(found, data, fit)
     force = np.einsum("n,nkrc->krc", found.mean.ravel(), forms)

@@ -2,9 +2,8 @@
 
 The floor is what a complete model would leave that was fitted to the same trials: errors of the sensors, from whose
 rows a prediction begins, random forces along its way, and the uncertainty of the coefficients. It comes from trials
-that the fitted model simulates, and is at most the error that the model leaves with what was named. What lies above it
-could be avoided; each effect has the part by which the error falls as it is added, in the order in which they were
-found.
+that the fitted model simulates, and is at most the error that the model leaves with what was named. What lies above
+could be avoided; an effect has the part by which the error falls as it is added, in the order of the selection.
 """
 
 from __future__ import annotations
@@ -124,8 +123,7 @@ def with_force(steps: TransitionModel, data: GriddedTrials, fit: Estimate, missi
 
 
 def _floors(steps: TransitionModel, data: GriddedTrials, fit: Estimate, rng: np.random.Generator) -> list[WindowErrors]:
-    """Errors of ships with coefficients as uncertain as those of a ``fit`` in trials that it simulates along
-    ``data``."""
+    """Errors of ships as uncertain as the coefficients of a ``fit``, in trials that it simulates along ``data``."""
     found = []
     for seen in simulated_trials(steps, data, fit, SIMULATED, rng):
         drawn = rng.multivariate_normal(fit.p, fit.covariance, method="eigh")

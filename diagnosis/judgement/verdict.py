@@ -174,8 +174,7 @@ def _oscillation(ready: Prepared) -> Message:
 
 
 def impossible_size(full: FullModel, fit: Estimate, candidate: Candidate) -> str:
-    """Which parameter of a ``candidate`` in a ``fit`` of the ``full`` model is surely less or more than it can be in
-    nature, in words, or nothing."""
+    """Which parameter of a ``candidate`` in a ``fit`` of ``full`` is surely outside what it can be, in words, or ""."""
     limited = [p for p in parameters(full.ship, candidate.effect) if math.isfinite(p.least) or math.isfinite(p.most)]
     sizes = parameters_of(full, fit, candidate) if limited else {}
     calibrated = any(c.prior_std is not None for c in full.ship.coefficients.values())

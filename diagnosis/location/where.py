@@ -182,8 +182,7 @@ def by_variable(variables: Sequence[Variable], s: Samples) -> tuple[list[dict[st
     """The force averaged in bins: rows by variable and channel (for the figure), the best explained first, and of the
     bins the regions, those with clearly more force than all other samples, the clearest first, at most MOST.
 
-    variables; s: samples. "explained": share of the mean square of the force due to its mean by bin, less the share
-    expected by chance.
+    variables; s: samples. "explained": share of the mean square due to the mean by bin, less that expected by chance.
     """
     rows: list[dict[str, Any]] = []
     regions: list[tuple[float, dict[str, Any]]] = []

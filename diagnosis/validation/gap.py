@@ -69,8 +69,7 @@ class GapRow:
 class Witness:
     """What a named effect explains of the accelerations that a network has learned, over the training rows.
 
-    share: squared correlation of both by channel; slope: of the learned on the effect's accelerations; rms, unit: of
-    the learned ones.
+    share: squared correlation of both by channel; slope: of the learned on the effect's accelerations.
     """
 
     effect: str
@@ -228,8 +227,7 @@ def _row(name: str, means: Mapping[str, np.ndarray], draws: Mapping[str, np.ndar
 
 
 def sentence_of(rows: Sequence[GapRow], effects: Sequence[str], verdict: str, seconds: float) -> str:
-    """The comparison of the models in ``rows``, over windows of ``seconds``, in a few sentences; effects, verdict: of
-    the diagnosis."""
+    """The models in ``rows`` over windows of ``seconds`` compared in words; effects, verdict: of the diagnosis."""
     by_name = {row.name: row for row in rows}
     refitted, floor = by_name[REFITTED], by_name.get(FLOOR)
     size = f"The calibrated model errs by {refitted.position_m:.3g} m and {refitted.heading_deg:.3g}° after "

@@ -188,11 +188,7 @@ def compare(
         by_run={data.trials[r]: (float(a[run == r].mean()), float(b[run == r].mean())) for r in np.unique(run)},
         likelihood_gain=float(gains.sum()) if np.isfinite(gains).all() else None,
         likelihood_interval_90=(low, high) if len(gains) >= FEW and np.isfinite(gains).all() else None,
-        horizons={
-            "1 step": (before.step, after.step),
-            "30 s": mean,
-            "whole run": (before.whole, after.whole),
-        },
+        horizons={"1 step": (before.step, after.step), "30 s": mean, "whole run": (before.whole, after.whole)},
     )
 
 
@@ -214,18 +210,13 @@ def likelihood_of(here: Linearisation) -> np.ndarray:
 
 @np.errstate(all="ignore")
 def filtered_along(
-    steps: TransitionModel,
-    data: GriddedTrials,
-    fit: Estimate,
-    near: Linearisation | None = None,
-    fits: int = FITS,
+    steps: TransitionModel, data: GriddedTrials, fit: Estimate, near: Linearisation | None = None, fits: int = FITS
 ) -> Linearisation | None:
     """The filter along other trials, its path and latent force those that are most likely; None where they explode.
 
-    steps: the transition model; data: the trials; fit: the fit; near: of another fit along them, from which it
-    begins; fits: linearisations of the filter at most. The sizes of the noise, which say nothing of the ship, are those
-    that make the other trials most likely: in its own trials an effect that explains a little of everything leaves less
-    than there is.
+    steps: the transition model; data: the trials; fit: the fit; near: of another fit along them, from which it begins;
+    fits: linearisations of the filter at most. The sizes of the noise, which say nothing of the ship, are those that
+    make the other trials most likely: in its own trials an effect that explains a little of all leaves too little.
     """
     active = active_states(steps, fit.free.symbols, fit.theta)
     path = initial_trajectory(steps, data, fit.theta) if near is None else near.at.path

@@ -18,11 +18,7 @@ from tests.support.diagnosis_cases import FEW, candidate, problem_of, pushed_pro
 from tests.support.disturbed_trials import drawn_ship
 from tests.support.quick import first_quick
 
-NAMES = {
-    "current": {"x": 0.03, "y": -0.02},
-    "antenna_offset": {"x": 0.3, "y": -0.2},
-    "heading_bias": {"psi": -0.03},
-}
+NAMES = {"current": {"x": 0.03, "y": -0.02}, "antenna_offset": {"x": 0.3, "y": -0.2}, "heading_bias": {"psi": -0.03}}
 
 
 def text_of(name: str, values: dict[str, float]) -> str:

@@ -29,16 +29,7 @@ from diagnosis.hypotheses.unnamed import MULTIPLES, SIZES, UNLOGGED, log_bayes, 
 from diagnosis.report.words import unexplained_hint
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force
-from tests.support.diagnosis_cases import (
-    FEW,
-    SHIP,
-    WHITE,
-    full_model,
-    pushed_by,
-    pushed_problem,
-    pushed_trials,
-    quiet,
-)
+from tests.support.diagnosis_cases import FEW, SHIP, WHITE, full_model, pushed_by, pushed_problem, pushed_trials, quiet
 from tests.support.quick import first_quick
 
 NOISE = NoiseModel(np.array([0.3, 0.6, 0.4]), 5.0, WHITE, np.zeros(6), 4.0)

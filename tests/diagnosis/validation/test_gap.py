@@ -12,7 +12,7 @@ import pytest
 from cases.shipfiles.effects import with_effects
 from cases.trial import Trial
 from diagnosis.findings import TESTS, Budget
-from diagnosis.report.gap_figure import gap_figure
+from diagnosis.report.page import gap_figure
 from diagnosis.validation.gap import BOTH, FLOOR, LEARNED, NAMED, REFITTED, GapRow, compared, sentence_of, witnessed
 from mmg.errors import TooFewData
 from mmg.network import Layers, Network

@@ -190,9 +190,7 @@ def test_where_the_ship_explodes_single_steps_say_nothing_and_windows_stay() -> 
     assert np.isfinite([held.mse_before, held.mse_after, *held.interval_90]).all() and held.reduction < 0
 
 
-def test_a_path_about_which_the_filter_breaks_down_is_approached_by_less(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_path_about_which_the_filter_breaks_down_is_approached_by_less(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, null, _ = fits()
     data, calls = others(OTHERS[:2]), []
     right = one_step_likelihood(problem.steps, data, null)
