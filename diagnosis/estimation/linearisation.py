@@ -196,7 +196,7 @@ SETTLED = 0.03  # set by hand
 def initial_covariance(
     steps: TransitionModel, data: GriddedTrials, z: np.ndarray, theta: np.ndarray, active: np.ndarray
 ) -> np.ndarray:
-    """Covariance (R, A, A) of the active states where windows of ``data`` begin: motion unknown, memory settled with it.
+    """Covariance (R, A, A) of the active states where windows of ``data`` begin: motion unknown, memory settled.
 
     steps: model; z: (R, S) first states; theta: coefficients (all,) or (all, R); active: (A,) positions of states.
     """

@@ -32,18 +32,16 @@ class Projected:
     taken: np.ndarray
 
 
-def projected(gram: np.ndarray, logdet: np.ndarray, p: np.ndarray, known: np.ndarray | None = None) -> Projected:
+def projected(gram: np.ndarray, logdet: np.ndarray, p: np.ndarray) -> Projected:
     """The columns after the first P of a linearisation without what these could imitate.
 
     gram: (P + C + 1, P + C + 1) products of the whitened columns, the negative residual last; logdet: (P + C,) slopes
-    of half the log determinant; p: (P,) free parameters, in prior standard deviations; known: (P, P) inverse covariance
-    of the prior (default: one of each).
+    of half the log determinant; p: (P,) free parameters, in prior standard deviations.
     """
     P = len(p)
-    prior = np.eye(P) if known is None else known
     slope = -(gram[:-1, -1] + logdet)
-    slope[:P] -= prior @ p  # the prior pulls, too: at the optimum both vanish together
-    taken = np.linalg.solve(gram[:P, :P] + prior, gram[:P, P:-1])
+    slope[:P] -= p  # the prior pulls, too: at the optimum both vanish together
+    taken = np.linalg.solve(gram[:P, :P] + np.eye(P), gram[:P, P:-1])
     # Schur complement of the free parameters
     return Projected(slope[P:] - taken.T @ slope[:P], gram[P:-1, P:-1] - gram[P:-1, :P] @ taken, taken)
 

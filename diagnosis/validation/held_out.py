@@ -196,10 +196,10 @@ SETTLED = 0.1  # Change of log likelihood from which a filter along other trials
 FITS = 20  # Linearisations of it at most: where hardly any random force acts, its size falls step by step. Set by hand.
 
 
-def one_step_likelihood(steps: TransitionModel, data: GriddedTrials, fit: Estimate, fits: int = FITS) -> np.ndarray:
+def one_step_likelihood(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> np.ndarray:
     """Negative log likelihood of one-step predictions of each window (R,) of other trials, NaN where they explode;
-    steps, data, fit, fits: as of ``filtered_along``."""
-    here = filtered_along(steps, data, fit, fits=fits)
+    steps, data, fit: as of ``filtered_along``."""
+    here = filtered_along(steps, data, fit)
     return np.full(len(data.run), np.nan) if here is None else likelihood_of(here)
 
 
@@ -210,22 +210,22 @@ def likelihood_of(here: Linearisation) -> np.ndarray:
 
 @np.errstate(all="ignore")
 def filtered_along(
-    steps: TransitionModel, data: GriddedTrials, fit: Estimate, near: Linearisation | None = None, fits: int = FITS
+    steps: TransitionModel, data: GriddedTrials, fit: Estimate, near: Linearisation | None = None
 ) -> Linearisation | None:
     """The filter along other trials, its path and latent force those that are most likely; None where they explode.
 
-    steps: the transition model; data: the trials; fit: the fit; near: of another fit along them, from which it begins;
-    fits: linearisations of the filter at most. The sizes of the noise, which say nothing of the ship, are those that
+    steps: the transition model; data: the trials; fit: the fit; near: of another fit along them, from which it begins.
+    The sizes of the noise, which say nothing of the ship, are those that
     make the other trials most likely: in its own trials an effect that explains a little of all leaves too little.
     """
     active = active_states(steps, fit.free.symbols, fit.theta)
     path = initial_trajectory(steps, data, fit.theta) if near is None else near.at.path
     noise = fit.noise if near is None else near.at.noise.with_(tau=fit.noise.tau)
     best, share, typical = None, 1.0, initial_noise(steps.ship)
-    for _ in range(fits):
+    for _ in range(FITS):
         here = linearised_if_finite(steps, data, replace(fit.fixed(), path=path, noise=noise), active)
         if best is None and here is None:
-            return None if near is None else filtered_along(steps, data, fit, fits=fits)
+            return None if near is None else filtered_along(steps, data, fit)
         if best is not None and (here is None or here.nll > best.nll + SETTLED):
             share *= 0.3  # the step was too far
         elif here is not None:
