@@ -213,17 +213,17 @@ def prepare(
 
 
 def prepare_with_sensors(
-    given: Ship, trials: Sequence[Trial], site: Site, step: float | None, known: CalibrationTrials
+    given: Ship, trials: Sequence[Trial], site: Site, step: float | None, calibration: CalibrationTrials
 ) -> tuple[Kinematics, Ship, list[Message], Prepared]:
     """``prepare`` with the faults of instruments that the logs show in the model of the ship.
 
     given: the ship, with her priors; trials: to diagnose; site: what is known of the place; step: of the grid [s],
-    None: by the trials; known: what she was calibrated on. Returns what the logs say of one another, the ship with
-    those faults, messages on them, and the problem with its first fit. Raises UserError as ``prepare``.
+    None: by the trials; calibration: what she was calibrated on. Returns what the logs say of one another, the ship
+    with those faults, messages on them, and the problem with its first fit. Raises UserError as ``prepare``.
     """
     sensors = consistency(trials, given)
     ship, repairs = with_sensor_faults(given, sensors)
-    return sensors, ship, repairs, prepare(ship, trials, site, step, known.other, known.reference)
+    return sensors, ship, repairs, prepare(ship, trials, site, step, calibration.other, calibration.reference)
 
 
 def fit_as_read(

@@ -106,7 +106,7 @@ def run_slopes(
 def with_scatter(s: RunSlopes, scatter: Mapping[Column, float], but: Sequence[Column] = ()) -> RunSlopes:
     """The slopes ``s`` with some parameters free to differ from run to run.
 
-    scatter: parameter -> standard deviation between runs [typical sizes]; but: those that stay. Returns new slopes.
+    scatter: parameter -> standard deviation between runs [typical sizes]; but: those that stay. Returns slopes.
     """
     at = [i for i, x in enumerate(s.columns) if x in scatter and x not in but]
     if not at:

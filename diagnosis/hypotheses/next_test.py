@@ -153,8 +153,8 @@ def _misfits(
     data, path = _rolled_out(problem, first.theta, trials)
     effects = [one, *others]
     more = priors_of_effects(effects)
-    acting = {c.effect for c in effects}
-    kept = [s in first.free.symbols and s.partition(".")[0] not in acting for s in problem.base.symbols]
+    tested = {c.effect for c in effects}
+    kept = [s in first.free.symbols and s.partition(".")[0] not in tested for s in problem.base.symbols]
     base = problem.base.only(kept)
     P, free = len(base.symbols), base + more
     point = Point(first.theta, free, np.zeros(len(free.mean)), path, first.noise)

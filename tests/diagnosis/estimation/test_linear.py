@@ -8,10 +8,15 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import pytest
 
+from cases.shipfiles.generated_ship import generated_ship, structure_of
+from cases.shipfiles.ship_file import load_ship
+from diagnosis.estimation.candidates import ship_with_all_effects
 from diagnosis.estimation.kalman import DrivenColumns
 from diagnosis.estimation.transition_model import FORCE, LinearModel, TransitionModel
 from mmg.effects import EFFECTS
+from mmg.model import assemble
 from mmg.rollout import Simulator
+from mmg.ship import Ship
 from tests.support.diagnosis_cases import OFF_NEUTRAL, SHIP, full_model, full_steps, off_neutral, states_about
 
 POINTS = 6
@@ -62,6 +67,20 @@ def test_every_effect_that_may_be_screened_is_on_board(steps: TransitionModel) -
     assert {c.effect for c in full_model().candidates} == set(EFFECTS)
     assert screened <= set(OFF_NEUTRAL) <= set(steps.symbols)
     assert set(FORCE) <= set(steps.symbols)
+
+
+@pytest.mark.parametrize(
+    "ship", [generated_ship(SHIP, structure_of(SHIP, 2, "SM-2")), load_ship("mariner")], ids=lambda ship: ship.name
+)
+def test_a_ship_without_propeller_and_rudder_models_gets_the_other_effects(ship: Ship) -> None:
+    full = ship_with_all_effects(ship)
+    named = {candidate.effect for candidate in full.candidates}
+    assert {"current", "tow"} <= named and "rudder_stall" not in named
+    model, bare = assemble(full.ship), assemble(ship)
+    state = np.array(model.initial([0, 0, 0, 0.3, 0.02, 0.01], np.zeros(len(model.controls)), full.ship.values))
+    rates = np.array(model.rates(state, np.zeros(len(model.controls)), full.ship.values))[3:6]
+    own = np.array(bare.rates([0, 0, 0, 0.3, 0.02, 0.01], np.zeros(len(bare.controls)), ship.values))[3:6]
+    np.testing.assert_allclose(rates, own, atol=1e-6)
 
 
 @pytest.mark.parametrize("where", ["neutral", "off neutral"])
@@ -133,7 +152,7 @@ def test_slopes_of_times_and_dead_bands_at_zero_point_into_what_they_allow(steps
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("where", [pytest.param("neutral", marks=pytest.mark.slow), "off neutral"])
+@pytest.mark.parametrize("where", ["neutral", "off neutral"])
 def test_derivatives_of_what_is_logged_are_those_of_finite_differences(steps: TransitionModel, where: str) -> None:
     theta = values(steps, where)
     states, inputs, force = path(steps, 2)

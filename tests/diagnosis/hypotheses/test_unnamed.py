@@ -171,7 +171,8 @@ def test_nothing_is_beyond_chance_where_nothing_is_left_out(seed: int) -> None:
 
 def test_a_little_more_or_less_of_the_logged_wind_is_nothing() -> None:
     """However surely it is seen: anemometers, and gusts between the samples, are no better. A lee is something."""
-    slopes = unnamed_slopes(*_parts(*without_effects()))
+    problem, null = without_effects()
+    slopes = unnamed_slopes(problem.steps, problem.data, null)
     own = np.array([kind == UNLOGGED for kind in slopes.kinds])
     assert own.sum() >= 4 and 0 < slopes.wind < 10
     for sure in (1.0, 1e4):  # the information of calmer and calmer trials
@@ -180,10 +181,6 @@ def test_a_little_more_or_less_of_the_logged_wind_is_nothing() -> None:
         more, lee = (np.where(own, share / unit / 3, 0.0) * (-1.0) ** np.arange(len(own)) for share in (0.05, 0.9))
         assert found.statistics(found.S @ more)[2][UNLOGGED] < 0.5
         assert found.statistics(found.S @ lee)[2][UNLOGGED] > 8
-
-
-def _parts(problem: SearchProblem, null: Estimate) -> tuple[TransitionModel, GriddedTrials, Estimate]:
-    return problem.steps, problem.data, null
 
 
 def test_what_a_sensor_may_be_off_anyway_is_no_evidence() -> None:
