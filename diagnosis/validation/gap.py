@@ -145,8 +145,8 @@ def _words(row: GapRow) -> tuple[str, ...]:
 
     closes = "" if row.closes is None else _percent(row.closes, row.closes_90)
     name = row.name + (" (declined)" if row.kept is False else "")
-    numbers = (interval(row.position_m, row.position_90), interval(row.heading_deg, row.heading_90))
-    return name, *numbers, interval(row.error, row.error_90), closes
+    position = interval(row.position_m, row.position_90) if row.position_90[1] > 0 else "–"  # not measured
+    return name, position, interval(row.heading_deg, row.heading_90), interval(row.error, row.error_90), closes
 
 
 def _percent(share: float, ends: tuple[float, float] | None) -> str:
@@ -154,21 +154,23 @@ def _percent(share: float, ends: tuple[float, float] | None) -> str:
 
 
 def held_out_errors(ship: Ship, trials: Sequence[Trial], seconds: float, change: np.ndarray) -> WindowErrors:
-    """Errors of a ``ship`` on windows of ``seconds``, each half over the one before, of ``trials``.
+    """Errors of a ``ship`` on windows of ``seconds``, each half over the one before, of ``trials``; states that a trial
+    never measures do not count.
 
     change: (6,) by which errors of the states are divided (``change_over``). Raises UserError where no window fits.
     """
     mean, end, run = [], [], []
     found = predict_all(Simulator(ship), trials, seconds, 0.5 * seconds, False)
     for number, (trial, (windows, _)) in enumerate(zip(trials, found, strict=True)):
+        measured = np.isfinite(trial.states).any(axis=0)  # (6,): positions may not be logged at all
         for w in windows:
-            known = np.isfinite(trial.states[w.first + 1 : w.last + 1]).all(axis=1)
+            known = np.isfinite(trial.states[w.first + 1 : w.last + 1, measured]).all(axis=1)
             if not known.any():
                 continue
             square = (w.error(trial.states)[1:][known] / change) ** 2
-            square = np.nan_to_num(square, nan=MOST, posinf=MOST).clip(max=MOST)
+            square = np.where(measured, np.nan_to_num(square, nan=MOST, posinf=MOST).clip(max=MOST), 0.0)
             last = square[-1, :3] * np.where(np.isfinite(change[:3]), change[:3], 0.0) ** 2
-            mean.append(square.mean())
+            mean.append(square.sum() / (len(square) * measured.sum()))
             end.append((last[0] + last[1], last[2]))
             run.append(number)
     if not mean:
@@ -230,10 +232,14 @@ def sentence_of(rows: Sequence[GapRow], effects: Sequence[str], verdict: str, se
     """The models in ``rows`` over windows of ``seconds`` compared in words; effects, verdict: of the diagnosis."""
     by_name = {row.name: row for row in rows}
     refitted, floor = by_name[REFITTED], by_name.get(FLOOR)
-    size = f"The calibrated model errs by {refitted.position_m:.3g} m and {refitted.heading_deg:.3g}° after "
-    size += f"{seconds:.3g} s"
+    errors = [
+        (f"{row.position_m:.3g} m and " if refitted.position_m > 0 else "") + f"{row.heading_deg:.3g}°"
+        for row in (refitted, floor)
+        if row is not None
+    ]
+    size = f"The calibrated model errs by {errors[0]} after {seconds:.3g} s"
     if floor is not None:
-        size += f", of which {floor.position_m:.3g} m and {floor.heading_deg:.3g}° cannot be avoided"
+        size += f", of which {errors[1]} cannot be avoided"
     unnamed = {"none": "No effect is named.", "unknown": "The cause has no name in the library."}.get(verdict, "")
     names = {LEARNED: "the network", NAMED: f"naming {' and '.join(effects)}", BOTH: "both"}
     closing = []

@@ -181,6 +181,8 @@ def test_the_sentence_follows_from_the_budget(
     effect = NamedEffect("current", CURRENT, 1e-12, 280.0, 0.3)
     words = sentence_of("named", [effect], [], (), remainder, budget)
     assert words.split()[0] == first and said in words and "−" not in words
+    unplaced = replace(budget, units=units | {"position_m": (0.0, 0.0, 0.0)})
+    assert "3.2" in words and " m." not in sentence_of("named", [effect], [], (), remainder, unplaced)
 
 
 def test_named_effect_and_its_class_are_told() -> None:

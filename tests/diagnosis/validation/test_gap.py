@@ -48,6 +48,13 @@ def test_the_true_effect_closes_all_and_a_half_of_it_three_quarters(trials: list
     assert set(run.tolist()) == {0, 1, 2}
 
 
+def test_trials_without_positions_are_compared_by_what_they_measure(trials: list[Trial]) -> None:
+    bare = [replace(t, columns={k: v for k, v in t.columns.items() if k not in ("x", "y")}) for t in trials]
+    whole, row = (compared({REFITTED: FEW}, some, 30.0, None)[0][0] for some in (trials, bare))
+    assert row.heading_deg == pytest.approx(whole.heading_deg) and row.position_m == 0.0 < row.error < 1.0
+    assert " m and" not in sentence_of([row], (), "none", 30.0) and " m and" in sentence_of([whole], (), "none", 30.0)
+
+
 def test_without_a_floor_or_a_gap_nothing_is_shared_out(trials: list[Trial]) -> None:
     whole = with_effects(FEW, [CURRENT])
     without = compared({REFITTED: FEW, NAMED: whole}, trials, 30.0, None)[0]
