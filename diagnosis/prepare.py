@@ -83,7 +83,8 @@ class InputReading:
         if self.gain is None or not (self.is_doubtful or self.is_sampled):
             return ()
         how = "joined by straight lines" if self.straight else "held until the next one"
-        words = f"samples of the actuators are taken as {how}, which is more likely (log likelihood + {self.gain:.1f})"
+        more = f"log likelihood + {self.gain:.1f}" if math.isfinite(self.gain) else "the other way explodes"
+        words = f"samples of the actuators are taken as {how}, which is more likely ({more})"
         said = f'say inputs = "{"sampled" if self.straight else "held"}" in trials.toml if that is so'
         tail = "; a delay of half a sample cannot be told from the other way" if self.is_doubtful else ""
         return (Message(f"{words}: {said}{tail}", "coarse_samples"),)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, parted
+from diagnosis.prepare import InputReading
 from mmg.errors import Missing, TooFewData
 from tests.diagnosis.judgement.test_verdict import RUNS
 from tests.support.diagnosis_cases import FEW, pushed_trials
@@ -37,3 +38,8 @@ def test_trials_that_trials_toml_keeps_for_tests_take_no_part(tmp_path: Path) ->
     assert list(parted(roles, [], "role")[0]) == roles
     stores = [diagnosis_store(tmp_path, FEW, trials, [], DiagnosisOptions(), "") for trials in ([first, second], roles)]
     assert stores[0].about != stores[1].about, "parts of one would be resumed by the other"
+
+
+def test_a_reading_that_makes_the_ship_explode_has_no_likelihood() -> None:
+    read, exploding = (InputReading(False, gain, 1.0, 3.0).notices[0] for gain in (2.0, float("inf")))
+    assert read.code == exploding.code == "coarse_samples" and "2.0" in read and "inf" not in exploding
