@@ -125,8 +125,7 @@ def _diagnosed(
     groups: Groups | None,
     progress: OnProgress | None,
 ) -> Diagnosis:
-    """The diagnosis; no test trial shares rows with the trials. A fault of an instrument that only the search shows is
-    put into the model of the sensors, and all is done again."""
+    """The diagnosis; no test shares rows with the trials. All is done again where the search shows a sensor's fault."""
     began = time.perf_counter()
     sensors, ship, repairs, ready = prepare_with_sensors(given, trials, site, options.step, calibration)
     timings = {"fit": time.perf_counter() - began}

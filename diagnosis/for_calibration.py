@@ -275,9 +275,9 @@ def _test(result: FitResult, c: Candidate, found: Estimate, chance: float) -> Ef
     at = [result.correlation.symbols.index(s) for s in c.symbols]
     rows = [result.estimates[s] for s in c.symbols]
     stds = np.array([math.nan if row.std is None else row.std for row in rows])
-    known = np.array([[result.correlation.matrix[i][j] for j in at] for i in at], dtype=float)
+    correlation = np.array([[result.correlation.matrix[i][j] for j in at] for i in at], dtype=float)
     off = (np.array([row.value for row in rows]) - c.neutral) / stds
-    squares = float(off @ np.linalg.pinv(known) @ off) if np.isfinite(off).all() else math.nan
+    squares = float(off @ np.linalg.pinv(correlation) @ off) if np.isfinite(off).all() else math.nan
     by_fit = chi2_tail(squares, len(off)) if math.isfinite(squares) else None
     values = {s: EffectValue(found.value(s), found.std(s)) for s in c.symbols}
     apart = [

@@ -76,19 +76,19 @@ def parted(
     ``between`` roles, all take part. Raises UserError where none is left to diagnose by.
     """
     trials = TrialSet.of(trials)
-    kept, out = trials.by_role if between != "role" else (trials, TrialSet(()))
-    if not out:
+    kept, held_out = trials.by_role if between != "role" else (trials, TrialSet(()))
+    if not held_out:
         return kept, list(tests), []
-    names = ", ".join(t.name for t in out)
+    names = ", ".join(t.name for t in held_out)
     if not kept:
-        line = line_for(out[0].path, out[0].name, 'role = "train"')
+        line = line_for(held_out[0].path, held_out[0].name, 'role = "train"')
         words = (
             "trials.toml gives them the role test or validate; none is left to diagnose by: give them the role train, "
             f"{line}"
         )
         raise Missing(f"{names}: {words}")
     words = f"not diagnosed by but checked on, by their role in trials.toml: {names}"
-    return kept, [*tests, *out], [Message(words, "role_held_out")]
+    return kept, [*tests, *held_out], [Message(words, "role_held_out")]
 
 
 def diagnosable_trials(trials: Sequence[Trial]) -> tuple[TrialSet, list[Message]]:

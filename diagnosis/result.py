@@ -51,7 +51,7 @@ def missing_force(d: Findings) -> dict[str, MissingForce]:
     if d.null is None or d.data is None:
         return {}
     data, path = d.data, d.null.path.force
-    found: dict[str, MissingForce] = {}
+    forces: dict[str, MissingForce] = {}
     for number, name in enumerate(data.trials):
         windows = np.flatnonzero(data.run == number)
         if not len(windows):
@@ -59,16 +59,16 @@ def missing_force(d: Findings) -> dict[str, MissingForce]:
         t = np.concatenate([data.t[: data.steps[w], w] for w in windows])
         force = np.concatenate([path[: data.steps[w], w] for w in windows])
         order = np.argsort(t, kind="stable")[:: max(1, -(-len(t) // MOST_ROWS))]
-        found[name] = MissingForce(t[order], force[order])
-    return found
+        forces[name] = MissingForce(t[order], force[order])
+    return forces
 
 
-def missing_force_text(found: Mapping[str, MissingForce]) -> str:
-    """The content of the file for what was ``found``, by trial name."""
+def missing_force_text(forces: Mapping[str, MissingForce]) -> str:
+    """The content of the file for the missing ``forces``, by trial name."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(FORCE_HEADER)
-    for name, one in found.items():
+    for name, one in forces.items():
         for t, force in zip(one.t.tolist(), one.force.tolist(), strict=True):
             table.writerow([name, f"{t:.6g}", *(f"{value:.6g}" for value in force)])
     return text.getvalue()

@@ -93,7 +93,7 @@ def deviations(chosen: Iterable[str] | Mapping[str, float], ship: Ship) -> dict[
 
     Raises UserError for an unknown coefficient, for one that is a random state anyway and for one without deviation.
     """
-    found = {}
+    stds = {}
     for symbol in [chosen] if isinstance(chosen, str) else chosen:
         if symbol in (*FORCE, *CURRENT):
             raise Conflict(f"coefficients: {symbol} is a random state of every tracker; leave it out")
@@ -106,5 +106,5 @@ def deviations(chosen: Iterable[str] | Mapping[str, float], ship: Ship) -> dict[
             raise BadValue(f"coefficients: {std!r} is no number") from None
         if not 0 < std < math.inf:
             raise Missing(f"coefficients: {symbol} has no standard deviation; give {{'{symbol}': deviation}}")
-        found[symbol] = std
-    return found
+        stds[symbol] = std
+    return stds

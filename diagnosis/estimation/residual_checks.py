@@ -175,18 +175,18 @@ def spectral_line(
     p = _band_probabilities(data.h * spacing, w, pieces, shortest, bands)
     if dense is None:
         return _sharpest(p, shortest)
-    every, more = _equally_spaced(dense[0])
-    step, finest, parts = dense[0].h * every, 2 * dense[0].h * every, _bands(more)
-    p = np.maximum(p, _band_probabilities(step, dense[1], more, shortest, bands))  # both must show a line
-    found, down_to = [_sharpest(p, shortest)], finest
+    every, dense_pieces = _equally_spaced(dense[0])
+    step, finest, parts = dense[0].h * every, 2 * dense[0].h * every, _bands(dense_pieces)
+    p = np.maximum(p, _band_probabilities(step, dense[1], dense_pieces, shortest, bands))  # both must show a line
+    lines, down_to = [_sharpest(p, shortest)], finest
     while down_to < shortest:
-        q = _band_probabilities(step, dense[1], more, down_to, parts)
+        q = _band_probabilities(step, dense[1], dense_pieces, down_to, parts)
         slow = down_to * parts / (np.arange(parts) + 0.5) > shortest
         q[slow | (np.partition(q, 1, axis=1)[:, 1] > IN_ANOTHER)] = 1.0
-        found.append(_sharpest(q, down_to))
+        lines.append(_sharpest(q, down_to))
         down_to *= COARSER
-    least, period = min(found)
-    return min(1.0, least * len(found)), period  # Bonferroni over the spectra
+    least, period = min(lines)
+    return min(1.0, least * len(lines)), period  # Bonferroni over the spectra
 
 
 def _bands(pieces: list[tuple[int, np.ndarray]]) -> int:
@@ -196,8 +196,8 @@ def _bands(pieces: list[tuple[int, np.ndarray]]) -> int:
 
 def _sharpest(p: np.ndarray, shortest: float) -> tuple[float, float]:
     """Probability by chance of the least of ``p`` (bands, 6), and the period [s] of its band, down to ``shortest``."""
-    line = int(np.argmin(p.min(axis=1)))
-    return min(1.0, p[SLOWEST:].size * float(p.min())), shortest * len(p) / (line + 0.5)
+    band = int(np.argmin(p.min(axis=1)))
+    return min(1.0, p[SLOWEST:].size * float(p.min())), shortest * len(p) / (band + 0.5)
 
 
 def _equally_spaced(data: GriddedTrials) -> tuple[int, list[tuple[int, np.ndarray]]]:

@@ -260,15 +260,15 @@ def group_candidates(problem: SearchProblem) -> tuple[Candidate, ...]:
     ship, base = problem.steps.ship, problem.base
     rows = list(problem.candidates)
     known = {s for c in rows for s in c.symbols}
-    more = {}
+    ranges = {}
     for s, *sizes in zip(base.symbols, base.mean, base.std, base.lower, base.upper, strict=True):
         mean, std, lower, upper = sizes
         # effects may well be absent
-        more[s] = (mean, min(std, SHARE * abs(mean)) if mean and "." not in s else std, lower, upper)
+        ranges[s] = (mean, min(std, SHARE * abs(mean)) if mean and "." not in s else std, lower, upper)
     for name in (e for e in FITTED_ALONG if e in ship.effects):
         for x in (x for x in parameters(ship, name) if not x.choice):
-            more.setdefault(f"{name}.{x.symbol}", (x.neutral, x.typical, x.lower, x.upper))
-    for s, values in more.items():
+            ranges.setdefault(f"{name}.{x.symbol}", (x.neutral, x.typical, x.lower, x.upper))
+    for s, values in ranges.items():
         if s not in known:
             effect, _, form = s.partition(".")
             rows.append(Candidate(effect, form, (Column(s),), *(np.array([float(v)]) for v in values)))

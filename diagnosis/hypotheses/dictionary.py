@@ -231,7 +231,7 @@ def _of_places(
 ) -> dict[str, Action]:
     """What may differ from place to place: the water's velocity, and how much of the logged wind there is."""
     none = np.zeros((0, *data.inputs.shape[:2])), np.zeros(0)
-    found = {}
+    actions = {}
     for name, symbol in WATER.items():
         if symbol in steps.ship.symbols:
             i = steps.ship.symbols.index(symbol)
@@ -241,7 +241,7 @@ def _of_places(
                 theta[i] += sign * SMALL
                 return at[0], at[1], theta
 
-            found[name] = _by_difference(steps, data, streaming, SMALL, (points, begin), active, wanted, none)
+            actions[name] = _by_difference(steps, data, streaming, SMALL, (points, begin), active, wanted, none)
     wind = [steps.model.controls.index(name) for name in ("wind_north", "wind_east")]
 
     def blowing(at: Points, sign: int) -> Points:
@@ -250,8 +250,8 @@ def _of_places(
         return at[0], held, at[2]
 
     if data.inputs[..., wind].any():
-        found["wind"] = _by_difference(steps, data, blowing, SMALL, (points, begin), active, wanted, none)
-    return {name: a for name, a in found.items() if a.step.any()}
+        actions["wind"] = _by_difference(steps, data, blowing, SMALL, (points, begin), active, wanted, none)
+    return {name: a for name, a in actions.items() if a.step.any()}
 
 
 def _by_difference(

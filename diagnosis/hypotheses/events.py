@@ -140,14 +140,14 @@ class EventSlopes:
         return max(1.0, float(np.median(self.g**2 / np.diag(self.S)) / MEDIAN))
 
 
-def swing_backgrounds(found: Mapping[str, EventSlopes]) -> dict[str, float]:
+def swing_backgrounds(slopes: Mapping[str, EventSlopes]) -> dict[str, float]:
     """Ratio of the slopes' variance to their information for each kind of force that swings, at least 1, by its
     neighbours' median: random forces may have more at all swings near than their model says (gusts that are not
     logged, for instance), as a line of a spectrum is judged beside its surroundings (Thomson 1982).
 
-    found: the slopes by kind, as of ``event_slopes``.
+    slopes: the slopes by kind, as of ``event_slopes``.
     """
-    sizes = {k: float(np.mean(one.g**2 / np.diag(one.S))) for k, one in found.items() if k.startswith(SWINGING)}
+    sizes = {k: float(np.mean(one.g**2 / np.diag(one.S))) for k, one in slopes.items() if k.startswith(SWINGING)}
     each = list(sizes.values())
     near = [[each[j] for j in range(len(each)) if abs(i - j) in NEAR] for i in range(len(each))]
     return {k: max(1.0, float(np.median(some))) if some else 1.0 for k, some in zip(sizes, near, strict=True)}
@@ -164,7 +164,7 @@ def event_slopes(
     P = len(p)
     known = [*range(P), white.shape[3] - 1]
     flat = white[..., known].reshape(-1, P + 1)
-    inner, found = flat.T @ flat, {}
+    inner, slopes = flat.T @ flat, {}
     for kind in dict.fromkeys(kinds):
         at = np.array([k == kind for k in kinds])
         own = white[..., P:-1][..., at]
@@ -182,5 +182,5 @@ def event_slopes(
         # runs do not touch each other
         gram[P : P + n, P : P + n] = np.where(same, squares[run[:, None], number[:, None], number], 0.0)
         left = projected(gram, np.concatenate([logdet, along[:, at][run, number]]), p)
-        found[kind] = EventSlopes(left.g, left.S)
-    return found
+        slopes[kind] = EventSlopes(left.g, left.S)
+    return slopes

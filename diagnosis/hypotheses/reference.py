@@ -118,9 +118,9 @@ def _with_likeliest_noise(steps: TransitionModel, data: GriddedTrials, start: Po
 
 def _without(steps: TransitionModel, data: GriddedTrials, fit: Estimate, effects: Sequence[Candidate]) -> Estimate:
     """The fit with these effects at their neutral values."""
-    theta, gone = fit.theta.copy(), [s for c in effects for s in c.symbols]
-    theta[[steps.ship.symbols.index(s) for s in gone]] = np.concatenate([c.neutral for c in effects])
-    kept = [s not in gone for s in fit.free.symbols]
+    theta, at_neutral = fit.theta.copy(), [s for c in effects for s in c.symbols]
+    theta[[steps.ship.symbols.index(s) for s in at_neutral]] = np.concatenate([c.neutral for c in effects])
+    kept = [s not in at_neutral for s in fit.free.symbols]
     start = Point(theta, fit.free.only(kept), fit.p[kept], fit.path, fit.noise)
     return estimate(steps, data, start, MAX_FITS)
 

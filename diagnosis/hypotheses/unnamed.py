@@ -80,13 +80,13 @@ class UnnamedSlopes:
         """Columns (C,) of the forces of each kind that depend on the same few variables."""
         labels = self.dictionary.labels
         groups = by_variables([form for kind, form in labels if kind == FORCES[0]])
-        found = {
+        columns = {
             f"{axis} ({words})": np.array([kind == axis and form in names for kind, form in labels])
             for axis in FORCES
             for words, names in groups.items()
         }
         beyond = np.zeros(len(self.events), dtype=bool)
-        return {name: np.concatenate([at, beyond]) for name, at in found.items() if at.any()}
+        return {name: np.concatenate([at, beyond]) for name, at in columns.items() if at.any()}
 
     def _sizes(self, kind: str) -> tuple[float, ...]:
         """Prior standard deviations of the columns of a ``kind``, in the sizes of what is random."""

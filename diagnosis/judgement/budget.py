@@ -124,11 +124,11 @@ def with_force(steps: TransitionModel, data: GriddedTrials, fit: Estimate, missi
 
 def _floors(steps: TransitionModel, data: GriddedTrials, fit: Estimate, rng: np.random.Generator) -> list[WindowErrors]:
     """Errors of ships as uncertain as the coefficients of a ``fit``, in trials that it simulates along ``data``."""
-    found = []
+    errors_of_draws = []
     for seen in simulated_trials(steps, data, fit, SIMULATED, rng):
         drawn = rng.multivariate_normal(fit.p, fit.covariance, method="eigh")
-        found.append(_errors(steps, seen, fit.with_values(steps.ship, data, drawn).theta))
-    return [e for e in found if np.isfinite(e.mean).all()]
+        errors_of_draws.append(_errors(steps, seen, fit.with_values(steps.ship, data, drawn).theta))
+    return [e for e in errors_of_draws if np.isfinite(e.mean).all()]
 
 
 def simulated_trials(
@@ -151,12 +151,12 @@ def simulated_trials(
 def _drawn(predicted: Sequence[WindowErrors], floors: Sequence[WindowErrors], rng: np.random.Generator) -> np.ndarray:
     """Mean errors (DRAWS, fits and floor) of runs drawn again, each with one of the ``floors``. predicted: by all
     fits and by the complete model; the floor is at most the last two."""
-    found = redrawn_means([e.mean for e in (*predicted, *floors)], predicted[0].run, rng)
+    means = redrawn_means([e.mean for e in (*predicted, *floors)], predicted[0].run, rng)
     which = len(predicted) + rng.choice(len(floors), DRAWS)
     last = len(predicted) - 1
     # the floor is at most what was reached
-    floor = np.minimum(found[np.arange(DRAWS), which], found[:, last - 1 : last + 1].min(axis=1))
-    return np.column_stack([found[:, :last], floor])
+    floor = np.minimum(means[np.arange(DRAWS), which], means[:, last - 1 : last + 1].min(axis=1))
+    return np.column_stack([means[:, :last], floor])
 
 
 def processes(shape: tuple[int, ...], sizes: np.ndarray, tau: float, h: float, rng: np.random.Generator) -> np.ndarray:

@@ -179,12 +179,12 @@ def impossible_size(full: FullModel, fit: Estimate, candidate: Candidate) -> str
     sizes = parameters_of(full, fit, candidate) if limited else {}
     calibrated = any(c.prior_std is not None for c in full.ship.coefficients.values())
     for p in (p for p in limited if p.symbol in sizes):
-        found, least = sizes[p.symbol], p.least - (p.lost if calibrated else 0.0)
-        limit = f"less than {least:.3g}" if found.value + 2 * found.std < least else ""
-        limit = f"more than {p.most:.3g}" if found.value - 2 * found.std > p.most else limit
+        estimated, least = sizes[p.symbol], p.least - (p.lost if calibrated else 0.0)
+        limit = f"less than {least:.3g}" if estimated.value + 2 * estimated.std < least else ""
+        limit = f"more than {p.most:.3g}" if estimated.value - 2 * estimated.std > p.most else limit
         if limit:
-            size = f"{p.symbol} = {found.value:.3g} ± {found.std:.2g} {found.unit}".rstrip()
-            return f"{candidate.effect} ({size}), which cannot be {limit} {found.unit}".rstrip()
+            size = f"{p.symbol} = {estimated.value:.3g} ± {estimated.std:.2g} {estimated.unit}".rstrip()
+            return f"{candidate.effect} ({size}), which cannot be {limit} {estimated.unit}".rstrip()
     return ""
 
 
@@ -193,10 +193,10 @@ def beyond_reported(effects: Sequence[NamedEffect], ship: Ship) -> list[Message]
     rows = []
     for e in effects:
         for p in parameters(ship, e.name):
-            found = e.parameters.get(p.symbol)
-            if found is None or abs(found.value - p.neutral) - 2 * found.std <= p.reported:
+            estimated = e.parameters.get(p.symbol)
+            if estimated is None or abs(estimated.value - p.neutral) - 2 * estimated.std <= p.reported:
                 continue
-            size = f"{found.value:.3g} +- {found.std:.2g} {found.unit}".rstrip()
+            size = f"{estimated.value:.3g} +- {estimated.std:.2g} {estimated.unit}".rstrip()
             words = f"{e.name} of {p.symbol} {size} is more than any that is known of ({p.reported:g})"
             rows.append(Message(f"{words}: something else adds to it, or stands behind it", "beyond_reported"))
     return rows

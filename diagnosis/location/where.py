@@ -88,28 +88,28 @@ def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> li
     middle = 0.5 * (z[:-1] + z[1:])[inside]
     x, y, psi, u, v, r = middle[:, :6].T
     inputs = {name: data.inputs[..., i][inside] for i, name in enumerate(names)}
-    found = [
+    variables = [
         Variable("u", "m/s", u, quantile_edges(u)),
         Variable("v", "m/s", v, signed_edges(v)),
         Variable("r", "rad/s", r, signed_edges(r)),
     ]
     for name in (n for n in INPUTS if n in inputs):
-        found.append(Variable(name, INPUTS[name][1], inputs[name], signed_edges(inputs[name])))
+        variables.append(Variable(name, INPUTS[name][1], inputs[name], signed_edges(inputs[name])))
         if name in RUDDERS:
             rate = (np.gradient(data.inputs[..., names.index(name)], data.h, axis=0))[inside]
             edges = np.abs(rate).max() * np.array([-1.0001, -0.1, 0.1, 1.0001])  # to port, at rest, to starboard
-            found.append(Variable(f"rate of {name}", "rad/s", rate, edges))
+            variables.append(Variable(f"rate of {name}", "rad/s", rate, edges))
     if any(np.any(inputs.get(name, 0.0)) for name in ("wind_north", "wind_east")):
         a_x, a_y = relative_air(inputs["wind_north"], inputs["wind_east"], psi, u, v)
         speed, angle = np.hypot(a_x, a_y), in_sectors(np.arctan2(-a_y, -a_x))
-        found.append(Variable("apparent wind speed", "m/s", speed, quantile_edges(speed)))
-        found.append(Variable("apparent wind angle", "rad", angle, SECTORS))
-    found.append(Variable("heading", "rad", in_sectors(psi), SECTORS))
-    found.append(Variable("x, north", "m", x, quantile_edges(x, 4)))
-    found.append(Variable("y, east", "m", y, quantile_edges(y, 4)))
+        variables.append(Variable("apparent wind speed", "m/s", speed, quantile_edges(speed)))
+        variables.append(Variable("apparent wind angle", "rad", angle, SECTORS))
+    variables.append(Variable("heading", "rad", in_sectors(psi), SECTORS))
+    variables.append(Variable("x, north", "m", x, quantile_edges(x, 4)))
+    variables.append(Variable("y, east", "m", y, quantile_edges(y, 4)))
     clock = data.t[:-1][inside]
-    found.append(Variable("time since the start", "s", clock, quantile_edges(clock, 4)))
-    return [f for f in found if len(f.edges) > 2 and np.ptp(f.values) > 1e-6 * np.abs(f.values).max()]
+    variables.append(Variable("time since the start", "s", clock, quantile_edges(clock, 4)))
+    return [f for f in variables if len(f.edges) > 2 and np.ptp(f.values) > 1e-6 * np.abs(f.values).max()]
 
 
 def phases(names: Sequence[str], data: GriddedTrials, z: np.ndarray, length: float) -> np.ndarray:
@@ -134,8 +134,8 @@ def phases(names: Sequence[str], data: GriddedTrials, z: np.ndarray, length: flo
         STEADY: np.abs(r) * length / U > TURNING,
         ACCELERATING: np.abs(du) * length / U**2 > SPEED_CHANGE,
     }
-    found = np.select(list(rules.values()), [PHASES.index(name) for name in rules], PHASES.index(STRAIGHT))
-    return found[inside]
+    phase = np.select(list(rules.values()), [PHASES.index(name) for name in rules], PHASES.index(STRAIGHT))
+    return phase[inside]
 
 
 def _change(z: np.ndarray, reach: int, steps: np.ndarray) -> np.ndarray:

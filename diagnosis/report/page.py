@@ -274,8 +274,8 @@ def write_report(d: Findings, folder: Path, gap: Gap | None = None) -> FigureFol
 
 def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]], gap: Gap | None = None) -> str:
     """The page on ``d``; listed: rows of the figures that lie in ``folder``; gap: as of ``write_report``."""
-    found = [*(e.name for e in d.effects), *(f.name for f in d.instruments)]
-    rows, order = words.ranking(d), [words.plain(name) for name in found]
+    names = [*(e.name for e in d.effects), *(f.name for f in d.instruments)]
+    rows, order = words.ranking(d), [words.plain(name) for name in names]
     channels = [{"name": name, **row} for name, row in d.where.get("channels", {}).items()]
     return rendered(
         "diagnosis",

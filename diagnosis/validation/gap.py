@@ -160,8 +160,8 @@ def held_out_errors(ship: Ship, trials: Sequence[Trial], seconds: float, change:
     change: (6,) by which errors of the states are divided (``change_over``). Raises UserError where no window fits.
     """
     mean, end, run = [], [], []
-    found = predict_all(Simulator(ship), trials, seconds, 0.5 * seconds, False)
-    for number, (trial, (windows, _)) in enumerate(zip(trials, found, strict=True)):
+    predictions = predict_all(Simulator(ship), trials, seconds, 0.5 * seconds, False)
+    for number, (trial, (windows, _)) in enumerate(zip(trials, predictions, strict=True)):
         measured = np.isfinite(trial.states).any(axis=0)  # (6,): positions may not be logged at all
         for w in windows:
             known = np.isfinite(trial.states[w.first + 1 : w.last + 1, measured]).all(axis=1)
@@ -276,18 +276,18 @@ def witnessed(
 
     learned = accelerations(hybrid) - accelerations(hybrid.without_network())
     whole, bare = accelerations(named), named
-    found = []
+    witnesses = []
     for effect in effects:
         own = whole - accelerations(named.without_effect(effect))
         bare = bare.without_effect(effect)
         pairs = {name: _related(own[k], learned[k]) for k, name in enumerate(CHANNELS)}
-        found.append(
+        witnesses.append(
             Witness(effect, {n: pair[0] for n, pair in pairs.items()}, {n: pair[1] for n, pair in pairs.items()})
         )
     together = whole - accelerations(bare) if effects else np.zeros_like(learned)
     features = _features(hybrid, logged, controls[:, [every.index(name) for name in hybrid.inputs]])
     channels = {name: _over(features, learned[k], together[k], unit) for k, (name, unit) in enumerate(CHANNELS.items())}
-    return tuple(found), channels
+    return tuple(witnesses), channels
 
 
 def _related(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
