@@ -28,7 +28,7 @@ from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import priors_of_effects, set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
 from diagnosis.hypotheses.forward_selection import Selection, select_effects
-from diagnosis.hypotheses.refit import gained, refit
+from diagnosis.hypotheses.refit import SearchProblem, gained, refit
 from diagnosis.inputs import diagnosable_trials
 from diagnosis.prepare import (
     InputReading,
@@ -246,7 +246,8 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
     ready = fit_as_read(steps, trials, full.values, base, initial_noise(full))[0]
     data, null = ready.data, ready.null
     start = {Column(s): result.estimates[s].value for s in symbols}
-    every = refit(steps, data, base, null, candidates, start)
+    problem = SearchProblem(steps, data, base, tuple(candidates))
+    every = refit(problem, null, candidates, start)
     tests = []
     for c in candidates:
         rest = [other for other in candidates if other is not c]
@@ -254,7 +255,7 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
         if rest:
             theta = set_values(full, data, every.theta, c.columns, c.neutral)
             first = {x: every.value(*x) for other in rest for x in other.columns}
-            fewer = refit(steps, data, base, replace(every, theta=theta), rest, first)
+            fewer = refit(problem, replace(every, theta=theta), rest, first)
         kept = len(symbols) - len(c.symbols)
         lost = gained(fewer, kept, every, len(symbols))
         chance = chi2_tail(2 * lost, len(c.symbols))

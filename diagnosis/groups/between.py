@@ -338,14 +338,14 @@ class _Search:
     def _refitted(self, fit: Estimate, first: Sequence[Candidate], named: Sequence[Tested[Candidate]]) -> Estimate:
         """The fit again with candidates by group: those of instruments, ``first``, and those ``named``. Known values
         begin where they are, new ones where the test points to."""
-        p, start = self.problem, dict[Column, float]()
+        start = dict[Column, float]()
         own = [self._by_group(c) for c in (*first, *(t.of for t in named))]
         for c, t in zip(own, (*(None for _ in first), *named), strict=True):
             if c.columns[0] in fit.free.columns:
                 start |= {x: fit.value(*x) for x in c.columns}
             elif t is not None:
                 start |= dict(zip(c.columns, self._values(fit, t.of, t.test), strict=True))
-        return refit(p.steps, p.data, p.base, fit, own, start)
+        return refit(self.problem, fit, own, start)
 
     def _values(self, fit: Estimate, c: Candidate, test: GroupTest) -> np.ndarray:
         """Values by group (G p,) of a candidate that a test points to [unit of the parameter]."""

@@ -190,7 +190,7 @@ def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], Score
         first = np.clip(c.neutral + score.phi * c.typical, c.lower, c.upper)
         start |= followed(before, score, first)
     start |= dict(zip(c.columns, first, strict=True))
-    fit = refit(problem.steps, problem.data, problem.base, before, [*named, c], start, is_rough=True)
+    fit = refit(problem, before, [*named, c], start, is_rough=True)
     kept = sum(len(e.columns) for e in named)
     gain = gained(before, kept, fit, kept + len(c.columns)) / score.dispersion
     by_chance = min(1.0, count * chi2_tail(2 * gain, score.degrees))  # likelihood ratio, Bonferroni
@@ -204,7 +204,7 @@ def refitted_without(problem: SearchProblem, best: RefittedEffect, named: Sequen
     theta[[problem.steps.ship.symbols.index(s) for s in c.symbols]] = c.neutral
     start = {x: best.fit.value(*x) for e in named for x in e.columns}
     begin = replace(best.fit, theta=theta)
-    return refit(problem.steps, problem.data, problem.base, begin, list(named), start, MAX_FITS)
+    return refit(problem, begin, list(named), start, MAX_FITS)
 
 
 def select_effects(

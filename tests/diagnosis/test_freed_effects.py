@@ -61,7 +61,7 @@ def test_an_effect_that_is_there_has_its_size_and_the_small_probability_of_a_dia
     ready = prepare(FEW, trials(0.06), None, 1.0)
     p = ready.problem
     c = find(p.candidates, "rudder_offset")
-    with_it = refit(p.steps, p.data, p.base, ready.null, [c], {})
+    with_it = refit(p, ready.null, [c], {})
     gain = gained(ready.null, 0, with_it, 1)
     assert np.log(test.p_value) == pytest.approx(-gain, rel=0.15)
     assert value.value == pytest.approx(with_it.value(SYMBOL), abs=0.2 * with_it.std(SYMBOL))

@@ -125,7 +125,7 @@ def test_a_refit_whose_first_values_make_the_ship_explode_begins_nearer_to_neutr
         return advance(self, z, inputs, theta, *rest)
 
     monkeypatch.setattr(TransitionModel, "linearise", exploding)
-    found = refit(p.steps, p.data, p.base, null, [effect], {effect.columns[0]: 0.3, effect.columns[1]: 0.0})
+    found = refit(p, null, [effect], {effect.columns[0]: 0.3, effect.columns[1]: 0.0})
     assert begun[:2] == pytest.approx([0.3, 0.09]) and abs(found.value("current.x")) < 0.05
 
 

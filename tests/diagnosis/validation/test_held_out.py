@@ -45,7 +45,7 @@ def fits() -> tuple[SearchProblem, Estimate, Estimate]:
     problem, null = pushed_problem(1, EFFECT)
     effect = candidate("current")
     start = dict(zip(effect.columns, (0.02, -0.01), strict=True))
-    return problem, null, refit(problem.steps, problem.data, problem.base, null, [effect], start)
+    return problem, null, refit(problem, null, [effect], start)
 
 
 @cache
