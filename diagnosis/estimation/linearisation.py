@@ -253,7 +253,6 @@ def linearise_and_filter(
         begin, end = end, end + block.width
         whitened(system, filter_run, block, white[..., begin:end], rows=rows)
     white[..., -1] = last  # the residual stands last, so that products with it are the last row
-    # of white numbers
     # prediction error decomposition, and the priors
     nll = 0.5 * float(filter_run.log_det.sum() + (left**2).sum() + at.p @ at.p) + noise.neg_log_prior
     return Linearisation(
