@@ -118,6 +118,8 @@ RARE = (
            {"diagnosis.estimation.first_fit:CORRELATED": 9.0}, inside=(*FIRST, "fit_without_effects")),
     Switch("sensor faults", "faults of sensors that the columns show are not modelled",
            {"diagnosis.prepare:with_sensor_faults": lambda ship, sensors: (ship, [])}, inside=FIRST),
+    Switch("dispersion", "residuals count as independent",
+           {"diagnosis.hypotheses.score_test:dispersion": constantly(1.0)}, inside=("slopes", *ONCE, "unnamed_slopes")),
 )  # fmt: skip
 
 

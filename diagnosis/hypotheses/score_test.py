@@ -20,6 +20,41 @@ from diagnosis.estimation.kalman import DrivenColumns
 from diagnosis.estimation.linearisation import Point, linearise_and_filter, path_of_all_states, timing_columns
 from diagnosis.estimation.parameters import Priors, active_in_window
 from diagnosis.estimation.transition_model import TransitionModel
+from mmg.effects import EFFECTS
+from mmg.motion.froude import time_scale
+
+MEMORY = 5.0  # Time [s of a 3 m model] over which residuals may be correlated. Set by hand.
+
+
+def memory_steps(length: float, h: float) -> int:
+    """Steps of h [s] of that time for a ship of this ``length`` [m]."""
+    return max(1, round(MEMORY * time_scale(length) / h))
+
+
+def dispersion(
+    columns: np.ndarray, white: np.ndarray, g: np.ndarray, S: np.ndarray, lags: int, rows: np.ndarray | None = None
+) -> float:
+    """Variance of the slopes g (c,) of some columns over their information S (c, c), in the mean, at least 1.
+
+    columns: (K + 1, R, 6, c) whitened, free parameters projected out; white: (K + 1, R, 6) negative residual; lags:
+    steps over which residuals may be correlated; rows: (k,) grid times of which alone columns and residual are given,
+    which are zero at all others. The variance is that of Newey & West (1987), about what the columns explain.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (S + S.T))  # rounding
+    kept = values > 1e-6 * max(values.max(), 1e-300)
+    if not kept.any():
+        return 1.0
+    root = vectors[:, kept] / np.sqrt(values[kept])
+    along = columns @ root
+    size = (root.T @ g) * values[kept] / (1 + values[kept])  # shrunk as by a prior of unit variance: g is noisy
+    each = np.einsum("krca,krc->kra", along, white + along @ size)
+    if rows is not None:
+        given, each = each, np.zeros((rows[-1] + 1, *each.shape[1:]))
+        each[rows] = given
+    lags = min(lags, len(each) - 1)
+    weight = 1 - np.arange(1, lags + 1) / (lags + 1)  # Bartlett's, which keeps the sum positive
+    covariances = [(each[lag:] * each[:-lag]).sum() for lag in range(1, lags + 1)]
+    return max(1.0, float(((each**2).sum() + 2 * weight @ covariances) / kept.sum()))
 
 
 @dataclass(frozen=True)
@@ -60,7 +95,8 @@ class Slopes:
 
     columns: the parameters, P of them, in units of their typical size; g: (P,) slopes of the log likelihood, the
     hypothesis projected out; S: (P, P) their covariance; own: (P,) information before the projection; dispersion: ratio
-    of the slopes' variance to that covariance where a small error in the time of the inputs makes it larger; taken: (F,
+    of the slopes' variance to that covariance where it is larger: of faults of instruments, as of sensors with a memory
+    (the memory of forces is in the model), and of what a small error in the time of the inputs looks like; taken: (F,
     P) by how many prior standard deviations each free parameter of the hypothesis falls where a candidate's grows by
     its typical size, to first order; without rows where it was not asked.
     """
@@ -129,13 +165,17 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
     gram, logdet_gradients = grams.sum(axis=0), (logdet_gradient[:, pick] * acts).sum(axis=0)[:-1]
     own = np.diag(gram)[P + c : -1].copy()
     rest = projected(gram, logdet_gradients, found.p)
-    at, ratios = c, {}
+    apart = every[..., pick[P:-1]] * acts[:, None, P:-1] - every[..., :P] @ rest.taken
+    lags, at, ratios = memory_steps(steps.ship.particulars["L"], data.h), c, {}
     for candidate in candidates:
         i = slice(at, at + len(candidate.columns))
         at = i.stop
+        ratio = 1.0
+        if EFFECTS[candidate.effect].measures:
+            ratio = dispersion(apart[..., i], every[..., -1], rest.g[i], rest.S[i, i], lags, linearised.rows)
         with_timing = rest.S[i, :c]  # what errors in the time of the inputs add to the variance of the slopes
         inverse = np.linalg.pinv(rest.S[i, i], rcond=1e-8, hermitian=True)  # two parameters may look alike
-        ratio = 1.0 + float(np.trace(inverse @ with_timing @ with_timing.T)) / len(inverse)
+        ratio += float(np.trace(inverse @ with_timing @ with_timing.T)) / len(inverse)
         if ratio > 1.0:
             ratios[candidate] = ratio
     return Slopes(tuple(each), rest.g[c:], rest.S[c:, c:], own, ratios, rest.taken[:, c:])

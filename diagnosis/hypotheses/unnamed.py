@@ -21,7 +21,7 @@ from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import BY_PLACE, FORCES, Dictionary
 from diagnosis.hypotheses.events import Events, event_slopes, swing_backgrounds
 from diagnosis.hypotheses.force_forms import by_variables
-from diagnosis.hypotheses.score_test import projected
+from diagnosis.hypotheses.score_test import dispersion, memory_steps, projected
 
 SENSOR = "sensor of "  # Begin of the kinds that are errors of a sensor
 # Kind of the share of the logged wind: gusts that are not logged make it vary from second to second.
@@ -47,12 +47,12 @@ class UnnamedSlopes:
     """Slopes g (C,) of the log likelihood along the columns of a ``dictionary``, the free parameters projected out, and
     their information S (C, C).
 
-    dispersion: of errors of a sensor at times and of forces that swing, by kind, the ratio of the slopes' variance to
-    that information, at least 1: it is larger where residuals are correlated in time, and where random forces are not
-    as fast or as slow as in the model; taken: (P, c) multiples of the free parameters that were projected out, by the
-    columns of the dictionary, which are the first; those of ``events`` follow, kind by kind, as if independent of all
-    others; wind: share of the logged wind whose force is as strong as what is random, the unit of its columns;
-    of_events: size of events, by kind, that is nothing.
+    dispersion: of errors of sensors, the share of the wind and forces that swing, by kind, the ratio of the slopes'
+    variance to that information, at least 1: it is larger where residuals are correlated in time, as of sensors with a
+    memory or in gusts, and where random forces are not as fast or as slow as in the model; taken: (P, c) multiples of
+    the free parameters that were projected out, by the columns of the dictionary, which are the first; those of
+    ``events`` follow, kind by kind, as if independent of all others; wind: share of the logged wind whose force is as
+    strong as what is random, the unit of its columns; of_events: size of events, by kind, that is nothing.
     """
 
     g: np.ndarray
@@ -160,9 +160,16 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, point: Point) ->
     gram[:C, :C], gram[C, :C] = own.T @ own, flat[:, -1] @ own  # products with the residual stand last
     gram[:, C] = np.append(gram[C, :C], flat[:, -1] @ flat[:, -1])
     rest = projected(gram, np.concatenate([by_free, forms.logdet_gradient(linearised)]), p)
+    lags = memory_steps(length, data.h)
+    ratios = {}
+    for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith(SENSOR) or k == UNLOGGED):
+        own = np.flatnonzero([k == name for k in forms.kinds])
+        columns = white[..., P + own] - white[..., :P] @ rest.taken[:, own]
+        S = rest.S[np.ix_(own, own)]
+        ratios[name] = dispersion(columns, white[..., -1], rest.g[own], S, lags, linearised.rows)
     others = white[..., [*range(P), *range(C, white.shape[3])]]
     there = event_slopes(others, by_free, p, events[0].logdet_gradient(linearised), events[0].kinds)
-    ratios = {kind: each.dispersion for kind, each in there.items() if kind.startswith(SENSOR)}
+    ratios |= {kind: each.dispersion for kind, each in there.items() if kind.startswith(SENSOR)}
     ratios |= swing_backgrounds(there)
     g = np.concatenate([rest.g, *(each.g for each in there.values())])
     S = block_diag(rest.S, *(each.S for each in there.values()))

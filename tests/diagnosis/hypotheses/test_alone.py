@@ -35,7 +35,7 @@ def spec(form: str) -> str:
 @cache
 def searched(form: str) -> tuple[SearchProblem, Selection]:
     """Trials with a fault of this form as a problem, and what is found."""
-    problem, null = pushed_problem(5, spec(form))
+    problem, null = pushed_problem(4, spec(form))
     return problem, select_effects(problem, null)
 
 

@@ -24,12 +24,24 @@ from diagnosis.hypotheses.force_forms import Forms
 from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.next_test import telling_test
 from diagnosis.hypotheses.refit import SearchProblem
+from diagnosis.hypotheses.score_test import dispersion
 from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
 from diagnosis.hypotheses.unnamed import MULTIPLES, SIZES, UNLOGGED, log_bayes, unnamed_forms, unnamed_slopes
 from diagnosis.report.words import unexplained_hint
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force
-from tests.support.diagnosis_cases import FEW, SHIP, WHITE, full_model, pushed_by, pushed_problem, pushed_trials, quiet
+from tests.support.diagnosis_cases import (
+    FEW,
+    SHIP,
+    WHITE,
+    full_model,
+    problem_of,
+    pushed_by,
+    pushed_problem,
+    pushed_trials,
+    quiet,
+)
+from tests.support.disturbed_trials import process
 from tests.support.quick import first_quick
 
 NOISE = NoiseModel(np.array([0.3, 0.6, 0.4]), 5.0, WHITE, np.zeros(6), 4.0)
@@ -171,8 +183,7 @@ def test_nothing_is_beyond_chance_where_nothing_is_left_out(seed: int) -> None:
 
 def test_a_little_more_or_less_of_the_logged_wind_is_nothing() -> None:
     """However surely it is seen: anemometers, and gusts between the samples, are no better. A lee is something."""
-    problem, null = without_effects()
-    slopes = unnamed_slopes(problem.steps, problem.data, null)
+    slopes = unnamed_slopes(*_parts(*without_effects()))
     own = np.array([kind == UNLOGGED for kind in slopes.kinds])
     assert own.sum() >= 4 and 0 < slopes.wind < 10
     for sure in (1.0, 1e4):  # the information of calmer and calmer trials
@@ -181,6 +192,39 @@ def test_a_little_more_or_less_of_the_logged_wind_is_nothing() -> None:
         more, lee = (np.where(own, share / unit / 3, 0.0) * (-1.0) ** np.arange(len(own)) for share in (0.05, 0.9))
         assert found.statistics(found.S @ more)[2][UNLOGGED] < 0.5
         assert found.statistics(found.S @ lee)[2][UNLOGGED] > 8
+
+
+@pytest.mark.slow
+def test_residuals_correlated_in_time_are_less_news() -> None:
+    """White sensors: hardly any dispersion. Errors of v with a memory of 2 s: the slopes of its sensor vary more."""
+    plain = unnamed_slopes(*_parts(*without_effects())).dispersion
+    assert max(plain.values()) < 1.35
+    trials = pushed_trials(1, how=quiet(X=0.3, Y=0.6, N=0.4))
+    rng = np.random.default_rng(0)
+    rough = []
+    for t in trials:
+        error = np.zeros(len(t.t))
+        for k in range(1, len(error)):
+            left = np.exp(-(t.t[k] - t.t[k - 1]) / 2.0)
+            error[k] = left * error[k - 1] + np.sqrt(1 - left**2) * rng.standard_normal()
+        rough.append(t.with_columns(v=t["v"] + 0.008 * error))
+    coloured = unnamed_slopes(*_parts(*problem_of(rough))).dispersion
+    assert coloured["sensor of v"] > 1.5 * plain["sensor of v"]
+
+
+@pytest.mark.slow
+def test_gusts_that_are_not_logged_make_shares_of_the_wind_less_news() -> None:
+    """The ship feels the logged wind: no dispersion. Logged speeds off by a half, with a memory of 3 s: more."""
+    trials, rng, gusty = pushed_trials(1, how=quiet(X=0.05, Y=0.1, N=0.05)), np.random.default_rng(0), []
+    for t in trials:
+        off = 1 + 0.5 * process(len(t.t), float(np.diff(t.t).mean()), 3.0, rng)
+        gusty.append(t.with_columns(wind_speed=t["wind_speed"] * off))
+    plain, found = (unnamed_slopes(*_parts(*problem_of(some))).dispersion[UNLOGGED] for some in (trials, gusty))
+    assert plain < 1.2 and found > 1.4
+
+
+def _parts(problem: SearchProblem, null: Estimate) -> tuple[TransitionModel, GriddedTrials, Estimate]:
+    return problem.steps, problem.data, null
 
 
 def test_what_a_sensor_may_be_off_anyway_is_no_evidence() -> None:
@@ -219,7 +263,7 @@ def test_the_mean_bayes_factor_of_nothing_is_one(multiple: float) -> None:
 
 
 def test_what_is_kept_of_compared_times_alone_says_the_same() -> None:
-    """Rows of times at which nothing is compared are zero, so that sums and smoothing do without them."""
+    """Rows of times at which nothing is compared are zero, so that sums, smoothing and dispersion do without them."""
     problem, null = without_effects()
     steps, data = problem.steps, problem.data.thinned(4)
     whole, brief = (linearise_and_filter(steps, data, null, is_brief=some) for some in (False, True))
@@ -229,6 +273,10 @@ def test_what_is_kept_of_compared_times_alone_says_the_same() -> None:
     assert brief.nll == whole.nll
     for one, other in zip(brief.smoothed(), whole.smoothed(), strict=True):
         np.testing.assert_array_equal(one, other)
+    columns, residual = whole.white[..., :3], whole.white[..., -1]
+    g, S = np.ones(3), 0.1 * np.einsum("krca,krcb->ab", columns, columns)  # so that it varies more than S says
+    few = dispersion(columns[brief.rows], residual[brief.rows], g, S, 9, brief.rows)
+    assert few == pytest.approx(dispersion(columns, residual, g, S, 9), rel=1e-12) and few > 1.0
 
 
 @pytest.mark.slow
