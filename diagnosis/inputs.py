@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -122,11 +122,12 @@ def independent_tests(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[l
     """The ``tests`` that share no rows with the training trials ``train``, and sentences on those left out."""
     if not tests:
         return [], []
-    every = [*train, *tests]
+    # by number, not name: a test may be called as a training trial is
+    every = TrialSet.of([replace(t, name=str(number)) for number, t in enumerate((*train, *tests))])
     hashes, remarks, kept = {t.sha256: t.name for t in train if t.sha256}, list[str](), list[Trial]()
-    copies = [{str(copy.get("other")) for copy in found} for found in TrialSet.of(every).copies]
-    for t, others in zip(tests, copies[len(train) :], strict=True):
-        here = [o.name for o, its in zip(train, copies, strict=False) if o.name in others or t.name in its]
+    copies = [{int(copy["other"]) for copy in its} for its in every.copies]
+    for number, t in enumerate(tests, start=len(train)):
+        here = [o.name for i, o in enumerate(train) if i in copies[number] or number in copies[i]]
         here += [hashes[t.sha256]] if t.sha256 in hashes else []
         if not here:
             kept.append(t)

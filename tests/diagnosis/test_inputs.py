@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, parted
+from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, independent_tests, parted
 from diagnosis.prepare import InputReading
 from mmg.errors import Missing, TooFewData
 from tests.diagnosis.judgement.test_verdict import RUNS
@@ -25,6 +25,15 @@ def test_trials_that_tell_nothing_are_refused_and_copies_count_once() -> None:
         diagnosable_trials([replace(one, columns={**one.columns, **still})])
     with pytest.raises(Missing):
         diagnosable_trials([])
+
+
+def test_a_test_is_told_from_a_trial_of_its_name() -> None:
+    """Copies among the tests share no rows with a trial that is called as one of them."""
+    one, other = pushed_trials(1, runs=RUNS)
+    trials, tests = [replace(one, name="a")], [replace(other, name=name) for name in ("a", "b")]
+    assert independent_tests(trials, tests) == (tests, [])
+    kept, (shared, none_left) = independent_tests(trials, [replace(one, name="c", sha256="")])
+    assert kept == [] and (shared.code, none_left.code) == ("shared_rows", "no_test_left")
 
 
 def test_trials_that_trials_toml_keeps_for_tests_take_no_part(tmp_path: Path) -> None:
