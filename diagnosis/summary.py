@@ -128,11 +128,9 @@ def visible_from(first: Search, effect: str) -> dict[str, float]:
 
 def usual_values(full: FullModel, effect: str) -> dict[str, float]:
     """Parameter -> value from which an ``effect`` of the ``full`` model is tested, where that is not neutral."""
-    rows = {
-        x: value for c in full.candidates if c.effect == effect for x, value in zip(c.symbols, c.neutral, strict=True)
-    }
-    named = {x.split(".", 1)[1]: float(value) for x, value in rows.items()}
-    return {k: value for k, value in named.items() if value != neutral(full.ship, effect, k)}
+    rows = (row for c in full.candidates if c.effect == effect for row in zip(c.symbols, c.neutral, strict=True))
+    values = {symbol.split(".", 1)[1]: float(value) for symbol, value in rows}
+    return {k: value for k, value in values.items() if value != neutral(full.ship, effect, k)}
 
 
 def ranking(full: FullModel, first: Search) -> tuple[RankedCandidate, ...]:

@@ -113,7 +113,5 @@ def _first_fit(
     except BrokenModelError:
         if not p.any():
             raise
-        LOGGER.info("the ship explodes along these trials: fitted again from the means of its priors")
-    p = np.zeros(len(p))
-    start = initial_point(steps, data, theta, base, noise, p)
-    return estimate(steps, data, start, MAX_FITS, is_enough=is_enough), p
+    LOGGER.info("the ship explodes along these trials: fitted again from the means of its priors")
+    return _first_fit(steps, data, theta, base, noise, np.zeros(len(p)), is_enough)
