@@ -27,14 +27,7 @@ from diagnosis.estimation.candidates import FITTED_ALONG, find
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
-from diagnosis.findings import (
-    Between,
-    DiagnosisInputs,
-    HeldOut,
-    InstrumentFault,
-    RandomSizes,
-    UnexplainedForce,
-)
+from diagnosis.findings import Between, DiagnosisInputs, HeldOut, InstrumentFault, RandomSizes, UnexplainedForce
 from diagnosis.groups.between import compare_groups
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.next_test import next_test, telling_test
@@ -100,23 +93,26 @@ def diagnose(
         ship, remarks = diagnosable(ship)
         remarks += of_campaign
         place = site if isinstance(site, Site) else read_site(trials, ship, site)
-        kept, shared = independent_tests(trials, tests)
-        known = calibration_trials(ship, trials, calibrated_on)
-        ship = without_suspects(ship, surroundings_only=known.other)
-        remarks += [*TrialSet((*trials, *kept)).remarks, *by_role, *copies, *shared, *known.remarks, *place.notices]
-        remarks += assumed((*trials, *kept), ship.inputs)
-        told = told_of_predictions(ship, calibrated_on)
-        inputs = DiagnosisInputs(tuple(data_rows(trials)), tuple(data_rows(kept)), o.command, o.seed, versions(), told)
+        tests, shared = independent_tests(trials, tests)
+        calibration = calibration_trials(ship, trials, calibrated_on)
+        ship = without_suspects(ship, surroundings_only=calibration.other)
+        every = TrialSet((*trials, *tests))
+        remarks += [*every.remarks, *by_role, *copies, *shared, *calibration.remarks, *place.notices]
+        remarks += assumed(every, ship.inputs)
+        rows, test_rows = tuple(data_rows(trials)), tuple(data_rows(tests))
+        predictions = told_of_predictions(ship, calibrated_on)
+        inputs = DiagnosisInputs(rows, test_rows, o.command, o.seed, versions(), predictions)
         try:
-            found = _diagnosed(ship, trials, kept, place, o, known, groups, control.note)
+            diagnosis = _diagnosed(ship, trials, tests, place, o, calibration, groups, control.note)
         except (BrokenModelError, np.linalg.LinAlgError) as error:
             why = str(error) if isinstance(error, UserError) else f"{ship.name}: {BREAKS_DOWN} ({error})"
             return no_answer(ship, why, remarks, inputs, time.perf_counter() - began)
         except OutOfTimeError as error:
             words = "before anything could be concluded; give more time, or fewer trials, or a coarser --step"
             raise OutOfTimeError(f"{ship.name}: {error} {words}") from None
-        found = replace(found, warnings=(*remarks, *found.warnings), inputs=inputs)
-        return with_learned(found, trials, kept, o, control.note) if o.learn else found
+        timings = {**diagnosis.timings, "total": time.perf_counter() - began}  # with all passes, see ``_diagnosed``
+        diagnosis = replace(diagnosis, warnings=(*remarks, *diagnosis.warnings), inputs=inputs, timings=timings)
+        return with_learned(diagnosis, trials, tests, o, control.note) if o.learn else diagnosis
 
 
 def _diagnosed(
@@ -125,48 +121,49 @@ def _diagnosed(
     tests: Sequence[Trial],
     site: Site,
     options: DiagnosisOptions,
-    known: CalibrationTrials,
+    calibration: CalibrationTrials,
     groups: Groups | None,
     progress: OnProgress | None,
 ) -> Diagnosis:
-    """The diagnosis; no test trial shares rows with the trials."""
+    """The diagnosis; no test shares rows with the trials. All is done again where the search shows a sensor's fault."""
     began = time.perf_counter()
-    sensors, ship, repairs, ready = prepare_with_sensors(given, trials, site, options.step, known)
+    sensors, ship, repairs, ready = prepare_with_sensors(given, trials, site, options.step, calibration)
     timings = {"fit": time.perf_counter() - began}
     gridded = _like_training(tests, ready)
     p = replace(ready.problem, tests=gridded)
     result = judged_search(ready, p, options.seed, options.workers, progress)
-    found = result.found
-    if faults := [sensors.form_of(c.effect) for c in found.effects if c.effect in FITTED_ALONG]:  # no cause
-        return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, known, groups, progress)
+    selection = result.found
+    if faults := [sensors.form_of(c.effect) for c in selection.effects if c.effect in FITTED_ALONG]:  # no cause
+        return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, calibration, groups, progress)
     missing = estimated_force(result.free) if result.is_left or result.verdict == "unknown" else None
-    is_fitted = not known.other and any(c.prior_std is not None for c in given.coefficients.values())
-    budget = budget_of(p, found, missing, options.seed, None if is_fitted else ready.full.ship.values)
-    late, final, is_found = ready.reading.time_error, found.final, bool(found.effects)
-    same = summary.equivalence_class(found) if is_found else ()
+    is_fitted = not calibration.other and any(c.prior_std is not None for c in given.coefficients.values())
+    budget = budget_of(p, selection, missing, options.seed, None if is_fitted else ready.full.ship.values)
+    time_error, final, is_found = ready.reading.time_error, selection.final, bool(selection.effects)
+    same = summary.equivalence_class(selection) if is_found else ()
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
-    LOGGER.info("tested and refitted: " + (", ".join(c.label for c in found.effects) or "no effect stands out"))
-    held = _held_out(p, found.null, final, options.seed)
+    LOGGER.info("tested and refitted: " + (", ".join(c.label for c in selection.effects) or "no effect stands out"))
+    held_out = _held_out(p, selection.null, final, options.seed)
     instruments = summary.instrument_faults(ready.full, final)
     ship = summary.without_exact_gyro(ship, given, instruments)
-    ship_before = summary.fitted_ship(ship, ready.full, found.null, ())
+    ship_before = summary.fitted_ship(ship, ready.full, selection.null, ())
     remainder = result.is_left and (budget is None or budget.matters)
     reasons = [*result.reasons] if remainder or result.verdict != "named" else []
-    reasons += limits(ready, found, trials, tests, budget, final if is_found else None)
-    effects = tuple(summary.named_effect(ready.full, found, c, late) for c in found.effects if not c.measures)
+    reasons += limits(ready, selection, trials, tests, budget, final if is_found else None)
+    causes = [c for c in selection.effects if not c.measures]
+    effects = tuple(summary.named_effect(ready.full, selection, c, time_error) for c in causes)
     reasons += (doubts := beyond_reported(effects, ship))
     remainder = remainder or bool(doubts)
     LOGGER.info("locating the gap and planning the next test")
-    place = where(p.steps.model.controls, p.data, found.null, ship, final if is_found else None)
-    advice = _unless_impossible(lambda: _advice(ready, found, same, ship), "the next test", "", reasons)
-    after_all = summary.fitted_ship(ship, ready.full, final, found.effects, late) if is_found else ship_before
+    place = where(p.steps.model.controls, p.data, selection.null, ship, final if is_found else None)
+    advice = _unless_impossible(lambda: _advice(ready, selection, same, ship), "the next test", "", reasons)
+    after_all = summary.fitted_ship(ship, ready.full, final, selection.effects, time_error) if is_found else ship_before
     unexplained = None
     if missing is not None and (remainder or result.verdict == "unknown"):
         describe = partial(_unexplained, p, final, result.free.evidence, missing, after_all)
         unexplained = _unless_impossible(describe, "the unexplained force", None, reasons)
     between = _between(ready, sensors, groups, trials, reasons)
-    nearest = next((r.candidate.effect for s in found.searches[:1] for r in s.refitted), "")
-    off = tuple(f for f in instruments if f.name in {c.effect for c in found.effects})
+    nearest = next((r.candidate.effect for s in selection.searches[:1] for r in s.refitted), "")
+    off = tuple(f for f in instruments if f.name in {c.effect for c in selection.effects})
     sentence = sentence_of(result.verdict, effects, off, same, remainder, budget, nearest, unexplained)
     if unexplained is not None:
         sentence += likeness(result.free.by_kind)
@@ -178,22 +175,22 @@ def _diagnosed(
         instruments=instruments,
         equivalence_class=same,
         remainder=remainder,
-        candidates=summary.ranking(ready.full, found.searches[0]),
+        candidates=summary.ranking(ready.full, selection.searches[0]),
         where=place,
-        held_out=held,
+        held_out=held_out,
         next_test=advice,
         warnings=(*repairs, *ready.notices, *reasons, *sensors.warnings),
         not_screened=ready.full.left_out,
-        noise=RandomSizes.of(found.null),
+        noise=RandomSizes.of(selection.null),
         unnamed={"all": result.free.mixture, "single": result.free.single, **result.free.by_kind},
         kinematics=_sensor_sentences(sensors, instruments),
         unexplained_force=unexplained,
         budget=budget,
-        timings={**timings, "total": time.perf_counter() - began},
+        timings=timings,
         inputs=DiagnosisInputs(),
         ship=after_all,
         before=ship_before,
-        null=found.null,
+        null=selection.null,
         final=final,
         data=p.data,
         between=between,
@@ -209,8 +206,7 @@ def _held_out(p: SearchProblem, before: Estimate, after: Estimate, seed: int) ->
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:
-    """The value of ``work``, which makes ``name``; where it cannot be made, ``otherwise``, and why in ``reasons``: what
-    was found is not lost by it."""
+    """The value of ``work``, which makes ``name``; where that fails, ``otherwise``, and why in ``reasons``."""
     try:
         return work()
     except (UserError, np.linalg.LinAlgError) as error:
@@ -252,18 +248,17 @@ def _unexplained(
     return unexplained_force(p.data, fit, evidence, found, ship, telling_test(p, fit, found, ship))
 
 
-def _advice(ready: Prepared, found: Selection, same: Sequence[str], ship: Ship) -> str:
+def _advice(ready: Prepared, selection: Selection, same: Sequence[str], ship: Ship) -> str:
     """The next test: of the first effect selected and its class, or of the best two candidates that may be there."""
     p = ready.problem
-    if found.effects:
-        rivals = [found.effects[0], *(find(p.candidates, name) for name in same)]
+    if selection.effects:
+        rivals = [selection.effects[0], *(find(p.candidates, name) for name in same)]
     else:
-        rivals = [r.candidate for r in found.searches[0].refitted[:2] if r.evidence > 0]
+        rivals = [r.candidate for r in selection.searches[0].refitted[:2] if r.evidence > 0]
     if not rivals:
         return ""
-    return next_test(
-        p, summary.fit_with(found, rivals[0]), rivals, summary.fitted_ship(ship, ready.full, found.final, found.effects)
-    )
+    after = summary.fitted_ship(ship, ready.full, selection.final, selection.effects)
+    return next_test(p, summary.fit_with(selection, rivals[0]), rivals, after)
 
 
 NOTHING = RandomSizes((0.0, 0.0, 0.0), 0.0, (0.0,) * 6, (0.0,) * 6)  # Sizes of noise where none was estimated

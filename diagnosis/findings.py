@@ -110,8 +110,7 @@ def group_row(
     return GroupDifference(name, nature, source, most, parts, test.statistic, test.degrees, p, test.log_bayes)
 
 
-TESTS, LEFT_OUT = "test trials", "left-out runs"
-"""What a budget is made of."""
+TESTS, LEFT_OUT = "test trials", "left-out runs"  # What a budget is made of
 # Share of the avoidable error below which a further effect is not named, and nothing is called a remainder. Set by
 # hand; without it no answer to 400 open cases changes (row ``matters`` of benchmarks/ablation.md).
 MATTERS = 0.05
@@ -220,10 +219,10 @@ class UnexplainedForce:
         return {name: value for name, value in vars(self).items() if name not in ("force", "std")}
 
 
+# A number before and after the named effects were added; JSON names them.
 Pair = Annotated[
     tuple[Real, Real], BeforeValidator(lambda v: (v.get("before"), v.get("after")) if isinstance(v, dict) else v)
 ]
-"""A number before and after the named effects were added; JSON names them."""
 
 
 @dataclass(frozen=True)
@@ -242,8 +241,7 @@ class NamedEffect:
     """An effect that the data name.
 
     p_value: of its test among all candidates; delta_bic: gain over the model without it (positive is better);
-    absorbed_share: of its information that the coefficients could have imitated; evidence: by training and test trials
-    [log units].
+    absorbed_share: of its information that coefficients could have imitated; evidence: by all trials [log units].
     """
 
     name: str
@@ -344,8 +342,7 @@ class LearnedResidual:
 class RandomSizes:
     """What is random in the fit without effects: rms of the latent force (3,) [N, N, N m] and its correlation time [s];
     standard deviations (6,) of the white and of the correlated errors of x, y [m], psi [rad], u, v [m/s], r [rad/s];
-    gust: rms of gusts that are not logged, along and across the wind [share of its speed], and their correlation time
-    [s], None without wind."""
+    gust: rms of unlogged gusts along and across the wind [share of its speed], its memory [s], None without wind."""
 
     force_N_N_Nm: tuple[Real, Real, Real]
     force_memory_s: Real
@@ -386,8 +383,8 @@ class DiagnosisRecord:
     verdict: "none", "named" or "unknown"; sentence: it in words. instruments: faults of instruments, which
     are no effects. not_screened: effects that could not be tested, and why. noise: sizes of what is random. kinematics:
     sentences on faults of instruments. learned: how much a learned residual closes of the remainder (None: not
-    measured). unexplained_force: what is left unexplained (None: nothing is). chance: what it gives. between:
-    differences between groups of trials (None: not asked).
+    measured). unexplained_force: what is left unexplained (None: nothing is). between: differences between groups of
+    trials (None: not asked).
     """
 
     verdict: str

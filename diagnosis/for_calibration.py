@@ -19,16 +19,16 @@ from cases.criteria.standard_runs import approach_speed, simulated_run
 from cases.evidence.kinematics import consistency
 from cases.evidence.tails import chi2_tail
 from cases.io.campaigns import campaign_labels
-from cases.shipfiles.effects import calm_and_deep
+from cases.shipfiles.effects import calm_and_deep, parameters
 from cases.trial import Trial
-from diagnosis.estimation.candidates import Candidate, Column, parameters
+from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import possible_readings
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import priors_of_effects, set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
 from diagnosis.hypotheses.forward_selection import Selection, select_effects
-from diagnosis.hypotheses.refit import gained, refit
+from diagnosis.hypotheses.refit import SearchProblem, gained, refit
 from diagnosis.inputs import diagnosable_trials
 from diagnosis.prepare import (
     InputReading,
@@ -246,7 +246,8 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
     ready = fit_as_read(steps, trials, full.values, base, initial_noise(full))[0]
     data, null = ready.data, ready.null
     start = {Column(s): result.estimates[s].value for s in symbols}
-    every = refit(steps, data, base, null, candidates, start)
+    problem = SearchProblem(steps, data, base, tuple(candidates))
+    every = refit(problem, null, candidates, start)
     tests = []
     for c in candidates:
         rest = [other for other in candidates if other is not c]
@@ -254,7 +255,7 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
         if rest:
             theta = set_values(full, data, every.theta, c.columns, c.neutral)
             first = {x: every.value(*x) for other in rest for x in other.columns}
-            fewer = refit(steps, data, base, replace(every, theta=theta), rest, first)
+            fewer = refit(problem, replace(every, theta=theta), rest, first)
         kept = len(symbols) - len(c.symbols)
         lost = gained(fewer, kept, every, len(symbols))
         chance = chi2_tail(2 * lost, len(c.symbols))
@@ -275,9 +276,9 @@ def _test(result: FitResult, c: Candidate, found: Estimate, chance: float) -> Ef
     at = [result.correlation.symbols.index(s) for s in c.symbols]
     rows = [result.estimates[s] for s in c.symbols]
     stds = np.array([math.nan if row.std is None else row.std for row in rows])
-    known = np.array([[result.correlation.matrix[i][j] for j in at] for i in at], dtype=float)
+    correlation = np.array([[result.correlation.matrix[i][j] for j in at] for i in at], dtype=float)
     off = (np.array([row.value for row in rows]) - c.neutral) / stds
-    squares = float(off @ np.linalg.pinv(known) @ off) if np.isfinite(off).all() else math.nan
+    squares = float(off @ np.linalg.pinv(correlation) @ off) if np.isfinite(off).all() else math.nan
     by_fit = chi2_tail(squares, len(off)) if math.isfinite(squares) else None
     values = {s: EffectValue(found.value(s), found.std(s)) for s in c.symbols}
     apart = [

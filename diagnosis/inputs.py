@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,8 +50,7 @@ def diagnosis_store(
     origin: str,
     resume: bool = False,
 ) -> Store:
-    """Where the finished campaigns and trainings of a diagnosis are kept until it ends, with what must be the same to
-    continue it.
+    """Where finished campaigns and trainings are kept until a diagnosis ends, with what a continued one must share.
 
     out: its folder; ship, trials, tests, options: as given to ``diagnose``; origin: words for where the ship is from;
     resume: continue where ``out`` is there.
@@ -77,19 +76,19 @@ def parted(
     ``between`` roles, all take part. Raises UserError where none is left to diagnose by.
     """
     trials = TrialSet.of(trials)
-    kept, out = trials.by_role if between != "role" else (trials, TrialSet(()))
-    if not out:
+    kept, held_out = trials.by_role if between != "role" else (trials, TrialSet(()))
+    if not held_out:
         return kept, list(tests), []
-    names = ", ".join(t.name for t in out)
+    names = ", ".join(t.name for t in held_out)
     if not kept:
-        line = line_for(out[0].path, out[0].name, 'role = "train"')
+        line = line_for(held_out[0].path, held_out[0].name, 'role = "train"')
         words = (
             "trials.toml gives them the role test or validate; none is left to diagnose by: give them the role train, "
             f"{line}"
         )
         raise Missing(f"{names}: {words}")
     words = f"not diagnosed by but checked on, by their role in trials.toml: {names}"
-    return kept, [*tests, *out], [Message(words, "role_held_out")]
+    return kept, [*tests, *held_out], [Message(words, "role_held_out")]
 
 
 def diagnosable_trials(trials: Sequence[Trial]) -> tuple[TrialSet, list[Message]]:
@@ -123,11 +122,12 @@ def independent_tests(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[l
     """The ``tests`` that share no rows with the training trials ``train``, and sentences on those left out."""
     if not tests:
         return [], []
-    every = [*train, *tests]
+    # by number, not name: a test may be called as a training trial is
+    every = TrialSet.of([replace(t, name=str(number)) for number, t in enumerate((*train, *tests))])
     hashes, remarks, kept = {t.sha256: t.name for t in train if t.sha256}, list[str](), list[Trial]()
-    copies = [{str(copy.get("other")) for copy in found} for found in TrialSet.of(every).copies]
-    for t, others in zip(tests, copies[len(train) :], strict=True):
-        here = [o.name for o, its in zip(train, copies, strict=False) if o.name in others or t.name in its]
+    copies = [{int(copy["other"]) for copy in its} for its in every.copies]
+    for number, t in enumerate(tests, start=len(train)):
+        here = [o.name for i, o in enumerate(train) if i in copies[number] or number in copies[i]]
         here += [hashes[t.sha256]] if t.sha256 in hashes else []
         if not here:
             kept.append(t)

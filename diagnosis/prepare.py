@@ -13,13 +13,7 @@ from cases.evidence.kinematics import Kinematics, consistency
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from diagnosis.estimation.candidates import (
-    FITTED_ALONG,
-    Candidate,
-    Column,
-    FullModel,
-    ship_with_all_effects,
-)
+from diagnosis.estimation.candidates import FITTED_ALONG, Candidate, Column, FullModel, ship_with_all_effects
 from diagnosis.estimation.first_fit import MAX_FITS, FirstFit, fit_without_effects
 from diagnosis.estimation.gridded_trials import COARSE, can_divide, grid_trials, possible_readings
 from diagnosis.estimation.gusts import trials_in_gusts
@@ -89,7 +83,8 @@ class InputReading:
         if self.gain is None or not (self.is_doubtful or self.is_sampled):
             return ()
         how = "joined by straight lines" if self.straight else "held until the next one"
-        words = f"samples of the actuators are taken as {how}, which is more likely (log likelihood + {self.gain:.1f})"
+        more = f"log likelihood + {self.gain:.1f}" if math.isfinite(self.gain) else "the other way explodes"
+        words = f"samples of the actuators are taken as {how}, which is more likely ({more})"
         said = f'say inputs = "{"sampled" if self.straight else "held"}" in trials.toml if that is so'
         tail = "; a delay of half a sample cannot be told from the other way" if self.is_doubtful else ""
         return (Message(f"{words}: {said}{tail}", "coarse_samples"),)
@@ -100,8 +95,7 @@ class Prepared:
     """The problem and the fit without any effect.
 
     reading: how samples of the actuators were read; gap: one in so many grid times is compared; line: of
-    ``spectral_line``; is_order_usual: channels of the latent force follow each other in the trials of the calibration
-    as well.
+    ``spectral_line``; is_order_usual: channels of the latent force follow each other in trials of the calibration, too.
     """
 
     problem: SearchProblem
@@ -220,17 +214,17 @@ def prepare(
 
 
 def prepare_with_sensors(
-    given: Ship, trials: Sequence[Trial], site: Site, step: float | None, known: CalibrationTrials
+    given: Ship, trials: Sequence[Trial], site: Site, step: float | None, calibration: CalibrationTrials
 ) -> tuple[Kinematics, Ship, list[Message], Prepared]:
     """``prepare`` with the faults of instruments that the logs show in the model of the ship.
 
     given: the ship, with her priors; trials: to diagnose; site: what is known of the place; step: of the grid [s],
-    None: by the trials; known: what she was calibrated on. Returns what the logs say of one another, the ship with
-    those faults, messages on them, and the problem with its first fit. Raises UserError as ``prepare``.
+    None: by the trials; calibration: what she was calibrated on. Returns what the logs say of one another, the ship
+    with those faults, messages on them, and the problem with its first fit. Raises UserError as ``prepare``.
     """
     sensors = consistency(trials, given)
     ship, repairs = with_sensor_faults(given, sensors)
-    return sensors, ship, repairs, prepare(ship, trials, site, step, known.other, known.reference)
+    return sensors, ship, repairs, prepare(ship, trials, site, step, calibration.other, calibration.reference)
 
 
 def fit_as_read(

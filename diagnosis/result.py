@@ -47,12 +47,11 @@ MOST_ROWS = 400  # Rows of a run at most: the force changes over seconds. Set by
 
 
 def missing_force(d: Findings) -> dict[str, MissingForce]:
-    """The missing force along each training trial of ``d``, by name; empty for findings that were read from a folder,
-    which have no fit."""
+    """The missing force along each training trial of ``d``, by name; empty for findings that were read: no fit."""
     if d.null is None or d.data is None:
         return {}
     data, path = d.data, d.null.path.force
-    found: dict[str, MissingForce] = {}
+    forces: dict[str, MissingForce] = {}
     for number, name in enumerate(data.trials):
         windows = np.flatnonzero(data.run == number)
         if not len(windows):
@@ -60,16 +59,16 @@ def missing_force(d: Findings) -> dict[str, MissingForce]:
         t = np.concatenate([data.t[: data.steps[w], w] for w in windows])
         force = np.concatenate([path[: data.steps[w], w] for w in windows])
         order = np.argsort(t, kind="stable")[:: max(1, -(-len(t) // MOST_ROWS))]
-        found[name] = MissingForce(t[order], force[order])
-    return found
+        forces[name] = MissingForce(t[order], force[order])
+    return forces
 
 
-def missing_force_text(found: Mapping[str, MissingForce]) -> str:
-    """The content of the file for what was ``found``, by trial name."""
+def missing_force_text(forces: Mapping[str, MissingForce]) -> str:
+    """The content of the file for the missing ``forces``, by trial name."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(FORCE_HEADER)
-    for name, one in found.items():
+    for name, one in forces.items():
         for t, force in zip(one.t.tolist(), one.force.tolist(), strict=True):
             table.writerow([name, f"{t:.6g}", *(f"{value:.6g}" for value in force)])
     return text.getvalue()
@@ -134,8 +133,7 @@ class Diagnosis(Findings):
         return html_table(f"{self.verdict}: {self.sentence}", list(table.columns), table.itertuples(index=False))
 
     def told_by(self, content: Mapping[str, Any]) -> Diagnosis:
-        """The same with what the result of a calibration tells of predictions, where nothing is known of them yet;
-        content: of its result.json."""
+        """With what the ``content`` of a calibration's result.json tells of predictions, where nothing is known yet."""
         predictions = self.inputs.of_predictions or of_predictions(content)
         return dataclasses.replace(self, inputs=dataclasses.replace(self.inputs, of_predictions=predictions))
 

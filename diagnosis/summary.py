@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from cases.evidence.tails import chi2_tail
-from diagnosis.estimation.candidates import TIMES, Candidate, FullModel, neutral, parameters
+from cases.shipfiles.effects import parameters
+from diagnosis.estimation.candidates import TIMES, Candidate, FullModel, neutral
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import EstimatedParameter, InstrumentFault, NamedEffect, RankedCandidate
 from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, Selection
@@ -87,8 +88,7 @@ def named_effect(full: FullModel, selection: Selection, candidate: Candidate, ti
 
 
 def without_exact_gyro(ship: Ship, given: Ship, faults: Sequence[InstrumentFault]) -> Ship:
-    """The ``ship`` without the gain of the gyro that was freed for a diagnosis: the one ``given`` has none, and it is
-    none of the ``faults`` found."""
+    """The ``ship`` without the gyro's gain that a diagnosis freed: not in ``given``, none of the ``faults``."""
     freed = "gyro" not in given.effects and "gyro" not in (fault.name for fault in faults)
     return ship.without_effect("gyro") if freed else ship
 
@@ -128,16 +128,13 @@ def visible_from(first: Search, effect: str) -> dict[str, float]:
 
 def usual_values(full: FullModel, effect: str) -> dict[str, float]:
     """Parameter -> value from which an ``effect`` of the ``full`` model is tested, where that is not neutral."""
-    rows = {
-        x: value for c in full.candidates if c.effect == effect for x, value in zip(c.symbols, c.neutral, strict=True)
-    }
-    named = {x.split(".", 1)[1]: float(value) for x, value in rows.items()}
-    return {k: value for k, value in named.items() if value != neutral(full.ship, effect, k)}
+    rows = (row for c in full.candidates if c.effect == effect for row in zip(c.symbols, c.neutral, strict=True))
+    values = {symbol.split(".", 1)[1]: float(value) for symbol, value in rows}
+    return {k: value for k, value in values.items() if value != neutral(full.ship, effect, k)}
 
 
 def ranking(full: FullModel, first: Search) -> tuple[RankedCandidate, ...]:
-    """All candidates of the ``full`` model by the ``first`` search: those refitted first, the others behind them by
-    their score; each effect once."""
+    """All candidates of ``full`` by the ``first`` search, once each: those refitted first, then the others by score."""
     rows: dict[str, RankedCandidate] = {}
     for r in first.refitted:
         s, name = first.score(r.candidate), r.candidate.effect

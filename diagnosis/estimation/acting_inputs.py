@@ -8,29 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
 from diagnosis.estimation.gridded_trials import PARTS, GriddedTrials, means_and_changes
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from mmg.effects import EFFECTS
-from mmg.model import Model
-from mmg.ship import Ship
 
 # Steps of h by which an input is moved for its derivative: one part, over which the record is straight.
 APART = 1.0 / PARTS
 
 
-class Steered(Protocol):
-    """A ship of a model, and those of her coefficients that make her inputs late."""
-
-    ship: Ship
-    model: Model
-    late: tuple[str, ...]
-
-
-def acting(steps: Steered, data: GriddedTrials, theta: np.ndarray) -> GriddedTrials:
+def acting(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> GriddedTrials:
     """``data`` with the inputs as they act on a ship of coefficients ``theta`` (all,) or (all, R) by window.
 
     steps: the transition model. The record of ``data`` stays, so that other coefficients may follow. Whatever follows
@@ -40,6 +29,7 @@ def acting(steps: Steered, data: GriddedTrials, theta: np.ndarray) -> GriddedTri
     if values == data.acting_at:
         return data
     record = _acted(steps, data, values) if values else data.whole_record
+    # without what was before the window
     inputs, changes = means_and_changes(record[len(record) - PARTS * len(data.inputs) :])
     return replace(data, inputs=inputs, changes=changes, acting_at=values)
 
@@ -56,8 +46,7 @@ def linearised(
     """``TransitionModel.linearise`` with the inputs as they act, and with the responses to what makes them late.
 
     steps: the model; data: the trials; theta: coefficients (all,) or (all, R); z: (K + 1, R, S) path; force: (K, R, 3)
-    latent; columns: (P,) positions in ``steps.symbols``; active: (A,) positions of states. Returns the model about the
-    path.
+    latent; columns: (P,) positions in ``steps.symbols``; active: (A,) positions of states. Returns the model.
     """
     at = np.asarray(columns, dtype=int)
     linear = steps.linearise(z, acting(steps, data, theta).controls, theta, force, at, active, data.steps)
@@ -70,6 +59,7 @@ def linearised(
     for i, symbol in late:
         sides, apart = _both_sides(steps, data, theta, symbol)
         ends = [steps.advance(begin, side.controls.reshape(K * R, -1).T, every) for side in sides]
+        # by difference: the record is no expression of the model
         linear.G[..., i] = (ends[1] - ends[0])[active].T.reshape(K, R, -1) / apart[..., None]
     return linear
 
@@ -94,7 +84,7 @@ def logdet_gradient(
     places, values = np.array([i for i, _ in late], dtype=int), np.zeros((R, len(late)))
     if not late:
         return places, values
-    middle = (0.5 * (z[:-1] + z[1:])).reshape(K * R, -1).T
+    middle = (0.5 * (z[:-1] + z[1:])).reshape(K * R, -1).T  # the midpoint rule, as in ``logdet_gradient`` of steps
     every = steps.coefficients(theta, force.reshape(-1, 3).T)
     wanted = np.concatenate([active, steps.S + np.arange(3)])
     for j, (_, symbol) in enumerate(late):
@@ -113,9 +103,8 @@ def _late(steps: TransitionModel, columns: np.ndarray) -> list[tuple[int, str]]:
     return [(i, s) for i, s in named if s in steps.late]
 
 
-def _values(steps: Steered, theta: np.ndarray) -> tuple[tuple[float, ...], ...]:
-    """Values of what makes inputs late, among coefficients (all,) or (all, R): by window where they differ; () where
-    nothing does."""
+def _values(steps: TransitionModel, theta: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    """Values of what makes inputs late, of ``theta`` (all,) or (all, R): by window where they differ, () for none."""
     each = [np.atleast_1d(theta[steps.ship.symbols.index(s)]) for s in steps.late]
     if not any(x.any() for x in each):
         return ()
@@ -136,7 +125,7 @@ def _both_sides(
     return (acting(steps, data, less), acting(steps, data, more)), np.asarray(more[place] - less[place])
 
 
-def _acted(steps: Steered, data: GriddedTrials, values: Sequence[Sequence[float]]) -> np.ndarray:
+def _acted(steps: TransitionModel, data: GriddedTrials, values: Sequence[Sequence[float]]) -> np.ndarray:
     """The record (N, R, C) of ``data`` in parts of steps, as it acts."""
     names, record = list(steps.model.controls), data.whole_record.copy()
     for symbol, by_window in zip(steps.late, values, strict=True):

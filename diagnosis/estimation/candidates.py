@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cases.shipfiles.effects import parameters
 from cases.trial import Trial
 from mmg.effects import EFFECTS, Parameter
 from mmg.ship import Ship
@@ -88,11 +89,6 @@ class FullModel:
     def symbols(self) -> tuple[str, ...]:
         """Symbols of the parameters of all candidates."""
         return tuple(s for c in self.candidates for s in c.symbols)
-
-
-def parameters(ship: Ship, name: str) -> tuple[Parameter, ...]:
-    """Parameters of the effect ``name`` of a ``ship``."""
-    return EFFECTS[name].parameters(ship.namespace, dict(ship.components))
 
 
 def neutral(ship: Ship, name: str, parameter: str) -> float:

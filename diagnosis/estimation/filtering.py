@@ -22,7 +22,7 @@ from mmg.compile.codegen import c_file, prelude
 
 def filtered(s: LinearSystem) -> Filtered:
     """Covariances and gains of the system ``s``. Raises LinAlgError where a covariance is singular."""
-    library = _library()
+    library = compiled()
     return filtered_by(library, s) if library else kalman.filtered(s)
 
 
@@ -38,12 +38,11 @@ def whitened(
     (K + 1, R, n, c), an empty array where these are not wanted.
 
     s, f: system and its filter run; out: (K + 1, R, 6, c), columns of a larger array or not; with_states: whether the
-    states are wanted; rows: (k,) rising grid times of which responses are wanted, the only ones in what is returned
-    and in ``out`` (default: all).
+    states are wanted; rows: (k,) rising grid times, the only ones of what is returned and of ``out`` (default: all).
     """
     if out is None:
         out = np.empty((len(s.good) if rows is None else len(rows), *s.good.shape[1:], columns.width))
-    library = _library()
+    library = compiled()
     if library:
         return out, whitened_by(library, s, f, columns, out, with_states, rows)
     forcing, observed = columns.forcing, columns.dense_observed
@@ -134,7 +133,7 @@ def whitened_by(
     place = None
     if rows is not None:
         place = np.full(K + 1, -1, dtype=np.int64)
-        place[rows] = np.arange(len(rows))
+        place[rows] = np.arange(len(rows))  # where a grid time is written to, -1: nowhere
     request = _DrivenColumns(
         c, m, len(at), made.strides[2] // made.itemsize,
         *(None if a is None else a.ctypes.data for a in arrays),
@@ -154,7 +153,7 @@ def _strides(shape: tuple[int, ...], apart: int) -> tuple[int, ...]:
 
 
 @cache
-def _library() -> ctypes.CDLL | None:
+def compiled() -> ctypes.CDLL | None:
     """The compiled functions, or None where they do not compile or do not agree with numpy."""
     return load_library(source(), LOOP_FLAGS, _faults, "the Kalman filter")[0]
 
@@ -180,11 +179,6 @@ def _faults(library: ctypes.CDLL) -> str:
     states = whitened_by(library, s, own, columns, out, True)
     wrong = differences([*vars(own).values(), out, states], [*vars(f).values(), *expected], 1e-9)
     return f"the filter differs from that in numpy {wrong}" if wrong else ""
-
-
-def forget_code() -> None:
-    """Choose again between code and numpy when the filter is next used."""
-    _library.cache_clear()
 
 
 def source() -> str:

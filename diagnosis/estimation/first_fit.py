@@ -1,5 +1,4 @@
-"""The fit without any effect with which a diagnosis begins, to samples far enough apart that their errors are not
-correlated."""
+"""The first fit of a diagnosis, without any effect, to samples so far apart that their errors are not correlated."""
 
 from __future__ import annotations
 
@@ -25,14 +24,15 @@ from diagnosis.estimation.transition_model import TransitionModel
 from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER
 
-CORRELATED, APART, LEAST = 0.25, (2.0, 5.0), 100
-"""Correlation of neighbouring whitened residuals from which only samples APART seconds [of a 3 m model] are compared:
-the first of these at which it is less than half, or less so that LEAST grid times are left. On the records of the 3 m
-tanker the correlation is .65. The latent force is then three times what it is with samples every 3, 5 or 10 s, and
-predictions are worse. With white errors it is below .05."""
-NEARLY, SURELY = 5e-3, 1.5
-"""Expected gain in log likelihood by grid time compared below which a fit shows how correlated its residuals are, and
-how much more than the limit is surely too much: then it ends, as one with samples farther apart follows."""
+# Correlation of neighbouring whitened residuals from which only samples APART are compared. On the records of the 3 m
+# tanker it is .65; the latent force is then three times what it is with samples every 3, 5 or 10 s, and predictions are
+# worse. With white errors it is below .05.
+CORRELATED = 0.25
+APART = (2.0, 5.0)  # Seconds [of a 3 m model]: the first at which it is less than half of that. Set by hand.
+LEAST = 100  # Grid times that are left at least, however correlated they are. Set by hand.
+# Expected gain in log likelihood by grid time compared below which a fit shows how correlated its residuals are.
+NEARLY = 5e-3  # set by hand
+SURELY = 1.5  # Times the limit that is surely too much: the fit ends, as one with samples farther apart follows
 FEW = 20  # Grid times that must be left where the interval is known from other trials. Set by hand.
 # Linearisations of the first fit. Of all fits before and after effects are selected. Set by hand: it bounds time.
 MAX_FITS = 12
@@ -67,10 +67,9 @@ def fit_without_effects(
     """Fit without effects, first on all samples, and again on fewer where neighbouring residuals are correlated.
 
     steps: the transition model; data: the trials; theta: (all,) first coefficients; base: their priors; noise: first
-    sizes; gap: one in so many grid times was compared in other trials of these instruments, 0: not known. Returns the
-    fit, which is not ``finished``.
+    sizes; gap: one in so many grid times was compared in other trials, 0: not known. Returns the fit, not ``finished``.
     """
-    p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std
+    p = (theta[[steps.ship.symbols.index(s) for s in base.symbols]] - base.mean) / base.std  # [prior std]
     most = max(1, data.samples // (FEW if gap else LEAST))
     each = [min(gap or max(1, round(s * time_scale(steps.ship.particulars["L"]) / data.h)), most) for s in APART]
     enough = partial(_surely_correlated, 0.0 if gap else CORRELATED) if each[0] > 1 else never
@@ -91,8 +90,7 @@ def fit_without_effects(
 
 
 def _surely_correlated(limit: float, here: Linearisation, gain: float) -> bool:
-    """Whether residuals ``here`` are correlated by surely more than ``limit``, where a step is expected to gain no more
-    than ``gain``."""
+    """Whether residuals ``here`` are correlated by surely more than ``limit``, where a step gains at most ``gain``."""
     data = here.data
     near = gain < NEARLY * data.samples
     return near and lag_correlation(data, np.where(data.good, here.left, 0.0)) > SURELY * limit
@@ -115,7 +113,5 @@ def _first_fit(
     except BrokenModelError:
         if not p.any():
             raise
-        LOGGER.info("the ship explodes along these trials: fitted again from the means of its priors")
-    p = np.zeros(len(p))
-    start = initial_point(steps, data, theta, base, noise, p)
-    return estimate(steps, data, start, MAX_FITS, is_enough=is_enough), p
+    LOGGER.info("the ship explodes along these trials: fitted again from the means of its priors")
+    return _first_fit(steps, data, theta, base, noise, np.zeros(len(p)), is_enough)

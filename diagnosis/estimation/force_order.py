@@ -27,9 +27,9 @@ from diagnosis.estimation.transition_model import TransitionModel
 
 # Channels of the latent force, two by two.
 PAIRS = (("surge force", "sway force"), ("surge force", "yaw moment"), ("sway force", "yaw moment"))
-DRAWS, TOGETHER, STEP = 100, 25, 0.1
-"""Simulated campaigns for the law of the scores, how many are filtered at a time, and the step of their differences
-[angle over a memory of the force, rad]. Set by hand."""
+DRAWS = 100  # Simulated campaigns for the law of the scores. Set by hand: it bounds time.
+TOGETHER = 25  # Campaigns filtered at a time. Set by hand: it bounds memory.
+STEP = 0.1  # Of the differences for the scores [rad over a memory of the force]. Set by hand.
 
 # Probability by chance below which channels that follow each other are no random force. Set by hand; without the test 3
 # of 400 open cases lose their answer and none gains (row ``force order`` of benchmarks/ablation.md).
@@ -73,8 +73,7 @@ def order_of(
     """Test of whitened residuals.
 
     system, run: linear model of the trials and its filter run; white: (K + 1, R, 6) residuals; noise: with the latent
-    force of the system; h: step [s]; seed: of the draws, whose scores give the law of that of the residuals. Returns
-    the test.
+    force of the system; h: step [s]; seed: of the draws that give the law of the scores. Returns the test.
     """
 
     def parts() -> Iterator[np.ndarray]:
@@ -91,23 +90,19 @@ def order_by_law(score: np.ndarray, drawn: np.ndarray) -> ForceOrder:
     """Test of a score (3,) whose law is that of ``drawn`` (3, draws): Hotelling's T squared with the mean known."""
     draws = drawn.shape[1]
     covariance = drawn @ drawn.T / draws
-    turning = -np.linalg.solve(covariance, score)
+    turning = -np.linalg.solve(covariance, score)  # a step of Fisher scoring from no turning
     T2 = -float(turning @ score)
+    # T^2 (d - 2) / (3 d) is F with 3 and d - 2 degrees, d draws
     p = f_tail(float(T2) * (draws - 2) / (3 * draws), 3, draws - 2)
     return ForceOrder(p, turning, score / np.sqrt(np.diag(covariance)))
 
 
 def turning_scores(
-    system: LinearSystem,
-    run: Filtered,
-    noise: NoiseModel,
-    h: float,
-    parts: Callable[[], Iterator[np.ndarray]],
+    system: LinearSystem, run: Filtered, noise: NoiseModel, h: float, parts: Callable[[], Iterator[np.ndarray]]
 ) -> np.ndarray:
     """Slopes (3, c) of the negative log likelihood by the turning in the planes of PAIRS, at none.
 
-    system, run, noise, h: as of ``order_of``; parts: yields whitened residuals (K + 1, R, 6, some) of c campaigns in
-    all.
+    system, run, noise, h: as of ``order_of``; parts: yields whitened residuals (K + 1, R, 6, some), c in all.
     """
     others = [with_turning(system, noise, h, way * STEP * pair) for pair in np.eye(3) for way in (1, -1)]
     again = [filtered(other) for other in others]
@@ -128,7 +123,8 @@ def with_turning(system: LinearSystem, noise: NoiseModel, h: float, turning: np.
     The force's covariance stays what it is, and so does that of what drives it.
     """
     skew, force = np.zeros((3, 3)), noise.force
-    skew[(0, 0, 1), (1, 2, 2)] = turning
+    skew[(0, 0, 1), (1, 2, 2)] = turning  # planes XY, XN, YN
+    # exp(-(I + A) h / tau), in units of the sizes
     block = np.exp(-h / noise.tau) * force[:, None] * expm(-h / noise.tau * (skew - skew.T)) / force
     S, T = system.S, system.T.copy()
     T[:, :, S : S + 3, S : S + 3] = np.where(system.inside[..., None, None], block, np.eye(3))

@@ -14,8 +14,8 @@ from fitting.nlp.windows import default_step, pieces_of
 from mmg.errors import TooFewData
 from mmg.motion.froude import time_scale
 
-LONGEST, SHORTEST = 600, 20  # set by hand: windows side by side are what the filter is fast at
-"""Steps of a window: a longer piece of a run is divided evenly, a shorter one is left out."""
+LONGEST = 600  # Steps of a window; a longer piece is divided evenly: the filter is fast at windows side by side
+SHORTEST = 20  # Steps of a window; a shorter piece is left out. Set by hand.
 # Sampling time [s of a 3 m model] beyond which half a sample of the actuators is as long as a delay. Set by hand.
 COARSE = 0.2
 PARTS = 8  # Parts of a step whose means give the change of an input over it. Set by hand.
@@ -118,13 +118,13 @@ def grid_trials(
     """
     h = step or default_step(trials, length)
     before = math.ceil(BEFORE * time_scale(length) / h)
-    means, C = with_changes(straight_means if straight else step_means), len(inputs)
+    means, C = with_changes(straight_means if straight else step_means), len(inputs)  # columns: means, changes, parts
     long = [piece for piece in pieces_of(trials, h, inputs, means) if piece.steps >= SHORTEST]
     # -(-a // b): rounded up
     pieces = [part for piece in long for part in piece.evenly(max(1, -(-piece.steps // LONGEST)))]
     dropped = []
     for number, trial in enumerate(trials):
-        lost = trial.t[-1] - trial.t[0] - h * sum(piece.steps for piece in long if piece.run == number)
+        lost = trial.t[-1] - trial.t[0] - h * sum(piece.steps for piece in long if piece.run == number)  # [s]
         if lost > SHORTEST * h:
             dropped.append(f"{trial.name}: {lost:.0f} s lie in gaps or in pieces too short between them")
     if not pieces:
@@ -163,8 +163,7 @@ def grid_trials(
 
 
 def can_divide(trials: Sequence[Trial], sample: float) -> bool:
-    """Whether all ``trials`` have a sample every ``sample`` [s], so that a part of it may be a step: states are
-    compared where they were measured."""
+    """Whether all ``trials`` have a sample every ``sample`` [s]: states are compared where they were measured."""
     gaps = np.concatenate([np.diff(t.t) for t in trials])
     return bool(np.all(np.abs(gaps / sample - np.maximum(1, np.round(gaps / sample))) < EVEN))
 
@@ -217,4 +216,4 @@ def possible_readings(trials: Sequence[Trial]) -> tuple[bool, ...]:
             moves = np.concatenate([[False], d > 1e-6, [False]])
             single = moves[1:-1] & ~moves[:-2] & ~moves[2:]
             alone, whole = alone + float(d[single].sum()), whole + float(d.sum())
-    return (False,) if alone > 0.5 * whole else (False, True)
+    return (False,) if alone > 0.5 * whole else (False, True)  # an order jumps, an angle moves over several samples

@@ -42,12 +42,13 @@ def with_gusts(steps: TransitionModel, data: GriddedTrials) -> GriddedTrials:
     north, east = np.nan_to_num(inputs[at])
     _, J = steps.rates(z, inputs, theta)
     pushes = []
-    for turned in ((north, east), (-east, north)):
+    for turned in ((north, east), (-east, north)):  # along the wind, and across: turned by 90 degrees
         ends = []
         for way in (SHARE, -SHARE):
             air = inputs.copy()
             air[at] += way * np.array(turned)
             ends.append(steps.rates(z, air, theta)[0][:, 3:6])
+        # the force that gives the same accelerations
         pushes.append(np.linalg.solve(J[:, 3:6, steps.S :], ((ends[0] - ends[1]) / (2 * SHARE))[..., None])[..., 0])
     gusts = np.stack(pushes, axis=2).reshape(K, R, 3, 2)
     gusts[~data.inside] = 0.0

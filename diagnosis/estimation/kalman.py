@@ -70,8 +70,7 @@ class DrivenColumns:
 @dataclass(frozen=True)
 class ProductColumns:
     """f times v columns that act on the states: pushes (K, R, m, f), what each adds over a step to the first m states,
-    times each of the ``values`` (v, K, R), or (v, K, 1) that are the same in all windows. Those of one value are
-    side by side."""
+    times each of the ``values`` (v, K, R), or (v, K, 1) of all windows. Those of one value are side by side."""
 
     pushes: np.ndarray
     values: np.ndarray
@@ -120,6 +119,7 @@ class NoiseModel:
             return 0.0
         pairs = ((self.prior.force, self.force), (self.prior.white, self.white))
         ratio = np.concatenate([(known / size) ** 2 for known, size in pairs])
+        # of the variances, less its value at the mode
         return 0.5 * PRIOR_SAMPLES * float(np.sum(ratio - 1 - np.log(ratio)))
 
     def towards(self, other: NoiseModel, share: float) -> NoiseModel:
@@ -160,7 +160,7 @@ class LinearSystem:
         """Where numbers are not zero in any window: of T, of which the first S rows are alike, where those of each row
         begin (n + 1,) and the columns of all, and the same of Z (7,)."""
         T, Z = (self.T != 0).any(axis=(0, 1)), (self.Z != 0).any(axis=(0, 1))
-        T[: self.S] = T[: self.S].any(axis=0)
+        T[: self.S] = T[: self.S].any(axis=0)  # one pattern for all rows of the ship: the code loops over it
         return tuple(
             found.astype(np.int64)
             for rows in (T, Z)
@@ -233,17 +233,17 @@ def filtered(s: LinearSystem) -> Filtered:
         P[k] = now
         Z = s.Z[k]
         PZ = now @ Z.swapaxes(1, 2)
-        F = Z @ PZ
+        F = Z @ PZ  # F = Z P Z' + H, the recursion of section 4.3.2
         F[:, np.arange(6), np.arange(6)] += white[k]
         lower = np.linalg.cholesky(F)
-        root[k] = np.linalg.inv(lower)
+        root[k] = np.linalg.inv(lower)  # root v has unit covariance, as F = lower lower'
         inverse[k] = root[k].swapaxes(1, 2) @ root[k]
         log_det += 2 * np.log(lower[:, np.arange(6), np.arange(6)]).sum(axis=1)
         if k == K:
             break
         T = s.T[k]
         gain[k] = T @ PZ @ inverse[k]  # from what is predicted to what is predicted next: T is in it
-        now = (T - gain[k] @ Z) @ now @ T.swapaxes(1, 2)
+        now = (T - gain[k] @ Z) @ now @ T.swapaxes(1, 2)  # (T - K Z) P T'; Q follows below
         now = 0.5 * (now + now.swapaxes(1, 2))  # rounding would grow until no root exists
         now[:, at, at] += q[k]
     return Filtered(gain, P, inverse, root, log_det)
@@ -266,7 +266,7 @@ def responses(
     if start is not None:
         states[0] = start
     for k in range(K + 1):
-        W = s.Z[k] @ states[k] + masked[k]
+        W = s.Z[k] @ states[k] + masked[k]  # its innovation
         white[k] = f.root[k] @ W
         if k < K:
             states[k + 1] = s.T[k] @ states[k] - f.gain[k] @ W
@@ -282,14 +282,14 @@ def smoothed(
     s, f: system and its filter run; white: (K + 1, R, 6), states: (K + 1, R, n) of that column by ``responses``.
     """
     K, R, n = s.T.shape[:3]
-    us = -(f.root.swapaxes(2, 3) @ white[..., None])
+    us = -(f.root.swapaxes(2, 3) @ white[..., None])  # F^-1 v; the minus as the column is -v
     rs, r = np.empty((K + 1, R, n, 1)), np.zeros((R, n, 1))  # rs: also with what is seen at the same time
     for k in range(K, -1, -1):
         if k < K:
             us[k] -= f.gain[k].swapaxes(1, 2) @ r  # backwards: what follows speaks of this sample
             r = s.T[k].swapaxes(1, 2) @ r
-        rs[k] = r = r + s.Z[k].swapaxes(1, 2) @ us[k]
-    mean = states + (f.P @ rs)[..., 0]
+        rs[k] = r = r + s.Z[k].swapaxes(1, 2) @ us[k]  # r = Z' u + T' r (section 4.5)
+    mean = states + (f.P @ rs)[..., 0]  # a + P r (section 4.4)
     return mean, rs[1:, ..., 0], us[..., 0]
 
 
@@ -309,7 +309,7 @@ def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
     which L = T - K Z. Only that goes step by step; all else is done for all steps at once."""
     K, R, n = s.T.shape[:3]
     ZF = s.Z.swapaxes(2, 3) @ f.inverse
-    last, L = ZF @ s.Z, s.T - f.gain @ s.Z[:-1]
+    last, L = ZF @ s.Z, s.T - f.gain @ s.Z[:-1]  # Z' F^-1 Z, and what is left of an error after a step
     back, N, NL = L.swapaxes(2, 3), np.empty((K, R, n, n)), np.empty((K, R, n, n))
     now = last[K]
     for k in range(K - 1, -1, -1):
@@ -338,6 +338,7 @@ def by_rates(s: LinearSystem, gradients: Adjoint, A: int, h: float, gusts: np.nd
         by_T = np.concatenate([by_T[..., :A], by_T[..., A:] + pushed], axis=3)  # gusts act by the columns of the force
     weight = np.where(s.inside[..., None, None], by_T, 0.0)
     through = s.T[:, :, :A, : A + 3]
+    # dT = h (dA T + T dA) / 2 for T = exp(A h)
     ahead = np.concatenate([weight @ through.swapaxes(2, 3), weight[..., A:]], axis=3)
     return np.asarray(0.5 * h * (ahead + through[..., :A].swapaxes(2, 3) @ weight))
 

@@ -23,11 +23,12 @@ from diagnosis.estimation.kalman import (
     linear_system,
     smoothed,
 )
-from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states
+from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states, set_values
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
 from mmg.model import settled
 from mmg.motion.flow import INPUTS
 from mmg.motion.froude import state_scale
+from mmg.ship import Ship
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ class Trajectory:
         if self.gust is None or self.gusts is None:
             return self.force
         push = self.force.copy()
+        # a gust [share] times what one of the wind's speed pushes by
         push[:-1] += (self.gusts @ self.gust[:-1, ..., None])[..., 0]
         return push
 
@@ -80,13 +82,19 @@ class Point:
     path: Trajectory
     noise: NoiseModel
 
+    def with_values(self, ship: Ship, data: GriddedTrials, p: np.ndarray) -> Point:
+        """The same with other ``p`` (P,), cut to the bounds; ship, data: as of ``set_values``."""
+        p = np.clip(p, *self.free.scaled_bounds)
+        theta = set_values(ship, data, self.theta, self.free.columns, self.free.mean + self.free.std * p)
+        return Point(theta, self.free, p, self.path, self.noise)
+
     def fixed(self) -> Point:
         """The same with nothing free."""
         return Point(self.theta, NO_PRIORS, np.zeros(0), self.path, self.noise)
 
 
+# More columns of a linearisation, in parts, side by side.
 ExtraColumns = Callable[[LinearModel], Sequence[DrivenColumns | ProductColumns]]
-"""More columns of a linearisation, in parts, side by side."""
 
 
 @dataclass(frozen=True)
@@ -149,11 +157,11 @@ class Linearisation:
         have moved by dp (P,) [prior std] (default: not at all)."""
         white, states = self.left, self.states
         if dp is not None and len(dp):
-            move = self.size * dp
+            move = self.size * dp  # (R, P) in units of the parameters
             pushed, seen = self.residual.forcing.copy(), self.residual.observed.copy()
             pushed[:, :, : self.linear.G.shape[2], 0] += (self.linear.G @ move[:, :, None])[..., 0]
             seen[..., 0] += np.einsum("krld,rd->krl", self.linear.observed, move[:, self.linear.observing])
-            column = DrivenColumns.dense(pushed, seen, self.residual.start)
+            column = DrivenColumns.dense(pushed, seen, self.residual.start)  # the residual at the moved parameters
             white, states = (x[..., 0] for x in whitened(self.system, self.filter, column, with_states=True))
         return smoothed(self.system, self.filter, white, states)
 
@@ -188,8 +196,7 @@ SETTLED = 0.03  # set by hand
 def initial_covariance(
     steps: TransitionModel, data: GriddedTrials, z: np.ndarray, theta: np.ndarray, active: np.ndarray
 ) -> np.ndarray:
-    """Covariance (R, A, A) of the active states at the start of the windows of ``data``: motion unknown, memory states
-    settled with it.
+    """Covariance (R, A, A) of the active states where windows of ``data`` begin: motion unknown, memory settled.
 
     steps: model; z: (R, S) first states; theta: coefficients (all,) or (all, R); active: (A,) positions of states.
     """
@@ -206,7 +213,7 @@ def initial_covariance(
         every = np.repeat(theta, 7, axis=1) if theta.ndim > 1 else theta
         tried = settled(steps.model, start.reshape(6, -1), controls, every).reshape(steps.S, R, 7)
         slope[:, 6:] = np.moveaxis((tried[6:, :, 1:] - tried[6:, :, :1]) / 1e-4, 0, 1)
-    P = slope @ slope.swapaxes(1, 2)
+    P = slope @ slope.swapaxes(1, 2)  # (R, S, S): six independent errors of the motion
     at = np.arange(6, steps.S)
     P[:, at, at] += (SETTLED * steps.model.sizes) ** 2  # else the covariance has no inverse
     return P[:, active[:, None], active[None]]
@@ -246,11 +253,20 @@ def linearise_and_filter(
         begin, end = end, end + block.width
         whitened(system, filter_run, block, white[..., begin:end], rows=rows)
     white[..., -1] = last  # the residual stands last, so that products with it are the last row
-    # of white numbers
+    # prediction error decomposition, and the priors
     nll = 0.5 * float(filter_run.log_det.sum() + (left**2).sum() + at.p @ at.p) + noise.neg_log_prior
     return Linearisation(
         steps, data, at, active, linear, system, filter_run, white, left, states, residual, size, nll, rows
     )
+
+
+def path_of_all_states(steps: TransitionModel, data: GriddedTrials, point: Point) -> Trajectory:
+    """The path of a ``point`` of ``steps`` in trials ``data``; states on which nothing depends there are simulated."""
+    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, point.free.symbols, point.theta))
+    if not len(passive):
+        return point.path
+    controls = acting(steps, data, point.theta).controls
+    return point.path.along(steps.with_passive_states(point.path.z, controls, point.theta, point.path.push, passive))
 
 
 def column_positions(steps: TransitionModel, free: Priors) -> np.ndarray:
@@ -289,6 +305,7 @@ def _residual(
         pushed[:, :, A + 3 :, 0] = np.exp(-data.h / at.noise.gust_tau) * gust[:-1] - gust[1:]
         start[:, A + 3 : own, 0] = -gust[0]
     if A > 6:
+        # memory states begin where they would come to rest
         calm = settled(steps.model, z[0, :, :6].T, data.inputs[0].T, at.theta).T
         start[:, 6:A, 0] = (calm - z[0])[:, active[6:]]
     return DrivenColumns.dense(pushed, (linear.logged - data.y)[..., None], start)

@@ -8,19 +8,14 @@ while parameters are far from the optimum, then by its average information.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from diagnosis.estimation.candidates import Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.linearisation import (
-    Linearisation,
-    Point,
-    initial_trajectory,
-    linearised_if_finite,
-)
+from diagnosis.estimation.linearisation import Linearisation, Point, initial_trajectory, linearised_if_finite
 from diagnosis.estimation.noise_sizes import initial_noise, noise_step, updated_noise
 from diagnosis.estimation.parameters import Priors, active_states, set_values
 from diagnosis.estimation.transition_model import TransitionModel
@@ -35,15 +30,15 @@ BREAKS_DOWN = (
 )
 
 
-STALLED, ROUGH = 0.5, 0.15
-"""Expected gain of log likelihood up to which a rough fit that gains nothing ends, and any rough fit: hypotheses differ
-by more. Set by hand."""
+# Expected gains of log likelihood; hypotheses differ by more. Set by hand.
+STALLED = 0.5  # Up to which a rough fit ends that gains nothing
+ROUGH = 0.15  # Up to which any rough fit ends
 # Expected gain of log likelihood by the parameters up to which the noise goes by its average information.
 NEAR = 30.0  # set by hand
 # Iterations without a gain after which a fit ends: the slope does not hold along the step, as at a bend.
 IN_VAIN = 3  # set by hand
+# Of a linearisation and the gain that is expected from it: whether a fit may end there, not converged.
 IsEnough = Callable[[Linearisation, float], bool]
-"""Of a linearisation and the gain that is expected from it: whether a fit may end there, not converged."""
 
 
 def never(here: Linearisation, gain: float) -> bool:
@@ -116,11 +111,8 @@ class _Iteration:
 
     def moved(self, ship: Ship, data: GriddedTrials, share: float, noise: NoiseModel) -> Point:
         """A share of the way, with this noise."""
-        free, path = self.at.free, self.at.path
-        p = np.clip(self.at.p + share * self.dp, *free.scaled_bounds)
-        theta = set_values(ship, data, self.at.theta, free.columns, free.mean + free.std * p)
-        path = path.moved(path.z + share * self.dz, share * self.dforce, data.gusts)
-        return Point(theta, free, p, path, noise)
+        path = self.at.path.moved(self.at.path.z + share * self.dz, share * self.dforce, data.gusts)
+        return replace(self.at.with_values(ship, data, self.at.p + share * self.dp), path=path, noise=noise)
 
 
 def _iteration(here: Linearisation, typical: NoiseModel | None) -> _Iteration:
@@ -131,11 +123,11 @@ def _iteration(here: Linearisation, typical: NoiseModel | None) -> _Iteration:
     A = gram[:-1, :-1] + np.eye(len(at.p))  # p is in prior standard deviations
     slope = gram[:-1, -1] + at.p + here.logdet_gradient.sum(axis=0)
     low, high = at.free.scaled_bounds
-    dp = within_bounds(A, slope, low - at.p, high - at.p)
+    dp = within_bounds(A, slope, low - at.p, high - at.p)  # the Gauss-Newton step where bounds allow it
     mean, r, u = here.smoothed(dp)
     dz, count = np.zeros_like(at.path.z), len(active)
     dz[..., active] = mean[..., :count]
-    gain = -float(slope @ dp + 0.5 * dp @ A @ dp)
+    gain = -float(slope @ dp + 0.5 * dp @ A @ dp)  # of log likelihood, by the quadratic model
     noise, more = at.noise, 0.0
     if typical is not None and gain < NEAR:  # average information holds near the optimum alone
         noise, more = noise_step(here, r, u, typical)
@@ -166,9 +158,7 @@ def estimate(
     """
     active = active_states(steps, start.free.symbols, start.theta)
     typical = initial_noise(steps.ship)
-    p = np.clip(start.p, *start.free.scaled_bounds)
-    theta = set_values(steps.ship, data, start.theta, start.free.columns, start.free.mean + start.free.std * p)
-    now = Point(theta, start.free, p, start.path, start.noise)
+    now = start.with_values(steps.ship, data, start.p)
     best: _Iteration | None = None
     likeliest: _Iteration | None = None
     share, reductions, converged, used, in_vain = 1.0, 0, False, 0, 0

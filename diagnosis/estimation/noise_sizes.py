@@ -20,9 +20,10 @@ from diagnosis.estimation.linearisation import Linearisation
 from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.ship import Ship
 
-LEAST, MOST = 0.02, 15.0
-"""Least size of a sensor's errors and largest of the latent force, in those of ``initial_noise``. A larger force, which
-would swallow all that moves the ship, is none of chance. Set by hand."""
+LEAST = 0.02  # Least size of a sensor's errors, in that of ``initial_noise``. Set by hand.
+# Largest size of the latent force, in that of ``initial_noise``: a larger one, which would swallow all that moves the
+# ship, is none of chance. Set by hand.
+MOST = 15.0
 GUST = (1e-3, 0.5)  # Least and largest size of gusts, in the speed of the wind. Set by hand.
 # Least size of the latent force, in that of ``initial_noise``. One that is larger than the truth makes the residuals
 # smaller than the filter expects, and then the likelihood grows with the masses, which such a force moves less: in
@@ -33,8 +34,8 @@ LEAST_FORCE = 1e-3
 def initial_noise(ship: Ship) -> NoiseModel:
     """Initial sizes for a ``ship``: those of a 3 m model scaled by Froude's law."""
     length = float(ship.particulars["L"])
-    force = np.array([0.2, 0.3, 0.2 * length_scale(length)]) * force_scale(length)
-    white = np.array([0.02, 0.02, 0.003, 0.006, 0.006, 0.001]) * state_scale(length)
+    force = np.array([0.2, 0.3, 0.2 * length_scale(length)]) * force_scale(length)  # [N, N, N m]
+    white = np.array([0.02, 0.02, 0.003, 0.006, 0.006, 0.001]) * state_scale(length)  # [m, m, rad, m/s, m/s, rad/s]
     return NoiseModel(
         force, 6.0 * time_scale(length), white, np.zeros(6), 4.0 * time_scale(length), gust_tau=time_scale(length)
     )
@@ -48,11 +49,9 @@ def least_noise(ship: Ship) -> NoiseModel:
 
 
 def wider(known: NoiseModel, ship: Ship) -> NoiseModel:
-    """First sizes for trials of a ``ship`` whose instruments and surroundings had the sizes ``known`` in others: none
-    below the initial ones.
+    """First sizes for trials of a ``ship`` that had the sizes ``known`` in others: none below the initial ones.
 
-    A fit that begins with hardly any random force or error makes the coefficients explain all that an unmodelled effect
-    does, and ends far from the ship.
+    A fit that begins with hardly any noise makes coefficients explain an unmodelled effect, and ends far from the ship.
     """
     first = initial_noise(ship)
     force, white = np.maximum(known.force, first.force), np.maximum(known.white, first.white)
@@ -72,17 +71,16 @@ BESIDE_GUSTS = 0.2
 
 def least_force(noise: NoiseModel, data: GriddedTrials, typical: NoiseModel) -> np.ndarray:
     """Least size (3,) [N, N, N m] of the latent force of trials ``data`` whose gusts have the sizes of ``noise``;
-    typical: sizes by
-    ``initial_noise``."""
+    typical: sizes by ``initial_noise``."""
     least = LEAST_FORCE * typical.force
     if data.gusts is None:
         return least
-    blown = (data.gusts[data.inside] ** 2).mean(axis=0) @ noise.gust**2
+    blown = (data.gusts[data.inside] ** 2).mean(axis=0) @ noise.gust**2  # (3,) mean square of their force
     return np.asarray(np.maximum(least, BESIDE_GUSTS * np.sqrt(blown)))
 
 
+# Least and largest change of the logarithm of a variance in one step: factors of 20 down and 4 up. Set by hand.
 SHORTEST, LONGEST = -3.0, 1.4
-"""Least and largest change of the logarithm of a variance in one step. Set by hand: factors of 20 down and 4 up."""
 # Share of each information that is added to it, and as much again: sources that look alike are not told apart.
 RIDGE = 1e-3, 1e-6  # set by hand
 
@@ -110,8 +108,7 @@ def _with_sizes(here: Linearisation, sizes: np.ndarray) -> NoiseModel:
 
 
 def _squares(here: Linearisation, r: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sums (q,) of the squares of what each source of noise makes of the smoother's r (K, R, n) and u (K + 1, R, 6),
-    and their expected values."""
+    """Sums (q,) of the squares of what each source makes of r (K, R, n) and u (K + 1, R, 6), and their expectations."""
     A, masks = len(here.active), (here.system.inside[..., None], here.system.good)
     made, expected = (r[..., A:] ** 2, u**2), (here.adjoint.N[..., A:], here.adjoint.D)
     sums = [[np.where(m, x, 0.0).sum(axis=(0, 1)) for m, x in zip(masks, own, strict=True)] for own in (made, expected)]
@@ -131,14 +128,13 @@ def updated_noise(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: No
     """The sizes of the noise of a linearisation ``here`` after one step of the fixed point q <- q sum r^2 / sum N
     (force, gusts, coloured errors) and R <- R sum u^2 / sum D; a prior counts as PRIOR_SAMPLES more samples of each.
 
-    r: (K, R, n), u: (K + 1, R, 6) of the smoother; typical: sizes by ``initial_noise``, which say how small and large
-    each may become.
+    r: (K, R, n), u: (K + 1, R, 6) of the smoother; typical: sizes by ``initial_noise``, which bound those returned.
     """
     noise, (sizes, lower, upper) = here.at.noise, _sizes_and_bounds(here, typical)
     (own, known), (made, expected) = _prior_share(noise, sizes), _squares(here, r, u)
     # share of the force that is new in a step
     fresh = np.where(np.arange(len(sizes)) < 3, 1 - np.exp(-2 * here.data.h / noise.tau), 1.0)
-    count = PRIOR_SAMPLES / (fresh[own] * sizes[own] ** 2)
+    count = PRIOR_SAMPLES / (fresh[own] * sizes[own] ** 2)  # what so many samples would add, each 1 / variance
     made[own] += count * known
     expected[own] += count
     # far off it overshoots
@@ -154,15 +150,15 @@ def noise_step(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: Noise
     noise, (sizes, lower, upper) = here.at.noise, _sizes_and_bounds(here, typical)
     slope, information = slope_and_information(here, r, u)
     own, known = _prior_share(noise, sizes)
-    slope[own] += 0.5 * PRIOR_SAMPLES * (1 - known)
+    slope[own] += 0.5 * PRIOR_SAMPLES * (1 - known)  # of ``NoiseModel.neg_log_prior`` by the log variance
     information[own, own] += 0.5 * PRIOR_SAMPLES * known
     free = ~((sizes <= lower) & (slope > 0)) & ~((sizes >= upper) & (slope < 0))  # at a bound and pushed against it
     own_information = information[np.ix_(free, free)]
     own_information += np.diag(RIDGE[0] * np.diag(own_information) + RIDGE[1])
     step = np.zeros(len(sizes))
     step[free] = np.clip(-np.linalg.solve(own_information, slope[free]), SHORTEST, LONGEST)
-    gain = -float(slope @ step + 0.5 * step @ information @ step)
-    new = _with_sizes(here, np.clip(sizes * np.exp(0.5 * step), lower, upper))
+    gain = -float(slope @ step + 0.5 * step @ information @ step)  # of the quadratic model
+    new = _with_sizes(here, np.clip(sizes * np.exp(0.5 * step), lower, upper))  # steps are of log variances
     # its bound moved with the gusts
     return new.with_(force=np.maximum(new.force, least_force(new, here.data, typical))), gain
 

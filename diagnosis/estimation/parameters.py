@@ -17,8 +17,7 @@ PRIOR_WIDTH = 10.0  # Prior standard deviation of an effect's parameter, in typi
 
 @dataclass(frozen=True)
 class Priors:
-    """Gaussian priors and bounds of P free parameters: columns, and (P,) each of mean, std, lower, upper [unit of the
-    parameter]."""
+    """Gaussian priors and bounds of P free parameters: columns; mean, std, lower, upper: (P,) each, in their units."""
 
     columns: tuple[Column, ...]
     mean: np.ndarray

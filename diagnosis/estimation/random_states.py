@@ -22,11 +22,12 @@ from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
 CURRENT = ("current.x", "current.y")
-SIZE, FADES = 0.01, 120.0
-"""Standard deviation of a current [m/s] and the time in which it fades [s], of a 3 m model. The time is that of
-``fitting.prediction.stretches``. On 22 records of Train-TZRB+ that the calibration had not seen, errors over a minute
-are 1 % less with .005 and 9 % more with .02. Without it they are 14 % more on hold-outs of the tanker, 2 % on runs of a
-full-scale ship, 8 % on trials of another generator (world "pond" of ``benchmarks/blind``). So it was measured."""
+# Standard deviation of a current [m/s] of a 3 m model. On 22 records of Train-TZRB+ that the calibration had not seen,
+# errors over a minute are 1 % less with .005 and 9 % more with .02. Without a current they are 14 % more on hold-outs
+# of the tanker, 2 % on runs of a full-scale ship, 8 % on trials of another generator (world "pond" of
+# ``benchmarks/blind``). So it was measured.
+SIZE = 0.01
+FADES = 120.0  # Time in which a current fades [s of a 3 m model], that of ``fitting.prediction.stretches``
 # Longest step of the equations [s] of a 3 m model, that of a calibration of one; and the time over which samples share
 # their errors: twice as long is the same within 1 %, and with errors of their own samples every .3 s forecast 5 % worse
 # than every .5 s (those records). So it was measured.
@@ -74,7 +75,7 @@ class RandomStates:
     @classmethod
     def of(cls, ship: Ship, noise: Noise, stds: Mapping[str, float]) -> RandomStates:
         """Of a ``ship``, the ``noise`` of her surroundings and the ``stds`` of chosen coefficients."""
-        fades = FADES * time_scale(ship.particulars["L"])
+        fades = FADES * time_scale(ship.particulars["L"])  # [s]
         sizes = [*noise.force, noise.current, noise.current, *stds.values()]
         memories = [noise.memory] * len(FORCE) + [fades] * len(CURRENT) + [math.inf] * len(stds)
         return cls((*FORCE, *CURRENT, *stds), np.array(sizes), np.array(memories))
@@ -92,7 +93,7 @@ def deviations(chosen: Iterable[str] | Mapping[str, float], ship: Ship) -> dict[
 
     Raises UserError for an unknown coefficient, for one that is a random state anyway and for one without deviation.
     """
-    found = {}
+    stds = {}
     for symbol in [chosen] if isinstance(chosen, str) else chosen:
         if symbol in (*FORCE, *CURRENT):
             raise Conflict(f"coefficients: {symbol} is a random state of every tracker; leave it out")
@@ -105,5 +106,5 @@ def deviations(chosen: Iterable[str] | Mapping[str, float], ship: Ship) -> dict[
             raise BadValue(f"coefficients: {std!r} is no number") from None
         if not 0 < std < math.inf:
             raise Missing(f"coefficients: {symbol} has no standard deviation; give {{'{symbol}': deviation}}")
-        found[symbol] = std
-    return found
+        stds[symbol] = std
+    return stds

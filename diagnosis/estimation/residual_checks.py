@@ -16,20 +16,22 @@ from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.motion.froude import time_scale
 
-LEAST_ROWS, BINS, NEIGHBOURS, SLOWEST = 24, 30, 3, 4  # set by hand
-"""Samples that a piece of a window needs for a spectrum, bands of the spectrum at most, bands on either side that a
-line is compared with (those next to it are left out), and bands of the longest periods that are not looked at."""
+# Of a spectrum. Set by hand.
+LEAST_ROWS = 24  # Samples that a piece of a window needs
+BINS = 30  # Bands at most
+NEIGHBOURS = 3  # Bands on either side that a line is compared with, without those next to it
+SLOWEST = 4  # Bands of the longest periods that are not looked at: the latent force follows them
 
 
 IN_ANOTHER = 1e-3  # Probability of a line in a second sensor below which it is none of one sensor alone. Set by hand.
+# Power of a line over that beside it, and the probability that one with less has at least: many samples show surely
+# what a sensor or a random force of another shape makes, a hill of the spectrum, which is not as high. Set by hand.
 TWICE, RARE = 2.0, 1e-6
-"""Power of a line over that beside it, and probability that one with less has at least: many samples show surely what a
-sensor or a random force of another shape makes, a hill of the spectrum, which is not as high. Set by hand."""
 # Ratio of the shortest periods of spectra that follow each other; each begins to look at SLOWEST times its own.
 COARSER = 4.0  # set by hand
-HELD, FINEST = 0.3, 4
-"""Error of a velocity over a step, in the noise of its sensor, that the latent force may make by being held over it.
-Parts into which a step is divided at most. Set by hand."""
+# Error of a velocity over a step, in the noise of its sensor, that the latent force may make by being held over it.
+HELD = 0.3  # set by hand
+FINEST = 4  # Parts into which a step is divided at most. Set by hand.
 
 
 def finer_step(
@@ -39,13 +41,12 @@ def finer_step(
 
     sample: sampling time of the trials [s], of which the step stays a multiple; divisible: or becomes a part. The mean
     over a step h of a process of first order is off the line through its ends by its size times sqrt(h / (6 tau)),
-    which moves a velocity by that share of its response to the force. Beyond the noise of quiet sensors it would pass
-    for an effect with memory.
+    which moves a velocity by that share of its response. Beyond quiet sensors it would pass for an effect with memory.
     """
     active = active_states(steps, fit.free.symbols, fit.theta)
     force = linearise_and_filter(steps, data, fit.fixed(), active).linear.force[:, :, 3:6]
 
-    moved = force * fit.noise.force * np.sqrt(data.h / (6 * fit.noise.tau))
+    moved = force * fit.noise.force * np.sqrt(data.h / (6 * fit.noise.tau))  # (K, R, 3, 3) of u, v, r by X, Y, N
     if data.gusts is not None:
         blown = force @ data.gusts * fit.noise.gust * np.sqrt(data.h / (6 * fit.noise.gust_tau))
         moved = np.concatenate([moved, blown], axis=3)
@@ -59,8 +60,8 @@ def finer_step(
     return finer if worst > HELD and finer < 0.9 * data.h else None
 
 
-FURTHEST, SHORTER = 0.7, 4
-"""Most that a parabola changes the logarithm of the correlation time, and most parabolas. Set by hand."""
+FURTHEST = 0.7  # Most that a parabola changes the logarithm of a correlation time: a factor of two. Set by hand.
+SHORTER = 4  # Parabolas at most. Set by hand: bounds time.
 
 
 @np.errstate(all="ignore")
@@ -91,7 +92,7 @@ def _better_correlation_time(
     )
     if not a > 0 or b**2 / (4 * a) <= least:  # not >: nan; a top that opens downwards is none
         return fit, True
-    shift = float(np.clip(-b / (2 * a), -FURTHEST, FURTHEST))
+    shift = float(np.clip(-b / (2 * a), -FURTHEST, FURTHEST))  # the top of the parabola
     tau = float(now.tau * np.exp(shift))
     if not 2 * data.h <= tau <= 60 * data.h:  # shorter is white, longer is constant
         return fit, True
@@ -110,9 +111,10 @@ def _parabola(
     return float(a), float(b)
 
 
-GUST_MEMORY, WORTH = (0.25, 4.0), 1.0
-"""Shortest and longest memory of gusts [s of a 3 m model]: slower ones the anemometer shows, or they pass for an effect
-of the wind; and the gain in log likelihood for which it pays to fit with another one."""
+# Shortest and longest memory of gusts [s of a 3 m model]: slower ones the anemometer shows, or they pass for an effect
+# of the wind. Set by hand.
+GUST_MEMORY = (0.25, 4.0)
+WORTH = 1.0  # Gain in log likelihood for which it pays to fit with another memory. Set by hand.
 
 
 @np.errstate(all="ignore")
@@ -148,6 +150,7 @@ def lag_correlation(data: GriddedTrials, w: np.ndarray) -> float:
     """Largest correlation of whitened residuals w (K + 1, R, 6) of ``data`` one or two samples apart, over sensors."""
     w = w[data.good.any(axis=(1, 2))][4:]  # the first samples of a filter hardly say anything
     square = (w**2).sum(axis=(0, 1))
+    # autocorrelation by sensor at lags 1 and 2
     pairs = [np.abs((w[lag:] * w[:-lag]).sum(axis=(0, 1))) / np.maximum(square, 1e-300) for lag in (1, 2)]
     return float(np.max(pairs)) if len(w) > 4 else 0.0
 
@@ -162,9 +165,8 @@ def spectral_line(
     ``dense`` shows it in two sensors, as waves do that move the ship; in one it is the sensor's. p: probability of such
     a line by chance, 1 where too few samples are left. Periodograms are summed over windows and bands; by chance that
     of a band over the mean of neighbouring bands has an F distribution. It must stand out of those on either side, so
-    that a coloured spectrum has no lines, and clearly (TWICE), so that a hill of it is none. The slowest bands, which
-    the latent force follows, are left out. A periodic force, as of waves, makes a line, which the latent force cannot
-    follow.
+    that a coloured spectrum has no lines, and clearly (TWICE), so that a hill of it is none. The slowest bands are left
+    out: the latent force follows them. A periodic force, as of waves, it cannot follow.
     """
     spacing, pieces = _equally_spaced(data)
     if not pieces:
@@ -173,18 +175,18 @@ def spectral_line(
     p = _band_probabilities(data.h * spacing, w, pieces, shortest, bands)
     if dense is None:
         return _sharpest(p, shortest)
-    every, more = _equally_spaced(dense[0])
-    step, finest, parts = dense[0].h * every, 2 * dense[0].h * every, _bands(more)
-    p = np.maximum(p, _band_probabilities(step, dense[1], more, shortest, bands))
-    found, down_to = [_sharpest(p, shortest)], finest
+    every, dense_pieces = _equally_spaced(dense[0])
+    step, finest, parts = dense[0].h * every, 2 * dense[0].h * every, _bands(dense_pieces)
+    p = np.maximum(p, _band_probabilities(step, dense[1], dense_pieces, shortest, bands))  # both must show a line
+    lines, down_to = [_sharpest(p, shortest)], finest
     while down_to < shortest:
-        q = _band_probabilities(step, dense[1], more, down_to, parts)
+        q = _band_probabilities(step, dense[1], dense_pieces, down_to, parts)
         slow = down_to * parts / (np.arange(parts) + 0.5) > shortest
         q[slow | (np.partition(q, 1, axis=1)[:, 1] > IN_ANOTHER)] = 1.0
-        found.append(_sharpest(q, down_to))
+        lines.append(_sharpest(q, down_to))
         down_to *= COARSER
-    least, period = min(found)
-    return min(1.0, least * len(found)), period
+    least, period = min(lines)
+    return min(1.0, least * len(lines)), period  # Bonferroni over the spectra
 
 
 def _bands(pieces: list[tuple[int, np.ndarray]]) -> int:
@@ -194,8 +196,8 @@ def _bands(pieces: list[tuple[int, np.ndarray]]) -> int:
 
 def _sharpest(p: np.ndarray, shortest: float) -> tuple[float, float]:
     """Probability by chance of the least of ``p`` (bands, 6), and the period [s] of its band, down to ``shortest``."""
-    line = int(np.argmin(p.min(axis=1)))
-    return min(1.0, p[SLOWEST:].size * float(p.min())), shortest * len(p) / (line + 0.5)
+    band = int(np.argmin(p.min(axis=1)))
+    return min(1.0, p[SLOWEST:].size * float(p.min())), shortest * len(p) / (band + 0.5)
 
 
 def _equally_spaced(data: GriddedTrials) -> tuple[int, list[tuple[int, np.ndarray]]]:
@@ -232,14 +234,15 @@ def _band_probabilities(
     for r, rows in pieces:
         frequency, power = periodogram(w[rows, r], step)
         inside = (np.arange(len(power)) > 0) & (frequency < (1 - 1e-9) / shortest)
-        power = power[inside] / np.maximum(power[inside].mean(axis=0), 1e-300)
+        power = power[inside] / np.maximum(power[inside].mean(axis=0), 1e-300)  # pieces count alike
         at = (frequency[inside] * shortest * bands).astype(int)
         np.add.at(total, at, power)
         count += np.bincount(at, minlength=bands)
-    away = np.abs(np.subtract.outer(np.arange(bands), np.arange(bands)))
+    away = np.abs(np.subtract.outer(np.arange(bands), np.arange(bands)))  # bands between any two
     near = np.argsort(np.where(away < 2, bands, away), axis=1, kind="stable")[:, : 2 * NEIGHBOURS]
     neighbour_power, size = total[near].sum(axis=1), count[near].sum(axis=1)
     ratio = (total * size[:, None]) / np.maximum(neighbour_power * count[:, None], 1e-300)
+    # a periodogram is chi-squared of 2 degrees
     p = np.asarray(fdtrc(2 * np.maximum(count, 1)[:, None], 2 * np.maximum(size, 1)[:, None], ratio))
     p = np.where(ratio < TWICE, np.maximum(p, RARE), p)
     p[:SLOWEST] = 1.0

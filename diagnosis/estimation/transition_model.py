@@ -43,13 +43,6 @@ class LinearModel:
     observed: np.ndarray
     observing: np.ndarray
 
-    @property
-    def D(self) -> np.ndarray:
-        """All of D, (K + 1, R, 6, P)."""
-        D = np.zeros((*self.logged.shape, self.G.shape[3]))
-        D[..., self.observing] = self.observed
-        return D
-
 
 class TransitionModel:
     """Steps of length h [s] of a ``ship`` with S states and C inputs; compiled: use generated C code.
@@ -116,10 +109,7 @@ class TransitionModel:
     def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """States (S, M) logged as ``six`` (6, M) under ``controls`` (C, M), memory states settled; theta: coefficients
         (all,) or by window (all, R)."""
-        return states_behind(self.model, six, controls, theta, self._settled_at, self._columns_at)
-
-    def _settled_at(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        return self._initial.at(six, controls, theta)[0]
+        return states_behind(self.model, six, controls, theta, lambda *at: self._initial.at(*at)[0], self._columns_at)
 
     def _columns_at(self, z: np.ndarray, own: np.ndarray) -> np.ndarray:
         return self._columns.at(z, own)[0]
@@ -130,7 +120,7 @@ class TransitionModel:
         theta: (all,), or (all, R) by window where the points are K times those of R windows.
         """
         every = spread(theta, force.shape[1]).copy()
-        every[self.force] += force
+        every[self.force] += force  # (3, M) on those of the coefficients (all, M)
         return every
 
     def advance(self, z: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -209,9 +199,11 @@ class TransitionModel:
         the others it says nothing (default: all).
         """
         (K, R), A, P, S = inputs.shape[:2], len(active), len(columns), self.S
+        # once each, sorted
         each, where = np.unique(np.concatenate([columns, self._force_columns]), return_inverse=True)
         exist = np.flatnonzero(np.arange(K)[:, None] < (K if count is None else count) * np.ones(R))
         start, held, push = (a.reshape(K * R, -1)[exist].T for a in (z[:-1], inputs, force))
+        # each step of each window is an interval
         lanes = self._lanes(held[None], push[None], _groups(theta, exist % R))
         wanted = active, np.concatenate([active, S + each])
         ends = self._intervals.linearise(lanes, start, np.atleast_2d(theta.T), np.zeros((0, S, len(exist))), wanted)
@@ -274,6 +266,7 @@ class TransitionModel:
         of_logged = _weights(weight_logged, rows, np.where(places < S, place[places], -1))
         states = z.reshape(len(z) * R, S).T
         logged = self._logged_hessian.at(states, spread(theta, states.shape[1]), of_logged)[0]
+        # steps of a window added up
         result = sum(found.reshape(self.P, -1, R).sum(axis=1).T for found in (rates, logged))
         return np.asarray(result)[:, columns]
 
@@ -299,8 +292,7 @@ def _groups(theta: np.ndarray, window: np.ndarray) -> np.ndarray:
 
 
 def step_faults(whole: ca.Function, kernel: IntervalKernel) -> str:
-    """What is wrong with two steps of a new ``kernel`` of the function ``whole`` (as of ``derivatives``), "" for
-    nothing."""
+    """What is wrong with two steps of a new ``kernel`` of the function ``whole`` of ``derivatives``, "" for nothing."""
     M, S = LANES + 1, kernel.S
     (q, c, theta), _ = finite_points(whole, M, 0)
     controls = np.repeat(np.vstack([c, 0.1 * c])[None], 2, axis=0)

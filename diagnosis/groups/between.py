@@ -20,13 +20,13 @@ import numpy as np
 
 from cases.evidence.kinematics import ALIKE, TRACK, TURN, Kinematics, SensorFault
 from cases.io.campaigns import Groups
+from cases.shipfiles.effects import parameters
 from cases.trial import Trial
-from diagnosis.estimation.acting_inputs import acting
-from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Candidate, Column, parameters
+from diagnosis.estimation.candidates import FITTED_ALONG, LOCAL, Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.linearisation import Point, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, linearise_and_filter, path_of_all_states
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import PRIOR_WIDTH, Priors, active_states, get_values
+from diagnosis.estimation.parameters import PRIOR_WIDTH, Priors, get_values
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import Between, GroupDifference, GroupParameter, group_row, parameters_by_group
 from diagnosis.hypotheses.forward_selection import ODDS
@@ -84,24 +84,19 @@ def run_slopes(
     steps: the transition model; data: the trials, whose ``run`` is the number of the group; runs: (R,) run of each
     window; fit: the fit; candidates: those to be tested. Returns the slopes of each run.
     """
-    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, fit.free.symbols, fit.theta))
-    z = fit.path.z
-    if len(passive):
-        controls = acting(steps, data, fit.theta).controls
-        z = steps.with_passive_states(z, controls, fit.theta, fit.path.push, passive)
     sizes = {x: size for c in candidates for x, size in zip(c.columns, c.typical, strict=True)}
     more = [x for x in sizes if x not in fit.free.columns]
     n, typical = len(more), np.array([sizes[x] for x in more])
     free = fit.free + Priors(tuple(more), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
     p = np.concatenate([fit.p, np.zeros(n)])
-    point = Point(fit.theta, free, p, fit.path.along(z), fit.noise)
+    point = Point(fit.theta, free, p, path_of_all_states(steps, data, fit), fit.noise)
     here = linearise_and_filter(steps, data, point, np.arange(steps.S))
     grams = np.einsum("krca,krcb->rab", here.white, here.white, optimize=True)
     slopes = -(grams[:, :-1, -1] + here.logdet_gradient)
     names = np.unique(runs)
     # to typical sizes
     unit = np.array([sizes.get(x, std) / std for x, std in zip(free.columns, free.std, strict=True)])
-    g = np.array([slopes[runs == r].sum(axis=0) for r in names]) * unit
+    g = np.array([slopes[runs == r].sum(axis=0) for r in names]) * unit  # windows of a run together
     G = np.array([grams[runs == r, :-1, :-1].sum(axis=0) for r in names]) * np.outer(unit, unit)
     group = np.array([data.run[runs == r][0] for r in names])
     precision = np.concatenate([unit[: len(fit.p)] ** 2, np.full(n, COMMON**-2.0)])
@@ -111,15 +106,14 @@ def run_slopes(
 def with_scatter(s: RunSlopes, scatter: Mapping[Column, float], but: Sequence[Column] = ()) -> RunSlopes:
     """The slopes ``s`` with some parameters free to differ from run to run.
 
-    scatter: parameter -> standard deviation between runs, in typical sizes; but: parameters that stay the same. Returns
-    slopes along the others.
+    scatter: parameter -> standard deviation between runs [typical sizes]; but: those that stay. Returns slopes.
     """
     at = [i for i, x in enumerate(s.columns) if x in scatter and x not in but]
     if not at:
         return s
     precision = np.diag([scatter[s.columns[i]] ** -2.0 for i in at])
     part = np.linalg.solve(s.G[:, at][:, :, at] + precision, np.concatenate([s.G[:, at], s.g[:, at, None]], axis=2))
-    back = s.G[:, :, at] @ part
+    back = s.G[:, :, at] @ part  # what the free values explain
     return replace(s, G=s.G - back[..., :-1], g=s.g - back[..., -1])
 
 
@@ -185,8 +179,7 @@ def compare_groups(
     """What differs between ``groups`` of ``trials``.
 
     problem: the trials on a grid with the priors of the ship; null: the fit without any effect, which all groups share;
-    sensors: what the columns of each run say of each other. Returns the answer. Raises UserError for a group of which
-    nothing can be used.
+    sensors: what the columns of each run say of each other. Raises UserError for a group without usable trials.
     """
     number = np.array(groups.number)
     unused = [name for i, name in enumerate(groups.names) if i not in number[problem.data.run]]
@@ -267,15 +260,15 @@ def group_candidates(problem: SearchProblem) -> tuple[Candidate, ...]:
     ship, base = problem.steps.ship, problem.base
     rows = list(problem.candidates)
     known = {s for c in rows for s in c.symbols}
-    more = {}
+    ranges = {}
     for s, *sizes in zip(base.symbols, base.mean, base.std, base.lower, base.upper, strict=True):
         mean, std, lower, upper = sizes
         # effects may well be absent
-        more[s] = (mean, min(std, SHARE * abs(mean)) if mean and "." not in s else std, lower, upper)
+        ranges[s] = (mean, min(std, SHARE * abs(mean)) if mean and "." not in s else std, lower, upper)
     for name in (e for e in FITTED_ALONG if e in ship.effects):
         for x in (x for x in parameters(ship, name) if not x.choice):
-            more.setdefault(f"{name}.{x.symbol}", (x.neutral, x.typical, x.lower, x.upper))
-    for s, values in more.items():
+            ranges.setdefault(f"{name}.{x.symbol}", (x.neutral, x.typical, x.lower, x.upper))
+    for s, values in ranges.items():
         if s not in known:
             effect, _, form = s.partition(".")
             rows.append(Candidate(effect, form, (Column(s),), *(np.array([float(v)]) for v in values)))
@@ -345,14 +338,14 @@ class _Search:
     def _refitted(self, fit: Estimate, first: Sequence[Candidate], named: Sequence[Tested[Candidate]]) -> Estimate:
         """The fit again with candidates by group: those of instruments, ``first``, and those ``named``. Known values
         begin where they are, new ones where the test points to."""
-        p, start = self.problem, dict[Column, float]()
+        start = dict[Column, float]()
         own = [self._by_group(c) for c in (*first, *(t.of for t in named))]
         for c, t in zip(own, (*(None for _ in first), *named), strict=True):
             if c.columns[0] in fit.free.columns:
                 start |= {x: fit.value(*x) for x in c.columns}
             elif t is not None:
                 start |= dict(zip(c.columns, self._values(fit, t.of, t.test), strict=True))
-        return refit(p.steps, p.data, p.base, fit, own, start)
+        return refit(self.problem, fit, own, start)
 
     def _values(self, fit: Estimate, c: Candidate, test: GroupTest) -> np.ndarray:
         """Values by group (G p,) of a candidate that a test points to [unit of the parameter]."""
@@ -362,8 +355,7 @@ class _Search:
     def _tests(
         self, fit: Estimate, own: Sequence[Candidate]
     ) -> tuple[list[Tested[Candidate]], RunSlopes, dict[Column, float]]:
-        """All candidates that have no values by group yet, tested about a fit, the slopes of each run, and the scatter
-        of the surroundings between runs."""
+        """Tests about a fit of all candidates without values by group, slopes by run, scatter of the surroundings."""
         gone = {s for c in own for s in c.symbols}
         rest = [c for c in self.candidates if not gone & set(c.symbols)]
         local = [c for c in self.candidates if c.effect in LOCAL]
@@ -396,6 +388,7 @@ class _Search:
         values = (fit.free.mean + fit.free.std * fit.p)[at]
         runs = np.array([len(set(self.runs[self.problem.data.run == k])) for k in range(len(names))])
         covariance = fit.covariance[np.ix_(at, at)] * np.outer(fit.free.std[at], fit.free.std[at])
+        # of a mean over the runs of a group
         covariance += np.diag(np.kron(1.0 / runs, (t.test.scatter * c.typical) ** 2))
         return replace(t.row, parameters=self._parts(c, values, covariance))
 
@@ -426,8 +419,7 @@ def is_cause(t: Tested[Candidate]) -> bool:
 
 
 def physical(best: Tested[Candidate], clear: Sequence[Tested[Candidate]]) -> Tested[Candidate]:
-    """The difference to name where ``best``, of those that are ``clear``, is a coefficient: a cause in the ship, if one
-    explains as much."""
+    """What to name where ``best`` is a coefficient: a cause in the ship that explains as much, if ``clear`` has one."""
     if best.of.effect in EFFECTS:
         return best
     causes = [t for t in clear if is_cause(t) and t.row.log_bayes > best.row.log_bayes - ALIKE_BY]

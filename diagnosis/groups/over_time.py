@@ -19,12 +19,12 @@ from cases.evidence.tails import gamma_tail
 from fitting.nlp.prior import group_sums
 from fitting.prediction.innovations import UNEXPLAINED, Innovations, information_of
 
-SPELL, PARTS = 0.25, 100
-"""Longest spell [days]; one of a log shorter than 25 days is this part of it. Set by hand."""
-DAY, MONTH = 86400.0, 30.0
-"""Seconds of a day, days of a month. (SI brochure of 2019, table 8; a month by hand.)"""
-INFORMED, FEWEST = 0.05, 8  # set by hand
-"""Share of the median information below which a spell is left out; spells without which no change can be told."""
+SPELL = 0.25  # Longest spell [days]. Set by hand.
+PARTS = 100  # A spell of a log shorter than 25 days is this part of it. Set by hand: as many as of those 25 days.
+DAY = 86400.0  # Seconds of a day (SI brochure of 2019, table 8)
+MONTH = 30.0  # Days of a month. Set by hand.
+INFORMED = 0.05  # Share of the median information below which a spell is left out. Set by hand.
+FEWEST = 8  # Spells without which no change can be told. Set by hand.
 # Durations of the error that lasts [days], in a log of MONTH days or more; in proportion in a shorter one. An error of
 # three days would make slow growth over a month look like chance; without it chances are right for errors of up to a
 # day and a half. Set by hand.
@@ -188,13 +188,13 @@ class ChangeTest:
         z = noise.whiten @ y
         along = noise.profiles @ z
         rest = np.maximum((z**2).sum() - along**2, 1e-300)
-        log = -0.5 * B * np.log(rest / B)
+        log = -0.5 * B * np.log(rest / B)  # profile likelihood: the size of the noise is at its likeliest
         # a ramp that ends has a parameter more
         log = log - SIMPLER * ((self.end > self.begin) & (self.end < self.end.max()))
         is_step = self.end == self.begin
         log = np.where(is_step == is_step[log.argmax()], log, -np.inf)  # intervals are of changes of the same kind
         at = int(log.argmax())
-        weight = np.exp(log - log.max())
+        weight = np.exp(log - log.max())  # as a posterior of the dates with a flat prior
         weight /= weight.sum()
         # by the noise with and without it
         p_value = max(self._chance(y, gain, k, rng) for k in {chosen, int(none[:, 0].argmax())})

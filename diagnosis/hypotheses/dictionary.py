@@ -11,8 +11,8 @@ likelihood. Each column therefore has, beside its response, the slope of the log
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -36,8 +36,7 @@ AFTER_RUDDER = "force that swings after the rudder"  # Kind of the forces of wha
 WATER = {"stream to the north": "current.x", "stream to the east": "current.y"}
 # Change of the water [m/s] and of the wind [its share] by which their action is differentiated. Set by hand.
 SMALL = 1e-3
-Points = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""States, inputs and coefficients of steps."""
+Points = tuple[np.ndarray, np.ndarray, np.ndarray]  # States (S, M), inputs (C, M) and coefficients (all, M) of steps
 
 
 @dataclass(frozen=True)
@@ -49,8 +48,8 @@ class Action:
     step: np.ndarray
     rates: np.ndarray
     jacobian: np.ndarray
-    delayed: np.ndarray
-    per_second: np.ndarray
+    delayed: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0)))
+    per_second: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
 
 class Dictionary:
@@ -74,14 +73,11 @@ class Dictionary:
         _, J = steps.rates(*points)
         self.by_force = J[:, active, steps.S :].reshape(K, R, -1, 3)
         begin = (z[:-1].reshape(K * R, -1).T, *points[1:])
-        self.actions = {
-            name: _action(steps, data, name, points, begin, active, wanted)
-            for name in steps.model.controls
-            if name in INPUTS
-        }
+        differences = _Differences(steps, data, points, begin, active)
+        self.actions = {name: differences.of_input(name) for name in steps.model.controls if name in INPUTS}
         self.swings = self.force_forms.after_the_rudder(data)
         self.place = self.force_forms.by_place(data, middle)
-        self.by_place = _of_places(steps, data, points, begin, active, wanted) if len(self.place.names) else {}
+        self.by_place = differences.of_places() if len(self.place.names) else {}
         held = np.concatenate([data.inputs, data.inputs[-1:]]).reshape((K + 1) * R, -1).T
         all_theta = steps.coefficients(point.theta, point.path.push.reshape(-1, 3).T)
         rate, J = steps.rates(z.reshape((K + 1) * R, -1).T, held, all_theta)
@@ -123,6 +119,7 @@ class Dictionary:
         """Derivative (C,) of 1/2 log det F along each column, of the linearisation ``at`` with these columns."""
         forms, sizes = self.forces, self.noise.force
         own = at.by_rates[..., : len(self.active)]  # (K, R, A, A)
+        # by the gradient of a form: forms depend on the logged states
         pull = np.einsum("kraf,krab->krfb", self.by_force, own)[..., :6]
         result = [(np.einsum("mkrb,krfb->mf", forms.gradients, pull) * sizes).ravel()]
         for action, size in self.scaled(at.linear, self.actions):
@@ -146,6 +143,7 @@ class Dictionary:
     def scaled(self, linear: LinearModel, actions: Mapping[str, Action]) -> list[tuple[Action, float]]:
         """Each of the ``actions``, and the unit of it that is as strong as the latent force."""
         inside = self.data.inside
+        # what a step of the latent force adds to the states
         strength = np.linalg.norm(linear.force * self.noise.force, axis=(2, 3))[inside]
         return [
             (a, float(np.sqrt((strength**2).mean() / max((a.step[inside] ** 2).sum(axis=1).mean(), 1e-300))))
@@ -153,8 +151,7 @@ class Dictionary:
         ]
 
     def _errors(self, linear: LinearModel) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """Errors of the sensors: channel, values (K + 1, R), gradients (K + 1, R, A + 3) by active states and latent
-        force."""
+        """Errors of sensors: channel, values (K + 1, R), gradients (K + 1, R, A + 3) by active states and force."""
         compared = np.asarray(self.data.good.any(axis=2))
         A, rows = len(self.active), []
         for channel, names in ERRORS.items():
@@ -196,83 +193,55 @@ def _sensor_forms(z: np.ndarray, data: GriddedTrials) -> Forms:
     return of_unit_size(evaluated(forms, [six, time], [z[..., :6], data.t], compared), compared)[0]
 
 
-def _action(
-    steps: TransitionModel,
-    data: GriddedTrials,
-    name: str,
-    points: Points,
-    begin: Points,
-    active: np.ndarray,
-    wanted: np.ndarray,
-) -> Action:
-    """The action of the input ``name``; points: middles of the steps, begin: their starts."""
-    i, small = steps.model.controls.index(name), DIFFERENCE[INPUTS[name][1]]
+@dataclass(frozen=True)
+class _Differences:
+    """Differences about a path: ``middle`` and ``begin`` of its steps, and its ``active`` states (A,)."""
 
-    def moved(at: Points, sign: int) -> Points:
-        held = at[1].copy()
-        held[i] += sign * small
-        return at[0], held, at[2]
+    steps: TransitionModel
+    data: GriddedTrials
+    middle: Points
+    begin: Points
+    active: np.ndarray
 
-    x = data.inputs[..., i]
-    k = time_scale(steps.ship.particulars["L"])
-    delayed, per_second = [], []
-    for delay in DELAYS:
-        late = max(1, round(delay * k / data.h))
-        values = x[np.maximum(np.arange(len(x)) - late, 0)] - x  # before the window the input is held
-        factor = unit(values, data.inside)
-        delayed.append(factor * values)
-        per_second.append(1 / (factor * late * data.h) if factor else 0.0)
-    both = np.stack(delayed), np.array(per_second)
-    return _by_difference(steps, data, moved, small, (points, begin), active, wanted, both)
+    def action(self, of: int, rows: int | list[int], small: float, is_share: bool = False) -> Action:
+        """What ``rows`` of the inputs (``of`` 1) or coefficients (2) do, by central differences: moved by ``small``, or
+        by this share of what they are, to either side."""
 
+        def moved(at: Points, sign: int) -> Points:
+            changed = at[of].copy()
+            changed[rows] = changed[rows] * (1 + sign * small) if is_share else changed[rows] + sign * small
+            return (at[0], changed, at[2]) if of == 1 else (at[0], at[1], changed)
 
-def _of_places(
-    steps: TransitionModel, data: GriddedTrials, points: Points, begin: Points, active: np.ndarray, wanted: np.ndarray
-) -> dict[str, Action]:
-    """What may differ from place to place: the water's velocity, and how much of the logged wind there is."""
-    none = np.zeros((0, *data.inputs.shape[:2])), np.zeros(0)
-    found = {}
-    for name, symbol in WATER.items():
-        if symbol in steps.ship.symbols:
-            i = steps.ship.symbols.index(symbol)
+        (K, R), A = self.data.inputs.shape[:2], len(self.active)
+        wanted = np.concatenate([self.active, self.steps.S + np.arange(3)])  # states and latent force
+        ends = [self.steps.advance(*moved(self.begin, sign)) for sign in (1, -1)]
+        rates, jacobians = zip(*(self.steps.rates(*moved(self.middle, sign)) for sign in (1, -1)), strict=True)
+        jacobian = ((jacobians[0] - jacobians[1]) / (2 * small))[:, self.active][:, :, wanted]
+        return Action(
+            step=((ends[0] - ends[1]) / (2 * small))[self.active].T.reshape(K, R, -1),
+            rates=((rates[0] - rates[1]) / (2 * small))[:, self.active].reshape(K, R, -1),
+            jacobian=jacobian.reshape(K, R, A, -1),
+        )
 
-            def streaming(at: Points, sign: int, i: int = i) -> Points:
-                theta = at[2].copy()
-                theta[i] += sign * SMALL
-                return at[0], at[1], theta
+    def of_input(self, name: str) -> Action:
+        """The action of the input ``name``, and of it some time ago."""
+        i, data = self.steps.model.controls.index(name), self.data
+        x, k = data.inputs[..., i], time_scale(self.steps.ship.particulars["L"])
+        delayed, per_second = [], []
+        for delay in DELAYS:
+            late = max(1, round(delay * k / data.h))
+            values = x[np.maximum(np.arange(len(x)) - late, 0)] - x  # before the window the input is held
+            factor = unit(values, data.inside)
+            delayed.append(factor * values)
+            per_second.append(1 / (factor * late * data.h) if factor else 0.0)
+        action = self.action(1, i, DIFFERENCE[INPUTS[name][1]])
+        return replace(action, delayed=np.stack(delayed), per_second=np.array(per_second))
 
-            found[name] = _by_difference(steps, data, streaming, SMALL, (points, begin), active, wanted, none)
-    wind = [steps.model.controls.index(name) for name in ("wind_north", "wind_east")]
-
-    def blowing(at: Points, sign: int) -> Points:
-        held = at[1].copy()
-        held[wind] *= 1 + sign * SMALL
-        return at[0], held, at[2]
-
-    if data.inputs[..., wind].any():
-        found["wind"] = _by_difference(steps, data, blowing, SMALL, (points, begin), active, wanted, none)
-    return {name: a for name, a in found.items() if a.step.any()}
-
-
-def _by_difference(
-    steps: TransitionModel,
-    data: GriddedTrials,
-    moved: Callable[[Points, int], Points],
-    small: float,
-    at: tuple[Points, Points],
-    active: np.ndarray,
-    wanted: np.ndarray,
-    delayed: tuple[np.ndarray, np.ndarray],
-) -> Action:
-    """The action of what ``moved`` moves by ``small`` to either side, by central differences; at: middles and starts of
-    the steps; delayed: columns and their parts of a second."""
-    K, R = data.inputs.shape[:2]
-    ends = [steps.advance(*moved(at[1], sign)) for sign in (1, -1)]
-    rates, jacobians = zip(*(steps.rates(*moved(at[0], sign)) for sign in (1, -1)), strict=True)
-    return Action(
-        step=((ends[0] - ends[1]) / (2 * small))[active].T.reshape(K, R, -1),
-        rates=((rates[0] - rates[1]) / (2 * small))[:, active].reshape(K, R, -1),
-        jacobian=((jacobians[0] - jacobians[1]) / (2 * small))[:, active][:, :, wanted].reshape(K, R, len(active), -1),
-        delayed=delayed[0],
-        per_second=delayed[1],
-    )
+    def of_places(self) -> dict[str, Action]:
+        """What may differ from place to place: the water's velocity, and how much of the logged wind there is."""
+        symbols = self.steps.ship.symbols
+        actions = {name: self.action(2, symbols.index(s), SMALL) for name, s in WATER.items() if s in symbols}
+        wind = [self.steps.model.controls.index(name) for name in ("wind_north", "wind_east")]
+        if self.data.inputs[..., wind].any():
+            actions["wind"] = self.action(1, wind, SMALL, is_share=True)
+        return {name: a for name, a in actions.items() if a.step.any()}

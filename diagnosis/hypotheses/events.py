@@ -96,7 +96,7 @@ class Events:
         for i, (action, size) in enumerate(self.forms.scaled(at.linear, self.forms.actions)):
             whole = np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
             by_step = size * action.delayed[DELAYS.index(LATE)] * whole
-            result[:, i * W : (i + 1) * W] = by_step.T @ self.stretches
+            result[:, i * W : (i + 1) * W] = by_step.T @ self.stretches  # summed over the steps of each stretch
         streams, w = self.forms.scaled(at.linear, _streams(self.forms)), self.waves.shape[1]
         for i, (action, size) in enumerate(streams, start=-len(streams)):
             whole = size * np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
@@ -128,8 +128,7 @@ def _streams(forms: Dictionary) -> dict[str, Action]:
 
 @dataclass(frozen=True)
 class EventSlopes:
-    """Slopes g (c,) of the log likelihood along the events of one kind, the free parameters projected out, and their
-    information S (c, c)."""
+    """Slopes g (c,) along the events of one kind and their information S (c, c), the free parameters projected out."""
 
     g: np.ndarray
     S: np.ndarray
@@ -141,14 +140,14 @@ class EventSlopes:
         return max(1.0, float(np.median(self.g**2 / np.diag(self.S)) / MEDIAN))
 
 
-def swing_backgrounds(found: Mapping[str, EventSlopes]) -> dict[str, float]:
+def swing_backgrounds(slopes: Mapping[str, EventSlopes]) -> dict[str, float]:
     """Ratio of the slopes' variance to their information for each kind of force that swings, at least 1, by its
     neighbours' median: random forces may have more at all swings near than their model says (gusts that are not
     logged, for instance), as a line of a spectrum is judged beside its surroundings (Thomson 1982).
 
-    found: the slopes by kind, as of ``event_slopes``.
+    slopes: the slopes by kind, as of ``event_slopes``.
     """
-    sizes = {k: float(np.mean(one.g**2 / np.diag(one.S))) for k, one in found.items() if k.startswith(SWINGING)}
+    sizes = {k: float(np.mean(one.g**2 / np.diag(one.S))) for k, one in slopes.items() if k.startswith(SWINGING)}
     each = list(sizes.values())
     near = [[each[j] for j in range(len(each)) if abs(i - j) in NEAR] for i in range(len(each))]
     return {k: max(1.0, float(np.median(some))) if some else 1.0 for k, some in zip(sizes, near, strict=True)}
@@ -165,11 +164,11 @@ def event_slopes(
     P = len(p)
     known = [*range(P), white.shape[3] - 1]
     flat = white[..., known].reshape(-1, P + 1)
-    inner, found = flat.T @ flat, {}
+    inner, slopes = flat.T @ flat, {}
     for kind in dict.fromkeys(kinds):
         at = np.array([k == kind for k in kinds])
         own = white[..., P:-1][..., at]
-        squares = np.einsum("krce,krcf->ref", own, own, optimize=True)
+        squares = np.einsum("krce,krcf->ref", own, own, optimize=True)  # within each run
         run, number = np.nonzero(np.einsum("ree->re", squares) > SEEN)
         if not len(run):
             continue
@@ -183,5 +182,5 @@ def event_slopes(
         # runs do not touch each other
         gram[P : P + n, P : P + n] = np.where(same, squares[run[:, None], number[:, None], number], 0.0)
         left = projected(gram, np.concatenate([logdet, along[:, at][run, number]]), p)
-        found[kind] = EventSlopes(left.g, left.S)
-    return found
+        slopes[kind] = EventSlopes(left.g, left.S)
+    return slopes

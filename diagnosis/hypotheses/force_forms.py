@@ -73,8 +73,7 @@ def spread_of(values: np.ndarray) -> np.ndarray:
 class SmoothBasis:
     """Smooth functions of variables, whose units and order are taken from trials.
 
-    values: (m, M) of the variables; scale: length over which a function changes; components: how many of the functions
-    are kept.
+    values: (m, M) of the variables; scale: length over which a function changes; components: functions kept.
     """
 
     def __init__(self, values: np.ndarray, scale: float, components: int) -> None:
@@ -88,7 +87,7 @@ class SmoothBasis:
         features -= self._mean[:, None]
         sizes, vectors = np.linalg.eigh(features @ features.T / features.shape[1])
         kept = np.argsort(-sizes)[:components]
-        kept = kept[sizes[kept] > 1e-9]
+        kept = kept[sizes[kept] > 1e-9]  # components of rounding alone
         # one factor for all: rougher ones stay smaller
         self._mix = vectors[:, kept].T / np.sqrt(sizes[kept].max(initial=1e-300))
 
@@ -105,10 +104,10 @@ class SmoothBasis:
         return Forms(tuple(f"{name} {i + 1}" for i in range(len(found))), values, gradients)
 
 
-OF_ONE, FINE = 8, 0.35  # set by hand
-"""Functions of each variable alone that are kept, and the length over which they change, in standard deviations."""
-OF_PLACE, PLACE = 12, 2.0
-"""Functions of the place that are kept, and the length over which they change [lengths of the ship]. Set by hand."""
+OF_ONE = 8  # Functions of each variable alone that are kept. Set by hand.
+FINE = 0.35  # Length over which they change, in standard deviations of the variable. Set by hand.
+OF_PLACE = 12  # Functions of the place that are kept. Set by hand.
+PLACE = 2.0  # Length over which they change [lengths of the ship]. Set by hand.
 # Periods [s of a 3 m model] of what swings after the rudder, as roll does.
 SWINGS = tuple(round(2.2 * 1.18**i, 1) for i in range(10))
 DAMPING = 0.07  # Its share of the critical damping. Set by hand.
@@ -195,6 +194,7 @@ class ForceForms:
         places = [i for i, name in enumerate(self.steps.model.controls) if name in RUDDERS]
         moved = data.inputs[..., places].sum(axis=2)
         omega = 2 * np.pi / (np.array(SWINGS) * time_scale(float(self.steps.ship.particulars["L"])))
+        # of x'' + 2 d w x' + w^2 x = 0 in (x, x' / w)
         step = np.stack([expm(data.h * np.array([[0, w], [-w, -2 * DAMPING * w]])) for w in omega])
         swing = np.zeros((*moved.shape, len(omega), 2))  # about where it would come to rest
         for k in range(1, len(moved)):

@@ -23,9 +23,12 @@ from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, sl
 from fitting.parallel import run_all
 from mmg.progress import OnProgress, Progress
 
-SHORT, SCREEN = 6, 0.05
-"""Candidates refitted, the best by the score test: twice the three that held 93 % of the true effects of a prototype,
-of those that it shows at this level; those in CURVED are refitted whatever it says. So it was measured."""
+# Candidates refitted, the best by the score test: twice the three that held 93 % of the true effects of a prototype. So
+# it was measured.
+SHORT = 6
+# Probability by chance from which the score test shows none (row ``refits of what the score test shows`` of
+# benchmarks/ablation.md).
+SCREEN = 0.05
 # Effects whose slope at the neutral value says little: a dead band acts only when it is as large as the motion.
 CURVED = ("rudder_backlash",)
 # The one threshold of the verdict, in log units: odds of 20 to 1 (strong evidence, Kass & Raftery 1995).
@@ -35,8 +38,7 @@ ODDS = float(np.log(20.0))
 MOST = 6
 # Better places without a new effect from which a search begins anew, before one more effect is selected.
 TRIES = 3  # set by hand
-IsPossible = Callable[[Estimate, Candidate], bool]
-"""Of a fit with a candidate: whether that has a size which it can have."""
+IsPossible = Callable[[Estimate, Candidate], bool]  # Whether a candidate has a size in a fit which it can have
 
 
 @dataclass(frozen=True)
@@ -124,8 +126,7 @@ def search(
     """Test all candidates of ``problem`` that are not ``named`` yet at the fit ``before``, and refit the best.
 
     seed: of the drawn law of the largest score; workers: processes over which the refits are spread; progress: called
-    after each refit; is_possible: as of ``IsPossible``. Returns the tests and the refits, judged by the problem's tests
-    as well.
+    after each; is_possible: as of ``IsPossible``. Returns tests and refits, judged by the problem's tests as well.
     """
     p = problem
     rest = [c for c in p.candidates if c.effect not in {e.effect for e in named}]
@@ -173,34 +174,28 @@ def _predictive(p: SearchProblem, nothing: Linearisation | None, fit: Estimate) 
 
 
 def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], ScoreTest, int]) -> RefittedEffect:
-    """``refit_candidate`` of the arguments in ``task``, as processes take them."""
-    return refit_candidate(*task)
+    """Refit with one effect more; one argument, as processes take it.
 
-
-def refit_candidate(
-    problem: SearchProblem, before: Estimate, named: Sequence[Candidate], score: ScoreTest, count: int
-) -> RefittedEffect:
-    """Refit ``problem`` from the fit ``before`` with the effects ``named`` and one more.
-
-    score: the test of the candidate, whose first-order estimate is the first value; count: candidates that were tested,
-    by which the probability is corrected. Returns the fit with its gain.
+    task: the problem; the fit before, from which it starts; the effects named so far; the test of the candidate, whose
+    estimate is the first value; how many were tested, which corrects the probability. Returns the fit and its gain.
     """
+    problem, before, named, score, count = task
     c = score.candidate
     start = {x: before.value(*x) for e in named for x in e.columns}
     if c.start is not None:
         first = c.start
     elif c.effect in CURVED:
-        first = np.clip(c.neutral + c.typical, c.lower, c.upper)
+        first = np.clip(c.neutral + c.typical, c.lower, c.upper)  # its slope at the neutral value says nothing
     else:
         first = np.clip(c.neutral + score.phi * c.typical, c.lower, c.upper)
         start |= followed(before, score, first)
     start |= dict(zip(c.columns, first, strict=True))
-    fit = refit(problem.steps, problem.data, problem.base, before, [*named, c], start, is_rough=True)
+    fit = refit(problem, before, [*named, c], start, is_rough=True)
     kept = sum(len(e.columns) for e in named)
     gain = gained(before, kept, fit, kept + len(c.columns)) / score.dispersion
-    by_chance = min(1.0, count * chi2_tail(2 * gain, score.degrees))
+    by_chance = min(1.0, count * chi2_tail(2 * gain, score.degrees))  # likelihood ratio, Bonferroni
     p_value = by_chance if c.effect in CURVED else min(score.p_value, by_chance)
-    return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value)
+    return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value)  # BIC (Schwarz 1978)
 
 
 def refitted_without(problem: SearchProblem, best: RefittedEffect, named: Sequence[Candidate]) -> Estimate:
@@ -209,7 +204,7 @@ def refitted_without(problem: SearchProblem, best: RefittedEffect, named: Sequen
     theta[[problem.steps.ship.symbols.index(s) for s in c.symbols]] = c.neutral
     start = {x: best.fit.value(*x) for e in named for x in e.columns}
     begin = replace(best.fit, theta=theta)
-    return refit(problem.steps, problem.data, problem.base, begin, list(named), start, MAX_FITS)
+    return refit(problem, begin, list(named), start, MAX_FITS)
 
 
 def select_effects(
@@ -222,8 +217,7 @@ def select_effects(
 ) -> Selection:
     """Select effects of ``problem`` one after the other while the evidence for the best of the rest exceeds ODDS.
 
-    null: the fit without effects; seed, workers, progress, is_possible: as of ``search``. Returns the effects and the
-    fits.
+    null: the fit without effects; seed, workers, progress, is_possible: as of ``search``. Returns effects and fits.
     """
     named, now, searches, tries = list[Candidate](), null, list[Search](), TRIES
     while len(named) < MOST:

@@ -32,9 +32,8 @@ from mmg.ship import AIR, Ship
 SECONDS = 150.0  # Time at sea of each manoeuvre [s of a 3 m model]. Set by hand.
 AIM = 10.0  # Standard error of a size that is good to have [% of it]. Set by hand.
 TOGETHER = 8  # Manoeuvres that are linearised together. Set by hand: bounds memory.
-TELLS_APART, MANY = 6.6, 50
-"""Misfit that tells two explanations apart at 1 %, and repetitions of a manoeuvre that nobody would run. The 99 %
-quantile of chi-squared of one degree of freedom, 6.63; repetitions by hand."""
+TELLS_APART = 6.6  # Misfit that tells two explanations apart at 1 %: 99 % quantile of chi-squared of 1 degree, 6.63
+MANY = 50  # Repetitions of a manoeuvre that nobody would run. Set by hand.
 
 
 def next_test(problem: SearchProblem, first: Estimate, candidates: Sequence[Candidate], ship: Ship) -> str:
@@ -132,8 +131,7 @@ def _simulated(problem: SearchProblem, ship: Ship) -> tuple[list[Option], list[T
 
 
 def _rolled_out(problem: SearchProblem, theta: np.ndarray, trials: Sequence[Trial]) -> tuple[GriddedTrials, Trajectory]:
-    """The ``trials`` on the grid of the ``problem``, and the paths of the model without latent force from their
-    begin."""
+    """The ``trials`` on the grid of the ``problem``, and paths of the model from their begin without latent force."""
     steps = problem.steps
     data = trials_in_gusts(steps, trials)
     data = acting(steps, data, theta)
@@ -150,26 +148,26 @@ def _order(option: Option) -> str:
 def _misfits(
     problem: SearchProblem, first: Estimate, one: Candidate, others: Sequence[Candidate], trials: Sequence[Trial]
 ) -> np.ndarray:
-    """Misfit (runs, others) of each other effect in place of the first (or of none, without others) in one run of each
-    of some manoeuvres."""
+    """Misfit (runs, others) in one run of each manoeuvre of each other effect, or of none, in place of the first."""
     steps = problem.steps
     data, path = _rolled_out(problem, first.theta, trials)
     effects = [one, *others]
     more = priors_of_effects(effects)
-    acting = {c.effect for c in effects}
-    kept = [s in first.free.symbols and s.partition(".")[0] not in acting for s in problem.base.symbols]
+    tested = {c.effect for c in effects}
+    kept = [s in first.free.symbols and s.partition(".")[0] not in tested for s in problem.base.symbols]
     base = problem.base.only(kept)
     P, free = len(base.symbols), base + more
     point = Point(first.theta, free, np.zeros(len(free.mean)), path, first.noise)
     linearised = linearise_and_filter(steps, data, point)
     known = [first.free.columns.index(c) for c in base.columns]
-    before = np.linalg.inv(first.covariance[np.ix_(known, known)])
+    before = np.linalg.inv(first.covariance[np.ix_(known, known)])  # information of the present trials
     q = len(one.columns)
     size = get_values(problem.steps.ship, problem.data, first.theta, one.columns)
     phi = (size - one.neutral) / more.std[:q]
     ends = np.cumsum([q, *(len(e.symbols) for e in others)])
     misfits = []
     for gram in _grams(data, linearised.white[..., :-1], len(trials)):
+        # without what the coefficients take, with what is known of them
         S = gram[P:, P:] - gram[P:, :P] @ np.linalg.solve(gram[:P, :P] + before, gram[:P, P:])
         row = [] if others else [phi @ S[:q, :q] @ phi]
         for begin, end in pairwise(ends):

@@ -13,19 +13,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.first_fit import MAX_FITS
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.linearisation import Point, linearise_and_filter
+from diagnosis.estimation.linearisation import Point, linearise_and_filter, path_of_all_states
 from diagnosis.estimation.map_estimate import Estimate, estimate
-from diagnosis.estimation.parameters import Priors, active_states, priors_of_effects
+from diagnosis.estimation.parameters import Priors, priors_of_effects
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.unnamed import unnamed_forms
 
-LEAST, ROUNDS = 0.1, 20  # set by hand
-"""Least standard deviation of an effect between runs, in typical sizes; rounds of expectation-maximisation."""
+LEAST = 0.1  # Least standard deviation of an effect between runs, in typical sizes. Set by hand.
+ROUNDS = 20  # Of expectation-maximisation. Set by hand.
 # Standard deviations within which an effect is the usual misfit in other trials. Without this limit trials with hardly
 # any random force had a current fitted 79 of them off before it was looked for.
 USUAL = 4.0
@@ -38,10 +37,9 @@ class Reference:
     """What the trials of the calibration show.
 
     priors: of the coefficients and of the parameters of all effects, for other trials; candidates: with the estimates
-    as their neutral values, unless they are STRONG; strong: those that are; theta: (all,) first coefficients; shift,
-    scatter: value of each parameter and its standard deviation between runs [typical sizes]; unnamed: log Bayes factor
-    of unnamed forms per grid time compared; unexplained: the same without the strong effects; noise: sizes of what is
-    random.
+    as neutral values, unless they are STRONG; strong: those that are; theta: (all,) first coefficients; shift, scatter:
+    of each parameter, and its standard deviation between runs [typical sizes]; unnamed: log Bayes factor of unnamed
+    forms per grid time compared; unexplained: that without strong effects; noise: sizes of what is random.
     """
 
     priors: Priors
@@ -71,16 +69,12 @@ def fit_reference(
     effects = priors_of_effects(candidates, 1.0)
     free = base + effects
     p = np.concatenate([null.p, np.zeros(len(effects.symbols))])
-    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, null.free.symbols, null.theta))
-    z = null.path.z
-    if len(passive):
-        z = steps.with_passive_states(z, acting(steps, data, null.theta).controls, null.theta, null.path.push, passive)
-    start = Point(null.theta, free, p, null.path.along(z), null.noise)
+    start = Point(null.theta, free, p, path_of_all_states(steps, data, null), null.noise)
     found = _with_likeliest_noise(steps, data, start)
     spread = _scatter(steps, data, found, len(base.symbols))
     P, known = len(base.symbols), found.p.copy()
     std = np.sqrt(np.diag(found.covariance))
-    std[P:] = np.hypot(std[P:], spread / np.sqrt(runs))
+    std[P:] = np.hypot(std[P:], spread / np.sqrt(runs))  # the mean of the other runs scatters too
     moved: list[Candidate] = []
     strong: list[Candidate] = []
     for c in candidates:
@@ -110,22 +104,23 @@ def _with_likeliest_noise(steps: TransitionModel, data: GriddedTrials, start: Po
     """The fit of ``start``, with its noise, that of the fit itself, or half way between them: where the likelihood is
     the largest with the parameters integrated out (Laplace's approximation).
 
-    So many parameters can explain most of the random force of a few runs. The likelihood is then the largest with
-    hardly any, and with errors of the parameters as small, unless these are integrated out (restricted likelihood,
-    Harville 1977).
+    So many parameters can explain most of the random force of a few runs. The likelihood is then largest with hardly
+    any, and errors as small, unless they are integrated out (restricted likelihood, Harville 1977).
     """
     fits = [estimate(steps, data, start, MAX_FITS, fixed_noise=True), estimate(steps, data, start, MAX_FITS)]
     one, other = (fit.noise for fit in fits)
+    # half way in the logarithms
     between = one.with_(force=np.sqrt(one.force * other.force), white=np.sqrt(one.white * other.white))
     fits.append(estimate(steps, data, replace(fits[0], noise=between), MAX_FITS, fixed_noise=True))
+    # Laplace: + log det of the information / 2
     return min(fits, key=lambda fit: fit.nll - 0.5 * float(np.linalg.slogdet(fit.covariance)[1]))
 
 
 def _without(steps: TransitionModel, data: GriddedTrials, fit: Estimate, effects: Sequence[Candidate]) -> Estimate:
     """The fit with these effects at their neutral values."""
-    theta, gone = fit.theta.copy(), [s for c in effects for s in c.symbols]
-    theta[[steps.ship.symbols.index(s) for s in gone]] = np.concatenate([c.neutral for c in effects])
-    kept = [s not in gone for s in fit.free.symbols]
+    theta, at_neutral = fit.theta.copy(), [s for c in effects for s in c.symbols]
+    theta[[steps.ship.symbols.index(s) for s in at_neutral]] = np.concatenate([c.neutral for c in effects])
+    kept = [s not in at_neutral for s in fit.free.symbols]
     start = Point(theta, fit.free.only(kept), fit.p[kept], fit.path, fit.noise)
     return estimate(steps, data, start, MAX_FITS)
 
@@ -140,8 +135,8 @@ def _scatter(steps: TransitionModel, data: GriddedTrials, fit: Estimate, first: 
     g = np.array([slopes[data.run == r][:, first:].sum(axis=0) for r in runs])
     std = np.ones(G.shape[1])
     for _ in range(ROUNDS):
-        C = np.linalg.inv(G + np.diag(std**-2.0))
+        C = np.linalg.inv(G + np.diag(std**-2.0))  # E: covariance of each run's own value
         move = np.einsum("rab,rb->ra", C, g)
-        std = np.sqrt(np.mean(move**2 + np.einsum("raa->ra", C), axis=0))
+        std = np.sqrt(np.mean(move**2 + np.einsum("raa->ra", C), axis=0))  # M: mean of the expected squares
         std = np.maximum(std, LEAST)
     return std

@@ -22,8 +22,7 @@ class SearchProblem:
     """What all hypotheses share: the transition model of the full ship, data, priors of its coefficients, candidates.
 
     expected_unnamed: log Bayes factor of unnamed forms that the trials of the calibration show, for as many samples;
-    expected_unnamed_null: the same without the effects that are strong in those trials; tests: trials that take no part
-    in any fit, or None.
+    expected_unnamed_null: that without effects that are strong there; tests: trials that no fit sees, or None.
     """
 
     steps: TransitionModel
@@ -52,36 +51,33 @@ def gained(fewer: Estimate, kept: int, more: Estimate, every: int) -> float:
 
 
 def refit(
-    steps: TransitionModel,
-    data: GriddedTrials,
-    base: Priors,
+    problem: SearchProblem,
     before: Estimate,
     effects: Sequence[Candidate],
     start: Mapping[Column, float],
     iterations: int = 8,
     is_rough: bool = False,
 ) -> Estimate:
-    """Fit with these ``effects``, from the fit ``before`` with fewer.
+    """Fit the ``problem`` with these ``effects``, from the fit ``before`` with fewer.
 
-    steps: the transition model; data: the trials; base: priors of the coefficients; start: first values of the effects'
-    parameters, and of those coefficients that do not begin where they are; iterations: linearisations at most;
-    is_rough: as of ``estimate``. Returns the fit.
+    start: first values of the effects' parameters, and of those coefficients that do not begin where they are;
+    iterations: linearisations at most; is_rough: as of ``estimate``. Returns the fit.
 
-    Where an effect has a prior among those of ``base``, as known from other trials, that is set aside. Where the ship
-    explodes at the first values of new effects, these are moved towards neutral.
+    A prior of an effect among those of the problem, as known from other trials, is set aside. Where the ship explodes
+    at the first values of new effects, these are moved towards neutral.
     """
-    more = priors_of_effects(effects)
-    free = base.only([s not in more.symbols for s in base.symbols]) + more
+    p, more = problem, priors_of_effects(effects)
+    free = p.base.only([s not in more.symbols for s in p.base.symbols]) + more
     first = np.array([start.get(c, m) for c, m in zip(more.columns, more.mean, strict=True)])
-    new = np.array([c not in before.free.columns for c in more.columns])
+    new = np.array([c not in before.free.columns for c in more.columns])  # known effects begin where they are
     moved = [c for c in free.columns if c in start and c not in more.columns]
-    here, there = get_values(steps.ship, data, before.theta, moved), np.array([start[c] for c in moved])
+    here, there = get_values(p.steps.ship, p.data, before.theta, moved), np.array([start[c] for c in moved])
     for share in SHARES:
         begin = np.where(new, more.mean + share * (first - more.mean), first)
         begin = np.concatenate([begin, here + share * (there - here)])
         try:
-            start_at = _start(steps, data, free, before, [*more.columns, *moved], begin)
-            return estimate(steps, data, start_at, iterations, is_rough=is_rough)
+            point = _start(p, free, before, [*more.columns, *moved], begin)
+            return estimate(p.steps, p.data, point, iterations, is_rough=is_rough)
         except UserError:
             if share == SHARES[-1]:
                 raise
@@ -89,20 +85,16 @@ def refit(
 
 
 def _start(
-    steps: TransitionModel,
-    data: GriddedTrials,
-    free: Priors,
-    before: Estimate,
-    columns: Sequence[Column],
-    first: np.ndarray,
+    problem: SearchProblem, free: Priors, before: Estimate, columns: Sequence[Column], first: np.ndarray
 ) -> Point:
     """Where the fit of ``free`` starts: from the fit ``before``, with first values of these columns."""
+    steps, data = problem.steps, problem.data
     theta = set_values(steps.ship, data, before.theta, columns, first)
     p = (get_values(steps.ship, data, theta, free.columns) - free.mean) / free.std
     active = active_states(steps, free.symbols, theta)
     asleep = np.setdiff1d(active, active_states(steps, before.free.symbols, before.theta))
     path = before.path
-    if len(asleep):
+    if len(asleep):  # states that were not followed before begin along the path
         controls = acting(steps, data, theta).controls
         path = path.along(steps.with_passive_states(path.z, controls, theta, path.push, asleep))
     return Point(theta, free, p, path, before.noise)

@@ -14,12 +14,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.special import chdtrc
 
-from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import DrivenColumns
-from diagnosis.estimation.linearisation import Point, linearise_and_filter, timing_columns
-from diagnosis.estimation.parameters import Priors, active_in_window, active_states
+from diagnosis.estimation.linearisation import Point, linearise_and_filter, path_of_all_states, timing_columns
+from diagnosis.estimation.parameters import Priors, active_in_window
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.effects import EFFECTS
 from mmg.motion.froude import time_scale
@@ -39,8 +38,7 @@ def dispersion(
 
     columns: (K + 1, R, 6, c) whitened, free parameters projected out; white: (K + 1, R, 6) negative residual; lags:
     steps over which residuals may be correlated; rows: (k,) grid times of which alone columns and residual are given,
-    which are zero at all others. The variance is that of Newey & West (1987), about what the columns
-    explain.
+    which are zero at all others. The variance is that of Newey & West (1987), about what the columns explain.
     """
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))  # rounding
     kept = values > 1e-6 * max(values.max(), 1e-300)
@@ -69,18 +67,17 @@ class Projected:
     taken: np.ndarray
 
 
-def projected(gram: np.ndarray, logdet: np.ndarray, p: np.ndarray, known: np.ndarray | None = None) -> Projected:
+def projected(gram: np.ndarray, logdet: np.ndarray, p: np.ndarray) -> Projected:
     """The columns after the first P of a linearisation without what these could imitate.
 
     gram: (P + C + 1, P + C + 1) products of the whitened columns, the negative residual last; logdet: (P + C,) slopes
-    of half the log determinant; p: (P,) free parameters, in prior standard deviations; known: (P, P) inverse covariance
-    of the prior (default: one of each).
+    of half the log determinant; p: (P,) free parameters, in prior standard deviations.
     """
     P = len(p)
-    prior = np.eye(P) if known is None else known
     slope = -(gram[:-1, -1] + logdet)
-    slope[:P] -= prior @ p  # the prior pulls, too: at the optimum both vanish together
-    taken = np.linalg.solve(gram[:P, :P] + prior, gram[:P, P:-1])
+    slope[:P] -= p  # the prior pulls, too: at the optimum both vanish together
+    taken = np.linalg.solve(gram[:P, :P] + np.eye(P), gram[:P, P:-1])
+    # Schur complement of the free parameters
     return Projected(slope[P:] - taken.T @ slope[:P], gram[P:-1, P:-1] - gram[P:-1, :P] @ taken, taken)
 
 
@@ -144,17 +141,13 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
 
     steps: the transition model; data: the trials; found: the fit; candidates: those tested. Returns the slopes.
     """
-    data = acting(steps, data, found.theta)
-    passive = np.setdiff1d(np.arange(steps.S), active_states(steps, found.free.symbols, found.theta))
-    active, z = np.arange(steps.S), found.path.z  # a candidate's memory takes part in the slope of the log determinant
-    if len(passive):
-        z = steps.with_passive_states(z, data.controls, found.theta, found.path.push, passive)
+    active = np.arange(steps.S)  # a candidate's memory takes part in the slope of the log determinant
     each = [x for c in candidates for x in c.columns]
     sizes = {s: size for c in candidates for s, size in zip(c.symbols, c.typical, strict=True)}
     symbols = list(sizes)
     typical, free, n = np.array([sizes[s] for s in symbols]), found.free, len(symbols)
     both = free + Priors(tuple(map(Column, symbols)), np.zeros(n), typical, np.full(n, -np.inf), np.full(n, np.inf))
-    point = Point(found.theta, both, np.zeros(len(both.columns)), found.path.along(z), found.noise)
+    point = Point(found.theta, both, np.zeros(len(both.columns)), path_of_all_states(steps, data, found), found.noise)
     timing = timing_columns(steps, data, point, active)
     pushed = DrivenColumns.pushing(timing)
     linearised = linearise_and_filter(steps, data, point, active, lambda _: [pushed], is_brief=True)
@@ -168,6 +161,7 @@ def slopes(steps: TransitionModel, data: GriddedTrials, found: Point, candidates
     pick = np.array([*range(P), *range(P + n, P + n + c), *(P + symbols.index(x.symbol) for x in each), P + n + c])
     acts = np.hstack([np.ones((len(data.run), P + c)), active_in_window(each, data), np.ones((len(data.run), 1))])
     grams = grams[:, pick[:, None], pick[None]] * acts[:, :, None] * acts[:, None]
+    # runs are independent
     gram, logdet_gradients = grams.sum(axis=0), (logdet_gradient[:, pick] * acts).sum(axis=0)[:-1]
     own = np.diag(gram)[P + c : -1].copy()
     rest = projected(gram, logdet_gradients, found.p)
@@ -195,7 +189,7 @@ def score_tests(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> li
     # rounding: a little below 0
     draws = rng.standard_normal((DRAWS, len(values))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
     tests = [_test(s, c, draws) for c in candidates]
-    least = np.min([null for _, null in tests], axis=0)
+    least = np.min([null for _, null in tests], axis=0)  # (DRAWS,) the smallest of all candidates
     count = sum(row.excited for row, _ in tests)
     rows = [replace(row, p_value=_largest(row.p_single, least, count) if row.T > 0 else 1.0) for row, _ in tests]
     return sorted(rows, key=lambda r: (r.p_single, -r.T))
@@ -214,11 +208,12 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[ScoreTest, np.nda
         return row, np.ones(len(draws))
     S = S[np.ix_(seen, seen)]
     inverse = np.linalg.pinv(S, rcond=1e-8, hermitian=True)
+    # fewer where two parameters look alike
     degrees = int(np.linalg.matrix_rank(S, tol=1e-8 * np.trace(S), hermitian=True))
     phi = np.zeros(len(at))
     phi[seen] = inverse @ s.g[at][seen]
     ratio = s.dispersion.get(c, 1.0)
-    T = float(phi[seen] @ s.g[at][seen]) / ratio
+    T = float(phi[seen] @ s.g[at][seen]) / ratio  # g' S^-1 g (Rao 1948)
     d = draws[:, at][:, seen]
     null = chdtrc(degrees, np.einsum("da,ab,db->d", d, inverse, d))  # chi2.sf without its checks of each call
     p = float(chdtrc(degrees, T))
@@ -226,7 +221,7 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[ScoreTest, np.nda
         null, p = np.where(d[:, 0] > 0, 0.5 * null, 1.0), 0.5 * p
         if phi[0] <= 0:
             T, p, phi = 0.0, 1.0, np.zeros(1)
-    absorbed = float(np.clip(1 - np.mean(np.diag(S) / own[seen]), 0.0, 1.0))
+    absorbed = float(np.clip(1 - np.mean(np.diag(S) / own[seen]), 0.0, 1.0))  # information lost by the projection
     errors = np.full(len(at), np.inf)
     errors[seen] = np.sqrt(ratio * np.diag(inverse))
     taken = s.taken[:, at] if len(s.taken) else s.taken

@@ -1,9 +1,8 @@
 """What is left unexplained, as a force: its size by channel, what it follows, when it acts, and where it would show.
 
 The force is a sum of unnamed forms, products and smooth functions of motion, inputs and wind, whose coefficients have a
-Gaussian prior of one size in each channel. The sizes are those of the largest marginal likelihood (empirical Bayes), 0
-where that is best without any force; the force is the mean of the posterior. What the free coefficients could imitate
-is not in it.
+Gaussian prior of one size in each channel. The sizes have the largest marginal likelihood (empirical Bayes), 0 where
+that is best; the force is the mean of the posterior, without what the free coefficients could imitate.
 """
 
 from __future__ import annotations
@@ -70,6 +69,7 @@ def estimated_force(unnamed: UnnamedForms) -> ForceEstimate:
         tried = [np.where(np.arange(3) == c, a, sizes) for a in SIZES]
         sizes = max(tried, key=lambda each: _evidence(g, S, each))
     root = np.repeat(sizes, len(g) // 3)
+    # (S + root^-2)^-1, also for a size of 0
     covariance = root[:, None] * np.linalg.inv(np.eye(len(g)) + root[:, None] * S * root) * root
     return ForceEstimate((covariance @ g).reshape(3, -1), covariance, words, sizes, unnamed.slopes.taken[:, order])
 
@@ -77,7 +77,7 @@ def estimated_force(unnamed: UnnamedForms) -> ForceEstimate:
 def _evidence(g: np.ndarray, S: np.ndarray, sizes: np.ndarray) -> float:
     """Log marginal likelihood of prior ``sizes`` (3,) against none; g: (3 m,) slopes, S: their information."""
     root = np.repeat(sizes, len(g) // 3)
-    A = np.eye(len(g)) + root[:, None] * S * root
+    A = np.eye(len(g)) + root[:, None] * S * root  # its determinant is that of the marginal covariance over S
     try:
         half = cholesky(A, lower=True, overwrite_a=True, check_finite=False)
     except np.linalg.LinAlgError:  # what is seen is nothing but rounding
@@ -91,8 +91,7 @@ def unexplained_force(
 ) -> UnexplainedForce:
     """The unexplained force ``found`` at a ``fit`` to ``data``, for diagnosis.json and the report.
 
-    evidence: for it, in log units; ship: the diagnosed one, for its masses; advice: which manoeuvre would tell
-    more, in words.
+    evidence: for it, in log units; ship: diagnosed, for its masses; advice: which manoeuvre would tell more.
     """
     forms = _net_forms(found, data, fit)
     force = np.einsum("n,nkrc->krc", found.mean.ravel(), forms)
@@ -122,6 +121,7 @@ def _net_forms(force: ForceEstimate, data: GriddedTrials, fit: Point) -> np.ndar
     linear = linearise_and_filter(force.dictionary.force_forms.steps, data, fit).linear
     velocities = np.where(data.inside[..., None, None], linear.force[:, :, 3:6], np.eye(3))
     unit = fit.free.std * active_in_window(fit.free.columns, data)
+    # (K, R, 3, P) force that does what a free coefficient does
     by_free = np.linalg.solve(velocities, linear.G[:, :, 3:6] * unit[None, :, None])
     return forms - np.einsum("krcp,pn->nkrc", by_free, force.taken, optimize=True)
 
@@ -135,7 +135,7 @@ def _channels(force: ForceEstimate, forms: np.ndarray, mass: np.ndarray) -> dict
     grams = np.einsum("nmc,pmc->cnp", forms, forms, optimize=True) / forms.shape[1]
     sizes = np.sqrt(np.maximum(np.einsum("dn,cnp,dp->dc", every, grams, every, optimize=True), 0.0))
     low, rms, high = np.quantile(sizes, [0.05, 0.5, 0.95], axis=0)
-    energy = rms**2 / mass
+    energy = rms**2 / mass  # as channels are compared in ``location.where``
     means = force.mean.ravel() @ forms.mean(axis=1)
     share = energy / max(energy.sum(), 1e-300)
     return {

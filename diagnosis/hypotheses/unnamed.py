@@ -34,24 +34,26 @@ SIZES = (0.03, 0.1, 0.3, 1.0)  # set by hand: factors of three
 MULTIPLES = (0.25, 1.0, 4.0)
 # Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact.
 TOLERANCE = 0.05  # set by hand
+# Share of the logged wind's force that may be missing at a place where nothing is wrong, and prior standard deviations
+# of what may be wrong there. Of anemometers mean speeds within 10 % are required (WMO No. 8, 2023, annex 1.A), which is
+# 20 % of the force; gusts between the samples of 10 % of the speed with a memory of 1 s leave 6 % in a mean of 20 s.
 WIND_TOLERANCE, WIND_SIZES = 0.05, (0.1, 0.3, 1.0)
-"""Share of the logged wind's force that may be missing at a place where nothing is wrong, and prior standard deviations
-of what may be wrong there. Of anemometers mean speeds within 10 % are required (WMO No. 8, 2023, annex 1.A), which is
-20 % of the force; gusts between the samples of 10 % of the speed with a memory of 1 s leave 6 % in a mean of 20 s."""
 # Information from which a direction is seen: forms that add up to nothing on the trials may have a slope yet.
 SEEN = 0.01  # set by hand
 
 
 @dataclass(frozen=True)
 class UnnamedSlopes:
-    """Slopes g (C,) of the log likelihood along the columns of a ``dictionary``, the free parameters projected out,
-    their information S (C, C), and by kind of sensor error, for the share of the wind and for forces that swing,
-    the ratio of the slopes' variance to that information, at least 1: it is larger where residuals are correlated
-    in time, as of sensors with a memory or in gusts, and where random forces are not as fast or as slow as in the
-    model. taken: (P, c) multiples of the free parameters that were projected out, by those of the dictionary. Its
-    columns are the first; those of ``events`` follow, kind by kind, as if independent of all others. wind: share of
-    the logged wind whose force is as strong as what is random, the unit of its columns; of_events: size of events,
-    by kind, that is nothing."""
+    """Slopes g (C,) of the log likelihood along the columns of a ``dictionary``, the free parameters projected out, and
+    their information S (C, C).
+
+    dispersion: of errors of sensors, the share of the wind and forces that swing, by kind, the ratio of the slopes'
+    variance to that information, at least 1: it is larger where residuals are correlated in time, as of sensors with a
+    memory or in gusts, and where random forces are not as fast or as slow as in the model; taken: (P, c) multiples of
+    the free parameters that were projected out, by the columns of the dictionary, which are the first; those of
+    ``events`` follow, kind by kind, as if independent of all others; wind: share of the logged wind whose force is as
+    strong as what is random, the unit of its columns; of_events: size of events, by kind, that is nothing.
+    """
 
     g: np.ndarray
     S: np.ndarray
@@ -78,13 +80,13 @@ class UnnamedSlopes:
         """Columns (C,) of the forces of each kind that depend on the same few variables."""
         labels = self.dictionary.labels
         groups = by_variables([form for kind, form in labels if kind == FORCES[0]])
-        found = {
+        columns = {
             f"{axis} ({words})": np.array([kind == axis and form in names for kind, form in labels])
             for axis in FORCES
             for words, names in groups.items()
         }
         beyond = np.zeros(len(self.events), dtype=bool)
-        return {name: np.concatenate([at, beyond]) for name, at in found.items() if at.any()}
+        return {name: np.concatenate([at, beyond]) for name, at in columns.items() if at.any()}
 
     def _sizes(self, kind: str) -> tuple[float, ...]:
         """Prior standard deviations of the columns of a ``kind``, in the sizes of what is random."""
@@ -105,7 +107,7 @@ class UnnamedSlopes:
         }
         # each kind as likely before
         mixture = np.logaddexp.reduce(np.stack(list(logs.values())), axis=0) - np.log(len(logs))
-        alone = _logs_of(g[..., single, None], np.diag(S)[single, None], 0.0, SIZES)
+        alone = _logs_of(g[..., single, None], np.diag(S)[single, None], 0.0, SIZES)  # each column by itself
         each = np.logaddexp.reduce(alone, axis=0) - np.log(len(alone))
         return mixture, each.max(axis=-1) - np.log(single.sum()), logs
 
@@ -155,7 +157,7 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, point: Point) ->
     white = linearised.white
     flat = white.reshape(-1, white.shape[3])
     own, gram = flat[:, :C], np.empty((C + 1, C + 1))
-    gram[:C, :C], gram[C, :C] = own.T @ own, flat[:, -1] @ own
+    gram[:C, :C], gram[C, :C] = own.T @ own, flat[:, -1] @ own  # products with the residual stand last
     gram[:, C] = np.append(gram[C, :C], flat[:, -1] @ flat[:, -1])
     rest = projected(gram, np.concatenate([by_free, forms.logdet_gradient(linearised)]), p)
     lags = memory_steps(length, data.h)
@@ -201,6 +203,7 @@ def log_bayes(
     logs = _logs_of(along, np.maximum(values, 0.0), tolerance, sizes)
     squared = along**2 / np.where(seen, values, 1.0)
     for m in (np.where(seen, np.minimum(multiple, max(SIZES) ** 2 * values), 0.0) for multiple in multiples):
+        # g-prior: variance m / S along each direction
         logs.append(0.5 * (squared * (m / (1 + m)) - np.log1p(m)).sum(axis=-1))
     return np.asarray(np.logaddexp.reduce(logs, axis=0) - np.log(len(logs)))
 
@@ -211,6 +214,7 @@ def _logs_of(along: np.ndarray, values: np.ndarray, tolerance: float, sizes: Seq
     logs = []
     for a in [a for a in sizes if a > tolerance] or [3.0 * tolerance]:
         other = 1 + a**2 * values
+        # of two Gaussian marginal likelihoods
         gain = along**2 * ((a**2 - tolerance**2) / (null * other)) - np.log(other / null)
         logs.append(0.5 * gain.sum(axis=-1))
     return logs

@@ -2,9 +2,8 @@
 
 The floor is what a complete model would leave that was fitted to the same trials: errors of the sensors, from whose
 rows a prediction begins, random forces along its way, and the uncertainty of the coefficients. It comes from trials
-that the fitted model simulates, and is at most the error that the model leaves with what was named. What lies above it
-could be avoided; each effect has the part by which the error falls as it is added, in the order in which they were
-found.
+that the fitted model simulates, and is at most the error that the model leaves with what was named. What lies above
+could be avoided; an effect has the part by which the error falls as it is added, in the order of the selection.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import initial_trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import set_values
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import LEFT_OUT, TESTS, Budget, BudgetShare
 from diagnosis.hypotheses.forward_selection import Selection
@@ -62,7 +60,7 @@ def budget_of(
     complete = predicted[-1] if missing is None or tests is None else with_force(steps, seen, final, missing)
     floor = min(float(simulated.mean.mean()), mean[-1], float(complete.mean.mean()))
     drawn = _drawn([*predicted, complete], floors, rng)  # (DRAWS, fits and floor)
-    gap = drawn[:, 0] - drawn[:, -1]
+    gap = drawn[:, 0] - drawn[:, -1]  # what could be avoided, by draw
     rows: list[BudgetShare] = []
     if (gap <= 0).mean() <= SURE and mean[0] > floor:
         shares = -np.diff(drawn[gap > 0], axis=1) / gap[gap > 0, None]
@@ -110,10 +108,9 @@ def left_out_errors(steps: TransitionModel, data: GriddedTrials, fit: Estimate) 
     parts = []
     for run in np.unique(data.run):
         own = data.run == run
-        without = every - gram[own, :-1, :-1].sum(axis=0)
-        p = np.clip(fit.p + np.linalg.solve(without, slope[own].sum(axis=0)), *fit.free.scaled_bounds)
-        theta = set_values(steps.ship, data, fit.theta, fit.free.columns, fit.free.mean + fit.free.std * p)
-        parts.append(_errors(steps, data.windows(own), theta))
+        without = every - gram[own, :-1, :-1].sum(axis=0)  # information of the other runs and the priors
+        moved = fit.with_values(steps.ship, data, fit.p + np.linalg.solve(without, slope[own].sum(axis=0)))
+        parts.append(_errors(steps, data.windows(own), moved.theta))
     return WindowErrors.joined(parts)
 
 
@@ -121,20 +118,17 @@ def with_force(steps: TransitionModel, data: GriddedTrials, fit: Estimate, missi
     """Errors in ``data`` of the ``fit`` of ``steps`` with a ``missing`` force and the coefficients that go with it."""
     z = initial_trajectory(steps, data, fit.theta).z
     force = missing.on(data, 0.5 * (z[:-1] + z[1:]))
-    p = np.clip(fit.p - missing.taken @ missing.mean.ravel(), *fit.free.scaled_bounds)
-    theta = set_values(steps.ship, data, fit.theta, fit.free.columns, fit.free.mean + fit.free.std * p)
-    return errors(steps, data, theta, window_length(steps.ship), force=force)
+    moved = fit.with_values(steps.ship, data, fit.p - missing.taken @ missing.mean.ravel())
+    return errors(steps, data, moved.theta, window_length(steps.ship), force=force)
 
 
 def _floors(steps: TransitionModel, data: GriddedTrials, fit: Estimate, rng: np.random.Generator) -> list[WindowErrors]:
-    """Errors of ships with coefficients as uncertain as those of a ``fit`` in trials that it simulates along
-    ``data``."""
-    found = []
+    """Errors of ships as uncertain as the coefficients of a ``fit``, in trials that it simulates along ``data``."""
+    errors_of_draws = []
     for seen in simulated_trials(steps, data, fit, SIMULATED, rng):
-        p = np.clip(rng.multivariate_normal(fit.p, fit.covariance, method="eigh"), *fit.free.scaled_bounds)
-        theta = set_values(steps.ship, data, fit.theta, fit.free.columns, fit.free.mean + fit.free.std * p)
-        found.append(_errors(steps, seen, theta))
-    return [e for e in found if np.isfinite(e.mean).all()]
+        drawn = rng.multivariate_normal(fit.p, fit.covariance, method="eigh")
+        errors_of_draws.append(_errors(steps, seen, fit.with_values(steps.ship, data, drawn).theta))
+    return [e for e in errors_of_draws if np.isfinite(e.mean).all()]
 
 
 def simulated_trials(
@@ -157,11 +151,12 @@ def simulated_trials(
 def _drawn(predicted: Sequence[WindowErrors], floors: Sequence[WindowErrors], rng: np.random.Generator) -> np.ndarray:
     """Mean errors (DRAWS, fits and floor) of runs drawn again, each with one of the ``floors``. predicted: by all
     fits and by the complete model; the floor is at most the last two."""
-    found = redrawn_means([e.mean for e in (*predicted, *floors)], predicted[0].run, rng)
+    means = redrawn_means([e.mean for e in (*predicted, *floors)], predicted[0].run, rng)
     which = len(predicted) + rng.choice(len(floors), DRAWS)
     last = len(predicted) - 1
-    floor = np.minimum(found[np.arange(DRAWS), which], found[:, last - 1 : last + 1].min(axis=1))
-    return np.column_stack([found[:, :last], floor])
+    # the floor is at most what was reached
+    floor = np.minimum(means[np.arange(DRAWS), which], means[:, last - 1 : last + 1].min(axis=1))
+    return np.column_stack([means[:, :last], floor])
 
 
 def processes(shape: tuple[int, ...], sizes: np.ndarray, tau: float, h: float, rng: np.random.Generator) -> np.ndarray:
@@ -170,5 +165,5 @@ def processes(shape: tuple[int, ...], sizes: np.ndarray, tau: float, h: float, r
     x = rng.standard_normal((*shape, len(sizes)))
     left = np.exp(-h / tau)
     for k in range(1, len(x)):
-        x[k] = left * x[k - 1] + np.sqrt(1 - left**2) * x[k]
+        x[k] = left * x[k - 1] + np.sqrt(1 - left**2) * x[k]  # variance 1 at every step
     return x * sizes

@@ -15,8 +15,9 @@ from functools import cache
 import numpy as np
 
 from cases.evidence.tails import chi2_tail
+from cases.shipfiles.effects import parameters
 from cases.trial import Trial
-from diagnosis.estimation.candidates import Candidate, FullModel, parameters
+from diagnosis.estimation.candidates import Candidate, FullModel
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
@@ -26,7 +27,6 @@ from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.prepare import Prepared
 from diagnosis.summary import parameters_of
-from mmg.effects import EFFECTS
 from mmg.messages import Message
 from mmg.progress import OnProgress
 from mmg.ship import Ship
@@ -107,11 +107,11 @@ def judged_search(
     return JudgedSearch(found, forms, verdict, is_left, (*reasons, *_acts_like(full, found)))
 
 
-FAR_OFF, RARE, FAR_WITHOUT = 5.0, 1e-4, 8.0
-"""Prior standard deviations of one coefficient, and probability by chance of all together, from which the ship that
-fits is not the ship that was given, so that no effect is named; and deviations from which not even "none" can be said.
-Of 12 sets of trials whose ship was given with coefficients off by 30 %, stated to 8 %, six had a name without this and
-one with it. So it was measured."""
+# Where the ship that fits is not the ship that was given. Of 12 sets of trials whose ship was given with coefficients
+# off by 30 %, stated to 8 %, six had a name without these and one with them. So it was measured.
+FAR_OFF = 5.0  # Prior standard deviations of one coefficient from which no effect is named
+RARE = 1e-4  # Probability by chance of all coefficients together below which none is
+FAR_WITHOUT = 8.0  # Prior standard deviations from which not even "none" can be said
 
 
 def another_ship(fit: Estimate, ship: Ship, is_named: bool) -> Message | None:
@@ -123,6 +123,7 @@ def another_ship(fit: Estimate, ship: Ship, is_named: bool) -> Message | None:
     rows = {}
     for symbol, p, std in zip(fit.free.symbols, fit.p, fit.free.std, strict=True):
         if "." not in symbol and symbol in ship.coefficients:
+            # in the wider of both priors
             rows[symbol] = float(p * std / max(std, ship.coefficients[symbol].prior_std or 0.0))
     sizes = np.abs(list(rows.values()))
     most, together = sizes.max(initial=0.0), chi2_tail(float((sizes**2).sum()), len(sizes))
@@ -173,18 +174,17 @@ def _oscillation(ready: Prepared) -> Message:
 
 
 def impossible_size(full: FullModel, fit: Estimate, candidate: Candidate) -> str:
-    """Which parameter of a ``candidate`` in a ``fit`` of the ``full`` model is surely less or more than it can be in
-    nature, in words, or nothing."""
+    """Which parameter of a ``candidate`` in a ``fit`` of ``full`` is surely outside what it can be, in words, or ""."""
     limited = [p for p in parameters(full.ship, candidate.effect) if math.isfinite(p.least) or math.isfinite(p.most)]
     sizes = parameters_of(full, fit, candidate) if limited else {}
     calibrated = any(c.prior_std is not None for c in full.ship.coefficients.values())
     for p in (p for p in limited if p.symbol in sizes):
-        found, least = sizes[p.symbol], p.least - (p.lost if calibrated else 0.0)
-        limit = f"less than {least:.3g}" if found.value + 2 * found.std < least else ""
-        limit = f"more than {p.most:.3g}" if found.value - 2 * found.std > p.most else limit
+        estimated, least = sizes[p.symbol], p.least - (p.lost if calibrated else 0.0)
+        limit = f"less than {least:.3g}" if estimated.value + 2 * estimated.std < least else ""
+        limit = f"more than {p.most:.3g}" if estimated.value - 2 * estimated.std > p.most else limit
         if limit:
-            size = f"{p.symbol} = {found.value:.3g} ± {found.std:.2g} {found.unit}".rstrip()
-            return f"{candidate.effect} ({size}), which cannot be {limit} {found.unit}".rstrip()
+            size = f"{p.symbol} = {estimated.value:.3g} ± {estimated.std:.2g} {estimated.unit}".rstrip()
+            return f"{candidate.effect} ({size}), which cannot be {limit} {estimated.unit}".rstrip()
     return ""
 
 
@@ -192,11 +192,11 @@ def beyond_reported(effects: Sequence[NamedEffect], ship: Ship) -> list[Message]
     """A sentence on each of the named ``effects`` of a ``ship`` that is surely larger than any known of."""
     rows = []
     for e in effects:
-        for p in EFFECTS[e.name].parameters(ship.namespace, dict(ship.components)):
-            found = e.parameters.get(p.symbol)
-            if found is None or abs(found.value - p.neutral) - 2 * found.std <= p.reported:
+        for p in parameters(ship, e.name):
+            estimated = e.parameters.get(p.symbol)
+            if estimated is None or abs(estimated.value - p.neutral) - 2 * estimated.std <= p.reported:
                 continue
-            size = f"{found.value:.3g} +- {found.std:.2g} {found.unit}".rstrip()
+            size = f"{estimated.value:.3g} +- {estimated.std:.2g} {estimated.unit}".rstrip()
             words = f"{e.name} of {p.symbol} {size} is more than any that is known of ({p.reported:g})"
             rows.append(Message(f"{words}: something else adds to it, or stands behind it", "beyond_reported"))
     return rows
@@ -239,8 +239,8 @@ def limits(
     return [Message(words, code) for code, words in rows]
 
 
-FAR, LONG = 3.0, 3.0  # set by hand
-"""Prior standard deviations from which a coefficient is far off; memories of the random force that a run lasts."""
+FAR = 3.0  # Prior standard deviations from which a coefficient is far off. Set by hand.
+LONG = 3.0  # Memories of the random force that a run lasts at least. Set by hand.
 
 
 def _doubts(ready: Prepared, named: Estimate | None) -> list[tuple[str, str]]:

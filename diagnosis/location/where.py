@@ -33,10 +33,10 @@ STEADY, CHANGING = "steady turning", "entering a turn / yaw changing"
 STRAIGHT, ACCELERATING = "straight ahead", "accelerating"
 STOPPING, SLOW = "stopping / astern (n<0)", "drifting slow"
 PHASES = (STRAIGHT, ACCELERATING, CHANGING, STEADY, STOPPING, SLOW)
+# Shares of the usual speed of the trials: below the first a ship is slow; faster astern than the second, it backs.
 SLOW_SHARE, ASTERN_SHARE = 0.25, 0.05  # set by hand: they name bins
-"""Shares of the usual speed of the trials: below the first a ship is slow; faster astern than the second, it backs."""
+# r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed.
 TURNING, TURN_CHANGE, SPEED_CHANGE = 0.1, 0.1, 0.03  # set by hand: they name bins
-"""r L/U, r' (L/U)^2 and u' L/U^2 from which a ship turns, changes its turn, changes its speed."""
 FEW = 12  # An input with no more different values than this has a bin for each of them. Set by hand: display.
 
 
@@ -88,28 +88,28 @@ def variables_of(names: Sequence[str], data: GriddedTrials, z: np.ndarray) -> li
     middle = 0.5 * (z[:-1] + z[1:])[inside]
     x, y, psi, u, v, r = middle[:, :6].T
     inputs = {name: data.inputs[..., i][inside] for i, name in enumerate(names)}
-    found = [
+    variables = [
         Variable("u", "m/s", u, quantile_edges(u)),
         Variable("v", "m/s", v, signed_edges(v)),
         Variable("r", "rad/s", r, signed_edges(r)),
     ]
     for name in (n for n in INPUTS if n in inputs):
-        found.append(Variable(name, INPUTS[name][1], inputs[name], signed_edges(inputs[name])))
+        variables.append(Variable(name, INPUTS[name][1], inputs[name], signed_edges(inputs[name])))
         if name in RUDDERS:
             rate = (np.gradient(data.inputs[..., names.index(name)], data.h, axis=0))[inside]
             edges = np.abs(rate).max() * np.array([-1.0001, -0.1, 0.1, 1.0001])  # to port, at rest, to starboard
-            found.append(Variable(f"rate of {name}", "rad/s", rate, edges))
+            variables.append(Variable(f"rate of {name}", "rad/s", rate, edges))
     if any(np.any(inputs.get(name, 0.0)) for name in ("wind_north", "wind_east")):
         a_x, a_y = relative_air(inputs["wind_north"], inputs["wind_east"], psi, u, v)
         speed, angle = np.hypot(a_x, a_y), in_sectors(np.arctan2(-a_y, -a_x))
-        found.append(Variable("apparent wind speed", "m/s", speed, quantile_edges(speed)))
-        found.append(Variable("apparent wind angle", "rad", angle, SECTORS))
-    found.append(Variable("heading", "rad", in_sectors(psi), SECTORS))
-    found.append(Variable("x, north", "m", x, quantile_edges(x, 4)))
-    found.append(Variable("y, east", "m", y, quantile_edges(y, 4)))
+        variables.append(Variable("apparent wind speed", "m/s", speed, quantile_edges(speed)))
+        variables.append(Variable("apparent wind angle", "rad", angle, SECTORS))
+    variables.append(Variable("heading", "rad", in_sectors(psi), SECTORS))
+    variables.append(Variable("x, north", "m", x, quantile_edges(x, 4)))
+    variables.append(Variable("y, east", "m", y, quantile_edges(y, 4)))
     clock = data.t[:-1][inside]
-    found.append(Variable("time since the start", "s", clock, quantile_edges(clock, 4)))
-    return [f for f in found if len(f.edges) > 2 and np.ptp(f.values) > 1e-6 * np.abs(f.values).max()]
+    variables.append(Variable("time since the start", "s", clock, quantile_edges(clock, 4)))
+    return [f for f in variables if len(f.edges) > 2 and np.ptp(f.values) > 1e-6 * np.abs(f.values).max()]
 
 
 def phases(names: Sequence[str], data: GriddedTrials, z: np.ndarray, length: float) -> np.ndarray:
@@ -134,8 +134,8 @@ def phases(names: Sequence[str], data: GriddedTrials, z: np.ndarray, length: flo
         STEADY: np.abs(r) * length / U > TURNING,
         ACCELERATING: np.abs(du) * length / U**2 > SPEED_CHANGE,
     }
-    found = np.select(list(rules.values()), [PHASES.index(name) for name in rules], PHASES.index(STRAIGHT))
-    return found[inside]
+    phase = np.select(list(rules.values()), [PHASES.index(name) for name in rules], PHASES.index(STRAIGHT))
+    return phase[inside]
 
 
 def _change(z: np.ndarray, reach: int, steps: np.ndarray) -> np.ndarray:
@@ -147,8 +147,7 @@ def _change(z: np.ndarray, reach: int, steps: np.ndarray) -> np.ndarray:
 
 
 CHANNELS, UNITS = ("surge", "sway", "yaw"), ("N", "N", "N m")
-MOST, EACH = 30, 3
-"""Most regions listed: of all, and of one variable and channel. Set by hand: display."""
+MOST, EACH = 30, 3  # Most regions listed: of all, and of one variable and channel. Set by hand: display.
 ENOUGH = 5.0  # Correlation times tau of the latent force that a region must last to be listed. Set by hand.
 
 
@@ -183,8 +182,7 @@ def by_variable(variables: Sequence[Variable], s: Samples) -> tuple[list[dict[st
     """The force averaged in bins: rows by variable and channel (for the figure), the best explained first, and of the
     bins the regions, those with clearly more force than all other samples, the clearest first, at most MOST.
 
-    variables; s: samples. "explained": share of the mean square of the force due to its mean by bin, less the share
-    expected by chance.
+    variables; s: samples. "explained": share of the mean square due to the mean by bin, less that expected by chance.
     """
     rows: list[dict[str, Any]] = []
     regions: list[tuple[float, dict[str, Any]]] = []
@@ -200,10 +198,11 @@ def by_variable(variables: Sequence[Variable], s: Samples) -> tuple[list[dict[st
         mean, rms = means(s.force, member), np.sqrt(means(s.force**2, member))
         later = means(s.after, member) if s.after is not None else None
         spread = np.sqrt(np.maximum(rms**2 - mean**2, 0.0) / np.maximum(lasts / 2, 1.0)[:, None])
-        chance = 2 * s.tau * len(count) / (len(s.force) * s.h)
+        chance = 2 * s.tau * len(count) / (len(s.force) * s.h)  # each bin's mean takes one of the independent samples
         outside = np.maximum(len(s.force) - count, 1)[:, None]
         rest = (len(s.force) * average - count[:, None] * mean) / outside
         rest_square = np.maximum((len(s.force) * square - count[:, None] * rms**2) / outside, 1e-12 * square + 1e-300)
+        # of a log mean square of n samples: 2 / n
         variance = 2 * (1 / lasts + 1 / np.maximum(total - lasts, 0.5))[:, None]
         z = np.log(np.maximum(rms**2 / rest_square, 1e-12)) / np.sqrt(variance)
         mean_z = (mean - rest) / np.sqrt(variance * np.maximum(square, 1e-300))
@@ -315,7 +314,7 @@ def _energies(data: GriddedTrials, force: np.ndarray, edges: Sequence[float]) ->
         part = force[:steps, w]
         frequency, square = periodogram(part, data.h)
         at = np.clip(np.digitize(frequency, edges), 1, len(edges) - 1)
-        result[0] += steps * part.mean(axis=0) ** 2
+        result[0] += steps * part.mean(axis=0) ** 2  # the periodogram is of the force less its mean
         np.add.at(result, at, steps * square)
     return result / data.steps.sum()
 

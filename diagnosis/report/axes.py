@@ -19,8 +19,7 @@ COLOURS = {"part": AFTER, "rest": BEFORE, "floor": GREY}
 
 @dataclass(frozen=True, repr=False)
 class DiagnosisAxes:
-    """The figures of ``findings``; forces: the missing force along its trials, by name. ax: where to draw, None: new
-    axes."""
+    """The figures of ``findings``; forces: the missing force by trial. ax: where to draw, None: new axes."""
 
     findings: Findings
     forces: dict[str, MissingForce]

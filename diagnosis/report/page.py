@@ -23,11 +23,10 @@ from diagnosis.findings import Findings
 from diagnosis.groups.between import table_rows
 from diagnosis.location.where import CHANNELS
 from diagnosis.report import words
-from diagnosis.report.gap_figure import gap_figure
 from diagnosis.report.words import TURN_BACK, shown_unit
-from diagnosis.validation.gap import Gap
+from diagnosis.validation.gap import FLOOR, REFITTED, Gap
 from fitting.report.page import rendered, write_page
-from fitting.report.plot_style import AFTER, BEFORE, MEASURED, FigureFolder, dress, figures_of, new_figure
+from fitting.report.plot_style import AFTER, BEFORE, GREY, MEASURED, FigureFolder, dress, figures_of, new_figure
 from fitting.report.plots import OUTLINE
 from fitting.report.run_folder import FIGURES, PAGE
 from mmg.errors import UserError
@@ -195,6 +194,41 @@ def unexplained_figure(d: Findings) -> Figure:
     return figure
 
 
+def gap_figure(gap: Gap) -> Figure:
+    """Errors of position and heading by model in a ``gap`` with 90 % intervals; below, accelerations that the network
+    adds, over the feature that they follow most, with those of the named effects."""
+    channels = list(gap.learned.items())
+    high, low = 1.0 + 0.34 * len(gap.rows), 2.6 if channels else 0.0
+    figure = new_figure(high + low)
+    grid = figure.add_gridspec(2 if channels else 1, 6, height_ratios=[high, low] if channels else [high])
+    pair = [figure.add_subplot(grid[0, :3]), figure.add_subplot(grid[0, 3:])]
+    places = np.arange(len(gap.rows))[::-1]
+    colours = [{REFITTED: BEFORE, FLOOR: GREY}.get(row.name, AFTER) for row in gap.rows]
+    for ax, name, unit in zip(pair, ("position", "heading"), ("m", "deg"), strict=True):
+        key = f"{name}_{unit}"
+        values = np.array([getattr(row, key) for row in gap.rows], dtype=float)
+        ends = np.array([getattr(row, f"{name}_90") for row in gap.rows], dtype=float).T
+        dress(ax, f"{name} error after {gap.seconds:.3g} s [{unit}]")
+        ax.barh(places, values, height=0.62, color=colours, alpha=0.75)
+        ax.hlines(places, *ends, color=MEASURED, lw=1.1)
+        ax.set_xlim(0, 1.08 * max(float(np.nanmax(ends)), 1e-9))
+        ax.set_yticks(places, [row.name + (" (declined)" if row.kept is False else "") for row in gap.rows])
+        ax.grid(False, axis="y")
+    pair[1].tick_params(labelleft=False)
+    for number, (name, own) in enumerate(channels):
+        ax = figure.add_subplot(grid[1, 2 * number : 2 * number + 2])
+        dress(ax, own.feature, f"{name} [{own.unit}]", f"learned: {100 * own.explained:.0f} % by {own.feature}")
+        ax.plot(own.at, own.learned, "o-", color=AFTER, ms=3.5, lw=1.2, label="network")
+        if gap.effects:
+            label = " and ".join(gap.effects)
+            ax.plot(own.at, own.named, "s--", color=BEFORE, ms=3.5, lw=1.2, label=label)
+        ax.axhline(0.0, color=GREY, lw=0.7)
+        ax.ticklabel_format(axis="y", scilimits=(-2, 3))
+        if number == 0:
+            ax.legend(fontsize=8, frameon=False)
+    return figure
+
+
 def figures_for(d: Findings) -> Sequence[tuple[str, Callable[[Findings], Figure], str, str]]:
     """Name, function, title and caption of each figure that ``d`` can have. Those of tracks and times need its fit,
     which a diagnosis read from a folder has not."""
@@ -240,8 +274,8 @@ def write_report(d: Findings, folder: Path, gap: Gap | None = None) -> FigureFol
 
 def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]], gap: Gap | None = None) -> str:
     """The page on ``d``; listed: rows of the figures that lie in ``folder``; gap: as of ``write_report``."""
-    found = [*(e.name for e in d.effects), *(f.name for f in d.instruments)]
-    rows, order = words.ranking(d), [words.plain(name) for name in found]
+    names = [*(e.name for e in d.effects), *(f.name for f in d.instruments)]
+    rows, order = words.ranking(d), [words.plain(name) for name in names]
     channels = [{"name": name, **row} for name, row in d.where.get("channels", {}).items()]
     return rendered(
         "diagnosis",

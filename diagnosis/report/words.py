@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cases.shipfiles.effects import parameters
 from diagnosis.findings import (
     MATTERS,
     Budget,
@@ -282,7 +283,7 @@ def quantity(p: EstimatedParameter) -> str:
 
 
 def _parameters(name: str, d: Findings) -> dict[str, Parameter]:
-    return {p.symbol: p for p in EFFECTS[name].parameters(d.ship.namespace, dict(d.ship.components))}
+    return {p.symbol: p for p in parameters(d.ship, name)}
 
 
 def sizes(name: str, parameters: Mapping[str, EstimatedParameter], d: Findings) -> list[dict[str, str]]:
@@ -479,7 +480,7 @@ def sentence_of(
         is_small = True
         words.append(f"Most of the gap ({share_words(rest)}) is not explained.")
     words += [_cause(f, parts.get(f.name), same if f is first else ()) for f in found]
-    if budget is not None and found:
+    if budget is not None and found and budget.units["position_m"][0] > 0:  # 0: no trial logs a position
         before, after, _ = budget.units["position_m"]
         words.append(f"The position error after {budget.metric} goes from {before:.2g} to {after:.2g} m.")
     if remainder and rest is not None and rest.interval_90[0] <= MATTERS:

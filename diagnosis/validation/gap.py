@@ -30,19 +30,16 @@ from mmg.messages import Message, html_table, message_rows
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-GIVEN, REFITTED, LEARNED, NAMED, BOTH, FLOOR = (
-    "as given",
-    "refitted",
-    "hybrid",
-    "named effects",
-    "named + hybrid",
-    "floor",
-)
-"""Lines of the comparison: the ship as she came, calibrated on the training trials, with a learned residual, with the
-effects that a diagnosis names, with a residual learned beside these, and what a complete model would leave."""
+# Lines of the comparison.
+GIVEN = "as given"  # The ship as she came
+REFITTED = "refitted"  # Calibrated on the training trials
+LEARNED = "hybrid"  # With a learned residual
+NAMED = "named effects"  # With the effects that a diagnosis names
+BOTH = "named + hybrid"  # With a residual learned beside these
+FLOOR = "floor"  # What a complete model would leave
 CHANNELS = {"surge": "m/s²", "sway": "m/s²", "yaw": "rad/s²"}  # Accelerations that a network adds, and their units
-BINS, FEWEST = 12, 20
-"""Bins of a feature over which accelerations are averaged, and rows of one that is shown. Set by hand: display."""
+BINS = 12  # Of a feature, over which accelerations are averaged. Set by hand: display.
+FEWEST = 20  # Rows of a bin that is shown. Set by hand: display.
 
 
 @dataclass(frozen=True)
@@ -72,8 +69,7 @@ class GapRow:
 class Witness:
     """What a named effect explains of the accelerations that a network has learned, over the training rows.
 
-    share: squared correlation of both by channel; slope: of the learned on the effect's accelerations; rms, unit: of
-    the learned ones.
+    share: squared correlation of both by channel; slope: of the learned on the effect's accelerations.
     """
 
     effect: str
@@ -149,8 +145,8 @@ def _words(row: GapRow) -> tuple[str, ...]:
 
     closes = "" if row.closes is None else _percent(row.closes, row.closes_90)
     name = row.name + (" (declined)" if row.kept is False else "")
-    numbers = (interval(row.position_m, row.position_90), interval(row.heading_deg, row.heading_90))
-    return name, *numbers, interval(row.error, row.error_90), closes
+    position = interval(row.position_m, row.position_90) if row.position_90[1] > 0 else "–"  # not measured
+    return name, position, interval(row.heading_deg, row.heading_90), interval(row.error, row.error_90), closes
 
 
 def _percent(share: float, ends: tuple[float, float] | None) -> str:
@@ -158,21 +154,23 @@ def _percent(share: float, ends: tuple[float, float] | None) -> str:
 
 
 def held_out_errors(ship: Ship, trials: Sequence[Trial], seconds: float, change: np.ndarray) -> WindowErrors:
-    """Errors of a ``ship`` on windows of ``seconds``, each half over the one before, of ``trials``.
+    """Errors of a ``ship`` on windows of ``seconds``, each half over the one before, of ``trials``; states that a trial
+    never measures do not count.
 
     change: (6,) by which errors of the states are divided (``change_over``). Raises UserError where no window fits.
     """
     mean, end, run = [], [], []
-    found = predict_all(Simulator(ship), trials, seconds, 0.5 * seconds, False)
-    for number, (trial, (windows, _)) in enumerate(zip(trials, found, strict=True)):
+    predictions = predict_all(Simulator(ship), trials, seconds, 0.5 * seconds, False)
+    for number, (trial, (windows, _)) in enumerate(zip(trials, predictions, strict=True)):
+        measured = np.isfinite(trial.states).any(axis=0)  # (6,): positions may not be logged at all
         for w in windows:
-            known = np.isfinite(trial.states[w.first + 1 : w.last + 1]).all(axis=1)
+            known = np.isfinite(trial.states[w.first + 1 : w.last + 1, measured]).all(axis=1)
             if not known.any():
                 continue
             square = (w.error(trial.states)[1:][known] / change) ** 2
-            square = np.nan_to_num(square, nan=MOST, posinf=MOST).clip(max=MOST)
+            square = np.where(measured, np.nan_to_num(square, nan=MOST, posinf=MOST).clip(max=MOST), 0.0)
             last = square[-1, :3] * np.where(np.isfinite(change[:3]), change[:3], 0.0) ** 2
-            mean.append(square.mean())
+            mean.append(square.sum() / (len(square) * measured.sum()))
             end.append((last[0] + last[1], last[2]))
             run.append(number)
     if not mean:
@@ -223,7 +221,7 @@ def _row(name: str, means: Mapping[str, np.ndarray], draws: Mapping[str, np.ndar
     if name in (GIVEN, REFITTED, FLOOR) or FLOOR not in means:
         return row
     gap, gaps = means[REFITTED][0] - means[FLOOR][0], draws[REFITTED][:, 0] - draws[FLOOR][:, 0]
-    if not gap > 0 or (gaps > 0).mean() < 0.95:
+    if not gap > 0 or (gaps > 0).mean() < 0.95:  # not >: nan
         return row  # nothing that could surely be avoided
     closed = (draws[REFITTED][:, 0] - draws[name][:, 0])[gaps > 0] / gaps[gaps > 0]
     least, most = np.quantile(closed, [0.05, 0.95]).tolist()
@@ -231,14 +229,17 @@ def _row(name: str, means: Mapping[str, np.ndarray], draws: Mapping[str, np.ndar
 
 
 def sentence_of(rows: Sequence[GapRow], effects: Sequence[str], verdict: str, seconds: float) -> str:
-    """The comparison of the models in ``rows``, over windows of ``seconds``, in a few sentences; effects, verdict: of
-    the diagnosis."""
+    """The models in ``rows`` over windows of ``seconds`` compared in words; effects, verdict: of the diagnosis."""
     by_name = {row.name: row for row in rows}
     refitted, floor = by_name[REFITTED], by_name.get(FLOOR)
-    size = f"The calibrated model errs by {refitted.position_m:.3g} m and {refitted.heading_deg:.3g}° after "
-    size += f"{seconds:.3g} s"
+    errors = [
+        (f"{row.position_m:.3g} m and " if refitted.position_m > 0 else "") + f"{row.heading_deg:.3g}°"
+        for row in (refitted, floor)
+        if row is not None
+    ]
+    size = f"The calibrated model errs by {errors[0]} after {seconds:.3g} s"
     if floor is not None:
-        size += f", of which {floor.position_m:.3g} m and {floor.heading_deg:.3g}° cannot be avoided"
+        size += f", of which {errors[1]} cannot be avoided"
     unnamed = {"none": "No effect is named.", "unknown": "The cause has no name in the library."}.get(verdict, "")
     names = {LEARNED: "the network", NAMED: f"naming {' and '.join(effects)}", BOTH: "both"}
     closing = []
@@ -275,18 +276,18 @@ def witnessed(
 
     learned = accelerations(hybrid) - accelerations(hybrid.without_network())
     whole, bare = accelerations(named), named
-    found = []
+    witnesses = []
     for effect in effects:
         own = whole - accelerations(named.without_effect(effect))
         bare = bare.without_effect(effect)
         pairs = {name: _related(own[k], learned[k]) for k, name in enumerate(CHANNELS)}
-        found.append(
+        witnesses.append(
             Witness(effect, {n: pair[0] for n, pair in pairs.items()}, {n: pair[1] for n, pair in pairs.items()})
         )
     together = whole - accelerations(bare) if effects else np.zeros_like(learned)
     features = _features(hybrid, logged, controls[:, [every.index(name) for name in hybrid.inputs]])
     channels = {name: _over(features, learned[k], together[k], unit) for k, (name, unit) in enumerate(CHANNELS.items())}
-    return tuple(found), channels
+    return tuple(witnesses), channels
 
 
 def _related(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
-from diagnosis.estimation.acting_inputs import Steered, acting
+from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.linearisation import Linearisation, initial_trajectory, linearised_if_finite
 from diagnosis.estimation.map_estimate import Estimate
@@ -24,26 +23,6 @@ from mmg.ship import Ship
 # Draws of runs or blocks, for intervals. Set by hand: the ends of a 90 % interval are known to 0.05 standard errors.
 DRAWS = 2000
 MOST = 1e6  # Largest scaled squared error [-], also of a prediction that diverges. Set by hand: it bounds a mean.
-
-
-class Stepper(Steered, Protocol):
-    """What predicts step by step: ``TransitionModel`` of a ship, or a ship with a learned residual."""
-
-    def settled(self, six: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """States (S, M) that are logged as (6, M) under inputs (C, M)."""
-
-    def follow(
-        self,
-        z: np.ndarray,
-        inputs: np.ndarray,
-        theta: np.ndarray,
-        carried: np.ndarray | None = None,
-        whole: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Paths (K + 1, R, S) from the first states of z, as ``TransitionModel.follow``."""
-
-    def logged(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Logged columns (K + 1, R, 6) of a path z (K + 1, R, S)."""
 
 
 def scales(length: float) -> np.ndarray:
@@ -70,7 +49,7 @@ class WindowErrors:
 
 
 def errors(
-    steps: Stepper,
+    steps: TransitionModel,
     data: GriddedTrials,
     theta: np.ndarray,
     length: float,
@@ -79,8 +58,8 @@ def errors(
 ) -> WindowErrors:
     """Errors of open-loop windows of ``length`` seconds (0: whole runs).
 
-    steps: what predicts; data: R windows of the test trials; theta: (all,) coefficients; begin: (K + 1, R, S) from
-    ``start_states`` if known; force: (K, R, 3) that pushes the ship as well [N, N, N m]. Each window begins at its
+    steps: the transition model; data: R windows of the test trials; theta: (all,) coefficients; begin: (K + 1, R, S)
+    from ``start_states`` if known; force: (K, R, 3) that pushes the ship as well [N, N, N m]. Each window begins at its
     logged row, STRIDE seconds after the one before. A channel that was not measured does not count.
     """
     data = acting(steps, data, theta)
@@ -98,21 +77,21 @@ def errors(
     sigma = scales(float(steps.ship.particulars["L"]))
     along = np.arange(int(count.max()))[:, None]
     at, row = (np.minimum(k0 + along + i, len(x) - 1) for i, x in enumerate((data.inputs, data.y)))
-    pushed = {} if force is None else {"force": force[at, r0]}
-    path = steps.follow(np.repeat(z[None], len(along) + 1, axis=0), data.controls[at, r0], theta, **pushed)
+    pushed = None if force is None else force[at, r0]
+    path = steps.follow(np.repeat(z[None], len(along) + 1, axis=0), data.controls[at, r0], theta, force=pushed)
     error = (steps.logged(path[1:], theta) - data.y[row, r0]) / sigma
     good = data.measured[row, r0] & (along < count)[..., None]
     square = np.where(good, np.minimum(np.nan_to_num(error**2, nan=MOST), MOST), 0.0)
-    last = square[count - 1, np.arange(len(k0)), :3] * sigma[:3] ** 2
+    last = square[count - 1, np.arange(len(k0)), :3] * sigma[:3] ** 2  # [m2, m2, rad2]
     end = np.stack([last[:, 0] + last[:, 1], last[:, 2]], axis=1)
     return WindowErrors(square.sum(axis=(0, 2)) / np.maximum(good.sum(axis=(0, 2)), 1), end, data.run[r0])
 
 
-def start_states(steps: Stepper, data: GriddedTrials, theta: np.ndarray) -> np.ndarray:
+def start_states(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> np.ndarray:
     """States (K + 1, R, S) at the logged rows, from which a prediction may begin.
 
-    steps: what predicts; data: the trials; theta: (all,) coefficients. Lagged states of actuators and
-    forces follow from the inputs and the logged motion before; those of sensors are at their steady values.
+    steps: the transition model; data: the trials; theta: (all,) coefficients. Lagged states of actuators and forces
+    follow from the inputs and the logged motion before; those of sensors are at their steady values.
     """
     data = acting(steps, data, theta)
     names = steps.model.states
@@ -132,15 +111,15 @@ def window_length(ship: Ship) -> float:
     return WINDOW * time_scale(ship.particulars["L"])
 
 
-FEW, TOGETHER = 3, 4
-"""With fewer runs than FEW, blocks of TOGETHER neighbouring windows are drawn instead of runs. Set by hand."""
+FEW = 3  # Runs below which blocks of neighbouring windows are drawn instead of runs. Set by hand.
+TOGETHER = 4  # Windows of such a block. Set by hand.
 
 
 def redrawn_means(columns: Sequence[np.ndarray], run: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Means (DRAWS, k) of k ``columns`` (W,) of windows whose runs ``run`` (W,) are drawn again (block bootstrap), or
     blocks of TOGETHER neighbouring windows where runs are few; rng: random numbers."""
     if len(np.unique(run)) < FEW:
-        run = np.arange(len(run)) // TOGETHER + 1000 * run
+        run = np.arange(len(run)) // TOGETHER + 1000 * run  # no block holds windows of two runs
     runs = np.unique(run)
     sums = np.array([[x[run == r].sum() for r in runs] for x in columns])
     counts = np.array([(run == r).sum() for r in runs])
@@ -209,23 +188,18 @@ def compare(
         by_run={data.trials[r]: (float(a[run == r].mean()), float(b[run == r].mean())) for r in np.unique(run)},
         likelihood_gain=float(gains.sum()) if np.isfinite(gains).all() else None,
         likelihood_interval_90=(low, high) if len(gains) >= FEW and np.isfinite(gains).all() else None,
-        horizons={
-            "1 step": (before.step, after.step),
-            "30 s": mean,
-            "whole run": (before.whole, after.whole),
-        },
+        horizons={"1 step": (before.step, after.step), "30 s": mean, "whole run": (before.whole, after.whole)},
     )
 
 
-SETTLED, FITS = 0.1, 20
-"""Change of log likelihood from which a filter along other trials has settled, and most linearisations of it: where
-hardly any random force acts, its size falls step by step. Set by hand."""
+SETTLED = 0.1  # Change of log likelihood from which a filter along other trials has settled. Set by hand.
+FITS = 20  # Linearisations of it at most: where hardly any random force acts, its size falls step by step. Set by hand.
 
 
-def one_step_likelihood(steps: TransitionModel, data: GriddedTrials, fit: Estimate, fits: int = FITS) -> np.ndarray:
+def one_step_likelihood(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> np.ndarray:
     """Negative log likelihood of one-step predictions of each window (R,) of other trials, NaN where they explode;
-    steps, data, fit, fits: as of ``filtered_along``."""
-    here = filtered_along(steps, data, fit, fits=fits)
+    steps, data, fit: as of ``filtered_along``."""
+    here = filtered_along(steps, data, fit)
     return np.full(len(data.run), np.nan) if here is None else likelihood_of(here)
 
 
@@ -236,27 +210,22 @@ def likelihood_of(here: Linearisation) -> np.ndarray:
 
 @np.errstate(all="ignore")
 def filtered_along(
-    steps: TransitionModel,
-    data: GriddedTrials,
-    fit: Estimate,
-    near: Linearisation | None = None,
-    fits: int = FITS,
+    steps: TransitionModel, data: GriddedTrials, fit: Estimate, near: Linearisation | None = None
 ) -> Linearisation | None:
     """The filter along other trials, its path and latent force those that are most likely; None where they explode.
 
-    steps: the transition model; data: the trials; fit: the fit; near: of another fit along them, from which it
-    begins; fits: linearisations of the filter at most. The sizes of the noise, which say nothing of the ship, are those
-    that make the other trials most likely: in its own trials an effect that explains a little of everything leaves less
-    than there is.
+    steps: the transition model; data: the trials; fit: the fit; near: of another fit along them, from which it begins.
+    The sizes of the noise, which say nothing of the ship, are those that
+    make the other trials most likely: in its own trials an effect that explains a little of all leaves too little.
     """
     active = active_states(steps, fit.free.symbols, fit.theta)
     path = initial_trajectory(steps, data, fit.theta) if near is None else near.at.path
     noise = fit.noise if near is None else near.at.noise.with_(tau=fit.noise.tau)
     best, share, typical = None, 1.0, initial_noise(steps.ship)
-    for _ in range(fits):
+    for _ in range(FITS):
         here = linearised_if_finite(steps, data, replace(fit.fixed(), path=path, noise=noise), active)
         if best is None and here is None:
-            return None if near is None else filtered_along(steps, data, fit, fits=fits)
+            return None if near is None else filtered_along(steps, data, fit)
         if best is not None and (here is None or here.nll > best.nll + SETTLED):
             share *= 0.3  # the step was too far
         elif here is not None:

@@ -42,7 +42,7 @@ def gap(
     Example: mmg gap runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
     from cases.shipfiles.ship_file import load_ship
-    from diagnosis.report.gap_figure import gap_figure
+    from diagnosis.report.page import gap_figure
     from fitting.report.parts import Store
     from fitting.report.plot_style import png_of
     from fitting.report.run_folder import check_target, write_json

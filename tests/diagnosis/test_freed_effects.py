@@ -51,24 +51,20 @@ def only(result: FitResult) -> EffectTest:
 
 
 @pytest.mark.slow
-def test_an_effect_that_is_there_has_a_small_probability_and_its_size() -> None:
+def test_an_effect_that_is_there_has_its_size_and_the_small_probability_of_a_diagnosis() -> None:
     test = only(fitted(0.06, "rudder_offset"))
     value = test.parameters[SYMBOL]
     assert test.name == "rudder_offset" and test.p_value < 1e-4 and not test.in_doubt
     assert value.value == pytest.approx(0.06, abs=3 * value.std) and value.std < 0.015
     assert f"p = {test.p_value:.2g}" in test.sentence
-
-
-@pytest.mark.slow
-def test_the_probability_is_that_of_the_diagnosis_of_the_same_trials() -> None:
-    test = only(fitted(0.06, "rudder_offset"))
+    # the probability is that of the diagnosis of the same trials
     ready = prepare(FEW, trials(0.06), None, 1.0)
     p = ready.problem
     c = find(p.candidates, "rudder_offset")
-    with_it = refit(p.steps, p.data, p.base, ready.null, [c], {})
+    with_it = refit(p, ready.null, [c], {})
     gain = gained(ready.null, 0, with_it, 1)
     assert np.log(test.p_value) == pytest.approx(-gain, rel=0.15)
-    assert test.parameters[SYMBOL].value == pytest.approx(with_it.value(SYMBOL), abs=0.2 * with_it.std(SYMBOL))
+    assert value.value == pytest.approx(with_it.value(SYMBOL), abs=0.2 * with_it.std(SYMBOL))
 
 
 @pytest.mark.slow
@@ -101,25 +97,22 @@ def test_where_both_disagree_a_sentence_says_so_and_why() -> None:
 
 
 @pytest.mark.slow
-def test_what_fails_is_a_warning_and_the_fit_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [({"converged": False}, "converged"), ({"per_run": {"a": {}}}, "--per-run"), ({}, "positive definite")],
+)
+def test_what_cannot_be_tested_or_fails_is_a_warning_and_the_fit_stays(
+    changed: dict[str, object], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def broken(*_: object) -> None:
         raise np.linalg.LinAlgError("Matrix is not positive definite")
 
-    result, given = replace(fitted(0.0, "rudder_offset"), effects=None), freeing_effects(FEW, ["rudder_offset"])
-    monkeypatch.setattr(for_calibration, "effect_tests", broken)
-    kept = with_effect_tests(result, given)
-    assert kept.effects is None and kept.estimates == result.estimates
-    assert kept.messages[-1].code == "effect_not_tested"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("changed", "words"), [({"converged": False}, "converged"), ({"per_run": {"a": {}}}, "--per-run")]
-)
-def test_what_cannot_be_tested_is_said(changed: dict[str, object], words: str) -> None:
     result = replace(fitted(0.0, "rudder_offset"), effects=None, **changed)  # type: ignore[arg-type]
+    if not changed:
+        monkeypatch.setattr(for_calibration, "effect_tests", broken)
     kept = with_effect_tests(result, freeing_effects(FEW, ["rudder_offset"]))
-    assert kept.effects is None and kept.messages[-1].code == "effect_not_tested" and words in kept.messages[-1].text
+    assert kept.effects is None and kept.estimates == result.estimates
+    assert kept.messages[-1].code == "effect_not_tested" and words in kept.messages[-1].text
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -105,7 +107,9 @@ def test_a_filter_that_only_the_search_finds_is_no_cause_either(monkeypatch: pyt
     """As where too few positions are logged for the kinematics to show it."""
     monkeypatch.setattr(Kinematics, "effects", lambda sensors: {})
     trials = [low_passed(trial, False) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]
+    began = time.perf_counter()
     found = diagnose(FEW, trials, options=DiagnosisOptions(step=0.5, learn=False))
+    assert found.timings["total"] > 0.9 * (time.perf_counter() - began), "the first pass counts as well"
     assert (found.verdict, found.effects) == ("none", ())
     assert "velocity_filter" in {fault.name for fault in found.instruments}
     assert "velocity_filter" not in {row.name for row in found.candidates}

@@ -18,7 +18,7 @@ def test_the_uncertainty_of_a_formula_is_in_the_standard_errors_of_its_sizes() -
     assert EFFECTS["wave_drift"].form_error > 0 and EFFECTS["rudder_offset"].form_error == 0
     effects = [drift, offset]
     start = {c: v for e in effects for c, v in zip(e.columns, e.neutral, strict=True)}
-    fit = refit(problem.steps, problem.data, problem.base, null, effects, start)
+    fit = refit(problem, null, effects, start)
     sizes = parameters_of(full_model(), fit, drift)
     for symbol in ("x", "y"):
         by_trials = estimated(fit, f"wave_drift.{symbol}")
@@ -29,7 +29,7 @@ def test_the_uncertainty_of_a_formula_is_in_the_standard_errors_of_its_sizes() -
         assert ship.coefficients[f"wave_drift.{symbol}"].std == sizes[symbol].std
     assert parameters_of(full_model(), fit, offset)["delta"].std == estimated(fit, "rudder_offset.delta").std
     lag = candidate("rudder_lag")
-    late = refit(problem.steps, problem.data, problem.base, null, [lag], {lag.columns[0]: 0.2})
+    late = refit(problem, null, [lag], {lag.columns[0]: 0.2})
     (sure,), (doubtful,) = (parameters_of(full_model(), late, lag, error).values() for error in (0.0, 0.3))
     assert doubtful.std == pytest.approx(np.hypot(sure.std, 0.3))
     assert parameters_of(full_model(), fit, drift, 0.3) == sizes

@@ -62,6 +62,12 @@ def test_nothing_is_late_at_neutral_values_and_windows_may_differ() -> None:
     np.testing.assert_array_equal(found.inputs[:, 0], data.inputs[:, 0])
     np.testing.assert_array_equal(found.inputs[:, 1], alone.inputs[:, 1])
     assert np.abs(alone.inputs[:, 0] - data.inputs[:, 0]).max() > 0.01
+    # without a record means and changes stand for it
+    late = theta_of(steps, {"control_delay.tau": 0.5})
+    found, whole = (acting(steps, some, late) for some in (replace(data, record=None), data))
+    delta = full_model().ship.inputs.index("delta")
+    assert np.abs(found.inputs - whole.inputs)[1:, :, delta].max() < 0.1
+    assert np.abs(found.inputs - data.inputs)[..., delta].max() > 0.1
 
 
 @pytest.mark.parametrize("symbol", ["control_delay.tau", "rudder_lag.T"])
@@ -84,12 +90,3 @@ def test_responses_of_a_step_are_those_of_finite_differences(symbol: str, value:
     exist = data.inside
     np.testing.assert_allclose(G[exist], expected[exist], atol=1e-9 * np.abs(expected[exist]).max())
     assert np.abs(G[exist]).max() > 1e-3
-
-
-def test_without_a_record_means_and_changes_stand_for_it() -> None:
-    steps, data = full_steps(H), short_data(H)
-    found = acting(steps, replace(data, record=None), theta_of(steps, {"control_delay.tau": 0.5}))
-    whole = acting(steps, data, theta_of(steps, {"control_delay.tau": 0.5}))
-    delta = full_model().ship.inputs.index("delta")
-    assert np.abs(found.inputs - whole.inputs)[1:, :, delta].max() < 0.1
-    assert np.abs(found.inputs - data.inputs)[..., delta].max() > 0.1

@@ -85,7 +85,7 @@ def test_steps_with_coefficients_by_window_are_those_of_each_window_by_itself() 
         w = slice(r, r + 1)
         z, inputs, pushed, own = path.z[:, w], data.inputs[:, w], force[:, w], theta[:, r]
         alone = steps.linearise(z, inputs, own, pushed, columns, every)
-        for name in ("end", "F", "G", "force", "logged", "H", "D"):
+        for name in ("end", "F", "G", "force", "logged", "H", "observed"):
             np.testing.assert_allclose(getattr(both, name)[:, w], getattr(alone, name), rtol=1e-9, atol=1e-11)
         one = steps.logdet_gradient(z, inputs, own, pushed, weight[:, w], weight_logged[:, w], columns, every)
         np.testing.assert_allclose(logdet_gradient[w], one, rtol=1e-8, atol=1e-8 * np.abs(one).max())

@@ -8,9 +8,15 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import pytest
 
-from diagnosis.estimation.transition_model import FORCE, TransitionModel
+from cases.shipfiles.generated_ship import generated_ship, structure_of
+from cases.shipfiles.ship_file import load_ship
+from diagnosis.estimation.candidates import ship_with_all_effects
+from diagnosis.estimation.kalman import DrivenColumns
+from diagnosis.estimation.transition_model import FORCE, LinearModel, TransitionModel
 from mmg.effects import EFFECTS
+from mmg.model import assemble
 from mmg.rollout import Simulator
+from mmg.ship import Ship
 from tests.support.diagnosis_cases import OFF_NEUTRAL, SHIP, full_model, full_steps, off_neutral, states_about
 
 POINTS = 6
@@ -39,6 +45,11 @@ def on_board(steps: TransitionModel, theta: np.ndarray) -> tuple[Simulator, np.n
     return Simulator(ship), theta[[steps.ship.symbols.index(s) for s in ship.symbols]]
 
 
+def D_of(linear: LinearModel) -> np.ndarray:
+    """What all columns add to the logged ones, (K + 1, R, 6, P)."""
+    return DrivenColumns(linear.G, linear.observed, linear.observing).dense_observed
+
+
 def every_column(steps: TransitionModel) -> np.ndarray:
     return np.arange(steps.P)
 
@@ -56,6 +67,20 @@ def test_every_effect_that_may_be_screened_is_on_board(steps: TransitionModel) -
     assert {c.effect for c in full_model().candidates} == set(EFFECTS)
     assert screened <= set(OFF_NEUTRAL) <= set(steps.symbols)
     assert set(FORCE) <= set(steps.symbols)
+
+
+@pytest.mark.parametrize(
+    "ship", [generated_ship(SHIP, structure_of(SHIP, 2, "SM-2")), load_ship("mariner")], ids=lambda ship: ship.name
+)
+def test_a_ship_without_propeller_and_rudder_models_gets_the_other_effects(ship: Ship) -> None:
+    full = ship_with_all_effects(ship)
+    named = {candidate.effect for candidate in full.candidates}
+    assert {"current", "tow"} <= named and "rudder_stall" not in named
+    model, bare = assemble(full.ship), assemble(ship)
+    state = np.array(model.initial([0, 0, 0, 0.3, 0.02, 0.01], np.zeros(len(model.controls)), full.ship.values))
+    rates = np.array(model.rates(state, np.zeros(len(model.controls)), full.ship.values))[3:6]
+    own = np.array(bare.rates([0, 0, 0, 0.3, 0.02, 0.01], np.zeros(len(bare.controls)), ship.values))[3:6]
+    np.testing.assert_allclose(rates, own, atol=1e-6)
 
 
 @pytest.mark.parametrize("where", ["neutral", "off neutral"])
@@ -127,7 +152,7 @@ def test_slopes_of_times_and_dead_bands_at_zero_point_into_what_they_allow(steps
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("where", [pytest.param("neutral", marks=pytest.mark.slow), "off neutral"])
+@pytest.mark.parametrize("where", ["neutral", "off neutral"])
 def test_derivatives_of_what_is_logged_are_those_of_finite_differences(steps: TransitionModel, where: str) -> None:
     theta = values(steps, where)
     states, inputs, force = path(steps, 2)
@@ -143,7 +168,7 @@ def test_derivatives_of_what_is_logged_are_those_of_finite_differences(steps: Tr
     H = slopes(lambda flat: seen(flat, theta), flat, range(steps.S), 1e-6, 1e-2)
     D = slopes(lambda theta: seen(flat, theta), theta, steps.at, 1e-6, 1e-2)
     close(linear.H, H, 1e-6)
-    close(linear.D, D, 1e-6)
+    close(D_of(linear), D, 1e-6)
 
 
 def test_fewer_columns_and_states_are_a_part_of_all(steps: TransitionModel) -> None:
@@ -156,7 +181,7 @@ def test_fewer_columns_and_states_are_a_part_of_all(steps: TransitionModel) -> N
     np.testing.assert_allclose(part.F, whole.F[:, :, :6, :6], rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(part.G, whole.G[:, :, :6][..., asked], rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(part.force, whole.force[:, :, :6], rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(part.D, whole.D[..., asked], rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(D_of(part), D_of(whole)[..., asked], rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize("where", ["neutral", "off neutral"])
@@ -236,7 +261,7 @@ def test_without_a_compiler_it_is_the_same(steps: TransitionModel, changes: bool
         s.linearise(states, inputs, theta, force, every_column(s), np.arange(s.S), n)
         for s, n in ((steps, None), (slow, None), (steps, count))
     )
-    for name in ("end", "F", "G", "force", "logged", "H", "D"):
+    for name in ("end", "F", "G", "force", "logged", "H", "observed", "observing"):
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-8, atol=1e-10)
     for name in ("end", "F", "G", "force"):  # a step that does not exist is left out
         whole, found = getattr(a, name), getattr(part, name)

@@ -1,4 +1,4 @@
-"""Steps of a fit: when it ends in vain, and the sizes of the noise."""
+"""Steps of a fit: where it begins, when it ends in vain, and the sizes of the noise."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ import pytest
 
 from diagnosis.estimation import map_estimate, noise_sizes
 from diagnosis.estimation.filtering import filtered, whitened
+from diagnosis.estimation.first_fit import fit_without_effects
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Linearisation, linearise_and_filter
-from diagnosis.estimation.map_estimate import estimate
+from diagnosis.estimation.map_estimate import BrokenModelError, estimate
 from diagnosis.estimation.noise_sizes import initial_noise, least_force
 from tests.diagnosis.estimation.test_latent import fitted
+from tests.diagnosis.judgement.test_verdict import ready
 
 SIZES = NoiseModel(
     np.array([0.1, 0.2, 0.07]), 5.0, np.array([0.02, 0.01, 0.003, 0.005, 0.007, 0.001]), np.zeros(6), 4.0
@@ -108,3 +110,27 @@ def test_a_fit_ends_where_that_is_enough_and_where_iterations_are_in_vain(monkey
     monkeypatch.setattr(map_estimate, "linearised_if_finite", no_better)
     vain = estimate(steps, data, start, 30, tolerance=1e-9)
     assert vain.iterations == 1 + map_estimate.IN_VAIN and not vain.converged
+
+
+def test_a_ship_that_explodes_is_fitted_from_her_priors(caplog: pytest.LogCaptureFixture) -> None:
+    p = ready().problem
+    unbounded = np.full(len(p.base.mean), np.inf)
+    wide = replace(p.base, lower=-unbounded, upper=unbounded)
+    values = p.steps.ship.values
+    wrong = values.copy()
+    wrong[p.steps.ship.symbols.index("Y_v")] = 1e7  # a sway force that grows with the sway
+    noise = initial_noise(p.steps.ship)
+    right = fit_without_effects(p.steps, p.data, values, wide, noise).null
+    with caplog.at_level("INFO"):
+        found = fit_without_effects(p.steps, p.data, wrong, wide, noise).null
+    assert np.allclose(found.p, right.p, atol=0.1) and found.nll == pytest.approx(right.nll, abs=0.5)
+
+
+def test_one_that_explodes_from_her_priors_too_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise BrokenModelError("esso: the model breaks down")
+
+    monkeypatch.setattr("diagnosis.estimation.first_fit.estimate", broken)
+    p = ready().problem
+    with pytest.raises(BrokenModelError):
+        fit_without_effects(p.steps, p.data, p.steps.ship.values, p.base, initial_noise(p.steps.ship))

@@ -52,24 +52,19 @@ def test_quiet_sensors_ask_for_finer_steps_and_noisy_ones_do_not() -> None:
     quieter = replace(null, noise=null.noise.with_(white=0.02 * null.noise.white))
     finer = finer_step(problem.steps, problem.data, quieter, 0.25)
     assert finer is not None and finer < 1.0 and finer % 0.25 == pytest.approx(0.0)
-
-
-def test_a_part_of_a_sample_may_be_a_step_and_states_are_compared_where_they_were_measured() -> None:
-    """Held over samples of 0.45 s, a random force passed for a memory of the hull where sensors were quiet."""
-    problem, null = pushed_problem(1, h=1.0)
-    quieter = replace(null, noise=null.noise.with_(white=0.02 * null.noise.white))
+    # held over samples of 0.45 s, a random force passed for a memory of the hull where sensors were quiet
     assert finer_step(problem.steps, problem.data, quieter, 1.0) is None
     finer = finer_step(problem.steps, problem.data, quieter, 1.0, divisible=True)
     assert finer is not None and 1.0 / finer == pytest.approx(round(1.0 / finer)) and 0.25 <= finer < 0.9
+
+
+def test_states_are_compared_where_they_were_measured_and_uneven_samples_are_not_divided() -> None:
     trial = ramp(dt=0.6)
     whole, parts = (grid_trials([trial], SHIP.inputs, 3.0, h) for h in (0.6, 0.2))
     assert whole.steps_of_sample == 1 and parts.steps_of_sample == 3
     assert parts.measured[::3].all() and not parts.measured[1::3].any() and not parts.measured[2::3].any()
     np.testing.assert_allclose(parts.y[::3], whole.y, atol=1e-12)
     np.testing.assert_array_equal(parts.thinned(4).good[::3], whole.thinned(4).good)
-
-
-def test_samples_that_are_not_evenly_apart_are_not_divided() -> None:
     trial = ramp(dt=0.5)
     assert can_divide([trial], 0.5) and not can_divide([trial, ramp(dt=0.3)], 0.5)
     late = trial.t + 0.1 * np.sin(np.arange(len(trial.t)))

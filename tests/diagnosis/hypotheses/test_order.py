@@ -158,7 +158,7 @@ def test_with_an_effect_more_the_first_point_is_likelier_than_with_coefficients_
     moved = followed(null, score, size)
     assert set(moved) == set(null.free.columns) and not followed(null, replace(score, taken=np.zeros((0, 0))), size)
     stay, goes, end = (
-        refit(p.steps, p.data, p.base, null, [effect], values, iterations=count)
+        refit(p, null, [effect], values, iterations=count)
         for values, count in ((start, 1), (moved | start, 1), (start, 12))
     )
     assert end.nll - 0.1 < goes.nll < stay.nll - 0.5 and goes.nll - end.nll < 0.5 * (stay.nll - end.nll)

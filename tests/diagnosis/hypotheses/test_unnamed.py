@@ -280,12 +280,13 @@ def test_what_is_kept_of_compared_times_alone_says_the_same() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("axis", "form", "size"), [(1, "nn", 0.5), (2, "cos", 0.4)])
+@pytest.mark.parametrize(("axis", "form", "size"), [(1, "nn", 0.5), (2, "cos", 0.4), (2, "sin 2", 0.4)])
 def test_a_single_form_that_the_ship_lacks_is_seen(axis: int, form: str, size: float) -> None:
     found = unnamed_forms(*pushed_by(pushed_problem(1, h=1.0)[0], 1, axis, form, size))
     assert found.single > ODDS
     largest = max(found.by_kind, key=lambda k: found.by_kind[k])
     assert largest.startswith(("surge force", "sway force", "yaw force")[axis])
+    assert found.mixture == pytest.approx(np.log(np.mean(np.exp(list(found.by_kind.values())))), rel=1e-6)
 
 
 SIZE = 0.6

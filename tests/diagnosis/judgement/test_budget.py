@@ -84,10 +84,7 @@ def test_a_ship_that_is_not_fitted_yet_errs_more_as_given() -> None:
     assert made is not None and made.as_given is not None and same is not None and same.as_given is not None
     assert made.as_given["error"] > made.before and made.as_given["position_m"] > made.units["position_m"][0]
     assert same.as_given["error"] == pytest.approx(same.before, rel=1e-12)
-
-
-def test_a_single_run_cannot_be_left_out() -> None:
-    problem, null = pushed_problem(1, runs=(("zigzag:20/20", 100.0),))
+    problem, null = pushed_problem(1, runs=(("zigzag:20/20", 100.0),))  # a single run cannot be left out
     assert budget_of(problem, Selection((), null, null, ())) is None
 
 

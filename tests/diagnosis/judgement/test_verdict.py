@@ -32,36 +32,27 @@ def ready() -> Prepared:
 
 
 @pytest.mark.parametrize(
-    ("named", "left", "is_random", "expected"),
+    ("named", "left", "measures", "is_random", "expected"),
     [
-        ([], [0.9 * ODDS], True, ("none", 0, False)),
-        ([], [1.1 * ODDS], True, ("unknown", 0, False)),
-        ([], [-1.0], False, ("unknown", 0, False)),
-        ([4.0], [9.0, -0.1], True, ("named", 1, False)),
-        ([40.0], [50.0, 0.1], True, ("named", 1, True)),
-        ([40.0], [50.0, -1.0], False, ("named", 1, True)),
-        ([40.0], [50.0, 41.0], True, ("unknown", 0, False)),  # a free force beside it explains more than it does
-        ([5.0, 40.0], [50.0, 45.0, -1.0], True, ("named", 2, False)),  # the second explains what the first left
-        ([40.0, 5.0], [50.0, 9.0, 6.0], True, ("named", 1, True)),
-        ([5.0, 5.0], [50.0, 9.0, 6.0], True, ("unknown", 0, False)),
+        ([], [0.9 * ODDS], [], True, ("none", 0, False)),
+        ([], [1.1 * ODDS], [], True, ("unknown", 0, False)),
+        ([], [-1.0], [], False, ("unknown", 0, False)),
+        ([4.0], [9.0, -0.1], [False], True, ("named", 1, False)),
+        ([40.0], [50.0, 0.1], [False], True, ("named", 1, True)),
+        ([40.0], [50.0, -1.0], [False], False, ("named", 1, True)),
+        ([40.0], [50.0, 41.0], [False], True, ("unknown", 0, False)),  # a free force beside it explains more
+        ([5.0, 40.0], [50.0, 45.0, -1.0], [False] * 2, True, ("named", 2, False)),  # the second explains the rest
+        ([40.0, 5.0], [50.0, 9.0, 6.0], [False] * 2, True, ("named", 1, True)),
+        ([5.0, 5.0], [50.0, 9.0, 6.0], [False] * 2, True, ("unknown", 0, False)),
+        ([9.0, 9.0], [50.0, 9.0, -1.0], [True, True], True, ("none", 2, False)),  # instruments make no verdict
+        ([9.0, 9.0], [50.0, 9.0, 1.1 * ODDS], [True, True], True, ("unknown", 2, False)),
+        ([9.0, 9.0], [50.0, 9.0, 0.1], [True, False], True, ("named", 2, True)),
     ],
 )
 def test_the_verdict_follows_from_the_evidence(
-    named: list[float], left: list[float], is_random: bool, expected: tuple[str, int, bool]
+    named: list[float], left: list[float], measures: list[bool], is_random: bool, expected: tuple[str, int, bool]
 ) -> None:
-    assert verdict_of(named, left.__getitem__, [False] * len(named), is_random) == expected
-
-
-@pytest.mark.parametrize(
-    ("measures", "left", "expected"),
-    [
-        ([True, True], -1.0, ("none", 2, False)),
-        ([True, True], 1.1 * ODDS, ("unknown", 2, False)),
-        ([True, False], 0.1, ("named", 2, True)),
-    ],
-)
-def test_instruments_make_no_verdict(measures: list[bool], left: float, expected: tuple[str, int, bool]) -> None:
-    assert verdict_of([9.0, 9.0], [50.0, 9.0, left].__getitem__, measures) == expected
+    assert verdict_of(named, left.__getitem__, measures, is_random) == expected
 
 
 def off(*p: float) -> Estimate:
@@ -104,33 +95,17 @@ def said(null: Estimate, budget: object = SimpleNamespace(by=TESTS)) -> dict[str
 
 
 @pytest.mark.slow
-def test_a_fit_as_it_should_be_is_not_doubted() -> None:
-    noise = ready().null.noise.with_(tau=5.0)
-    assert said(replace(ready().null, noise=noise)) == {}
-    assert list(said(replace(ready().null, noise=noise), None)) == ["tests_too_short"]
-
-
-@pytest.mark.slow
-def test_a_coefficient_far_from_its_prior_is_named() -> None:
-    null = ready().null
-    p = null.p.copy()
-    p[1] = -4.2
-    words = said(replace(null, p=p))["far_from_prior"]
-    assert f"{null.free.symbols[1]} (-4.2)" in words and null.free.symbols[0] not in words
-
-
-@pytest.mark.slow
-def test_sensors_at_the_least_noise_are_named() -> None:
+def test_a_fit_that_is_not_what_the_tests_take_it_for_is_doubted() -> None:
     null, least = ready().null, least_noise(ready().full.ship)
-    white = null.noise.white.copy()
-    white[[2, 5]] = least.white[[2, 5]]
+    sound = replace(null, noise=null.noise.with_(tau=5.0))
+    assert said(sound) == {} and list(said(sound, None)) == ["tests_too_short"]
+    p, white = null.p.copy(), null.noise.white.copy()
+    p[1], white[[2, 5]] = -4.2, least.white[[2, 5]]
+    far = said(replace(null, p=p))["far_from_prior"]
+    assert f"{null.free.symbols[1]} (-4.2)" in far and null.free.symbols[0] not in far
     assert " psi, r, " in said(replace(null, noise=null.noise.with_(white=white)))["no_noise"]
-
-
-@pytest.mark.slow
-def test_runs_hardly_longer_than_the_memory_of_the_force_are_doubted() -> None:
-    words = said(replace(ready().null, noise=ready().null.noise.with_(tau=20.0)))["short_trials"]
-    assert "40" in words and "remembers 20 s" in words
+    short = said(replace(null, noise=null.noise.with_(tau=20.0)))["short_trials"]
+    assert "40" in short and "remembers 20 s" in short
 
 
 @pytest.mark.slow
@@ -150,7 +125,7 @@ def test_a_refit_whose_first_values_make_the_ship_explode_begins_nearer_to_neutr
         return advance(self, z, inputs, theta, *rest)
 
     monkeypatch.setattr(TransitionModel, "linearise", exploding)
-    found = refit(p.steps, p.data, p.base, null, [effect], {effect.columns[0]: 0.3, effect.columns[1]: 0.0})
+    found = refit(p, null, [effect], {effect.columns[0]: 0.3, effect.columns[1]: 0.0})
     assert begun[:2] == pytest.approx([0.3, 0.09]) and abs(found.value("current.x")) < 0.05
 
 

@@ -149,10 +149,6 @@ def test_a_worse_test_trial_is_marked_and_no_test_trials_are_said() -> None:
     assert "--test" in text_of(build_report(replace(d, held_out=None), Path("nowhere"), []))
 
 
-def test_forces_of_few_variables_have_words() -> None:
-    assert set(by_variables(("u", "n", "delta", "air x"))) == set(VARIABLES)
-
-
 @pytest.mark.parametrize(
     ("share", "words"), [(0.994, "99 %"), (0.9958, "99.6 %"), (0.99961, "99.96 %"), (1.0, "100 %")]
 )
@@ -181,6 +177,8 @@ def test_the_sentence_follows_from_the_budget(
     effect = NamedEffect("current", CURRENT, 1e-12, 280.0, 0.3)
     words = sentence_of("named", [effect], [], (), remainder, budget)
     assert words.split()[0] == first and said in words and "−" not in words
+    unplaced = replace(budget, units=units | {"position_m": (0.0, 0.0, 0.0)})
+    assert "3.2" in words and " m." not in sentence_of("named", [effect], [], (), remainder, unplaced)
 
 
 def test_named_effect_and_its_class_are_told() -> None:
@@ -207,12 +205,13 @@ def test_verdicts_without_a_name_name_nothing(verdict: str) -> None:
     assert 'id="sensors"' in build_report(bare, Path("nowhere"), [])
 
 
-def test_numbers_are_rounded_by_what_is_known_of_them() -> None:
+def test_numbers_are_rounded_by_what_is_known_of_them_and_forces_have_words() -> None:
     assert [probability(p) for p in (0.034, 2.3e-7, 9.7e-5, 0.0)] == ["0.034", "2·10⁻⁷", "1·10⁻⁴", "< 10⁻³⁰"]
     assert [force(x, "N m") for x in (0.0, 1.44e-5, 0.52, 247.0, 15230.0)] == [
         "0 N m", "14 µN m", "0.52 N m", "250 N m", "15 kN m",
     ]  # fmt: skip
     assert quantity(EstimatedParameter(np.radians(2.0), np.radians(0.1), "rad")) == "2.00 ± 0.10 deg"
+    assert set(by_variables(("u", "n", "delta", "air x"))) == set(VARIABLES)
     assert readable("by -3 (mmg simulate SHIP --n -7.7)") == "by −3 (mmg simulate SHIP --n -7.7)"
 
 

@@ -12,7 +12,7 @@ import pytest
 from cases.shipfiles.effects import with_effects
 from cases.trial import Trial
 from diagnosis.findings import TESTS, Budget
-from diagnosis.report.gap_figure import gap_figure
+from diagnosis.report.page import gap_figure
 from diagnosis.validation.gap import BOTH, FLOOR, LEARNED, NAMED, REFITTED, GapRow, compared, sentence_of, witnessed
 from mmg.errors import TooFewData
 from mmg.network import Layers, Network
@@ -46,6 +46,13 @@ def test_the_true_effect_closes_all_and_a_half_of_it_three_quarters(trials: list
     drift = 30 * math.hypot(0.04, 0.02)  # what the calibrated ship misses
     assert by_name[REFITTED].position_m == pytest.approx(drift, rel=0.25)
     assert set(run.tolist()) == {0, 1, 2}
+
+
+def test_trials_without_positions_are_compared_by_what_they_measure(trials: list[Trial]) -> None:
+    bare = [replace(t, columns={k: v for k, v in t.columns.items() if k not in ("x", "y")}) for t in trials]
+    whole, row = (compared({REFITTED: FEW}, some, 30.0, None)[0][0] for some in (trials, bare))
+    assert row.heading_deg == pytest.approx(whole.heading_deg) and row.position_m == 0.0 < row.error < 1.0
+    assert " m and" not in sentence_of([row], (), "none", 30.0) and " m and" in sentence_of([whole], (), "none", 30.0)
 
 
 def test_without_a_floor_or_a_gap_nothing_is_shared_out(trials: list[Trial]) -> None:

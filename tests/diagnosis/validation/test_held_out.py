@@ -16,6 +16,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.refit import SearchProblem, refit
+from diagnosis.validation import held_out
 from diagnosis.validation.held_out import STRIDE, WINDOW, errors, one_step_likelihood, scales, start_states
 from tests.support.diagnosis_cases import (
     OFF_NEUTRAL,
@@ -44,7 +45,7 @@ def fits() -> tuple[SearchProblem, Estimate, Estimate]:
     problem, null = pushed_problem(1, EFFECT)
     effect = candidate("current")
     start = dict(zip(effect.columns, (0.02, -0.01), strict=True))
-    return problem, null, refit(problem.steps, problem.data, problem.base, null, [effect], start)
+    return problem, null, refit(problem, null, [effect], start)
 
 
 @cache
@@ -76,14 +77,15 @@ def test_the_true_model_predicts_its_own_motion_without_error() -> None:
 
 
 @pytest.mark.slow
-def test_what_another_size_of_the_noise_gains_is_no_gain_of_the_effect() -> None:
+def test_what_another_size_of_the_noise_gains_is_no_gain_of_the_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit with an effect has smaller random forces in its own trials, and too small ones in others."""
     problem, null, true = fits()
     data, held = closed()
     small = true.noise.with_(force=0.5 * true.noise.force)
     other = compared(problem.steps, data, null, replace(true, noise=small))
     assert other is not None and other.likelihood_gain == pytest.approx(held.likelihood_gain, abs=1.0)
-    once = [one_step_likelihood(problem.steps, data, fit, 1).sum() for fit in (true, replace(true, noise=small))]
+    monkeypatch.setattr(held_out, "FITS", 1)
+    once = [one_step_likelihood(problem.steps, data, fit).sum() for fit in (true, replace(true, noise=small))]
     assert abs(once[1] - once[0]) > 30.0  # what it would count for
 
 
@@ -130,13 +132,9 @@ def test_a_window_every_stride_that_fits_into_its_run_and_begins_at_a_whole_row(
     assert list(errors(steps, data, theta, 0.0).run) == [0, 1, 2]
 
 
-def test_a_run_that_is_shorter_than_a_window_says_nothing() -> None:
+def test_equal_models_close_nothing_and_a_run_shorter_than_a_window_says_nothing() -> None:
     problem, null, true = fits()
     assert compared(problem.steps, others((("zigzag:-20/20", 25.0),)), null, true) is None
-
-
-def test_equal_models_close_nothing() -> None:
-    problem, null, _ = fits()
     held = compared(problem.steps, others(OTHERS[:2]), null, null)
     assert held is not None
     assert held.reduction == 0.0 and held.interval_90 == (0.0, 0.0) and held.mse_before == held.mse_after > 0
@@ -145,7 +143,7 @@ def test_equal_models_close_nothing() -> None:
 
 
 def test_the_true_model_closes_the_gap_and_the_interval_says_so() -> None:
-    _, held = closed()
+    data, held = closed()
     assert 0.3 < held.reduction < 1.0 and held.mse_after < held.mse_before
     assert 0 < held.interval_90[0] < held.reduction < held.interval_90[1] < 1
     assert held.likelihood_gain is not None and held.likelihood_interval_90 is not None
@@ -153,10 +151,7 @@ def test_the_true_model_closes_the_gap_and_the_interval_says_so() -> None:
     assert 0 < held.likelihood_interval_90[0] < held.likelihood_gain < held.likelihood_interval_90[1]
     assert set(held.horizons) == {"1 step", "30 s", "whole run"}
     assert all(after < before for before, after in held.horizons.values())
-
-
-def test_numbers_of_the_runs_make_up_the_whole() -> None:
-    data, held = closed()
+    # the numbers of the runs make up the whole
     assert held.windows == 12 and list(held.by_run) == list(data.trials)
     weights = np.array([4, 5, 3]) / 12
     before, after = (weights @ np.array([pair[i] for pair in held.by_run.values()]) for i in (0, 1))
@@ -167,7 +162,9 @@ def test_numbers_of_the_runs_make_up_the_whole() -> None:
     assert min(reductions) - 1e-12 <= held.interval_90[0] and held.interval_90[1] <= max(reductions) + 1e-12
 
 
-def test_likelihood_of_single_steps_is_by_window_and_lower_for_a_sensor_gone_wrong() -> None:
+def test_likelihood_of_single_steps_is_by_window_and_lower_for_a_sensor_gone_wrong(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     problem, _, true = fits()
     data = others(OTHERS[:2])
     right = one_step_likelihood(problem.steps, data, true)
@@ -176,8 +173,9 @@ def test_likelihood_of_single_steps_is_by_window_and_lower_for_a_sensor_gone_wro
     wrong[..., 1, 3] += 5 * WHITE[3] * np.sign(np.sin(np.arange(len(wrong))))
     worse = one_step_likelihood(problem.steps, replace(data, y=wrong), true)
     assert worse.sum() > right.sum() + 100
-    alone = one_step_likelihood(problem.steps, replace(data, y=wrong), true, 1)  # by the noise of the fit
-    assert alone[0] == pytest.approx(one_step_likelihood(problem.steps, data, true, 1)[0], rel=1e-9)
+    monkeypatch.setattr(held_out, "FITS", 1)  # by the noise of the fit
+    alone, both = (one_step_likelihood(problem.steps, replace(data, y=y), true) for y in (wrong, data.y))
+    assert alone[0] == pytest.approx(both[0], rel=1e-9)
 
 
 def test_where_the_ship_explodes_single_steps_say_nothing_and_windows_stay() -> None:
@@ -190,9 +188,7 @@ def test_where_the_ship_explodes_single_steps_say_nothing_and_windows_stay() -> 
     assert np.isfinite([held.mse_before, held.mse_after, *held.interval_90]).all() and held.reduction < 0
 
 
-def test_a_path_about_which_the_filter_breaks_down_is_approached_by_less(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_path_about_which_the_filter_breaks_down_is_approached_by_less(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, null, _ = fits()
     data, calls = others(OTHERS[:2]), []
     right = one_step_likelihood(problem.steps, data, null)

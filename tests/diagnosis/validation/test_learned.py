@@ -49,7 +49,7 @@ def test_nothing_missing_nothing_closed() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("workers", [1, 2])
 def test_the_seed_decides_and_the_workers_do_not(workers: int) -> None:
     ship, few = hybrids.ship(), replace(QUICK, epochs=2)
     trials, tests = hybrids.trials(hybrids.lacking(), 2, 200), hybrids.trials(hybrids.lacking(), 2, 60, seed=9)
