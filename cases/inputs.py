@@ -128,10 +128,8 @@ _KNOWN: WeakKeyDictionary[Trial, dict[tuple[str, ...], ModelInputs]] = WeakKeyDi
 
 
 def model_inputs(trial: Trial, inputs: Sequence[str] = STANDARD) -> ModelInputs:
-    """The inputs of a right-hand side at the samples of a ``trial``, made once per trial.
-
-    inputs: C names in the order of ``Ship.inputs``. Raises UserError as ``actuator_columns`` does.
-    """
+    """The inputs of a right-hand side at the samples of a ``trial``, made once per trial. inputs: C names in the order
+    of ``Ship.inputs``. Raises UserError as ``actuator_columns`` does."""
     known = _KNOWN.setdefault(trial, {})
     names = tuple(inputs)
     if names not in known:
@@ -145,9 +143,7 @@ def model_inputs(trial: Trial, inputs: Sequence[str] = STANDARD) -> ModelInputs:
 
 def assumed(trials: Sequence[Trial], inputs: Sequence[str]) -> list[Message]:
     """What a model with these ``inputs``, as of ``Ship.inputs``, assumes of ``trials`` or ignores, each message once.
-
-    Raises UserError as ``actuator_columns`` does.
-    """
+    Raises UserError as ``actuator_columns`` does."""
     found = [note for trial in trials for note in model_inputs(trial, inputs).notices]
     if names := ", ".join(t.name for t in trials if not t.has_wind):
         found.append(Message(f"calm air is assumed in {names} (no complete wind columns)", "no_wind"))
@@ -155,10 +151,8 @@ def assumed(trials: Sequence[Trial], inputs: Sequence[str]) -> list[Message]:
 
 
 def step_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Mean over each step of samples that are held until the next one.
-
-    t: times (N,) [s]; values: samples (N, C); edges: times (K + 1,) [s] between which steps lie. Returns (K, C).
-    """
+    """Mean over each step of samples that are held until the next one. t: times (N,) [s]; values: samples (N, C);
+    edges: times (K + 1,) [s] between which steps lie. Returns (K, C)."""
     widths = np.diff(t)[:, None]
     integral = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values[:-1] * widths, axis=0)])
     at = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 1)
@@ -167,10 +161,8 @@ def step_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarr
 
 
 def straight_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """As ``step_means``, with samples joined by straight lines, with ``corners`` between samples.
-
-    t: times (N,) [s]; values: samples (N, C); edges: times (K + 1,) [s] between which steps lie. Returns (K, C).
-    """
+    """As ``step_means``, with samples joined by straight lines, with ``corners`` between samples. t: times (N,) [s];
+    values: samples (N, C); edges: times (K + 1,) [s] between which steps lie. Returns (K, C)."""
     until = np.column_stack([_integral_until(*with_corners(t, column), edges) for column in values.T])
     return np.diff(until, axis=0) / np.diff(edges)[:, None]
 

@@ -254,11 +254,8 @@ class Trial:
 
     @property
     def wind_vector(self) -> np.ndarray:
-        """Velocity of the air over ground, north and east components [m/s], shape (N, 2).
-
-        The wind direction is *coming from*, so the vector is minus the unit vector of it.
-        Zeros when the wind is not known.
-        """
+        """Velocity of the air over ground, north and east components [m/s], shape (N, 2). The wind direction is *coming
+        from*, so the vector is minus the unit vector of it. Zeros when the wind is not known."""
         if not self.has_wind:
             return np.zeros((len(self), 2))
         speed, direction = self["wind_speed"], self["wind_direction"]

@@ -27,10 +27,8 @@ COLUMNS = {"psi": (("psi",), ("r",)), "position": (("x", "y"), ("u", "v"))}
 
 
 def mismatches(trial: Trial) -> dict[str, np.ndarray]:
-    """Channel of ``trial`` -> its difference from the integral of its rate, (N,).
-
-    "psi" [rad]; "position" [m], north + i east, where there are positions; none of relatives.
-    """
+    """Channel of ``trial`` -> its difference from the integral of its rate, (N,). "psi" [rad]; "position" [m], north +
+    i east, where there are positions; none of relatives."""
     t, psi = trial.t, filled(trial.psi_unwrapped)
     found = {"psi": psi - integral(t, filled(trial["r"]))} if independent(trial, "turn") else {}
     if independent(trial, "track"):
@@ -83,10 +81,8 @@ WANDER = 4.0  # set by hand
 
 
 def frozen(trial: Trial, signals: Mapping[str, np.ndarray]) -> Iterator[Break]:
-    """First and last row, what, and columns of each frozen stretch of ``trial``.
-
-    signals: its ``mismatches``, each (N,).
-    """
+    """First and last row, what, and columns of each frozen stretch of ``trial``. signals: its ``mismatches``, each
+    (N,)."""
     speed, turn = np.hypot(trial["u"], trial["v"]), np.abs(trial["r"])
     moves = {"psi": turn, "r": np.abs(np.gradient(trial.psi_unwrapped, trial.t)), "x": speed, "u": speed}
     for group in GROUPS:
@@ -112,10 +108,8 @@ def frozen(trial: Trial, signals: Mapping[str, np.ndarray]) -> Iterator[Break]:
 
 
 def _lacks(trial: Trial, signals: Mapping[str, np.ndarray], group: tuple[str, ...], first: int, last: int) -> bool:
-    """Whether more of the motion is missing between the rows than rounded columns do not show.
-
-    What the rates are off by throughout the rest of the record is not missing.
-    """
+    """Whether more of the motion is missing between the rows than rounded columns do not show. What the rates are off
+    by throughout the rest of the record is not missing."""
     name = next(name for name, columns in COLUMNS.items() if group in columns)
     if name not in signals or not resolution(trial, group):
         return False
@@ -144,10 +138,8 @@ def _resumes(trial: Trial, group: tuple[str, ...], last: int) -> bool:
 
 
 def usual_length(lengths: np.ndarray, rows: int) -> float:
-    """Length of a repetition that all but a few samples of the ``rows`` of a record do not exceed.
-
-    lengths: of its repetitions (M,), in rows.
-    """
+    """Length of a repetition that all but a few samples of the ``rows`` of a record do not exceed. lengths: of its
+    repetitions (M,), in rows."""
     single = rows - lengths.sum()
     if not len(lengths) or single >= USUAL * rows:
         return 1.0
@@ -224,10 +216,8 @@ RARE = 0.05  # Share of samples from which spikes are the noise of the channel. 
 
 
 def around(values: np.ndarray, reach: int) -> np.ndarray:
-    """The ``values`` (N,), each with ``reach`` neighbours on both sides, (N, 2 reach + 1), a view; the ends repeat.
-
-    The filters of scipy.ndimage do the same, but take longer to import than the checks of a few files.
-    """
+    """The ``values`` (N,), each with ``reach`` neighbours on both sides, (N, 2 reach + 1), a view; the ends repeat. The
+    filters of scipy.ndimage do the same, but take longer to import than the checks of a few files."""
     return np.lib.stride_tricks.sliding_window_view(np.pad(values, reach, mode="edge"), 2 * reach + 1)
 
 
@@ -270,10 +260,8 @@ PROPELLERS = ("n", "n_2", "n_3", "n_4")
 
 
 def without_cause(trial: Trial) -> Iterator[Break]:
-    """First and last row, what, and columns of each spell of rest of ``trial`` in which the turn rate swings.
-
-    The spell counts from its beginning: when the hand took hold is not in the record.
-    """
+    """First and last row, what, and columns of each spell of rest of ``trial`` in which the turn rate swings. The spell
+    counts from its beginning: when the hand took hold is not in the record."""
     width = max(5, round(1.0 / trial.dt)) | 1
     r = trial["r"]
     if not np.isfinite(r).all() or len(trial) < 10 * width:

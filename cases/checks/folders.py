@@ -303,10 +303,7 @@ def _contradicted(
     trials: Sequence[Trial], k: int, still: Mapping[str, str], found: Judged, turning: float | None
 ) -> Said:
     """What refutes the labels of file number ``k`` of a folder: columns that stand ``still``, and the reading that was
-    ``found``.
-
-    turning: correlation of its turn rate with the rudder.
-    """
+    ``found``. turning: correlation of its turn rate with the rudder."""
     trial = trials[k]
     said = [
         (CONTRADICTORY, "frozen_channel", f"{name} is frozen at {float(np.nanmedian(trial[name])):.3g}, while {why}")
@@ -496,10 +493,7 @@ def labels(trial: Trial) -> dict[str, tuple[str, str]]:
 
 def settings(trial: Trial, keys: Keys) -> dict[str, Any] | None:
     """What has to stand in the sidecar so that ``keys`` are true of ``trial``, over what stands there; None where no
-    accepted unit makes it so.
-
-    keys: of a reading: units as factors, columns by their canonical names.
-    """
+    accepted unit makes it so. keys: of a reading: units as factors, columns by their canonical names."""
     known, entry = labels(trial), entry_of(trial)
     out: dict[str, Any] = {}
     if "columns" in keys:
@@ -534,9 +528,7 @@ def line(wanted: Mapping[str, Any]) -> str:
 
 def mended(trial: Trial, wanted: Mapping[str, Any], keys: Keys) -> Trial | None:
     """``trial`` as it is read with the ``wanted`` settings, or made so where it has no file; None where that fails.
-
-    keys: of the reading, from which the settings are.
-    """
+    keys: of the reading, from which the settings are."""
     try:
         if trial.path is not None and trial.path.exists():
             entry = {**entry_of(trial).model_dump(exclude_unset=True), **wanted}

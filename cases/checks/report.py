@@ -28,11 +28,8 @@ class CheckFinding(NamedTuple):
 
 @dataclass(frozen=True)
 class CheckReport:
-    """The checks of one trial.
-
-    numbers: topic -> the measured values (SI; keys end in their unit where they have one), None where the data do
-    not tell.
-    """
+    """The checks of one trial. numbers: topic -> the measured values (SI; keys end in their unit where they have one),
+    None where the data do not tell."""
 
     name: str
     path: str

@@ -109,10 +109,8 @@ TURNED = math.radians(1.0)
 
 
 def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """What ``following`` gives of ``trial``; all files of a folder decide together whether a sign is wrong.
-
-    A rudder that is taken as held although it moves over several samples is told of where that matters.
-    """
+    """What ``following`` gives of ``trial``; all files of a folder decide together whether a sign is wrong. A rudder
+    that is taken as held although it moves over several samples is told of where that matters."""
     return following(trial), _held(trial)
 
 
@@ -487,10 +485,8 @@ def inputs_are_constant(trial: Trial) -> bool:
 
 
 def pooled(reports: Iterable[CheckReport], ship: Ship | None = None) -> tuple[dict[str, float], list[str]]:
-    """Seconds per coefficient group over all ``reports``, and sentences about groups that are not excited.
-
-    ship: whose coefficients are named in these sentences; groups of which it has none are left out.
-    """
+    """Seconds per coefficient group over all ``reports``, and sentences about groups that are not excited. ship: whose
+    coefficients are named in these sentences; groups of which it has none are left out."""
     found = [numbers for report in reports if (numbers := report.numbers.get("excitation"))]
     seconds = {name: sum((numbers["group_seconds"][name] for numbers in found), 0.0) for name in GROUPS}
     return seconds, _missing(seconds, sum(numbers["seconds"] for numbers in found), ship)

@@ -147,10 +147,8 @@ def _tight(broken: Break, signals: Mapping[str, np.ndarray], margin: int) -> Bre
 
 
 def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """Of a ``trial``: its broken stretches and the share of its time in them; a sentence on each.
-
-    Nothing is left to decide, as they are left out: the verdict on the rest of the record is what counts.
-    """
+    """Of a ``trial``: its broken stretches and the share of its time in them; a sentence on each. Nothing is left to
+    decide, as they are left out: the verdict on the rest of the record is what counts."""
     found = broken_stretches(trial)
     still: dict[str, float] = {}
     for first, last, _, group in frozen(trial, mismatches(trial)) if len(trial) >= 8 * STEP else ():
@@ -392,9 +390,7 @@ def _cut(total: np.ndarray, first: int, last: int) -> Drift:
 
 def tightened(total: np.ndarray, first: int, last: int) -> tuple[int, int]:
     """The rows from ``first`` to ``last`` between which the sum ``total`` (N,) changes, without the sound ones around.
-
-    A sum that comes back changes as long as it is away by a quarter of the farthest.
-    """
+    A sum that comes back changes as long as it is away by a quarter of the farthest."""
     away = np.abs(total[first : last + 1] - total[first])
     farthest = float(away.max())
     if away[-1] >= 0.5 * farthest > 0:

@@ -96,10 +96,8 @@ def _at(row: float | None, **series: np.ndarray) -> dict[str, float]:
 
 
 def turning_figures(run: Since, rudder: float) -> dict[str, float]:
-    """advance, transfer (at 90 deg), tactical_diameter (at 180 deg) [m] and the times they take [s].
-
-    run: from the order on; rudder [rad] gives the side.
-    """
+    """advance, transfer (at 90 deg), tactical_diameter (at 180 deg) [m] and the times they take [s]. run: from the
+    order on; rudder [rad] gives the side."""
     side = math.copysign(1.0, rudder)
     quarter, half = (_when(side * run.change, angle) for angle in (math.pi / 2, math.pi))
     figures = _at(quarter, advance=run.advance, transfer=side * run.transfer, time_90=run.t)
@@ -194,10 +192,8 @@ def initial_turning_figures(run: Since, rudder: float) -> dict[str, float]:
 
 
 def stopping_figures(run: Since, least: float = 0.0) -> dict[str, float]:
-    """track_reach (along the path), head_reach, lateral_deviation [m] and stopping_time [s] until headway is lost.
-
-    run: from the order on; least: share of the speed at the order that is the end of it.
-    """
+    """track_reach (along the path), head_reach, lateral_deviation [m] and stopping_time [s] until headway is lost. run:
+    from the order on; least: share of the speed at the order that is the end of it."""
     stop = _when(run.u[0] - run.u, (1 - least) * run.u[0]) if run.u[0] > 0 else None
     return _at(stop, track_reach=run.path, head_reach=run.advance, lateral_deviation=run.transfer, stopping_time=run.t)
 
@@ -221,10 +217,8 @@ share of a hold, its last."""
 
 
 def steady_rates(run: Since) -> tuple[np.ndarray, np.ndarray]:
-    """Rudder angles [rad] and mean turn rates of the last tenth [rad/s] of the holds of a ``run``, (K,) each.
-
-    Holds shorter than a tenth of the longest (the rudder on its way) are left out.
-    """
+    """Rudder angles [rad] and mean turn rates of the last tenth [rad/s] of the holds of a ``run``, (K,) each. Holds
+    shorter than a tenth of the longest (the rudder on its way) are left out."""
     found = held_stretches(run.t, run.delta, tolerance=HELD)
     holds = [h for h in found if h.seconds >= TAIL * max(other.seconds for other in found)]
     tails = [(run.t >= h.end - TAIL * h.seconds) & (run.t <= h.end) for h in holds]

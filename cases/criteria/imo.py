@@ -58,10 +58,8 @@ LEAST_SCATTER = 0.03  # Share of the ship's speed [-]. Set by hand.
 
 @dataclass(frozen=True)
 class WaterVelocity:
-    """Velocity of the water over ground.
-
-    north, east [m/s]; std: standard deviation of the velocities behind it [m/s]; origin: where it is from, in words.
-    """
+    """Velocity of the water over ground. north, east [m/s]; std: standard deviation of the velocities behind it [m/s];
+    origin: where it is from, in words."""
 
     north: float
     east: float
@@ -78,8 +76,7 @@ class WaterVelocity:
 
 def current_of(run: Run) -> WaterVelocity | None:
     """The current in which a measured turning circle drifted; None for another run, one that turns less than 540 deg,
-    one without positions, and one whose pairs disagree.
-    """
+    one without positions, and one whose pairs disagree."""
     trial = run.trial
     if run.kind != "turning" or not trial.has_position:
         return None

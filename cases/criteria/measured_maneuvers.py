@@ -338,10 +338,8 @@ def _usual_speed(trial: Trial) -> float:
 
 
 def length_by_turns(trial: Trial) -> float:
-    """Length [m] of a ship by the highest turn rates of her ``trial``, within a factor of two.
-
-    Raises UserError where she does not turn.
-    """
+    """Length [m] of a ship by the highest turn rates of her ``trial``, within a factor of two. Raises UserError where
+    she does not turn."""
     rates = np.abs(trial["r"][np.isfinite(trial["r"])])
     fastest, speed = float(np.percentile(rates, 98)) if len(rates) else 0.0, _usual_speed(trial)
     if not (fastest > 0 and speed > 0):
@@ -386,10 +384,8 @@ def _in_steps(holds: Sequence[RudderStep], unit: float) -> int:
 
 
 def _partial(trial: Trial, holds: Sequence[RudderStep], unit: float) -> list[Execute]:
-    """The manoeuvre of a run without a complete one: a zigzag of one reversal, else a turning test that ends early.
-
-    The rudder must be held there for as long as in all other holds beyond LEAST_RUDDER together.
-    """
+    """The manoeuvre of a run without a complete one: a zigzag of one reversal, else a turning test that ends early. The
+    rudder must be held there for as long as in all other holds beyond LEAST_RUDDER together."""
     beyond = [h for h in holds if abs(h.angle) >= LEAST_RUDDER]
     if not beyond:
         return []

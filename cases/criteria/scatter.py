@@ -131,10 +131,8 @@ def draw_coefficients(
 
 
 def _within(draws: np.ndarray, lower: np.ndarray, upper: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Draws (Q, count) of unit variance and correlation ``matrix`` with those beyond bounds (Q, 1) put on them.
-
-    The others move to their expectation given that: by the regression on those that are held.
-    """
+    """Draws (Q, count) of unit variance and correlation ``matrix`` with those beyond bounds (Q, 1) put on them. The
+    others move to their expectation given that: by the regression on those that are held."""
     held = np.zeros(draws.shape, dtype=bool)
     target = draws
     for _ in range(ROUNDS):

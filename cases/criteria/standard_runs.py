@@ -35,11 +35,8 @@ STANDARD = ("turning:35", "turning:-35", *ZIGZAGS, "crash-stop")  # What the cri
 
 @dataclass(frozen=True, kw_only=True)
 class Run(Execute):
-    """A standard manoeuvre and its figures.
-
-    name: as ordered ("zigzag:20/20") or the trial's; trial: the motion; length L [m]; figures: SI and rad, by the names
-    of cases/criteria/figures.py; measured: from a file.
-    """
+    """A standard manoeuvre and its figures. name: as ordered ("zigzag:20/20") or the trial's; trial: the motion; length
+    L [m]; figures: SI and rad, by the names of cases/criteria/figures.py; measured: from a file."""
 
     name: str
     trial: Trial
@@ -50,9 +47,7 @@ class Run(Execute):
 
 def approach_speed(ship: Ship, speed: float | None = None) -> tuple[float, str]:
     """Test speed of a ``ship`` [m/s] and where it is from: given, else as of ``known_speed`` with Froude number 0.142.
-
-    Raises UserError for a speed that is not positive.
-    """
+    Raises UserError for a speed that is not positive."""
     if speed is not None:
         if not (math.isfinite(speed) and speed > 0):
             raise OutOfRange(f"test speed {speed:g} m/s must be positive")
@@ -83,11 +78,10 @@ def simulated_trial(
 
     maneuver: text as for ``parse_maneuver``, "harbour:SEED" for random use of all actuators from rest, or a
     ``Maneuver``, for another speed, duration or rudder rate; controls: a trial or its file, whose inputs and wind are
-    followed from its first state; give one of the two. wind:
-    "speed:direction[:gusty]" in m/s and degrees it comes from, default calm air, or the wind of the controls; noise:
-    white sensor noise on the states; seed: of gusts, noise and random manoeuvres; dt: sampling interval [s] of a
-    manoeuvre, default 0.1. Raises UserError for what cannot be read or simulated, and when a manoeuvre misses its first
-    event.
+    followed from its first state; give one of the two. wind: "speed:direction[:gusty]" in m/s and degrees it comes
+    from, default calm air, or the wind of the controls; noise: white sensor noise on the states; seed: of gusts, noise
+    and random manoeuvres; dt: sampling interval [s] of a manoeuvre, default 0.1. Raises UserError for what cannot be
+    read or simulated, and when a manoeuvre misses its first event.
     """
     if (maneuver is None) == (controls is None):
         raise Conflict("give either a manoeuvre or controls, one of them")

@@ -98,10 +98,8 @@ TURNS = 0.05  # rad; a heading that varies less says nothing of how quickly the 
 
 
 def wrong_inputs(trial: Trial, turning: float | None) -> list[tuple[str, float, str]]:
-    """(column, factor that makes it true, sentence) of revolutions and rudders of ``trial`` in a wrong unit.
-
-    turning: correlation of the turn rate with the rudder, None where it is not known.
-    """
+    """(column, factor that makes it true, sentence) of revolutions and rudders of ``trial`` in a wrong unit. turning:
+    correlation of the turn rate with the rudder, None where it is not known."""
     s = signals(trial)
     if s is None or not s.good.any() or float(np.std(s.psi[s.good])) < TURNS:
         return []
@@ -130,10 +128,8 @@ def wrong_inputs(trial: Trial, turning: float | None) -> list[tuple[str, float, 
 def _outside(
     name: str, value: float, limits: tuple[float, float], units: tuple[str, str, float], what: str
 ) -> list[tuple[str, float, str]]:
-    """What is said of the column ``name`` where a ``value`` of ``what`` lies outside the ``limits``.
-
-    units: the first that it holds where the value is too small, though labelled as the second, and the factor of that.
-    """
+    """What is said of the column ``name`` where a ``value`` of ``what`` lies outside the ``limits``. units: the first
+    that it holds where the value is too small, though labelled as the second, and the factor of that."""
     low, high = limits
     if low <= value <= high:
         return []
@@ -147,11 +143,8 @@ Keys = dict[str, Any]
 
 
 class Frame(NamedTuple):
-    """A reading of axes and signs.
-
-    code: of the finding; meaning: in words; guess: velocity north + i east of the track (M,), or of what a mirrored or
-    swapped track becomes; psi, r: what their signs become; keys: of the sidecar.
-    """
+    """A reading of axes and signs. code: of the finding; meaning: in words; guess: velocity north + i east of the track
+    (M,), or of what a mirrored or swapped track becomes; psi, r: what their signs become; keys: of the sidecar."""
 
     code: str
     meaning: str

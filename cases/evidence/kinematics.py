@@ -60,10 +60,8 @@ class Fit:
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations by group, N (G, P, P) and h (G, P), of parameters with a prior (P,).
-
-    cost: as of ``Fit`` at the present values; squares: weighted squares of the rows, ``rows`` in number.
-    """
+    """Normal equations by group, N (G, P, P) and h (G, P), of parameters with a prior (P,). cost: as of ``Fit`` at the
+    present values; squares: weighted squares of the rows, ``rows`` in number."""
 
     N: np.ndarray
     h: np.ndarray
@@ -260,11 +258,8 @@ class Reading:
 def reading(
     q: SensorFault, value: float, std: float, verdict: str, rivals: Sequence[tuple[SensorFault, float]] = ()
 ) -> Reading:
-    """The reading of the quantity q with its sentence.
-
-    value, std: fitted value and standard error [q.unit], NaN if not checked; verdict: as of ``Reading``; rivals: other
-    quantities that would explain the same, and their values.
-    """
+    """The reading of the quantity q with its sentence. value, std: fitted value and standard error [q.unit], NaN if not
+    checked; verdict: as of ``Reading``; rivals: other quantities that would explain the same, and their values."""
     about, more = _shown(std, q.unit), q.form.format(q.ends[0])
     small = f"{more} ({'-' if value < 0 else ''}{_shown(abs(value), q.unit)} +- {about})"
     sentence = {
@@ -293,9 +288,7 @@ def reading(
 
 def pooled_with(pooled: Reading, runs: Sequence[tuple[str, Reading]], clear: Set[str]) -> Reading:
     """The ``pooled`` reading with the number of ``runs`` (name, reading) that agree, or that only some have the fault.
-
-    clear: symbols found in all runs together; what looks alike in a single run is not counted.
-    """
+    clear: symbols found in all runs together; what looks alike in a single run is not counted."""
     checked = sum(r.verdict in ("found", "none") for _, r in runs)
     alike = set().union(*(group for group in ALIKE if pooled.symbol in group)) - {pooled.symbol}
     own = [(name, r) for name, r in runs if r.verdict == "found" and not clear & (alike | set(r.rivals))]
@@ -390,10 +383,8 @@ class Kinematics:
 
 
 def consistency(trials: Sequence[Trial], ship: Ship) -> Kinematics:
-    """Kinematic consistency of ``trials`` of a ``ship``, by run and pooled over runs without a fault of the data.
-
-    The last answer is kept: who asks the same of the same trials again calculates nothing.
-    """
+    """Kinematic consistency of ``trials`` of a ``ship``, by run and pooled over runs without a fault of the data. The
+    last answer is kept: who asks the same of the same trials again calculates nothing."""
     return _consistency(tuple(trials), time_scale(ship.particulars["L"]))
 
 
@@ -505,9 +496,8 @@ def smooth(values: np.ndarray, width: int) -> np.ndarray:
 
 
 def uniform(t: np.ndarray, values: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:
-    """``values`` (N,) logged at ``t`` (N,) [s] on another ``clock`` (M,) [s] of step ``dt`` [s]: (M,), NaN
-    outside, and where more than 3 dt are missing.
-    """
+    """``values`` (N,) logged at ``t`` (N,) [s] on another ``clock`` (M,) [s] of step ``dt`` [s]: (M,), NaN outside, and
+    where more than 3 dt are missing."""
     good = np.flatnonzero(np.isfinite(values))
     if len(good) < 2:
         return np.full(len(clock), np.nan)
@@ -540,10 +530,8 @@ def _axes_of_lag(logs: Sequence[_Log], k: float) -> tuple[str, Sequence[int]]:
 def _readings(
     logs: Sequence[_Log], k: float, frame: str, known: Sequence[Sequence[int]] = ((), ())
 ) -> tuple[tuple[Reading, ...], tuple[Sequence[int], Sequence[int]]]:
-    """(readings of all quantities, faults of track and turn) of runs together, the lag in the axes of ``frame``.
-
-    known: faults that all runs have, so that a run is judged by what it has on top.
-    """
+    """(readings of all quantities, faults of track and turn) of runs together, the lag in the axes of ``frame``. known:
+    faults that all runs have, so that a run is judged by what it has on top."""
     turn = [log for log in logs if math.isfinite(log.turn)]
     way, yaw = _track(logs, k, frame, known[0]), _solved(turn, TURN, k, [log.turn_rows for log in turn], known[1])
     faults = way.active if way else (), yaw.active if yaw else ()

@@ -179,11 +179,8 @@ Value = complex | float
 
 @dataclass(frozen=True)
 class Shift:
-    """An explanation of what is left over, of one trial.
-
-    name: a key of LAGS, or "arm"; value: lag [s] or arm x + i y [m]; rivals: names of
-    explanations that are as good; shared: whether the other files of the folder have it, too.
-    """
+    """An explanation of what is left over, of one trial. name: a key of LAGS, or "arm"; value: lag [s] or arm x + i y
+    [m]; rivals: names of explanations that are as good; shared: whether the other files of the folder have it, too."""
 
     name: str
     value: Value
@@ -203,10 +200,8 @@ class Explanation:
 
 
 def candidates(found: Sequence[Signals], longest: float) -> dict[str, Explanation]:
-    """Name of a ``Shift`` -> its worth to the trials of a folder, all of them with a track or all without.
-
-    found: their signals; longest: lag [s] up to which is searched.
-    """
+    """Name of a ``Shift`` -> its worth to the trials of a folder, all of them with a track or all without. found: their
+    signals; longest: lag [s] up to which is searched."""
     names = (*LAGS, "arm") if all(s.has_track for s in found) else ("r",)
     return {name: _lag(found, name, longest) if name in LAGS else _arms(found) for name in names}
 
@@ -244,10 +239,8 @@ def nats_of_lags(s: Signals, name: str, lags: np.ndarray) -> np.ndarray:
 
 
 def _nats(s: Signals, has_track: bool) -> np.ndarray:
-    """Nats (...) of the records ``s``, of turns alone where they have no track.
-
-    A sum over windows that no record of ``s`` has of its own is made once.
-    """
+    """Nats (...) of the records ``s``, of turns alone where they have no track. A sum over windows that no record of
+    ``s`` has of its own is made once."""
     turn = _logged(s.stats(over_windows(s.psi), s.summed(s.r)), False) if s.has_turn else np.zeros(())
     return turn + _logged(s.stats(s.way(), s.summed(s.w * np.exp(1j * s.psi))), True) if has_track else turn
 

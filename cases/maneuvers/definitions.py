@@ -73,8 +73,7 @@ class FromLead(ABC):
 
     def event(self, t0: float, before: np.ndarray, t1: float, after: np.ndarray) -> float | None:
         """Fraction of the step from t0 to t1 [s], states ``before`` and ``after``, at which the execute or a switch
-        falls, so that the orders must be asked again; None if they stand until t1.
-        """
+        falls, so that the orders must be asked again; None if they stand until t1."""
         if t0 < self.lead - TINY:
             return (self.lead - t0) / (t1 - t0) if self.lead < t1 - TINY else None
         return self.switch(before, after)
@@ -97,10 +96,8 @@ class Turning(FromLead):
 
 @dataclass
 class Zigzag(FromLead):
-    """Rudder over; reversed each time the heading has changed by ``heading`` to the side of the rudder.
-
-    The change counts from the heading at the first execute. ``last_execute``: number of the one that ends it.
-    """
+    """Rudder over; reversed each time the heading has changed by ``heading`` to the side of the rudder. The change
+    counts from the heading at the first execute. ``last_execute``: number of the one that ends it."""
 
     rudder: float
     heading: float
@@ -146,10 +143,8 @@ class StopOrders(FromLead):
 
 @dataclass
 class StepOrders(FromLead):
-    """Rudder angles [rad] in turn, each held until the turn rate is steady; over when the last one is.
-
-    Steady: all turn rates of the last ``window`` [s] lie within ``tolerance`` [rad/s] of each other.
-    """
+    """Rudder angles [rad] in turn, each held until the turn rate is steady; over when the last one is. Steady: all turn
+    rates of the last ``window`` [s] lie within ``tolerance`` [rad/s] of each other."""
 
     angles: tuple[float, ...]
     window: float
@@ -425,12 +420,11 @@ def parse_maneuver(
 ) -> Maneuver:
     """The manoeuvre that a text such as "turning:35" names, for a ship.
 
-    n [1/s], speed [m/s]: approach; one follows from the other by the ship's surge balance, both may be given,
-    by default the speed is the ship's U_0 or that of Froude number 0.07 (7.7 kn for 320 m), in a crash stop or
-    coasting 0.142. duration [s] replaces the
-    default time limit; a zigzag of given duration goes on until then, otherwise it ends with the sixth execute.
-    rudder_rate [rad/s] replaces the Froude-scaled 20 deg/s. seed serves "random" when the text has none.
-    Raises UserError for an unknown or ill-formed text and for an approach that the ship cannot hold.
+    n [1/s], speed [m/s]: approach; one follows from the other by the ship's surge balance, both may be given, by
+    default the speed is the ship's U_0 or that of Froude number 0.07 (7.7 kn for 320 m), in a crash stop or coasting
+    0.142. duration [s] replaces the default time limit; a zigzag of given duration goes on until then, otherwise it
+    ends with the sixth execute. rudder_rate [rad/s] replaces the Froude-scaled 20 deg/s. seed serves "random" when the
+    text has none. Raises UserError for an unknown or ill-formed text and for an approach that the ship cannot hold.
     sampled: orders change at samples only.
     """
     kind, _, argument = text.strip().partition(":")
@@ -485,10 +479,8 @@ class _Setup:
     def maneuver(
         self, default: float, orders: Callable[[], Orders] | None = None, share: float = 1.0, **parameters: float
     ) -> Maneuver:
-        """The manoeuvre with ``default`` as its time limit [s of the 3 m model]; no ``orders``: rudder midships.
-
-        It starts with ``share`` times the approach speed and revolutions.
-        """
+        """The manoeuvre with ``default`` as its time limit [s of the 3 m model]; no ``orders``: rudder midships. It
+        starts with ``share`` times the approach speed and revolutions."""
         return replace(
             self.base,
             duration=self.base.duration or default * self.scale,

@@ -191,9 +191,8 @@ def engine_of(ship: Ship, speed: float, n: float) -> Engine | None:
 
 def stopping_factors(ship: Ship) -> dict[str, float]:
     """Symbol -> factor on coefficients of the resistance where the ``ship`` is stopped: her particular
-    ``stopping_resistance``, of a ship whose coefficients are those of a model at its own self-propulsion point.
-    Raises UserError for a share that makes no sense.
-    """
+    ``stopping_resistance``, of a ship whose coefficients are those of a model at its own self-propulsion point. Raises
+    UserError for a share that makes no sense."""
     share = ship.particulars.get("stopping_resistance", 1.0)
     if not 0.1 <= share <= 10:
         raise OutOfRange(f"{ship.name}: stopping_resistance = {share:g} must be between 0.1 and 10")
@@ -303,10 +302,8 @@ def diameter_for(ship: Ship, u: float, n: float) -> float:
 
 
 def _root(function: Callable[[float], float], first: float, failure: str) -> float:
-    """Root of a function that is negative at small positive arguments and positive at large ones.
-
-    To 1e-12 of it by the Illinois method (Dowell & Jarratt 1971): scipy's root finders are slow to import.
-    """
+    """Root of a function that is negative at small positive arguments and positive at large ones. To 1e-12 of it by the
+    Illinois method (Dowell & Jarratt 1971): scipy's root finders are slow to import."""
     low, high = 1e-3 * first, first
     for _ in range(8):
         if function(high) > 0:
@@ -337,11 +334,8 @@ def own_speed(ship: Ship, froude: float = FROUDE) -> float:
 
 
 def known_speed(ship: Ship, froude: float) -> tuple[float, str]:
-    """Approach speed of a ``ship`` where none is asked for [m/s], and where it is from.
-
-    Her U_0 where it was stated, else the approach speed of her trials, else a U_0 by rule, else that of a number
-    ``froude``.
-    """
+    """Approach speed of a ``ship`` where none is asked for [m/s], and where it is from. Her U_0 where it was stated,
+    else the approach speed of her trials, else a U_0 by rule, else that of a number ``froude``."""
     p, source = ship.particulars, ship.sources.get("U_0", "")
     if p.get("U_0", 0.0) > 0 and not source.startswith(BY_RULE):
         return p["U_0"], "U_0 of the ship file"
@@ -355,9 +349,7 @@ def known_speed(ship: Ship, froude: float) -> tuple[float, str]:
 
 def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = False) -> tuple[float, float]:
     """(speed [m/s], n [1/s]) at the start of a manoeuvre; what is not given follows from the surge balance.
-
-    ``at_rest``: the ship starts with speed 0 whatever n is. Raises UserError for numbers that make no approach.
-    """
+    ``at_rest``: the ship starts with speed 0 whatever n is. Raises UserError for numbers that make no approach."""
     u, revolutions = _approach(ship, n, speed, at_rest)
     froude = u / reference_speed(ship.particulars["L"])
     if abs(froude) > 1:

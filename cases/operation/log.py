@@ -42,10 +42,8 @@ PIECE = 100_000  # Most rows that are held at a time. Set by hand: it bounds mem
 
 @dataclass
 class OperationLog:
-    """The readable parts of a ``folder``, in order of time.
-
-    notices: what was converted or dropped, each sentence once; left_out: a sentence on every part that cannot be read.
-    """
+    """The readable parts of a ``folder``, in order of time. notices: what was converted or dropped, each sentence once;
+    left_out: a sentence on every part that cannot be read."""
 
     folder: Path
     parts: list[Path] = field(default_factory=list)
@@ -56,8 +54,7 @@ class OperationLog:
         """Canonical columns (N,) of at most PIECE rows: SI, radians, frames of the product, time increasing.
 
         All have the columns of the first part; one that a later part lacks is NaN there. A part that turns out to be
-        damaged is left out from there on, which is said in ``left_out``. Raises UserError
-        where no row is left.
+        damaged is left out from there on, which is said in ``left_out``. Raises UserError where no row is left.
         """
         last, any_row, names = -math.inf, False, list[str]()
         for part in self.parts:
@@ -110,10 +107,8 @@ def _once(sentences: list[str], sentence: str) -> None:
 
 
 def read_log(folder: str | Path) -> OperationLog:
-    """The log in the Parquet files of ``folder`` and of the folders in it.
-
-    Raises UserError where the folder does not exist, holds no Parquet file, or none that can be read.
-    """
+    """The log in the Parquet files of ``folder`` and of the folders in it. Raises UserError where the folder does not
+    exist, holds no Parquet file, or none that can be read."""
     import pyarrow as pa
 
     folder = Path(folder)
@@ -250,9 +245,7 @@ def _cut_piece(
     columns: Mapping[str, np.ndarray], cut: Cut, slowest: float, revolutions: float, last: bool = False
 ) -> int:
     """Add the windows of ``columns`` (N,) to ``cut``; returns the row from which they are to be cut with what follows.
-
-    slowest: speed below which a ship does not sail [m/s]; revolutions: largest usual ones; last: nothing follows.
-    """
+    slowest: speed below which a ship does not sail [m/s]; revolutions: largest usual ones; last: nothing follows."""
     t, rows = columns["t"], len(columns["t"])
     if not rows:
         return 0

@@ -46,11 +46,8 @@ def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, flo
 
 
 def with_effects(ship: Ship, texts: Iterable[str]) -> Ship:
-    """The ``ship`` with the effects of ``texts`` ("NAME:key=value") switched on.
-
-    One without values gets its typical size.
-    Raises UserError as ``parse_effect`` does, for an effect given twice and a parameter without value.
-    """
+    """The ``ship`` with the effects of ``texts`` ("NAME:key=value") switched on. One without values gets its typical
+    size. Raises UserError as ``parse_effect`` does, for an effect given twice and a parameter without value."""
     given: set[str] = set()
     for text in texts:
         name, values, named = parse_effect(text, ship, "--effect")
@@ -135,10 +132,8 @@ SUSPECT = "the trials speak for it, put in by mmg fit"
 
 
 def with_suspects(ship: Ship, symbols: Iterable[str]) -> Ship:
-    """The ``ship`` with nuisance parameters that her trials speak for, which a diagnosis judges anew.
-
-    symbols: of parameters of effects that she lacks, such as "current.x"; they are free, and SUSPECT is their source.
-    """
+    """The ``ship`` with nuisance parameters that her trials speak for, which a diagnosis judges anew. symbols: of
+    parameters of effects that she lacks, such as "current.x"; they are free, and SUSPECT is their source."""
     chosen = tuple(symbols)
     for name in dict.fromkeys(s.partition(".")[0] for s in chosen):
         ship = ship.with_effect(name)

@@ -124,9 +124,7 @@ def generated_terms(
     entries: Mapping[str, CoefficientEntry], components: Mapping[str, str], table: Mapping[str, Coefficient]
 ) -> tuple[dict[str, Coefficient], list[str]]:
     """Rows for the coefficients among ``entries`` that state a monomial, and sentences on what is wrong with them.
-
-    components: role -> model; table: coefficients of the ship's other models, whose symbols are taken.
-    """
+    components: role -> model; table: coefficients of the ship's other models, whose symbols are taken."""
     rows, wrong = {}, []
     for symbol, entry in entries.items():
         if not entry.monomial:

@@ -49,9 +49,8 @@ def is_black_box(where: str | Path) -> bool:
 
 
 def save_network(path: str | Path, network: Network, ship: Ship) -> None:
-    """Write the ``network`` of a ``ship`` to ``path``. Raises UserError where it does not fit the ship or cannot
-    be written.
-    """
+    """Write the ``network`` of a ``ship`` to ``path``. Raises UserError where it does not fit the ship or cannot be
+    written."""
     network.check(ship.name, ship.actuators)
     arrays = {name: getattr(network, name) for name in PLAIN}
     for k, member in enumerate(network.members):
@@ -122,9 +121,7 @@ class NetworkTable(Section):
 
 def network_of(table: NetworkTable, ship: Ship, folder: Path | None) -> Network:
     """The network in a ``table`` of the file of ``ship``, which lies in ``folder`` (None: it is a text on its own).
-
-    Raises UserError where it cannot be read or does not fit the ship.
-    """
+    Raises UserError where it cannot be read or does not fit the ship."""
     if table.file:
         if folder is None:
             raise Missing(f"[network] file = '{table.file}': a text has no folder; read the ship file itself")
@@ -185,10 +182,8 @@ def save_tensors(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[st
 
 
 def read_tensors(path: Path, form: str, what: str) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """The metadata and the arrays, such as (K, N), of the file ``path`` of this ``form``; what: it is, in words.
-
-    Raises UserError where it cannot be read or is of another form.
-    """
+    """The metadata and the arrays, such as (K, N), of the file ``path`` of this ``form``; what: it is, in words. Raises
+    UserError where it cannot be read or is of another form."""
     check_file(path)
     try:
         with safe_open(path, framework="numpy") as file:

@@ -179,10 +179,8 @@ HULLS = ("unified", "harbour", "polynomial")
 
 
 def parse_particulars(words: Sequence[str]) -> dict[str, float]:
-    """Particulars [SI] from ``words`` such as "320 58 20.8 C_b=0.81 D_P=9.86".
-
-    Numbers in the order of ORDER, then NAME=VALUE. Raises UserError for anything else.
-    """
+    """Particulars [SI] from ``words`` such as "320 58 20.8 C_b=0.81 D_P=9.86". Numbers in the order of ORDER, then
+    NAME=VALUE. Raises UserError for anything else."""
     given: dict[str, float] = {}
     for i, word in enumerate(word for part in words for word in part.replace(",", " ").split()):
         name, equals, number = word.rpartition("=")

@@ -147,8 +147,6 @@ def _outside(p: Mapping[str, float], merchant: bool) -> Iterator[tuple[str, str]
 
 
 def _froude(p: Mapping[str, float]) -> tuple[float | None, float]:
-    """Froude number of the service speed in ``p`` [SI], None without, and the one that goes with its C_b.
-
-    That is (1.08 - C_b) / 1.68, at least 0.12: Alexander's formula with K = 1.08, as quoted in textbooks.
-    """
+    """Froude number of the service speed in ``p`` [SI], None without, and the one that goes with its C_b. That is (1.08
+    - C_b) / 1.68, at least 0.12: Alexander's formula with K = 1.08, as quoted in textbooks."""
     return p["U_0"] / reference_speed(p["L"]) if "U_0" in p else None, max((1.08 - p["C_b"]) / 1.68, 0.12)

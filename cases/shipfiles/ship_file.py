@@ -1,13 +1,12 @@
 """Ship files: reading, checking and writing them, and the ships that come with the package.
 
 A ship file is TOML: ``[ship]`` particulars (SI), ``[model]`` the force model of each role, and one table
-``[coefficients.NAME]`` per coefficient with ``value``, ``std``, ``lower``, ``upper``, ``unit`` or ``prime``,
-``fixed``, ``source``, and after a fit ``verdict``, ``prior_value`` and ``prior_std``. ``[calibration]`` says which fit
-that was; ``[sources]`` where particulars are from that nobody stated; ``[campaigns.NAME]`` holds values that the
-trials of a campaign have for themselves. A coefficient that is left out takes the default of its force model; for
-the wind model that is the regression on the particulars. A table ``[network]`` holds the learned residual of a hybrid
-ship (``network_table``).
-The same tables are read from JSON (``ship_json``).
+``[coefficients.NAME]`` per coefficient with ``value``, ``std``, ``lower``, ``upper``, ``unit`` or ``prime``, ``fixed``,
+``source``, and after a fit ``verdict``, ``prior_value`` and ``prior_std``. ``[calibration]`` says which fit that was;
+``[sources]`` where particulars are from that nobody stated; ``[campaigns.NAME]`` holds values that the trials of a
+campaign have for themselves. A coefficient that is left out takes the default of its force model; for the wind model
+that is the regression on the particulars. A table ``[network]`` holds the learned residual of a hybrid ship
+(``network_table``). The same tables are read from JSON (``ship_json``).
 """
 
 from __future__ import annotations
@@ -86,10 +85,8 @@ def _further_particulars(components: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def parse_ship(text: str, where: str = "ship file") -> Ship:
-    """The ship in the ``text`` of a ship file; ``where`` names it in messages.
-
-    Raises UserError, in one line, for all that is wrong with it.
-    """
+    """The ship in the ``text`` of a ship file; ``where`` names it in messages. Raises UserError, in one line, for all
+    that is wrong with it."""
     return _ship(parse_toml(text, where), where)
 
 
@@ -217,11 +214,8 @@ def _models(components: dict[str, str]) -> str:
 def _contradictions(
     roles: dict[str, Any], components: dict[str, str], stated: dict[str, Any], particulars: dict[str, float]
 ) -> list[str]:
-    """Sentences on force models and particulars that do not go together.
-
-    roles, stated: keys of [model] and [ship] as they stand in the file; components, particulars: those of them that
-    are right in themselves.
-    """
+    """Sentences on force models and particulars that do not go together. roles, stated: keys of [model] and [ship] as
+    they stand in the file; components, particulars: those of them that are right in themselves."""
     found = []
     if not set(roles) & set(ROLES):
         found.append("[model] names no force model; give at least that of the hull")
@@ -264,10 +258,8 @@ def dump_whole_ship(ship: Ship, comment: str = "") -> str:
 
 
 def dump_ship(ship: Ship, comment: str = "") -> str:
-    """The text of the ship file of ``ship``, under a ``comment``; ``parse_ship`` of it gives back the same ship.
-
-    Its network is left out, as a run folder keeps that in a file of its own.
-    """
+    """The text of the ship file of ``ship``, under a ``comment``; ``parse_ship`` of it gives back the same ship. Its
+    network is left out, as a run folder keeps that in a file of its own."""
     import tomlkit
 
     document = tomlkit.document()

@@ -34,9 +34,7 @@ RANGES = {"lower": -inf, "upper": inf}
 
 def dump_ship_json(ship: Ship, more: Mapping[str, Any] | None = None) -> str:
     """The text of the JSON of ``ship``; ``tables`` of what it holds, read as a ship file, give back the same ship.
-
-    more: further keys for the reader, plain values.
-    """
+    more: further keys for the reader, plain values."""
     words = {"name": ship.name, "description": ship.description, "reference": ship.reference}
     particulars = {}
     for name, value in ship.particulars.items():

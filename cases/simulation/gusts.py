@@ -88,10 +88,8 @@ def _advance(value: float, alpha: float, sigma: float, dt: float, draw: float) -
 
 
 def parse_wind(text: str) -> Wind:
-    """A wind from "speed:direction" or "speed:direction:gusty", m/s and degrees it comes from.
-
-    Raises UserError when the text is anything else.
-    """
+    """A wind from "speed:direction" or "speed:direction:gusty", m/s and degrees it comes from. Raises UserError when
+    the text is anything else."""
     parts = [part.strip() for part in text.split(":")]
     speed, direction = (as_number(part) for part in (*parts, "", "")[:2])
     fits = len(parts) == 2 or (len(parts) == 3 and parts[2] == "gusty")

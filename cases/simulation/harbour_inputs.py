@@ -54,9 +54,7 @@ def ranges_of(ship: Ship) -> dict[str, tuple[float, float]]:
 
 def harbour_seed(text: str, seed: int) -> int | None:
     """Seed of the manoeuvre "harbour" or "harbour:SEED" in ``text``, by default ``seed``; None for any other manoeuvre.
-
-    Raises UserError for a seed that is no whole number.
-    """
+    Raises UserError for a seed that is no whole number."""
     kind, colon, given = text.strip().partition(":")
     if kind != "harbour":
         return None

@@ -90,8 +90,7 @@ MOST_STEPS = 5_000_000  # Most Runge-Kutta steps of a run. Set by hand: it bound
 
 def _plant(ship: Ship) -> tuple[ca.Function, Model, float]:
     """A ship that is driven by logged inputs: one classical Runge-Kutta step (state (S,), inputs (C,), h [s]) -> state
-    (S,), its model without what the generator does exactly, and the delay of rudder and revolutions [s].
-    """
+    (S,), its model without what the generator does exactly, and the delay of rudder and revolutions [s]."""
     delay = 0.0
     for name in ship.effects:
         held_back = effect(name).input_delay(ship.parameters_of(name))

@@ -43,10 +43,8 @@ READ = 4
 
 @dataclass(frozen=True)
 class Ramps:
-    """Revolutions and rudder angle, straight between kinks.
-
-    times: (K,) [s], first and last that of the manoeuvre; positions: (K, 2): n [1/s], delta [rad].
-    """
+    """Revolutions and rudder angle, straight between kinks. times: (K,) [s], first and last that of the manoeuvre;
+    positions: (K, 2): n [1/s], delta [rad]."""
 
     times: np.ndarray
     positions: np.ndarray
@@ -66,9 +64,7 @@ class Ramps:
 
     def grid(self, t: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
         """Times of integration (K + 1,): t, the kinks, and so many between that no step is longer than ``longest`` [s].
-
-        Returns them with (K,) bool, which steps end at one of t.
-        """
+        Returns them with (K,) bool, which steps end at one of t."""
         nearest = t[np.clip(np.searchsorted(t, self.times - TINY), 0, len(t) - 1)]
         knots = np.union1d(t, self.times[np.abs(self.times - nearest) > TINY])
         gaps = np.diff(knots)
@@ -377,10 +373,8 @@ def coefficients_in(
 
 
 def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Inputs (N, C) or (N, C, M) from n and delta (N, 2) or (N, 2, M) in calm air.
-
-    ``actuator_positions`` says what moves. ship: gives the inputs; positions: those; t (N,) [s].
-    """
+    """Inputs (N, C) or (N, C, M) from n and delta (N, 2) or (N, 2, M) in calm air. ``actuator_positions`` says what
+    moves. ship: gives the inputs; positions: those; t (N,) [s]."""
     values = actuator_positions(ship, positions[:, 0], positions[:, 1])
     values["time"] = t.reshape(-1, *(1,) * (positions.ndim - 2))
     out = np.zeros((len(positions), len(ship.inputs), *positions.shape[2:]))
@@ -390,10 +384,8 @@ def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def ends_of(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Row (M,) of the end of each run: heading changed by 540 degrees, headway lost, or the last one.
-
-    orders: of the manoeuvre; t: (N + 1,) times [s]; states: (N + 1, 6, M).
-    """
+    """Row (M,) of the end of each run: heading changed by 540 degrees, headway lost, or the last one. orders: of the
+    manoeuvre; t: (N + 1,) times [s]; states: (N + 1, 6, M)."""
     N = len(states) - 1
     if isinstance(orders, Turning):
         k = min(int(np.searchsorted(t, orders.lead)), N)
@@ -409,10 +401,8 @@ def ends_of(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
 
 
 def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
-    """All ships of a ``batch`` a sample at a time, with their rudders or engines, inputs held over each sample.
-
-    push: accelerations; with them the runs end once they have been read.
-    """
+    """All ships of a ``batch`` a sample at a time, with their rudders or engines, inputs held over each sample. push:
+    accelerations; with them the runs end once they have been read."""
     ship, orders, theta, t, dt = batch.simulator.ship, batch.orders, batch.theta, batch.t, batch.dt
     state, M, N = batch.start, batch.start.shape[1], len(t) - 1
     parts = integration_steps(ship, dt)
