@@ -180,9 +180,9 @@ def _integral_until(t: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.nda
     return np.asarray(known[i] + values[i] * into + 0.5 * slope * into**2)
 
 
+# Share of an actuator's largest rate within which rates may be its limit; the least share by which rates are told from
+# that limit and from none; how often it must have it, and in which share of the samples in the middle of its moves.
 NEAR, LEAST, FEW, MOSTLY = 0.1, 0.01, 5, 0.8
-"""Share of an actuator's largest rate within which rates may be its limit; the least share by which rates are told from
-that limit and from none; how often it must have it, and in which share of the samples in the middle of its moves."""
 
 
 def with_corners(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

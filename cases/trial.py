@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 # What makes trials of frames and arrays; by its name, as users look for it here and it knows trials.
 READER = "cases.io.read"
 LEFT_OUT = "left_out"  # Code of the notice on what was left out
-Span = tuple[float, float]
-"""Begin and end [s] on the clock of the file."""
+Span = tuple[float, float]  # Begin and end [s] on the clock of the file.
 REQUIRED = ("psi", "u", "v", "r", "n", "delta")  # Columns without which nothing can be calibrated or predicted
 
 

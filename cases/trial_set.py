@@ -28,8 +28,8 @@ from mmg.errors import BadValue, Conflict, Missing
 from mmg.messages import Message, listed
 from mmg.ship import Ship
 
+# What a set is made of: one or several files, folders or trials.
 Given: TypeAlias = "str | Path | Trial | Sequence[str | Path | Trial]"
-"""What a set is made of: one or several files, folders or trials."""
 DOUBT = "doubtful"  # Code of the notice on what mmg check doubts of a trial
 JUDGED = {"judged": "yes"}  # Mark of trials that went through ``ready``
 MOST_LISTED = 5  # Of names and pairs in one message. Set by hand: display.

@@ -20,8 +20,7 @@ from cases.inputs import integral
 from cases.trial import Trial
 from mmg.motion.flow import INPUTS
 
-Break = tuple[int, int, str, tuple[str, ...]]
-"""First and last row, what, channels."""
+Break = tuple[int, int, str, tuple[str, ...]]  # First and last row, what, channels.
 # Mismatch -> its own columns, and the rates whose integral they are compared with.
 COLUMNS = {"psi": (("psi",), ("r",)), "position": (("x", "y"), ("u", "v"))}
 
@@ -67,8 +66,8 @@ def runs(flags: np.ndarray) -> np.ndarray:
 # A value is frozen when it is repeated this many times as often as the longest repetition that is usual.
 LONGEST = 4.0  # set by hand
 USUAL = 0.8  # Share of the samples that lie in repetitions of usual length. Set by hand.
+# Fewer repetitions, or fewer seconds, are a matter of rounding. Set by hand (2, 0 and 1, 1).
 LEAST_ROWS, LEAST_S = 5, 1.2
-"""Fewer repetitions, or fewer seconds, are a matter of rounding. Set by hand (2, 0 and 1, 1)."""
 # A velocity without noise that was frozen goes on with a jump of this many of its larger changes from row to row; one
 # that does not was steady. Set by hand.
 JUMP = 3.0

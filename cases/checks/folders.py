@@ -120,9 +120,9 @@ def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[
 
 
 LATE = 1.5  # Lag [s] of a channel beyond which the verdict is no longer "ok". Set by hand (1, 1).
+# The same for the angle between track and heading [rad], within which a compass is right (IMO A.424: 1 deg times the
+# secant of the latitude), and for a lever arm [m].
 TURNED, LEAST_ARM = math.radians(2.0), 0.05
-"""The same for the angle between track and heading [rad], within which a compass is right (IMO A.424: 1 deg times the
-secant of the latitude), and for a lever arm [m]."""
 # Gains [1] and angles [rad] below it are not worth a note: a metre in a kilometre. Set by hand (1, 1).
 LEAST_SHARE = 0.001
 # Relative misfit of the track beyond which positions and velocities have nothing to do with each other.

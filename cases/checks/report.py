@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 OK, CONSISTENT, INFO, DOUBTFUL, CONTRADICTORY = "ok", "consistent", "info", "doubtful", "contradictory"
-Found = tuple[str, str, str]
-"""Level, code and sentence of a finding whose topic is known."""
+Found = tuple[str, str, str]  # Level, code and sentence of a finding whose topic is known.
 
 
 class CheckFinding(NamedTuple):

@@ -32,9 +32,9 @@ from mmg.ship import Ship
 # A stretch without complete required columns that is longer than this many median steps is a gap.
 GAP = 3.0  # set by hand (0, 1)
 VELOCITIES = ("u", "v", "r")
+# A spike differs from the mean of its neighbours by so many times the usual difference, and by this share of the range
+# of the column (5 to 95 %); its neighbours agree with each other. Set by hand.
 SPIKE, SPIKE_RANGE = 12.0, 0.5
-"""A spike differs from the mean of its neighbours by so many times the usual difference, and by this share of the range
-of the column (5 to 95 %); its neighbours agree with each other. Set by hand."""
 COARSE = 0.2  # More than this [rad] a ship does not turn between samples that show how she turns. Set by hand.
 
 
@@ -518,11 +518,11 @@ def _windy(trial: Trial, good: np.ndarray) -> np.ndarray:
     return strong & (len(sectors) > 2)
 
 
+# Rudder angle and yaw rate, made dimensionless by speed and length, within which a ship goes about straight ahead.
 STRAIGHT_RUDDER, STRAIGHT_TURN = math.radians(5.0), 0.1
-"""Rudder angle and yaw rate, made dimensionless by speed and length, within which a ship goes about straight ahead."""
+# Share of her greatest speed from which she is under way; share by which speed and revolutions may change over half a
+# ship length; ship lengths that must be made so. Set by hand.
 FASTEST, STEADY, LEAST = 0.5, 0.03, 0.5
-"""Share of her greatest speed from which she is under way; share by which speed and revolutions may change over half a
-ship length; ship lengths that must be made so. Set by hand."""
 # Ratio of the revolutions that the ship needs to those that were logged, or the other way round, from which they do not
 # fit: wider than fouling, wind and a poor guess of the resistance make it. Set by hand, to find a gear or a unit.
 TWICE = 1.6

@@ -41,12 +41,10 @@ from cases.trial import Trial
 # Samples on each side of a step, at the record's own rate, but at least ``LEAST`` seconds. Set by hand (1, 1).
 STEP = 10
 LEAST = 0.5  # s; the shortest side of a step: below it the noise of satellite positions rules. Set by hand.
+# Innovation over the usual one of the record from which a channel is broken by itself. A white innovation reaches 5
+# once in a million samples. Satellite positions have heavy tails, which the velocities that come from them share; a
+# turn rate follows a rudder order within a few samples.
 SURE = {"psi": 8.0, "position": 45.0, "sharp position": 45.0, "u, v": 30.0, "sharp u, v": 45.0, "sharp r": 60.0}
-"""Innovation over the usual one of the record from which a channel is broken by itself.
-
-A white innovation reaches 5 once in a million samples. Satellite positions have heavy tails, which the velocities that
-come from them share; a turn rate follows a rudder order within a few samples.
-"""
 # Least size of a break: this share of what the ship turns or travels in one side of a step (psi, position), or of the
 # root mean square of the channel. Records without noise would be broken at each rudder order otherwise.
 MATTERS = {"psi": 0.25, "position": 0.5, "sharp position": 0.5, "u, v": 0.2, "sharp u, v": 0.2, "sharp r": 1.0}
@@ -278,15 +276,13 @@ SECONDS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 50.0
 # Longer times are judged by what is usual over this, as a drift of a minute may be half of the record.
 SHORT = 5.0  # set by hand (1, 2)
 GROWTH = {"psi": 0.5, "position": 0.8}  # Power of the time by which the usual change grows beyond SHORT
+# Time [s] and change over the usual one from which it is broken, between them by straight lines. The sound parts of
+# real records of a model reach 17, 14, 13 and 9 in heading over 2, 5, 10 and 20 s, and 25, 13, 8 and 5 in position, by
+# the tails of satellite positions.
 LIMIT = {
     "psi": ((1.0, 28.0), (2.0, 22.0), (5.0, 18.0), (10.0, 18.0), (20.0, 18.0)),
     "position": ((1.0, 60.0), (2.0, 30.0), (5.0, 17.0), (10.0, 12.0), (20.0, 10.0)),
 }
-"""Time [s] and change over the usual one from which it is broken, between them by straight lines.
-
-The sound parts of real records of a model reach 17, 14, 13 and 9 in heading over 2, 5, 10 and 20 s, and 25, 13, 8 and 5
-in position, by the tails of satellite positions.
-"""
 # Share of the changes by which the usual one is known: most of them may lie in a drift. Set by hand (8, 1).
 DENSE = 0.35
 # What makes that share the median of a normal law, of headings and of positions in the plane. Ratios of the quantiles
@@ -297,8 +293,7 @@ LEAST_WAY = 0.1  # A position that is off by less than this share of the way is 
 CORE = 0.08  # Share of the change that may lie outside the stretch at each end. Set by hand (1, 1).
 MOST = 12  # Stretches of one channel in a record; one with more has no sound part to compare with. Set by hand.
 MANY = 50000  # Of more rows than this some are enough to know what is usual. Set by hand.
-Drift = tuple[int, int, complex]
-"""First and last row, and the change."""
+Drift = tuple[int, int, complex]  # First and last row, and the change.
 
 
 def drifts(

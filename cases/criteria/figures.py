@@ -211,9 +211,9 @@ def pull_out_figures(run: Since) -> dict[str, float]:
     return {"steady_rate": first, "residual_rate": last, "residual_share": last / first}
 
 
+# A rudder of a spiral or pull-out is held while it stays this near to its angle [rad]; the turn rate is steady in this
+# share of a hold, its last.
 HELD, TAIL = math.radians(0.25), 0.1
-"""A rudder of a spiral or pull-out is held while it stays this near to its angle [rad]; the turn rate is steady in this
-share of a hold, its last."""
 
 
 def steady_rates(run: Since) -> tuple[np.ndarray, np.ndarray]:

@@ -47,8 +47,8 @@ from mmg.messages import Message, as_messages, has_code, html_table
 from mmg.motion.froude import time_scale
 from mmg.ship import CalibrationMark, Ship
 
+# Change of heading from which positions count, and that between two of a pair [rad] (3.4.2.5).
 FIRST, WHOLE = math.pi, 2 * math.pi
-"""Change of heading from which positions count, and that between two of a pair [rad] (3.4.2.5)."""
 PAIRS_EVERY = math.radians(10.0)  # Between the pairs of positions [rad]
 # Standard deviation of the velocities of a circle's pairs, as a share of their mean, above which they are no steady
 # current; one that is less than LEAST_SCATTER of the ship's speed is never too much. Set by hand.
@@ -285,14 +285,14 @@ def second_overshoot_limit(ratio: float) -> float:
     return min(max(17.5 + 0.75 * ratio, 25.0), 40.0)
 
 
+# Limits in L; the last is what an Administration may allow for ships of large displacement. (IMO MSC.137(76), 5.3.1,
+# 5.3.2 and 5.3.4.)
 ADVANCE, TACTICAL_DIAMETER, INITIAL_TURNING, TRACK_REACH, LONGEST_TRACK_REACH = 4.5, 5.0, 2.5, 15.0, 20.0
-"""Limits in L; the last is what an Administration may allow for ships of large displacement. (IMO MSC.137(76), 5.3.1,
-5.3.2 and 5.3.4.)"""
 MAY_BE_LONG = f"an Administration may allow {LONGEST_TRACK_REACH:g} L for a ship of large displacement"
 STOPPING = "stopping"
 OVERSHOOT_20 = 25.0  # Limit of the first overshoot of the 20/20 zigzag [deg]. (IMO MSC.137(76), 5.3.3.)
+# A turning test with less rudder is not judged; the zigzags are recognised within 2 deg [rad].
 LEAST_TURNING_RUDDER, SLACK = math.radians(33.0), math.radians(2.0)
-"""A turning test with less rudder is not judged; the zigzags are recognised within 2 deg [rad]."""
 
 
 def assess(run: Run, scale: float | None = None, ship: str = "") -> list[Row]:

@@ -36,14 +36,14 @@ TOLERANCE = math.radians(1.0)
 MEMORY = 0.25  # set by hand
 # Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike. Set by hand.
 SHORTEST_HOLD = 0.1
+# A hold beside a longer one of this angle [rad] at least is a helm that corrects where it lasts at most this share of
+# it, and its angle lies between these shares of the other one's.
 CORRECTION, CORRECTED, LEAST_CORRECTED = 0.2, (0.67, 2.0), math.radians(3.5)
-"""A hold beside a longer one of this angle [rad] at least is a helm that corrects where it lasts at most this share of
-it, and its angle lies between these shares of the other one's."""
 # Share of its largest rate below which the rudder's movement to an angle has not begun: a helm that wanders before is
 # slower than the order's movement. Set by hand.
 SLOWEST = 0.3
+# Shares of the way between two holds through which the line goes that tells when the rudder began to move.
 FIRST, LATER = 0.1, 0.5  # set by hand
-"""Shares of the way between two holds through which the line goes that tells when the rudder began to move."""
 
 
 @dataclass(frozen=True)
@@ -170,10 +170,9 @@ def _crossing(t: np.ndarray, values: np.ndarray, level: float) -> float:
 
 # Angles that are ordered as a rule [deg] (ITTC 7.5-02-06-01, IMO MSC.137(76)).
 STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
-NAMED, SHARE = 0.6, 0.07
-"""A measured rudder is called one of STEPS within this [deg], or this share of it."""
+NAMED, SHARE = 0.6, 0.07  # A measured rudder is called one of STEPS within this [deg], or this share of it.
+# Least standard error of a heading, gyros are read to 0.1 deg, and by which a helm orders too early or late [rad].
 RESOLUTION, HELM = math.radians(0.05), math.radians(0.25)
-"""Least standard error of a heading, gyros are read to 0.1 deg, and by which a helm orders too early or late [rad]."""
 # Standard errors by which what the reversals show may be off a usual heading. Set by hand: 1.2 % of normal errors are
 # larger.
 LIKELY = 2.5
@@ -235,8 +234,8 @@ LEAST_SHARE = 0.4  # set by hand
 # Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6. Set by hand
 # in that range.
 TURN_RATE = 0.35
+# A spiral has at least so many equal steps to one side, each held for at least so many L/U. Set by hand.
 LEAST_STEPS, SPIRAL_HOLD = 3, 2.0
-"""A spiral has at least so many equal steps to one side, each held for at least so many L/U. Set by hand."""
 # Ship times L/U from the heading at which the rudder is ordered over to its first movement, at most: the reaction of
 # helmsman and steering gear. UNVERIFIED: 1.2 s of a 3 m model, 6 s of a 320 m tanker. Set by hand.
 REACTION = 0.15
@@ -541,8 +540,8 @@ def _nothing(trial: Trial, holds: Sequence[RudderStep], kind: str) -> str:
     )
 
 
+# An approach is steady when its speed changes by less than 5 % and r L / U stays below 0.05. Set by hand.
 STEADY_SPEED, STEADY_RATE = 0.05, 0.05
-"""An approach is steady when its speed changes by less than 5 % and r L / U stays below 0.05. Set by hand."""
 APPROACH_LENGTHS = 2.0  # Ship lengths before the execute over which the test speed is taken. Set by hand.
 TURNING_RATE = 0.15  # A record that begins at r L / U above this begins in a manoeuvre. Set by hand.
 

@@ -33,27 +33,27 @@ from mmg.ship import Ship
 MEASURED = "measured in "  # How the source of a particular begins that was estimated from trials
 # Samples over which slopes are taken to find moves: the fewest that show the largest slope above the noise.
 WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # set by hand: steps by a half at most
+# Shares of the largest slope: the most that the noise of a slope may have, and the least of a move. Set by hand.
 CLEAR, MOVING = 0.06, 0.3
-"""Shares of the largest slope: the most that the noise of a slope may have, and the least of a move. Set by hand."""
 VISIBLE = 8.0  # Least size of a move, by the noise. Set by hand.
 # Largest moves of a trial that are fitted: a zigzag has five, and each costs some hundredths of a second.
 MOST = 5  # set by hand
 # Largest change from a sample to the next, by that of the move: more of it is one step, as in a log of orders.
 JUMP = 0.7  # set by hand
+# A ramp whose rate counts lasts so many sampling intervals, has this relative standard error at most, and leaves an rms
+# error of so many times the noise and this share of its size: half a sine leaves 0.026.
 RESOLVED, SURE, STRAIGHT = 1.5, 0.05, (1.5, 0.01)
-"""A ramp whose rate counts lasts so many sampling intervals, has this relative standard error at most, and leaves an
-rms error of so many times the noise and this share of its size: half a sine leaves 0.026."""
+# A limit is shown by so many moves at least that agree to this share of their rate, and by this share of all moves of
+# half the largest size.
 FEW, AGREE, MOSTLY = 2, 0.1, 0.5
-"""A limit is shown by so many moves at least that agree to this share of their rate, and by this share of all moves of
-half the largest size."""
 FASTEST = 5.0  # Rates above so many times those by Froude's law are steps of orders. Set by hand.
 # Particular, the column whose steps are its orders, and the highest order that counts: an engine that is stopped or
 # reversed is what ``engine_delay`` is of.
 DELAYS = (("rudder_delay", "delta_order", math.inf), ("engine_delay", "n_order", 0.0))
 NOTED = 0.1  # Share by which a rate that the ship file states differs from the one measured for that to be said
+# Speeds of approach are one speed where they differ by this share at most; ship times L/U of an approach that are
+# looked at. Set by hand.
 ALIKE, APPROACH = 0.15, 1.0
-"""Speeds of approach are one speed where they differ by this share at most; ship times L/U of an approach that are
-looked at. Set by hand."""
 # Least and largest usual diameter of a propeller by the draught [-].
 USUAL_DIAMETER = next(usual for words, *_, usual in RATIOS if words == "D_P / d")
 # A smaller mean rudder of straight approaches is zero [rad]: rudders are logged to a tenth of a degree, with noise.

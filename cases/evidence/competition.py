@@ -138,8 +138,8 @@ def _outside(
     return [(name, by, f"{name} holds {held} but is labelled {labelled}: there would be {value:.3g} {what}")]
 
 
+# Keys of the sidecar and their values. A unit is given as the factor from what was read to what is true.
 Keys = dict[str, Any]
-"""Keys of the sidecar and their values. A unit is given as the factor from what was read to what is true."""
 
 
 class Frame(NamedTuple):

@@ -31,13 +31,11 @@ SIGMAS = 3.0  # Standard errors that a found value must exceed; more (by Student
 RUNS = 10  # From so many runs on, standard errors are those between runs. Set by hand.
 # Standard deviations from which an error counts by its size, not by its square (Huber 1964: between 1 and 2).
 CLIP = 1.5  # set by hand
-ITERATIONS, MOST = 8, 5
-"""Of a fit, and faults at most. Set by hand."""
+ITERATIONS, MOST = 8, 5  # Of a fit, and faults at most. Set by hand.
+# A rival is named if it explains less by at most CLOSE in chi-squared, or SHARE of it; of two such faults the one that
+# an effect of the library repeats comes first. Set by hand.
 CLOSE, SHARE = 6.0, 0.8
-"""A rival is named if it explains less by at most CLOSE in chi-squared, or SHARE of it; of two such faults the one that
-an effect of the library repeats comes first. Set by hand."""
-Rows = Callable[[float], tuple[np.ndarray, np.ndarray]]
-"""lag [s] -> (A (M, P), y (M,)), linear about it."""
+Rows = Callable[[float], tuple[np.ndarray, np.ndarray]]  # lag [s] -> (A (M, P), y (M,)), linear about it.
 
 
 @dataclass(frozen=True)
@@ -318,12 +316,12 @@ def _shown(value: float, unit: str) -> str:
 # s; moving average over the measured and the derived velocities (at least 5 samples): below it the differentiated
 # satellite position is noise. Set by hand.
 SMOOTHING = 1.1
+# s: length of a window, distance of windows, and block that a jackknife leaves out (a twelfth of a short run).
 WINDOW, STRIDE, BLOCK = 8.0, 2.0, 30.0  # set by hand
-"""s: length of a window, distance of windows, and block that a jackknife leaves out (a twelfth of a short run)."""
 # A displacement or turn that correlates less with the integral of the velocities is a fault of the data.
 CORRELATION = 0.9  # set by hand
+# m and rad, RMS over the windows: a run that moves or turns less says nothing about it. Set by hand.
 MOVED, TURNED = 0.3, 0.03
-"""m and rad, RMS over the windows: a run that moves or turns less says nothing about it. Set by hand."""
 FRAMES = ("earth", "body")
 # Gain in log likelihood that a further fault must bring, or axes of the lag that are not those of the earth.
 FAULT = 0.5 * SIGMAS**2

@@ -172,8 +172,8 @@ LEAST = 0.004  # Relative misfit below which nothing is compared: rounding. Set 
 LAGS = {"w": ("w",), "place": ("place",), "psi": ("psi",), "psi, r": ("psi", "r"), "r": ("r",)}
 MOST_CENTRES = 4  # Of so many trials the grid is refined around their own best lag. Set by hand.
 ROOM = 400_000  # So many rows of a record that is moved by several lags are looked at at once. Set by hand.
+# Steps of the grid of lags on each side of zero, and of its refinement. Set by hand (0, 0 and 1, 0).
 TRIED, FINER = 12, 3
-"""Steps of the grid of lags on each side of zero, and of its refinement. Set by hand (0, 0 and 1, 0)."""
 Value = complex | float
 
 

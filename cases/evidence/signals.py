@@ -15,8 +15,8 @@ from cases.trial import Trial, unwrapped
 
 # A record speaks once in each of so many pieces, however many samples it has: neighbours say the same.
 PIECES = 12  # set by hand (4, 2)
+# Least length of a window in rows of the record and in seconds. Set by hand (1, 0 and 0, 1).
 WINDOW_ROWS, WINDOW_S = 5, 1.1
-"""Least length of a window in rows of the record and in seconds. Set by hand (1, 0 and 0, 1)."""
 # A window is so long that the noise of two positions is at most this share of the way made in it.
 NOISE = 0.01  # set by hand (1, 1)
 LONGEST = 40  # At most this part of the record is one window. Set by hand.

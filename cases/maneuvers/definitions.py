@@ -547,8 +547,8 @@ def _coasting(s: _Setup) -> Maneuver:
     return s.maneuver(2000.0, stop, order_time=s.lead, least=least)
 
 
+# The turn rate is steady when r L / U changes by no more than 0.0002 over three ship lengths (U of the approach).
 STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002  # set by hand
-"""The turn rate is steady when r L / U changes by no more than 0.0002 over three ship lengths (U of the approach)."""
 # Ship lengths that one rudder angle of a spiral or pull-out may take to become steady.
 _LONGEST_HOLD = 100.0  # set by hand: it bounds a run that never becomes steady
 

@@ -36,8 +36,8 @@ SMALLEST = 50.0  # set by hand
 # Revolutions at U_0 by n_MCR where the ship file gives none: 90 % of the power, by the propeller law. Set by hand:
 # .9^(1/3).
 MCR = 0.965
+# Of the shaft line and the starting air, in Q_MCR; of the governor, in Q_MCR by n_MCR: estimates of this library.
 FRICTION, AIR, GAIN = 0.05, 0.4, 8.0  # set by hand
-"""Of the shaft line and the starting air, in Q_MCR; of the governor, in Q_MCR by n_MCR: estimates of this library."""
 STEP = 0.25  # Integration step of the shaft [s]. Set by hand.
 # Particular of a ship file -> what is assumed where it is not given, its standard deviation, and what it may be.
 USUAL: Mapping[str, tuple[float, float, float, float]] = {

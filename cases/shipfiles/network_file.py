@@ -25,8 +25,8 @@ from mmg.network import OTHER, Layers, Network
 from mmg.ship import Ship
 
 NETWORK = "network.safetensors"  # Its name in a run folder
+# Formats of a network on a ship and of one that stands alone (``residual.papers.black_box``).
 FORMAT, BLACK_BOX = "mmg network 1", "mmg black box 1"
-"""Formats of a network on a ship and of one that stands alone (``residual.papers.black_box``)."""
 PLAIN = ("feature_scales", "output_scales", "lower", "upper")
 
 

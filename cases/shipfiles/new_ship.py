@@ -31,15 +31,15 @@ from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
 STARTING = "starting ship from main particulars"  # Description of a starting ship
-Estimate = tuple[float, float, str]
-"""Value, standard deviation as a share of it, source."""
+Estimate = tuple[float, float, str]  # Value, standard deviation as a share of it, source.
 LINEAR = ("Y_v", "Y_r", "N_v", "N_r")
+# Hull -> factor on a coefficient, the same for all ships, from ships of the literature (benchmarks.own_ships of
+# 5f878e7).
 CORRECTIONS = {
     "unified": {"N_v": 1.6, "C_rN": 1.55, "gamma_R": 0.9, "epsilon": 0.93, "kappa": 0.93},
     "polynomial": {"N_v": 1.4, "N_r": 1.5, "Y_vrr": 2.1, "gamma_R": 1.05, "epsilon": 0.83},
 }
 CORRECTIONS["harbour"] = CORRECTIONS["unified"]
-"""Hull -> factor on a coefficient, the same for all ships, from ships of the literature."""
 # Hull -> factor on the standard deviations of the literature and of experience. With those of the unified hull, 90 %
 # intervals hold nine in ten figures of ships left out; the polynomial's are wider, so that captive tests lie within. Of
 # ferries and other craft with pods (harbour) the regressions have seen none: set by hand.

@@ -229,9 +229,9 @@ class ZigzagRudders:
         return mean
 
 
+# Accelerations (3, M) of u, v [m/s^2] and r [rad/s^2] over the sample that follows, from its number and the states (6,
+# M) at its begin.
 Push = Callable[[int, np.ndarray], np.ndarray]
-"""Accelerations (3, M) of u, v [m/s^2] and r [rad/s^2] over the sample that follows, from its number and the states (6,
-M) at its begin."""
 
 
 @dataclass(frozen=True)
