@@ -12,18 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cases.checks import single
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
-from cases.checks.single import (
-    excitation,
-    following,
-    headway,
-    not_checked,
-    rudder_sign,
-    sampling,
-    sway_findings,
-    turning_wind,
-    wind,
-)
 from cases.checks.stretches import DRIFTING, stretch_findings
 from cases.evidence.competition import FRAMES, Judged, Keys, Scores, judged, rudder_nats, scores, standing, wrong_inputs
 from cases.evidence.shifts import LAGS, TRACK, TURN, Scale, Shift, Value, candidates, nats, scale, shifts
@@ -72,18 +62,19 @@ def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, np.ndarray]:
     keys, parts = np.array(MULTIPLIERS, np.uint64), []
     for i, trial in enumerate(trials):
         values = np.column_stack([trial[c] for c in COLUMNS])
-        whole = np.flatnonzero(np.isfinite(values).all(axis=1))
-        whole_values = np.rint(values[whole] / grid).astype(np.int64).view(np.uint64)
-        mixed = (whole_values * keys) ^ ((whole_values * keys) >> np.uint64(29))
+        complete = np.flatnonzero(np.isfinite(values).all(axis=1))
+        gridded = np.rint(values[complete] / grid).astype(np.int64).view(np.uint64)
+        # a hash (rows,) of four columns: products modulo 2^64 carry low bits to high ones, the shift carries them back
+        mixed = (gridded * keys) ^ ((gridded * keys) >> np.uint64(29))
         hashed = (mixed * keys[::-1]).sum(axis=1, dtype=np.uint64)
         once, first, count = np.unique(hashed, return_index=True, return_counts=True)
         once, first = once[count == 1], first[count == 1]
-        parts.append((once, np.full(len(once), i), whole[first]))
+        parts.append((once, np.full(len(once), i), complete[first]))
     hashes, number, row = (np.concatenate(some) for some in zip(*parts, strict=True))
     order = np.argsort(hashes, kind="stable")  # equal ones side by side, by trial
     hashes, number, row = hashes[order], number[order], row[order]
     found: dict[Pair, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for apart in range(1, len(trials)):
+    for apart in range(1, len(trials)):  # a row is in each trial once at most, so that equal ones lie this near
         at = np.flatnonzero(hashes[apart:] == hashes[:-apart])
         if not len(at):
             break
@@ -98,6 +89,7 @@ def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, np.ndarray]:
 def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[tuple[int, dict[str, Any], Found]]:
     """For both trials of a ``pair``, its index and what its report says of their overlap, if that is a run of
     ``rows`` (2, rows) in step."""
+    # a copied run has one offset of row numbers; matches at another offset are chance
     offsets, count = np.unique(rows[1] - rows[0], return_counts=True)
     in_step = rows[1] - rows[0] == offsets[np.argmax(count)]
     if in_step.sum() < max(10, SHARE * min(len(trials[i]) for i in pair)):
@@ -106,6 +98,7 @@ def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[
     identical = bool(trials[pair[0]].sha256) and trials[pair[0]].sha256 == trials[pair[1]].sha256
     shares = [(last - first + 1) / len(trials[i]) for i, (first, last) in zip(pair, ends, strict=True)]
     for me, other in ((0, 1), (1, 0)):
+        # not 1: a copy may lack a row at its ends
         inside, holds, name = shares[me] >= 0.99, shares[other] >= 0.99, trials[pair[other]].name
         relation = "copy" if inside and holds else "inside" if inside else "contains" if holds else "overlaps"
         copy = {
@@ -126,16 +119,16 @@ TURNED, LEAST_ARM = math.radians(2.0), 0.05
 # Gains [1] and angles [rad] below it are not worth a note: a metre in a kilometre. Set by hand (1, 1).
 LEAST_SHARE = 0.001
 # Relative misfit of the track beyond which positions and velocities have nothing to do with each other.
-DISAGREE = 0.8  # set by hand
+DISAGREE = 0.8  # set by hand: 1 is what a prediction of no motion misses by
 # Nats from which one file refutes its labels although all others of its folder bear theirs out.
 SURE = 20.0  # set by hand: below it one file is doubted, and a fit goes on
 # Topic -> what looks at one trial: its numbers, and level, code and sentence of each finding.
 LOOKS = {
-    "sampling": sampling,
+    "sampling": single.sampling,
     "stretches": stretch_findings,
-    "rudder": rudder_sign,
-    "wind": wind,
-    "excitation": excitation,
+    "rudder": single.rudder_sign,
+    "wind": single.wind,
+    "excitation": single.excitation,
 }
 TOPICS = {"unit": "units", "rudder_sign": "rudder"}  # Code -> topic, where it is not kinematics
 # Name of a lag -> what is said to be late, and its columns.
@@ -226,12 +219,12 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
         said[k].findings.extend(more)
         alone[k].update(values)
     # Last how she moves: it tells of relatives too, which the comparisons above pass over.
-    sways = sway_findings([trials[k] for k in quiet])
+    sways = single.sway_findings([trials[k] for k in quiet])
     for k in quiet:
         derived = trials[k].has_position and not independent(trials[k], "track")
         said[k].findings.extend((level if derived else INFO, code, text) for level, code, text in sways)
-        said[k].findings.extend([*headway(trials[k]), *turning_wind(trials[k])])
-    rows = zip(reports, _with_lines(trials, said), map(not_checked, trials), found, alone, strict=True)
+        said[k].findings.extend([*single.headway(trials[k]), *single.turning_wind(trials[k])])
+    rows = zip(reports, _with_lines(trials, said), map(single.not_checked, trials), found, alone, strict=True)
     return [_joined(*row) for row in rows]
 
 
@@ -255,7 +248,7 @@ def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list
     """Gains and the angle of the track of each of the ``trials``, and what is said of them: what all files of a folder
     show together, or each by itself where they do not."""
     out: list[tuple[dict[str, Value | None], list[Found]]] = [({}, []) for _ in trials]
-    for names in (TRACK[:6], TURN):
+    for names in (TRACK[:6], TURN):  # without the drifts, which a current through the water would be
         able = {k: t for k, t in enumerate(trials) if independent(t, "turn" if names == TURN else "track")}
         every = list(able.values())
         together = scale(every, names)
@@ -293,7 +286,7 @@ def _scale_said(found: Scale, name: str, trials: Sequence[Trial]) -> Found:
     side = "below" if share < 0 else "above"
     text = f"{name} is {abs(share):.1%} {side} {of} (standard error {found.std[name]:.2%}{files})"
     if name == "u":
-        water = scale(trials, TRACK)
+        water = scale(trials, TRACK)  # once more, with a drift of the water left free
         current = water is None or not water.significant(name)
         text += ", u or the positions in a wrong unit or grid" + (", or u through the water in a current" * current)
     return (DOUBTFUL if found.matters(name) else INFO), "gain", text
@@ -335,7 +328,7 @@ def _contradicted(
         said.append((CONTRADICTORY, "velocity_mismatch", f"{text}; check units, clocks and axes"))
     wrong = mislabelled(trial.columns)
     if not said:  # how quickly the ship turns is known only where frames, clock and turn rates are right
-        rudder = turning if turning is not None else following(trial, 1e-4)["correlation"]
+        rudder = turning if turning is not None else single.following(trial, 1e-4)["correlation"]
         wrong += [each for each in wrong_inputs(trial, rudder) if each[0] not in [name for name, *_ in wrong]]
     for name, factor, text in wrong:
         said.append((CONTRADICTORY, "unit", _capital(text)))
@@ -369,6 +362,7 @@ def _shifted(
         if not some:
             continue
         own = [trials[k] for k, _ in some]
+        # longest lag [s] that is tried: a tenth of the shortest record up to a minute, 5 s and 20 samples at least
         longest = max(5.0, *(20 * t.dt for t in own), min(60.0, 0.1 * min(t.duration for t in own)))
         found = candidates([s for _, s in some], longest)
         said = shifts(found)
@@ -411,7 +405,7 @@ def _with_lines(trials: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
     for k, (trial, each) in enumerate(zip(trials, said, strict=True)):
         if each.keys and (wanted := settings(trial, each.keys)):
             groups.setdefault(line(wanted), []).append(k)
-    for text, rows in groups.items():
+    for text, rows in groups.items():  # files that need the same line are tried with it together
         gained = [_gained(trials[k], said[k]) for k in rows]
         if min(gained) < 0 or sum(gained) <= 0:
             continue
@@ -440,7 +434,7 @@ def _gained(trial: Trial, said: Said) -> float:
     keys of what is ``said`` want it; for inputs one where they then go with how quickly she turns; -inf where not."""
     wanted = settings(trial, said.keys)
     after = mended(trial, wanted, said.keys) if wanted else None
-    if after is None or mislabelled(after.columns) or wrong_inputs(after, following(after)["correlation"]):
+    if after is None or mislabelled(after.columns) or wrong_inputs(after, single.following(after)["correlation"]):
         return -math.inf
     if set(said.keys) == {"units"} and not {"psi", "u", "v", "r", "t"} & set(said.keys["units"]):
         return 1.0
@@ -450,7 +444,7 @@ def _gained(trial: Trial, said: Said) -> float:
 def _fit(trial: Trial) -> float:
     """Nats of the columns of ``trial`` as they are; less is better."""
     s = signals(trial)
-    return (nats(s) if s else 0.0) + rudder_nats(following(trial)["correlation"])[1]
+    return (nats(s) if s else 0.0) + rudder_nats(single.following(trial)["correlation"])[1]
 
 
 def _joined(
@@ -513,7 +507,7 @@ def settings(trial: Trial, keys: Keys) -> dict[str, Any] | None:
     for key in ("velocity_frame", "rudder_positive", "heading_from", "reference_point"):
         if key in keys:
             out[key] = keys[key]
-    for key, (first, other) in OPPOSITE.items():
+    for key, (first, other) in OPPOSITE.items():  # what stands there already was wrong: the other value is meant
         if key in out and getattr(entry, key) == out[key]:
             out[key] = first if out[key] == other else other
     if "reference_point" in out and (entry.reference_point.x or entry.reference_point.y):
