@@ -54,6 +54,7 @@ def standing(trial: Trial) -> dict[str, str]:
     if "psi" in still and integrated > TURNED:
         out["psi"] = f"the turn rate makes {integrated:.2g} rad"
     if frozen and {"x", "y"} <= set(trial.columns) and not {"x", "y"} & still:
+        # in the axes of a heading that stands still: the course itself
         course = _range(np.unwrap(np.angle(_track(trial))))
         if course > QUARTER:
             out["psi"] = f"the track turns by {course:.2g} rad"
@@ -103,6 +104,7 @@ def wrong_inputs(trial: Trial, turning: float | None) -> list[tuple[str, float, 
     s = signals(trial)
     if s is None or not s.good.any() or float(np.std(s.psi[s.good])) < TURNS:
         return []
+    # differences over a window: noise of a heading at the rows of the clock would rule that of neighbours
     span = STEPS * s.step
     use = s.good[STEPS:-STEPS]
     rate = (s.psi[STEPS:] - s.psi[:-STEPS]) / span
@@ -110,7 +112,7 @@ def wrong_inputs(trial: Trial, turning: float | None) -> list[tuple[str, float, 
     known = use[: len(change)]
     if known.sum() < 10 or not float(np.mean(change[known] ** 2)) > 0:
         return []
-    tau = float(np.std(rate) / np.sqrt(np.mean(change[known] ** 2)))
+    tau = float(np.std(rate) / np.sqrt(np.mean(change[known] ** 2)))  # s, in which the turn rate changes by its spread
     out = []
     for name in ("n", "n_2"):
         n = np.abs(trial[name][np.isfinite(trial[name])]) if name in trial else np.zeros(1)
@@ -308,6 +310,7 @@ def readings() -> list[ColumnReading]:
     with every reading of r and of the rudder."""
     every = starmap(ColumnReading, product(*CHOICES))
     some = [r for r in every if r._replace(rate=1.0, rudder=1).faults <= 2]
+    # r mirrored with its frame, and of another sign as well, would be r as it is
     return [r for r in some if FRAMES[r.frame].r == 1 or r.rate != -1]
 
 
@@ -332,8 +335,8 @@ RIGHT = 0.25
 class Scores:
     """What one trial says: ``nats`` of each reading (less is better), of what is usual."""
 
-    nats: np.ndarray
-    misfit: dict[tuple[str, float, float], float]
+    nats: np.ndarray  # (H,), less those of the headers
+    misfit: dict[tuple[str, float, float], float]  # (frame, factor of psi, factor of the way) -> relative misfit
 
 
 @dataclass(frozen=True)
@@ -369,6 +372,7 @@ def competitors() -> tuple[tuple[ColumnReading, ...], np.ndarray, np.ndarray]:
 def _keys() -> list[tuple[tuple[str, float, float], tuple[float, float], int]]:
     """What each reading asks the tables of tracks, spins and rudders for."""
     return [
+        # a clock in other units changes way and turn as another unit of the rates does
         ((r.frame, r.heading, r.speed * r.clock), (r.heading, r.rate * frame.psi * frame.r * r.clock), r.turning)
         for r in competitors()[0]
         for frame in [FRAMES[r.frame]]
@@ -426,6 +430,7 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
         return []
     own = np.array([s.nats for s in found])
     best_own = np.argmin(own + COST * faults, axis=1)
+    # only the headers, what each trial alone would have, and the twenty best of all together are tried for the folder
     plausible = np.unique(np.concatenate([[0], best_own, np.argsort(own.sum(axis=0) + COST * faults)[:20]]))
 
     def each(h: int) -> np.ndarray:
@@ -438,7 +443,7 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
         return float(COST * faults[h] + np.sum(own[rows, chosen] + APART * apart[h, chosen]))
 
     totals = {int(h): total(int(h)) for h in plausible}
-    folder = min(totals, key=lambda h: (round(totals[h], 6), faults[h]))
+    folder = min(totals, key=lambda h: (round(totals[h], 6), faults[h]))  # of equals that with the fewest faults
     together = own.sum(axis=0) + COST * faults
     near = [h for h in np.argsort(together)[:20] if h != folder and together[h] - together[folder] < CLOSE]
     rival = hypotheses[int(near[0])] if near and folder else None
@@ -461,7 +466,7 @@ def _tracked(stats: Stats, factors: Sequence[float]) -> list[tuple[float, float]
     both, predicted, by = complex(np.sum(stats.both)), float(np.sum(stats.predicted)), np.array(factors)
     if not predicted > 0 or not abs(both) > 0:
         return [(float(evidence(np.ones(PIECES))), 1.0)] * len(by)
-    best = both / (predicted * by)
+    best = both / (predicted * by)  # complex factor of least squares: gain and angle
     angle = np.clip(np.angle(best), -MOST_OFF[0], MOST_OFF[0])
     gain = np.clip(np.log(np.abs(best)), -MOST_OFF[1], MOST_OFF[1])
     prior = 0.5 * (angle / OFF[0]) ** 2 + 0.5 * (gain / OFF[1]) ** 2

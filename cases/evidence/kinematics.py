@@ -74,8 +74,10 @@ class Normal:
         N, h, wish = self.N[:, c[:, None], c], self.h[:, c], np.diag(self.prior[c] ** -2.0)
         b, G = np.linalg.solve(N.sum(axis=0) + wish, h.sum(axis=0)), len(N)
         drop = float(b @ h.sum(axis=0))
+        # rows that scatter less once these faults are taken off know the faults better than their weights say
         sharper = max(self.rows / max(self.squares - drop, 1e-12 * self.squares), 1.0)
         plain = np.sqrt(np.diag(np.linalg.inv(sharper * N.sum(axis=0) + wish)))
+        # jackknife: without each group in turn
         without = np.linalg.solve(N.sum(axis=0) - N + wish, (h.sum(axis=0) - h)[..., None])[..., 0]
         return b, np.maximum(plain, np.sqrt((G - 1) * without.var(axis=0))), plain, drop
 
@@ -88,6 +90,7 @@ def _normal(rows: Sequence[Rows], blocks: Sequence[np.ndarray], b: np.ndarray, p
         good = np.isfinite(A).all(axis=1) & np.isfinite(y)
         A, y, group = A[good], y[good], block[good] if len(rows) < RUNS else np.zeros(good.sum())
         error = np.abs(y - A @ b)
+        # medians of Rayleigh's law (two components) and of half a normal law: 1.18 and .67 standard deviations
         spread = float(np.median(error)) / (1.18 if np.iscomplexobj(A) else 0.67) + 1e-6 * prior[0]
         scaled = error / spread
         weight = few / np.maximum(scaled / CLIP, 1.0) / spread**2
@@ -120,14 +123,14 @@ def fit(
     active = list(start)
     b, std, sharp = np.zeros(P), np.zeros(P), np.zeros(P, dtype=bool)
     while True:
-        for _ in range(ITERATIONS if active else 3):
+        for _ in range(ITERATIONS if active else 3):  # the weights follow the errors, the errors the values
             system = _normal(rows, blocks, b, prior, few)
-            if active:
+            if active:  # a step of one prior standard deviation at most: the rows are linear about a lag
                 b[active] += np.clip(system.solve(active)[0] - b[active], -prior[active], prior[active])
         crit = -student_quantile(normal_tail(SIGMAS), len(system.N) - 1) if len(system.N) > 1 else math.inf
         values, drops = b.copy(), np.full(P, -math.inf)
         for j in range(P):
-            chosen = [i for i in active if i != j] + [j]
+            chosen = [i for i in active if i != j] + [j]  # last, so that its value and error are those at -1
             value, error, plain, drop = system.solve(chosen)
             values[j], std[j], sharp[j] = value[-1], error[-1], plain[-1] < 0.5 * prior[j]
             if j not in active and abs(values[j]) > max(crit * std[j], least[j]):
@@ -136,9 +139,8 @@ def fit(
             return Fit(tuple(active), values, std, sharp, crit, _rivals(system, active), system.cost)
         base = system.solve(active)[3] if active else 0.0
         alike = drops - base >= SHARE * (drops.max() - base)
-        active.append(
-            int(np.argmax(np.where(alike & (preferred if (alike & preferred).any() else True), drops, -np.inf)))
-        )
+        first = alike & preferred if (alike & preferred).any() else alike
+        active.append(int(np.argmax(np.where(first, drops, -np.inf))))
 
 
 def _rivals(system: Normal, active: Sequence[int]) -> dict[int, list[tuple[int, float]]]:
@@ -151,6 +153,7 @@ def _rivals(system: Normal, active: Sequence[int]) -> dict[int, list[tuple[int, 
         for k in set(range(len(system.prior))) - set(active):
             other = system.solve([*rest, k])
             lost = (drop - other[3]) / own
+            # a fault of z standard errors is worth z^2 in chi-squared
             if lost < max(1 - SHARE, CLOSE * float(std[-1] / value[-1]) ** 2):
                 out.setdefault(j, []).append((k, float(other[0][-1])))
     return out
@@ -414,6 +417,7 @@ class _Log:
 
     def __init__(self, trial: Trial, k: float) -> None:
         self.name, self.dt, self.delta = trial.name, trial.dt, max(trial.dt, 0.2 * k)
+        # 20 N rows at most: a log with a long gap would have a clock of mostly nothing
         clock = trial.t[0] + self.dt * np.arange(min(round(trial.duration / self.dt) + 1, 20 * len(trial)))
         x, y, psi, self.u, self.v, self.r = (uniform(trial.t, c, clock, self.dt) for c in trial.states.T)
         self.width = max(round(SMOOTHING / self.dt), 5) | 1
@@ -437,7 +441,7 @@ class _Log:
         missing = ~np.isfinite(f)
         f = np.where(missing, 0.0, f)
         total = np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * self.dt)])
-        holes = np.concatenate([[0], np.cumsum(missing)])
+        holes = np.concatenate([[0], np.cumsum(missing)])  # how many are missing before each row
         gap = holes[self.starts + self.n + 1] > holes[self.starts]
         return np.where(gap, np.nan, self.between(total))
 
@@ -454,7 +458,7 @@ class _Log:
     def track_rows(self, frame: str, lag: float) -> tuple[np.ndarray, np.ndarray]:
         """(A (M, 10), y (M,)), complex: y = A TRACK, linear about a lag [s]."""
         at, before, after = (self._way(lag + step, frame) for step in (0.0, -self.delta, self.delta))
-        slope = (sum(after) - sum(before)) / (2 * self.delta)
+        slope = (sum(after) - sum(before)) / (2 * self.delta)  # derivative by the lag, central difference
         rows = np.empty((len(self.starts), len(TRACK)), dtype=complex)
         rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] = slope, *at, 1j * sum(at)
         rows[:, 4:] = self._without_lag
@@ -479,6 +483,7 @@ class _Log:
     def _way(self, lag: float, frame: str) -> tuple[np.ndarray, np.ndarray]:
         """Displacements (M,) by u and by v that are late by ``lag`` [s]."""
         rows = np.arange(len(self.u))
+        # earth: the velocity over ground is late, logged in the axes of the present heading; body: u and v are late
         turn = self.turned if frame == "earth" else np.ones(1)
         late = (np.interp(rows + lag / self.dt, rows, turn * w, np.nan, np.nan) for w in (self.u, self.v))
         u, v = (self.integral(w if frame == "earth" else self.turned * w) for w in late)
@@ -546,6 +551,7 @@ def _solved(
     logs: Sequence[_Log], of: Sequence[SensorFault], k: float, rows: Sequence[Rows], known: Sequence[int]
 ) -> Fit | None:
     """The faults among these quantities behind the rows of the runs; None without runs."""
+    # k is the time scale: lengths go with k^2 (Froude)
     prior, least = np.array([[q.prior, q.threshold] * np.array(k ** (2 * q.power)) for q in of]).T
     preferred = np.array([q.exact for q in of])
     return fit(rows, [log.block for log in logs], prior, least, preferred, STRIDE / WINDOW, known) if logs else None

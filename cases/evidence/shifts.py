@@ -80,6 +80,7 @@ def scale(trials: Sequence[Trial], names: Sequence[str]) -> Scale | None:
         return None
     values, std = np.array(found).transpose(1, 2, 0)  # (names, windows) each
     least = std.min(axis=1, keepdims=True)
+    # windows that know a value much less well do not differ from it
     spread = np.where(std <= 3 * least, values, np.nan)
     values = np.take_along_axis(values, np.argmin(std, axis=1)[:, None], 1)[:, 0]  # of the windows that know it best
     std = np.hypot(least[:, 0], np.nanstd(spread, axis=1))  # windows that disagree make it wider
@@ -87,6 +88,7 @@ def scale(trials: Sequence[Trial], names: Sequence[str]) -> Scale | None:
     share = float(np.median([white_noise([trial.states])[place] / each for trial, each in zip(use, size, strict=True)]))
     values = values - [name in "uvr" for name in names]  # gains less one
     value_of, std_of = (dict(zip(names, each.tolist(), strict=True)) for each in (values, std))
+    # as many SIGMAS of a normal law as are as rare by Student's t of the pieces
     return Scale(value_of, std_of, share, -student_quantile(normal_tail(SIGMAS), PIECES * len(use) - 1))
 
 
@@ -99,12 +101,12 @@ def _rows(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> Iterat
         else:
             turn = np.exp(1j * psi)
             u, v = trial["u"] * turn, 1j * trial["v"] * turn
-            measured, parts = trial["x"] + 1j * trial["y"], [u, v, 1j * (u + v)]
+            measured, parts = trial["x"] + 1j * trial["y"], [u, v, 1j * (u + v)]  # in the order of TRACK
         known = np.isfinite(measured) & np.all([np.isfinite(part) for part in parts], axis=0)
         if len(trial) - rows < 10 * PIECES or rows > len(trial) // PIECES or not known.any():
             continue
         totals = [integral(trial.t, np.where(known, part, 0.0)) for part in parts]
-        if not turns:
+        if not turns:  # what the arm, a lag and a drift add has no integral: the window's end less its begin
             totals += [turn, 1j * turn, u + v, trial.t + 0j, 1j * trial.t]
         A = np.stack([total[rows:] - total[:-rows] for total in totals[:count]], axis=1)
         bad = np.concatenate([[0], np.cumsum(~known)])
@@ -129,6 +131,7 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     strong = power >= np.median(power)  # where the ship hardly moves, a ratio is noise
     values = np.array([densest(np.real(y[strong] * np.conj(made[strong])) / np.maximum(power[strong], 1e-300))] * count)
     values[2:] = 0.0  # angle, arms, lag and drift begin at none
+    # columns of like size, whatever their units: the ridge ``flat`` is then as small for each
     size = np.sqrt(np.mean(np.abs(A) ** 2, axis=0)) + 1e-12 * np.sqrt(power.mean())
     A, values = A / size, values * size
     of = [np.real, np.imag] if np.iscomplexobj(A) else [np.real]
@@ -150,14 +153,16 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     h = np.array([sum(a[some].T @ (weight * b)[some] for a, b in zip(rows_of, wanted, strict=True)) for some in spans])
     total = N.sum(axis=0) + flat * weight.sum()
     gained = values**2 / np.diag(np.linalg.inv(total))
-    left = float(weight @ error**2)
-    noisy = np.where([name in "uvr" for name in (TURN if turns else TRACK)[:count]], 0.5 * left / gained * values, 0.0)
+    unexplained = float(weight @ error**2)
+    gains = [name in "uvr" for name in (TURN if turns else TRACK)[:count]]
+    # half the way to the reverse regression, which errors of u, v and r would ask for (Fuller 1987, section 1.1)
+    noisy = np.where(gains, 0.5 * unexplained / gained * values, 0.0)
     record = piece[edges] // PIECES
     groups = [np.arange(len(edges)), *([record] if len(parts) > 2 else [])]  # files differ by more than their pieces
     std = np.abs(noisy)
     for group in groups:
         each = [np.flatnonzero(group == one) for one in np.unique(group)]
-        # jackknife
+        # jackknife: the values without each group in turn (Kunsch 1989)
         without = [np.linalg.solve(total - N[some].sum(axis=0), (h.sum(axis=0) - h[some].sum(axis=0))) for some in each]
         std = np.maximum(std, np.hypot(noisy, np.sqrt((len(each) - 1) * np.var(without, axis=0))))
     return values / size, std / size
@@ -261,7 +266,8 @@ def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
     if not len(costs):
         return [], 0.0
     own = costs.min(axis=1) + APART
-    alone = np.minimum(own, 0.0)
+    alone = np.minimum(own, 0.0)  # each trial its own value, or none
+    # one value for all, for which the folder pays once: a trial has it, its own, or none although the others have it
     shared = COST + np.minimum(costs, np.minimum(own, APART)[:, None]).sum(axis=0)
     value = int(np.argmin(shared))
     alike = bool(shared[value] < alone.sum())
@@ -281,6 +287,7 @@ def _lag(some: Sequence[Signals], name: str, longest: float) -> Explanation:
 
     grid = np.linspace(-longest, longest, 2 * TRIED + 1)
     table = over_none(grid)
+    # refined twice, about the lag of all and of each that differs
     for step in (longest / TRIED, longest / TRIED / FINER):
         apart = table.min(axis=1) < -APART
         centres = {float(grid[int(np.argmin(row))]) for row in (table.sum(axis=0), *table[apart][:MOST_CENTRES])}
@@ -316,11 +323,12 @@ def _normal(s: Signals) -> tuple[complex, float]:
     """Numerator and denominator of the arm of least squares, those of several trials to be added; the gain of u and v
     and the angle of the track are left free."""
     turn = np.exp(1j * s.psi)
-    made, power = s.summed(s.w * turn), 0.0
+    made = s.summed(s.w * turn)
 
     def mean(a: np.ndarray, b: np.ndarray) -> complex:
         return complex(np.sum(s.stats(a, b)[1]))
 
     power = mean(made, made).real
+    # both without what goes with the way made, so that a complex factor of it (gain and angle) changes nothing
     way, free = (a - made * (mean(a, made) / power if power > 0 else 0.0) for a in (s.way(), over_windows(turn)))
     return mean(way, free), mean(free, free).real
