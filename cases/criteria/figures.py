@@ -54,19 +54,20 @@ def since(trial: Trial, order_time: float) -> Since:
     good = np.isfinite(psi) & np.isfinite(u) & np.isfinite(v)
     if trial.has_position:
         good &= np.isfinite(trial["x"]) & np.isfinite(trial["y"])
-    start = min(max(order_time, 0.0), float(t[good][-1]))
+    start = min(max(order_time, 0.0), float(t[good][-1]))  # the order itself lies between two samples
     times = np.concatenate([[start], t[good & (t > start + 1e-9)]])
 
     def at(values: np.ndarray) -> np.ndarray:
         fine = good & np.isfinite(values)
         return np.interp(times, t[fine], values[fine])
 
-    psi, u, v = at(psi), at(u), at(v)
+    psi, u, v = at(psi), at(u), at(v)  # continuous psi: a line between two wrapped headings may cross north
     if trial.has_position:
         x, y = at(trial["x"]), at(trial["y"])
     else:
         x = integral(times, u * np.cos(psi) - v * np.sin(psi))
         y = integral(times, u * np.sin(psi) + v * np.cos(psi))
+    # from here on in the axes of the ship at the order: ahead and to starboard
     x, y, c, s = x - x[0], y - y[0], math.cos(psi[0]), math.sin(psi[0])
     return Since(
         t=times - start,
@@ -114,11 +115,11 @@ def steady_turn_figures(run: Since, rudder: float) -> dict[str, float]:
     largest = float(change.max())
     if largest < 1.5 * math.pi:
         return {}
-    rows = change >= largest - math.pi / 2
+    rows = change >= largest - math.pi / 2  # by heading, not by time: a slower turn is not measured over less of it
     u, v, r = (float(values[rows].mean()) for values in (run.u, run.v, run.r))
     speed = math.hypot(u, v)
-    figures = {"steady_speed": speed, "steady_rate": r, "steady_drift": math.atan2(-v, u)}
-    return figures | ({"steady_diameter": 2 * speed / abs(r)} if r else {})
+    figures = {"steady_speed": speed, "steady_rate": r, "steady_drift": math.atan2(-v, u)}  # drift beta > 0: v < 0
+    return figures | ({"steady_diameter": 2 * speed / abs(r)} if r else {})  # U = r R
 
 
 def zigzag_figures(run: Since, rudder: float, heading: float) -> dict[str, float]:
@@ -129,7 +130,7 @@ def zigzag_figures(run: Since, rudder: float, heading: float) -> dict[str, float
     """
     change = run.change
     side, row, figures = math.copysign(1.0, rudder), 0, {}
-    for k in range(1, len(change)):
+    for k in range(1, len(change)):  # k: number of the counter order, ``row`` where it is given
         beyond = np.flatnonzero(side * change[row:] >= heading)
         if len(beyond) == 0:
             break
@@ -172,7 +173,7 @@ def overshoot_figures(trial: Trial, rudder: float, reversals: tuple[float, ...],
     for k, begin in enumerate(reversals):
         stop = reversals[k + 1] if k + 1 < len(reversals) else end
         gained = side * (psi[(t >= begin) & (t <= stop)] - np.interp(begin, t, psi))
-        if len(gained) > 2 and gained[-1] < 0.8 * gained.max():
+        if len(gained) > 2 and gained[-1] < 0.8 * gained.max():  # set by hand: by then the peak is passed, noise or not
             figures[f"overshoot_{k + 1}"] = float(gained.max())
         side = -side
     return figures
@@ -194,7 +195,7 @@ def initial_turning_figures(run: Since, rudder: float) -> dict[str, float]:
 def stopping_figures(run: Since, least: float = 0.0) -> dict[str, float]:
     """track_reach (along the path), head_reach, lateral_deviation [m] and stopping_time [s] until headway is lost. run:
     from the order on; least: share of the speed at the order that is the end of it."""
-    stop = _when(run.u[0] - run.u, (1 - least) * run.u[0]) if run.u[0] > 0 else None
+    stop = _when(run.u[0] - run.u, (1 - least) * run.u[0]) if run.u[0] > 0 else None  # u falls to ``least`` u_0
     return _at(stop, track_reach=run.path, head_reach=run.advance, lateral_deviation=run.transfer, stopping_time=run.t)
 
 
@@ -269,6 +270,7 @@ def spiral_figures(run: Since) -> dict[str, float]:
     low, high = max(there[0], back[0]), min(there[-1], back[-1])
     if len(there) < 2 or len(back) < 2 or low >= high:
         return {}
+    # the difference of two polygons is largest at a corner of one of them
     grid = np.unique(np.concatenate([there, back]))
     grid = grid[(grid >= low - 1e-9) & (grid <= high + 1e-9)]
     gap = np.interp(grid, there, first) - np.interp(grid, back, second)

@@ -30,20 +30,20 @@ from mmg.errors import BadValue, Missing, UnknownName
 from mmg.motion.flow import RUDDERS
 from mmg.states import STATES
 
-# An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, what is more [rad].
+# An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, the largest [rad]. Set by hand.
 TOLERANCE = math.radians(1.0)
 # Ship times L/U over which the angle that is held may creep: a rudder that moves on faster is not held.
 MEMORY = 0.25  # set by hand
 # Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike. Set by hand.
 SHORTEST_HOLD = 0.1
 # A hold beside a longer one of this angle [rad] at least is a helm that corrects where it lasts at most this share of
-# it, and its angle lies between these shares of the other one's.
+# it, and its angle lies between these shares of the other one's. Set by hand.
 CORRECTION, CORRECTED, LEAST_CORRECTED = 0.2, (0.67, 2.0), math.radians(3.5)
 # Share of its largest rate below which the rudder's movement to an angle has not begun: a helm that wanders before is
 # slower than the order's movement. Set by hand.
 SLOWEST = 0.3
-# Shares of the way between two holds through which the line goes that tells when the rudder began to move.
-FIRST, LATER = 0.1, 0.5  # set by hand
+# Shares of the way between two holds through which the line goes that tells when the rudder began to move. Set by hand.
+FIRST, LATER = 0.1, 0.5
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def held_stretches(
     delta = without_spikes(delta, dt, ship_time)
     steps = np.diff(delta)
     noise = MAD * float(np.median(np.abs(steps - np.median(steps))))
-    keep = math.exp(-dt / max(MEMORY * ship_time, 2 * dt))
+    keep = math.exp(-dt / max(MEMORY * ship_time, 2 * dt))  # a first-order low pass: the level that is held
     runs, first, level, count = [], 0, float(delta[0]), 1
     for k in range(1, len(t) + 1):
         width = max(tolerance, 0.04 * abs(level), 3.5 * noise)
@@ -102,6 +102,7 @@ def held_stretches(
     # without its first quarter, in which the rudder settles
     found = [(a, b, float(np.median(delta[a + (b - a) // 4 : b]))) for a, b in runs if t[b - 1] - t[a] + dt >= shortest]
     middles = [0, *((a + b) // 2 for a, b, _ in found)]
+    # looked for before neighbours are joined: a helm that corrects has moved before the row where its hold begins
     begins = {a: _movement(t, delta, before, a, angle) for before, (a, _, angle) in zip(middles, found, strict=False)}
     return [
         RudderStep(begins[a], float(t[a]), float(t[b - 1]), angle, k > 0 or abs(delta[0] - angle) > 2 * tolerance)
@@ -142,13 +143,14 @@ def _movement(t: np.ndarray, delta: np.ndarray, floor: int, held: int, angle: fl
     if held == 0 or len(path) < 2:
         return float(t[0])
     start, largest = len(path) - 1, 0.0
-    span = max(0.5, 3 * float(np.median(np.diff(t))))
+    span = max(0.5, 3 * float(np.median(np.diff(t))))  # s, of a mean rate: noise between two samples is no movement
     while start > 0:
         rate = float(path[start] - np.interp(t[start] - span, t, path)) / span
         largest = max(largest, rate)
         if rate < SLOWEST * largest or rate <= 0:
             break
         start -= 1
+    # the mean rate ends within a span of the beginning; the rest of the way back goes sample by sample
     while start > 0 and path[start] - path[start - 1] >= SLOWEST * largest * (t[start] - t[start - 1]) > 0:
         start -= 1
     low, way = float(path[start]), side * angle - float(path[start])
@@ -170,8 +172,9 @@ def _crossing(t: np.ndarray, values: np.ndarray, level: float) -> float:
 
 # Angles that are ordered as a rule [deg] (ITTC 7.5-02-06-01, IMO MSC.137(76)).
 STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
-NAMED, SHARE = 0.6, 0.07  # A measured rudder is called one of STEPS within this [deg], or this share of it.
-# Least standard error of a heading, gyros are read to 0.1 deg, and by which a helm orders too early or late [rad].
+NAMED, SHARE = 0.6, 0.07  # A measured rudder is called one of STEPS within this [deg], or this share. Set by hand.
+# Least standard error of a heading, gyros are read to 0.1 deg, and by which a helm orders too early or late [rad]. Set
+# by hand.
 RESOLUTION, HELM = math.radians(0.05), math.radians(0.25)
 # Standard errors by which what the reversals show may be off a usual heading. Set by hand: 1.2 % of normal errors are
 # larger.
@@ -202,15 +205,16 @@ def ordered_heading(
     def fit(degrees: float) -> tuple[float, float]:
         """Sum of squares in standard errors with the best delay, and that delay as a share of the largest."""
         base = headings - signs * math.radians(degrees)
+        # the base course is the weighted mean; of one reversal it is the heading before, taken off already
         off = base - (base @ weights / weights.sum())[:, None] if len(signs) > 1 else base
         squares = off**2 @ weights
         best = int(np.argmin(squares))
-        # of either sign
+        # the larger share of either sign: delays run from negative to positive
         return float(squares[best]), float(max(delays[best] / delays.max(), delays[best] / delays.min()))
 
     fits = {float(degrees): fit(degrees) for degrees in range(1, 90)}
     least = min(squares for squares, _ in fits.values())
-    scatter = max(1.0, least / max(len(signs) - 2, 1))
+    scatter = max(1.0, least / max(len(signs) - 2, 1))  # chi-squared by degrees of freedom: heading and base course
     usual = [step for step in STEPS if fits[step][0] <= least + LIKELY**2 * scatter]
     if usual:
         return min(
@@ -220,19 +224,20 @@ def ordered_heading(
 
 
 KINDS = ("turning", "zigzag", "spiral", "crash-stop")
-LEAST_RUDDER = math.radians(4.0)  # Smaller rudder angles are course keeping [rad]
-LEAST_STEP = math.radians(3.5)  # Half of the way between the two sides of a zigzag is at least this [rad]
-# The middle between the two sides of a zigzag lies within this of zero [rad]: the zero of the rudder's log.
+# The following angles [rad] are set by hand, between course keeping and the mildest manoeuvre: a zigzag 5/5.
+LEAST_RUDDER = math.radians(4.0)  # Smaller rudder angles are course keeping
+LEAST_STEP = math.radians(3.5)  # Half of the way between the two sides of a zigzag is at least this
+# The middle between the two sides of a zigzag lies within this of zero: the zero of the rudder's log.
 LARGEST_OFFSET = math.radians(4.0)
-LEAST_CHANGE = math.radians(0.4)  # A rudder that is reversed before the heading has changed by this is no zigzag [rad]
-# One that is reversed later than this is a turn to one side and a turn to the other [rad].
+LEAST_CHANGE = math.radians(0.4)  # A rudder that is reversed before the heading has changed by this is no zigzag
+# One that is reversed later than this is a turn to one side and a turn to the other.
 LARGEST_CHANGE = math.radians(60.0)
 # A zigzag has its second and third execute; with fewer it counts only where the run has no complete manoeuvre.
 LEAST_HOLDS = 3  # set by hand
 # Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held.
 LEAST_SHARE = 0.4  # set by hand
-# Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6. Set by hand
-# in that range.
+# Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6 [-]. Set by
+# hand in that range.
 TURN_RATE = 0.35
 # A spiral has at least so many equal steps to one side, each held for at least so many L/U. Set by hand.
 LEAST_STEPS, SPIRAL_HOLD = 3, 2.0
@@ -375,7 +380,7 @@ def _in_steps(holds: Sequence[RudderStep], unit: float) -> int:
     count = back = 0
     for step, hold in zip(steps, holds[1:], strict=True):
         back += bool(step * steps[0] < 0) != bool(back)  # counts changes of the direction: one is the way back
-        equal = abs(abs(step) - abs(steps[0])) <= max(math.radians(1.0), 0.2 * abs(steps[0]))
+        equal = abs(abs(step) - abs(steps[0])) <= max(math.radians(1.0), 0.2 * abs(steps[0]))  # set by hand
         if not equal or hold.seconds < SPIRAL_HOLD * unit or (back and count < LEAST_STEPS) or back > 1:
             break
         count += 1
@@ -395,7 +400,7 @@ def _partial(trial: Trial, holds: Sequence[RudderStep], unit: float) -> list[Exe
             return [_zigzag(trial, pair, unit)]
     hold = max(beyond, key=lambda h: h.seconds)
     lasting = hold.seconds >= 0.5 * seconds
-    if not lasting or _turned(trial, hold) < 5 * LEAST_CHANGE:
+    if not lasting or _turned(trial, hold) < 5 * LEAST_CHANGE:  # 2 deg: more than course keeping
         return []
     turned = math.degrees(_turned(trial, hold))
     words = f"the heading changes by {turned:.0f} deg while the rudder is held: no turning test"
@@ -429,21 +434,17 @@ def _in_turn(trial: Trial, holds: Sequence[RudderStep], unit: float) -> int:
         size = -side * (hold.angle - middle)
         change = side * (psi[count] - psi[count - 1])
         least = LEAST_CHANGE * (1 if count == 1 else 2)
-        gap = hold.reached - holds[count - 1].end
         turned = not (change < least or change > LARGEST_CHANGE * (1 if count == 1 else 2))  # NaN: may have
         same = abs(size - abs(half)) <= max(math.radians(2.0), 0.15 * abs(half))
-        usual = gap <= max(2.0 * min(hold.seconds, holds[count - 1].seconds), 1.5 * _way_over(holds[: count + 1]))
+        # the rudder goes over at once: in twice a hold beside it, or 1.5 times the shortest way over so far
+        gaps = [after.reached - before.end for before, after in pairwise(holds[: count + 1])]
+        usual = gaps[-1] <= max(2.0 * min(hold.seconds, holds[count - 1].seconds), 1.5 * min(gaps))
         if not same or not usual or not turned:
             break
         side, count = -side, count + 1
     used = holds[:count]
-    held = sum(h.seconds for h in used)
-    return count if count > 1 and held >= LEAST_SHARE * (used[-1].end - used[0].reached) else 1
-
-
-def _way_over(holds: Sequence[RudderStep]) -> float:
-    """The shortest time in which the rudder went from one of ``holds`` to the next [s]."""
-    return min(after.reached - before.end for before, after in pairwise(holds))
+    seconds = sum(h.seconds for h in used)
+    return count if count > 1 and seconds >= LEAST_SHARE * (used[-1].end - used[0].reached) else 1
 
 
 def _middle_and_size(holds: Sequence[RudderStep]) -> tuple[float, float]:
@@ -459,9 +460,10 @@ def _zigzag(trial: Trial, holds: Sequence[RudderStep], unit: float) -> Execute:
     times = np.array([h.begin for h in holds[1:]])
     sides = math.copysign(1.0, half) * (-1.0) ** np.arange(len(times))
     known = np.isfinite(_headings(trial, times, unit))
-    if not known.any():
+    if not known.any():  # better a heading across a gap than none
         known[:] = True
     psi, start = _headings(trial, times), float(_headings(trial, [holds[0].begin])[0])
+    # half of the way between reversals to either side: the base course drops out
     swings = 0.5 * (sides[:-1] * (psi[:-1] - psi[1:]))[known[:-1] & known[1:]]
     heading = float(np.median(swings)) if len(swings) else float(sides[0] * (psi[0] - start))
     ordered = _ordered(trial, times[known], sides[known], unit, nominal(abs(half)), start)
@@ -482,7 +484,7 @@ def _ordered(trial: Trial, times: np.ndarray, signs: np.ndarray, unit: float, ru
     rates = np.interp(times, t[good], trial["r"][good]) if good.any() else np.zeros(len(times))
     helm = HELM if len(times) < 4 else RESOLUTION  # the scatter of so few is not known from themselves
     errors = np.sqrt(noise**2 + helm**2 + (rates * interval) ** 2 / 12)  # an order falls anywhere in a sample
-    delays = np.linspace(-interval, interval + REACTION * unit, 41)
+    delays = np.linspace(-interval, interval + REACTION * unit, 41)  # s; fine beside the helm's own scatter
     headings = _headings(trial, times - delays[:, None]) - (start if len(times) == 1 else 0.0)
     return ordered_heading(headings, delays, signs, errors, rudder)
 
@@ -492,7 +494,7 @@ def _interval_and_noise(trial: Trial) -> tuple[float, float]:
     """Sampling interval [s] of the instruments, that nine of ten are below: longer than that of the rows where these
     lie on straight lines between the samples. And noise of the heading [rad]."""
     longest, psi = list[float](), _heading_series(trial)[1]
-    for values in (psi, trial["r"][np.isfinite(trial["r"])]):
+    for values in (psi, trial["r"][np.isfinite(trial["r"])]):  # rows where the slope changes are samples
         steps = np.diff(values)
         samples = np.flatnonzero(np.abs(np.diff(steps)) > 1e-6 * np.abs(steps[1:]))
         longest += [float(np.quantile(np.diff(samples), 0.9))] if len(samples) > 1 else []
@@ -557,6 +559,7 @@ def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple
     good = np.isfinite(speed) & np.isfinite(r)
     if not good.any():
         return math.nan, ["no speed is recorded"], []
+    # her speed now, to know how long two ship lengths take: by five samples, or by the first there is
     near = good & (t <= time + 1e-9) & (t >= time - 5 * trial.dt - 1e-9)
     if not near.any():
         near = good & (t <= t[good][np.argmin(np.abs(t[good] - time))] + 1e-9)
@@ -572,7 +575,7 @@ def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple
     blocking, caveats = [], []
     if seconds < 0.5 * stretch:
         caveats.append(f"only {seconds:.3g} s of approach are recorded, two ship lengths take {stretch:.3g} s")
-    change = float(np.polyfit(t[rows], speed[rows], 1)[0]) * seconds / mean
+    change = float(np.polyfit(t[rows], speed[rows], 1)[0]) * seconds / mean  # by a line: both ends are noisy
     turn = float(np.abs(r[rows]).mean()) * length / mean
     if abs(change) > STEADY_SPEED and seconds >= 0.1 * stretch:
         words = f"the speed changes by {100 * change:+.0f} % in the last {seconds:.3g} s"
@@ -600,7 +603,7 @@ def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
     good = np.isfinite(n)
     t, n, u = t[good], n[good], u[good]
     ahead = float(np.percentile(n, 95)) if len(n) else 0.0
-    astern = n < -0.05 * ahead
+    astern = n < -0.05 * ahead  # less is a shaft that is stopped. Set by hand.
     edges = [0, *(np.flatnonzero(np.diff(astern)) + 1).tolist(), len(n)]
     found: dict[float, Stop] = {}
     for first, last in pairwise(edges):
@@ -610,7 +613,7 @@ def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
         standing = np.flatnonzero(n[: forward[-1] + 1] <= 0)  # before she went ahead the last time
         level = n[standing[-1] + 1 if len(standing) else 0 : forward[-1] + 1]
         level = np.median(level[level > 0.5 * level.max()])
-        order = int(np.flatnonzero(n[:first] >= 0.97 * level)[-1])
+        order = int(np.flatnonzero(n[:first] >= 0.97 * level)[-1])  # set by hand: below it they have begun to fall
         speeds = u[: order + 1][np.isfinite(u[: order + 1])]
         off = np.flatnonzero(u[order:] <= 0)
         stopped = len(speeds) > 0 and speeds[-1] > 0 and len(off) > 0 and order + off[0] <= min(last + 2, len(t) - 1)
@@ -620,7 +623,8 @@ def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
     return complete or list(found.values())[-1:]
 
 
-# The ship may turn by this over a stretch that is bridged by straight lines; IMO gives headings in whole degrees.
+# The ship may turn by this over a stretch that is bridged by straight lines [rad]; IMO gives headings in whole degrees.
+# Set by hand.
 LARGEST_TURN = math.radians(5.0)
 # Changes of heading at which a turning test is read [rad]: in between its track is not asked for.
 READ_AT = (math.pi / 2, math.pi)

@@ -35,7 +35,7 @@ MEASURED = "measured in "  # How the source of a particular begins that was esti
 WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # set by hand: steps by a half at most
 # Shares of the largest slope: the most that the noise of a slope may have, and the least of a move. Set by hand.
 CLEAR, MOVING = 0.06, 0.3
-VISIBLE = 8.0  # Least size of a move, by the noise. Set by hand.
+VISIBLE = 8.0  # Least size of a move, by the noise (its standard deviation). Set by hand.
 # Largest moves of a trial that are fitted: a zigzag has five, and each costs some hundredths of a second.
 MOST = 5  # set by hand
 # Largest change from a sample to the next, by that of the move: more of it is one step, as in a log of orders.
@@ -44,19 +44,21 @@ JUMP = 0.7  # set by hand
 # error of so many times the noise and this share of its size: half a sine leaves 0.026.
 RESOLVED, SURE, STRAIGHT = 1.5, 0.05, (1.5, 0.01)
 # A limit is shown by so many moves at least that agree to this share of their rate, and by this share of all moves of
-# half the largest size.
+# half the largest size. Set by hand.
 FEW, AGREE, MOSTLY = 2, 0.1, 0.5
 FASTEST = 5.0  # Rates above so many times those by Froude's law are steps of orders. Set by hand.
 # Particular, the column whose steps are its orders, and the highest order that counts: an engine that is stopped or
 # reversed is what ``engine_delay`` is of.
 DELAYS = (("rudder_delay", "delta_order", math.inf), ("engine_delay", "n_order", 0.0))
-NOTED = 0.1  # Share by which a rate that the ship file states differs from the one measured for that to be said
+# Share by which a rate that the ship file states differs from the one measured for that to be said. Set by hand.
+NOTED = 0.1
 # Speeds of approach are one speed where they differ by this share at most; ship times L/U of an approach that are
 # looked at. Set by hand.
 ALIKE, APPROACH = 0.15, 1.0
 # Least and largest usual diameter of a propeller by the draught [-].
 USUAL_DIAMETER = next(usual for words, *_, usual in RATIOS if words == "D_P / d")
-# A smaller mean rudder of straight approaches is zero [rad]: rudders are logged to a tenth of a degree, with noise.
+# A smaller mean rudder of straight approaches is zero [rad]: rudders are logged to a tenth of a degree, with noise. Set
+# by hand.
 LEAST_NEUTRAL = math.radians(0.25)
 
 
@@ -106,6 +108,7 @@ def slew_rate(ramps: Sequence[Ramp]) -> SlewRate | None:
             weights = np.array([ramp.error**2 + 0.01**2 for ramp in alike]) ** -1  # 1 %: no move alone decides
             rate = float(np.average([ramp.rate for ramp in alike], weights=weights))
             return SlewRate(rate, True, tuple(dict.fromkeys(ramp.trial for ramp in alike)))
+    # two standard errors below the fastest
     fastest = max(known, key=lambda ramp: ramp.rate * (1 - 2 * ramp.error))
     return SlewRate(fastest.rate * (1 - 2 * fastest.error), False, (fastest.trial,))  # what it surely is
 
@@ -125,6 +128,7 @@ def order_delay(
             way, t = np.sign(ramp.change) * order, trial.t
             jumps = way[2:] - way[:-2]  # over two intervals: a step may lie between two samples of a grid
             steps = np.flatnonzero((np.abs(jumps) >= JUMP * ramp.size) & (t[:-2] <= ramp.begin))
+            # the last step before the move, where it is to the side of the move; it lies where half of it is made
             if len(steps) and jumps[k := steps[-1]] > 0 and order[k + 2] <= highest:
                 at = np.interp(0.5 * (way[k] + way[k + 2]), way[k : k + 3], t[k : k + 3])
                 found.append((ramp.begin - float(at), trial.dt, trial.name))
@@ -132,6 +136,7 @@ def order_delay(
         return None
     delays, intervals = np.array([(delay, dt) for delay, dt, _ in found]).T
     delay = float(np.median(delays))
+    # scatter of the delays, and of a step that lies anywhere within a sampling interval (uniform: 1/sqrt(12))
     scatter = math.hypot(MAD * float(np.median(np.abs(delays - delay))), float(intervals.mean()) / math.sqrt(12))
     known = delay > 2 * scatter / math.sqrt(len(delays))
     return (delay, tuple(dict.fromkeys(name for *_, name in found))) if known else None
@@ -143,11 +148,11 @@ def ramps_of(trial: Trial, values: np.ndarray) -> list[Ramp]:
     t, values = trial.t[good], values[good]
     if len(t) < 6 or np.ptp(values) == 0:
         return []
-    noise = MAD * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6)  # of 1, -2, 1
+    noise = MAD * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6)  # of 1, -2, 1: a ramp leaves nothing
     noise = max(noise, 1e-4 * float(np.ptp(values)))  # a log without noise is rounded, too
     moves = _moves(t, values, noise)
     sampled = is_sampled(trial)
-    readings = [True, False] if sampled is None else [sampled]
+    readings = [True, False] if sampled is None else [sampled]  # the sidecar says which, else the better fit
     found: list[tuple[float, list[Ramp]]] = []
     for reading in readings:
         ramps = [_fitted(trial, t, values, move, noise, not reading) for move in moves]
@@ -168,6 +173,7 @@ def _moves(t: np.ndarray, values: np.ndarray, noise: float) -> list[tuple[int, i
             break
     else:
         return []
+    # -1, 0, 1: whether the actuator falls, stands or rises in the window that begins at a row
     way = np.where(np.abs(slopes) > MOVING * largest, np.sign(slopes), 0.0)
     edges, half = np.flatnonzero(np.diff(way, prepend=0.0, append=0.0)), (window - 1) // 2
     spans = [(int(a) + half, int(b) - 1 + window - 1 - half) for a, b in pairwise(edges) if way[a]]
@@ -175,7 +181,7 @@ def _moves(t: np.ndarray, values: np.ndarray, noise: float) -> list[tuple[int, i
     for k, (a, b) in enumerate(spans):
         floor = spans[k - 1][1] if k else 0
         ceiling = spans[k + 1][0] if k + 1 < len(spans) else len(t) - 1
-        stand = max(3, b - a)
+        stand = max(3, b - a)  # rows of the stands on both sides: as long as the move, as far as the next moves
         first, last = max(min(floor, a), a - stand, 0), min(max(ceiling, b), b + stand)
         if last - first >= 4:
             size = abs(float(np.median(values[b : last + 1]) - np.median(values[first : a + 1])))
@@ -212,6 +218,7 @@ def _fitted(
             break
     assert best is not None
     rate, size, J = math.exp(best.x[2]), float(best.x[3]), np.asarray(best.jac)
+    # parameters: level, begin [s], log of the rate, size; so the error of the third is a share of the rate
     scaled = J * [1.0, dt + size / rate, 1.0, 1.0]  # seconds beside angles
     determined = np.linalg.matrix_rank(scaled, tol=1e-6 * size) == 4
     relative = float(np.linalg.norm(np.linalg.pinv(scaled)[2])) * max(noise, rms) if determined else math.inf
@@ -225,6 +232,7 @@ def _ramp(t: np.ndarray, begin: float, rate: float, size: float, held: bool) -> 
     if not held:
         return np.clip(rate * (t - begin), 0.0, size)
     since = np.append(t, 2 * t[-1] - t[-2]) - begin  # the last mean needs an end, too
+    # integral of the ramp: a parabola while it rises, then a line
     area = np.where(rate * since < size, 0.5 * rate * np.clip(since, 0, None) ** 2, size * (since - 0.5 * size / rate))
     return np.diff(area) / np.diff(since)
 
@@ -246,7 +254,7 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
     rates = ("rudder_rate", usual.rudder_rate), ("propeller_rate", usual.propeller_rate)
     engine = USUAL["engine_delay"][3] if has_engine(ship) else 0.0
     most = {"rudder_delay": MOST_DELAY * time_scale(ship.particulars["L"]), "engine_delay": engine}
-    for k, ((name, rule), (late, column, highest)) in enumerate(zip(rates, DELAYS, strict=True)):
+    for k, ((name, rule), (late, column, highest)) in enumerate(zip(rates, DELAYS, strict=True)):  # rudder, propeller
         moves = [(trial, ramps_of(trial, steering(trial)[k])) for trial in moved]
         slew = slew_rate([ramp for _, ramps in moves for ramp in ramps])
         if slew and slew.limit and slew.rate <= FASTEST * rule:
@@ -311,7 +319,7 @@ def _approach(trials: Sequence[Trial], length: float) -> Approach | None:
         return None
     speed = float(np.median([row.speed for row in rows]))
     alike = [row for row in rows if abs(row.speed / speed - 1) <= ALIKE]
-    if len(alike) <= 0.5 * len(rows):
+    if len(alike) <= 0.5 * len(rows):  # runs at several speeds have no speed of approach
         return None
     speed, rudder, n = (float(np.median([getattr(row, name) for row in alike])) for name in ("speed", "rudder", "n"))
     return Approach(speed, rudder, n, tuple(name for row in alike for name in row.trials))

@@ -19,7 +19,7 @@ from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
 STEP = 0.25  # Default sampling interval [s] of a 3 m model; scales with sqrt(L). Set by hand.
-ROUNDS = 5  # Rounds in which draws beyond bounds are put on them
+ROUNDS = 5  # In which draws beyond bounds are put on them; what is beyond then is clipped alone. Set by hand.
 MOST = 5000  # Most draws of one call: all motions are held in memory. Set by hand: it bounds memory.
 
 
@@ -120,6 +120,7 @@ def draw_coefficients(
         here, there = (list(part) for part in zip(*rows, strict=True)) if rows else ([], [])
         matrix[np.ix_(here, here)] = np.nan_to_num(np.asarray(correlation[1], dtype=float)[np.ix_(there, there)])
         np.fill_diagonal(matrix, 1.0)
+    # a root by eigenvalues: with correlations that are not known set to zero the matrix may have negative ones
     values, vectors = np.linalg.eigh(matrix)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     draws = root @ np.random.default_rng([21, seed]).standard_normal((len(free), count))
@@ -133,17 +134,18 @@ def draw_coefficients(
 def _within(draws: np.ndarray, lower: np.ndarray, upper: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     """Draws (Q, count) of unit variance and correlation ``matrix`` with those beyond bounds (Q, 1) put on them. The
     others move to their expectation given that: by the regression on those that are held."""
-    held = np.zeros(draws.shape, dtype=bool)
+    bounded = np.zeros(draws.shape, dtype=bool)
     target = draws
     for _ in range(ROUNDS):
         beyond = (target < lower - 1e-9) | (target > upper + 1e-9)
         if not beyond.any():
             break
-        held |= beyond
+        bounded |= beyond
         target = target.copy()
         for m in np.flatnonzero(beyond.any(axis=0)):
-            k = np.flatnonzero(held[:, m])
+            k = np.flatnonzero(bounded[:, m])
             ends = np.clip(draws[k, m], lower[k, 0], upper[k, 0])
+            # conditional mean of a normal law, given those on their bounds
             gain = np.linalg.solve(matrix[np.ix_(k, k)] + 1e-9 * np.eye(len(k)), ends - draws[k, m])
             target[:, m] = draws[:, m] + matrix[:, k] @ gain
             target[k, m] = ends
@@ -174,6 +176,7 @@ def scatter(
     each = replace(plan, engine=plan.engine.drawn(count, seed, itself=True)) if plan.engine else plan
     runs = simulate_batch(ship, each, given, STEP * time_scale(L) if dt is None else dt)
     with np.errstate(invalid="ignore", over="ignore"):
+        # beyond Froude number 3, as ``simulate`` refuses it
         fast = np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) > 3 * reference_speed(L)
     good = np.flatnonzero(np.isfinite(runs.states).all(axis=(0, 1)) & ~fast)
     if len(good) == 0:

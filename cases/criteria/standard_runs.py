@@ -133,7 +133,7 @@ def check_completeness(trial: Trial, maneuver: Maneuver) -> tuple[Message, ...]:
     p, name = maneuver.parameters, maneuver.name
     if "order_time" not in p:
         return ()
-    run, fatal, words = read.since(trial, p["order_time"]), True, ""
+    run, fatal, words = read.since(trial, p["order_time"]), True, ""  # fatal: nothing can be read of the run
     steady = run.r[run.t >= run.t[-1] - p.get("window", 0.0)]
     if trial.duration <= p["order_time"]:
         words = f"{name}: the run ends after {trial.duration:g} s, before the order at {p['order_time']:g} s"
@@ -182,7 +182,7 @@ def _figures(run: read.Since, plan: Maneuver, steady: bool) -> dict[str, float]:
     """Figures of a ``run`` of the manoeuvre ``plan`` from its order on. steady: with the means of a steady turn."""
     p = plan.parameters
     if plan.kind == "zigzag":
-        ten = math.isclose(abs(p["rudder"]), math.radians(10), rel_tol=1e-6)
+        ten = math.isclose(abs(p["rudder"]), math.radians(10), rel_tol=1e-6)  # of the initial turning ability
         found = read.zigzag_figures(run, p["rudder"], p["heading"])
         return found | (read.initial_turning_figures(run, p["rudder"]) if ten else {})
     return _one_order(run, plan.kind, p.get("rudder", 0.0), p.get("least", 0.0), steady)
@@ -225,7 +225,7 @@ def _measured(trial: Trial, length: float, execute: Execute, name: str) -> Run:
 
 def measured_figures(trial: Trial, execute: Execute) -> dict[str, float]:
     """All figures, SI and rad, of the manoeuvre ``execute`` in the measured run ``trial``."""
-    rows = trial.t - trial.t[0] <= execute.end + 1e-9
+    rows = trial.t - trial.t[0] <= execute.end + 1e-9  # what comes after is another manoeuvre
     used = trial.with_columns(**{name: np.asarray(values)[rows] for name, values in trial.columns.items()})
     run = read.since(used, execute.order_time)
     if execute.kind == "zigzag":
