@@ -21,7 +21,8 @@ from mmg.states import STATES
 if TYPE_CHECKING:
     from mmg.ship import Ship
 
-STANDARD = ("n", "delta", "wind_north", "wind_east")  # Inputs of a single-screw, single-rudder ship
+# Inputs of a single-screw, single-rudder ship [1/s, rad, m/s, m/s]
+STANDARD = ("n", "delta", "wind_north", "wind_east")
 # Value of ``inputs`` in a sidecar: actuators are as they are at each sample, not held from there to the next.
 SAMPLED = "sampled"
 _STAND_INS = {"delta_port": "delta", "delta_starboard": "delta", "n_2": "n"}
@@ -124,6 +125,7 @@ class ModelInputs(NamedTuple):
     notices: tuple[Message, ...]
 
 
+# Trials do not change, and each solve, score and check asks for their inputs; a trial that is gone frees them.
 _KNOWN: WeakKeyDictionary[Trial, dict[tuple[str, ...], ModelInputs]] = WeakKeyDictionary()
 
 
@@ -136,7 +138,7 @@ def model_inputs(trial: Trial, inputs: Sequence[str] = STANDARD) -> ModelInputs:
         actuators, notices = actuator_columns(trial, [name for name in names if name in INPUTS])
         clock = [(trial.t - trial.t[0])[:, None]] if "time" in names else []
         array = np.column_stack([actuators, trial.wind_vector, *clock])
-        array.flags.writeable = False
+        array.flags.writeable = False  # shared by all who ask
         known[names] = ModelInputs(array, tuple(notices))
     return known[names]
 
@@ -155,7 +157,7 @@ def step_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarr
     edges: times (K + 1,) [s] between which steps lie. Returns (K, C)."""
     widths = np.diff(t)[:, None]
     integral = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values[:-1] * widths, axis=0)])
-    at = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 1)
+    at = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 1)  # sample that holds at each edge
     until = integral[at] + values[at] * (edges - t[at])[:, None]
     return np.diff(until, axis=0) / np.diff(edges)[:, None]
 
@@ -176,12 +178,13 @@ def _integral_until(t: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.nda
     """The integral until each time of ``at`` (K,) [s] of a line through ``values`` (N,) at the times t (N,) [s]."""
     known = integral(t, values)
     i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, max(len(t) - 2, 0))
-    into, slope = at - t[i], np.diff(values)[i] / np.diff(t)[i]
+    into, slope = at - t[i], np.diff(values)[i] / np.diff(t)[i]  # s into the interval, and slope of the line there
     return np.asarray(known[i] + values[i] * into + 0.5 * slope * into**2)
 
 
 # Share of an actuator's largest rate within which rates may be its limit; the least share by which rates are told from
-# that limit and from none; how often it must have it, and in which share of the samples in the middle of its moves.
+# that limit and from none; how often it must have it, and in which share of the samples in the middle of its moves. Set
+# by hand.
 NEAR, LEAST, FEW, MOSTLY = 0.1, 0.01, 5, 0.8
 
 
@@ -203,18 +206,20 @@ def with_corners(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     limit = float(np.median(size[limited]))
     scatter = float(np.median(np.abs(size[limited] - limit))) / limit
     apart = float(np.clip(5 * scatter, LEAST, NEAR))
+    # of each interval: whether it has the limiting rate all the time, and to which side it moves (0: it stands)
     full, moves = size > (1 - apart) * limit, np.where(size > apart * limit, way, 0.0)
     inner = (moves[1:-1] != 0) & (moves[:-2] == moves[1:-1]) & (moves[2:] == moves[1:-1])
     if not (inner & full[1:-1]).sum() > MOSTLY * inner.sum():
         return t, values
-    part = (moves[1:-1] != 0) & ~full[1:-1]
-    sides = []
+    part = (moves[1:-1] != 0) & ~full[1:-1]  # intervals with a corner: they move for part of the time
+    sides = []  # rates before and after each: the limit, none, or NaN where a neighbour has a corner as well
     for near, is_full in ((moves[:-2], full[:-2]), (moves[2:], full[2:])):
         known = (near == 0) | (near == moves[1:-1]) | is_full
         sides.append(np.where(known, near * limit, np.nan))
     before, after = sides
     k = 1 + np.flatnonzero(part & np.isfinite(before) & np.isfinite(after) & (before != after))
     before, after = before[k - 1], after[k - 1]
+    # x[k] + before into + after (dt - into) = x[k+1]: s into the interval at which both lines meet
     into = (values[k + 1] - values[k] - after * (t[k + 1] - t[k])) / (before - after)
     good = (into > 0) & (into < t[k + 1] - t[k])
     k, into, before = k[good], into[good], before[good]

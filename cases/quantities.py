@@ -144,14 +144,8 @@ _ROWS = (
         headers=r"(true_|gyro_|ship_)?(heading|hdg|hdt|yaw)(_true|_t|_angle|_gyro)?|gyro(_heading)?|psi",
         valid=r"(heading|hdg|hdt|gyro|ths)_(status|mode|valid|validity|ok)",
     ),
-    _speed(
-        "u",
-        headers=r"surge(_velocity|_speed)?|u_velocity|longitudinal_(speed|velocity)|speed_longitudinal",
-    ),
-    _speed(
-        "v",
-        headers=r"sway(_velocity|_speed)?|v_velocity|(transverse|lateral)_(speed|velocity)|speed_transverse",
-    ),
+    _speed("u", headers=r"surge(_velocity|_speed)?|u_velocity|longitudinal_(speed|velocity)|speed_longitudinal"),
+    _speed("v", headers=r"sway(_velocity|_speed)?|v_velocity|(transverse|lateral)_(speed|velocity)|speed_transverse"),
     Quantity(
         "r", "rad/s", limits=(-SPIN_LIMIT, SPIN_LIMIT),
         headers="rot|rate_of_turn|turn_rate|yaw_rate|yawrate|gyro_rate|yaw_velocity|angular_velocity_z",
@@ -176,16 +170,10 @@ _ROWS = (
     _shaft("n_bow", headers="bow_thruster(_rpm|_speed)?"),
     _shaft("n_stern", headers="stern_thruster(_rpm|_speed)?"),
     Quantity("pitch", "rad", headers="(pitch_)?(propeller_pitch|cpp_pitch|pitch_feedback)"),
-    _shaft(
-        "n_azimuth",
-        headers=rf"(n_azimuth|n_pod)|(azimuth|pod)(_thruster)?_({_REVS}|speed)",
-    ),
+    _shaft("n_azimuth", headers=rf"(n_azimuth|n_pod)|(azimuth|pod)(_thruster)?_({_REVS}|speed)"),
     Quantity("phi", "rad"),
     Quantity("p", "rad/s"),
-    _direction(
-        "azimuth",
-        headers="(azimuth|pod)(_thruster)?(_angle|_direction)?",
-    ),
+    _direction("azimuth", headers="(azimuth|pod)(_thruster)?(_angle|_direction)?"),
     _shaft("n_azimuth_2"),
     _direction("azimuth_2"),
     *(_shaft(f"n_azimuth_{pod}") for pod in range(3, PODS + 1)),

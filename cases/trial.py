@@ -136,7 +136,7 @@ class Trial:
         Raises UserError where fewer than two lie there."""
         if not (isinstance(begin, Real) and isinstance(end, Real)):
             raise BadValue(f"{self.name}: from {begin!r} to {end!r}: times [s] are numbers")
-        rows = (self.t >= begin - 1e-9) & (self.t <= end + 1e-9)
+        rows = (self.t >= begin - 1e-9) & (self.t <= end + 1e-9)  # 0.1 + 0.2 s is sample 0.3 s, too
         if rows.sum() < 2:
             span = f"it lasts from {self.t[0]:g} to {self.t[-1]:g} s"
             raise TooFewData(f"{self.name}: fewer than two samples from {begin:g} to {end:g} s; {span}")
@@ -148,6 +148,7 @@ class Trial:
         if not (isinstance(dt, Real) and 0 < dt <= self.duration):
             raise OutOfRange(f"{self.name}: dt = {dt!r} s must be positive and no longer than its {self.duration:g} s")
         t = self.t[0] + dt * np.arange(math.floor(self.duration / dt + 1e-9) + 1)
+        # neighbours of each new sample, both the same row where it lies on one
         after = np.clip(np.searchsorted(self.t, t - 1e-9), 0, len(self) - 1)
         before = np.clip(np.searchsorted(self.t, t + 1e-9, side="right") - 1, 0, len(self) - 1)
         columns = {"t": t}
@@ -164,7 +165,7 @@ class Trial:
 
     def _with_rows(self, columns: dict[str, np.ndarray], rows: np.ndarray | None) -> Trial:
         """The trial with other rows; rows: those of its own that stay, None where they are made anew."""
-        marks, meta = self.meta.get("bridged", ""), dict(self.meta)
+        marks, meta = self.meta.get("bridged", ""), dict(self.meta)  # a mark for each row (``left_out``)
         if marks:
             kept = [] if rows is None else [mark for mark, row in zip(marks, rows, strict=True) if row]
             meta["bridged"] = "".join(kept)
@@ -248,7 +249,7 @@ class Trial:
     @property
     def rudder(self) -> np.ndarray:
         """Rudder angle [rad], of two rudders their mean, 0 for a ship that logs none, shape (N,)."""
-        angles = [self[name] for name in RUDDERS if name in self]
+        angles = [self[name] for name in RUDDERS if name in self]  # delta, the first, is that of all where it is logged
         return np.mean(angles[:1] if "delta" in self else angles, axis=0) if angles else np.zeros(len(self))
 
     @property
@@ -304,6 +305,7 @@ def left_out(trial: Trial, spans: Sequence[Span], why: str, moved: Sequence[Span
     rows = inside(trial, spans)
     measured = inside(trial, [span for span in spans if span not in moved])
     columns = {name: np.where(rows, np.nan, trial[name]) for name in STATES if name in trial}
+    # meta of a trial is text, as run folders and files keep it
     meta = {**trial.meta, "left_out": json.dumps([list(span) for span in spans]), "looked_at": "yes"}
     meta["bridged"] = "".join("1" if row else "0" for row in measured & rows) if rows.any() else ""
     notices = tuple(trial.notices)

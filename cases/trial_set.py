@@ -52,7 +52,7 @@ class TrialSet(Sequence[Trial]):
             if not isinstance(item, (str, Path, Trial)):
                 raise BadValue(f"trials: {type(item).__name__} is none: give files, folders or Trial objects")
         paths = [item for item in several if not isinstance(item, Trial)]
-        if len(paths) == len(several):
+        if len(paths) == len(several):  # in one call: each file once, and all that cannot be read said together
             return cls(tuple(read_trials(paths) if paths else ()))
         each = ([item] if isinstance(item, Trial) else read_trials(item) for item in several)
         return cls(tuple(trial for some in each for trial in some))
@@ -99,7 +99,7 @@ class TrialSet(Sequence[Trial]):
         for i, copies in enumerate(self.copies):
             for copy in copies:
                 pair = (groups[i], groups[position[copy["other"]]])
-                groups = [min(pair) if g in pair else g for g in groups]
+                groups = [min(pair) if g in pair else g for g in groups]  # union of the two sets, by its least number
         return [tuple(i for i, g in enumerate(groups) if g == k) for k in dict.fromkeys(groups)]
 
     @cached_property
@@ -261,5 +261,6 @@ def _content(trial: Trial) -> bytes:
     for name, column in sorted(trial.columns.items()):
         values = column - column[0] if name == "t" else column
         found.update(name.encode())
+        # to nine digits, which a file keeps; + 0.0 makes -0.0 the same as 0.0
         found.update(np.ascontiguousarray(np.round(values, 9) + 0.0, dtype=float).tobytes())
     return found.digest()

@@ -451,10 +451,8 @@ def _joined(
     report: CheckReport, said: Said, unchecked: Sequence[Found], found: Scores, alone: Mapping[str, Value | None]
 ) -> CheckReport:
     """``report`` with what is ``said`` and what is ``unchecked``; its own sentences on what follows from that are left
-    out.
-
-    alone: of lags, gains, lever arm and offset the values that each would have by itself, or as its folder has it.
-    """
+    out. alone: of lags, gains, lever arm and offset the values that each would have by itself, or as its folder has
+    it."""
     codes = {code for level, code, _ in said.findings if level != INFO}
     kept = [f for f in report.findings if not (codes and (f.topic == "rudder" or f.code in codes))]
     if codes & {"unit", "frozen_channel"}:  # of a wrong clock, or of turn rates in a wrong unit

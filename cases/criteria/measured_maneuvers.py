@@ -30,7 +30,8 @@ from mmg.errors import BadValue, Missing, UnknownName
 from mmg.motion.flow import RUDDERS
 from mmg.states import STATES
 
-# An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, the largest [rad]. Set by hand.
+# An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, the most of them [rad]. Set
+# by hand.
 TOLERANCE = math.radians(1.0)
 # Ship times L/U over which the angle that is held may creep: a rudder that moves on faster is not held.
 MEMORY = 0.25  # set by hand
@@ -135,9 +136,7 @@ def _joined(
 def _movement(t: np.ndarray, delta: np.ndarray, floor: int, held: int, angle: float) -> float:
     """When the rudder began to move to the ``angle`` that it has from row ``held`` on [s], not before row ``floor``, in
     the middle of the hold before: a rudder that has left the tolerance of that has moved for some tenths of a second.
-
-    The line through a tenth and a half of the order's movement meets the angle it came from at that time.
-    """
+    The line through a tenth and a half of the order's movement meets the angle it came from at that time."""
     side = math.copysign(1.0, angle - delta[max(floor, held - 1)])
     t, path = t[floor : held + 1], side * delta[floor : held + 1]
     if held == 0 or len(path) < 2:

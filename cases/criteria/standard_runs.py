@@ -55,14 +55,13 @@ def approach_speed(ship: Ship, speed: float | None = None) -> tuple[float, str]:
     return known_speed(ship, TEST_FROUDE)
 
 
-def simulated_run(ship: Ship, text: str, speed: float, n: float | None = None, rudder_rate: float | None = None) -> Run:
+def simulated_run(ship: Ship, text: str, speed: float, rudder_rate: float | None = None) -> Run:
     """A standard manoeuvre of a ship in calm air and deep water, one that has an order.
 
-    text: as for ``parse_maneuver``; speed [m/s] and n [1/s] of the approach (None: self-propulsion); rudder_rate
-    [rad/s]. Raises UserError when the manoeuvre does not reach its event.
+    text: as for ``parse_maneuver``; speed [m/s] of the approach, at its self-propulsion; rudder_rate [rad/s]. Raises
+    UserError when the manoeuvre does not reach its event.
     """
-    plan = parse_maneuver(text, ship, speed=speed, n=n, rudder_rate=rudder_rate)
-    return planned_run(ship, plan)
+    return planned_run(ship, parse_maneuver(text, ship, speed=speed, rudder_rate=rudder_rate))
 
 
 def simulated_trial(
@@ -89,8 +88,8 @@ def simulated_trial(
     if isinstance(maneuver, str):
         from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed  # late: a fit has no use for it
 
-        if (own := harbour_seed(maneuver, seed)) is not None:
-            maneuver, controls = None, harbour_inputs(ship, None, own, dt)
+        if (own_seed := harbour_seed(maneuver, seed)) is not None:
+            maneuver, controls = None, harbour_inputs(ship, None, own_seed, dt)
     if maneuver is not None:
         plan = parse_maneuver(maneuver, ship, seed=seed) if isinstance(maneuver, str) else maneuver
         trial = simulate(ship, plan, 0.1 if dt is None else dt, air, seed)

@@ -162,7 +162,7 @@ class StepOrders(FromLead):
         self.rates.append((t, r))
         if t - self.rates[0][0] < self.window - TINY:
             return False
-        while len(self.rates) > 1 and self.rates[1][0] <= t - self.window + TINY:
+        while len(self.rates) > 1 and self.rates[1][0] <= t - self.window + TINY:  # one that lies a window back stays
             self.rates.popleft()
         values = [rate for _, rate in self.rates]
         return max(values) - min(values) <= self.tolerance
@@ -193,19 +193,19 @@ def random_telegraph(n: float, duration: float, scale: float, seed: int) -> Orde
     order, and at least every fourth), held 10..30 s. ``scale`` stretches the times, which are those of a 3 m
     model. n [1/s]; duration [s].
     """
-    rng = np.random.default_rng([3, seed])
+    rng = np.random.default_rng([3, seed])  # 3: each use of a seed has draws of its own
     delta_times = _switches(rng, 4.0 * scale, 20.0 * scale, duration)
     n_times = _switches(rng, 10.0 * scale, 30.0 * scale, duration)
     delta = np.radians(rng.uniform(-35.0, 35.0, len(delta_times)))
     astern = rng.random(len(n_times)) < 0.35
-    astern[0], astern[2::4] = False, True
+    astern[0], astern[2::4] = False, True  # she gathers way first
     levels = np.where(astern, -rng.uniform(0.3, 1.0, len(n_times)), rng.uniform(0.3, 1.2, len(n_times)))
     return schedule(n_times, n * levels, delta_times, delta)
 
 
 def _switches(rng: np.random.Generator, shortest: float, longest: float, duration: float) -> np.ndarray:
     """Times of orders, 0 first, until ``duration`` [s]."""
-    gaps = rng.uniform(shortest, longest, math.ceil(duration / shortest) + 1)
+    gaps = rng.uniform(shortest, longest, math.ceil(duration / shortest) + 1)  # as many as the shortest would take
     times = np.concatenate([[0.0], np.cumsum(gaps)])
     return times[times < max(duration, TINY)]
 
@@ -292,6 +292,7 @@ class Controller:
             self.over = True
             return self.n, self.delta
         if self.located and isinstance(self.orders, FromLead) and self.orders.watches(t, t + dt):
+            # a step on trial, which is taken back: an event shows only in the state at its end
             before = self.n, self.delta, self.shaft, [*self.helm]
             after = advance(self._travel(order, t, dt, state))
             fraction = self.orders.event(t, state, t + dt, after)
@@ -314,7 +315,7 @@ class Controller:
             self.n, n = _ramp(self.n, order[0], self.limits.propeller_rate, dt)
         if order[1] != self.helm[-1][1]:
             self.helm.append((t + self.limits.rudder_delay, order[1]))
-        while len(self.helm) > 1 and self.helm[1][0] <= t + TINY:
+        while len(self.helm) > 1 and self.helm[1][0] <= t + TINY:  # helm[0] acts, the others wait for the delay
             del self.helm[0]
         changes = [when - t for when, _ in self.helm[1:] if when < t + dt - TINY]
         delta = 0.0
@@ -330,7 +331,7 @@ def _ramp(position: float, order: float, rate: float, dt: float) -> tuple[float,
     if abs(way) > longest:
         end = position + math.copysign(longest, way)
         return end, 0.5 * (position + end)
-    share = abs(way) / longest if longest > 0 else 0.0
+    share = abs(way) / longest if longest > 0 else 0.0  # of dt, in which the way is made
     return order, order - 0.5 * way * share
 
 
@@ -443,6 +444,7 @@ def parse_maneuver(
         limits = replace(limits, rudder_rate=rudder_rate)
     factors = stopping_factors(ship) if kind in STOPS else {}
     ship = _with_factors(ship, factors)
+    # the factors come first: a ship of another resistance needs other revolutions in her approach
     if kind in STOPS and n is None and speed is None and {"n", "n_azimuth"} & set(ship.actuators):
         speed = own_speed(ship, TEST_FROUDE)  # that of the standard's test
     steady, revolutions = approach(ship, n, speed, at_rest=kind == "acceleration")
@@ -523,7 +525,7 @@ def _zigzag(s: _Setup) -> Maneuver:
     rudder, heading = s.angles("rudder", "heading", "zigzag:20/20")
     if heading < 0:
         raise s.refused("give the side by the sign of the rudder: zigzag:-10/10")
-    zigzag = partial(Zigzag, s.base.n, s.lead, rudder, heading, None if s.base.partial else 6)
+    zigzag = partial(Zigzag, s.base.n, s.lead, rudder, heading, None if s.base.partial else 6)  # ends with the sixth
     return s.maneuver(600.0, zigzag, rudder=rudder, heading=heading, order_time=s.lead)
 
 

@@ -39,7 +39,8 @@ MCR = 0.965
 # Of the shaft line and the starting air, in Q_MCR; of the governor, in Q_MCR by n_MCR: estimates of this library.
 FRICTION, AIR, GAIN = 0.05, 0.4, 8.0  # set by hand
 STEP = 0.25  # Integration step of the shaft [s]. Set by hand.
-# Particular of a ship file -> what is assumed where it is not given, its standard deviation, and what it may be.
+# Particular of a ship file -> what is assumed where it is not given (see above), its standard deviation, and what it
+# may be: these are set by hand.
 USUAL: Mapping[str, tuple[float, float, float, float]] = {
     "engine_delay": (10.0, 5.0, 0.0, 600.0),
     "restart": (0.30, 0.06, 0.01, 1.0),
@@ -48,7 +49,7 @@ USUAL: Mapping[str, tuple[float, float, float, float]] = {
     "engine_rise": (60.0, 25.0, 0.1, 1800.0),
     "engine_inertia": (3.0, 0.8, 0.2, 100.0),
 }
-_ANGLES = np.linspace(-math.pi, math.pi, 1441)
+_ANGLES = np.linspace(-math.pi, math.pi, 1441)  # beta [rad], every quarter of a degree
 
 
 def _series(A: tuple[float, ...], B: tuple[float, ...]) -> np.ndarray:
@@ -58,7 +59,7 @@ def _series(A: tuple[float, ...], B: tuple[float, ...]) -> np.ndarray:
 
 
 _TORQUE = _series(A_Q, B_Q)
-_FIRST = (_ANGLES > 0.1) & (_ANGLES < 0.9)
+_FIRST = (_ANGLES > 0.1) & (_ANGLES < 0.9)  # where the thrust of a propeller ahead falls through zero, once
 # Advance ratio of the series at which its thrust is zero [-].
 ZERO_THRUST = 0.7 * math.pi * math.tan(float(np.interp(0.0, -_series(A_T, B_T)[_FIRST], _ANGLES[_FIRST])))
 
@@ -93,10 +94,10 @@ class Engine:
         values: dict[str, Any] = {}
         for name, (_, std, low, high) in USUAL.items():
             draw = rng.standard_normal(count)
-            own = np.full(count, float(getattr(self, name)))
-            values[name] = np.clip(own + std * draw, low, high) if name in self.assumed else own
+            plain = np.full(count, float(getattr(self, name)))
+            values[name] = np.clip(plain + std * draw, low, high) if name in self.assumed else plain
             if itself:
-                values[name] = np.append(own[:1], values[name])
+                values[name] = np.append(plain[:1], values[name])
         return replace(self, **values)
 
     def repeated(self, copies: int) -> Engine:
@@ -107,6 +108,7 @@ class Engine:
     def torque(self, share: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Q_P / Q_MCR (M,) at n = ``share`` n_mcr and u [m/s], (M,) each."""
         a = self.n / self.n_mcr
+        # Q_P = 1/2 rho (u_a^2 + (0.7 pi n D)^2) (pi/4) D^3 C_Q*(beta), by its value in the approach (x = 1, u = speed)
         x, y = share / a, self.advance * u / self.speed
         full = float(np.interp(math.atan(self.advance), _ANGLES, _TORQUE)) * (1 + self.advance**2)
         return np.asarray(a * a * (x * x + y * y) * np.interp(np.arctan2(y, x), _ANGLES, _TORQUE) / full)
@@ -140,7 +142,7 @@ class Shaft:
         share, waited = self.share, max(self.waited, 0.0)
         ran = np.broadcast_to(self.ran, share.shape)
         parts = max(1, math.ceil(dt / STEP - 1e-9))
-        h, total = dt / parts, np.zeros_like(share)
+        h, total = dt / parts, np.zeros_like(share)  # explicit Euler; the mean by the trapezoidal rule
         limit = np.minimum(abs(wanted), e.astern_revolutions)
         for _ in range(parts):
             q_p = e.torque(share, u)
@@ -149,9 +151,10 @@ class Shaft:
                 target = -np.minimum(limit, np.maximum(ran, 0.0) / e.engine_rise)
                 running = np.clip(q_p - FRICTION + GAIN * (target - share), -np.asarray(e.astern_torque), 0.0)
                 air = np.where(share <= e.restart, -AIR, 0.0)
-                q_e = np.where(begun, running, air)
+                q_e = np.where(begun, running, air)  # it fires once the shaft has stopped
             else:
                 q_e = np.zeros_like(share)
+            # friction is smooth about zero, so that a shaft that stands does not swing from step to step
             rate = (q_e - q_p - FRICTION * np.tanh(share / 0.02)) / e.engine_inertia
             after = np.where(waited >= e.engine_delay, share + h * rate, share)
             ran = np.where(begun, ran + h, np.where((wanted < 0) & (after <= 0), 0.0, ran))
@@ -221,8 +224,8 @@ def _zero_thrust(ship: Ship, c: Mapping[str, float]) -> float:
         roots = np.roots([c["k_2"], c["k_1"], c["k_0"]])
         real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)].real
         if len(real):
-            return float(real.min())
-    if "k_J" in c:
+            return float(real.min())  # K_T = k_0 + k_1 J + k_2 J^2 falls from the bollard pull: its first zero counts
+    if "k_J" in c:  # a model of the series itself, with its advance ratios scaled
         return ZERO_THRUST * c["k_J"]
     return ZERO_THRUST * ship.particulars.get("pitch_ratio", 0.75)
 
@@ -256,7 +259,7 @@ def actuator_positions(ship: Ship, n: Any, delta: Any) -> dict[str, Any]:
     for name in [name for name in moved if name.startswith("n_azimuth") and "n" not in moved]:
         moved[name], angle = n, name.removeprefix("n_")
         if not rudders and angle in moved:
-            place = ship.particulars.get(angle.replace("azimuth", "x_az"), -1.0)
+            place = ship.particulars.get(angle.replace("azimuth", "x_az"), -1.0)  # m ahead of midship
             moved[angle] = np.copysign(delta, delta * place)
     return moved
 
@@ -305,14 +308,14 @@ def _root(function: Callable[[float], float], first: float, failure: str) -> flo
     """Root of a function that is negative at small positive arguments and positive at large ones. To 1e-12 of it by the
     Illinois method (Dowell & Jarratt 1971): scipy's root finders are slow to import."""
     low, high = 1e-3 * first, first
-    for _ in range(8):
+    for _ in range(8):  # doubles the upper end until the function is positive there
         if function(high) > 0:
             break
         low, high = high, 2 * high
     below, above = function(low), function(high)
     if not below < 0 < above:
         raise NoSolution(f"{failure}; check thrust and resistance, or give both n and speed")
-    last = 0
+    last = 0  # side on which the last secant ended: an end that stays is halved, else it would stay for long
     for _ in range(200):
         if high - low <= 1e-12 * high:
             break

@@ -38,7 +38,7 @@ def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, flo
         if not equals:
             named.append(key)
             continue
-        p, values[key] = known[key], as_number(word)
+        p, values[key] = known[key], as_number(word)  # NaN lies within no bounds
         if not p.lower <= values[key] <= p.upper:
             wanted = f"must be a number from {p.lower:g} to {p.upper:g} {p.unit}"
             raise OutOfRange(f"{where}: {p.symbol} = {word} {wanted}".rstrip())
@@ -73,7 +73,8 @@ def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
         ship = ship.with_effect(name, values)
         for p in parameters(ship, name):
             row = ship.coefficients[f"{name}.{p.symbol}"].with_(fixed=p.held and p.symbol not in named)
-            row = row.with_(std=p.coefficient(name).std) if p.symbol in values else row
+            # of the prior, not of an earlier fit
+            row = (row.with_(std=p.coefficient(name).std) if p.symbol in values else row)
             ship = ship.with_coefficients({row.symbol: row})
     return ship
 

@@ -77,6 +77,7 @@ def generated_ship(ship: Ship, structure: Structure, name: str = "", hard: bool 
     components["expansion"] = "hard_submodels" if hard else "smooth_submodels"
     rows = terms(structure)
     if offset:
+        # about zero: the models below have the forces already
         rows = tuple(c.with_(std=OFFSET_SHARE * c.std, lower=-3 * c.std, upper=3 * c.std) for c in rows)
     table = coefficient_table(components, ship.particulars)
     for effect, role in ((e, role) for e in ship.effects for role in EFFECTS[e].needs if role not in components):

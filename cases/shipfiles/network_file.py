@@ -172,7 +172,7 @@ def save_tensors(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[st
     Raises OSError where the file cannot be written, SafetensorError for arrays of a kind that the format lacks.
     """
     content = save({name: np.ascontiguousarray(array) for name, array in arrays.items()}, dict(about))
-    end = 8 + int.from_bytes(content[:8], "little")
+    end = 8 + int.from_bytes(content[:8], "little")  # safetensors: length of the header, header (JSON), numbers
     header = json.loads(content[8:end])
     header = {"__metadata__": dict(sorted(about.items())), **{k: v for k, v in header.items() if k != "__metadata__"}}
     text = json.dumps(header, separators=(",", ":")).encode()

@@ -61,6 +61,7 @@ def resistance(p: Mapping[str, float]) -> float:
     k = -0.095 + 25.6 C_b / ((L/B)^2 sqrt(B/d)) and 0.0004 for roughness and waves; 24 % low for the KVLCC2 model.
     """
     L, B, d, C_b = (p[name] for name in ("L", "B", "d", "C_b"))
+    # ITTC 1957, at the ship's Reynolds number
     C_F = friction.friction_line(p["U_0"] * L / friction.viscosity(p["rho"]))
     surface = friction.wetted_surface(L, B, d, C_b) / (L * d)
     return surface * (C_F * (1 + friction.form_factor(L, B, d, C_b)) + 4e-4)
@@ -108,7 +109,7 @@ def estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
     regression = empirical.yoshimura_masumoto_2012(L, B, d, C_b, mass["m_x"], mass["m_y"], p["x_G"])
     scatter = spread(p, mass["m_x"])
     mixed = empirical.linear_derivatives(L, B, d, C_b, mass["m_x"])
-    radius = 0.25**2 * p["m"] / (0.5 * p["rho"] * L**2 * d)
+    radius = 0.25**2 * p["m"] / (0.5 * p["rho"] * L**2 * d)  # I_zG' of a radius of gyration of 0.25 L
     R_0 = resistance(p)
     k_0, k_1, k_2 = thrust_parabola(p.get("pitch_ratio", PITCH_RATIO))
     wake = 0.5 * C_b - 0.05 if "y_P" not in p else max(0.55 * C_b - 0.20, 0.05)
@@ -184,7 +185,7 @@ def parse_particulars(words: Sequence[str]) -> dict[str, float]:
     given: dict[str, float] = {}
     for i, word in enumerate(word for part in words for word in part.replace(",", " ").split()):
         name, equals, number = word.rpartition("=")
-        if not equals:
+        if not equals:  # a number without a name has the name of its place, as long as none had one before
             if i >= len(ORDER) or i != len(given):
                 raise BadValue(
                     f"--new: '{word}' has no name; give numbers in the order {' '.join(ORDER)}, then NAME=VALUE"
@@ -284,7 +285,7 @@ def new_ship(name: str, given: Mapping[str, float], hull: str | None = None) -> 
             raise BadValue(f"{key} = {value!r}: is no number")
     if lacking := [key for key in LEAST if key not in given]:
         raise Missing(f"{', '.join(lacking)} missing; a ship needs at least {', '.join(LEAST)}")
-    check_plausible(given)
+    check_plausible(given)  # first what was given, so that no rule of thumb is blamed for it
     p, notices = complete(given)
     check_plausible(p)
     warnings = [Message(sentence, "unusual_particular") for sentence in unusual(given)]
@@ -314,7 +315,7 @@ def new_ship(name: str, given: Mapping[str, float], hull: str | None = None) -> 
     rows = {}
     for symbol, (value, share, source) in estimates(p, hull).items():
         if symbol in ship.coefficients:
-            row, value = ship.coefficients[symbol], float(f"{value:.5g}")
+            row, value = ship.coefficients[symbol], float(f"{value:.5g}")  # digits that a regression is good for
             std = float(f"{share * abs(value):.3g}")
             lower, upper = _widened(row, value, 3 * std)
             rows[symbol] = row.with_(value=value, std=std, lower=lower, upper=upper, source=source)

@@ -101,7 +101,7 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
         if have(name, side) and p[name] > 5 * p[side] ** 2:
             yield f"{name} = {p[name]:g} m² is more than 5 {side}² = {5 * p[side] ** 2:g} m²; check its unit"
     if have("rudder_rate", "L"):
-        most = 10 * math.radians(20) / time_scale(p["L"])
+        most = 10 * math.radians(20) / time_scale(p["L"])  # ten times the usual rate (``Limits.for_length``)
         if p["rudder_rate"] > most:
             yield f"rudder_rate = {p['rudder_rate']:g} rad/s is more than {most:.3g} rad/s; check its unit"
     if have("rudder_delay", "L") and p["rudder_delay"] > (most := MOST_DELAY * time_scale(p["L"])):
@@ -135,7 +135,7 @@ def unusual(p: Mapping[str, float]) -> Iterator[str]:
 
 def _outside(p: Mapping[str, float], merchant: bool) -> Iterator[tuple[str, str]]:
     """Words on each of RATIOS outside its limits, or those of ``merchant`` ships, and its first particular."""
-    p = {"rho": 1025.0 if p["L"] > 20 else 1000.0, **p}
+    p = {"rho": 1025.0 if p["L"] > 20 else 1000.0, **p}  # kg/m^3: shorter ones are models, in fresh water
     for words, above, below, possible, usual in RATIOS:
         low, high = usual if merchant else possible
         if {*above, *below} <= set(p) and p[above[0]] > 0:

@@ -118,6 +118,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
     particulars = {key: value for key, value in given.items() if key in PARTICULARS}
     contradictions = _contradictions(data["model"], components, data["ship"], particulars)
     problems += contradictions
+    # keys that the schema refused are not among the given ones
     if contradictions or len(given) < len(data["ship"]) or len(content.model.model_fields_set) < len(data["model"]):
         refuse(where, problems)  # what the coefficients can be is not known then
     try:
@@ -125,7 +126,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         rows, wrong = _generated_rows(content, components, table)
         problems += wrong
         ship = Ship("", particulars, components, {**table, **rows})
-    except (ZeroDivisionError, OverflowError):
+    except (ZeroDivisionError, OverflowError):  # of the regressions behind default coefficients
         out_of_proportion = "[ship] the particulars are out of all proportion; check their units (SI)"
         raise OutOfRange(f"{where}: {'; '.join([*problems, out_of_proportion])}") from None
     gone = [name for name in content.model.effects if name in GONE]
@@ -135,7 +136,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         ship = ship.with_effect(name) if not lacking else ship
         problems += [f"[model] effects: {lacking}"] if lacking else []
     defaults = ship.coefficients
-    follows = derived(components, particulars)
+    follows = derived(components, particulars)  # regressions on the particulars: no default that a user should know of
     left_out = [s for s in defaults if s not in given_rows and s not in follows]
     used = (*required_particulars(components), *OPTIONAL, *ENGINE, *_further_particulars(components))
     unused = [k for k in particulars if k not in used]
@@ -145,7 +146,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
     notices = [Message(text, code) for text, code, any_of in texts if any_of]
     changed = {}
     strange = [symbol for symbol in given_rows if symbol not in defaults]
-    if len(strange) == 1:
+    if len(strange) == 1:  # alone it may be a misspelling, for which the nearest name is said
         problems.append(unknown("coefficient", strange[0], defaults, f"with {_models(components)}"))
     elif strange:
         words = f"unknown coefficients {', '.join(strange)} with {_models(components)}"
@@ -239,7 +240,7 @@ def _coefficient(entry: CoefficientEntry, default: Coefficient) -> tuple[Coeffic
         return c, [f"upper = {c.upper:g}: must not lie below lower = {c.lower:g}"], []
     notices, symbol = [], c.symbol
     if not c.lower <= c.value <= c.upper:
-        margin = max(abs(c.value), 3 * c.std, 1e-6)
+        margin = max(abs(c.value), 3 * c.std, 1e-6)  # room for a fit to move in
         repaired = c.with_(lower=min(c.lower, c.value - margin), upper=max(c.upper, c.value + margin))
         text = (
             f"{symbol}: the bounds [{c.lower:g}, {c.upper:g}] exclude their own value {c.value:g}; "
@@ -273,7 +274,7 @@ def dump_ship(ship: Ship, comment: str = "") -> str:
             stated.add(key, getattr(ship, key))
     for key, value in ship.particulars.items():
         number = tomlkit.item(float(value))
-        if key in PARTICULARS:
+        if key in PARTICULARS:  # what it is and its unit, for who edits the file
             number.comment("{} [{}]".format(*PARTICULARS[key])).trivia.comment_ws = "  "
         stated.add(key, number)
     document.add("ship", stated)

@@ -84,14 +84,13 @@ def add_noise(trial: Trial, noise: SensorNoise, seed: int = 0) -> Trial:
 
 # Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L). Set by hand.
 LONGEST_STEP = 0.5
-
 MOST_STEPS = 5_000_000  # Most Runge-Kutta steps of a run. Set by hand: it bounds time, to some minutes, and memory.
 
 
 def _plant(ship: Ship) -> tuple[ca.Function, Model, float]:
     """A ship that is driven by logged inputs: one classical Runge-Kutta step (state (S,), inputs (C,), h [s]) -> state
     (S,), its model without what the generator does exactly, and the delay of rudder and revolutions [s]."""
-    delay = 0.0
+    delay = 0.0  # what shifts inputs in time is done on the samples, what instruments do after the run (``logged``)
     for name in ship.effects:
         held_back = effect(name).input_delay(ship.parameters_of(name))
         delay += held_back or 0.0
@@ -155,11 +154,11 @@ def simulate(
     if not 1 <= maneuver.duration / dt <= MOST_STEPS:
         raise OutOfRange(f"{maneuver.duration:g} s in steps of {dt:g} s: give 1 to {MOST_STEPS} steps")
     ship, count = maneuver.ship_of(ship), math.floor(maneuver.duration / dt + 1e-9)
-    t = np.round(dt * np.arange(count + 1), 9)
+    t = np.round(dt * np.arange(count + 1), 9)  # 0.3 and not 0.30000000000000004, as trial files have it
     air = (wind or Wind(0.0)).series(t, seed)
     flow = np.column_stack(wind_vector(air[:, 0], air[:, 1]))
     (step, model, delay), parts, controller = _plant(ship), integration_steps(ship, dt), maneuver.controller()
-    once, (whole, part) = _buffered(step), divmod(delay / dt, 1.0)
+    once, (samples, part) = _buffered(step), divmod(delay / dt, 1.0)  # of the delay: whole samples and the rest
     six = _begin(ship, maneuver) if start is None else np.array(start, dtype=float)
     first = _vector(model.controls, actuator_positions(ship, controller.n, controller.delta), flow[0], 0.0)
     state = np.array(model.initial(six, first, [])).ravel()
@@ -167,7 +166,7 @@ def simulate(
 
     def advanced(k: int, state: np.ndarray, order: tuple[float, float]) -> np.ndarray:
         inputs[k] = order  # a delay lets the means of earlier steps act
-        late, later = (inputs[max(k - int(whole) - back, 0)] for back in (0, 1))
+        late, later = (inputs[max(k - int(samples) - back, 0)] for back in (0, 1))
         acting = (1 - part) * late + part * later
         held = _vector(model.controls, actuator_positions(ship, *acting), flow[k], t[k])
         for _ in range(parts):
@@ -208,12 +207,12 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     for name, values in (("first state", start), ("an input or the wind", np.column_stack([moved, flow]))):
         if not np.isfinite(values).all():
             raise Missing(f"{controls.name}: missing values in {name}; the inputs must be complete")
-    acting = np.vstack([step_means(t, moved, t - delay), moved[-1:]]) if delay else moved
+    acting = np.vstack([step_means(t, moved, t - delay), moved[-1:]]) if delay else moved  # of the last row no step
     named = dict(zip(ship.actuators, acting.T, strict=True))
     named |= {"wind_north": flow[:, 0], "wind_east": flow[:, 1], "time": t - t[0]}
     held = np.column_stack([named.get(name, np.zeros(len(t))) for name in model.controls])
     gaps = np.diff(t)
-    parts = np.ceil(gaps / longest_step(ship) - 1e-9).astype(int)
+    parts = np.ceil(gaps / longest_step(ship) - 1e-9).astype(int)  # steps in each sample, equal within it
     if parts.sum() > MOST_STEPS:
         raise OutOfRange(
             f"{controls.name}: {t[-1] - t[0]:g} s are too long for {ship.name}; at most {MOST_STEPS} steps"
@@ -222,9 +221,9 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     run = step.mapaccum("run", len(h))
     begin = np.array(model.initial(start, held[0], [])).ravel()
     path = np.vstack([begin, np.array(run(begin, held[rows].T, h)).T])
-    whole = path[np.concatenate([[0], np.cumsum(parts)])]
-    columns = _columns(ship, model.states, t, whole, dict(zip(ship.actuators, moved.T, strict=True)), air)
-    notices = (*_notices(ship, air is not None, whole), *assumed)
+    states = path[np.concatenate([[0], np.cumsum(parts)])]  # (N, S): those at the samples
+    columns = _columns(ship, model.states, t, states, dict(zip(ship.actuators, moved.T, strict=True)), air)
+    notices = (*_notices(ship, air is not None, states), *assumed)
     meta = {"ship": ship.name, "controls": controls.name, "seed": str(seed)}
     return Trial(controls.name, columns, notices=notices, kind=controls.kind, meta=meta)
 
@@ -279,7 +278,7 @@ def _notices(ship: Ship, windy: bool, states: np.ndarray) -> tuple[Message, ...]
     hull = ship.components.get("hull")
     limit = getattr(module("hull", hull), "LARGEST_DRIFT", None) if hull else None
     speed = np.hypot(states[:, 3], states[:, 4])
-    drift = np.abs(np.arctan2(states[:, 4], states[:, 3]))[speed > 0.1 * speed.max()]
+    drift = np.abs(np.arctan2(states[:, 4], states[:, 3]))[speed > 0.1 * speed.max()]  # slower it is noise
     if limit is not None and len(drift) and drift.max() > limit:
         words = (
             f"the drift angle reaches {math.degrees(drift.max()):.0f} deg, where the {hull} hull "

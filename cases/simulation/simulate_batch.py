@@ -55,10 +55,11 @@ class Ramps:
 
     def means(self, t: np.ndarray) -> np.ndarray:
         """Means (N, 2) of the positions over the steps between t (N + 1,)."""
-        fine = np.union1d(self.times, t)
+        fine = np.union1d(self.times, t)  # the trapezoidal rule is exact between kinks
         values, first = self.at(fine), np.searchsorted(fine, t)
         base = np.repeat(values[first[:-1]], np.diff(first), axis=0)
         share = np.diff(fine) / np.repeat(np.diff(t), np.diff(first))
+        # the mean as a difference from the first position: one that does not move keeps it to the last digit
         away = (0.5 * (values[1:] + values[:-1]) - base) * share[:, None]
         return values[first[:-1]] + np.add.reduceat(away, first[:-1], axis=0)
 
@@ -66,7 +67,7 @@ class Ramps:
         """Times of integration (K + 1,): t, the kinks, and so many between that no step is longer than ``longest`` [s].
         Returns them with (K,) bool, which steps end at one of t."""
         nearest = t[np.clip(np.searchsorted(t, self.times - TINY), 0, len(t) - 1)]
-        knots = np.union1d(t, self.times[np.abs(self.times - nearest) > TINY])
+        knots = np.union1d(t, self.times[np.abs(self.times - nearest) > TINY])  # a kink at a sample is that sample
         gaps = np.diff(knots)
         parts = np.maximum(np.ceil(gaps / longest - TINY), 1).astype(int)
         number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
@@ -187,6 +188,7 @@ class ZigzagRudders:
                 return mean, after
             fraction = np.where(crosses, -a / np.where(crosses, b - a, 1.0), 1.0)
             self._reverse(crosses)
+        # the step once more: the old order up to the event, then the new one (fraction 1 where there is no event)
         self.delta, self.helm = before
         first = self._travel(order, t, fraction * dt)
         second = self._travel(self.side * self.orders.rudder, t + fraction * dt, (1 - fraction) * dt)
@@ -210,6 +212,7 @@ class ZigzagRudders:
     def _travel(self, order: np.ndarray, t: np.ndarray | float, dt: np.ndarray | float) -> np.ndarray:
         """Moves under the orders (M,) from t [s] on for dt [s], one or (M,) each; the mean angles on the way."""
         acts, last, due = self.helm
+        # an order waits for the delay; one that acts has nothing due
         due = np.where(order != last, t + self.delay, due)
         acts, due = np.where(due <= t + TINY, order, acts), np.where(due <= t + TINY, math.inf, due)
         self.helm = np.stack([acts, order, due])
@@ -290,6 +293,7 @@ def simulate_batch(
     else:
         fine, keep = moves.grid(t, longest_step(ship))
         controls, steps = input_array(ship, moves.at(fine), fine), np.diff(fine)
+    # one input more than steps: they run along lines within a step, else they are held
     linear = len(controls) > len(keep)
     out = simulator.run(batch.start, controls, steps, batch.theta, linear=linear, keep=keep)
     states = out if out.shape[1] == 6 else np.ascontiguousarray(out[:, :6])
@@ -298,11 +302,7 @@ def simulate_batch(
 
 
 def simulate_pushed(
-    simulator: Simulator,
-    maneuver: Maneuver,
-    coefficients: Mapping[str, np.ndarray],
-    dt: float,
-    push: Push,
+    simulator: Simulator, maneuver: Maneuver, coefficients: Mapping[str, np.ndarray], dt: float, push: Push
 ) -> SimulatedRuns:
     """A manoeuvre in calm air, once for each set of ``coefficients`` (symbol -> (M,)), with accelerations ``push`` of
     its own in each run, as gusts or what a model leaves out would give.
@@ -341,7 +341,9 @@ class _Batch:
             raise OutOfRange(f"dt = {dt:g} s must be positive and {longest}")
         if isinstance(orders, StepOrders):
             raise Unsupported(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
-        theta = coefficients_in(maneuver, ship, coefficients)
+        theta = coefficient_array(ship, coefficients)
+        if maneuver.factors:  # of the resistance, where she is stopped
+            theta = (theta.T * [maneuver.factors.get(symbol, 1.0) for symbol in ship.symbols]).T
         six = np.repeat(maneuver.start[:, None], theta.shape[1] if theta.ndim == 2 else 1, axis=1)
         start = settled(simulator.model, six, input_array(ship, np.array([[maneuver.n, 0.0]]), np.zeros(1))[0], theta)
         t = np.round(dt * np.arange(math.floor(maneuver.duration / dt + TINY) + 1), 9)
@@ -363,15 +365,6 @@ def coefficient_array(ship: Ship, given: np.ndarray | Mapping[str, float | np.nd
     return theta
 
 
-def coefficients_in(
-    maneuver: Maneuver, ship: Ship, given: np.ndarray | Mapping[str, float | np.ndarray] | None
-) -> np.ndarray:
-    """Coefficients (P,) or (P, M) that a ``ship`` has in a ``maneuver``. given: as for ``coefficient_array``."""
-    theta = coefficient_array(ship, given)
-    factors = np.array([maneuver.factors.get(symbol, 1.0) for symbol in ship.symbols])
-    return (theta.T * factors).T if maneuver.factors else theta
-
-
 def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Inputs (N, C) or (N, C, M) from n and delta (N, 2) or (N, 2, M) in calm air. ``actuator_positions`` says what
     moves. ship: gives the inputs; positions: those; t (N,) [s]."""
@@ -387,7 +380,7 @@ def ends_of(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
     """Row (M,) of the end of each run: heading changed by 540 degrees, headway lost, or the last one. orders: of the
     manoeuvre; t: (N + 1,) times [s]; states: (N + 1, 6, M)."""
     N = len(states) - 1
-    if isinstance(orders, Turning):
+    if isinstance(orders, Turning):  # the heading at the order, between two samples, as ``FromLead`` has it
         k = min(int(np.searchsorted(t, orders.lead)), N)
         share = (orders.lead - t[k - 1]) / (t[k] - t[k - 1])
         origin = states[k - 1, 2] + share * (states[k, 2] - states[k - 1, 2])
@@ -419,7 +412,7 @@ def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
         inputs[:] = np.vstack([moves.means(t), moves.at(t[-1:])])[:, :, None]
     elif rudders is not None:
         inputs[:, 0] = batch.maneuver.n
-    everyone, done, last = np.ones(M, dtype=bool), np.zeros(M, dtype=bool), np.full(M, N)
+    everyone, done, last = np.ones(M, dtype=bool), np.zeros(M, dtype=bool), np.full(M, N)  # done: read, stands still
     for k in range(N + 1):
 
         def advance(
@@ -444,7 +437,7 @@ def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
             inputs[k, 0] = engines.n
         if k == N or ((push or engines) and _all_read(orders, t[: k + 1], states[: k + 1], rudders)):
             break
-        kick = 0.0 if push is None else dt * push(k, state[:6])
+        kick = 0.0 if push is None else dt * push(k, state[:6])  # change of u, v, r over the sample, at its end
         if rudders is not None:
             done = over if push else done
             inputs[k, 1], state = rudders.means(float(t[k]), dt, state, advance)

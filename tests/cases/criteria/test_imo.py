@@ -87,11 +87,7 @@ def test_turning_limits_are_4_5_and_5_lengths() -> None:
 
 def test_10_10_zigzag_is_judged_by_L_over_V_and_gives_the_initial_turning_ability() -> None:
     """L/V = 25 s: 17.5 and 36.25 deg; initial turning 2.5 L = 500 m."""
-    figures = {
-        "overshoot_1": math.radians(17.4),
-        "overshoot_2": math.radians(36.3),
-        "initial_turning_track": 499.0,
-    }
+    figures = {"overshoot_1": math.radians(17.4), "overshoot_2": math.radians(36.3), "initial_turning_track": 499.0}
     run = run_of("zigzag:10/10", "zigzag", figures, rudder=-10.0, heading=10.0)
     assert verdicts(run) == {"initial_turning_track": PASS, "overshoot_1": PASS, "overshoot_2": FAIL}
     rows = {row.figure: row for row in assess(run)}

@@ -43,7 +43,7 @@ def test_draws_stay_within_the_bounds_and_fixed_coefficients_stay() -> None:
 
 
 def test_the_ship_as_it_is_has_the_figures_of_one_simulation(turning: ManeuverScatter) -> None:
-    alone = simulated_run(ESSO, "turning:35", turning.maneuver.speed, turning.maneuver.n)
+    alone = simulated_run(ESSO, "turning:35", turning.maneuver.speed)
     for row in turning.rows:
         assert row.value == pytest.approx(alone.figures[row.figure], rel=2e-3)
 

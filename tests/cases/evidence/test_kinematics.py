@@ -89,11 +89,7 @@ def test_two_faults_at_once_are_both_found():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "values"),
-    [
-        ("antenna_offset", {"x": 0.4, "y": 0.2}),
-        ("heading_bias", {"psi": 0.05}),
-        ("gnss_delay", {"tau": 0.6}),
-    ],
+    [("antenna_offset", {"x": 0.4, "y": 0.2}), ("heading_bias", {"psi": 0.05}), ("gnss_delay", {"tau": 0.6})],
 )
 def test_what_moves_position_and_velocity_alike_raises_no_alarm(effect, values):
     assert symbols(consistency(with_defect(clean(), effect, **values), SHIP)) == []
