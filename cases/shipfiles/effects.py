@@ -74,7 +74,7 @@ def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
         for p in parameters(ship, name):
             row = ship.coefficients[f"{name}.{p.symbol}"].with_(fixed=p.held and p.symbol not in named)
             # of the prior, not of an earlier fit
-            row = (row.with_(std=p.coefficient(name).std) if p.symbol in values else row)
+            row = row.with_(std=p.coefficient(name).std) if p.symbol in values else row
             ship = ship.with_coefficients({row.symbol: row})
     return ship
 
