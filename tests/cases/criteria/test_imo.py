@@ -33,7 +33,7 @@ from cases.criteria.imo import (
 from cases.criteria.measured_maneuvers import Execute
 from cases.criteria.standard_runs import Run, approach_speed, figures_of, measured_runs, simulated_run, simulated_trial
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
-from cases.shipfiles.ship_file import dump_ship, library, load_ship, parse_ship
+from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
 from fitting.report.plot_maneuvers import maneuver_figure
@@ -113,9 +113,7 @@ def test_stopping_within_15_lengths_or_20_by_the_administration(reach: float, ve
 def test_a_model_is_judged_at_the_length_and_L_over_V_of_its_ship() -> None:
     """3 m at 0.4 m/s: L/V = 7.5 s; at scale 100 the ship is 300 m and L/V = 75 s, so the limit is 20, not 10 deg."""
     figures = {"overshoot_1": math.radians(12), "overshoot_2": math.radians(20)}
-    run = replace(
-        run_of("zigzag:10/10", "zigzag", figures, rudder=10.0), length=3.0, speed=0.4, heading=math.radians(10)
-    )
+    run = run_of("zigzag:10/10", "zigzag", figures, rudder=10.0, heading=10.0, length=3.0, speed=0.4)
     alone = assess(run)[1]
     assert alone.verdict == OPEN and "L = 3 m" in alone.why and "scale" in alone.why
     scaled = assess(run, 100.0)[1]
@@ -164,7 +162,7 @@ def esso_run(text: str) -> Run:
     return simulated_run(ESSO, text, 0.5)
 
 
-def mmg(*arguments: str | Path) -> Result:
+def mmg(*arguments: str | float | Path) -> Result:
     return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
@@ -245,8 +243,6 @@ def test_a_manoeuvre_that_misses_its_event_is_not_judged_and_says_the_value(monk
 
 
 def test_a_ship_with_two_rudders_is_judged_by_their_mean() -> None:
-    if "vectwin_3m" not in library():
-        pytest.skip("no ship vectwin_3m in the library")
     run = simulated_run(load_ship("vectwin_3m"), "turning:35", 0.4)
     assert "delta" not in run.trial and run.figures["advance"] > 0
     measured = measured_runs(run.trial, run.length)[0]
@@ -311,11 +307,9 @@ def test_the_current_of_a_circle_and_the_figures_without_it_are_those_of_still_w
     found = current_of(measured_runs(drifting[0], HULL.length)[0])
     assert found is not None and (found.north, found.east) == pytest.approx((0.5, -0.6), abs=0.01)
     corrected = imo_figures_of_trials(drifting, length=HULL.length, correct=True)
-    for still, row in zip(
-        imo_figures_of_trials(pair((0.0, 0.0)), length=HULL.length).rows, corrected.rows, strict=True
-    ):
-        tolerance = 0.2 if row.unit == "deg" else 0.02
-        assert row.value == pytest.approx(still.value, abs=tolerance), row.figure
+    still = imo_figures_of_trials(pair((0.0, 0.0)), length=HULL.length)
+    for true, row in zip(still.rows, corrected.rows, strict=True):
+        assert row.value == pytest.approx(true.value, abs=0.2 if row.unit == "deg" else 0.02), row.figure
     advance, diameter = (next(r for r in corrected.rows if r.figure == f) for f in ("advance", "tactical_diameter"))
     assert abs(advance.measured - advance.value) > 0.05 and abs(diameter.measured - diameter.value) > 0.5
     assert "0.78" in " ".join(corrected.notices)
@@ -332,14 +326,11 @@ def test_a_circle_that_is_too_short_gives_no_current_and_that_is_said(drifting: 
 
 
 def test_wind_is_taken_off_by_the_model_and_its_drift_is_not_taken_for_current() -> None:
-    ship = load_ship("esso_osaka_3m")
-
-    def turn(wind: str | None) -> Trial:
-        plan = parse_maneuver("turning:35", ship, speed=0.4)
-        return replace(simulated_trial(ship, replace(plan, duration=1.6 * plan.duration), wind=wind), name="turn")
-
-    still = imo_figures_of_trials([turn(None)], ship).rows
-    corrected = imo_figures_of_trials([turn("1.2:40")], ship, correct=True)
+    plan = parse_maneuver("turning:35", ESSO, speed=0.4)
+    longer = replace(plan, duration=1.6 * plan.duration)
+    calm, windy = (replace(simulated_trial(ESSO, longer, wind=wind), name="turn") for wind in (None, "1.2:40"))
+    still = imo_figures_of_trials([calm], ESSO).rows
+    corrected = imo_figures_of_trials([windy], ESSO, correct=True)
     for a, b in zip(still, corrected.rows, strict=True):
         assert b.value == pytest.approx(a.value, abs=0.03) and abs(b.measured - a.value) > 0.1, a.figure
 
@@ -348,13 +339,12 @@ def test_verb_takes_a_current_and_refuses_one_that_is_none(drifting: list[Trial]
     path = tmp_path / "zigzag.csv"
     write_trial(drifting[1], path)
     towards = math.degrees(math.atan2(-0.6, 0.5)) % 360
-    words = ["imo", str(path), "--length", "161", "--current", f"{math.hypot(0.5, 0.6)}:{towards}", "--json"]
-    result = CliRunner().invoke(app, words)
+    result = mmg("imo", path, "--length", 161, "--current", f"{math.hypot(0.5, 0.6)}:{towards}", "--json")
     assert result.exit_code == 0, result.exception
     row = json.loads(result.stdout)["rows"][0]
     assert row["figure"] == "initial_turning_track" and abs(row["measured"] - row["value"]) > 0.01
     for text in ("fast", "1", "-1:20", "nan:3"):
-        error = CliRunner().invoke(app, ["imo", str(path), "--length", "161", "--current", text]).exception
+        error = mmg("imo", path, "--length", 161, "--current", text).exception
         assert isinstance(error, UserError) and "SPEED:TOWARDS" in str(error)
 
 
