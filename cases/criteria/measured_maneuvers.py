@@ -215,10 +215,9 @@ def ordered_heading(
     least = min(squares for squares, _ in fits.values())
     scatter = max(1.0, least / max(len(signs) - 2, 1))  # chi-squared by degrees of freedom: heading and base course
     usual = [step for step in STEPS if fits[step][0] <= least + LIKELY**2 * scatter]
+    worth = {step: fits[step][0] / scatter + (2 * fits[step][1]) ** 2 for step in usual}
     if usual:
-        return min(
-            usual, key=lambda step: (step != rudder, step < 5, fits[step][0] / scatter + (2 * fits[step][1]) ** 2)
-        )
+        return min(usual, key=lambda step: (step != rudder, step < 5, worth[step]))
     return min(fits, key=lambda degrees: (fits[degrees][0] > least + scatter, fits[degrees][1]))
 
 

@@ -167,57 +167,36 @@ def _backwards(s: Signals) -> np.ndarray:
 # Name -> reading of axes and signs; the first is that of the headers.
 FRAMES: Mapping[str, Frame] = {
     "body": Frame("", "u, v are body-axes velocities", _turned, 1, 1, {}),
-    "earth": Frame(
-        "velocity_frame", "u, v are earth-fixed velocities (north, east)", lambda s: s.w, 1, 1,
-        {"velocity_frame": "earth"},
-    ),
-    "earth_swapped": Frame(
-        "velocity_frame", "u, v are earth-fixed velocities (east, north)", lambda s: s.w.imag + 1j * s.w.real, 1, 1,
-        {"velocity_frame": "earth", "columns": {"u": "v", "v": "u"}},
-    ),
-    "turned_twice": Frame(
-        "velocity_frame", "u, v were body-axes velocities before they were turned by psi",
-        lambda s: s.w * np.exp(2j * s.psi), 1, 1, {"velocity_frame": "body"},
-    ),
-    "v_to_port": Frame(
-        "sway_sign", "v is positive to port", lambda s: np.conj(s.w) * np.exp(1j * s.psi), 1, 1, {"sign": {"v": -1}}
-    ),
-    "y_to_west": Frame(
-        "mirrored_frame", "y is positive to port (west)", lambda s: np.conj(_turned(s)), 1, 1, {"sign": {"y": -1}}
-    ),
-    "mirrored": Frame(
-        "mirrored_frame", "psi, v and r are positive to port", lambda s: np.conj(_turned(s)), -1, -1,
-        {"sign": {"psi": -1, "v": -1, "r": -1}},
-    ),
-    "all_mirrored": Frame(
-        "mirrored_frame", "y, psi, v and r are all mirrored (as in ROS, or east, north, up)", _turned, -1, -1,
-        {"sign": {"y": -1, "psi": -1, "v": -1, "r": -1}},
-    ),
-    "psi_counter_clockwise": Frame(
-        "heading_sign", "psi is positive counter-clockwise", _backwards, -1, 1, {"sign": {"psi": -1}}
-    ),
-    "psi_r_counter_clockwise": Frame(
-        "heading_sign", "psi and r are positive counter-clockwise", _backwards, -1, -1, {"sign": {"psi": -1, "r": -1}}
-    ),
-    "u_astern": Frame(
-        "u_sign", "u is positive astern", lambda s: -np.conj(s.w) * np.exp(1j * s.psi), 1, 1, {"sign": {"u": -1}}
-    ),
-    "positions_swapped": Frame(
-        "swapped_positions", "x is east and y is north", lambda s: 1j * np.conj(_turned(s)), 1, 1,
-        {"columns": {"x": "y", "y": "x"}},
-    ),
-    "psi_from_east": Frame(
-        "heading_from_east", "psi is counted from east, counter-clockwise", lambda s: 1j * _backwards(s), -1, 1,
-        {"heading_from": "east", "sign": {"psi": -1}},
-    ),
-    "psi_r_from_east": Frame(
-        "heading_from_east", "psi is counted from east, counter-clockwise, and r with it", lambda s: 1j * _backwards(s),
-        -1, -1, {"heading_from": "east", "sign": {"psi": -1, "r": -1}},
-    ),
-    "psi_from_east_clockwise": Frame(
-        "heading_from_east", "psi is counted from east, clockwise", lambda s: 1j * _turned(s), 1, 1,
-        {"heading_from": "east"},
-    ),
+    "earth": Frame("velocity_frame", "u, v are earth-fixed velocities (north, east)", lambda s: s.w, 1, 1,
+                   {"velocity_frame": "earth"}),
+    "earth_swapped": Frame("velocity_frame", "u, v are earth-fixed velocities (east, north)",
+                           lambda s: s.w.imag + 1j * s.w.real, 1, 1,
+                           {"velocity_frame": "earth", "columns": {"u": "v", "v": "u"}}),
+    "turned_twice": Frame("velocity_frame", "u, v were body-axes velocities before they were turned by psi",
+                          lambda s: s.w * np.exp(2j * s.psi), 1, 1, {"velocity_frame": "body"}),
+    "v_to_port": Frame("sway_sign", "v is positive to port", lambda s: np.conj(s.w) * np.exp(1j * s.psi), 1, 1,
+                       {"sign": {"v": -1}}),
+    "y_to_west": Frame("mirrored_frame", "y is positive to port (west)", lambda s: np.conj(_turned(s)), 1, 1,
+                       {"sign": {"y": -1}}),
+    "mirrored": Frame("mirrored_frame", "psi, v and r are positive to port", lambda s: np.conj(_turned(s)), -1, -1,
+                      {"sign": {"psi": -1, "v": -1, "r": -1}}),
+    "all_mirrored": Frame("mirrored_frame", "y, psi, v and r are all mirrored (as in ROS, or east, north, up)", _turned,
+                          -1, -1, {"sign": {"y": -1, "psi": -1, "v": -1, "r": -1}}),
+    "psi_counter_clockwise": Frame("heading_sign", "psi is positive counter-clockwise", _backwards, -1, 1,
+                                   {"sign": {"psi": -1}}),
+    "psi_r_counter_clockwise": Frame("heading_sign", "psi and r are positive counter-clockwise", _backwards, -1, -1,
+                                     {"sign": {"psi": -1, "r": -1}}),
+    "u_astern": Frame("u_sign", "u is positive astern", lambda s: -np.conj(s.w) * np.exp(1j * s.psi), 1, 1,
+                      {"sign": {"u": -1}}),
+    "positions_swapped": Frame("swapped_positions", "x is east and y is north", lambda s: 1j * np.conj(_turned(s)),
+                               1, 1, {"columns": {"x": "y", "y": "x"}}),
+    "psi_from_east": Frame("heading_from_east", "psi is counted from east, counter-clockwise",
+                           lambda s: 1j * _backwards(s), -1, 1, {"heading_from": "east", "sign": {"psi": -1}}),
+    "psi_r_from_east": Frame("heading_from_east", "psi is counted from east, counter-clockwise, and r with it",
+                             lambda s: 1j * _backwards(s), -1, -1,
+                             {"heading_from": "east", "sign": {"psi": -1, "r": -1}}),
+    "psi_from_east_clockwise": Frame("heading_from_east", "psi is counted from east, clockwise",
+                                     lambda s: 1j * _turned(s), 1, 1, {"heading_from": "east"}),
 }  # fmt: skip
 # Factor that makes psi true -> what was mistaken.
 HEADINGS: Mapping[float, str] = {
@@ -407,7 +386,7 @@ def scores(
             spin |= zip(((unit, rate) for rate in rates), _spun(stats, rates), strict=True)
         if s.has_track and not lost:
             for name, frame in FRAMES.items():  # that of the headers first: it may show that its units are right
-                stats = s.stats(s.way(), s.summed(frame.guess(s)))
+                stats = s.stats(over_windows(s.place), s.summed(frame.guess(s)))
                 track |= zip(((name, unit, factor) for factor in factors), _tracked(stats, factors), strict=True)
                 if len(factors) > 1 and track["body", 1.0, 1.0][1] < RIGHT:
                     factors = (1.0,)
@@ -454,9 +433,8 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
         odds = s.nats[folder] - s.nats[h] if h != folder else together[0] - own[:, folder].sum()
         before = s.misfit.get(("body", 1.0, 1.0), math.nan)
         after = s.misfit.get((chosen.frame, chosen.heading, chosen.speed * chosen.clock), math.nan)
-        out.append(
-            Judged(chosen, before, after, hypotheses[folder], rival if h == folder else None, float(odds), agreed)
-        )
+        other = rival if h == folder else None
+        out.append(Judged(chosen, before, after, hypotheses[folder], other, float(odds), agreed))
     return out
 
 

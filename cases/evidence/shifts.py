@@ -247,7 +247,9 @@ def _nats(s: Signals, has_track: bool) -> np.ndarray:
     """Nats (...) of the records ``s``, of turns alone where they have no track. A sum over windows that no record of
     ``s`` has of its own is made once."""
     turn = _logged(s.stats(over_windows(s.psi), s.summed(s.r)), False) if s.has_turn else np.zeros(())
-    return turn + _logged(s.stats(s.way(), s.summed(s.w * np.exp(1j * s.psi))), True) if has_track else turn
+    if not has_track:
+        return turn
+    return turn + _logged(s.stats(over_windows(s.place), s.summed(s.w * np.exp(1j * s.psi))), True)
 
 
 def _logged(stats: Stats, turns: bool) -> np.ndarray:
@@ -330,5 +332,5 @@ def _normal(s: Signals) -> tuple[complex, float]:
 
     power = mean(made, made).real
     # both without what goes with the way made, so that a complex factor of it (gain and angle) changes nothing
-    way, free = (a - made * (mean(a, made) / power if power > 0 else 0.0) for a in (s.way(), over_windows(turn)))
+    way, free = (a - made * (mean(a, made) / power if power > 0 else 0.0) for a in map(over_windows, (s.place, turn)))
     return mean(way, free), mean(free, free).real

@@ -61,10 +61,6 @@ class Signals:
         moved = np.abs(np.diff(self.place))
         return len(moved) >= 3 * STEPS and bool(np.isfinite(moved).all()) and float(moved.sum()) > 1e-6
 
-    def way(self) -> np.ndarray:
-        """Way made in each window (..., M - STEPS), complex [m]."""
-        return over_windows(self.place)
-
     def summed(self, rate: np.ndarray) -> np.ndarray:
         """Integral of a ``rate`` (..., M) over each window (..., M - STEPS)."""
         total = np.zeros(rate.shape, dtype=np.result_type(rate, float))
@@ -77,7 +73,8 @@ class Signals:
         use, edges, windows = self._counted
         a, b = np.where(use, measured, 0.0), np.where(use, predicted, 0.0)
         parts = _squared(a), a * np.conj(b), _squared(b)
-        return Stats(*(np.add.reduceat(part, edges, axis=-1) for part in parts), windows)
+        own, both, other = (np.add.reduceat(part, edges, axis=-1) for part in parts)
+        return Stats(own, both, other, windows)
 
     @cached_property
     def _counted(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

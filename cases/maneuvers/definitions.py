@@ -402,10 +402,7 @@ def stopping_notices(plan: Maneuver) -> list[Message]:
 
 def _with_factors(ship: Ship, factors: Mapping[str, float]) -> Ship:
     """The ``ship`` with some coefficients times their ``factors``."""
-    c = ship.coefficients
-    return (
-        ship.with_coefficients({s: c[s].with_(value=f * c[s].value) for s, f in factors.items()}) if factors else ship
-    )
+    return ship.with_values({s: f * ship.coefficients[s].value for s, f in factors.items()}) if factors else ship
 
 
 def parse_maneuver(

@@ -353,34 +353,26 @@ def known_speed(ship: Ship, froude: float) -> tuple[float, str]:
 def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = False) -> tuple[float, float]:
     """(speed [m/s], n [1/s]) at the start of a manoeuvre; what is not given follows from the surge balance.
     ``at_rest``: the ship starts with speed 0 whatever n is. Raises UserError for numbers that make no approach."""
-    u, revolutions = _approach(ship, n, speed, at_rest)
-    froude = u / reference_speed(ship.particulars["L"])
-    if abs(froude) > 1:
-        raise OutOfRange(
-            f"an approach at {u:g} m/s is Froude number {froude:.2g}, outside this model; give a lower speed or n"
-        )
-    return u, revolutions
-
-
-def _approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool) -> tuple[float, float]:
     for name, value in (("n", n), ("speed", speed)):
         if value is not None and not math.isfinite(value):
             raise OutOfRange(f"{name} = {value} is not a finite number")
     if not {"n", "n_azimuth"} & set(ship.actuators):
         if n is not None or at_rest:
             raise Missing(f"{ship.name} has no propeller in its model: give a speed, not n or a start at rest")
-        return own_speed(ship) if speed is None else speed, 0.0
-    if at_rest and n is not None:
-        if speed is not None:
-            raise Conflict("an acceleration starts from rest: give n or the speed to reach, not both")
-        return 0.0, n
-    if n is not None and speed is not None:
-        return speed, n
-    if n is not None:
-        if n <= 0:
-            raise OutOfRange(f"n = {n:g} rps gives no steady approach ahead; give a positive n, or a speed as well")
-        return speed_for(ship, n), n
-    if speed is not None and speed <= 0:
-        raise OutOfRange(f"speed = {speed:g} m/s: the approach must be ahead; give n as well for anything else")
-    wanted = own_speed(ship) if speed is None else speed
-    return (0.0 if at_rest else wanted), revolutions_for(ship, wanted)
+        u, revolutions = own_speed(ship) if speed is None else speed, 0.0
+    elif n is None:
+        if speed is not None and speed <= 0:
+            raise OutOfRange(f"speed = {speed:g} m/s: the approach must be ahead; give n as well for anything else")
+        u = own_speed(ship) if speed is None else speed
+        u, revolutions = (0.0 if at_rest else u), revolutions_for(ship, u)
+    elif at_rest and speed is not None:
+        raise Conflict("an acceleration starts from rest: give n or the speed to reach, not both")
+    elif n <= 0 and speed is None and not at_rest:
+        raise OutOfRange(f"n = {n:g} rps gives no steady approach ahead; give a positive n, or a speed as well")
+    else:
+        u, revolutions = 0.0 if at_rest else speed_for(ship, n) if speed is None else speed, n
+    froude = u / reference_speed(ship.particulars["L"])
+    if abs(froude) > 1:
+        words = f"an approach at {u:g} m/s is Froude number {froude:.2g}, outside this model; give a lower speed or n"
+        raise OutOfRange(words)
+    return u, revolutions

@@ -78,10 +78,15 @@ def load_network(path: str | Path, ship: Ship) -> Network:
         network = Network(features, members=members, **{name: arrays[name] for name in PLAIN})
     except (KeyError, ValueError, TypeError) as error:
         raise BadValue(f"{path}: is incomplete ({error}); train it again") from None
+    return _fitting(network, ship, f"{path}:")
+
+
+def _fitting(network: Network, ship: Ship, where: str) -> Network:
+    """The ``network``, if it fits the ``ship``. Raises UserError, which begins with ``where``, where it does not."""
     try:
         network.check(ship.name, ship.actuators)
     except UserError as error:
-        raise type(error)(f"{path}: {error}") from None
+        raise type(error)(f"{where} {error}") from None
     return network
 
 
@@ -131,12 +136,7 @@ def network_of(table: NetworkTable, ship: Ship, folder: Path | None) -> Network:
         arrays = {name: np.array(getattr(table, name), dtype=float) for name in PLAIN}
     except ValueError:
         raise BadValue("[network] the rows of a matrix must be of one length") from None
-    network = Network(tuple(table.features), members=members, **arrays)
-    try:
-        network.check(ship.name, ship.actuators)
-    except UserError as error:
-        raise type(error)(f"[network] {error}") from None
-    return network
+    return _fitting(Network(tuple(table.features), members=members, **arrays), ship, "[network]")
 
 
 def _arrays(rows: Iterable[Any], dimensions: int) -> tuple[np.ndarray, ...]:

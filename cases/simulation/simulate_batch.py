@@ -25,7 +25,7 @@ from cases.maneuvers.definitions import (
     Turning,
     Zigzag,
 )
-from cases.maneuvers.self_propulsion import actuator_positions
+from cases.maneuvers.self_propulsion import Shaft, actuator_positions
 from cases.simulation.simulate import integration_steps, longest_step
 from cases.trial import Trial
 from mmg.errors import OutOfRange, Unsupported
@@ -115,29 +115,17 @@ def _ramp(
     return np.array(times), np.array(values)
 
 
-class EngineRevolutions:
-    """Revolutions of M ships whose engines are stopped or reversed (``Engine``), as ``Controller`` of cases.maneuvers
-    makes them for one. n: revolutions reached (M,) [1/s]."""
-
-    def __init__(self, maneuver: Maneuver, orders: StopOrders, ships: int) -> None:
-        assert maneuver.engine is not None
-        self.orders, self.shaft = orders, maneuver.engine.shaft(ships)
-
-    @property
-    def n(self) -> np.ndarray:
-        return self.shaft.n
-
-    def means(self, t: float, dt: float, state: np.ndarray) -> np.ndarray:
-        """Mean revolutions (M,) over the step from t to t + dt at states (S, M); the order acts from its own moment."""
-        before = min(max(self.orders.lead - t, 0.0), dt)
-        if before <= TINY:
-            self.shaft, mean = self.shaft.moved(self.orders.after, state[3], dt)
-            return mean
-        self.shaft, first = self.shaft.moved(self.orders.n, state[3], before)
-        if dt - before <= TINY:
-            return first
-        self.shaft, second = self.shaft.moved(self.orders.after, state[3], dt - before)
-        return (before * first + (dt - before) * second) / dt
+def _revolved(orders: StopOrders, shaft: Shaft, t: float, dt: float, u: np.ndarray) -> tuple[Shaft, np.ndarray]:
+    """The ``shaft`` lines of M ships after the step from t to t + dt at speeds u (M,), and their mean revolutions (M,),
+    as ``Controller`` of cases.maneuvers makes them for one: the order acts from its own moment."""
+    before = min(max(orders.lead - t, 0.0), dt)
+    if before <= TINY:
+        return shaft.moved(orders.after, u, dt)
+    shaft, first = shaft.moved(orders.n, u, before)
+    if dt - before <= TINY:
+        return shaft, first
+    shaft, second = shaft.moved(orders.after, u, dt - before)
+    return shaft, (before * first + (dt - before) * second) / dt
 
 
 class ZigzagRudders:
@@ -402,15 +390,13 @@ def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
     keep = np.arange(1, parts + 1) == parts
     states, inputs = np.empty((N + 1, 6, M)), np.zeros((N + 1, 2, M))
     rudders = ZigzagRudders(orders, batch.maneuver.limits, M) if isinstance(orders, Zigzag) else None
-    engines = (
-        EngineRevolutions(batch.maneuver, orders, M)
-        if isinstance(orders, StopOrders) and batch.maneuver.engine
-        else None
-    )
-    if rudders is None and engines is None:
+    engine, shaft = batch.maneuver.engine, None
+    if isinstance(orders, StopOrders) and engine:
+        shaft = engine.shaft(M)
+    elif rudders is None:
         moves = ramps(batch.maneuver, orders, t)
         inputs[:] = np.vstack([moves.means(t), moves.at(t[-1:])])[:, :, None]
-    elif rudders is not None:
+    else:
         inputs[:, 0] = batch.maneuver.n
     everyone, done, last = np.ones(M, dtype=bool), np.zeros(M, dtype=bool), np.full(M, N)  # done: read, stands still
     for k in range(N + 1):
@@ -433,9 +419,9 @@ def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
             over = rudders.over if push is None else rudders.count >= READ
             last = np.where(over & (last == N), k, last)
             inputs[k, 1] = rudders.delta
-        elif engines is not None:
-            inputs[k, 0] = engines.n
-        if k == N or ((push or engines) and _all_read(orders, t[: k + 1], states[: k + 1], rudders)):
+        elif shaft is not None:
+            inputs[k, 0] = shaft.n
+        if k == N or ((push or shaft) and _all_read(orders, t[: k + 1], states[: k + 1], rudders)):
             break
         kick = 0.0 if push is None else dt * push(k, state[:6])  # change of u, v, r over the sample, at its end
         if rudders is not None:
@@ -443,8 +429,8 @@ def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
             inputs[k, 1], state = rudders.means(float(t[k]), dt, state, advance)
             state[3:6] += np.where(done, 0.0, kick)
         else:
-            if engines is not None:
-                inputs[k, 0] = engines.means(float(t[k]), dt, state)
+            if isinstance(orders, StopOrders) and shaft is not None:
+                shaft, inputs[k, 0] = _revolved(orders, shaft, float(t[k]), dt, state[3])
             state = advance(inputs[k, 1], everyone)
             state[3:6] += kick
     t, states, inputs = t[: k + 1], states[: k + 1], inputs[: k + 1]
