@@ -93,13 +93,20 @@ class TrialSet(Sequence[Trial]):
         return tuple(found for found, _ in self._duplicates)
 
     @property
+    def sharing(self) -> list[tuple[int, int]]:
+        """Numbers of the pairs that share rows, in order. Each names the other: another trial of one of these names, of
+        another folder, does not."""
+        names, count = [{copy["other"] for copy in copies} for copies in self.copies], len(self)
+        pairs = ((i, j) for i in range(count) if names[i] for j in range(i + 1, count))
+        return [(i, j) for i, j in pairs if self[j].name in names[i] and self[i].name in names[j]]
+
+    @property
     def apart(self) -> list[tuple[int, ...]]:
         """Folds that leave out each alone, those that share rows together: numbers of trials."""
-        groups, position = list(range(len(self))), {t.name: i for i, t in enumerate(self)}
-        for i, copies in enumerate(self.copies):
-            for copy in copies:
-                pair = (groups[i], groups[position[copy["other"]]])
-                groups = [min(pair) if g in pair else g for g in groups]  # union of the two sets, by its least number
+        groups = list(range(len(self)))
+        for pair in self.sharing:
+            both = [groups[i] for i in pair]
+            groups = [min(both) if g in both else g for g in groups]  # union of the two sets, by its least number
         return [tuple(i for i, g in enumerate(groups) if g == k) for k in dict.fromkeys(groups)]
 
     @cached_property
@@ -214,16 +221,14 @@ def shared_rows(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[Messa
     """Messages on rows that two trials of ``train`` share, or one of them and one of ``held_out``."""
     trials = TrialSet((*train, *held_out))
     messages = []
-    for i, copies in enumerate(trials.copies):
-        names, first = {copy["other"] for copy in copies}, trials[i].name
-        for other in [j for j in range(i + 1, len(trials)) if trials[j].name in names]:
-            second = trials[other].name
-            if i < len(train) <= other:
-                words = f"{second} shares rows with {first}: its score is not held out"
-                messages.append(Message(words, "not_held_out"))
-            elif other < len(train):
-                words = f"{first} and {second} share rows, which count twice in the fit: leave one of them out"
-                messages.append(Message(words, "shared_rows"))
+    for i, other in trials.sharing:
+        first, second = trials[i].name, trials[other].name
+        if i < len(train) <= other:
+            words = f"{second} shares rows with {first}: its score is not held out"
+            messages.append(Message(words, "not_held_out"))
+        elif other < len(train):
+            words = f"{first} and {second} share rows, which count twice in the fit: leave one of them out"
+            messages.append(Message(words, "shared_rows"))
     out: list[Message] = []
     for code in ("not_held_out", "shared_rows"):
         same = [message for message in dict.fromkeys(messages) if message.code == code]

@@ -323,7 +323,7 @@ def steering(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
     """Rudder angle [rad] and revolutions [1/s] of a ``trial``, (N,) each; of a ship that is steered by azimuth
     thrusters aft the angle that turns her alike."""
     pods = [trial.unwrapped(name) for name in trial.columns if name.startswith("azimuth")]
-    # to starboard it turns her to port
+    # a thruster aft that is turned to starboard pushes the stern there, and turns her to port
     rudder = -np.mean(pods, axis=0) if pods and not any(map(trial.measured, RUDDERS)) else trial.rudder
     driven = [trial[name] for name in trial.columns if name.startswith("n_azimuth")]
     return rudder, np.mean(driven, axis=0) if driven and not trial.measured("n") else trial["n"]
