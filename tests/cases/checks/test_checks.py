@@ -298,9 +298,3 @@ def test_a_remedy_names_the_file_and_the_line(mild: list[Trial]) -> None:
     texts = [f.text for report in reports for f in report.findings if f.level == "contradictory"]
     line = "trials.toml, [default]: sign = { psi = -1, v = -1, r = -1 }"
     assert [line in text for text in texts] == [True] * len(mild)
-
-
-def test_one_wrong_file_of_a_folder_is_corrected_alone(mild: list[Trial]) -> None:
-    sound, wrong = check([mild[0], FAULTS["velocities earth-fixed"][0](mild[1])])
-    assert sound.verdict == "ok"
-    assert mild[1].name in next(f.text for f in wrong.findings if f.level == "contradictory")

@@ -149,7 +149,7 @@ def without(key: str) -> str:
 REFUSED = {
     "unknown coefficient": (coefficient("Y_q", value="1.0"), ["Y_q", "hull unified", "N_v"]),
     "coefficients of a rudder that is gone": (
-        re.sub(r"(?m)^rudder = .*\n", "", TEXT),
+        without("rudder"),
         ["unknown coefficients t_R, a_H, x_H", "remove them, or name the model that has them under [model]"],
     ),
     "coefficient of a model the ship lacks": (coefficient("t_P", value="0.2"), ["t_P", "hull unified"]),
@@ -179,10 +179,7 @@ REFUSED = {
     "unknown table": (SMALL + "\n[hull]\nx = 1\n", ["unknown section 'hull'", "ship, model"]),
     "no ship": ('[model]\nhull = "unified"\n', ["[ship]", "missing"]),
     "no model": (SMALL.split("[model]")[0], ["[model]", "missing"]),
-    "unknown model": (
-        SMALL.replace('"unified"', '"abkowitz_1964"'),
-        ['[model] hull = "abkowitz_1964": must be "unified"'],
-    ),
+    "unknown model": (SMALL.replace('"unified"', '"no"'), ['[model] hull = "no": must be "unified"']),
     "unknown role": (SMALL + 'sails = "square"\n', ["sails", "hull"]),
     "rudder without a propeller": (SMALL + 'rudder = "single"\n', ["rudder", "propeller"]),
     "empty": ("", ["[model] is missing", "[ship] is missing"]),
