@@ -110,8 +110,8 @@ def frozen(trial: Trial, signals: Mapping[str, np.ndarray]) -> Iterator[Break]:
             # compared with the other repetitions, as a long one would make itself usual
             if lengths[k] < LONGEST * usual_length(np.delete(lengths, k), len(trial) - lengths[k]):
                 continue
-            moved = motion[first : last + 1][np.isfinite(motion[first : last + 1])]
-            awoken = len(moved) > 0 and float(np.median(moved)) > awake and _others_move(trial, group, first, last)
+            moving = motion[first : last + 1][np.isfinite(motion[first : last + 1])]
+            awoken = len(moving) > 0 and float(np.median(moving)) > awake and _others_move(trial, group, first, last)
             awoken = awoken and _lacks(trial, signals, group, first, last)
             if awoken and (group[0] in ("psi", "x") or _resumes(trial, group, last)):
                 yield int(first), int(last), f"{', '.join(group)} frozen", group

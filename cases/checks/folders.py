@@ -240,8 +240,9 @@ def _in_time(trial: Trial, shift: Shift) -> Trial:
     """``trial`` without the lag that ``shift`` says."""
     late = LATE_WORDS[shift.name][1] if shift.name in LAGS else ()
     t, by = trial.t, float(np.real(shift.value))
-    moved = {name: trial.psi_unwrapped if name == "psi" else trial[name] for name in late if name in trial}
-    return trial.with_columns(**{name: np.interp(t + by, t, values, np.nan, np.nan) for name, values in moved.items()})
+    lagged = {name: trial.psi_unwrapped if name == "psi" else trial[name] for name in late if name in trial}
+    in_time = {name: np.interp(t + by, t, values, np.nan, np.nan) for name, values in lagged.items()}
+    return trial.with_columns(**in_time)
 
 
 def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list[Found]]]:
@@ -252,11 +253,11 @@ def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list
         able = {k: t for k, t in enumerate(trials) if independent(t, "turn" if names == TURN else "track")}
         every = list(able.values())
         together = scale(every, names)
-        own = {k: together if len(able) == 1 else scale([trial], names) for k, trial in able.items()}
+        by_trial = {k: together if len(able) == 1 else scale([trial], names) for k, trial in able.items()}
         for name in names[:3]:
             shared = together is not None and together.significant(name, LEAST_SHARE)
             said = _scale_said(together, name, every) if together and shared else None
-            for k, one in own.items():
+            for k, one in by_trial.items():
                 if one is None:
                     continue
                 out[k][0][{"angle": "heading"}.get(name, f"gain {name}")] = _logged_as(one, name)
@@ -361,13 +362,13 @@ def _shifted(
         some = [(k, s) for k, s in enumerate(records) if s and s.has_track == track and (track or s.has_turn)]
         if not some:
             continue
-        own = [trials[k] for k, _ in some]
+        members = [trials[k] for k, _ in some]
         # longest lag [s] that is tried: a tenth of the shortest record up to a minute, 5 s and 20 samples at least
-        longest = max(5.0, *(20 * t.dt for t in own), min(60.0, 0.1 * min(t.duration for t in own)))
+        longest = max(5.0, *(20 * t.dt for t in members), min(60.0, 0.1 * min(t.duration for t in members)))
         found = candidates([s for _, s in some], longest)
         said = shifts(found)
         if any(shift and shift.name == "arm" for shift in said):  # a late velocity in a turn looks like an arm ahead
-            both = scale(own, TRACK[:6])
+            both = scale(members, TRACK[:6])
             if both is None or not (both.significant("arm_x") or both.significant("arm_y")):
                 said = [shift and replace(shift, rivals=(*shift.rivals, "w")) for shift in said]
         for i, ((k, _), shift) in enumerate(zip(some, said, strict=True)):
@@ -457,7 +458,7 @@ def _joined(
     kept = [f for f in report.findings if not (codes and (f.topic == "rudder" or f.code in codes))]
     if codes & {"unit", "frozen_channel"}:  # of a wrong clock, or of turn rates in a wrong unit
         kept = [f for f in kept if f.code not in ("coarse_sampling", "gaps")]
-    own = [
+    judged_findings = [
         CheckFinding(TOPICS.get(code, "kinematics"), level, code, text)
         for level, code, text in (*said.findings, *unchecked)
     ]
@@ -470,7 +471,7 @@ def _joined(
         "lever_arm_m": None if arm is None else {"x": float(np.real(arm)), "y": float(np.imag(arm))},
         "heading_offset_deg": None if turned is None else math.degrees(float(np.real(turned))),
     }
-    return replace(report, findings=(*own, *kept), numbers={**report.numbers, "kinematics": kinematics})
+    return replace(report, findings=(*judged_findings, *kept), numbers={**report.numbers, "kinematics": kinematics})
 
 
 # Key -> its values, of which the other one is meant.

@@ -570,9 +570,9 @@ def imo_figures_of_trials(
     if not runs:
         raise Missing(f"no standard manoeuvre in any of {len(trials)} trials; first: {refused[0]}")
     several = len(trials) - len(refused) < len(runs)
-    held = f", {len(runs)} manoeuvres" if several else ""
+    counted = f", {len(runs)} manoeuvres" if several else ""
     title, used = ship.title if ship else "ship", len(trials) - len(refused)
-    heading = f"{title}, measured: L {L:g} m, {used} of {len(trials)} runs{held}"
+    heading = f"{title}, measured: L {L:g} m, {used} of {len(trials)} runs{counted}"
     size = scale or (ship.particulars.get("scale") if ship else None)
     if not correct:
         return _assessed(ship, heading, runs, size, notices, [])

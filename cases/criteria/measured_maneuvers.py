@@ -640,8 +640,8 @@ def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute
         rows = inside(trial, [(first, last)])
         if not rows.any() or t[rows][-1] < execute.order_time or t[rows][0] > execute.end:
             continue
-        moved = not (bridged(trial) | ~rows).all()
-        if not moved and _is_bridged(trial, execute, rows):
+        disturbed = not (bridged(trial) | ~rows).all()
+        if not disturbed and _is_bridged(trial, execute, rows):
             continue
         before = [time for time in execute.reversals if time < t[rows][0]]
         if len(before) > 1:
@@ -650,7 +650,7 @@ def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute
         turns = f"she turns by more than {math.degrees(LARGEST_TURN):g} deg meanwhile"
         raise BadValue(
             f"{trial.name}: {first:.1f} to {last:.1f} s are left out, in the manoeuvre that is measured, and "
-            f"{'something else moved the ship there' if moved else turns}; mend them, add to "
+            f"{'something else moved the ship there' if disturbed else turns}; mend them, add to "
             f"{line_for(trial.path, trial.name, 'exclude = []')}, or add --unchecked"
         )
     return (_filled(trial) if spans_left_out(trial) else trial), execute

@@ -249,17 +249,17 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
         return ship, []
     found: dict[str, tuple[float, tuple[str, ...]]] = {}
     messages = []
-    moved = [t for t in trials if np.isfinite(np.column_stack(steering(t))).any(axis=0).all()]
+    logged = [t for t in trials if np.isfinite(np.column_stack(steering(t))).any(axis=0).all()]
     usual = Limits.for_length(ship.particulars["L"])
     rates = ("rudder_rate", usual.rudder_rate), ("propeller_rate", usual.propeller_rate)
     engine = USUAL["engine_delay"][3] if has_engine(ship) else 0.0
     most = {"rudder_delay": MOST_DELAY * time_scale(ship.particulars["L"]), "engine_delay": engine}
     for k, ((name, rule), (late, column, highest)) in enumerate(zip(rates, DELAYS, strict=True)):  # rudder, propeller
-        moves = [(trial, ramps_of(trial, steering(trial)[k])) for trial in moved]
+        moves = [(trial, ramps_of(trial, steering(trial)[k])) for trial in logged]
         slew = slew_rate([ramp for _, ramps in moves for ramp in ramps])
         if slew and slew.limit and slew.rate <= FASTEST * rule:
             found[name] = slew.rate, slew.trials
-        elif k == 0 and name not in ship.particulars and moved:
+        elif k == 0 and name not in ship.particulars and logged:
             messages.append(Message(_by_rule(ship, slew), "rudder_rate_by_rule"))
         delay = order_delay([(trial, ramps, trial[column]) for trial, ramps in moves if column in trial], highest)
         if delay and delay[0] <= most[late]:

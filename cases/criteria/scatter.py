@@ -182,7 +182,7 @@ def scatter(
     if len(good) == 0:
         raise NoSolution(f"{ship.name}: every motion diverges; check its coefficients")
     figures = {int(m): figures_of(runs.trial(int(m)), plan) for m in good}
-    own = figures.pop(0, {})
+    nominal = figures.pop(0, {})
     notices = []
     if len(figures) < count:
         words = f"{count - len(figures)} of {count} draws are left out: their motion diverges"
@@ -191,13 +191,13 @@ def scatter(
         notices.append(Message("coefficients are drawn independently of each other: no correlation is known",
                                "independent_draws"))  # fmt: skip
     rows, by_draw = [], {}
-    for name in dict.fromkeys(name for found in (own, *figures.values()) for name in found):
+    for name in dict.fromkeys(name for found in (nominal, *figures.values()) for name in found):
         by_draw[name] = np.array([figures.get(k + 1, {}).get(name, np.nan) for k in range(count)])
         values = by_draw[name][np.isfinite(by_draw[name])]
         if len(values):
             low, middle, high = (float(q) for q in np.quantile(values, (0.05, 0.5, 0.95)))
             share = len(values) / len(figures)
-            rows.append(ScatterRow(name, figure_unit(name), own.get(name), middle, (low, high), share))
+            rows.append(ScatterRow(name, figure_unit(name), nominal.get(name), middle, (low, high), share))
     kept = np.concatenate([[0], good[good > 0]])
     runs = replace(runs, states=runs.states[:, :, kept], inputs=runs.inputs[:, :, kept], last=runs.last[kept])
     return ManeuverScatter(ship.name, plan, count, seed, drawn, tuple(rows), runs, tuple(notices), by_draw)

@@ -136,8 +136,8 @@ def _outside(
     if low <= value <= high:
         return []
     small, large, factor = units
-    held, labelled, by = (small, large, factor) if value < low else (large, small, 1 / factor)
-    return [(name, by, f"{name} holds {held} but is labelled {labelled}: there would be {value:.3g} {what}")]
+    actual, labelled, by = (small, large, factor) if value < low else (large, small, 1 / factor)
+    return [(name, by, f"{name} holds {actual} but is labelled {labelled}: there would be {value:.3g} {what}")]
 
 
 # Keys of the sidecar and their values. A unit is given as the factor from what was read to what is true.
@@ -407,30 +407,30 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
     hypotheses, faults, apart = competitors()
     if not found:
         return []
-    own = np.array([s.nats for s in found])
-    best_own = np.argmin(own + COST * faults, axis=1)
+    table = np.array([s.nats for s in found])
+    best_own = np.argmin(table + COST * faults, axis=1)
     # only the headers, what each trial alone would have, and the twenty best of all together are tried for the folder
-    plausible = np.unique(np.concatenate([[0], best_own, np.argsort(own.sum(axis=0) + COST * faults)[:20]]))
+    plausible = np.unique(np.concatenate([[0], best_own, np.argsort(table.sum(axis=0) + COST * faults)[:20]]))
 
     def each(h: int) -> np.ndarray:
         """Per trial, the reading that it has where its folder has ``h``."""
-        return np.argmin(own + APART * apart[h], axis=1)
+        return np.argmin(table + APART * apart[h], axis=1)
 
     def total(h: int) -> float:
         chosen = each(h)
-        rows = np.arange(len(own))
-        return float(COST * faults[h] + np.sum(own[rows, chosen] + APART * apart[h, chosen]))
+        rows = np.arange(len(table))
+        return float(COST * faults[h] + np.sum(table[rows, chosen] + APART * apart[h, chosen]))
 
     totals = {int(h): total(int(h)) for h in plausible}
     folder = min(totals, key=lambda h: (round(totals[h], 6), faults[h]))  # of equals that with the fewest faults
-    together = own.sum(axis=0) + COST * faults
+    together = table.sum(axis=0) + COST * faults
     near = [h for h in np.argsort(together)[:20] if h != folder and together[h] - together[folder] < CLOSE]
     rival = hypotheses[int(near[0])] if near and folder else None
-    agreed = bool((own[:, folder] <= own[:, 0] + 1e-6).all())
+    agreed = bool((table[:, folder] <= table[:, 0] + 1e-6).all())
     out = []
     for s, h in zip(found, each(folder), strict=True):
         chosen = hypotheses[int(h)]
-        odds = s.nats[folder] - s.nats[h] if h != folder else together[0] - own[:, folder].sum()
+        odds = s.nats[folder] - s.nats[h] if h != folder else together[0] - table[:, folder].sum()
         before = s.misfit.get(("body", 1.0, 1.0), math.nan)
         after = s.misfit.get((chosen.frame, chosen.heading, chosen.speed * chosen.clock), math.nan)
         other = rival if h == folder else None
@@ -468,8 +468,8 @@ def _unlikely_units(labels: Mapping[str, str]) -> set[tuple[str, float]]:
     choices = {"psi": HEADINGS, "u": SPEEDS, "t": CLOCKS, "r": {abs(factor) for factor in RATES}}
     out = set()
     for column, factors in choices.items():
-        own = to_si(column, labels.get(column) or quantity(column).unit, column)
-        out |= {(column, factor) for factor in factors if not unit_by_factor(column, own * factor)}
+        si_factor = to_si(column, labels.get(column) or quantity(column).unit, column)
+        out |= {(column, factor) for factor in factors if not unit_by_factor(column, si_factor * factor)}
     return out
 
 

@@ -149,10 +149,10 @@ def _rivals(system: Normal, active: Sequence[int]) -> dict[int, list[tuple[int, 
     for j in active:
         rest = [i for i in active if i != j]
         value, std, _, drop = system.solve([*rest, j])
-        own = drop - (system.solve(rest)[3] if rest else 0.0)
+        gain = drop - (system.solve(rest)[3] if rest else 0.0)
         for k in set(range(len(system.prior))) - set(active):
             other = system.solve([*rest, k])
-            lost = (drop - other[3]) / own
+            lost = (drop - other[3]) / gain
             # a fault of z standard errors is worth z^2 in chi-squared
             if lost < max(1 - SHARE, CLOSE * float(std[-1] / value[-1]) ** 2):
                 out.setdefault(j, []).append((k, float(other[0][-1])))
@@ -292,12 +292,12 @@ def pooled_with(pooled: Reading, runs: Sequence[tuple[str, Reading]], clear: Set
     clear: symbols found in all runs together; what looks alike in a single run is not counted."""
     checked = sum(r.verdict in ("found", "none") for _, r in runs)
     alike = set().union(*(group for group in ALIKE if pooled.symbol in group)) - {pooled.symbol}
-    own = [(name, r) for name, r in runs if r.verdict == "found" and not clear & (alike | set(r.rivals))]
+    unshared = [(name, r) for name, r in runs if r.verdict == "found" and not clear & (alike | set(r.rivals))]
     if pooled.verdict == "found":
         names = tuple(name for name, r in runs if r.verdict == "found" and r.value * pooled.value > 0)
         sentence = f"{pooled.sentence} ({len(names)} of {checked} runs by themselves)"
         return replace(pooled, runs=names, checked=checked, sentence=sentence)
-    some = max(([(name, r) for name, r in own if sign * r.value > 0] for sign in (1.0, -1.0)), key=len)
+    some = max(([(name, r) for name, r in unshared if sign * r.value > 0] for sign in (1.0, -1.0)), key=len)
     if len(some) < max(2, SOME * checked):
         return replace(pooled, checked=checked)
     names, one = tuple(name for name, _ in some), some[0][1]

@@ -267,14 +267,14 @@ def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
     """Index of the value of each trial, and the total, where ``costs`` (trials, values) are over those of none."""
     if not len(costs):
         return [], 0.0
-    own = costs.min(axis=1) + APART
-    alone = np.minimum(own, 0.0)  # each trial its own value, or none
+    individual = costs.min(axis=1) + APART
+    alone = np.minimum(individual, 0.0)  # each trial its own value, or none
     # one value for all, for which the folder pays once: a trial has it, its own, or none although the others have it
-    shared = COST + np.minimum(costs, np.minimum(own, APART)[:, None]).sum(axis=0)
+    shared = COST + np.minimum(costs, np.minimum(individual, APART)[:, None]).sum(axis=0)
     value = int(np.argmin(shared))
     alike = bool(shared[value] < alone.sum())
     ways = np.stack(
-        [costs[:, value] if alike else np.full(len(costs), np.inf), own, np.full(len(costs), alike * APART)]
+        [costs[:, value] if alike else np.full(len(costs), np.inf), individual, np.full(len(costs), alike * APART)]
     )
     chosen = np.stack([np.full(len(costs), value), np.argmin(costs, axis=1), np.full(len(costs), -1)])
     picked = chosen[np.argmin(ways, axis=0), np.arange(len(costs))]

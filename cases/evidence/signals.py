@@ -58,8 +58,8 @@ class Signals:
     @property
     def has_track(self) -> bool:
         """Whether positions, heading and velocities are there, and the ship moves."""
-        moved = np.abs(np.diff(self.place))
-        return len(moved) >= 3 * STEPS and bool(np.isfinite(moved).all()) and float(moved.sum()) > 1e-6
+        ways = np.abs(np.diff(self.place))
+        return len(ways) >= 3 * STEPS and bool(np.isfinite(ways).all()) and float(ways.sum()) > 1e-6
 
     def summed(self, rate: np.ndarray) -> np.ndarray:
         """Integral of a ``rate`` (..., M) over each window (..., M - STEPS)."""

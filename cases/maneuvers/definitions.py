@@ -248,9 +248,9 @@ class Limits:
         if "actuators" in ship.components:
             return cls(math.inf, math.inf)
         usual = cls.for_length(ship.particulars["L"])
-        own = ship.particulars
-        rates = own.get("rudder_rate", usual.rudder_rate), own.get("propeller_rate", usual.propeller_rate)
-        return cls(*rates, own.get("rudder_delay", 0.0))
+        p = ship.particulars
+        rates = p.get("rudder_rate", usual.rudder_rate), p.get("propeller_rate", usual.propeller_rate)
+        return cls(*rates, p.get("rudder_delay", 0.0))
 
 
 @dataclass
@@ -555,9 +555,9 @@ _LONGEST_HOLD = 100.0  # set by hand: it bounds a run that never becomes steady
 def _steps(s: _Setup, angles: tuple[float, ...], **parameters: float) -> Maneuver:
     window, tolerance = STEADY_WINDOW * s.crossing, STEADY_CHANGE / s.crossing
     longest = (s.lead + len(angles) * _LONGEST_HOLD * s.crossing) / s.scale
-    held = partial(StepOrders, s.base.n, s.lead, angles, window, tolerance)
+    orders = partial(StepOrders, s.base.n, s.lead, angles, window, tolerance)
     parameters |= {"order_time": s.lead, "window": window, "tolerance": tolerance, "steps": float(len(angles))}
-    return s.maneuver(longest, held, **parameters)
+    return s.maneuver(longest, orders, **parameters)
 
 
 def _spiral(s: _Setup) -> Maneuver:

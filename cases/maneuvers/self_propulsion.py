@@ -246,22 +246,22 @@ def actuator_positions(ship: Ship, n: Any, delta: Any) -> dict[str, Any]:
     driven by its azimuth thruster, which also steers where there is no rudder: aft of midship it pushes to port then.
     n [1/s], delta [rad]: numbers, or arrays of one shape; ship: gives the names.
     """
-    moved: dict[str, Any] = dict.fromkeys(ship.actuators, 0.0)
-    for name in moved:
+    positions: dict[str, Any] = dict.fromkeys(ship.actuators, 0.0)
+    for name in positions:
         if name in ("n", "n_2"):
-            moved[name] = abs(n) if "pitch" in moved else n
+            positions[name] = abs(n) if "pitch" in positions else n
         elif name.startswith("delta"):
-            moved[name] = delta
+            positions[name] = delta
         elif name == "pitch":
             ahead, zero = ship.particulars.get("pitch", DESIGN_PITCH), ship.coefficients["theta_0"].value
-            moved[name] = np.where(n >= 0, ahead, 2 * zero - ahead)
-    rudders = any(name.startswith("delta") for name in moved)
-    for name in [name for name in moved if name.startswith("n_azimuth") and "n" not in moved]:
-        moved[name], angle = n, name.removeprefix("n_")
-        if not rudders and angle in moved:
+            positions[name] = np.where(n >= 0, ahead, 2 * zero - ahead)
+    rudders = any(name.startswith("delta") for name in positions)
+    for name in [name for name in positions if name.startswith("n_azimuth") and "n" not in positions]:
+        positions[name], angle = n, name.removeprefix("n_")
+        if not rudders and angle in positions:
             place = ship.particulars.get(angle.replace("azimuth", "x_az"), -1.0)  # m ahead of midship
-            moved[angle] = np.copysign(delta, delta * place)
-    return moved
+            positions[angle] = np.copysign(delta, delta * place)
+    return positions
 
 
 def surge_balance(ship: Ship) -> Callable[[float, float], float]:
@@ -273,8 +273,8 @@ def surge_balance(ship: Ship) -> Callable[[float, float], float]:
 
     @cache  # the same speeds are asked for again and again
     def surge(u: float, n: float) -> float:
-        moved = actuator_positions(still, n, 0.0)
-        inputs = [float(moved.get(name, 0.0)) for name in still.inputs]
+        positions = actuator_positions(still, n, 0.0)
+        inputs = [float(positions.get(name, 0.0)) for name in still.inputs]
         return float(model.rates(model.initial([0.0, 0.0, 0.0, u, 0.0, 0.0], inputs, []), inputs, [])[3])
 
     return surge

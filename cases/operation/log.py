@@ -418,8 +418,8 @@ def _rows(trial: Trial, rows: slice | np.ndarray) -> Trial:
 
 def _part(record: Trial, begin: float, end: float, execute: Execute | None = None) -> CutTrial:
     """The rows of the ``record`` from ``begin`` to ``end`` [s]."""
-    whole = record.whole or record
-    trial = replace(_rows(whole, inside(whole, [(begin, end)])), kind=execute.kind if execute else "")
+    complete = record.whole or record
+    trial = replace(_rows(complete, inside(complete, [(begin, end)])), kind=execute.kind if execute else "")
     left_out = tuple((max(a, begin), min(b, end)) for a, b in spans_left_out(record) if a < end and b > begin)
     exclude = left_out if "left_out" in record.meta else None
     if execute is None:

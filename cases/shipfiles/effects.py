@@ -138,8 +138,8 @@ def with_suspects(ship: Ship, symbols: Iterable[str]) -> Ship:
     chosen = tuple(symbols)
     for name in dict.fromkeys(s.partition(".")[0] for s in chosen):
         ship = ship.with_effect(name)
-        own = (f"{name}.{p.symbol}" for p in parameters(ship, name))
-        rows = {s: ship.coefficients[s].with_(fixed=s not in chosen, source=SUSPECT) for s in own}
+        symbols_of_effect = (f"{name}.{p.symbol}" for p in parameters(ship, name))
+        rows = {s: ship.coefficients[s].with_(fixed=s not in chosen, source=SUSPECT) for s in symbols_of_effect}
         ship = ship.with_coefficients(rows)
     return ship
 

@@ -140,7 +140,7 @@ def estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
         derivatives = {s: (value, 0.5, source) for s, value in regression.items() if s[0] in "XYN" and "_" in s}
         return _corrected(found | {"R_0": (R_0, 0.3, friction)} | derivatives | linear, hull, scatter)
     low = empirical.yoshimura_2009_low_speed(L, B, d)
-    whole = found | {
+    rows = found | {
         "X_0F": (-R_0, 0.3, friction),
         "X_0A": (-1.3 * R_0, 0.4, "1.3 times the resistance ahead"),
         **linear,
@@ -148,7 +148,7 @@ def estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
         "C_rY": (min(max(low["C_rY"], 0.8), 2.4), 0.3, "Yoshimura et al. (2009) on L/B, within 0.8 to 2.4"),
         "C_rN": (min(max(low["C_rN"], 0.4), 1.5), 0.3, "Yoshimura et al. (2009) on L/d, within 0.4 to 1.5"),
     }
-    return _corrected(whole, hull, scatter)
+    return _corrected(rows, hull, scatter)
 
 
 def _corrected(rows: Mapping[str, Estimate], hull: str, scatter: Mapping[str, float]) -> dict[str, Estimate]:
@@ -248,9 +248,9 @@ def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
     if v.get("A_R", 0.0) > 0:
         default("aspect_ratio", (0.7 * d) ** 2 / v["A_R"], "rudder height 0.7 d")
         default("x_R", -0.5 * L, "at the aft perpendicular")
-    whole = vars(upper_works(SimpleNamespace(**v)))
+    upper = vars(upper_works(SimpleNamespace(**v)))
     missing = [name for name in ("A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a") if name not in v]
-    v.update({name: float(f"{whole[name]:.4g}") for name in missing})
+    v.update({name: float(f"{upper[name]:.4g}") for name in missing})
     if "A_T" in missing or "A_L" in missing:
         notices.append("upper works (A_T, A_L, ...) by default: those of a loaded tanker of this L and B")
     for name, place in (("BT", 0.42), ("ST", -0.42)):

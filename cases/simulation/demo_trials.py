@@ -41,8 +41,8 @@ def hidden_ship() -> Ship:
     """The true ship behind the demo trials: ``SHIP`` with its coefficients moved by ``OFFSETS``."""
     ship = load_ship(SHIP)
     table = ship.coefficients
-    moved = {name: table[name].value + share * table[name].std for name, share in OFFSETS.items()}
-    return replace(ship.with_values(moved), name="hidden")
+    values = {name: table[name].value + share * table[name].std for name, share in OFFSETS.items()}
+    return replace(ship.with_values(values), name="hidden")
 
 
 # The effect behind the demo's second campaign, as ``mmg simulate --effect`` takes it.

@@ -119,9 +119,9 @@ def _buffered(step: ca.Function) -> Callable[[np.ndarray, np.ndarray, float], np
     return advanced
 
 
-def _vector(inputs: Sequence[str], moved: Mapping[str, float], air: np.ndarray, t: float) -> np.ndarray:
+def _vector(inputs: Sequence[str], positions: Mapping[str, float], air: np.ndarray, t: float) -> np.ndarray:
     """Values of ``inputs`` by name; actuators that are not moved are at rest."""
-    values = {**moved, "wind_north": air[0], "wind_east": air[1], "time": t}
+    values = {**positions, "wind_north": air[0], "wind_east": air[1], "time": t}
     return np.array([values.get(name, 0.0) for name in inputs])
 
 
@@ -168,9 +168,9 @@ def simulate(
         inputs[k] = order  # a delay lets the means of earlier steps act
         late, later = (inputs[max(k - int(samples) - back, 0)] for back in (0, 1))
         acting = (1 - part) * late + part * later
-        held = _vector(model.controls, actuator_positions(ship, *acting), flow[k], t[k])
+        controls = _vector(model.controls, actuator_positions(ship, *acting), flow[k], t[k])
         for _ in range(parts):
-            state = once(state, held, dt / parts)
+            state = once(state, controls, dt / parts)
         return state
 
     for k in range(count + 1):
@@ -180,8 +180,8 @@ def simulate(
             break
         state = advanced(k, state, (inputs[k, 0], inputs[k, 1]))
     rows = slice(0, k + 1)
-    moved = actuator_positions(ship, *inputs[rows].T)
-    columns = _columns(ship, model.states, t[rows], states[rows], moved, None if wind is None else air[rows])
+    positions = actuator_positions(ship, *inputs[rows].T)
+    columns = _columns(ship, model.states, t[rows], states[rows], positions, None if wind is None else air[rows])
     meta = {"ship": ship.name, "maneuver": maneuver.name, "seed": str(seed)}
     stem = maneuver.name.replace(":", "_").replace("/", "_")
     notices = (*_notices(ship, wind is not None, states[rows]), *stopping_notices(maneuver))
@@ -196,7 +196,7 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     ship: that moves; controls: the trial followed; seed: of gusts. Returns the motion as a trial.
     """
     t = controls.t
-    moved, assumed = actuator_columns(controls, ship.actuators)
+    actuators, assumed = actuator_columns(controls, ship.actuators)
     air = wind.series(t, seed) if wind else None
     if air is None and controls.has_wind:
         air = np.column_stack([controls["wind_speed"], controls["wind_direction"]])
@@ -204,13 +204,14 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     start = controls.states[0]
     start[:2] = np.where(np.isfinite(start[:2]), start[:2], 0.0)
     step, model, delay = _plant(ship)
-    for name, values in (("first state", start), ("an input or the wind", np.column_stack([moved, flow]))):
+    for name, values in (("first state", start), ("an input or the wind", np.column_stack([actuators, flow]))):
         if not np.isfinite(values).all():
             raise Missing(f"{controls.name}: missing values in {name}; the inputs must be complete")
-    acting = np.vstack([step_means(t, moved, t - delay), moved[-1:]]) if delay else moved  # of the last row no step
+    # of the last row no step follows
+    acting = np.vstack([step_means(t, actuators, t - delay), actuators[-1:]]) if delay else actuators
     named = dict(zip(ship.actuators, acting.T, strict=True))
     named |= {"wind_north": flow[:, 0], "wind_east": flow[:, 1], "time": t - t[0]}
-    held = np.column_stack([named.get(name, np.zeros(len(t))) for name in model.controls])
+    inputs = np.column_stack([named.get(name, np.zeros(len(t))) for name in model.controls])
     gaps = np.diff(t)
     parts = np.ceil(gaps / longest_step(ship) - 1e-9).astype(int)  # steps in each sample, equal within it
     if parts.sum() > MOST_STEPS:
@@ -219,10 +220,10 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
         )
     h, rows = np.repeat(gaps / parts, parts), np.repeat(np.arange(len(gaps)), parts)
     run = step.mapaccum("run", len(h))
-    begin = np.array(model.initial(start, held[0], [])).ravel()
-    path = np.vstack([begin, np.array(run(begin, held[rows].T, h)).T])
+    begin = np.array(model.initial(start, inputs[0], [])).ravel()
+    path = np.vstack([begin, np.array(run(begin, inputs[rows].T, h)).T])
     states = path[np.concatenate([[0], np.cumsum(parts)])]  # (N, S): those at the samples
-    columns = _columns(ship, model.states, t, states, dict(zip(ship.actuators, moved.T, strict=True)), air)
+    columns = _columns(ship, model.states, t, states, dict(zip(ship.actuators, actuators.T, strict=True)), air)
     notices = (*_notices(ship, air is not None, states), *assumed)
     meta = {"ship": ship.name, "controls": controls.name, "seed": str(seed)}
     return Trial(controls.name, columns, notices=notices, kind=controls.kind, meta=meta)

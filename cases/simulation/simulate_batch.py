@@ -405,11 +405,11 @@ def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
             delta: np.ndarray, which: np.ndarray, state: np.ndarray = state, k: int = k, done: np.ndarray = done
         ) -> np.ndarray:
             moving = which & ~done
-            held = input_array(ship, np.stack([inputs[k, 0], delta])[None, :, moving], t[[k]])
-            own = theta if theta.ndim == 1 else theta[:, moving]
+            controls = input_array(ship, np.stack([inputs[k, 0], delta])[None, :, moving], t[[k]])
+            coefficients = theta if theta.ndim == 1 else theta[:, moving]
             found = state[:, which]
             found[:, moving[which]] = batch.simulator.run(
-                state[:, moving], np.repeat(held, parts, axis=0), dt / parts, own, keep=keep
+                state[:, moving], np.repeat(controls, parts, axis=0), dt / parts, coefficients, keep=keep
             )[-1]
             return found
 
