@@ -442,7 +442,7 @@ def parse_maneuver(
     factors = stopping_factors(ship) if kind in STOPS else {}
     ship = _with_factors(ship, factors)
     # the factors come first: a ship of another resistance needs other revolutions in her approach
-    if kind in STOPS and n is None and speed is None and {"n", "n_azimuth"} & set(ship.actuators):
+    if kind in STOPS and n is None and speed is None:
         speed = own_speed(ship, TEST_FROUDE)  # that of the standard's test
     steady, revolutions = approach(ship, n, speed, at_rest=kind == "acceleration")
     midships = partial(constant, revolutions)

@@ -16,7 +16,7 @@ from cases.quantities import as_number
 from mmg.errors import BadValue, OutOfRange
 
 REFERENCE_FREQUENCY = 0.5  # Hz at which filter and spectrum agree, besides zero (Maki et al. 2022)
-HEIGHT = 15.0  # m above the sea, for which Hino's spectrum is taken. Set by hand.
+HEIGHT = 15.0  # m above the sea, for which Hino's spectrum is taken: that of the published check values
 STRONGEST = 115.0  # m/s; the strongest gust ever measured has 113 (Barrow Island, 1996)
 
 

@@ -71,7 +71,7 @@ def test_turning_limits_are_4_5_and_5_lengths() -> None:
     assert verdicts(inside) == {"advance": PASS, "transfer": NONE, "tactical_diameter": PASS}
     assert verdicts(outside) == {"advance": FAIL, "transfer": NONE, "tactical_diameter": FAIL}
     assert assess(inside)[0].value == pytest.approx(4.495)
-    assert verdicts(replace(outside, rudder=math.radians(-35)))["advance"] == FAIL
+    assert verdicts(replace(outside, rudder=-outside.rudder))["advance"] == FAIL
     little = assess(replace(inside, rudder=math.radians(20)))[0]
     assert little.verdict == OPEN and "rudder 20 deg" in little.why
 

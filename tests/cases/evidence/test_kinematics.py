@@ -187,8 +187,7 @@ def test_velocities_of_another_run_are_a_fault_of_the_data():
 def test_without_positions_only_the_turn_rate_is_checked():
     bare = [Trial(t.name, {c: v for c, v in t.columns.items() if c not in "xy"}) for t in clean()]
     found = consistency(changed(bare, lambda c: {"r": 1.02 * c["r"]}), SHIP)
-    verdicts = {r.symbol: r.verdict for r in found.pooled.readings if not r.symbol.endswith("_r")}
-    assert set(verdicts.values()) == {"not checked"} and "lag" in verdicts
+    assert {r.verdict for r in found.pooled.readings if not r.symbol.endswith("_r")} == {"not checked"}
     assert symbols(found) == ["gain_r"]
     assert any(bare[0].name in w for w in found.warnings)
     mixed = consistency([*bare[:2], *clean()[2:]], SHIP)
