@@ -80,13 +80,6 @@ def test_a_fault_of_the_library_is_named_and_measured(effect, values, symbol):
 
 
 @pytest.mark.slow
-def test_two_faults_at_once_are_both_found():
-    found = consistency(with_defect(with_defect(clean(), "velocity_filter", tau=0.5), "log_scale", share=0.03), SHIP)
-    assert sorted(symbols(found)) == ["gain_u", "lag"]
-    assert found.pooled["gain_u"].value == pytest.approx(0.03, abs=3 * found.pooled["gain_u"].std)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "values"),
     [("antenna_offset", {"x": 0.4, "y": 0.2}), ("heading_bias", {"psi": 0.05}), ("gnss_delay", {"tau": 0.6})],
