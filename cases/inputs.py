@@ -64,8 +64,8 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
     if ignored:
         text = f"{trial.name}: {', '.join(ignored)}: the ship's model has no such input, so it is ignored"
         notices.append(Message(text, "input_ignored"))
-    found = np.column_stack([*columns]) if columns else np.empty((len(trial), 0))
-    return (_over_each_sample(found) if is_sampled(trial) else found), notices
+    array = np.column_stack([*columns]) if columns else np.empty((len(trial), 0))
+    return (_over_each_sample(array) if is_sampled(trial) else array), notices
 
 
 def is_sampled(trial: Trial) -> bool | None:
@@ -132,24 +132,24 @@ _KNOWN: WeakKeyDictionary[Trial, dict[tuple[str, ...], ModelInputs]] = WeakKeyDi
 def model_inputs(trial: Trial, inputs: Sequence[str] = STANDARD) -> ModelInputs:
     """The inputs of a right-hand side at the samples of a ``trial``, made once per trial. inputs: C names in the order
     of ``Ship.inputs``. Raises UserError as ``actuator_columns`` does."""
-    known = _KNOWN.setdefault(trial, {})
+    cached = _KNOWN.setdefault(trial, {})
     names = tuple(inputs)
-    if names not in known:
+    if names not in cached:
         actuators, notices = actuator_columns(trial, [name for name in names if name in INPUTS])
         clock = [(trial.t - trial.t[0])[:, None]] if "time" in names else []
         array = np.column_stack([actuators, trial.wind_vector, *clock])
         array.flags.writeable = False  # shared by all who ask
-        known[names] = ModelInputs(array, tuple(notices))
-    return known[names]
+        cached[names] = ModelInputs(array, tuple(notices))
+    return cached[names]
 
 
 def assumed(trials: Sequence[Trial], inputs: Sequence[str]) -> list[Message]:
     """What a model with these ``inputs``, as of ``Ship.inputs``, assumes of ``trials`` or ignores, each message once.
     Raises UserError as ``actuator_columns`` does."""
-    found = [note for trial in trials for note in model_inputs(trial, inputs).notices]
+    notices = [note for trial in trials for note in model_inputs(trial, inputs).notices]
     if names := ", ".join(t.name for t in trials if not t.has_wind):
-        found.append(Message(f"calm air is assumed in {names} (no complete wind columns)", "no_wind"))
-    return list(dict.fromkeys(found))
+        notices.append(Message(f"calm air is assumed in {names} (no complete wind columns)", "no_wind"))
+    return list(dict.fromkeys(notices))
 
 
 def step_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
@@ -176,10 +176,10 @@ def integral(t: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def _integral_until(t: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
     """The integral until each time of ``at`` (K,) [s] of a line through ``values`` (N,) at the times t (N,) [s]."""
-    known = integral(t, values)
+    integrals = integral(t, values)
     i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, max(len(t) - 2, 0))
     into, slope = at - t[i], np.diff(values)[i] / np.diff(t)[i]  # s into the interval, and slope of the line there
-    return np.asarray(known[i] + values[i] * into + 0.5 * slope * into**2)
+    return np.asarray(integrals[i] + values[i] * into + 0.5 * slope * into**2)
 
 
 # Share of an actuator's largest rate within which rates may be its limit; the least share by which rates are told from
@@ -214,8 +214,8 @@ def with_corners(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     part = (moves[1:-1] != 0) & ~full[1:-1]  # intervals with a corner: they move for part of the time
     sides = []  # rates before and after each: the limit, none, or NaN where a neighbour has a corner as well
     for near, is_full in ((moves[:-2], full[:-2]), (moves[2:], full[2:])):
-        known = (near == 0) | (near == moves[1:-1]) | is_full
-        sides.append(np.where(known, near * limit, np.nan))
+        defined = (near == 0) | (near == moves[1:-1]) | is_full
+        sides.append(np.where(defined, near * limit, np.nan))
     before, after = sides
     k = 1 + np.flatnonzero(part & np.isfinite(before) & np.isfinite(after) & (before != after))
     before, after = before[k - 1], after[k - 1]
@@ -243,10 +243,10 @@ def given_inputs(ship: Ship, t: Any, given: Mapping[str, Any], start: Any = None
     first = _numbers("x0", np.zeros(6) if start is None else start)
     if first.shape != (6,):
         raise BadValue(f"x0: shape {first.shape}; give {', '.join(STATES)}")
-    known = (*ship.actuators, *WIND)
+    accepted = (*ship.actuators, *WIND)
     for name in given:
-        if name not in known:
-            raise UnknownName(f"{ship.name}: {unknown('input', name, known)}")
+        if name not in accepted:
+            raise UnknownName(f"{ship.name}: {unknown('input', name, accepted)}")
     lacking = [name for name in ship.actuators if name not in given]
     lacking += [name for name in WIND if len(set(WIND) & set(given)) == 1 and name not in given]
     if lacking:
@@ -257,18 +257,18 @@ def given_inputs(ship: Ship, t: Any, given: Mapping[str, Any], start: Any = None
 
 
 def _column(name: str, values: Any | Callable[[float], float], t: np.ndarray) -> np.ndarray:
-    found = _numbers(name, [values(float(time)) for time in t] if callable(values) else values)
-    if found.ndim > 1 or found.size not in (1, len(t)):
-        raise BadValue(f"{name}: shape {found.shape}; give a number, {len(t)} numbers (as t has), or a function of t")
-    return np.array(np.broadcast_to(found, t.shape))
+    numbers = _numbers(name, [values(float(time)) for time in t] if callable(values) else values)
+    if numbers.ndim > 1 or numbers.size not in (1, len(t)):
+        raise BadValue(f"{name}: shape {numbers.shape}; give a number, {len(t)} numbers (as t has), or a function of t")
+    return np.array(np.broadcast_to(numbers, t.shape))
 
 
 def _numbers(name: str, values: Any) -> np.ndarray:
     """``values`` as finite numbers."""
     try:
-        found = np.asarray(values, dtype=float)
+        numbers = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         raise BadValue(f"{name}: holds what is no number") from None
-    if not np.isfinite(found).all():
-        raise BadValue(f"{name}: holds {int((~np.isfinite(found)).sum())} values that are not finite")
-    return found
+    if not np.isfinite(numbers).all():
+        raise BadValue(f"{name}: holds {int((~np.isfinite(numbers)).sum())} values that are not finite")
+    return numbers

@@ -159,8 +159,8 @@ class Trial:
             elif name != "t":
                 line = unwrapped(values) if period else values
                 good = np.isfinite(line)
-                found = np.interp(t, self.t[good], line[good]) if good.any() else np.full(len(t), np.nan)
-                columns[name] = np.where(good[before] & good[after], found, np.nan)
+                interpolated = np.interp(t, self.t[good], line[good]) if good.any() else np.full(len(t), np.nan)
+                columns[name] = np.where(good[before] & good[after], interpolated, np.nan)
         return self._with_rows(columns, None)
 
     def _with_rows(self, columns: dict[str, np.ndarray], rows: np.ndarray | None) -> Trial:
@@ -222,10 +222,10 @@ class Trial:
 
     def roots(self, *columns: str) -> frozenset[str]:
         """The measured columns on which ``columns`` rest: themselves, or what they were derived from."""
-        found: set[str] = set()
+        roots: set[str] = set()
         for name in columns:
-            found |= self.roots(*self.ancestors[name]) if name in self.ancestors else {name}
-        return frozenset(found)
+            roots |= self.roots(*self.ancestors[name]) if name in self.ancestors else {name}
+        return frozenset(roots)
 
     @property
     def has_position(self) -> bool:

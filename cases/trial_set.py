@@ -134,8 +134,8 @@ class TrialSet(Sequence[Trial]):
     @property
     def remarks(self) -> list[Message]:
         """Messages on what was left out of the trials and what is doubtful about them."""
-        found = [note for trial in self for note in trial.notices if getattr(note, "code", "") in (LEFT_OUT, DOUBT)]
-        return list(dict.fromkeys(note for note in found if isinstance(note, Message)))
+        notices = [note for trial in self for note in trial.notices if getattr(note, "code", "") in (LEFT_OUT, DOUBT)]
+        return list(dict.fromkeys(note for note in notices if isinstance(note, Message)))
 
     @cached_property
     def broken(self) -> tuple[Sequence[BrokenStretch], ...]:
@@ -262,10 +262,10 @@ def _without(trial: Trial, found: Sequence[BrokenStretch]) -> Trial:
 
 def _content(trial: Trial) -> bytes:
     """What is the same for two trials of the same numbers; a clock may begin anywhere."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name, column in sorted(trial.columns.items()):
         values = column - column[0] if name == "t" else column
-        found.update(name.encode())
+        digest.update(name.encode())
         # to nine digits, which a file keeps; + 0.0 makes -0.0 the same as 0.0
-        found.update(np.ascontiguousarray(np.round(values, 9) + 0.0, dtype=float).tobytes())
-    return found.digest()
+        digest.update(np.ascontiguousarray(np.round(values, 9) + 0.0, dtype=float).tobytes())
+    return digest.digest()

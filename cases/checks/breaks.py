@@ -29,11 +29,11 @@ def mismatches(trial: Trial) -> dict[str, np.ndarray]:
     """Channel of ``trial`` -> its difference from the integral of its rate, (N,). "psi" [rad]; "position" [m], north +
     i east, where there are positions; none of relatives."""
     t, psi = trial.t, filled(trial.psi_unwrapped)
-    found = {"psi": psi - integral(t, filled(trial["r"]))} if independent(trial, "turn") else {}
+    errors = {"psi": psi - integral(t, filled(trial["r"]))} if independent(trial, "turn") else {}
     if independent(trial, "track"):
         w = filled(trial["u"]) + 1j * filled(trial["v"])
-        found["position"] = filled(trial["x"]) + 1j * filled(trial["y"]) - integral(t, w * np.exp(1j * psi))
-    return found
+        errors["position"] = filled(trial["x"]) + 1j * filled(trial["y"]) - integral(t, w * np.exp(1j * psi))
+    return errors
 
 
 def filled(values: np.ndarray) -> np.ndarray:
@@ -319,7 +319,7 @@ def _stopped(trial: Trial, first: int, last: int) -> bool:
 def _extrema(values: np.ndarray, size: float) -> list[int]:
     """Rows where ``values`` turn back by more than ``size``, with the first row, and the last extremum."""
     low = high = 0  # rows of the least and of the greatest value since the last turning point
-    found, up = [0], None  # up: whether the values rise, None until they moved by ``size``
+    rows, up = [0], None  # up: whether the values rise, None until they moved by ``size``
     for i, value in enumerate(values.tolist()):
         if value > values[high]:
             high = i
@@ -327,12 +327,12 @@ def _extrema(values: np.ndarray, size: float) -> list[int]:
             low = i
         if up is not False and value < values[high] - size:
             if up:
-                found.append(high)
+                rows.append(high)
             up, low, high = False, i, i
         elif up is not True and value > values[low] + size:
             if up is False:
-                found.append(low)
+                rows.append(low)
             up, low, high = True, i, i
     if up is not None:
-        found.append(high if up else low)
-    return found
+        rows.append(high if up else low)
+    return rows

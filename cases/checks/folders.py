@@ -73,7 +73,7 @@ def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, np.ndarray]:
     hashes, number, row = (np.concatenate(some) for some in zip(*parts, strict=True))
     order = np.argsort(hashes, kind="stable")  # equal ones side by side, by trial
     hashes, number, row = hashes[order], number[order], row[order]
-    found: dict[Pair, list[tuple[np.ndarray, np.ndarray]]] = {}
+    matches: dict[Pair, list[tuple[np.ndarray, np.ndarray]]] = {}
     for apart in range(1, len(trials)):  # a row is in each trial once at most, so that equal ones lie this near
         at = np.flatnonzero(hashes[apart:] == hashes[:-apart])
         if not len(at):
@@ -81,9 +81,9 @@ def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, np.ndarray]:
         both = number[at] * len(trials) + number[at + apart]
         for code in np.unique(both):
             one, pair = at[both == code], divmod(int(code), len(trials))
-            found.setdefault(pair, []).append((row[one], row[one + apart]))
+            matches.setdefault(pair, []).append((row[one], row[one + apart]))
     # row numbers of a pair in one piece: (2, rows) from its (first, second) by distance in the order
-    return {pair: np.concatenate(found[pair], axis=1) for pair in sorted(found)}
+    return {pair: np.concatenate(matches[pair], axis=1) for pair in sorted(matches)}
 
 
 def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[tuple[int, dict[str, Any], Found]]:
@@ -163,8 +163,8 @@ def check(
             (DOUBTFUL if row["code"] == SENTINEL else INFO, row["code"], _capital(row["text"]) + ".")
             for row in message_rows(trial.notices)
         ]
-        found = {"reading": read, "duplicates": shared, **{topic: some for topic, (_, some) in looks.items()}}
-        findings = tuple(CheckFinding(topic, *each) for topic, some in found.items() for each in some)
+        by_topic = {"reading": read, "duplicates": shared, **{topic: some for topic, (_, some) in looks.items()}}
+        findings = tuple(CheckFinding(topic, *each) for topic, some in by_topic.items() for each in some)
         numbers = {"duplicates": others, **{topic: values for topic, (values, _) in looks.items()}}
         reports.append(CheckReport(trial.name, str(trial.path or ""), findings, numbers))
     folders: dict[Path | None, list[int]] = {}
@@ -193,7 +193,7 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
     records = [signals(trial) for trial in some]
     still = [standing(trial) for trial in trials]
     turning = [report.numbers["rudder"]["correlation"] for report in reports]
-    found = [
+    table = [
         scores(
             trial,
             record,
@@ -203,7 +203,7 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
         )
         for trial, record, names, follows in zip(some, records, still, turning, strict=True)
     ]
-    said = [_contradicted(trials, k, *each) for k, each in enumerate(zip(still, judged(found), turning, strict=True))]
+    said = [_contradicted(trials, k, *each) for k, each in enumerate(zip(still, judged(table), turning, strict=True))]
     alone: list[dict[str, Value | None]] = [{} for _ in trials]
     frozen = [any(f.code == "frozen_channel" for f in report.findings) for report in reports]
     # Then lags, of files that no reading refutes; what is late is taken back before gains are compared with the track.
@@ -224,7 +224,7 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
         derived = trials[k].has_position and not independent(trials[k], "track")
         said[k].findings.extend((level if derived else INFO, code, text) for level, code, text in sways)
         said[k].findings.extend([*single.headway(trials[k]), *single.turning_wind(trials[k])])
-    rows = zip(reports, _with_lines(trials, said), map(single.not_checked, trials), found, alone, strict=True)
+    rows = zip(reports, _with_lines(trials, said), map(single.not_checked, trials), table, alone, strict=True)
     return [_joined(*row) for row in rows]
 
 
@@ -266,67 +266,66 @@ def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list
     return out
 
 
-def _logged_as(found: Scale, name: str) -> float:
+def _logged_as(fit: Scale, name: str) -> float:
     """A gain as what the column is of the truth, an angle as it is."""
-    return found.values[name] if name == "angle" else 1.0 / max(1.0 + found.values[name], 0.1)
+    return fit.values[name] if name == "angle" else 1.0 / max(1.0 + fit.values[name], 0.1)
 
 
-def _scale_said(found: Scale, name: str, trials: Sequence[Trial]) -> Found:
-    """What is said of a value of ``found`` that is no chance, from these ``trials``."""
+def _scale_said(fit: Scale, name: str, trials: Sequence[Trial]) -> Found:
+    """What is said of a value of ``fit`` that is no chance, from these ``trials``."""
     files = f" over {len(trials)} files" if len(trials) > 1 else ""
     if name == "angle":
-        side = "clockwise" if found.values[name] > 0 else "counter-clockwise"
-        size, error = abs(math.degrees(found.values[name])), math.degrees(found.std[name])
+        side = "clockwise" if fit.values[name] > 0 else "counter-clockwise"
+        size, error = abs(math.degrees(fit.values[name])), math.degrees(fit.std[name])
         text = (
             f"The track is turned {size:.1f} deg {side} from heading and velocities (standard error {error:.1g}"
             f"{files}), by an offset of the heading or by the axes"
         )
-        return (DOUBTFUL if found.significant(name, TURNED) else INFO), "heading_offset", text
-    share = _logged_as(found, name) - 1.0
+        return (DOUBTFUL if fit.significant(name, TURNED) else INFO), "heading_offset", text
+    share = _logged_as(fit, name) - 1.0
     of = "what the heading says" if name == "r" else "what the positions say"
     side = "below" if share < 0 else "above"
-    text = f"{name} is {abs(share):.1%} {side} {of} (standard error {found.std[name]:.2%}{files})"
+    text = f"{name} is {abs(share):.1%} {side} {of} (standard error {fit.std[name]:.2%}{files})"
     if name == "u":
         water = scale(trials, TRACK)  # once more, with a drift of the water left free
         current = water is None or not water.significant(name)
         text += ", u or the positions in a wrong unit or grid" + (", or u through the water in a current" * current)
-    return (DOUBTFUL if found.matters(name) else INFO), "gain", text
+    return (DOUBTFUL if fit.matters(name) else INFO), "gain", text
 
 
 def _contradicted(
-    trials: Sequence[Trial], k: int, still: Mapping[str, str], found: Judged, turning: float | None
+    trials: Sequence[Trial], k: int, still: Mapping[str, str], verdict: Judged, turning: float | None
 ) -> Said:
-    """What refutes the labels of file number ``k`` of a folder: columns that stand ``still``, and the reading that was
-    ``found``. turning: correlation of its turn rate with the rudder."""
+    """What refutes the labels of file number ``k`` of a folder: columns that stand ``still``, and the reading by
+    its ``verdict``. turning: correlation of its turn rate with the rudder."""
     trial = trials[k]
     said = [
         (CONTRADICTORY, "frozen_channel", f"{name} is frozen at {float(np.nanmedian(trial[name])):.3g}, while {why}")
         for name, why in still.items()
     ]
     keys: Keys = {}
-    alone = found.reading != found.folder
-    psi_may = found.reading.rate == -1 and trial.has_position and not independent(trial, "track")  # as good, untested
-    for code, meaning in [] if still else found.reading.statements():
-        unsure = alone and len(trials) > 2 and found.odds < SURE
-        turned = found.reading.rudder != found.folder.rudder and code == "rudder_sign"  # what else turns her is unknown
+    alone = verdict.reading != verdict.folder
+    psi_may = verdict.reading.rate == -1 and trial.has_position and not independent(trial, "track")  # as good, untested
+    for code, meaning in [] if still else verdict.reading.statements():
+        unsure = alone and len(trials) > 2 and verdict.odds < SURE
+        # a rudder that differs from those of its folder: what else turns her is unknown
+        turned = verdict.reading.rudder != verdict.folder.rudder and code == "rudder_sign"
         files = f"against {len(trials) - 1} others" if alone else f"over {len(trials)} files"
-        odds = f" (log odds {found.odds:.0f} {files})" if len(trials) > 1 else f" (log odds {found.odds:.0f})"
-        text = _sentence(code, meaning, found) + odds
+        odds = f" (log odds {verdict.odds:.0f} {files})" if len(trials) > 1 else f" (log odds {verdict.odds:.0f})"
+        text = _sentence(code, meaning, verdict) + odds
         if psi_may and code == "r_sign":
             text += ", or psi counts counter-clockwise, and u and v were derived from it"
         said.append((DOUBTFUL if turned or unsure else CONTRADICTORY, code, text))
-        advised = found.agreed and not (found.rival or unsure or psi_may)
-        keys = found.reading.keys() if advised and found.reading.rudder == found.folder.rudder else {}
-    if found.rival and not still:
-        both = [line(wanted) for each in (found.reading, found.rival) if (wanted := settings(trial, each.keys()))]
-        other = " and ".join(text for _, text in found.rival.statements()) or "the headers are right"
+        advised = verdict.agreed and not (verdict.rival or unsure or psi_may)
+        keys = verdict.reading.keys() if advised and verdict.reading.rudder == verdict.folder.rudder else {}
+    if verdict.rival and not still:
+        both = [line(wanted) for each in (verdict.reading, verdict.rival) if (wanted := settings(trial, each.keys()))]
+        other = " and ".join(text for _, text in verdict.rival.statements()) or "the headers are right"
         choice = f"; one of these is true of them: {', or '.join(both)}" if len(both) > 1 else ""
         said = [(level, code, f"{text}, or {other}: the data cannot tell{choice}") for level, code, text in said]
-    if not said and found.after > DISAGREE:
-        text = (
-            f"Velocities and positions disagree (misfit {found.after:.0%}) and no other frame, sign or unit explains it"
-        )
-        said.append((CONTRADICTORY, "velocity_mismatch", f"{text}; check units, clocks and axes"))
+    if not said and verdict.after > DISAGREE:
+        text = f"Velocities and positions disagree (misfit {verdict.after:.0%}) and no other frame, sign or unit "
+        said.append((CONTRADICTORY, "velocity_mismatch", f"{text}explains it; check units, clocks and axes"))
     wrong = mislabelled(trial.columns)
     if not said:  # how quickly the ship turns is known only where frames, clock and turn rates are right
         rudder = turning if turning is not None else single.following(trial, 1e-4)["correlation"]
@@ -341,16 +340,16 @@ def _capital(words: str) -> str:
     return words[0].upper() + words[1:]
 
 
-def _sentence(code: str, meaning: str, found: Judged) -> str:
-    fits = f"misfit {found.after:.1%} against {found.before:.1%} as labelled"
+def _sentence(code: str, meaning: str, verdict: Judged) -> str:
+    fits = f"misfit {verdict.after:.1%} against {verdict.before:.1%} as labelled"
     if code == "rudder_sign":
-        also = ", or a wind turns her: in other files she turns to starboard" if found.folder.rudder == 1 else ""
+        also = ", or a wind turns her: in other files she turns to starboard" if verdict.folder.rudder == 1 else ""
         return f"Going ahead the ship turns to port when delta is positive: {meaning}{also}"
     if code == "r_sign" or meaning.startswith("r "):
         return meaning
     if code == "unit":
-        return f"{meaning}: {fits} of velocities and track" if np.isfinite(found.after) else meaning
-    return f"The track says that {meaning}: {fits}" if np.isfinite(found.after) else f"It looks as if {meaning}"
+        return f"{meaning}: {fits} of velocities and track" if np.isfinite(verdict.after) else meaning
+    return f"The track says that {meaning}: {fits}" if np.isfinite(verdict.after) else f"It looks as if {meaning}"
 
 
 def _shifted(
@@ -365,14 +364,14 @@ def _shifted(
         members = [trials[k] for k, _ in some]
         # longest lag [s] that is tried: a tenth of the shortest record up to a minute, 5 s and 20 samples at least
         longest = max(5.0, *(20 * t.dt for t in members), min(60.0, 0.1 * min(t.duration for t in members)))
-        found = candidates([s for _, s in some], longest)
-        said = shifts(found)
+        explanations = candidates([s for _, s in some], longest)
+        said = shifts(explanations)
         if any(shift and shift.name == "arm" for shift in said):  # a late velocity in a turn looks like an arm ahead
             both = scale(members, TRACK[:6])
             if both is None or not (both.significant("arm_x") or both.significant("arm_y")):
                 said = [shift and replace(shift, rivals=(*shift.rivals, "w")) for shift in said]
         for i, ((k, _), shift) in enumerate(zip(some, said, strict=True)):
-            out[k] = shift, {name: one.alone[i] for name, one in found.items()}
+            out[k] = shift, {name: one.alone[i] for name, one in explanations.items()}
     return out
 
 
@@ -480,8 +479,8 @@ OPPOSITE = {"rudder_positive": ("starboard", "port"), "velocity_frame": ("body",
 
 def labels(trial: Trial) -> dict[str, tuple[str, str]]:
     """Column -> its header and unit in the file of ``trial``; names and units of a Trial where it has none."""
-    found = json.loads(trial.meta.get("labels", "{}"))
-    return {name: tuple(found.get(name, (name, quantity(name).unit))) for name in trial.columns}
+    logged = json.loads(trial.meta.get("labels", "{}"))
+    return {name: tuple(logged.get(name, (name, quantity(name).unit))) for name in trial.columns}
 
 
 def settings(trial: Trial, keys: Keys) -> dict[str, Any] | None:

@@ -107,9 +107,8 @@ def _turned_per_step(trial: Trial) -> float:
 # Heading passed in a sample [rad] from which on it matters whether a rudder is held over it: half of it is the error of
 # an overshoot. Set by hand.
 TURNED = math.radians(1.0)
-RUDDER_STEP = math.radians(
-    0.1
-)  # Change of a rudder that is no noise: it is logged to a tenth of a degree. Set by hand.
+# Change of a rudder that is no noise: it is logged to a tenth of a degree. Set by hand.
+RUDDER_STEP = math.radians(0.1)
 
 
 def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
@@ -397,10 +396,10 @@ def turning_wind(trial: Trial) -> list[Found]:
         "it turns with the ship: its direction, or the angle of the apparent wind it was derived from, has another "
         "sign or zero": air * turn.conj(),
     }
-    known = np.isfinite(list(readings.values())).all(axis=0)
-    if known.sum() < 10 * PIECES:
+    valid = np.isfinite(list(readings.values())).all(axis=0)
+    if valid.sum() < 10 * PIECES:
         return []
-    spread = {words: float(np.var(w[known])) + 1e-12 for words, w in readings.items()}
+    spread = {words: float(np.var(w[valid])) + 1e-12 for words, w in readings.items()}
     words = min(spread, key=lambda words: spread[words])
     nats = PIECES * math.log(spread[""] / spread[words])  # log likelihood ratio of normal vectors, one a piece
     if nats < COST or spread[words] > 0.5 * spread[""]:
@@ -497,9 +496,9 @@ def inputs_are_constant(trial: Trial) -> bool:
 def pooled(reports: Iterable[CheckReport], ship: Ship | None = None) -> tuple[dict[str, float], list[str]]:
     """Seconds per coefficient group over all ``reports``, and sentences about groups that are not excited. ship: whose
     coefficients are named in these sentences; groups of which it has none are left out."""
-    found = [numbers for report in reports if (numbers := report.numbers.get("excitation"))]
-    seconds = {name: sum((numbers["group_seconds"][name] for numbers in found), 0.0) for name in GROUPS}
-    return seconds, _missing(seconds, sum(numbers["seconds"] for numbers in found), ship)
+    excited = [numbers for report in reports if (numbers := report.numbers.get("excitation"))]
+    seconds = {name: sum((numbers["group_seconds"][name] for numbers in excited), 0.0) for name in GROUPS}
+    return seconds, _missing(seconds, sum(numbers["seconds"] for numbers in excited), ship)
 
 
 def _missing(seconds: dict[str, float], total: float, ship: Ship | None = None) -> list[str]:
@@ -563,15 +562,15 @@ def doubtful_revolutions(ship: Ship, trials: Sequence[Trial]) -> list[Message]:
     if "n" not in ship.actuators:
         return []
     able = [trial for trial in trials if "n" in trial and ("delta" in trial or "delta_port" in trial)]
-    found: list[tuple[float, float, float, float]] = []  # ratio, speed, revolutions needed and logged
+    ratios: list[tuple[float, float, float, float]] = []  # ratio, speed, revolutions needed and logged
     # a trial with no steady run says nothing, nor does a speed that the ship's model cannot hold
     for n, u in filter(None, (steady_ahead(trial, float(ship.particulars["L"])) for trial in able)):
         with suppress(UserError):
             needed = revolutions_for(ship, u)
-            found.append((needed / n, u, needed, n))
-    if not found or 1 / TWICE < np.median([ratio for ratio, *_ in found]) < TWICE:
+            ratios.append((needed / n, u, needed, n))
+    if not ratios or 1 / TWICE < np.median([ratio for ratio, *_ in ratios]) < TWICE:
         return []
-    _, u, needed, n = sorted(found)[len(found) // 2]
+    _, u, needed, n = sorted(ratios)[len(ratios) // 2]
     words = (
         f"the propeller does not fit: at {u:.3g} m/s straight ahead {ship.name} needs {needed:.3g} "
         f"revolutions per second, the trials have {n:.3g}; check the unit of n, a gear ratio, D_P and pitch_ratio"

@@ -83,16 +83,16 @@ def broken_stretches(trial: Trial) -> list[BrokenStretch]:
         return []
     side = max(STEP, round(LEAST / trial.dt))
     signals = breaks.mismatches(trial)
-    found = [_tight(step, signals, side // 4) for step in _steps(trial, signals, side)]
-    found += [*breaks.frozen(trial, signals), *breaks.repeated(trial), *breaks.spike_trains(trial)]
-    found += breaks.without_cause(trial)
-    found += list(_drifting(trial, signals, found))  # last: what a step explains is no drift
+    intervals = [_tight(step, signals, side // 4) for step in _steps(trial, signals, side)]
+    intervals += [*breaks.frozen(trial, signals), *breaks.repeated(trial), *breaks.spike_trains(trial)]
+    intervals += breaks.without_cause(trial)
+    intervals += list(_drifting(trial, signals, intervals))  # last: what a step explains is no drift
     reach = max(JOIN, side * trial.dt)
     return [
         BrokenStretch(
             float(trial.t[first]), float(trial.t[last]), _sized(what, signals, first, last), channels, SWINGING in what
         )
-        for first, last, what, channels in _joined(trial.t, sorted(found), reach)
+        for first, last, what, channels in _joined(trial.t, sorted(intervals), reach)
     ]
 
 
@@ -113,15 +113,15 @@ def _drifting(trial: Trial, signals: Mapping[str, np.ndarray], known: Sequence[B
     for name, signal in signals.items():
         rounded = breaks.resolution(trial, breaks.COLUMNS[name][0])
         travelled = integral(trial.t, np.abs(filled(trial["r"]))) if name == "psi" else way * trial.t
-        found = list(there_and_back(drifts(trial.t, signal, name, travelled, rows, rounded), trial.t, BACK))
+        intervals = list(there_and_back(drifts(trial.t, signal, name, travelled, rows, rounded), trial.t, BACK))
         drifting = np.zeros(len(trial), bool)
-        for first, last in found:
+        for first, last in intervals:
             drifting[first : last + 1] = True
         for first, last in explained:
             drifting[first : last + 1] = False
         if drifting.mean() <= LARGEST_SHARE[name]:
-            yield from ((first, last, *DRIFTING[name]) for first, last in found)
-            explained += found
+            yield from ((first, last, *DRIFTING[name]) for first, last in intervals)
+            explained += intervals
 
 
 def _tight(broken: Break, signals: Mapping[str, np.ndarray], margin: int) -> Break:
@@ -137,13 +137,13 @@ def _tight(broken: Break, signals: Mapping[str, np.ndarray], margin: int) -> Bre
 def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Of a ``trial``: its broken stretches and the share of its time in them; a sentence on each. Nothing is left to
     decide, as they are left out: the verdict on the rest of the record is what counts."""
-    found = broken_stretches(trial)
+    stretches = broken_stretches(trial)
     still: dict[str, float] = {}
     # frozen columns once more, each by itself: joined with other breaks they have no length of their own
     for first, last, _, group in breaks.frozen(trial, breaks.mismatches(trial)) if len(trial) >= 8 * STEP else ():
         name, seconds = ", ".join(group), float(trial.t[last] - trial.t[first])
         still[name] = still.get(name, 0.0) + seconds / trial.duration
-    seconds = sum(s.end_s - s.begin_s for s in found)
+    seconds = sum(s.end_s - s.begin_s for s in stretches)
     findings = [
         (
             INFO,
@@ -151,12 +151,12 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
             f"Broken from {s.begin_s:.1f} to {s.end_s:.1f} s ({', '.join(s.channels)}): {s.what}; left out of fits and "
             "scores, unless exclude in trials.toml names other stretches ([]: none).",
         )
-        for s in found
+        for s in stretches
     ]
     for names, share in still.items():
         if share > MUCH:
             findings.append((DOUBTFUL, "frozen_channel", f"{names} stand still for {share:.0%} of the record."))
-    return {"broken": [asdict(s) for s in found], "broken_share": seconds / max(trial.duration, 1e-9)}, findings
+    return {"broken": [asdict(s) for s in stretches], "broken_share": seconds / max(trial.duration, 1e-9)}, findings
 
 
 def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
@@ -188,14 +188,14 @@ def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
 
 def _steps(trial: Trial, signals: Mapping[str, np.ndarray], side: int) -> Iterator[Break]:
     """Breaks of one channel by itself, or of heading and velocities together."""
-    found = innovations(trial, side)
-    ratio = {name: np.abs(step) / usual for name, (step, usual) in found.items()}
+    steps = innovations(trial, side)
+    ratio = {name: np.abs(step) / usual for name, (step, usual) in steps.items()}
     for name, (what, channels) in WORDS.items():
         if name in ratio:
             peaks = _peaks(ratio[name], SURE[name], 2)
             if name.removeprefix("sharp ") in signals:
-                peaks = [run for run in peaks if _changes(signals[name.removeprefix("sharp ")], found[name][0], *run)]
-            step = found[name][0]
+                peaks = [run for run in peaks if _changes(signals[name.removeprefix("sharp ")], steps[name][0], *run)]
+            step = steps[name][0]
             # a channel that jumps off and back again is wrong all the way between
             jumps = [(a, b, complex(step[a + int(np.argmax(np.abs(step[a : b + 1])))])) for a, b in peaks]
             pairs = there_and_back(jumps, trial.t, side * trial.dt * PAIR, 0.5)
@@ -304,21 +304,21 @@ def drifts(
     for first, last in known:
         steps[max(first - 1, 0) : last + 1] = 0.0
     usual = _usual(t, np.concatenate([[0.0], np.cumsum(steps)]), channel, travelled)
-    found: list[Drift] = []
-    while len(found) < MOST:
+    intervals: list[Drift] = []
+    while len(intervals) < MOST:
         total = np.concatenate([[0.0], np.cumsum(steps)])
         one = _largest(t, total, usual, channel, travelled, rounded)
         if one is None:
             break
-        found.append(one)
+        intervals.append(one)
         steps[one[0] : one[1]] = 0.0  # so that the next one is looked for in what is left
-    return sorted(found, key=lambda drift: drift[0])
+    return sorted(intervals, key=lambda drift: drift[0])
 
 
 def _usual(t: np.ndarray, total: np.ndarray, channel: str, travelled: np.ndarray) -> dict[float, tuple[float, complex]]:
     """Time -> the usual change over it and its median, of those of SECONDS that fit into the record twice: that of all
     rows, or, where it is more, of those in which the ship has ``travelled`` most."""
-    found: dict[float, tuple[float, complex]] = {}
+    usual: dict[float, tuple[float, complex]] = {}
     dt = float(np.median(np.diff(t)))
     for seconds in SECONDS:
         rows = round(seconds / dt)
@@ -331,11 +331,11 @@ def _usual(t: np.ndarray, total: np.ndarray, channel: str, travelled: np.ndarray
         off = np.abs(change - centre)
         sizes = [float(np.quantile(each, DENSE)) for each in (off, off[way >= 0.5 * way.max()])]
         size = AS_MEDIAN[plane] * max(sizes)
-        if seconds > SHORT and SHORT in found:  # SECONDS rise, so that SHORT came before
-            base, drift = found[SHORT]
+        if seconds > SHORT and SHORT in usual:  # SECONDS rise, so that SHORT came before
+            base, drift = usual[SHORT]
             size, centre = min(size, base * (seconds / SHORT) ** GROWTH[channel]), drift * seconds / SHORT
-        found[seconds] = (max(size, 1e-9), centre)
-    return found
+        usual[seconds] = (max(size, 1e-9), centre)
+    return usual
 
 
 def _largest(

@@ -220,8 +220,8 @@ HELD, TAIL = math.radians(0.25), 0.1
 def steady_rates(run: Since) -> tuple[np.ndarray, np.ndarray]:
     """Rudder angles [rad] and mean turn rates of the last tenth [rad/s] of the holds of a ``run``, (K,) each. Holds
     shorter than a tenth of the longest (the rudder on its way) are left out."""
-    found = held_stretches(run.t, run.delta, tolerance=HELD)
-    holds = [h for h in found if h.seconds >= TAIL * max(other.seconds for other in found)]
+    stretches = held_stretches(run.t, run.delta, tolerance=HELD)
+    holds = [h for h in stretches if h.seconds >= TAIL * max(other.seconds for other in stretches)]
     tails = [(run.t >= h.end - TAIL * h.seconds) & (run.t <= h.end) for h in holds]
     return np.array([h.angle for h in holds]), np.array([float(run.r[rows].mean()) for rows in tails])
 

@@ -524,13 +524,13 @@ def follows_rule(words: str) -> bool:
 def by_rule(ship: Ship, run: Run, origin: str, rudder_rate: float | None) -> list[str]:
     """What of a simulated ``run`` of ``ship`` hangs on rules of thumb: words. origin: of the test speed; rudder_rate:
     [rad/s] where it was given."""
-    found = [f"test speed: {origin}"] if follows_rule(origin) else []
+    words = [f"test speed: {origin}"] if follows_rule(origin) else []
     helm = helm_words(ship, rudder_rate)
     if run.kind not in STOPS and follows_rule(helm):
-        found.append(helm)
+        words.append(helm)
     if has_code(run.trial.notices, STOPPING_CODES[0]):
-        found.append("engine by rule: its particulars are not in the ship file")
-    return found
+        words.append("engine by rule: its particulars are not in the ship file")
+    return words
 
 
 def imo_figures_of_trials(
@@ -577,10 +577,10 @@ def imo_figures_of_trials(
     if not correct:
         return _assessed(ship, heading, runs, size, notices, [])
     better, done = corrected_runs(runs, ship, correct if isinstance(correct, WaterVelocity) else None)
-    found = _assessed(ship, f"{heading}, corrected for wind and current", better, size, [*notices, *done], [])
+    corrected = _assessed(ship, f"{heading}, corrected for wind and current", better, size, [*notices, *done], [])
     before = [row.value for run in runs for row in assess(run, size, _known_as(ship))]
     return replace(
-        found, rows=tuple(replace(row, measured=value) for row, value in zip(found.rows, before, strict=True))
+        corrected, rows=tuple(replace(row, measured=value) for row, value in zip(corrected.rows, before, strict=True))
     )
 
 

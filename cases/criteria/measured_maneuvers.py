@@ -101,13 +101,13 @@ def held_stretches(
         level += max(1.0 / count, 1 - keep) * (float(delta[k]) - level)  # a mean at first, then one that forgets
     shortest = max(2.5 * dt, 0.15 * ship_time)
     # without its first quarter, in which the rudder settles
-    found = [(a, b, float(np.median(delta[a + (b - a) // 4 : b]))) for a, b in runs if t[b - 1] - t[a] + dt >= shortest]
-    middles = [0, *((a + b) // 2 for a, b, _ in found)]
+    holds = [(a, b, float(np.median(delta[a + (b - a) // 4 : b]))) for a, b in runs if t[b - 1] - t[a] + dt >= shortest]
+    middles = [0, *((a + b) // 2 for a, b, _ in holds)]
     # looked for before neighbours are joined: a helm that corrects has moved before the row where its hold begins
-    begins = {a: _movement(t, delta, before, a, angle) for before, (a, _, angle) in zip(middles, found, strict=False)}
+    begins = {a: _movement(t, delta, before, a, angle) for before, (a, _, angle) in zip(middles, holds, strict=False)}
     return [
         RudderStep(begins[a], float(t[a]), float(t[b - 1]), angle, k > 0 or abs(delta[0] - angle) > 2 * tolerance)
-        for k, (a, b, angle) in enumerate(_joined(found, t, tolerance, ship_time))
+        for k, (a, b, angle) in enumerate(_joined(holds, t, tolerance, ship_time))
     ]
 
 
@@ -302,18 +302,18 @@ def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute
     stops = [] if kind not in ("", "crash-stop") else find_stops(t, n, trial["u"])
     holds = [] if kind == "crash-stop" else held_stretches(t, rudder, unit)
     complete = [stop for stop in stops if stop.stopped]
-    found = _steered(trial, holds, complete, unit)
+    executes = _steered(trial, holds, complete, unit)
     first = stops[0].order_time if stops else math.inf
     # Only a run without a complete manoeuvre is read as a part of one, or against its rudder.
-    if not found and not complete and any(abs(h.angle) >= LEAST_RUDDER and h.begin < first for h in holds):
-        found = _partial(trial, holds, unit) or _against_rudder(trial, holds, unit)
-    stops = complete if found else stops
-    found += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
-    found = [execute for execute in found if kind in ("", execute.kind)]
-    if not found:
+    if not executes and not complete and any(abs(h.angle) >= LEAST_RUDDER and h.begin < first for h in holds):
+        executes = _partial(trial, holds, unit) or _against_rudder(trial, holds, unit)
+    stops = complete if executes else stops
+    executes += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
+    executes = [execute for execute in executes if kind in ("", execute.kind)]
+    if not executes:
         raise Missing(_nothing(trial, holds, kind))
     result, before = [], 0.0
-    for execute in sorted(found, key=lambda e: e.order_time):
+    for execute in sorted(executes, key=lambda e: e.order_time):
         result.append(_approached(trial, length, execute, before))
         before = execute.end
     return tuple(result)
@@ -352,20 +352,20 @@ def length_by_turns(trial: Trial) -> float:
 def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Stop], unit: float) -> list[Execute]:
     """Complete zigzags, spirals and turning tests among ``holds``; those in a stop are part of it. unit: L/U [s]."""
     holds = [h for h in holds if not any(s.order_time <= h.begin <= s.end for s in stops)]
-    found, k = [], 0
+    executes, k = [], 0
     while k < len(holds):
         hold, count, steps = holds[k], _in_turn(trial, holds[k:], unit), _in_steps(holds[k:], unit)
         if count >= LEAST_HOLDS:
-            found.append(_zigzag(trial, holds[k : k + count], unit))
+            executes.append(_zigzag(trial, holds[k : k + count], unit))
         elif steps > LEAST_STEPS:
             step, count, end = abs(holds[k + 1].angle - hold.angle), steps, holds[k + steps - 1].end
-            found.append(Execute("spiral", hold.begin, hold.angle, (), end, step, math.nan, ()))
+            executes.append(Execute("spiral", hold.begin, hold.angle, (), end, step, math.nan, ()))
         else:
             count = 1
             if abs(hold.angle) >= LEAST_RUDDER and _turned(trial, hold) >= math.pi / 2:
-                found.append(Execute("turning", hold.begin, hold.angle, (), hold.end, 0.0, math.nan, ()))
+                executes.append(Execute("turning", hold.begin, hold.angle, (), hold.end, 0.0, math.nan, ()))
         k += count
-    return found
+    return executes
 
 
 def _in_steps(holds: Sequence[RudderStep], unit: float) -> int:
@@ -408,8 +408,8 @@ def _partial(trial: Trial, holds: Sequence[RudderStep], unit: float) -> list[Exe
 def _against_rudder(trial: Trial, holds: Sequence[RudderStep], unit: float) -> list[Execute]:
     """Manoeuvres of a run in which the ship turns against the rudder as it is logged; none of them is judged."""
     words = "the ship turns against the rudder as it is logged: see its sign (mmg check)"
-    found = _steered(trial, [replace(hold, angle=-hold.angle) for hold in holds], [], unit)
-    return [replace(execute, notes=(*execute.notes, words)) for execute in found]
+    executes = _steered(trial, [replace(hold, angle=-hold.angle) for hold in holds], [], unit)
+    return [replace(execute, notes=(*execute.notes, words)) for execute in executes]
 
 
 def _turned(trial: Trial, hold: RudderStep) -> float:
@@ -457,14 +457,14 @@ def _zigzag(trial: Trial, holds: Sequence[RudderStep], unit: float) -> Execute:
     middle, half = _middle_and_size(holds)
     times = np.array([h.begin for h in holds[1:]])
     sides = math.copysign(1.0, half) * (-1.0) ** np.arange(len(times))
-    known = np.isfinite(_headings(trial, times, unit))
-    if not known.any():  # better a heading across a gap than none
-        known[:] = True
+    valid = np.isfinite(_headings(trial, times, unit))
+    if not valid.any():  # better a heading across a gap than none
+        valid[:] = True
     psi, start = _headings(trial, times), float(_headings(trial, [holds[0].begin])[0])
     # half of the way between reversals to either side: the base course drops out
-    swings = 0.5 * (sides[:-1] * (psi[:-1] - psi[1:]))[known[:-1] & known[1:]]
+    swings = 0.5 * (sides[:-1] * (psi[:-1] - psi[1:]))[valid[:-1] & valid[1:]]
     heading = float(np.median(swings)) if len(swings) else float(sides[0] * (psi[0] - start))
-    ordered = _ordered(trial, times[known], sides[known], unit, nominal(abs(half)), start)
+    ordered = _ordered(trial, times[valid], sides[valid], unit, nominal(abs(half)), start)
     notes: tuple[str, ...] = ()
     if not holds[0].began and abs(sides[0] * (psi[0] - start) - heading) > max(0.25 * heading, math.radians(1.0)):
         notes = ("the record begins in the manoeuvre: which overshoot is the first is not known",)
@@ -603,7 +603,7 @@ def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
     ahead = float(np.percentile(n, 95)) if len(n) else 0.0
     astern = n < -0.05 * ahead  # less is a shaft that is stopped. Set by hand.
     edges = [0, *(np.flatnonzero(np.diff(astern)) + 1).tolist(), len(n)]
-    found: dict[float, Stop] = {}
+    stops: dict[float, Stop] = {}
     for first, last in pairwise(edges):
         forward = np.flatnonzero(n[:first] > 0)
         if ahead <= 0 or not astern[first] or not len(forward):
@@ -616,9 +616,9 @@ def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
         off = np.flatnonzero(u[order:] <= 0)
         stopped = len(speeds) > 0 and speeds[-1] > 0 and len(off) > 0 and order + off[0] <= min(last + 2, len(t) - 1)
         if stopped or last == len(t):
-            found.setdefault(float(t[order]), Stop(float(t[order]), float(t[last - 1]), bool(stopped)))
-    complete = [stop for stop in found.values() if stop.stopped]
-    return complete or list(found.values())[-1:]
+            stops.setdefault(float(t[order]), Stop(float(t[order]), float(t[last - 1]), bool(stopped)))
+    complete = [stop for stop in stops.values() if stop.stopped]
+    return complete or list(stops.values())[-1:]
 
 
 # The ship may turn by this over a stretch that is bridged by straight lines [rad]; IMO gives headings in whole degrees.

@@ -96,20 +96,20 @@ class SlewRate:
 def slew_rate(ramps: Sequence[Ramp]) -> SlewRate | None:
     """The rate of an actuator whose largest moves in all trials are ``ramps``; None where no move is resolved by the
     samples, as in a log of orders."""
-    known = [ramp for ramp in ramps if ramp.resolved]
-    if not known:
+    resolved = [ramp for ramp in ramps if ramp.resolved]
+    if not resolved:
         return None
-    largest = max(ramp.size for ramp in known)  # a ramp that begins in a move has no size of its own
+    largest = max(ramp.size for ramp in resolved)  # a ramp that begins in a move has no size of its own
     large = [ramp for ramp in ramps if ramp.size >= 0.5 * largest]
-    for fastest in sorted(known, key=lambda ramp: -ramp.rate):
-        alike = [ramp for ramp in known if ramp.straight and abs(ramp.rate / fastest.rate - 1) <= AGREE]
+    for fastest in sorted(resolved, key=lambda ramp: -ramp.rate):
+        alike = [ramp for ramp in resolved if ramp.straight and abs(ramp.rate / fastest.rate - 1) <= AGREE]
         enough = len(alike) >= FEW and sum(ramp in alike for ramp in large) >= MOSTLY * len(large)
         if fastest.straight and enough:
             weights = np.array([ramp.error**2 + 0.01**2 for ramp in alike]) ** -1  # 1 %: no move alone decides
             rate = float(np.average([ramp.rate for ramp in alike], weights=weights))
             return SlewRate(rate, True, tuple(dict.fromkeys(ramp.trial for ramp in alike)))
     # two standard errors below the fastest
-    fastest = max(known, key=lambda ramp: ramp.rate * (1 - 2 * ramp.error))
+    fastest = max(resolved, key=lambda ramp: ramp.rate * (1 - 2 * ramp.error))
     return SlewRate(fastest.rate * (1 - 2 * fastest.error), False, (fastest.trial,))  # what it surely is
 
 
@@ -122,7 +122,7 @@ def order_delay(
     count. The median of all straight moves that one step ordered, as the begin of others is not known; None where fewer
     than FEW were, and where it is not above twice its standard error, to which the interval between samples belongs.
     """
-    found: list[tuple[float, float, str]] = []
+    measured: list[tuple[float, float, str]] = []
     for trial, ramps, order in moves:
         for ramp in (one for one in ramps if one.resolved and one.straight):
             way, t = np.sign(ramp.change) * order, trial.t
@@ -131,15 +131,15 @@ def order_delay(
             # the last step before the move, where it is to the side of the move; it lies where half of it is made
             if len(steps) and jumps[k := steps[-1]] > 0 and order[k + 2] <= highest:
                 at = np.interp(0.5 * (way[k] + way[k + 2]), way[k : k + 3], t[k : k + 3])
-                found.append((ramp.begin - float(at), trial.dt, trial.name))
-    if len(found) < FEW:
+                measured.append((ramp.begin - float(at), trial.dt, trial.name))
+    if len(measured) < FEW:
         return None
-    delays, intervals = np.array([(delay, dt) for delay, dt, _ in found]).T
+    delays, intervals = np.array([(delay, dt) for delay, dt, _ in measured]).T
     delay = float(np.median(delays))
     # scatter of the delays, and of a step that lies anywhere within a sampling interval (uniform: 1/sqrt(12))
     scatter = math.hypot(MAD * float(np.median(np.abs(delays - delay))), float(intervals.mean()) / math.sqrt(12))
     known = delay > 2 * scatter / math.sqrt(len(delays))
-    return (delay, tuple(dict.fromkeys(name for *_, name in found))) if known else None
+    return (delay, tuple(dict.fromkeys(name for *_, name in measured))) if known else None
 
 
 def ramps_of(trial: Trial, values: np.ndarray) -> list[Ramp]:
@@ -153,11 +153,11 @@ def ramps_of(trial: Trial, values: np.ndarray) -> list[Ramp]:
     moves = _moves(t, values, noise)
     sampled = is_sampled(trial)
     readings = [True, False] if sampled is None else [sampled]  # the sidecar says which, else the better fit
-    found: list[tuple[float, list[Ramp]]] = []
+    fits: list[tuple[float, list[Ramp]]] = []
     for reading in readings:
         ramps = [_fitted(trial, t, values, move, noise, not reading) for move in moves]
-        found.append((sum(ramp.rms**2 for ramp in ramps), ramps))
-    return min(found, key=lambda one: one[0])[1]
+        fits.append((sum(ramp.rms**2 for ramp in ramps), ramps))
+    return min(fits, key=lambda one: one[0])[1]
 
 
 def _moves(t: np.ndarray, values: np.ndarray, noise: float) -> list[tuple[int, int, int, int]]:
@@ -177,7 +177,7 @@ def _moves(t: np.ndarray, values: np.ndarray, noise: float) -> list[tuple[int, i
     way = np.where(np.abs(slopes) > MOVING * largest, np.sign(slopes), 0.0)
     edges, half = np.flatnonzero(np.diff(way, prepend=0.0, append=0.0)), (window - 1) // 2
     spans = [(int(a) + half, int(b) - 1 + window - 1 - half) for a, b in pairwise(edges) if way[a]]
-    found = []
+    moves = []
     for k, (a, b) in enumerate(spans):
         floor = spans[k - 1][1] if k else 0
         ceiling = spans[k + 1][0] if k + 1 < len(spans) else len(t) - 1
@@ -186,9 +186,9 @@ def _moves(t: np.ndarray, values: np.ndarray, noise: float) -> list[tuple[int, i
         if last - first >= 4:
             size = abs(float(np.median(values[b : last + 1]) - np.median(values[first : a + 1])))
             jump = float(np.abs(np.diff(values[first : last + 1])).max())
-            found += [(size, (first, a, b, last))] if jump < JUMP * size else []
-    found = sorted(found, key=lambda one: -one[0])[:MOST]
-    return [move for size, move in found if size > VISIBLE * noise]
+            moves += [(size, (first, a, b, last))] if jump < JUMP * size else []
+    moves = sorted(moves, key=lambda one: -one[0])[:MOST]
+    return [move for size, move in moves if size > VISIBLE * noise]
 
 
 def _fitted(
@@ -211,8 +211,8 @@ def _fitted(
         begin = 0.5 * (t[a] + t[b]) - 0.5 * size / rate - 0.5 * dt * held  # means lie half a sample later
         bounds = [-np.inf, -np.inf, math.log(rate) - 3, 0.3 * size], [np.inf, np.inf, math.log(rate) + 3, 3 * size]
         scale = [size, dt + size / rate, 1.0, size]
-        found = least_squares(error, [low, begin, math.log(rate), size], x_scale=scale, bounds=bounds, max_nfev=40)
-        best = found if best is None or found.cost < best.cost else best
+        fit = least_squares(error, [low, begin, math.log(rate), size], x_scale=scale, bounds=bounds, max_nfev=40)
+        best = fit if best is None or fit.cost < best.cost else best
         rms = math.sqrt(2 * best.cost / max(len(t) - 4, 1))
         if rms <= math.hypot(STRAIGHT[0] * noise, STRAIGHT[1] * float(best.x[3])):
             break
@@ -247,7 +247,7 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
     """
     if "actuators" in ship.components:
         return ship, []
-    found: dict[str, tuple[float, tuple[str, ...]]] = {}
+    estimates: dict[str, tuple[float, tuple[str, ...]]] = {}
     messages = []
     logged = [t for t in trials if np.isfinite(np.column_stack(steering(t))).any(axis=0).all()]
     usual = Limits.for_length(ship.particulars["L"])
@@ -258,23 +258,23 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
         moves = [(trial, ramps_of(trial, steering(trial)[k])) for trial in logged]
         slew = slew_rate([ramp for _, ramps in moves for ramp in ramps])
         if slew and slew.limit and slew.rate <= FASTEST * rule:
-            found[name] = slew.rate, slew.trials
+            estimates[name] = slew.rate, slew.trials
         elif k == 0 and name not in ship.particulars and logged:
             messages.append(Message(_by_rule(ship, slew), "rudder_rate_by_rule"))
         delay = order_delay([(trial, ramps, trial[column]) for trial, ramps in moves if column in trial], highest)
         if delay and delay[0] <= most[late]:
-            found[late] = delay
+            estimates[late] = delay
     if approach := _approach(trials, ship.particulars["L"]):
-        found |= _of_approach(ship, approach)
+        estimates |= _of_approach(ship, approach)
     particulars, sources = dict(ship.particulars), dict(ship.sources)
-    for name, (value, names) in found.items():
+    for name, (value, names) in estimates.items():
         stated = name in particulars and not sources.get(name, "").startswith((MEASURED, BY_RULE))
         if not stated:
             particulars[name], sources[name] = value, f"{MEASURED}{listed(names)}"
         elif abs(particulars[name] / value - 1) > NOTED:
             text = f"{name} is {particulars[name]:.3g} in the ship file, {value:.3g} by {listed(names)}; it stays"
             messages.append(Message(text, f"{name}_differs"))
-    rules = tuple(f"{name} = " for name in found)  # of a starting ship, that the trials replace
+    rules = tuple(f"{name} = " for name in estimates)  # of a starting ship, that the trials replace
     notices = tuple(note for note in ship.notices if not str(note).startswith(rules))
     return replace(ship, particulars=particulars, sources=sources, notices=notices), messages
 
@@ -312,8 +312,8 @@ def _approach(trials: Sequence[Trial], length: float) -> Approach | None:
         since = trial.t - trial.t[0] - execute.order_time
         if math.isfinite(execute.speed) and execute.speed > 0:
             before = (since < 0) & (since > -APPROACH * length / execute.speed)
-            known = (x[before][np.isfinite(x[before])] for x in steering(trial))
-            rudder, n = (float(np.mean(x)) if len(x) else 0.0 for x in known)
+            valid = (x[before][np.isfinite(x[before])] for x in steering(trial))
+            rudder, n = (float(np.mean(x)) if len(x) else 0.0 for x in valid)
             rows.append(Approach(execute.speed, rudder, n, (trial.name,)))
     if not rows:
         return None
@@ -327,13 +327,13 @@ def _approach(trials: Sequence[Trial], length: float) -> Approach | None:
 
 def _of_approach(ship: Ship, approach: Approach) -> dict[str, tuple[float, tuple[str, ...]]]:
     """Particulars of the ``ship`` that an ``approach`` shows, and in which trials."""
-    found = {"approach_speed": approach.speed}
+    estimates = {"approach_speed": approach.speed}
     if abs(approach.rudder) > LEAST_NEUTRAL:
-        found["neutral_rudder"] = approach.rudder
+        estimates["neutral_rudder"] = approach.rudder
     by_rule = ship.sources.get("D_P", "").startswith((BY_RULE, MEASURED))
     if by_rule and approach.n > 0 and (diameter := _diameter(ship, approach)):
-        found["D_P"] = diameter
-    return {name: (value, approach.trials) for name, value in found.items()}
+        estimates["D_P"] = diameter
+    return {name: (value, approach.trials) for name, value in estimates.items()}
 
 
 def _diameter(ship: Ship, approach: Approach) -> float | None:

@@ -115,8 +115,8 @@ def draw_coefficients(
         raise Missing(f"{ship.name}: no coefficient has a standard deviation; give std in the ship file, or a fit")
     matrix = np.eye(len(free))
     if correlation is not None:
-        known = {symbol: i for i, symbol in enumerate(correlation[0])}
-        rows = [(i, known[s]) for i, s in enumerate(free) if s in known]
+        index = {symbol: i for i, symbol in enumerate(correlation[0])}
+        rows = [(i, index[s]) for i, s in enumerate(free) if s in index]
         here, there = (list(part) for part in zip(*rows, strict=True)) if rows else ([], [])
         matrix[np.ix_(here, here)] = np.nan_to_num(np.asarray(correlation[1], dtype=float)[np.ix_(there, there)])
         np.fill_diagonal(matrix, 1.0)

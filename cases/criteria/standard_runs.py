@@ -137,8 +137,8 @@ def check_completeness(trial: Trial, maneuver: Maneuver) -> tuple[Message, ...]:
     if trial.duration <= p["order_time"]:
         words = f"{name}: the run ends after {trial.duration:g} s, before the order at {p['order_time']:g} s"
     elif maneuver.kind in EVENTS:
-        events, found = EVENTS[maneuver.kind], _figures(run, maneuver, steady=False)
-        missed = [figure for figure in events if figure not in found]
+        events, figures = EVENTS[maneuver.kind], _figures(run, maneuver, steady=False)
+        missed = [figure for figure in events if figure not in figures]
         fatal = missed == list(events)
         side = math.copysign(1.0, p.get("rudder", 1.0))
         turned = f"the heading changed by up to {math.degrees((side * run.change).max()):.3g} deg"
@@ -182,8 +182,8 @@ def _figures(run: read.Since, plan: Maneuver, steady: bool) -> dict[str, float]:
     p = plan.parameters
     if plan.kind == "zigzag":
         ten = math.isclose(abs(p["rudder"]), math.radians(10), rel_tol=1e-6)  # of the initial turning ability
-        found = read.zigzag_figures(run, p["rudder"], p["heading"])
-        return found | (read.initial_turning_figures(run, p["rudder"]) if ten else {})
+        figures = read.zigzag_figures(run, p["rudder"], p["heading"])
+        return figures | (read.initial_turning_figures(run, p["rudder"]) if ten else {})
     return _one_order(run, plan.kind, p.get("rudder", 0.0), p.get("least", 0.0), steady)
 
 

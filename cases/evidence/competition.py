@@ -72,13 +72,13 @@ def standing(trial: Trial) -> dict[str, str]:
 
 
 def _stands(values: np.ndarray, within: float = 0.0) -> bool:
-    known = values[np.isfinite(values)]
-    return len(known) > 0 and float(np.mean(np.abs(known - np.median(known)) <= within)) >= STANDS
+    valid = values[np.isfinite(values)]
+    return len(valid) > 0 and float(np.mean(np.abs(valid - np.median(valid)) <= within)) >= STANDS
 
 
 def _range(values: np.ndarray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.ptp(known)) if len(known) else 0.0
+    valid = values[np.isfinite(values)]
+    return float(np.ptp(valid)) if len(valid) else 0.0
 
 
 def _track(trial: Trial) -> np.ndarray:
@@ -109,10 +109,10 @@ def wrong_inputs(trial: Trial, turning: float | None) -> list[tuple[str, float, 
     use = s.good[STEPS:-STEPS]
     rate = (s.psi[STEPS:] - s.psi[:-STEPS]) / span
     change = (rate[STEPS:] - rate[:-STEPS]) / span
-    known = use[: len(change)]
-    if known.sum() < 10 or not float(np.mean(change[known] ** 2)) > 0:
+    valid = use[: len(change)]
+    if valid.sum() < 10 or not float(np.mean(change[valid] ** 2)) > 0:
         return []
-    tau = float(np.std(rate) / np.sqrt(np.mean(change[known] ** 2)))  # s, in which the turn rate changes by its spread
+    tau = float(np.std(rate) / np.sqrt(np.mean(change[valid] ** 2)))  # s, in which the turn rate changes by its spread
     out = []
     for name in ("n", "n_2"):
         n = np.abs(trial[name][np.isfinite(trial[name])]) if name in trial else np.zeros(1)
@@ -339,12 +339,12 @@ class Judged:
 @cache
 def competitors() -> tuple[tuple[ColumnReading, ...], np.ndarray, np.ndarray]:
     """The readings, that of the headers first; how many choices differ from it (H,); pairs of them (H, H)."""
-    found = sorted(readings(), key=lambda reading: reading.faults)
-    codes = np.array([[list(table).index(choice) for table, choice in zip(CHOICES, r, strict=True)] for r in found])
-    apart = np.zeros((len(found), len(found)), dtype=np.int8)  # of four million pairs
+    ordered = sorted(readings(), key=lambda reading: reading.faults)
+    codes = np.array([[list(table).index(choice) for table, choice in zip(CHOICES, r, strict=True)] for r in ordered])
+    apart = np.zeros((len(ordered), len(ordered)), dtype=np.int8)  # of four million pairs
     for column in codes.T:
         apart += column[:, None] != column[None, :]
-    return tuple(found), apart[0].astype(int), apart
+    return tuple(ordered), apart[0].astype(int), apart
 
 
 @cache

@@ -557,26 +557,27 @@ def _solved(
     return fit(rows, [log.block for log in logs], prior, least, preferred, STRIDE / WINDOW, known) if logs else None
 
 
-def _judged(found: Fit | None, of: Sequence[SensorFault], k: float) -> list[Reading]:
+def _judged(solution: Fit | None, of: Sequence[SensorFault], k: float) -> list[Reading]:
     """Readings of a fit of all runs."""
-    if found is None:
+    if solution is None:
         return [reading(q, math.nan, math.nan, "not checked") for q in of]
     out = []
     for i, q in enumerate(of):
-        value, std = q.as_logged(found.values[i]), float(found.std[i])
+        value, std = q.as_logged(solution.values[i]), float(solution.std[i])
         least = q.threshold * k ** (2 * q.power)
-        if _shows(found, i, q, k):
+        if _shows(solution, i, q, k):
             verdict = "found"
         else:
-            verdict = "none" if max(abs(value), std) < least and found.sharp[i] else "undetermined"
-        rivals = [(of[j], of[j].as_logged(size)) for j, size in found.rivals.get(i, [])]
+            verdict = "none" if max(abs(value), std) < least and solution.sharp[i] else "undetermined"
+        rivals = [(of[j], of[j].as_logged(size)) for j, size in solution.rivals.get(i, [])]
         out.append(reading(q, value, std, verdict, rivals))
     return out
 
 
-def _shows(found: Fit, i: int, q: SensorFault, k: float) -> bool:
+def _shows(solution: Fit, i: int, q: SensorFault, k: float) -> bool:
     """Whether the quantity q, number i of a fit, is more than chance and large enough to matter."""
-    return abs(q.as_logged(found.values[i])) > max(found.crit * float(found.std[i]), q.threshold * k ** (2 * q.power))
+    least = max(solution.crit * float(solution.std[i]), q.threshold * k ** (2 * q.power))
+    return abs(q.as_logged(solution.values[i])) > least
 
 
 def kinematics_of(trials: Sequence[Trial], ship: Ship) -> Kinematics | None:

@@ -75,10 +75,10 @@ def scale(trials: Sequence[Trial], names: Sequence[str]) -> Scale | None:
     column, place = ("r", 5) if turns else ("u", 3)
     use = [trial for trial in trials if independent(trial, "turn" if turns else "track")]
     use = [trial for trial in use if np.isfinite(trial[column]).any()]
-    found = [each for rows in WINDOWS if (each := _fitted(use, len(names), rows, turns)) is not None]
-    if not found:
+    fits = [each for rows in WINDOWS if (each := _fitted(use, len(names), rows, turns)) is not None]
+    if not fits:
         return None
-    values, std = np.array(found).transpose(1, 2, 0)  # (names, windows) each
+    values, std = np.array(fits).transpose(1, 2, 0)  # (names, windows) each
     least = std.min(axis=1, keepdims=True)
     # windows that know a value much less well do not differ from it
     spread = np.where(std <= 3 * least, values, np.nan)
@@ -102,14 +102,14 @@ def _rows(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> Iterat
             turn = np.exp(1j * psi)
             u, v = trial["u"] * turn, 1j * trial["v"] * turn
             measured, parts = trial["x"] + 1j * trial["y"], [u, v, 1j * (u + v)]  # in the order of TRACK
-        known = np.isfinite(measured) & np.all([np.isfinite(part) for part in parts], axis=0)
-        if len(trial) - rows < 10 * PIECES or rows > len(trial) // PIECES or not known.any():
+        valid = np.isfinite(measured) & np.all([np.isfinite(part) for part in parts], axis=0)
+        if len(trial) - rows < 10 * PIECES or rows > len(trial) // PIECES or not valid.any():
             continue
-        totals = [integral(trial.t, np.where(known, part, 0.0)) for part in parts]
+        totals = [integral(trial.t, np.where(valid, part, 0.0)) for part in parts]
         if not turns:  # what the arm, a lag and a drift add has no integral: the window's end less its begin
             totals += [turn, 1j * turn, u + v, trial.t + 0j, 1j * trial.t]
         A = np.stack([total[rows:] - total[:-rows] for total in totals[:count]], axis=1)
-        bad = np.concatenate([[0], np.cumsum(~known)])
+        bad = np.concatenate([[0], np.cumsum(~valid)])
         A[bad[rows + 1 :] > bad[: -rows - 1]] = np.nan  # a count of bad rows that grows within a window
         some = slice(None, None, max(1, rows // 4, len(A) // MOST_ROWS))  # windows that overlap more say nothing new
         yield A[some], (measured[rows:] - measured[:-rows])[some]
@@ -224,8 +224,8 @@ def shifts(found: Mapping[str, Explanation]) -> list[Shift | None]:
 
 
 def _rare(name: str, values: Sequence[Value | None]) -> float:
-    known = [float(np.real(value)) for value in values if value is not None]
-    early = name in LAGS and bool(known) and float(np.median(known)) < 0
+    lags = [float(np.real(value)) for value in values if value is not None]
+    early = name in LAGS and bool(lags) and float(np.median(lags)) < 0
     return RARE * (early + (name == "psi, r"))
 
 

@@ -156,12 +156,12 @@ def signals(trial: Trial, degrees: float = 1.0) -> Signals | None:
     used = {name: values for name, values in columns.items() if np.isfinite(values).sum() >= 2}
     if not {"u", "v", "r", "psi"} <= set(used):
         return None
-    known = np.all([np.isfinite(values) for values in used.values()], axis=0)
+    valid = np.all([np.isfinite(values) for values in used.values()], axis=0)
     on = {name: _coarse(trial.t, values, clock, step) for name, values in used.items()}
     nothing = np.full(count, np.nan)
     track, turn = (independent(trial, comparison) for comparison in COMPARED)
     place = on.get("x", nothing) + 1j * on.get("y", nothing) if track else nothing + 0j
-    good = np.interp(clock, trial.t, known.astype(float)) > 0.999  # both neighbours are known, but for rounding
+    good = np.interp(clock, trial.t, valid.astype(float)) > 0.999  # both neighbours are known, but for rounding
     good[[0, -1]] = False  # means of half a step, which lie a quarter of it further in
     gap = np.flatnonzero(np.diff(trial.t) > max(3 * trial.dt, seconds))
     for i in gap:
@@ -245,7 +245,7 @@ def white_noise(stretches: Sequence[np.ndarray], needed: slice = slice(None)) ->
     thirds = [np.diff(stretch, n=3, axis=0) for stretch in stretches if len(stretch) > 3]
     d = np.vstack([*thirds, np.empty((0, 6))])
     d = d[np.isfinite(d[:, needed]).all(axis=1)]
-    known = np.isfinite(d).any(axis=0)
+    valid = np.isfinite(d).any(axis=0)
     noise = np.zeros(6)
-    noise[known] = np.nanmedian(np.abs(d[:, known]), axis=0) / 0.6745 / np.sqrt(20.0)  # 20: of 1, -3, 3, -1
+    noise[valid] = np.nanmedian(np.abs(d[:, valid]), axis=0) / 0.6745 / np.sqrt(20.0)  # 20: of 1, -3, 3, -1
     return noise

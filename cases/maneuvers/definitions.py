@@ -393,11 +393,11 @@ class Maneuver:
 def stopping_notices(plan: Maneuver) -> list[Message]:
     """What the manoeuvre ``plan`` assumes of engine and resistance; empty for one that stops no ship."""
     words = engine_words(plan.engine) if plan.engine else ""
-    found = [Message(f"{plan.kind}: {words}", STOPPING_CODES[0])] if words else []
+    notices = [Message(f"{plan.kind}: {words}", STOPPING_CODES[0])] if words else []
     for symbol, share in plan.factors.items():
         said = f"{symbol} is {share:g} of that of the ship file (stopping_resistance)"
-        found.append(Message(f"{plan.kind}: {said}, so the approach is at {plan.n:.4g} rps", STOPPING_CODES[1]))
-    return found
+        notices.append(Message(f"{plan.kind}: {said}, so the approach is at {plan.n:.4g} rps", STOPPING_CODES[1]))
+    return notices
 
 
 def _with_factors(ship: Ship, factors: Mapping[str, float]) -> Ship:

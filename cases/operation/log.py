@@ -379,7 +379,7 @@ def cut_record(record: Trial, length: float | None = None, rest: bool = False, p
     """
     (sound,) = TrialSet((replace(record, kind=""),)).sound
     length = length or length_by_turns(sound)
-    unit, found, why = ship_time(sound, length), list[tuple[float, float, Execute]](), ""
+    unit, maneuvers, why = ship_time(sound, length), list[tuple[float, float, Execute]](), ""
     for first, end in stretches(np.zeros(len(sound)), np.diff(sound.t) > max(unit, GAP * sound.dt)):
         piece, zero, last = _rows(sound, slice(first, end)), float(sound.t[first]), float(sound.t[first])
         executes: tuple[Execute, ...] = ()
@@ -392,12 +392,12 @@ def cut_record(record: Trial, length: float | None = None, rest: bool = False, p
         for execute, order, after in zip(several, orders, [*orders[1:], math.inf], strict=False):
             stop = min(zero + execute.end, after - sound.dt)  # no row belongs to two trials
             # the approach before the order is as long as a window, as the ship is to run straight at a steady speed
-            found.append((max(order - WINDOW * unit, last), stop, replace(execute, order_time=order)))
+            maneuvers.append((max(order - WINDOW * unit, last), stop, replace(execute, order_time=order)))
             last = stop + 0.5 * sound.dt
-    parts = [_part(record, begin, end, execute) for begin, end, execute in found]
+    parts = [_part(record, begin, end, execute) for begin, end, execute in maneuvers]
     spans: list[Span] = []
     for window in cut_log([sound.columns], length).windows if rest else ():
-        if window.manoeuvring and all(window.end < begin or window.begin > end for begin, end, _ in found):
+        if window.manoeuvring and all(window.end < begin or window.begin > end for begin, end, _ in maneuvers):
             joined = spans.pop()[0] if spans and window.begin - spans[-1][1] < GAP * sound.dt else window.begin
             spans.append((joined, window.end))
     parts += [_part(record, begin, end) for begin, end in spans]
@@ -430,7 +430,7 @@ def _part(record: Trial, begin: float, end: float, execute: Execute | None = Non
 def _accelerations(trial: Trial, others: Sequence[Execute]) -> list[Execute]:
     """Where the ship of a ``trial`` gathers way from rest, but for what belongs to ``others``."""
     t, u, n = trial.t - trial.t[0], np.nan_to_num(trial["u"]), np.nan_to_num(steering(trial)[1])
-    fast, ahead, found = float(u.max()), n > 0.05 * float(n.max()), []
+    fast, ahead, executes = float(u.max()), n > 0.05 * float(n.max()), []
     moves = (u > AT_REST * fast).astype(int)
     for start in np.flatnonzero(np.diff(moves) > 0) + 1 if fast > 0 else ():
         later = np.flatnonzero(moves[start:] == 0)
@@ -442,8 +442,8 @@ def _accelerations(trial: Trial, others: Sequence[Execute]) -> list[Execute]:
         order = int(np.flatnonzero(~ahead[:start])[-1]) if not ahead[:start].all() else 0
         a, b = float(t[order]), float(t[start + under_way[0]])
         if all(b < other.order_time or a > other.end for other in others):
-            found.append(Execute("acceleration", a, 0.0, (), b, 0.0, math.nan, ()))
-    return found
+            executes.append(Execute("acceleration", a, 0.0, (), b, 0.0, math.nan, ()))
+    return executes
 
 
 # Keys of a sidecar that say how a file is converted: the trials are canonical.

@@ -27,18 +27,18 @@ def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, flo
     name = present_name(name)
     where = f"{option} {text}"
     check_needs(ship, name, where)
-    known = {p.symbol: p for p in parameters(ship, name)}
+    table = {p.symbol: p for p in parameters(ship, name)}
     values, named = {}, []
     for item in filter(None, (part.strip() for part in rest.split(","))):
         key, equals, word = (part.strip() for part in item.partition("="))
-        if key not in known:
-            raise UnknownName(f"{where}: {name} has no parameter '{key}'; it has {', '.join(known)} (see mmg effects)")
+        if key not in table:
+            raise UnknownName(f"{where}: {name} has no parameter '{key}'; it has {', '.join(table)} (see mmg effects)")
         if key in values or key in named:
             raise Conflict(f"{where}: {key} is given twice")
         if not equals:
             named.append(key)
             continue
-        p, values[key] = known[key], as_number(word)  # NaN lies within no bounds
+        p, values[key] = table[key], as_number(word)  # NaN lies within no bounds
         if not p.lower <= values[key] <= p.upper:
             wanted = f"must be a number from {p.lower:g} to {p.upper:g} {p.unit}"
             raise OutOfRange(f"{where}: {p.symbol} = {word} {wanted}".rstrip())

@@ -140,10 +140,10 @@ def network_of(table: NetworkTable, ship: Ship, folder: Path | None) -> Network:
 
 
 def _arrays(rows: Iterable[Any], dimensions: int) -> tuple[np.ndarray, ...]:
-    found = tuple(np.array(r, dtype=float) for r in rows)
-    if any(a.ndim != dimensions for a in found):
+    arrays = tuple(np.array(r, dtype=float) for r in rows)
+    if any(a.ndim != dimensions for a in arrays):
         raise ValueError("ragged")
-    return found
+    return arrays
 
 
 def network_table(network: Network) -> dict[str, Any]:

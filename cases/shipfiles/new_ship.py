@@ -94,8 +94,8 @@ def spread(p: Mapping[str, float], m_x: float) -> dict[str, float]:
     [SI]; m_x: added mass in MMG primes.
     """
     L, B, d, C_b = (p[name] for name in ("L", "B", "d", "C_b"))
-    found = empirical.linear_derivatives(L, B, d, C_b, m_x).values()
-    rows = {s: np.array([each[s] for each in found]) for s in LINEAR}
+    regressions = empirical.linear_derivatives(L, B, d, C_b, m_x).values()
+    rows = {s: np.array([each[s] for each in regressions]) for s in LINEAR}
     shares = {s: float(values.std() / abs(values.mean())) for s, values in rows.items()}
     mass, clarke = empirical.motora_added_mass(L, B, d, C_b), empirical.clarke_1983(L, B, d, C_b)
     shares["m_y"] = abs(-clarke["Y_vdot"] / mass["m_y"] - 1)
@@ -120,7 +120,7 @@ def estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
     mean = {s: float(np.mean([each[s] for each in mixed.values()])) for s in LINEAR}
     six = f"mean of {len(mixed)} regressions: {', '.join(mixed)}"
     linear = {s: (mean[s], max(0.25, scatter[s]), six) for s in LINEAR}
-    found: dict[str, Estimate] = {
+    estimated: dict[str, Estimate] = {
         "m_x": (mass["m_x"], 0.3, motora),
         "m_y": (mass["m_y"], max(0.15, scatter["m_y"]), motora),
         "I_J_z": (radius + mass["J_z"], max(0.15, 0.3 * scatter["J_z"]), gyration),
@@ -138,9 +138,9 @@ def estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
     }
     if hull == "polynomial":
         derivatives = {s: (value, 0.5, source) for s, value in regression.items() if s[0] in "XYN" and "_" in s}
-        return _corrected(found | {"R_0": (R_0, 0.3, friction)} | derivatives | linear, hull, scatter)
+        return _corrected(estimated | {"R_0": (R_0, 0.3, friction)} | derivatives | linear, hull, scatter)
     low = empirical.yoshimura_2009_low_speed(L, B, d)
-    rows = found | {
+    rows = estimated | {
         "X_0F": (-R_0, 0.3, friction),
         "X_0A": (-1.3 * R_0, 0.4, "1.3 times the resistance ahead"),
         **linear,
@@ -153,13 +153,13 @@ def estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
 
 def _corrected(rows: Mapping[str, Estimate], hull: str, scatter: Mapping[str, float]) -> dict[str, Estimate]:
     """``rows`` with the factors of CORRECTIONS and shares times WIDENING, linear ones no less than their scatter."""
-    found = {}
+    corrected = {}
     for symbol, (value, share, source) in rows.items():
         factor = CORRECTIONS[hull].get(symbol.removesuffix("_plus").removesuffix("_minus"), 1.0)
         words = f"{source}; times {factor:g} by ships of the literature (benchmarks/own_ships.py of 5f878e7)"
         least = scatter[symbol] if symbol in LINEAR else 0.0
-        found[symbol] = (factor * value, max(WIDENING[hull] * share, least), source if factor == 1.0 else words)
-    return found
+        corrected[symbol] = (factor * value, max(WIDENING[hull] * share, least), source if factor == 1.0 else words)
+    return corrected
 
 
 # Main particulars in the order in which they may be given without names; the first four are needed.

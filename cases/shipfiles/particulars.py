@@ -110,15 +110,15 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
 
 def impossible(p: Mapping[str, float]) -> list[str]:
     """A sentence for each of RATIOS, and for a service speed, among ``p`` [SI] that no displacement ship has."""
-    found = [f"{words}; check {first} and its unit" for words, first in _outside(p, merchant=False)]
+    sentences = [f"{words}; check {first} and its unit" for words, first in _outside(p, merchant=False)]
     froude, usual = _froude(p)
     most = 1.5 * usual if p["C_b"] >= 0.7 else 0.6
     if froude is not None and not 0.02 <= froude <= most:
-        found.append(
+        sentences.append(
             f"U_0 = {p['U_0']:g} m/s is Froude number {froude:.2g}, outside 0.02 to {most:.2g} of ships of C_b = "
             f"{p['C_b']:g}; speeds are in m/s: {p['U_0']:g} kn are U_0={p['U_0'] * KNOT:.3g}"
         )
-    return found
+    return sentences
 
 
 def unusual(p: Mapping[str, float]) -> Iterator[str]:

@@ -170,27 +170,27 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
 
 def _not_registered(origins: Mapping[str, str]) -> list[str]:
     """Sentences on the models of users that a ship was saved with and that are not known here: where they were made."""
-    known = {*EFFECTS, *(name for role in ROLES for name in model_names(role))}
+    registered = {*EFFECTS, *(name for role in ROLES for name in model_names(role))}
     advice = {True: "install it", False: "register it by @mi.force or @mi.effect before the ship is read"}
     return [
         f"{name} is a model of {origin}: {advice[origin.startswith(PLUG_IN)]}"
         for name, origin in origins.items()
-        if name not in known
+        if name not in registered
     ]
 
 
 def _strange_campaigns(campaigns: dict[str, dict[str, float]], known: dict[str, Coefficient]) -> list[str]:
     """Sentences on values of ``campaigns`` that are no coefficients of the ship or lie outside their bounds."""
-    found = []
+    sentences = []
     for name, values in campaigns.items():
         where = header("campaigns", name)
         for symbol, value in values.items():
             c = known.get(symbol)
             if c is None:
-                found.append(f"{where} {unknown('coefficient', symbol, known)}")
+                sentences.append(f"{where} {unknown('coefficient', symbol, known)}")
             elif not c.lower <= value <= c.upper:
-                found.append(f"{where} {symbol} = {value:g}: outside its bounds [{c.lower:g}, {c.upper:g}]")
-    return found
+                sentences.append(f"{where} {symbol} = {value:g}: outside its bounds [{c.lower:g}, {c.upper:g}]")
+    return sentences
 
 
 def check_needs(ship: Ship, name: str, where: str) -> None:
@@ -217,19 +217,19 @@ def _contradictions(
 ) -> list[str]:
     """Sentences on force models and particulars that do not go together. roles, stated: keys of [model] and [ship] as
     they stand in the file; components, particulars: those of them that are right in themselves."""
-    found = []
+    sentences = []
     if not set(roles) & set(ROLES):
-        found.append("[model] names no force model; give at least that of the hull")
+        sentences.append("[model] names no force model; give at least that of the hull")
     if components.get("hull") == "abkowitz" and {"propeller", "rudder"} & set(roles):
-        found.append("[model] hull abkowitz holds propeller and rudder already; leave out those roles")
+        sentences.append("[model] hull abkowitz holds propeller and rudder already; leave out those roles")
     if "rudder" in roles and "propeller" not in roles:
-        found.append("[model] has a rudder but no propeller; the rudder model needs its slipstream")
+        sentences.append("[model] has a rudder but no propeller; the rudder model needs its slipstream")
     if particulars.get("y_P", 0.0) > 0 and ("propeller" not in roles or components.get("rudder") == "vectwin"):
-        found.append(f"[ship] y_P makes two screws with a rudder each; {_models(components)} cannot have them")
+        sentences.append(f"[ship] y_P makes two screws with a rudder each; {_models(components)} cannot have them")
     missing = [key for key in required_particulars(components) if key not in stated]
     if missing:
-        found.append(f"[ship] lacks {', '.join(missing)}, needed by {_models(components)}")
-    return found + [f"[ship] {sentence}" for sentence in wrong_particulars(particulars)]
+        sentences.append(f"[ship] lacks {', '.join(missing)}, needed by {_models(components)}")
+    return sentences + [f"[ship] {sentence}" for sentence in wrong_particulars(particulars)]
 
 
 def _coefficient(entry: CoefficientEntry, default: Coefficient) -> tuple[Coefficient, list[str], list[Message]]:

@@ -57,11 +57,11 @@ def compare_with_truth(ship: Ship) -> dict[str, Any]:
     of the estimate; "outside": coefficients whose interval misses the truth.
     """
     true = hidden_ship().coefficients
-    found = {s: c for s, c in ship.coefficients.items() if c.prior_std is not None and s in true}
-    inside = {s: abs(c.value - true[s].value) <= 1.96 * (c.std or 0.0) for s, c in found.items()}
+    estimates = {s: c for s, c in ship.coefficients.items() if c.prior_std is not None and s in true}
+    inside = {s: abs(c.value - true[s].value) <= 1.96 * (c.std or 0.0) for s, c in estimates.items()}
     return {
         "inside_95": sum(inside.values()) / len(inside),
-        "moved": [s for s, c in found.items() if true[s].value != c.prior_value],
+        "moved": [s for s, c in estimates.items() if true[s].value != c.prior_value],
         "outside": [s for s, ok in inside.items() if not ok],
     }
 

@@ -40,15 +40,15 @@ def ranges_of(ship: Ship) -> dict[str, tuple[float, float]]:
     names = [name for name in ship.actuators if name != "pitch"]
     vectwin = {"n", "delta_port", "delta_starboard"} <= set(names) and "n_2" not in names
     most = REVOLUTIONS * speed_scale(ship.particulars["L"]) / ship.particulars["L"]
-    found = {}
+    ranges = {}
     for name in names:
         if INPUTS[name][1] == "rad":
             low, high = (VECTWIN if vectwin and name in VECTWIN else RANGES)[name]
-            found[name] = (math.radians(low), math.radians(high))
+            ranges[name] = (math.radians(low), math.radians(high))
         else:
             low, high = (0.0, 1.0) if vectwin and name == "n" else SHARES.get(name, (0.0, 1.0))
-            found[name] = (low * most, high * most)
-    return found
+            ranges[name] = (low * most, high * most)
+    return ranges
 
 
 def harbour_seed(text: str, seed: int) -> int | None:
@@ -113,8 +113,8 @@ def _in_phase(orders: np.ndarray, bounds: tuple[float, float], phase: np.ndarray
 
 def _followed(orders: np.ndarray, most: float) -> np.ndarray:
     """Positions (N,) that follow orders (N,) by at most so much in a sample."""
-    found = np.empty_like(orders)
+    positions = np.empty_like(orders)
     position = orders[0]
     for k, order in enumerate(orders):
-        position = found[k] = position + min(max(order - position, -most), most)
-    return found
+        position = positions[k] = position + min(max(order - position, -most), most)
+    return positions

@@ -272,10 +272,10 @@ def _columns(
 
 def _notices(ship: Ship, windy: bool, states: np.ndarray) -> tuple[Message, ...]:
     """What a user must know of a run of true states (N, 6)."""
-    found = []
+    notices = []
     if windy and not ship.feels_wind:
         words = f"{ship.name} has no wind model: the wind is recorded but exerts no force"
-        found.append(Message(words, "no_wind_model"))
+        notices.append(Message(words, "no_wind_model"))
     hull = ship.components.get("hull")
     limit = getattr(module("hull", hull), "LARGEST_DRIFT", None) if hull else None
     speed = np.hypot(states[:, 3], states[:, 4])
@@ -285,8 +285,8 @@ def _notices(ship: Ship, windy: bool, states: np.ndarray) -> tuple[Message, ...]
             f"the drift angle reaches {math.degrees(drift.max()):.0f} deg, where the {hull} hull "
             f"(up to about {math.degrees(limit):.0f} deg) only extrapolates"
         )
-        found.append(Message(words, "hull_extrapolates"))
-    return tuple(found)
+        notices.append(Message(words, "hull_extrapolates"))
+    return tuple(notices)
 
 
 def write_trial(trial: Trial, path: str | Path) -> None:

@@ -407,11 +407,11 @@ def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
             moving = which & ~done
             controls = input_array(ship, np.stack([inputs[k, 0], delta])[None, :, moving], t[[k]])
             coefficients = theta if theta.ndim == 1 else theta[:, moving]
-            found = state[:, which]
-            found[:, moving[which]] = batch.simulator.run(
+            after = state[:, which]
+            after[:, moving[which]] = batch.simulator.run(
                 state[:, moving], np.repeat(controls, parts, axis=0), dt / parts, coefficients, keep=keep
             )[-1]
-            return found
+            return after
 
         states[k] = state[:6]
         if rudders is not None:
