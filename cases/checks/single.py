@@ -563,7 +563,6 @@ def doubtful_revolutions(ship: Ship, trials: Sequence[Trial]) -> list[Message]:
         return []
     able = [trial for trial in trials if "n" in trial and ("delta" in trial or "delta_port" in trial)]
     ratios: list[tuple[float, float, float, float]] = []  # ratio, speed, revolutions needed and logged
-    # a trial with no steady run says nothing, nor does a speed that the ship's model cannot hold
     for n, u in filter(None, (steady_ahead(trial, float(ship.particulars["L"])) for trial in able)):
         with suppress(UserError):
             needed = revolutions_for(ship, u)

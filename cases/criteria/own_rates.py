@@ -108,7 +108,6 @@ def slew_rate(ramps: Sequence[Ramp]) -> SlewRate | None:
             weights = np.array([ramp.error**2 + 0.01**2 for ramp in alike]) ** -1  # 1 %: no move alone decides
             rate = float(np.average([ramp.rate for ramp in alike], weights=weights))
             return SlewRate(rate, True, tuple(dict.fromkeys(ramp.trial for ramp in alike)))
-    # two standard errors below the fastest
     fastest = max(resolved, key=lambda ramp: ramp.rate * (1 - 2 * ramp.error))
     return SlewRate(fastest.rate * (1 - 2 * fastest.error), False, (fastest.trial,))  # what it surely is
 

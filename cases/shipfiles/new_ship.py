@@ -61,7 +61,6 @@ def resistance(p: Mapping[str, float]) -> float:
     k = -0.095 + 25.6 C_b / ((L/B)^2 sqrt(B/d)) and 0.0004 for roughness and waves; 24 % low for the KVLCC2 model.
     """
     L, B, d, C_b = (p[name] for name in ("L", "B", "d", "C_b"))
-    # ITTC 1957, at the ship's Reynolds number
     C_F = friction.friction_line(p["U_0"] * L / friction.viscosity(p["rho"]))
     surface = friction.wetted_surface(L, B, d, C_b) / (L * d)
     return surface * (C_F * (1 + friction.form_factor(L, B, d, C_b)) + 4e-4)
