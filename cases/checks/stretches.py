@@ -30,10 +30,10 @@ STEP = 10
 LEAST = 0.5  # s; the shortest side of a step: below it the noise of satellite positions rules. Set by hand.
 # Innovation over the usual one of the record from which a channel is broken by itself. A white innovation reaches 5
 # once in a million samples. Satellite positions have heavy tails, which the velocities that come from them share; a
-# turn rate follows a rudder order within a few samples.
+# turn rate follows a rudder order within a few samples. Set by hand above these.
 SURE = {"psi": 8.0, "position": 45.0, "sharp position": 45.0, "u, v": 30.0, "sharp u, v": 45.0, "sharp r": 60.0}
 # Least size of a break: this share of what the ship turns or travels in one side of a step (psi, position), or of the
-# root mean square of the channel. Records without noise would be broken at each rudder order otherwise.
+# root mean square of the channel. Records without noise would be broken at each rudder order otherwise. Set by hand.
 MATTERS = {"psi": 0.25, "position": 0.5, "sharp position": 0.5, "u, v": 0.2, "sharp u, v": 0.2, "sharp r": 1.0}
 # Channel -> what its step means, and its columns.
 WORDS = {
@@ -268,7 +268,7 @@ SHORT = 5.0  # set by hand (1, 2)
 GROWTH = {"psi": 0.5, "position": 0.8}
 # Time [s] and change over the usual one from which it is broken, between them by straight lines. The sound parts of
 # real records of a model reach 17, 14, 13 and 9 in heading over 2, 5, 10 and 20 s, and 25, 13, 8 and 5 in position, by
-# the tails of satellite positions.
+# the tails of satellite positions. Set by hand above these.
 LIMIT = {
     "psi": ((1.0, 28.0), (2.0, 22.0), (5.0, 18.0), (10.0, 18.0), (20.0, 18.0)),
     "position": ((1.0, 60.0), (2.0, 30.0), (5.0, 17.0), (10.0, 12.0), (20.0, 10.0)),

@@ -144,7 +144,8 @@ def zigzag_figures(run: Since, rudder: float, heading: float) -> dict[str, float
     return figures
 
 
-SMOOTHED = 9  # Samples of the parabola that takes the noise from a measured heading; it leaves a peak its height
+# Samples of the parabola that takes the noise from a measured heading; it leaves a peak its height. Set by hand.
+SMOOTHED = 9
 
 
 def parabolic(values: np.ndarray, width: int) -> np.ndarray:
@@ -179,7 +180,8 @@ def overshoot_figures(trial: Trial, rudder: float, reversals: tuple[float, ...],
     return figures
 
 
-INITIAL_TURN = math.radians(10.0)  # Change of heading at which the initial turning ability is read [rad]
+# Change of heading at which the initial turning ability is read [rad] (IMO MSC.137(76), 5.3.2)
+INITIAL_TURN = math.radians(10.0)
 
 
 def initial_turning_figures(run: Since, rudder: float) -> dict[str, float]:
@@ -213,7 +215,7 @@ def pull_out_figures(run: Since) -> dict[str, float]:
 
 
 # A rudder of a spiral or pull-out is held while it stays this near to its angle [rad]; the turn rate is steady in this
-# share of a hold, its last.
+# share of a hold, its last. Set by hand.
 HELD, TAIL = math.radians(0.25), 0.1
 
 

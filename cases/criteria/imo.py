@@ -47,7 +47,7 @@ from mmg.messages import Message, as_messages, has_code, html_table
 from mmg.motion.froude import time_scale
 from mmg.ship import CalibrationMark, Ship
 
-# Change of heading from which positions count, and that between two of a pair [rad] (3.4.2.5).
+# Change of heading from which positions count, and that between two of a pair [rad] (MSC/Circ.1053, 3.4.2.5).
 FIRST, WHOLE = math.pi, 2 * math.pi
 PAIRS_EVERY = math.radians(10.0)  # Between the pairs of positions [rad]. Set by hand: pairs overlap in any case.
 # Standard deviation of the velocities of a circle's pairs, as a share of their mean, above which they are no steady

@@ -624,7 +624,7 @@ def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
 # The ship may turn by this over a stretch that is bridged by straight lines [rad]; IMO gives headings in whole degrees.
 # Set by hand.
 LARGEST_TURN = math.radians(5.0)
-# Changes of heading at which a turning test is read [rad]: in between its track is not asked for.
+# Changes of heading at which a turning test is read [rad] (IMO MSC.137(76)): in between its track is not asked for.
 READ_AT = (math.pi / 2, math.pi)
 
 

@@ -41,7 +41,7 @@ MOST = 5  # set by hand
 # Largest change from a sample to the next, by that of the move: more of it is one step, as in a log of orders.
 JUMP = 0.7  # set by hand
 # A ramp whose rate counts lasts so many sampling intervals, has this relative standard error at most, and leaves an rms
-# error of so many times the noise and this share of its size: half a sine leaves 0.026.
+# error of so many times the noise and this share of its size: half a sine leaves 0.026. Set by hand below that.
 RESOLVED, SURE, STRAIGHT = 1.5, 0.05, (1.5, 0.01)
 # A limit is shown by so many moves at least that agree to this share of their rate, and by this share of all moves of
 # half the largest size. Set by hand.

@@ -31,7 +31,7 @@ from mmg.motion.flow import RUDDERS
 
 # rad; a heading turns at least so far before its own column, or that of the turn rate, must have shown it.
 TURNED = 0.1  # set by hand
-QUARTER = math.pi / 2  # rad; turn of a track that no ship makes on one heading
+QUARTER = math.pi / 2  # rad; turn of a track that no ship makes on one heading. Set by hand.
 # rad; within it a frozen heading changes where it is made one of a local frame, over some kilometres. Set by hand.
 MERIDIANS = 1e-3
 # Share of the speed by which the velocity of the track varies before u must have shown it; half of it for v.

@@ -209,6 +209,7 @@ SIZE = ("large", "small")
 COURSE = "the course of the position lies {} of u, v and psi"
 POINT = "the position belongs to a point {} that of u and v"
 DRIFT = "the position drifts {} against u and v (through the water?)"
+# Thresholds and priors are set by hand, for a 3 m model.
 TRACK = (
     SensorFault(
         "lag", "s", 0.1, 1.0, 0.5, "logged u and v {} the position", ("lag", "lead"), "velocity_filter", "tau", True
@@ -326,7 +327,8 @@ CORRELATION = 0.9  # set by hand
 # m and rad, RMS over the windows: a run that moves or turns less says nothing about it. Set by hand.
 MOVED, TURNED = 0.3, 0.03
 FRAMES = ("earth", "body")
-# Gain in log likelihood that a further fault must bring, or axes of the lag that are not those of the earth.
+# Gain in log likelihood that a further fault must bring, or axes of the lag that are not those of the earth: that of
+# SIGMAS standard errors of one value.
 FAULT = 0.5 * SIGMAS**2
 
 

@@ -44,7 +44,7 @@ MOST_ROWS = 3000  # Windows of a record that are looked at. Set by hand.
 # Standard errors beyond which a value is no chance: the best of several windows is taken. Set by hand (3, 5).
 SIGMAS = 4.0
 # Gains below are a note: u by what it is of the way, v as sway is a tenth of it, r as each fit finds that of its gyro
-# (usual deviation as in competition.py).
+# (usual deviation as in competition.py). Set by hand.
 MATTERS = {"u": 0.005, "v": 0.03, "r": 0.03}
 TRACK, TURN = ("u", "v", "angle", "arm_x", "arm_y", "lag", "drift_x", "drift_y"), ("r",)
 

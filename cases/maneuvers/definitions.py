@@ -213,7 +213,7 @@ def _switches(rng: np.random.Generator, shortest: float, longest: float, duratio
 BERTHING_SPEED = 0.6  # Share of the approach speed and revolutions with which berthing begins. Set by hand.
 _BERTHING_PERIOD = 150.0  # After which the orders of berthing begin again [s of the 3 m model]. Set by hand.
 _BERTHING_N = ((0, BERTHING_SPEED), (30, 0.0), (36, -1.0), (88, 0.6), (105, -0.8), (130, 0.5))
-# (time [s of the 3 m model], share of n) and (time, rudder [deg]): slow ahead, reversals, kicks ahead.
+# (time [s of the 3 m model], share of n) and (time, rudder [deg]): slow ahead, reversals, kicks ahead. Set by hand.
 _BERTHING_DELTA = ((0, 0), (8, 15), (20, -20), (34, 10), (50, -35), (70, 0), (88, 35), (97, -35), (112, 20), (130, -25))
 
 

@@ -234,7 +234,8 @@ FROUDE = 0.07  # Froude number of the default approach: harbour speed, 7.7 kn fo
 # Froude number of the test speed of a ship whose file gives none: 15.5 kn for 320 m. That of KVLCC2 at design speed
 # (SIMMAN 2008).
 TEST_FROUDE = 0.142
-# Blade angle [rad] of a controllable-pitch propeller ahead, where the ship file gives no particular ``pitch``.
+# Blade angle [rad] of a controllable-pitch propeller ahead, where the ship file gives no particular ``pitch``. Set by
+# hand.
 DESIGN_PITCH = math.radians(20.0)
 
 

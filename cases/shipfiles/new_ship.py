@@ -45,7 +45,8 @@ CORRECTIONS["harbour"] = CORRECTIONS["unified"]
 # ferries and other craft with pods (harbour) the regressions have seen none: set by hand.
 WIDENING = {"unified": 0.65, "polynomial": 1.0, "harbour": 1.5}
 FULL = 0.7  # Block coefficient from which a ship counts as full. Set by hand.
-# Hull, full or fine -> root mean square errors of lengths and of overshoots [%] of ships left out, how many ships.
+# Hull, full or fine -> root mean square errors of lengths and of overshoots [%] of ships left out, how many ships
+# (benchmarks.own_ships of 5f878e7).
 ERRORS = {
     ("unified", True): (26, 39, 4),
     ("unified", False): (25, 39, 2),
@@ -166,7 +167,7 @@ ORDER = ("L", "B", "d", "C_b", "D_P", "pitch_ratio", "A_R", "U_0")
 LEAST = ORDER[:4]
 # Other spellings of particulars.
 WORDS = {"Cb": "C_b", "CB": "C_b", "T": "d", "Lpp": "L", "P/D": "pitch_ratio", "DP": "D_P", "AR": "A_R", "V": "U_0"}
-PITCH_RATIO = 0.75  # Of propellers of slow merchant ships [-]
+PITCH_RATIO = 0.75  # Of propellers of slow merchant ships [-]. Set by hand.
 POD = ("D_az", "x_az", "y_az")  # Particulars of a ship that pods drive in place of propeller and rudder
 SCREW = ("D_P", "pitch_ratio", "A_R", "aspect_ratio", "x_R", "y_P")  # Particulars of propeller and rudder
 # Particulars that may be added as NAME=VALUE.

@@ -18,7 +18,7 @@ from mmg.ship import Ship
 
 SHIP = "esso_osaka_3m"  # The ship whose coefficients a demo starts from
 
-# Coefficient -> how far the hidden ship lies from the starting one, in prior standard deviations.
+# Coefficient -> how far the hidden ship lies from the starting one, in prior standard deviations. Set by hand.
 OFFSETS = {
     "X_0F": -0.8, "X_vr": 0.4, "Y_v": -0.9, "Y_r": -0.6, "N_v": 0.7, "N_r": -0.9, "C_D": -0.8, "C_rN": 0.7,
     "C_rY": -0.5, "k_0": 0.7, "t_P": 0.6, "w_P0": -0.8, "tau": -0.7, "C_6": -0.9, "C_7": 0.6, "A_5": 0.8,

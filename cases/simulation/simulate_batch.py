@@ -34,7 +34,8 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES
 
-# Change of heading behind which no figure of a turning circle is read but its steady turn [rad].
+# Change of heading behind which no figure of a turning circle is read but its steady turn [rad]: the 180 deg of the
+# tactical diameter (IMO MSC.137(76)) with a margin. Set by hand.
 HALF_TURN = math.radians(190.0)
 # Executes of the rudder of a zigzag after which its first two overshoots are over: the second one begins at the third
 # (IMO MSC.137(76)).
