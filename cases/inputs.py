@@ -21,7 +21,8 @@ from mmg.states import STATES
 if TYPE_CHECKING:
     from mmg.ship import Ship
 
-STANDARD = ("n", "delta", "wind_north", "wind_east")  # Inputs of a single-screw, single-rudder ship
+# Inputs of a single-screw, single-rudder ship [1/s, rad, m/s, m/s]
+STANDARD = ("n", "delta", "wind_north", "wind_east")
 # Value of ``inputs`` in a sidecar: actuators are as they are at each sample, not held from there to the next.
 SAMPLED = "sampled"
 _STAND_INS = {"delta_port": "delta", "delta_starboard": "delta", "n_2": "n"}
@@ -63,8 +64,8 @@ def actuator_columns(trial: Trial, actuators: Sequence[str]) -> tuple[np.ndarray
     if ignored:
         text = f"{trial.name}: {', '.join(ignored)}: the ship's model has no such input, so it is ignored"
         notices.append(Message(text, "input_ignored"))
-    found = np.column_stack([*columns]) if columns else np.empty((len(trial), 0))
-    return (_over_each_sample(found) if is_sampled(trial) else found), notices
+    array = np.column_stack([*columns]) if columns else np.empty((len(trial), 0))
+    return (_over_each_sample(array) if is_sampled(trial) else array), notices
 
 
 def is_sampled(trial: Trial) -> bool | None:
@@ -124,53 +125,46 @@ class ModelInputs(NamedTuple):
     notices: tuple[Message, ...]
 
 
+# Trials do not change, and each solve, score and check asks for their inputs; a trial that is gone frees them.
 _KNOWN: WeakKeyDictionary[Trial, dict[tuple[str, ...], ModelInputs]] = WeakKeyDictionary()
 
 
 def model_inputs(trial: Trial, inputs: Sequence[str] = STANDARD) -> ModelInputs:
-    """The inputs of a right-hand side at the samples of a ``trial``, made once per trial.
-
-    inputs: C names in the order of ``Ship.inputs``. Raises UserError as ``actuator_columns`` does.
-    """
-    known = _KNOWN.setdefault(trial, {})
+    """The inputs of a right-hand side at the samples of a ``trial``, made once per trial. inputs: C names in the order
+    of ``Ship.inputs``. Raises UserError as ``actuator_columns`` does."""
+    cached = _KNOWN.setdefault(trial, {})
     names = tuple(inputs)
-    if names not in known:
+    if names not in cached:
         actuators, notices = actuator_columns(trial, [name for name in names if name in INPUTS])
         clock = [(trial.t - trial.t[0])[:, None]] if "time" in names else []
         array = np.column_stack([actuators, trial.wind_vector, *clock])
-        array.flags.writeable = False
-        known[names] = ModelInputs(array, tuple(notices))
-    return known[names]
+        array.flags.writeable = False  # shared by all who ask
+        cached[names] = ModelInputs(array, tuple(notices))
+    return cached[names]
 
 
 def assumed(trials: Sequence[Trial], inputs: Sequence[str]) -> list[Message]:
     """What a model with these ``inputs``, as of ``Ship.inputs``, assumes of ``trials`` or ignores, each message once.
-
-    Raises UserError as ``actuator_columns`` does.
-    """
-    found = [note for trial in trials for note in model_inputs(trial, inputs).notices]
+    Raises UserError as ``actuator_columns`` does."""
+    notices = [note for trial in trials for note in model_inputs(trial, inputs).notices]
     if names := ", ".join(t.name for t in trials if not t.has_wind):
-        found.append(Message(f"calm air is assumed in {names} (no complete wind columns)", "no_wind"))
-    return list(dict.fromkeys(found))
+        notices.append(Message(f"calm air is assumed in {names} (no complete wind columns)", "no_wind"))
+    return list(dict.fromkeys(notices))
 
 
 def step_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Mean over each step of samples that are held until the next one.
-
-    t: times (N,) [s]; values: samples (N, C); edges: times (K + 1,) [s] between which steps lie. Returns (K, C).
-    """
+    """Mean over each step of samples that are held until the next one. t: times (N,) [s]; values: samples (N, C);
+    edges: times (K + 1,) [s] between which steps lie. Returns (K, C)."""
     widths = np.diff(t)[:, None]
     integral = np.vstack([np.zeros((1, values.shape[1])), np.cumsum(values[:-1] * widths, axis=0)])
-    at = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 1)
+    at = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 1)  # sample that holds at each edge
     until = integral[at] + values[at] * (edges - t[at])[:, None]
     return np.diff(until, axis=0) / np.diff(edges)[:, None]
 
 
 def straight_means(t: np.ndarray, values: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """As ``step_means``, with samples joined by straight lines, with ``corners`` between samples.
-
-    t: times (N,) [s]; values: samples (N, C); edges: times (K + 1,) [s] between which steps lie. Returns (K, C).
-    """
+    """As ``step_means``, with samples joined by straight lines, with ``corners`` between samples. t: times (N,) [s];
+    values: samples (N, C); edges: times (K + 1,) [s] between which steps lie. Returns (K, C)."""
     until = np.column_stack([_integral_until(*with_corners(t, column), edges) for column in values.T])
     return np.diff(until, axis=0) / np.diff(edges)[:, None]
 
@@ -182,15 +176,16 @@ def integral(t: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def _integral_until(t: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
     """The integral until each time of ``at`` (K,) [s] of a line through ``values`` (N,) at the times t (N,) [s]."""
-    known = integral(t, values)
+    integrals = integral(t, values)
     i = np.clip(np.searchsorted(t, at, side="right") - 1, 0, max(len(t) - 2, 0))
-    into, slope = at - t[i], np.diff(values)[i] / np.diff(t)[i]
-    return np.asarray(known[i] + values[i] * into + 0.5 * slope * into**2)
+    into, slope = at - t[i], np.diff(values)[i] / np.diff(t)[i]  # s into the interval, and slope of the line there
+    return np.asarray(integrals[i] + values[i] * into + 0.5 * slope * into**2)
 
 
+# Share of an actuator's largest rate within which rates may be its limit; the least share by which rates are told from
+# that limit and from none; how often it must have it, and in which share of the samples in the middle of its moves. Set
+# by hand.
 NEAR, LEAST, FEW, MOSTLY = 0.1, 0.01, 5, 0.8
-"""Share of an actuator's largest rate within which rates may be its limit; the least share by which rates are told from
-that limit and from none; how often it must have it, and in which share of the samples in the middle of its moves."""
 
 
 def with_corners(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -211,18 +206,20 @@ def with_corners(t: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndar
     limit = float(np.median(size[limited]))
     scatter = float(np.median(np.abs(size[limited] - limit))) / limit
     apart = float(np.clip(5 * scatter, LEAST, NEAR))
+    # of each interval: whether it has the limiting rate all the time, and to which side it moves (0: it stands)
     full, moves = size > (1 - apart) * limit, np.where(size > apart * limit, way, 0.0)
     inner = (moves[1:-1] != 0) & (moves[:-2] == moves[1:-1]) & (moves[2:] == moves[1:-1])
     if not (inner & full[1:-1]).sum() > MOSTLY * inner.sum():
         return t, values
-    part = (moves[1:-1] != 0) & ~full[1:-1]
-    sides = []
+    part = (moves[1:-1] != 0) & ~full[1:-1]  # intervals with a corner: they move for part of the time
+    sides = []  # rates before and after each: the limit, none, or NaN where a neighbour has a corner as well
     for near, is_full in ((moves[:-2], full[:-2]), (moves[2:], full[2:])):
-        known = (near == 0) | (near == moves[1:-1]) | is_full
-        sides.append(np.where(known, near * limit, np.nan))
+        defined = (near == 0) | (near == moves[1:-1]) | is_full
+        sides.append(np.where(defined, near * limit, np.nan))
     before, after = sides
     k = 1 + np.flatnonzero(part & np.isfinite(before) & np.isfinite(after) & (before != after))
     before, after = before[k - 1], after[k - 1]
+    # x[k] + before into + after (dt - into) = x[k+1]: s into the interval at which both lines meet
     into = (values[k + 1] - values[k] - after * (t[k + 1] - t[k])) / (before - after)
     good = (into > 0) & (into < t[k + 1] - t[k])
     k, into, before = k[good], into[good], before[good]
@@ -246,10 +243,10 @@ def given_inputs(ship: Ship, t: Any, given: Mapping[str, Any], start: Any = None
     first = _numbers("x0", np.zeros(6) if start is None else start)
     if first.shape != (6,):
         raise BadValue(f"x0: shape {first.shape}; give {', '.join(STATES)}")
-    known = (*ship.actuators, *WIND)
+    accepted = (*ship.actuators, *WIND)
     for name in given:
-        if name not in known:
-            raise UnknownName(f"{ship.name}: {unknown('input', name, known)}")
+        if name not in accepted:
+            raise UnknownName(f"{ship.name}: {unknown('input', name, accepted)}")
     lacking = [name for name in ship.actuators if name not in given]
     lacking += [name for name in WIND if len(set(WIND) & set(given)) == 1 and name not in given]
     if lacking:
@@ -260,18 +257,18 @@ def given_inputs(ship: Ship, t: Any, given: Mapping[str, Any], start: Any = None
 
 
 def _column(name: str, values: Any | Callable[[float], float], t: np.ndarray) -> np.ndarray:
-    found = _numbers(name, [values(float(time)) for time in t] if callable(values) else values)
-    if found.ndim > 1 or found.size not in (1, len(t)):
-        raise BadValue(f"{name}: shape {found.shape}; give a number, {len(t)} numbers (as t has), or a function of t")
-    return np.array(np.broadcast_to(found, t.shape))
+    numbers = _numbers(name, [values(float(time)) for time in t] if callable(values) else values)
+    if numbers.ndim > 1 or numbers.size not in (1, len(t)):
+        raise BadValue(f"{name}: shape {numbers.shape}; give a number, {len(t)} numbers (as t has), or a function of t")
+    return np.array(np.broadcast_to(numbers, t.shape))
 
 
 def _numbers(name: str, values: Any) -> np.ndarray:
     """``values`` as finite numbers."""
     try:
-        found = np.asarray(values, dtype=float)
+        numbers = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         raise BadValue(f"{name}: holds what is no number") from None
-    if not np.isfinite(found).all():
-        raise BadValue(f"{name}: holds {int((~np.isfinite(found)).sum())} values that are not finite")
-    return found
+    if not np.isfinite(numbers).all():
+        raise BadValue(f"{name}: holds {int((~np.isfinite(numbers)).sum())} values that are not finite")
+    return numbers

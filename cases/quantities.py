@@ -139,36 +139,18 @@ _ROWS = (
     ),
     Quantity("x", "m", headers=r"(utm_)?(northing|north|n)_?(position|utm)?|x_north|pos_north|x0", valid=_FIX),
     Quantity("y", "m", headers=r"(utm_)?(easting|east|e)_?(position|utm)?|y_east|pos_east|y0", valid=_FIX),
-    _direction(
-        "psi", compass=True,
-        headers=r"(true_|gyro_|ship_)?(heading|hdg|hdt|yaw)(_true|_t|_angle|_gyro)?|gyro(_heading)?|psi",
-        valid=r"(heading|hdg|hdt|gyro|ths)_(status|mode|valid|validity|ok)",
-    ),
-    _speed(
-        "u",
-        headers=r"surge(_velocity|_speed)?|u_velocity|longitudinal_(speed|velocity)|speed_longitudinal",
-    ),
-    _speed(
-        "v",
-        headers=r"sway(_velocity|_speed)?|v_velocity|(transverse|lateral)_(speed|velocity)|speed_transverse",
-    ),
-    Quantity(
-        "r", "rad/s", limits=(-SPIN_LIMIT, SPIN_LIMIT),
-        headers="rot|rate_of_turn|turn_rate|yaw_rate|yawrate|gyro_rate|yaw_velocity|angular_velocity_z",
-        valid="rot_(status|mode|valid|validity|ok)",
-    ),
-    _shaft(
-        "n",
-        headers=rf"(propeller|prop|shaft|main_engine|engine|me)?_?({_REVS}|n_prop|shaft_speed)"
-        r"|(propeller|prop|shaft)_(speed|rate)",
-        valid="(rpm|shaft|engine)_(status|valid|validity|ok)",
-    ),
+    _direction("psi", compass=True, valid=r"(heading|hdg|hdt|gyro|ths)_(status|mode|valid|validity|ok)",
+               headers=r"(true_|gyro_|ship_)?(heading|hdg|hdt|yaw)(_true|_t|_angle|_gyro)?|gyro(_heading)?|psi"),
+    _speed("u", headers=r"surge(_velocity|_speed)?|u_velocity|longitudinal_(speed|velocity)|speed_longitudinal"),
+    _speed("v", headers=r"sway(_velocity|_speed)?|v_velocity|(transverse|lateral)_(speed|velocity)|speed_transverse"),
+    Quantity("r", "rad/s", limits=(-SPIN_LIMIT, SPIN_LIMIT), valid="rot_(status|mode|valid|validity|ok)",
+             headers="rot|rate_of_turn|turn_rate|yaw_rate|yawrate|gyro_rate|yaw_velocity|angular_velocity_z"),
+    _shaft("n", valid="(rpm|shaft|engine)_(status|valid|validity|ok)",
+           headers=rf"(propeller|prop|shaft|main_engine|engine|me)?_?({_REVS}|n_prop|shaft_speed)"
+           r"|(propeller|prop|shaft)_(speed|rate)"),
     _shaft("n_2"),
-    _rudder(
-        "delta",
-        headers=r"rudder(_angle|_feedback|_actual|_position|_response)?|rsa|delta|actual_rudder",
-        valid="(rudder|rsa)_(status|valid|validity|ok)",
-    ),
+    _rudder("delta", valid="(rudder|rsa)_(status|valid|validity|ok)",
+            headers=r"rudder(_angle|_feedback|_actual|_position|_response)?|rsa|delta|actual_rudder"),
     _rudder("delta_port"),
     _rudder("delta_starboard"),
     _rudder("delta_order"),
@@ -176,16 +158,10 @@ _ROWS = (
     _shaft("n_bow", headers="bow_thruster(_rpm|_speed)?"),
     _shaft("n_stern", headers="stern_thruster(_rpm|_speed)?"),
     Quantity("pitch", "rad", headers="(pitch_)?(propeller_pitch|cpp_pitch|pitch_feedback)"),
-    _shaft(
-        "n_azimuth",
-        headers=rf"(n_azimuth|n_pod)|(azimuth|pod)(_thruster)?_({_REVS}|speed)",
-    ),
+    _shaft("n_azimuth", headers=rf"(n_azimuth|n_pod)|(azimuth|pod)(_thruster)?_({_REVS}|speed)"),
     Quantity("phi", "rad"),
     Quantity("p", "rad/s"),
-    _direction(
-        "azimuth",
-        headers="(azimuth|pod)(_thruster)?(_angle|_direction)?",
-    ),
+    _direction("azimuth", headers="(azimuth|pod)(_thruster)?(_angle|_direction)?"),
     _shaft("n_azimuth_2"),
     _direction("azimuth_2"),
     *(_shaft(f"n_azimuth_{pod}") for pod in range(3, PODS + 1)),
@@ -193,31 +169,20 @@ _ROWS = (
     _amount("wind_speed", headers="true_wind_speed|wind_speed_true|tws"),
     _direction("wind_direction", compass=True, headers="true_wind_(direction|dir)|wind_(direction|dir)_true|twd"),
     _amount("apparent_wind_speed", headers=f"({_REL})_wind_speed|wind_speed_({_REL})|aws|rws"),
-    _direction(
-        "apparent_wind_direction",
-        headers=f"({_REL})_wind_(direction|dir|angle)|wind_(direction|dir|angle)_({_REL})|awa|awd|rwd",
-    ),
-    Quantity(
-        "latitude", "deg", False, limits=(-90.0, 90.0), headers="(gps|gnss)?_?(lat|latitude)(_decimal)?", valid=_FIX
-    ),
-    Quantity(
-        "longitude", "deg", False, period=360.0, limits=(-360.0, 360.0),
-        headers="(gps|gnss)?_?(lon|long|lng|longitude)(_decimal)?", valid=_FIX,
-    ),
-    _amount(
-        "sog", canonical=False, valid=_FIX,
-        headers="(gps_|gnss_)?(sog|speed_over_ground|ground_speed|gps_speed|speed_made_good)",
-    ),
-    _direction(
-        "cog", canonical=False, compass=True, valid=_FIX,
-        headers="(gps_|gnss_)?(cog|course|course_over_ground|course_made_good|cmg|track)(_true|_t)?",
-    ),
+    _direction("apparent_wind_direction",
+               headers=f"({_REL})_wind_(direction|dir|angle)|wind_(direction|dir|angle)_({_REL})|awa|awd|rwd"),
+    Quantity("latitude", "deg", False, limits=(-90.0, 90.0), valid=_FIX,
+             headers="(gps|gnss)?_?(lat|latitude)(_decimal)?"),
+    Quantity("longitude", "deg", False, period=360.0, limits=(-360.0, 360.0), valid=_FIX,
+             headers="(gps|gnss)?_?(lon|long|lng|longitude)(_decimal)?"),
+    _amount("sog", canonical=False, valid=_FIX,
+            headers="(gps_|gnss_)?(sog|speed_over_ground|ground_speed|gps_speed|speed_made_good)"),
+    _direction("cog", canonical=False, compass=True, valid=_FIX,
+               headers="(gps_|gnss_)?(cog|course|course_over_ground|course_made_good|cmg|track)(_true|_t)?"),
     _direction("true_wind_angle", canonical=False, headers="true_wind_angle|wind_angle_true|twa"),
-    _direction(
-        "heading_magnetic", canonical=False, compass=True,
-        headers="(magnetic|mag|compass)_(heading|hdg)|(heading|hdg)_(magnetic|mag|m|compass)|hdm|compass",
-        valid=r"(heading|hdg|hdm|compass)_(status|mode|valid|validity|ok)",
-    ),
+    _direction("heading_magnetic", canonical=False, compass=True,
+               headers="(magnetic|mag|compass)_(heading|hdg)|(heading|hdg)_(magnetic|mag|m|compass)|hdm|compass",
+               valid=r"(heading|hdg|hdm|compass)_(status|mode|valid|validity|ok)"),
     Quantity("variation", "rad", False, headers="(magnetic_|mag_)?(variation|declination|decl)|mag_?var|var_mag"),
     *(
         Quantity(f"{name}_{part}", "", False, headers=rf"({short}|{name})_({words})")

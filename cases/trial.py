@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 # What makes trials of frames and arrays; by its name, as users look for it here and it knows trials.
 READER = "cases.io.read"
 LEFT_OUT = "left_out"  # Code of the notice on what was left out
-Span = tuple[float, float]
-"""Begin and end [s] on the clock of the file."""
+Span = tuple[float, float]  # Begin and end [s] on the clock of the file.
 REQUIRED = ("psi", "u", "v", "r", "n", "delta")  # Columns without which nothing can be calibrated or predicted
 
 
@@ -137,7 +136,7 @@ class Trial:
         Raises UserError where fewer than two lie there."""
         if not (isinstance(begin, Real) and isinstance(end, Real)):
             raise BadValue(f"{self.name}: from {begin!r} to {end!r}: times [s] are numbers")
-        rows = (self.t >= begin - 1e-9) & (self.t <= end + 1e-9)
+        rows = (self.t >= begin - 1e-9) & (self.t <= end + 1e-9)  # 0.1 + 0.2 s is sample 0.3 s, too
         if rows.sum() < 2:
             span = f"it lasts from {self.t[0]:g} to {self.t[-1]:g} s"
             raise TooFewData(f"{self.name}: fewer than two samples from {begin:g} to {end:g} s; {span}")
@@ -149,6 +148,7 @@ class Trial:
         if not (isinstance(dt, Real) and 0 < dt <= self.duration):
             raise OutOfRange(f"{self.name}: dt = {dt!r} s must be positive and no longer than its {self.duration:g} s")
         t = self.t[0] + dt * np.arange(math.floor(self.duration / dt + 1e-9) + 1)
+        # neighbours of each new sample, both the same row where it lies on one
         after = np.clip(np.searchsorted(self.t, t - 1e-9), 0, len(self) - 1)
         before = np.clip(np.searchsorted(self.t, t + 1e-9, side="right") - 1, 0, len(self) - 1)
         columns = {"t": t}
@@ -159,13 +159,13 @@ class Trial:
             elif name != "t":
                 line = unwrapped(values) if period else values
                 good = np.isfinite(line)
-                found = np.interp(t, self.t[good], line[good]) if good.any() else np.full(len(t), np.nan)
-                columns[name] = np.where(good[before] & good[after], found, np.nan)
+                interpolated = np.interp(t, self.t[good], line[good]) if good.any() else np.full(len(t), np.nan)
+                columns[name] = np.where(good[before] & good[after], interpolated, np.nan)
         return self._with_rows(columns, None)
 
     def _with_rows(self, columns: dict[str, np.ndarray], rows: np.ndarray | None) -> Trial:
         """The trial with other rows; rows: those of its own that stay, None where they are made anew."""
-        marks, meta = self.meta.get("bridged", ""), dict(self.meta)
+        marks, meta = self.meta.get("bridged", ""), dict(self.meta)  # a mark for each row (``left_out``)
         if marks:
             kept = [] if rows is None else [mark for mark, row in zip(marks, rows, strict=True) if row]
             meta["bridged"] = "".join(kept)
@@ -222,10 +222,10 @@ class Trial:
 
     def roots(self, *columns: str) -> frozenset[str]:
         """The measured columns on which ``columns`` rest: themselves, or what they were derived from."""
-        found: set[str] = set()
+        roots: set[str] = set()
         for name in columns:
-            found |= self.roots(*self.ancestors[name]) if name in self.ancestors else {name}
-        return frozenset(found)
+            roots |= self.roots(*self.ancestors[name]) if name in self.ancestors else {name}
+        return frozenset(roots)
 
     @property
     def has_position(self) -> bool:
@@ -249,16 +249,13 @@ class Trial:
     @property
     def rudder(self) -> np.ndarray:
         """Rudder angle [rad], of two rudders their mean, 0 for a ship that logs none, shape (N,)."""
-        angles = [self[name] for name in RUDDERS if name in self]
+        angles = [self[name] for name in RUDDERS if name in self]  # delta, the first, is that of all where it is logged
         return np.mean(angles[:1] if "delta" in self else angles, axis=0) if angles else np.zeros(len(self))
 
     @property
     def wind_vector(self) -> np.ndarray:
-        """Velocity of the air over ground, north and east components [m/s], shape (N, 2).
-
-        The wind direction is *coming from*, so the vector is minus the unit vector of it.
-        Zeros when the wind is not known.
-        """
+        """Velocity of the air over ground, north and east components [m/s], shape (N, 2). The wind direction is *coming
+        from*, so the vector is minus the unit vector of it. Zeros when the wind is not known."""
         if not self.has_wind:
             return np.zeros((len(self), 2))
         speed, direction = self["wind_speed"], self["wind_direction"]
@@ -308,6 +305,7 @@ def left_out(trial: Trial, spans: Sequence[Span], why: str, moved: Sequence[Span
     rows = inside(trial, spans)
     measured = inside(trial, [span for span in spans if span not in moved])
     columns = {name: np.where(rows, np.nan, trial[name]) for name in STATES if name in trial}
+    # meta of a trial is text, as run folders and files keep it
     meta = {**trial.meta, "left_out": json.dumps([list(span) for span in spans]), "looked_at": "yes"}
     meta["bridged"] = "".join("1" if row else "0" for row in measured & rows) if rows.any() else ""
     notices = tuple(trial.notices)

@@ -28,8 +28,8 @@ from mmg.errors import BadValue, Conflict, Missing
 from mmg.messages import Message, listed
 from mmg.ship import Ship
 
+# What a set is made of: one or several files, folders or trials.
 Given: TypeAlias = "str | Path | Trial | Sequence[str | Path | Trial]"
-"""What a set is made of: one or several files, folders or trials."""
 DOUBT = "doubtful"  # Code of the notice on what mmg check doubts of a trial
 JUDGED = {"judged": "yes"}  # Mark of trials that went through ``ready``
 MOST_LISTED = 5  # Of names and pairs in one message. Set by hand: display.
@@ -52,7 +52,7 @@ class TrialSet(Sequence[Trial]):
             if not isinstance(item, (str, Path, Trial)):
                 raise BadValue(f"trials: {type(item).__name__} is none: give files, folders or Trial objects")
         paths = [item for item in several if not isinstance(item, Trial)]
-        if len(paths) == len(several):
+        if len(paths) == len(several):  # in one call: each file once, and all that cannot be read said together
             return cls(tuple(read_trials(paths) if paths else ()))
         each = ([item] if isinstance(item, Trial) else read_trials(item) for item in several)
         return cls(tuple(trial for some in each for trial in some))
@@ -93,13 +93,20 @@ class TrialSet(Sequence[Trial]):
         return tuple(found for found, _ in self._duplicates)
 
     @property
+    def sharing(self) -> list[tuple[int, int]]:
+        """Numbers of the pairs that share rows, in order. Each names the other: another trial of one of these names, of
+        another folder, does not."""
+        names, count = [{copy["other"] for copy in copies} for copies in self.copies], len(self)
+        pairs = ((i, j) for i in range(count) if names[i] for j in range(i + 1, count))
+        return [(i, j) for i, j in pairs if self[j].name in names[i] and self[i].name in names[j]]
+
+    @property
     def apart(self) -> list[tuple[int, ...]]:
         """Folds that leave out each alone, those that share rows together: numbers of trials."""
-        groups, position = list(range(len(self))), {t.name: i for i, t in enumerate(self)}
-        for i, copies in enumerate(self.copies):
-            for copy in copies:
-                pair = (groups[i], groups[position[copy["other"]]])
-                groups = [min(pair) if g in pair else g for g in groups]
+        groups = list(range(len(self)))
+        for pair in self.sharing:
+            both = [groups[i] for i in pair]
+            groups = [min(both) if g in both else g for g in groups]  # union of the two sets, by its least number
         return [tuple(i for i, g in enumerate(groups) if g == k) for k in dict.fromkeys(groups)]
 
     @cached_property
@@ -127,8 +134,8 @@ class TrialSet(Sequence[Trial]):
     @property
     def remarks(self) -> list[Message]:
         """Messages on what was left out of the trials and what is doubtful about them."""
-        found = [note for trial in self for note in trial.notices if getattr(note, "code", "") in (LEFT_OUT, DOUBT)]
-        return list(dict.fromkeys(note for note in found if isinstance(note, Message)))
+        notices = [note for trial in self for note in trial.notices if getattr(note, "code", "") in (LEFT_OUT, DOUBT)]
+        return list(dict.fromkeys(note for note in notices if isinstance(note, Message)))
 
     @cached_property
     def broken(self) -> tuple[Sequence[BrokenStretch], ...]:
@@ -214,16 +221,14 @@ def shared_rows(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[Messa
     """Messages on rows that two trials of ``train`` share, or one of them and one of ``held_out``."""
     trials = TrialSet((*train, *held_out))
     messages = []
-    for i, copies in enumerate(trials.copies):
-        names, first = {copy["other"] for copy in copies}, trials[i].name
-        for other in [j for j in range(i + 1, len(trials)) if trials[j].name in names]:
-            second = trials[other].name
-            if i < len(train) <= other:
-                words = f"{second} shares rows with {first}: its score is not held out"
-                messages.append(Message(words, "not_held_out"))
-            elif other < len(train):
-                words = f"{first} and {second} share rows, which count twice in the fit: leave one of them out"
-                messages.append(Message(words, "shared_rows"))
+    for i, other in trials.sharing:
+        first, second = trials[i].name, trials[other].name
+        if i < len(train) <= other:
+            words = f"{second} shares rows with {first}: its score is not held out"
+            messages.append(Message(words, "not_held_out"))
+        elif other < len(train):
+            words = f"{first} and {second} share rows, which count twice in the fit: leave one of them out"
+            messages.append(Message(words, "shared_rows"))
     out: list[Message] = []
     for code in ("not_held_out", "shared_rows"):
         same = [message for message in dict.fromkeys(messages) if message.code == code]
@@ -257,9 +262,10 @@ def _without(trial: Trial, found: Sequence[BrokenStretch]) -> Trial:
 
 def _content(trial: Trial) -> bytes:
     """What is the same for two trials of the same numbers; a clock may begin anywhere."""
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for name, column in sorted(trial.columns.items()):
         values = column - column[0] if name == "t" else column
-        found.update(name.encode())
-        found.update(np.ascontiguousarray(np.round(values, 9) + 0.0, dtype=float).tobytes())
-    return found.digest()
+        digest.update(name.encode())
+        # to nine digits, which a file keeps; + 0.0 makes -0.0 the same as 0.0
+        digest.update(np.ascontiguousarray(np.round(values, 9) + 0.0, dtype=float).tobytes())
+    return digest.digest()

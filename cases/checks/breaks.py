@@ -20,23 +20,20 @@ from cases.inputs import integral
 from cases.trial import Trial
 from mmg.motion.flow import INPUTS
 
-Break = tuple[int, int, str, tuple[str, ...]]
-"""First and last row, what, channels."""
+Break = tuple[int, int, str, tuple[str, ...]]  # First and last row, what, channels.
 # Mismatch -> its own columns, and the rates whose integral they are compared with.
 COLUMNS = {"psi": (("psi",), ("r",)), "position": (("x", "y"), ("u", "v"))}
 
 
 def mismatches(trial: Trial) -> dict[str, np.ndarray]:
-    """Channel of ``trial`` -> its difference from the integral of its rate, (N,).
-
-    "psi" [rad]; "position" [m], north + i east, where there are positions; none of relatives.
-    """
+    """Channel of ``trial`` -> its difference from the integral of its rate, (N,). "psi" [rad]; "position" [m], north +
+    i east, where there are positions; none of relatives."""
     t, psi = trial.t, filled(trial.psi_unwrapped)
-    found = {"psi": psi - integral(t, filled(trial["r"]))} if independent(trial, "turn") else {}
+    errors = {"psi": psi - integral(t, filled(trial["r"]))} if independent(trial, "turn") else {}
     if independent(trial, "track"):
         w = filled(trial["u"]) + 1j * filled(trial["v"])
-        found["position"] = filled(trial["x"]) + 1j * filled(trial["y"]) - integral(t, w * np.exp(1j * psi))
-    return found
+        errors["position"] = filled(trial["x"]) + 1j * filled(trial["y"]) - integral(t, w * np.exp(1j * psi))
+    return errors
 
 
 def filled(values: np.ndarray) -> np.ndarray:
@@ -48,12 +45,18 @@ def filled(values: np.ndarray) -> np.ndarray:
     return np.interp(rows, rows[good], values[good])
 
 
+def usual_size(deviations: np.ndarray) -> float:
+    """Standard deviation of a normal law with these absolute ``deviations`` (N,): by their median or, where it is more,
+    by their 90 % quantile, as more than half of them are zero in a rounded column."""
+    return max(MAD * float(np.median(deviations)), float(np.quantile(deviations, 0.9)) / 1.645)
+
+
 def grain(values: np.ndarray) -> float:
     """Least difference between neighbours of ``values`` (N,), which a rounded column cannot tell apart; 0 where all of
     them are the same."""
     steps = np.abs(np.diff(values))
     steps = steps[np.isfinite(steps) & (steps > 0)]
-    return float(np.quantile(steps, 0.01)) if len(steps) else 0.0
+    return float(np.quantile(steps, 0.01)) if len(steps) else 0.0  # no minimum: differences of rounding errors are less
 
 
 def resolution(trial: Trial, columns: Sequence[str]) -> float:
@@ -69,11 +72,14 @@ def runs(flags: np.ndarray) -> np.ndarray:
 # A value is frozen when it is repeated this many times as often as the longest repetition that is usual.
 LONGEST = 4.0  # set by hand
 USUAL = 0.8  # Share of the samples that lie in repetitions of usual length. Set by hand.
+# Fewer repetitions, or fewer seconds, are a matter of rounding. Set by hand (2, 0 and 1, 1).
 LEAST_ROWS, LEAST_S = 5, 1.2
-"""Fewer repetitions, or fewer seconds, are a matter of rounding. Set by hand (2, 0 and 1, 1)."""
 # A velocity without noise that was frozen goes on with a jump of this many of its larger changes from row to row; one
 # that does not was steady. Set by hand.
 JUMP = 3.0
+# Share of a record's median speed or turn rate above which a ship moves so that a frozen column must show it. Set by
+# hand: at rest a value repeats itself.
+AWAKE = 0.3
 # Share of changes from row to row against the one before, from which a channel has noise (white noise: 2/3), so that it
 # never repeats itself for long. Set by hand.
 NOISY = 0.25
@@ -83,11 +89,10 @@ WANDER = 4.0  # set by hand
 
 
 def frozen(trial: Trial, signals: Mapping[str, np.ndarray]) -> Iterator[Break]:
-    """First and last row, what, and columns of each frozen stretch of ``trial``.
-
-    signals: its ``mismatches``, each (N,).
-    """
+    """First and last row, what, and columns of each frozen stretch of ``trial``. signals: its ``mismatches``, each
+    (N,)."""
     speed, turn = np.hypot(trial["u"], trial["v"]), np.abs(trial["r"])
+    # what must have changed the first column of a group, from another instrument than its own
     moves = {"psi": turn, "r": np.abs(np.gradient(trial.psi_unwrapped, trial.t)), "x": speed, "u": speed}
     for group in GROUPS:
         if any(name not in trial for name in group):
@@ -99,33 +104,32 @@ def frozen(trial: Trial, signals: Mapping[str, np.ndarray]) -> Iterator[Break]:
         lengths = edges[:, 1] - edges[:, 0]
         least = max(LEAST_ROWS, LEAST_S / trial.dt)
         motion = moves[group[0]]
-        awake = 0.3 * float(np.nanmedian(motion))
+        awake = AWAKE * float(np.nanmedian(motion))
         for k in np.flatnonzero(lengths >= least):
             first, last = edges[k]
+            # compared with the other repetitions, as a long one would make itself usual
             if lengths[k] < LONGEST * usual_length(np.delete(lengths, k), len(trial) - lengths[k]):
                 continue
-            moved = motion[first : last + 1][np.isfinite(motion[first : last + 1])]
-            awoken = len(moved) > 0 and float(np.median(moved)) > awake and _others_move(trial, group, first, last)
+            moving = motion[first : last + 1][np.isfinite(motion[first : last + 1])]
+            awoken = len(moving) > 0 and float(np.median(moving)) > awake and _others_move(trial, group, first, last)
             awoken = awoken and _lacks(trial, signals, group, first, last)
             if awoken and (group[0] in ("psi", "x") or _resumes(trial, group, last)):
                 yield int(first), int(last), f"{', '.join(group)} frozen", group
 
 
 def _lacks(trial: Trial, signals: Mapping[str, np.ndarray], group: tuple[str, ...], first: int, last: int) -> bool:
-    """Whether more of the motion is missing between the rows than rounded columns do not show.
-
-    What the rates are off by throughout the rest of the record is not missing.
-    """
+    """Whether more of the motion is missing between the rows than rounded columns do not show. What the rates are off
+    by throughout the rest of the record is not missing."""
     name = next(name for name, columns in COLUMNS.items() if group in columns)
     if name not in signals or not resolution(trial, group):
         return False
-    own, since = signals[name], trial.t[first : last + 1] - trial.t[first]
-    off, rest = own[first : last + 1] - own[first], trial.duration - since[-1]
-    drift = (own[-1] - own[0] - off[-1]) / rest if rest > since[-1] else 0.0
+    mismatch, since = signals[name], trial.t[first : last + 1] - trial.t[first]
+    off, rest = mismatch[first : last + 1] - mismatch[first], trial.duration - since[-1]
+    drift = (mismatch[-1] - mismatch[0] - off[-1]) / rest if rest > since[-1] else 0.0  # bias of a rate, elsewhere
     missing = min(float(np.abs(off).max()), float(np.abs(off - drift * since).max()))
     place, rate = (resolution(trial, columns) for columns in COLUMNS[name])
     noise = white_noise([trial.states])[[NAMES.index(column) for column in COLUMNS[name][1]]]
-    wander = WANDER * math.hypot(*noise) * math.sqrt(float(since[-1]) * trial.dt)
+    wander = WANDER * math.hypot(*noise) * math.sqrt(float(since[-1]) * trial.dt)  # sigma dt sqrt(n), n = T / dt
     return missing > place + rate * float(since[-1]) + wander
 
 
@@ -133,22 +137,20 @@ def _resumes(trial: Trial, group: tuple[str, ...], last: int) -> bool:
     """Whether a column of the ``group`` has noise, or jumps after the row ``last``."""
     for name in group:
         change = np.diff(trial[name])
-        moved = change[np.abs(change) > 0]
-        if len(moved) < 2:
+        steps = change[np.abs(change) > 0]
+        if len(steps) < 2:
             continue
-        if np.mean(np.sign(moved[1:]) != np.sign(moved[:-1])) > NOISY:
+        if np.mean(np.sign(steps[1:]) != np.sign(steps[:-1])) > NOISY:
             return True
-        if last < len(change) and np.abs(change[last]) > JUMP * np.percentile(np.abs(moved), 95):
+        if last < len(change) and np.abs(change[last]) > JUMP * np.percentile(np.abs(steps), 95):
             return True
     return False
 
 
 def usual_length(lengths: np.ndarray, rows: int) -> float:
-    """Length of a repetition that all but a few samples of the ``rows`` of a record do not exceed.
-
-    lengths: of its repetitions (M,), in rows.
-    """
-    single = rows - lengths.sum()
+    """Length of a repetition that all but a few samples of the ``rows`` of a record do not exceed. lengths: of its
+    repetitions (M,), in rows."""
+    single = rows - lengths.sum()  # samples in no repetition, whose length counts as 1
     if not len(lengths) or single >= USUAL * rows:
         return 1.0
     lengths = np.sort(lengths)
@@ -180,27 +182,28 @@ def repeated(trial: Trial) -> Iterator[Break]:
 
 
 def _held(trial: Trial, names: tuple[str, ...], same: np.ndarray, least: int) -> Iterator[Break]:
-    held = runs(same)
-    if not len(held):
+    stands = runs(same)
+    if not len(stands):
         return
     speed, turn = np.hypot(trial["u"], trial["v"]), np.abs(trial["r"])
-    awake = (speed > 0.3 * np.nanmedian(speed)) | (turn > 0.3 * np.nanmedian(turn))
-    longest = LONGEST * usual_length(held[:, 1] - held[:, 0], len(trial))
-    for first, last in held[held[:, 1] - held[:, 0] >= max(least, longest)]:
-        if awake[first] and last + 1 < len(trial):
+    awake = (speed > AWAKE * np.nanmedian(speed)) | (turn > AWAKE * np.nanmedian(turn))
+    longest = LONGEST * usual_length(stands[:, 1] - stands[:, 0], len(trial))
+    for first, last in stands[stands[:, 1] - stands[:, 0] >= max(least, longest)]:
+        if awake[first] and last + 1 < len(trial):  # a record that ends so ends there
             yield int(first), int(last), "the last sample of all states is repeated", names
 
 
 def _replayed(trial: Trial, names: tuple[str, ...], rows: np.ndarray, same: np.ndarray, least: int) -> Iterator[Break]:
     good = np.isfinite(rows).all(axis=1)
-    key = np.nan_to_num(rows) @ np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0][: rows.shape[1]])  # the same for the same row
+    # one number a row, the same for the same row: roots of primes are linearly independent over the rationals
+    key = np.nan_to_num(rows) @ np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0][: rows.shape[1]])
     which = np.unique(key, return_inverse=True)[1]
-    order = np.argsort(which, kind="stable")
-    lag = np.zeros(len(rows), int)
+    order = np.argsort(which, kind="stable")  # equal rows side by side, in the order of time
+    lag = np.zeros(len(rows), int)  # how many rows ago a row was there last, 0: never
     twins = which[order][1:] == which[order][:-1]
     lag[order[1:][twins]] = (order[1:] - order[:-1])[twins]
     lag[~good] = 0
-    follows = (lag[1:] == lag[:-1]) & (lag[1:] > 1)
+    follows = (lag[1:] == lag[:-1]) & (lag[1:] > 1)  # a lag of one row is a value that is held
     for first, last in runs(follows):
         moving = float(np.mean(~same[first:last])) if last > first else 0.0
         if last - first >= least and moving > CHANGES and _begins_anew(trial, names, first):
@@ -217,17 +220,16 @@ def _begins_anew(trial: Trial, names: tuple[str, ...], first: int) -> bool:
 
 # Distance of a sample from the median of its neighbours, over the usual one, from which it is a spike. Set by hand.
 SURE = 8.0
-LEAST_SPIKE = {"u": 0.15, "v": 0.15, "r": 1.0}  # Least size: share of the rms speed (u, v) or of the rms turn rate
+# Least size of a spike: share of the rms speed (u, v) or of the rms turn rate. Set by hand.
+LEAST_SPIKE = {"u": 0.15, "v": 0.15, "r": 1.0}
 LEAST = 4  # So many spikes make a train; fewer are the outliers that a robust loss is for. Set by hand.
 APART = 3.0  # s, or so many samples: longest time between spikes of a train. Set by hand.
 RARE = 0.05  # Share of samples from which spikes are the noise of the channel. Set by hand.
 
 
 def around(values: np.ndarray, reach: int) -> np.ndarray:
-    """The ``values`` (N,), each with ``reach`` neighbours on both sides, (N, 2 reach + 1), a view; the ends repeat.
-
-    The filters of scipy.ndimage do the same, but take longer to import than the checks of a few files.
-    """
+    """The ``values`` (N,), each with ``reach`` neighbours on both sides, (N, 2 reach + 1), a view; the ends repeat. The
+    filters of scipy.ndimage do the same, but take longer to import than the checks of a few files."""
     return np.lib.stride_tricks.sliding_window_view(np.pad(values, reach, mode="edge"), 2 * reach + 1)
 
 
@@ -243,7 +245,7 @@ def spike_trains(trial: Trial) -> Iterator[Break]:
             continue
         rms = float(np.sqrt(np.mean(values**2 if name == "r" else speed)))
         off = np.abs(values - np.median(around(values, REACH), axis=1))
-        usual = max(MAD * float(np.median(off)), float(np.quantile(off, 0.9)) / 1.645, 0.5 * grain(values))
+        usual = max(usual_size(off), 0.5 * grain(values))
         rows = np.flatnonzero(off > max(SURE * usual, LEAST_SPIKE[name] * rms))
         if len(rows) > RARE * len(values):
             continue
@@ -266,30 +268,30 @@ STOPPED = 0.15
 # So it is only in spells up to this share of the record: one that lies stopped in swell swings all the time.
 SHORTER = 0.4  # set by hand
 AGREED = 0.5  # The heading turns with it, by at least this share: else the gyro swings, not the ship. Set by hand.
+STILL = 1e-3  # Share of an input's largest value by which it may change from row to row at rest. Set by hand.
 PROPELLERS = ("n", "n_2", "n_3", "n_4")
+STANDS = 0.02  # Share of its largest revolutions up to which a propeller stands still. Set by hand.
 
 
 def without_cause(trial: Trial) -> Iterator[Break]:
-    """First and last row, what, and columns of each spell of rest of ``trial`` in which the turn rate swings.
-
-    The spell counts from its beginning: when the hand took hold is not in the record.
-    """
-    width = max(5, round(1.0 / trial.dt)) | 1
+    """First and last row, what, and columns of each spell of rest of ``trial`` in which the turn rate swings. The spell
+    counts from its beginning: when the hand took hold is not in the record."""
+    width = max(5, round(1.0 / trial.dt)) | 1  # rows of a mean over about a second, odd so that it has a middle
     r = trial["r"]
     if not np.isfinite(r).all() or len(trial) < 10 * width:
         return
-    moved = np.zeros(len(trial) - 1, bool)
+    steered = np.zeros(len(trial) - 1, bool)
     for name in STEERING:
         if name in trial:
             values = trial[name]
-            moved |= np.abs(np.diff(values)) > 1e-3 * max(float(np.nanmax(np.abs(values))), 1e-9)
+            steered |= np.abs(np.diff(values)) > STILL * max(float(np.nanmax(np.abs(values))), 1e-9)
     smooth = np.mean(around(r, width // 2), axis=1)
     rate = np.abs(np.gradient(smooth, trial.t))
     turning = np.mean(around(np.gradient(trial.psi_unwrapped, trial.t), width // 2), axis=1)
-    noise = float(np.std(r - smooth)) / np.sqrt(width)
+    noise = float(np.std(r - smooth)) / np.sqrt(width)  # that of the mean over ``width`` samples of white noise
     size = max(SWING * float(np.sqrt(np.mean(r**2))), BEYOND_NOISE * noise)
     quick = float(np.quantile(rate, 0.95))
-    for first, last in runs(~moved):
+    for first, last in runs(~steered):
         if last - first < 3 * width or last - first > MOST * len(r):
             continue
         stopped = last - first <= SHORTER * len(r) and _stopped(trial, first, last)
@@ -309,15 +311,15 @@ def _stopped(trial: Trial, first: int, last: int) -> bool:
     """Whether every propeller of ``trial`` is at rest between the rows."""
     names = [name for name in PROPELLERS if name in trial]
     return bool(names) and all(
-        float(np.nanmax(np.abs(trial[name][first : last + 1]))) <= 0.02 * float(np.nanmax(np.abs(trial[name])))
+        float(np.nanmax(np.abs(trial[name][first : last + 1]))) <= STANDS * float(np.nanmax(np.abs(trial[name])))
         for name in names
     )
 
 
 def _extrema(values: np.ndarray, size: float) -> list[int]:
     """Rows where ``values`` turn back by more than ``size``, with the first row, and the last extremum."""
-    low = high = 0
-    found, up = [0], None
+    low = high = 0  # rows of the least and of the greatest value since the last turning point
+    rows, up = [0], None  # up: whether the values rise, None until they moved by ``size``
     for i, value in enumerate(values.tolist()):
         if value > values[high]:
             high = i
@@ -325,12 +327,12 @@ def _extrema(values: np.ndarray, size: float) -> list[int]:
             low = i
         if up is not False and value < values[high] - size:
             if up:
-                found.append(high)
+                rows.append(high)
             up, low, high = False, i, i
         elif up is not True and value > values[low] + size:
             if up is False:
-                found.append(low)
+                rows.append(low)
             up, low, high = True, i, i
     if up is not None:
-        found.append(high if up else low)
-    return found
+        rows.append(high if up else low)
+    return rows

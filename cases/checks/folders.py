@@ -12,18 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cases.checks import single
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
-from cases.checks.single import (
-    excitation,
-    following,
-    headway,
-    not_checked,
-    rudder_sign,
-    sampling,
-    sway_findings,
-    turning_wind,
-    wind,
-)
 from cases.checks.stretches import DRIFTING, stretch_findings
 from cases.evidence.competition import FRAMES, Judged, Keys, Scores, judged, rudder_nats, scores, standing, wrong_inputs
 from cases.evidence.shifts import LAGS, TRACK, TURN, Scale, Shift, Value, candidates, nats, scale, shifts
@@ -72,32 +62,34 @@ def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, np.ndarray]:
     keys, parts = np.array(MULTIPLIERS, np.uint64), []
     for i, trial in enumerate(trials):
         values = np.column_stack([trial[c] for c in COLUMNS])
-        whole = np.flatnonzero(np.isfinite(values).all(axis=1))
-        whole_values = np.rint(values[whole] / grid).astype(np.int64).view(np.uint64)
-        mixed = (whole_values * keys) ^ ((whole_values * keys) >> np.uint64(29))
+        complete = np.flatnonzero(np.isfinite(values).all(axis=1))
+        gridded = np.rint(values[complete] / grid).astype(np.int64).view(np.uint64)
+        # a hash (rows,) of four columns: products modulo 2^64 carry low bits to high ones, the shift carries them back
+        mixed = (gridded * keys) ^ ((gridded * keys) >> np.uint64(29))
         hashed = (mixed * keys[::-1]).sum(axis=1, dtype=np.uint64)
         once, first, count = np.unique(hashed, return_index=True, return_counts=True)
         once, first = once[count == 1], first[count == 1]
-        parts.append((once, np.full(len(once), i), whole[first]))
+        parts.append((once, np.full(len(once), i), complete[first]))
     hashes, number, row = (np.concatenate(some) for some in zip(*parts, strict=True))
     order = np.argsort(hashes, kind="stable")  # equal ones side by side, by trial
     hashes, number, row = hashes[order], number[order], row[order]
-    found: dict[Pair, list[tuple[np.ndarray, np.ndarray]]] = {}
-    for apart in range(1, len(trials)):
+    matches: dict[Pair, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for apart in range(1, len(trials)):  # a row is in each trial once at most, so that equal ones lie this near
         at = np.flatnonzero(hashes[apart:] == hashes[:-apart])
         if not len(at):
             break
         both = number[at] * len(trials) + number[at + apart]
         for code in np.unique(both):
             one, pair = at[both == code], divmod(int(code), len(trials))
-            found.setdefault(pair, []).append((row[one], row[one + apart]))
+            matches.setdefault(pair, []).append((row[one], row[one + apart]))
     # row numbers of a pair in one piece: (2, rows) from its (first, second) by distance in the order
-    return {pair: np.concatenate(found[pair], axis=1) for pair in sorted(found)}
+    return {pair: np.concatenate(matches[pair], axis=1) for pair in sorted(matches)}
 
 
 def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[tuple[int, dict[str, Any], Found]]:
     """For both trials of a ``pair``, its index and what its report says of their overlap, if that is a run of
     ``rows`` (2, rows) in step."""
+    # a copied run has one offset of row numbers; matches at another offset are chance
     offsets, count = np.unique(rows[1] - rows[0], return_counts=True)
     in_step = rows[1] - rows[0] == offsets[np.argmax(count)]
     if in_step.sum() < max(10, SHARE * min(len(trials[i]) for i in pair)):
@@ -106,6 +98,7 @@ def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[
     identical = bool(trials[pair[0]].sha256) and trials[pair[0]].sha256 == trials[pair[1]].sha256
     shares = [(last - first + 1) / len(trials[i]) for i, (first, last) in zip(pair, ends, strict=True)]
     for me, other in ((0, 1), (1, 0)):
+        # not 1: a copy may lack a row at its ends
         inside, holds, name = shares[me] >= 0.99, shares[other] >= 0.99, trials[pair[other]].name
         relation = "copy" if inside and holds else "inside" if inside else "contains" if holds else "overlaps"
         copy = {
@@ -120,22 +113,22 @@ def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[
 
 
 LATE = 1.5  # Lag [s] of a channel beyond which the verdict is no longer "ok". Set by hand (1, 1).
+# The same for the angle between track and heading [rad], within which a compass is right (IMO A.424: 1 deg times the
+# secant of the latitude), and for a lever arm [m].
 TURNED, LEAST_ARM = math.radians(2.0), 0.05
-"""The same for the angle between track and heading [rad], within which a compass is right (IMO A.424: 1 deg times the
-secant of the latitude), and for a lever arm [m]."""
 # Gains [1] and angles [rad] below it are not worth a note: a metre in a kilometre. Set by hand (1, 1).
 LEAST_SHARE = 0.001
 # Relative misfit of the track beyond which positions and velocities have nothing to do with each other.
-DISAGREE = 0.8  # set by hand
+DISAGREE = 0.8  # set by hand: 1 is what a prediction of no motion misses by
 # Nats from which one file refutes its labels although all others of its folder bear theirs out.
 SURE = 20.0  # set by hand: below it one file is doubted, and a fit goes on
 # Topic -> what looks at one trial: its numbers, and level, code and sentence of each finding.
 LOOKS = {
-    "sampling": sampling,
+    "sampling": single.sampling,
     "stretches": stretch_findings,
-    "rudder": rudder_sign,
-    "wind": wind,
-    "excitation": excitation,
+    "rudder": single.rudder_sign,
+    "wind": single.wind,
+    "excitation": single.excitation,
 }
 TOPICS = {"unit": "units", "rudder_sign": "rudder"}  # Code -> topic, where it is not kinematics
 # Name of a lag -> what is said to be late, and its columns.
@@ -170,8 +163,8 @@ def check(
             (DOUBTFUL if row["code"] == SENTINEL else INFO, row["code"], _capital(row["text"]) + ".")
             for row in message_rows(trial.notices)
         ]
-        found = {"reading": read, "duplicates": shared, **{topic: some for topic, (_, some) in looks.items()}}
-        findings = tuple(CheckFinding(topic, *each) for topic, some in found.items() for each in some)
+        by_topic = {"reading": read, "duplicates": shared, **{topic: some for topic, (_, some) in looks.items()}}
+        findings = tuple(CheckFinding(topic, *each) for topic, some in by_topic.items() for each in some)
         numbers = {"duplicates": others, **{topic: values for topic, (values, _) in looks.items()}}
         reports.append(CheckReport(trial.name, str(trial.path or ""), findings, numbers))
     folders: dict[Path | None, list[int]] = {}
@@ -200,7 +193,7 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
     records = [signals(trial) for trial in some]
     still = [standing(trial) for trial in trials]
     turning = [report.numbers["rudder"]["correlation"] for report in reports]
-    found = [
+    table = [
         scores(
             trial,
             record,
@@ -210,7 +203,7 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
         )
         for trial, record, names, follows in zip(some, records, still, turning, strict=True)
     ]
-    said = [_contradicted(trials, k, *each) for k, each in enumerate(zip(still, judged(found), turning, strict=True))]
+    said = [_contradicted(trials, k, *each) for k, each in enumerate(zip(still, judged(table), turning, strict=True))]
     alone: list[dict[str, Value | None]] = [{} for _ in trials]
     frozen = [any(f.code == "frozen_channel" for f in report.findings) for report in reports]
     # Then lags, of files that no reading refutes; what is late is taken back before gains are compared with the track.
@@ -226,12 +219,12 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
         said[k].findings.extend(more)
         alone[k].update(values)
     # Last how she moves: it tells of relatives too, which the comparisons above pass over.
-    sways = sway_findings([trials[k] for k in quiet])
+    sways = single.sway_findings([trials[k] for k in quiet])
     for k in quiet:
         derived = trials[k].has_position and not independent(trials[k], "track")
         said[k].findings.extend((level if derived else INFO, code, text) for level, code, text in sways)
-        said[k].findings.extend([*headway(trials[k]), *turning_wind(trials[k])])
-    rows = zip(reports, _with_lines(trials, said), map(not_checked, trials), found, alone, strict=True)
+        said[k].findings.extend([*single.headway(trials[k]), *single.turning_wind(trials[k])])
+    rows = zip(reports, _with_lines(trials, said), map(single.not_checked, trials), table, alone, strict=True)
     return [_joined(*row) for row in rows]
 
 
@@ -247,23 +240,24 @@ def _in_time(trial: Trial, shift: Shift) -> Trial:
     """``trial`` without the lag that ``shift`` says."""
     late = LATE_WORDS[shift.name][1] if shift.name in LAGS else ()
     t, by = trial.t, float(np.real(shift.value))
-    moved = {name: trial.psi_unwrapped if name == "psi" else trial[name] for name in late if name in trial}
-    return trial.with_columns(**{name: np.interp(t + by, t, values, np.nan, np.nan) for name, values in moved.items()})
+    lagged = {name: trial.psi_unwrapped if name == "psi" else trial[name] for name in late if name in trial}
+    in_time = {name: np.interp(t + by, t, values, np.nan, np.nan) for name, values in lagged.items()}
+    return trial.with_columns(**in_time)
 
 
 def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list[Found]]]:
     """Gains and the angle of the track of each of the ``trials``, and what is said of them: what all files of a folder
     show together, or each by itself where they do not."""
     out: list[tuple[dict[str, Value | None], list[Found]]] = [({}, []) for _ in trials]
-    for names in (TRACK[:6], TURN):
+    for names in (TRACK[:6], TURN):  # without the drifts, which a current through the water would be
         able = {k: t for k, t in enumerate(trials) if independent(t, "turn" if names == TURN else "track")}
         every = list(able.values())
         together = scale(every, names)
-        own = {k: together if len(able) == 1 else scale([trial], names) for k, trial in able.items()}
+        by_trial = {k: together if len(able) == 1 else scale([trial], names) for k, trial in able.items()}
         for name in names[:3]:
             shared = together is not None and together.significant(name, LEAST_SHARE)
             said = _scale_said(together, name, every) if together and shared else None
-            for k, one in own.items():
+            for k, one in by_trial.items():
                 if one is None:
                     continue
                 out[k][0][{"angle": "heading"}.get(name, f"gain {name}")] = _logged_as(one, name)
@@ -272,73 +266,69 @@ def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list
     return out
 
 
-def _logged_as(found: Scale, name: str) -> float:
+def _logged_as(fit: Scale, name: str) -> float:
     """A gain as what the column is of the truth, an angle as it is."""
-    return found.values[name] if name == "angle" else 1.0 / max(1.0 + found.values[name], 0.1)
+    return fit.values[name] if name == "angle" else 1.0 / max(1.0 + fit.values[name], 0.1)
 
 
-def _scale_said(found: Scale, name: str, trials: Sequence[Trial]) -> Found:
-    """What is said of a value of ``found`` that is no chance, from these ``trials``."""
+def _scale_said(fit: Scale, name: str, trials: Sequence[Trial]) -> Found:
+    """What is said of a value of ``fit`` that is no chance, from these ``trials``."""
     files = f" over {len(trials)} files" if len(trials) > 1 else ""
     if name == "angle":
-        side = "clockwise" if found.values[name] > 0 else "counter-clockwise"
-        size, error = abs(math.degrees(found.values[name])), math.degrees(found.std[name])
+        side = "clockwise" if fit.values[name] > 0 else "counter-clockwise"
+        size, error = abs(math.degrees(fit.values[name])), math.degrees(fit.std[name])
         text = (
             f"The track is turned {size:.1f} deg {side} from heading and velocities (standard error {error:.1g}"
             f"{files}), by an offset of the heading or by the axes"
         )
-        return (DOUBTFUL if found.significant(name, TURNED) else INFO), "heading_offset", text
-    share = _logged_as(found, name) - 1.0
+        return (DOUBTFUL if fit.significant(name, TURNED) else INFO), "heading_offset", text
+    share = _logged_as(fit, name) - 1.0
     of = "what the heading says" if name == "r" else "what the positions say"
     side = "below" if share < 0 else "above"
-    text = f"{name} is {abs(share):.1%} {side} {of} (standard error {found.std[name]:.2%}{files})"
+    text = f"{name} is {abs(share):.1%} {side} {of} (standard error {fit.std[name]:.2%}{files})"
     if name == "u":
-        water = scale(trials, TRACK)
+        water = scale(trials, TRACK)  # once more, with a drift of the water left free
         current = water is None or not water.significant(name)
         text += ", u or the positions in a wrong unit or grid" + (", or u through the water in a current" * current)
-    return (DOUBTFUL if found.matters(name) else INFO), "gain", text
+    return (DOUBTFUL if fit.matters(name) else INFO), "gain", text
 
 
 def _contradicted(
-    trials: Sequence[Trial], k: int, still: Mapping[str, str], found: Judged, turning: float | None
+    trials: Sequence[Trial], k: int, still: Mapping[str, str], verdict: Judged, turning: float | None
 ) -> Said:
-    """What refutes the labels of file number ``k`` of a folder: columns that stand ``still``, and the reading that was
-    ``found``.
-
-    turning: correlation of its turn rate with the rudder.
-    """
+    """What refutes the labels of file number ``k`` of a folder: columns that stand ``still``, and the reading by
+    its ``verdict``. turning: correlation of its turn rate with the rudder."""
     trial = trials[k]
     said = [
         (CONTRADICTORY, "frozen_channel", f"{name} is frozen at {float(np.nanmedian(trial[name])):.3g}, while {why}")
         for name, why in still.items()
     ]
     keys: Keys = {}
-    alone = found.reading != found.folder
-    psi_may = found.reading.rate == -1 and trial.has_position and not independent(trial, "track")  # as good, untested
-    for code, meaning in [] if still else found.reading.statements():
-        unsure = alone and len(trials) > 2 and found.odds < SURE
-        turned = found.reading.rudder != found.folder.rudder and code == "rudder_sign"  # what else turns her is unknown
+    alone = verdict.reading != verdict.folder
+    psi_may = verdict.reading.rate == -1 and trial.has_position and not independent(trial, "track")  # as good, untested
+    for code, meaning in [] if still else verdict.reading.statements():
+        unsure = alone and len(trials) > 2 and verdict.odds < SURE
+        # a rudder that differs from those of its folder: what else turns her is unknown
+        turned = verdict.reading.rudder != verdict.folder.rudder and code == "rudder_sign"
         files = f"against {len(trials) - 1} others" if alone else f"over {len(trials)} files"
-        odds = f" (log odds {found.odds:.0f} {files})" if len(trials) > 1 else f" (log odds {found.odds:.0f})"
-        text = _sentence(code, meaning, found) + odds
+        odds = f" (log odds {verdict.odds:.0f} {files})" if len(trials) > 1 else f" (log odds {verdict.odds:.0f})"
+        text = _sentence(code, meaning, verdict) + odds
         if psi_may and code == "r_sign":
             text += ", or psi counts counter-clockwise, and u and v were derived from it"
         said.append((DOUBTFUL if turned or unsure else CONTRADICTORY, code, text))
-        advised = found.agreed and not (found.rival or unsure or psi_may)
-        keys = found.reading.keys() if advised and found.reading.rudder == found.folder.rudder else {}
-    if found.rival and not still:
-        both = [line(wanted) for each in (found.reading, found.rival) if (wanted := settings(trial, each.keys()))]
-        other = " and ".join(text for _, text in found.rival.statements()) or "the headers are right"
+        advised = verdict.agreed and not (verdict.rival or unsure or psi_may)
+        keys = verdict.reading.keys() if advised and verdict.reading.rudder == verdict.folder.rudder else {}
+    if verdict.rival and not still:
+        both = [line(wanted) for each in (verdict.reading, verdict.rival) if (wanted := settings(trial, each.keys()))]
+        other = " and ".join(text for _, text in verdict.rival.statements()) or "the headers are right"
         choice = f"; one of these is true of them: {', or '.join(both)}" if len(both) > 1 else ""
         said = [(level, code, f"{text}, or {other}: the data cannot tell{choice}") for level, code, text in said]
-    if not said and found.after > DISAGREE:
-        text = (
-            f"Velocities and positions disagree (misfit {found.after:.0%}) and no other frame, sign or unit explains it"
-        )
-        said.append((CONTRADICTORY, "velocity_mismatch", f"{text}; check units, clocks and axes"))
+    if not said and verdict.after > DISAGREE:
+        text = f"Velocities and positions disagree (misfit {verdict.after:.0%}) and no other frame, sign or unit "
+        said.append((CONTRADICTORY, "velocity_mismatch", f"{text}explains it; check units, clocks and axes"))
     wrong = mislabelled(trial.columns)
     if not said:  # how quickly the ship turns is known only where frames, clock and turn rates are right
-        rudder = turning if turning is not None else following(trial, 1e-4)["correlation"]
+        rudder = turning if turning is not None else single.following(trial, 1e-4)["correlation"]
         wrong += [each for each in wrong_inputs(trial, rudder) if each[0] not in [name for name, *_ in wrong]]
     for name, factor, text in wrong:
         said.append((CONTRADICTORY, "unit", _capital(text)))
@@ -350,16 +340,16 @@ def _capital(words: str) -> str:
     return words[0].upper() + words[1:]
 
 
-def _sentence(code: str, meaning: str, found: Judged) -> str:
-    fits = f"misfit {found.after:.1%} against {found.before:.1%} as labelled"
+def _sentence(code: str, meaning: str, verdict: Judged) -> str:
+    fits = f"misfit {verdict.after:.1%} against {verdict.before:.1%} as labelled"
     if code == "rudder_sign":
-        also = ", or a wind turns her: in other files she turns to starboard" if found.folder.rudder == 1 else ""
+        also = ", or a wind turns her: in other files she turns to starboard" if verdict.folder.rudder == 1 else ""
         return f"Going ahead the ship turns to port when delta is positive: {meaning}{also}"
     if code == "r_sign" or meaning.startswith("r "):
         return meaning
     if code == "unit":
-        return f"{meaning}: {fits} of velocities and track" if np.isfinite(found.after) else meaning
-    return f"The track says that {meaning}: {fits}" if np.isfinite(found.after) else f"It looks as if {meaning}"
+        return f"{meaning}: {fits} of velocities and track" if np.isfinite(verdict.after) else meaning
+    return f"The track says that {meaning}: {fits}" if np.isfinite(verdict.after) else f"It looks as if {meaning}"
 
 
 def _shifted(
@@ -371,16 +361,17 @@ def _shifted(
         some = [(k, s) for k, s in enumerate(records) if s and s.has_track == track and (track or s.has_turn)]
         if not some:
             continue
-        own = [trials[k] for k, _ in some]
-        longest = max(5.0, *(20 * t.dt for t in own), min(60.0, 0.1 * min(t.duration for t in own)))
-        found = candidates([s for _, s in some], longest)
-        said = shifts(found)
+        members = [trials[k] for k, _ in some]
+        # longest lag [s] that is tried: a tenth of the shortest record up to a minute, 5 s and 20 samples at least
+        longest = max(5.0, *(20 * t.dt for t in members), min(60.0, 0.1 * min(t.duration for t in members)))
+        explanations = candidates([s for _, s in some], longest)
+        said = shifts(explanations)
         if any(shift and shift.name == "arm" for shift in said):  # a late velocity in a turn looks like an arm ahead
-            both = scale(own, TRACK[:6])
+            both = scale(members, TRACK[:6])
             if both is None or not (both.significant("arm_x") or both.significant("arm_y")):
                 said = [shift and replace(shift, rivals=(*shift.rivals, "w")) for shift in said]
         for i, ((k, _), shift) in enumerate(zip(some, said, strict=True)):
-            out[k] = shift, {name: one.alone[i] for name, one in found.items()}
+            out[k] = shift, {name: one.alone[i] for name, one in explanations.items()}
     return out
 
 
@@ -414,7 +405,7 @@ def _with_lines(trials: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
     for k, (trial, each) in enumerate(zip(trials, said, strict=True)):
         if each.keys and (wanted := settings(trial, each.keys)):
             groups.setdefault(line(wanted), []).append(k)
-    for text, rows in groups.items():
+    for text, rows in groups.items():  # files that need the same line are tried with it together
         gained = [_gained(trials[k], said[k]) for k in rows]
         if min(gained) < 0 or sum(gained) <= 0:
             continue
@@ -443,7 +434,7 @@ def _gained(trial: Trial, said: Said) -> float:
     keys of what is ``said`` want it; for inputs one where they then go with how quickly she turns; -inf where not."""
     wanted = settings(trial, said.keys)
     after = mended(trial, wanted, said.keys) if wanted else None
-    if after is None or mislabelled(after.columns) or wrong_inputs(after, following(after)["correlation"]):
+    if after is None or mislabelled(after.columns) or wrong_inputs(after, single.following(after)["correlation"]):
         return -math.inf
     if set(said.keys) == {"units"} and not {"psi", "u", "v", "r", "t"} & set(said.keys["units"]):
         return 1.0
@@ -453,22 +444,20 @@ def _gained(trial: Trial, said: Said) -> float:
 def _fit(trial: Trial) -> float:
     """Nats of the columns of ``trial`` as they are; less is better."""
     s = signals(trial)
-    return (nats(s) if s else 0.0) + rudder_nats(following(trial)["correlation"])[1]
+    return (nats(s) if s else 0.0) + rudder_nats(single.following(trial)["correlation"])[1]
 
 
 def _joined(
     report: CheckReport, said: Said, unchecked: Sequence[Found], found: Scores, alone: Mapping[str, Value | None]
 ) -> CheckReport:
     """``report`` with what is ``said`` and what is ``unchecked``; its own sentences on what follows from that are left
-    out.
-
-    alone: of lags, gains, lever arm and offset the values that each would have by itself, or as its folder has it.
-    """
+    out. alone: of lags, gains, lever arm and offset the values that each would have by itself, or as its folder has
+    it."""
     codes = {code for level, code, _ in said.findings if level != INFO}
     kept = [f for f in report.findings if not (codes and (f.topic == "rudder" or f.code in codes))]
     if codes & {"unit", "frozen_channel"}:  # of a wrong clock, or of turn rates in a wrong unit
         kept = [f for f in kept if f.code not in ("coarse_sampling", "gaps")]
-    own = [
+    judged_findings = [
         CheckFinding(TOPICS.get(code, "kinematics"), level, code, text)
         for level, code, text in (*said.findings, *unchecked)
     ]
@@ -481,7 +470,7 @@ def _joined(
         "lever_arm_m": None if arm is None else {"x": float(np.real(arm)), "y": float(np.imag(arm))},
         "heading_offset_deg": None if turned is None else math.degrees(float(np.real(turned))),
     }
-    return replace(report, findings=(*own, *kept), numbers={**report.numbers, "kinematics": kinematics})
+    return replace(report, findings=(*judged_findings, *kept), numbers={**report.numbers, "kinematics": kinematics})
 
 
 # Key -> its values, of which the other one is meant.
@@ -490,16 +479,13 @@ OPPOSITE = {"rudder_positive": ("starboard", "port"), "velocity_frame": ("body",
 
 def labels(trial: Trial) -> dict[str, tuple[str, str]]:
     """Column -> its header and unit in the file of ``trial``; names and units of a Trial where it has none."""
-    found = json.loads(trial.meta.get("labels", "{}"))
-    return {name: tuple(found.get(name, (name, quantity(name).unit))) for name in trial.columns}
+    logged = json.loads(trial.meta.get("labels", "{}"))
+    return {name: tuple(logged.get(name, (name, quantity(name).unit))) for name in trial.columns}
 
 
 def settings(trial: Trial, keys: Keys) -> dict[str, Any] | None:
     """What has to stand in the sidecar so that ``keys`` are true of ``trial``, over what stands there; None where no
-    accepted unit makes it so.
-
-    keys: of a reading: units as factors, columns by their canonical names.
-    """
+    accepted unit makes it so. keys: of a reading: units as factors, columns by their canonical names."""
     known, entry = labels(trial), entry_of(trial)
     out: dict[str, Any] = {}
     if "columns" in keys:
@@ -519,7 +505,7 @@ def settings(trial: Trial, keys: Keys) -> dict[str, Any] | None:
     for key in ("velocity_frame", "rudder_positive", "heading_from", "reference_point"):
         if key in keys:
             out[key] = keys[key]
-    for key, (first, other) in OPPOSITE.items():
+    for key, (first, other) in OPPOSITE.items():  # what stands there already was wrong: the other value is meant
         if key in out and getattr(entry, key) == out[key]:
             out[key] = first if out[key] == other else other
     if "reference_point" in out and (entry.reference_point.x or entry.reference_point.y):
@@ -534,9 +520,7 @@ def line(wanted: Mapping[str, Any]) -> str:
 
 def mended(trial: Trial, wanted: Mapping[str, Any], keys: Keys) -> Trial | None:
     """``trial`` as it is read with the ``wanted`` settings, or made so where it has no file; None where that fails.
-
-    keys: of the reading, from which the settings are.
-    """
+    keys: of the reading, from which the settings are."""
     try:
         if trial.path is not None and trial.path.exists():
             entry = {**entry_of(trial).model_dump(exclude_unset=True), **wanted}

@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 OK, CONSISTENT, INFO, DOUBTFUL, CONTRADICTORY = "ok", "consistent", "info", "doubtful", "contradictory"
-Found = tuple[str, str, str]
-"""Level, code and sentence of a finding whose topic is known."""
+Found = tuple[str, str, str]  # Level, code and sentence of a finding whose topic is known.
 
 
 class CheckFinding(NamedTuple):
@@ -28,11 +27,8 @@ class CheckFinding(NamedTuple):
 
 @dataclass(frozen=True)
 class CheckReport:
-    """The checks of one trial.
-
-    numbers: topic -> the measured values (SI; keys end in their unit where they have one), None where the data do
-    not tell.
-    """
+    """The checks of one trial. numbers: topic -> the measured values (SI; keys end in their unit where they have one),
+    None where the data do not tell."""
 
     name: str
     path: str

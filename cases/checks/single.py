@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -32,9 +32,10 @@ from mmg.ship import Ship
 # A stretch without complete required columns that is longer than this many median steps is a gap.
 GAP = 3.0  # set by hand (0, 1)
 VELOCITIES = ("u", "v", "r")
+# A spike differs from the mean of its neighbours by so many times the usual difference, and by this share of the range
+# of the column (5 to 95 %); its neighbours agree with each other. Set by hand.
 SPIKE, SPIKE_RANGE = 12.0, 0.5
-"""A spike differs from the mean of its neighbours by so many times the usual difference, and by this share of the range
-of the column (5 to 95 %); its neighbours agree with each other. Set by hand."""
+STATES_AGREE = 0.5  # Neighbours of a spike differ by less than this share of its height. Set by hand.
 COARSE = 0.2  # More than this [rad] a ship does not turn between samples that show how she turns. Set by hand.
 
 
@@ -43,11 +44,11 @@ def spikes(values: np.ndarray) -> int:
     off = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:])) if len(values) > 2 else np.empty(0)
     if np.isfinite(off).sum() < 10:
         return 0
-    moved = off[off > 0]
-    usual = MAD * float(np.nanmedian(moved)) if len(moved) else 0.0
+    changes = off[off > 0]  # a held value says nothing of what is usual
+    usual = MAD * float(np.nanmedian(changes)) if len(changes) else 0.0
     low, high = np.nanquantile(values, (0.05, 0.95))
-    neighbour_difference = np.abs(values[2:] - values[:-2])
-    return int(np.sum((off > SPIKE * usual) & (off > SPIKE_RANGE * (high - low)) & (neighbour_difference < 0.5 * off)))
+    agree = np.abs(values[2:] - values[:-2]) < STATES_AGREE * off
+    return int(np.sum((off > SPIKE * usual) & (off > SPIKE_RANGE * (high - low)) & agree))
 
 
 def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
@@ -56,10 +57,10 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     steps = np.diff(trial.t)
     dt = float(np.median(steps))
     uneven = float(np.mean(np.abs(steps - dt) > 0.1 * dt))
-    whole = np.flatnonzero(np.all([np.isfinite(trial[c]) for c in REQUIRED if c in trial], axis=0))
-    t, between = trial.t[whole], np.diff(trial.t[whole])
+    complete = np.flatnonzero(np.all([np.isfinite(trial[c]) for c in REQUIRED if c in trial], axis=0))
+    t, between = trial.t[complete], np.diff(trial.t[complete])
     gaps = [(float(between[i]), float(t[i])) for i in np.flatnonzero(between > GAP * dt)]
-    gaps = gaps if len(whole) > 1 else [(trial.duration, float(trial.t[0]))]
+    gaps = gaps if len(complete) > 1 else [(trial.duration, float(trial.t[0]))]
     longest, at = max(gaps, default=(0.0, 0.0))
     missing = {c: float(np.mean(~np.isfinite(v))) for c, v in trial.columns.items() if np.isnan(v).any()}
     spiky = {c: count for c in VELOCITIES if c in trial and (count := spikes(trial[c]))}
@@ -103,16 +104,16 @@ def _turned_per_step(trial: Trial) -> float:
     return trial.dt * float(np.quantile(rates, 0.95)) if len(rates) else 0.0
 
 
-# Heading passed in a sample from which on it matters whether a rudder is held over it: half of it is the error of an
-# overshoot.
+# Heading passed in a sample [rad] from which on it matters whether a rudder is held over it: half of it is the error of
+# an overshoot. Set by hand.
 TURNED = math.radians(1.0)
+# Change of a rudder that is no noise: it is logged to a tenth of a degree. Set by hand.
+RUDDER_STEP = math.radians(0.1)
 
 
 def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """What ``following`` gives of ``trial``; all files of a folder decide together whether a sign is wrong.
-
-    A rudder that is taken as held although it moves over several samples is told of where that matters.
-    """
+    """What ``following`` gives of ``trial``; all files of a folder decide together whether a sign is wrong. A rudder
+    that is taken as held although it moves over several samples is told of where that matters."""
     return following(trial), _held(trial)
 
 
@@ -121,8 +122,8 @@ def _held(trial: Trial) -> list[Found]:
     if is_sampled(trial) is not None or "delta" not in trial:
         return []
     turned = _turned_per_step(trial)
-    moves = np.abs(np.diff(np.nan_to_num(trial["delta"]))) > math.radians(0.1)
-    several = float((moves[1:] & moves[:-1]).sum())
+    moves = np.abs(np.diff(np.nan_to_num(trial["delta"]))) > RUDDER_STEP
+    several = float((moves[1:] & moves[:-1]).sum())  # moves that last over more than one sample
     if turned < TURNED or several < 0.5 * moves.sum() or not several:
         return []
     text = (
@@ -148,12 +149,12 @@ def following(trial: Trial, least: float = 0.02) -> dict[str, Any]:
         return nothing
     t, delta, r, u, n = trial.t[good], delta[good], r[good], u[good], n[good]
     speed = np.hypot(u, np.nan_to_num(trial["v"][good]))
-    ahead = u if float(np.mean(u)) > 0.5 * float(np.mean(speed)) else speed
+    ahead = u if float(np.mean(u)) > 0.5 * float(np.mean(speed)) else speed  # u in a wrong frame is no headway
     fast = (ahead > 0.4 * max(float(np.percentile(ahead, 95)), 1e-6)) & ((n > 0) | (np.abs(n).max() == 0))
     if fast.sum() < 50 or float(np.abs(delta[fast]).max()) < least:
         return nothing
     best, constant = 0.0, 0.0
-    share = 0.0 if abs(float(r[fast].sum())) * trial.dt > 2 * math.pi else 1.0
+    share = 0.0 if abs(float(r[fast].sum())) * trial.dt > 2 * math.pi else 1.0  # of the means that are taken off
     turn = r[fast] - share * r[fast].mean()
     for T in np.geomspace(2 * trial.dt, max(trial.duration / 6, 4 * trial.dt), 7):
         slow = _low_pass(t, delta, float(T))[fast]
@@ -170,6 +171,7 @@ def _low_pass(t: np.ndarray, values: np.ndarray, T: float) -> np.ndarray:
     from scipy.linalg import solve_banded  # a tenth of a second that most calls of a short command do without
 
     keep = np.exp(-np.diff(t) / T)
+    # y[k] = keep y[k-1] + (1 - keep) x[k], a bidiagonal system: one call instead of a loop over the samples
     inputs = np.concatenate([values[:1], (1 - keep) * values[1:]])
     return np.asarray(solve_banded((1, 0), np.stack([np.ones(len(t)), np.append(-keep, 0.0)]), inputs))
 
@@ -195,7 +197,7 @@ def wind(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         steadiness=float(np.hypot(*vector)) / mean if mean > 1e-9 else None,
     )
     findings = []
-    if ship > 1e-6 and mean > 3 * ship:
+    if ship > 1e-6 and mean > 3 * ship:  # forces go with the square of the speed; set by hand
         text = f"The wind ({mean:.2f} m/s) is {mean / ship:.1f} times the ship's speed ({ship:.2f} m/s): "
         findings.append((INFO, "strong_wind", text + "a first-order force here, do not leave it out."))
     if float(np.nanmin(speed)) < 0:
@@ -204,6 +206,12 @@ def wind(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     if measured and not has_code(trial.notices, "true_wind_derived"):
         findings += _consistency(trial, mean, numbers)
     return numbers, findings
+
+
+# RMS difference of true and apparent wind above which they disagree: share of the mean wind, and at least so much
+# [m/s]. Set by hand.
+DIFFER, LEAST_DIFFERENCE = 0.15, 0.02
+BETTER = 0.4  # Share of the difference as logged below which another reading explains it. Set by hand.
 
 
 def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Found]:
@@ -218,11 +226,11 @@ def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Fou
     earth = trial["wind_speed"] * np.exp(1j * trial["wind_direction"])
     misfit["the same column twice"] = math.sqrt(float(np.nanmean(np.abs(logged - earth) ** 2)))
     numbers["consistency_m_s"] = misfit["as logged"]
-    if misfit["as logged"] <= max(0.15 * mean, 0.02):
+    if misfit["as logged"] <= max(DIFFER * mean, LEAST_DIFFERENCE):
         return []
-    if misfit["reversed"] < 0.4 * misfit["as logged"]:
+    if misfit["reversed"] < BETTER * misfit["as logged"]:
         level, why = CONTRADICTORY, "the directions differ by 180 deg: one of them says where the wind goes to"
-    elif misfit["the same column twice"] < 0.4 * misfit["as logged"]:
+    elif misfit["the same column twice"] < BETTER * misfit["as logged"]:
         level, why = DOUBTFUL, "the apparent direction is not counted from the bow but equals the true one"
     else:
         level, why = DOUBTFUL, "check directions, heading and units"
@@ -242,7 +250,7 @@ MOSTLY = 0.9  # Share of the rows at speed, with revolutions ahead, in which ste
 # by hand, as SLOW, which leaves out speeds at which a drift angle is noise.
 FAST = 0.8
 # Turn of the heading, ahead, from which the sway tells where the pivot point lies: a wind alone turns no ship as far,
-# and where it turns her, her bow drifts off.
+# and where it turns her, her bow drifts off. Set by hand.
 TURNING = math.radians(90.0)
 SLOW = 0.1  # Share of the greatest speed from which a drift angle is one of a ship that goes ahead. Set by hand.
 # Share of the surge that the sway of a ship in such a turn exceeds: a degree of drift, where 3 to 20 are usual.
@@ -277,7 +285,7 @@ def _ahead(trial: Trial, most: float = math.inf, least: float = AHEAD) -> np.nda
     good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(trial["psi"])
     if good.any():
         good &= np.nan_to_num(u) > least * float(np.quantile(np.hypot(u[good], v[good]), 0.95))
-        good &= np.abs(np.nan_to_num(r)) <= most * float(np.nanquantile(np.abs(r), 0.95))
+        good &= np.abs(np.nan_to_num(r)) <= most * float(np.nanquantile(np.abs(r), 0.95))  # 95 %: spikes are no maximum
         good &= ~(trial["n"] < 0) if "n" in trial else True  # a reversed propeller pushes the stern aside
     return np.flatnonzero(good)
 
@@ -301,10 +309,12 @@ def _regressed(trials: Sequence[Trial], most: float = math.inf) -> tuple[np.ndar
     N, h = (np.stack(some) for some in zip(*blocks, strict=True))
     if not N.any():
         return np.full(4, math.nan), np.full(4, math.nan), 0.0
+    # columns of unit length: the eigenvalues are then those of their correlations, whatever their units
     size = np.sqrt(np.diag(N.sum(axis=0))) + 1e-12
     N, h = N / np.outer(size, size), h / size
-    flat = 1e-6 * np.eye(4)
+    flat = 1e-6 * np.eye(4)  # keeps the system regular where the ship runs on one heading
     values = np.linalg.solve(N.sum(axis=0) + flat, h.sum(axis=0)) / size
+    # jackknife (Kunsch 1989): without each piece in turn, as neighbouring rows err alike
     without = np.linalg.solve(N.sum(axis=0) - N + flat, (h.sum(axis=0) - h)[..., None])[..., 0] / size
     return values, np.sqrt((len(N) - 1) * without.var(axis=0)), float(np.linalg.eigvalsh(N.sum(axis=0))[0])
 
@@ -358,7 +368,12 @@ def headway(trial: Trial) -> list[Found]:
     if not np.isfinite(speed).any():
         return []
     fast = speed > FAST * np.nanquantile(speed, 0.95)
-    thrust = sum(_thrusts(trial), np.zeros(len(trial)))
+    thrust = np.zeros(len(trial))  # revolutions as they push ahead, those of a pod by the cosine of its angle
+    for side in ("", "_2"):
+        if f"n{side}" in trial:
+            thrust = thrust + trial[f"n{side}"]
+        if f"n_azimuth{side}" in trial and f"azimuth{side}" in trial:
+            thrust = thrust + trial[f"n_azimuth{side}"] * np.cos(trial[f"azimuth{side}"])
     driven = fast & (thrust > 0.1 * np.nanmax(np.abs(thrust), initial=1e-9))
     if driven.sum() < max(PIECES, AHEAD * fast.sum()) or np.mean(u[driven] < 0) < MOSTLY:
         return []
@@ -367,15 +382,6 @@ def headway(trial: Trial) -> list[Found]:
         "by 180 deg"
     )
     return [(DOUBTFUL, "u_sign", text)]
-
-
-def _thrusts(trial: Trial) -> Iterator[np.ndarray]:
-    """Revolutions of each propeller of ``trial`` as they push ahead (N,): those of a pod by the cosine of its angle."""
-    for side in ("", "_2"):
-        if f"n{side}" in trial:
-            yield trial[f"n{side}"]
-        if f"n_azimuth{side}" in trial and f"azimuth{side}" in trial:
-            yield trial[f"n_azimuth{side}"] * np.cos(trial[f"azimuth{side}"])
 
 
 def turning_wind(trial: Trial) -> list[Found]:
@@ -390,12 +396,12 @@ def turning_wind(trial: Trial) -> list[Found]:
         "it turns with the ship: its direction, or the angle of the apparent wind it was derived from, has another "
         "sign or zero": air * turn.conj(),
     }
-    known = np.isfinite(list(readings.values())).all(axis=0)
-    if known.sum() < 10 * PIECES:
+    valid = np.isfinite(list(readings.values())).all(axis=0)
+    if valid.sum() < 10 * PIECES:
         return []
-    spread = {words: float(np.var(w[known])) + 1e-12 for words, w in readings.items()}
+    spread = {words: float(np.var(w[valid])) + 1e-12 for words, w in readings.items()}
     words = min(spread, key=lambda words: spread[words])
-    nats = PIECES * math.log(spread[""] / spread[words])
+    nats = PIECES * math.log(spread[""] / spread[words])  # log likelihood ratio of normal vectors, one a piece
     if nats < COST or spread[words] > 0.5 * spread[""]:
         return []
     return [(DOUBTFUL, "wind_direction", f"The true wind would be steadier if {words} (log odds {nats:.0f})")]
@@ -431,11 +437,12 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Of a ``trial``: share of time per quadrant, seconds per coefficient group, findings about what is not excited."""
     u, v, r, n, delta = trial["u"], trial["v"], trial["r"], trial["n"], trial.rudder
     good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(n) & np.isfinite(delta)
-    seconds = np.minimum(np.gradient(trial.t), 3 * trial.dt)
+    seconds = np.minimum(np.gradient(trial.t), 3 * trial.dt)  # that a row stands for: a gap belongs to none
     total = float(seconds[good].sum())
     if total <= 0:
         text = "No row holds u, v, r, n and delta together: nothing to identify."
         return {}, [(DOUBTFUL, "nothing_to_identify", text)]
+    # below a fiftieth of her speed a ship has no way on; set by hand, as the other thresholds here
     still = 0.02 * max(float(np.percentile(np.hypot(u[good], v[good]), 95)), 1e-9)
     ahead, astern = good & (u > still), good & (u < -still)
     forward, reverse, stopped = good & (n > 1e-6), good & (n < -1e-6), good & (np.abs(n) <= 1e-6)
@@ -447,12 +454,12 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     beta = np.abs(np.arctan2(v, np.abs(u)))
     steered = np.abs(delta) > math.radians(2.0)
     moving = np.hypot(u, v) > still
-    moved = good & moving
+    under_way = good & moving
     turning = np.abs(r) > 0.25 * max(float(np.percentile(np.abs(r[good]), 95)), 1e-9)
     excited = {
         "hull_ahead": ahead,
         "hull_astern": astern,
-        "cross_flow": (moved & (beta > math.radians(30))) | (good & ~moving & turning),
+        "cross_flow": (under_way & (beta > math.radians(30))) | (good & ~moving & turning),
         "sway_yaw_linear": ahead & turning & (np.abs(r) > 1e-4),
         "propeller_ahead": ahead & forward,
         "propeller_ahead_astern_motion": astern & forward,
@@ -471,7 +478,7 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         "seconds": total,
         "delta_max_deg": math.degrees(float(np.abs(delta[good]).max())),
         "n_range_rps": [float(n[good].min()), float(n[good].max())],
-        "drift_max_deg": math.degrees(float(np.percentile(beta[moved], 99))) if moved.any() else None,
+        "drift_max_deg": math.degrees(float(np.percentile(beta[under_way], 99))) if under_way.any() else None,
     }
     nothing = (DOUBTFUL, "nothing_to_identify", "No actuator ever changes: nothing to identify.")
     of_time = ", ".join(f"{QUADRANTS[name]} {share:.0%}" for name, share in shares.items() if share >= 0.005)
@@ -487,13 +494,11 @@ def inputs_are_constant(trial: Trial) -> bool:
 
 
 def pooled(reports: Iterable[CheckReport], ship: Ship | None = None) -> tuple[dict[str, float], list[str]]:
-    """Seconds per coefficient group over all ``reports``, and sentences about groups that are not excited.
-
-    ship: whose coefficients are named in these sentences; groups of which it has none are left out.
-    """
-    found = [numbers for report in reports if (numbers := report.numbers.get("excitation"))]
-    seconds = {name: sum((numbers["group_seconds"][name] for numbers in found), 0.0) for name in GROUPS}
-    return seconds, _missing(seconds, sum(numbers["seconds"] for numbers in found), ship)
+    """Seconds per coefficient group over all ``reports``, and sentences about groups that are not excited. ship: whose
+    coefficients are named in these sentences; groups of which it has none are left out."""
+    excited = [numbers for report in reports if (numbers := report.numbers.get("excitation"))]
+    seconds = {name: sum((numbers["group_seconds"][name] for numbers in excited), 0.0) for name in GROUPS}
+    return seconds, _missing(seconds, sum(numbers["seconds"] for numbers in excited), ship)
 
 
 def _missing(seconds: dict[str, float], total: float, ship: Ship | None = None) -> list[str]:
@@ -519,14 +524,14 @@ def _windy(trial: Trial, good: np.ndarray) -> np.ndarray:
     angle = trial["wind_direction"] - trial["psi"]
     strong = good & np.isfinite(angle) & (trial["wind_speed"] > np.hypot(trial["u"], trial["v"]))
     sectors = np.unique(np.floor((angle[strong] % (2 * math.pi)) / math.radians(30)))
-    return strong & (len(sectors) > 2)
+    return strong & (len(sectors) > 2)  # a third sector of 30 deg lies beyond any 60 deg
 
 
+# Rudder angle [rad] and r L/U within which a ship goes about straight ahead. Set by hand.
 STRAIGHT_RUDDER, STRAIGHT_TURN = math.radians(5.0), 0.1
-"""Rudder angle and yaw rate, made dimensionless by speed and length, within which a ship goes about straight ahead."""
+# Share of her greatest speed from which she is under way; share by which speed and revolutions may change over half a
+# ship length; ship lengths that must be made so. Set by hand.
 FASTEST, STEADY, LEAST = 0.5, 0.03, 0.5
-"""Share of her greatest speed from which she is under way; share by which speed and revolutions may change over half a
-ship length; ship lengths that must be made so. Set by hand."""
 # Ratio of the revolutions that the ship needs to those that were logged, or the other way round, from which they do not
 # fit: wider than fouling, wind and a poor guess of the resistance make it. Set by hand, to find a gear or a unit.
 TWICE = 1.6
@@ -557,14 +562,14 @@ def doubtful_revolutions(ship: Ship, trials: Sequence[Trial]) -> list[Message]:
     if "n" not in ship.actuators:
         return []
     able = [trial for trial in trials if "n" in trial and ("delta" in trial or "delta_port" in trial)]
-    found: list[tuple[float, float, float, float]] = []  # ratio, speed, revolutions needed and logged
+    ratios: list[tuple[float, float, float, float]] = []  # ratio, speed, revolutions needed and logged
     for n, u in filter(None, (steady_ahead(trial, float(ship.particulars["L"])) for trial in able)):
         with suppress(UserError):
             needed = revolutions_for(ship, u)
-            found.append((needed / n, u, needed, n))
-    if not found or 1 / TWICE < np.median([ratio for ratio, *_ in found]) < TWICE:
+            ratios.append((needed / n, u, needed, n))
+    if not ratios or 1 / TWICE < np.median([ratio for ratio, *_ in ratios]) < TWICE:
         return []
-    _, u, needed, n = sorted(found)[len(found) // 2]
+    _, u, needed, n = sorted(ratios)[len(ratios) // 2]
     words = (
         f"the propeller does not fit: at {u:.3g} m/s straight ahead {ship.name} needs {needed:.3g} "
         f"revolutions per second, the trials have {n:.3g}; check the unit of n, a gear ratio, D_P and pitch_ratio"

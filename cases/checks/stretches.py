@@ -18,37 +18,22 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks.breaks import (
-    COLUMNS,
-    SWINGING,
-    Break,
-    around,
-    filled,
-    frozen,
-    grain,
-    mismatches,
-    repeated,
-    resolution,
-    runs,
-    spike_trains,
-    without_cause,
-)
+from cases.checks import breaks
+from cases.checks.breaks import SWINGING, Break, filled, grain
 from cases.checks.report import DOUBTFUL, INFO, Found
-from cases.evidence.signals import MAD, densest
+from cases.evidence.signals import densest
 from cases.inputs import integral
 from cases.trial import Trial
 
 # Samples on each side of a step, at the record's own rate, but at least ``LEAST`` seconds. Set by hand (1, 1).
 STEP = 10
 LEAST = 0.5  # s; the shortest side of a step: below it the noise of satellite positions rules. Set by hand.
+# Innovation over the usual one of the record from which a channel is broken by itself. A white innovation reaches 5
+# once in a million samples. Satellite positions have heavy tails, which the velocities that come from them share; a
+# turn rate follows a rudder order within a few samples. Set by hand above these.
 SURE = {"psi": 8.0, "position": 45.0, "sharp position": 45.0, "u, v": 30.0, "sharp u, v": 45.0, "sharp r": 60.0}
-"""Innovation over the usual one of the record from which a channel is broken by itself.
-
-A white innovation reaches 5 once in a million samples. Satellite positions have heavy tails, which the velocities that
-come from them share; a turn rate follows a rudder order within a few samples.
-"""
 # Least size of a break: this share of what the ship turns or travels in one side of a step (psi, position), or of the
-# root mean square of the channel. Records without noise would be broken at each rudder order otherwise.
+# root mean square of the channel. Records without noise would be broken at each rudder order otherwise. Set by hand.
 MATTERS = {"psi": 0.25, "position": 0.5, "sharp position": 0.5, "u, v": 0.2, "sharp u, v": 0.2, "sharp r": 1.0}
 # Channel -> what its step means, and its columns.
 WORDS = {
@@ -64,11 +49,13 @@ DRIFTING = {
     "psi": ("heading and turn rate drift apart", ("psi", "r")),
     "position": ("positions and velocities drift apart", ("x", "y", "u", "v")),
 }
-# Share of the record beyond which drifts are no stretches of it: the frame, sign or unit of a column is wrong.
+# Share of the record beyond which drifts are no stretches of it: the frame, sign or unit of a column is wrong. Set by
+# hand.
 LARGEST_SHARE = {"psi": 0.7, "position": 0.25}
 BACK = 20.0  # s; drifts that undo each other within this time are one stretch. Set by hand.
 PAIR = 15  # A jump and one that undoes it, so many sides of a step apart or less, are one stretch. Set by hand (0, 1).
-TOGETHER = {"psi": 7.0, "u, v": 10.0}  # The same for a heading and velocities that break within a second of each other
+# As SURE, for a heading and velocities that break within a second of each other: less, as chance breaks one of them.
+TOGETHER = {"psi": 7.0, "u, v": 10.0}  # set by hand
 # The stretch reaches as far as the innovation stays above this share of what it was found by. Set by hand.
 ALIKE = 0.35
 MUCH = 0.1  # Share of a record from which a channel that stands still is a doubt about all of it. Set by hand.
@@ -95,16 +82,17 @@ def broken_stretches(trial: Trial) -> list[BrokenStretch]:
     if len(trial) < 8 * STEP:
         return []
     side = max(STEP, round(LEAST / trial.dt))
-    signals = mismatches(trial)
-    breaks = [_tight(found, signals, side // 4) for found in _steps(trial, signals, side)]
-    breaks += [*frozen(trial, signals), *repeated(trial), *spike_trains(trial), *without_cause(trial)]
-    breaks += list(_drifting(trial, signals, breaks))  # last: what a step explains is no drift
+    signals = breaks.mismatches(trial)
+    intervals = [_tight(step, signals, side // 4) for step in _steps(trial, signals, side)]
+    intervals += [*breaks.frozen(trial, signals), *breaks.repeated(trial), *breaks.spike_trains(trial)]
+    intervals += breaks.without_cause(trial)
+    intervals += list(_drifting(trial, signals, intervals))  # last: what a step explains is no drift
     reach = max(JOIN, side * trial.dt)
     return [
         BrokenStretch(
             float(trial.t[first]), float(trial.t[last]), _sized(what, signals, first, last), channels, SWINGING in what
         )
-        for first, last, what, channels in _joined(trial.t, sorted(breaks), reach)
+        for first, last, what, channels in _joined(trial.t, sorted(intervals), reach)
     ]
 
 
@@ -123,17 +111,17 @@ def _drifting(trial: Trial, signals: Mapping[str, np.ndarray], known: Sequence[B
     rows = [(first, last) for first, last, *_ in known]
     explained = list(rows)  # counts no more
     for name, signal in signals.items():
-        rounded = resolution(trial, COLUMNS[name][0])
-        moved = integral(trial.t, np.abs(filled(trial["r"]))) if name == "psi" else way * trial.t
-        found = list(there_and_back(drifts(trial.t, signal, name, moved, rows, rounded), trial.t, BACK))
-        own = np.zeros(len(trial), bool)
-        for first, last in found:
-            own[first : last + 1] = True
+        rounded = breaks.resolution(trial, breaks.COLUMNS[name][0])
+        travelled = integral(trial.t, np.abs(filled(trial["r"]))) if name == "psi" else way * trial.t
+        intervals = list(there_and_back(drifts(trial.t, signal, name, travelled, rows, rounded), trial.t, BACK))
+        drifting = np.zeros(len(trial), bool)
+        for first, last in intervals:
+            drifting[first : last + 1] = True
         for first, last in explained:
-            own[first : last + 1] = False
-        if own.mean() <= LARGEST_SHARE[name]:
-            yield from ((first, last, *DRIFTING[name]) for first, last in found)
-            explained += found
+            drifting[first : last + 1] = False
+        if drifting.mean() <= LARGEST_SHARE[name]:
+            yield from ((first, last, *DRIFTING[name]) for first, last in intervals)
+            explained += intervals
 
 
 def _tight(broken: Break, signals: Mapping[str, np.ndarray], margin: int) -> Break:
@@ -147,16 +135,15 @@ def _tight(broken: Break, signals: Mapping[str, np.ndarray], margin: int) -> Bre
 
 
 def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """Of a ``trial``: its broken stretches and the share of its time in them; a sentence on each.
-
-    Nothing is left to decide, as they are left out: the verdict on the rest of the record is what counts.
-    """
-    found = broken_stretches(trial)
+    """Of a ``trial``: its broken stretches and the share of its time in them; a sentence on each. Nothing is left to
+    decide, as they are left out: the verdict on the rest of the record is what counts."""
+    stretches = broken_stretches(trial)
     still: dict[str, float] = {}
-    for first, last, _, group in frozen(trial, mismatches(trial)) if len(trial) >= 8 * STEP else ():
+    # frozen columns once more, each by itself: joined with other breaks they have no length of their own
+    for first, last, _, group in breaks.frozen(trial, breaks.mismatches(trial)) if len(trial) >= 8 * STEP else ():
         name, seconds = ", ".join(group), float(trial.t[last] - trial.t[first])
         still[name] = still.get(name, 0.0) + seconds / trial.duration
-    seconds = sum(s.end_s - s.begin_s for s in found)
+    seconds = sum(s.end_s - s.begin_s for s in stretches)
     findings = [
         (
             INFO,
@@ -164,12 +151,12 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
             f"Broken from {s.begin_s:.1f} to {s.end_s:.1f} s ({', '.join(s.channels)}): {s.what}; left out of fits and "
             "scores, unless exclude in trials.toml names other stretches ([]: none).",
         )
-        for s in found
+        for s in stretches
     ]
     for names, share in still.items():
         if share > MUCH:
             findings.append((DOUBTFUL, "frozen_channel", f"{names} stand still for {share:.0%} of the record."))
-    return {"broken": [asdict(s) for s in found], "broken_share": seconds / max(trial.duration, 1e-9)}, findings
+    return {"broken": [asdict(s) for s in stretches], "broken_share": seconds / max(trial.duration, 1e-9)}, findings
 
 
 def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
@@ -180,45 +167,43 @@ def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
     (u, v); of single samples of (u, v) and of r it is what the neighbours on both sides do not lead to expect.
     """
     r, w = filled(trial["r"]), filled(trial["u"]) + 1j * filled(trial["v"])
-    errors = mismatches(trial)
+    errors = breaks.mismatches(trial)
     signals = {"u, v": (w, side), "sharp u, v": (w, 1), "sharp r": (r, 1)}
     if "psi" in errors:
         signals = {"psi": (errors["psi"], side), **signals}
     if "position" in errors:
         signals |= {"position": (errors["position"], side), "sharp position": (errors["position"], 1)}
+    # motion that a step is compared with, and the time [s] over which it adds up to the unit of the step
     moves = {"psi": (r, side * trial.dt), "u, v": (w, 1.0), "r": (r, 1.0), "position": (w, side * trial.dt)}
     out = {}
     for name, (signal, rows) in signals.items():
         step = _level(signal, rows) if name == "psi" else _step(signal, rows)
-        inner = np.abs(step)[2 * rows : -2 * rows]
-        usual = max(
-            MAD * float(np.median(inner)),
-            float(np.quantile(inner, 0.9)) / 1.645,
-            max(0.5 * max(grain(trial[column]) for column in WORDS[name][1]), 1e-9),
-        )
+        rounding = 0.5 * max(grain(trial[column]) for column in WORDS[name][1])
+        usual = max(breaks.usual_size(np.abs(step)[2 * rows : -2 * rows]), rounding, 1e-9)
         motion, seconds = moves[name.removeprefix("sharp ")]
         least = MATTERS[name] * seconds * float(np.sqrt(np.mean(np.abs(motion) ** 2)))
-        out[name] = (step, max(usual, least / SURE[name]))
+        out[name] = (step, max(usual, least / SURE[name]))  # so that no step below ``least`` reaches SURE
     return out
 
 
 def _steps(trial: Trial, signals: Mapping[str, np.ndarray], side: int) -> Iterator[Break]:
     """Breaks of one channel by itself, or of heading and velocities together."""
-    found = innovations(trial, side)
-    ratio = {name: np.abs(step) / usual for name, (step, usual) in found.items()}
+    steps = innovations(trial, side)
+    ratio = {name: np.abs(step) / usual for name, (step, usual) in steps.items()}
     for name, (what, channels) in WORDS.items():
         if name in ratio:
             peaks = _peaks(ratio[name], SURE[name], 2)
             if name.removeprefix("sharp ") in signals:
-                peaks = [run for run in peaks if _changes(signals[name.removeprefix("sharp ")], found[name][0], *run)]
-            step = found[name][0]
+                peaks = [run for run in peaks if _changes(signals[name.removeprefix("sharp ")], steps[name][0], *run)]
+            step = steps[name][0]
+            # a channel that jumps off and back again is wrong all the way between
             jumps = [(a, b, complex(step[a + int(np.argmax(np.abs(step[a : b + 1])))])) for a, b in peaks]
             pairs = there_and_back(jumps, trial.t, side * trial.dt * PAIR, 0.5)
             yield from ((first, last, what, channels) for first, last in pairs)
     if not set(TOGETHER) <= set(ratio):
         return
     shares = [ratio[name] / limit for name, limit in TOGETHER.items()]
-    agreed = np.minimum(*(np.max(around(share, 2 * side), axis=1) for share in shares)) >= 1.0
+    agreed = np.minimum(*(np.max(breaks.around(share, 2 * side), axis=1) for share in shares)) >= 1.0
     for first, last in _peaks(np.where(agreed, np.maximum(*shares), 0.0), 1.0, 2):
         yield first, last, "heading and velocities jump together", ("psi", "u", "v")
 
@@ -234,7 +219,7 @@ def _peaks(size: np.ndarray, limit: float, margin: int) -> list[tuple[int, int]]
     """First and last row of each run of ``size`` (N,) that reaches ``limit``: its rows above half its peak, and half a
     ``margin`` on both sides."""
     out = []
-    for first, last in runs(size > ALIKE * limit):
+    for first, last in breaks.runs(size > ALIKE * limit):
         peak = float(size[first:last].max())
         if peak >= limit:
             high = first + np.flatnonzero(size[first:last] >= 0.5 * peak)
@@ -242,10 +227,10 @@ def _peaks(size: np.ndarray, limit: float, margin: int) -> list[tuple[int, int]]
     return out
 
 
-def _joined(t: np.ndarray, breaks: Sequence[Break], reach: float) -> list[Break]:
-    """Breaks closer together than ``reach`` [s] as one; what and channels of all of them."""
+def _joined(t: np.ndarray, ordered: Sequence[Break], reach: float) -> list[Break]:
+    """Breaks, ``ordered`` by time, closer together than ``reach`` [s] as one; what and channels of all of them."""
     out: list[Break] = []
-    for first, last, what, channels in breaks:
+    for first, last, what, channels in ordered:
         if out and t[first] - t[out[-1][1]] <= reach:
             begun, ended, words, names = out[-1]
             words = words if what in words else f"{words}; {what}"
@@ -259,7 +244,7 @@ def _step(values: np.ndarray, m: int) -> np.ndarray:
     """Step at each row (N,): mean of m samples after minus m before, less the trend of the m beyond on both sides."""
     total, rows = np.concatenate([[0.0], np.cumsum(values)]), np.arange(2 * m, len(values) - 2 * m)
     means = [(total[rows + (k + 1) * m] - total[rows + k * m]) / m for k in (-2, -1, 0, 1)]
-    out = np.zeros(len(values), values.dtype)
+    out = np.zeros(len(values), values.dtype)  # 0 at the ends, where a side is not complete
     out[rows] = means[2] - means[1] - 0.5 * (means[3] - means[2] + means[1] - means[0])
     return out
 
@@ -279,16 +264,15 @@ def _level(values: np.ndarray, m: int) -> np.ndarray:
 SECONDS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0, 50.0, 60.0, 75.0, 95.0)
 # Longer times are judged by what is usual over this, as a drift of a minute may be half of the record.
 SHORT = 5.0  # set by hand (1, 2)
-GROWTH = {"psi": 0.5, "position": 0.8}  # Power of the time by which the usual change grows beyond SHORT
+# Power of the time by which the usual change grows beyond SHORT: .5 is that of white noise in the rate. Set by hand.
+GROWTH = {"psi": 0.5, "position": 0.8}
+# Time [s] and change over the usual one from which it is broken, between them by straight lines. The sound parts of
+# real records of a model reach 17, 14, 13 and 9 in heading over 2, 5, 10 and 20 s, and 25, 13, 8 and 5 in position, by
+# the tails of satellite positions. Set by hand above these.
 LIMIT = {
     "psi": ((1.0, 28.0), (2.0, 22.0), (5.0, 18.0), (10.0, 18.0), (20.0, 18.0)),
     "position": ((1.0, 60.0), (2.0, 30.0), (5.0, 17.0), (10.0, 12.0), (20.0, 10.0)),
 }
-"""Time [s] and change over the usual one from which it is broken, between them by straight lines.
-
-The sound parts of real records of a model reach 17, 14, 13 and 9 in heading over 2, 5, 10 and 20 s, and 25, 13, 8 and 5
-in position, by the tails of satellite positions.
-"""
 # Share of the changes by which the usual one is known: most of them may lie in a drift. Set by hand (8, 1).
 DENSE = 0.35
 # What makes that share the median of a normal law, of headings and of positions in the plane. Ratios of the quantiles
@@ -299,60 +283,59 @@ LEAST_WAY = 0.1  # A position that is off by less than this share of the way is 
 CORE = 0.08  # Share of the change that may lie outside the stretch at each end. Set by hand (1, 1).
 MOST = 12  # Stretches of one channel in a record; one with more has no sound part to compare with. Set by hand.
 MANY = 50000  # Of more rows than this some are enough to know what is usual. Set by hand.
-Drift = tuple[int, int, complex]
-"""First and last row, and the change."""
+Drift = tuple[int, int, complex]  # First and last row, and the change.
 
 
 def drifts(
     t: np.ndarray,
     mismatch: np.ndarray,
     channel: str,
-    moved: np.ndarray,
+    travelled: np.ndarray,
     known: Sequence[tuple[int, int]],
     rounded: float,
 ) -> list[Drift]:
     """The stretches of a record in which its ``mismatch`` (N,) drifts by more than is usual, in order of time.
 
-    t: (N,) [s]; channel: "psi" or "position"; moved: (N,) what the ship has turned [rad] or run [m] by then; known:
+    t: (N,) [s]; channel: "psi" or "position"; travelled: (N,) what the ship has turned [rad] or run [m] by then; known:
     first and last rows of stretches that were found before, in which nothing is looked for; rounded: resolution of
     heading [rad] or position [m], by which they are off in any case.
     """
     steps = np.diff(mismatch)
     for first, last in known:
         steps[max(first - 1, 0) : last + 1] = 0.0
-    usual = _usual(t, np.concatenate([[0.0], np.cumsum(steps)]), channel, moved)
-    found: list[Drift] = []
-    while len(found) < MOST:
+    usual = _usual(t, np.concatenate([[0.0], np.cumsum(steps)]), channel, travelled)
+    intervals: list[Drift] = []
+    while len(intervals) < MOST:
         total = np.concatenate([[0.0], np.cumsum(steps)])
-        one = _largest(t, total, usual, channel, moved, rounded)
+        one = _largest(t, total, usual, channel, travelled, rounded)
         if one is None:
             break
-        found.append(one)
-        steps[one[0] : one[1]] = 0.0
-    return sorted(found, key=lambda drift: drift[0])
+        intervals.append(one)
+        steps[one[0] : one[1]] = 0.0  # so that the next one is looked for in what is left
+    return sorted(intervals, key=lambda drift: drift[0])
 
 
-def _usual(t: np.ndarray, total: np.ndarray, channel: str, moved: np.ndarray) -> dict[float, tuple[float, complex]]:
+def _usual(t: np.ndarray, total: np.ndarray, channel: str, travelled: np.ndarray) -> dict[float, tuple[float, complex]]:
     """Time -> the usual change over it and its median, of those of SECONDS that fit into the record twice: that of all
-    rows, or, where it is more, of those in which the ship has ``moved`` most."""
-    found: dict[float, tuple[float, complex]] = {}
+    rows, or, where it is more, of those in which the ship has ``travelled`` most."""
+    usual: dict[float, tuple[float, complex]] = {}
     dt = float(np.median(np.diff(t)))
     for seconds in SECONDS:
         rows = round(seconds / dt)
         if rows < 2 or len(t) <= 2 * rows:
             continue
         some = slice(None, None, max(1, len(total) // MANY))
-        change, way = (values[rows:][some] - values[:-rows][some] for values in (total, moved))
+        change, way = (values[rows:][some] - values[:-rows][some] for values in (total, travelled))
         plane = np.iscomplexobj(change)
         centre = complex(densest(change.real, DENSE), densest(change.imag, DENSE) if plane else 0.0)
         off = np.abs(change - centre)
         sizes = [float(np.quantile(each, DENSE)) for each in (off, off[way >= 0.5 * way.max()])]
         size = AS_MEDIAN[plane] * max(sizes)
-        if seconds > SHORT and SHORT in found:
-            base, drift = found[SHORT]
+        if seconds > SHORT and SHORT in usual:  # SECONDS rise, so that SHORT came before
+            base, drift = usual[SHORT]
             size, centre = min(size, base * (seconds / SHORT) ** GROWTH[channel]), drift * seconds / SHORT
-        found[seconds] = (max(size, 1e-9), centre)
-    return found
+        usual[seconds] = (max(size, 1e-9), centre)
+    return usual
 
 
 def _largest(
@@ -360,7 +343,7 @@ def _largest(
     total: np.ndarray,
     usual: dict[float, tuple[float, complex]],
     channel: str,
-    moved: np.ndarray,
+    travelled: np.ndarray,
     rounded: float,
 ) -> Drift | None:
     """What drifts most for its length among what is beyond the limit; None where nothing is."""
@@ -369,10 +352,11 @@ def _largest(
     for seconds, (size, centre) in usual.items():
         rows = round(seconds / dt)
         change = np.abs(total[rows:] - total[:-rows] - centre)
-        least = rounded + (LEAST_TURN if channel == "psi" else LEAST_WAY * (moved[rows:] - moved[:-rows]))
+        least = rounded + (LEAST_TURN if channel == "psi" else LEAST_WAY * (travelled[rows:] - travelled[:-rows]))
         change = np.where(change > least, change, 0.0)
         at = int(np.argmax(change))
         value = float(change[at])
+        # among lengths the change by the root of the time: what white noise of the rate adds up to
         if value > float(np.interp(seconds, times, limits)) * size and value / np.sqrt(seconds) > most:
             best, most = (at, at + rows), value / np.sqrt(seconds)
     return _cut(total, *best) if best else None
@@ -392,9 +376,7 @@ def _cut(total: np.ndarray, first: int, last: int) -> Drift:
 
 def tightened(total: np.ndarray, first: int, last: int) -> tuple[int, int]:
     """The rows from ``first`` to ``last`` between which the sum ``total`` (N,) changes, without the sound ones around.
-
-    A sum that comes back changes as long as it is away by a quarter of the farthest.
-    """
+    A sum that comes back changes as long as it is away by a quarter of the farthest."""
     away = np.abs(total[first : last + 1] - total[first])
     farthest = float(away.max())
     if away[-1] >= 0.5 * farthest > 0:

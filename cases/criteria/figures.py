@@ -54,19 +54,20 @@ def since(trial: Trial, order_time: float) -> Since:
     good = np.isfinite(psi) & np.isfinite(u) & np.isfinite(v)
     if trial.has_position:
         good &= np.isfinite(trial["x"]) & np.isfinite(trial["y"])
-    start = min(max(order_time, 0.0), float(t[good][-1]))
+    start = min(max(order_time, 0.0), float(t[good][-1]))  # the order itself lies between two samples
     times = np.concatenate([[start], t[good & (t > start + 1e-9)]])
 
     def at(values: np.ndarray) -> np.ndarray:
         fine = good & np.isfinite(values)
         return np.interp(times, t[fine], values[fine])
 
-    psi, u, v = at(psi), at(u), at(v)
+    psi, u, v = at(psi), at(u), at(v)  # continuous psi: a line between two wrapped headings may cross north
     if trial.has_position:
         x, y = at(trial["x"]), at(trial["y"])
     else:
         x = integral(times, u * np.cos(psi) - v * np.sin(psi))
         y = integral(times, u * np.sin(psi) + v * np.cos(psi))
+    # from here on in the axes of the ship at the order: ahead and to starboard
     x, y, c, s = x - x[0], y - y[0], math.cos(psi[0]), math.sin(psi[0])
     return Since(
         t=times - start,
@@ -96,10 +97,8 @@ def _at(row: float | None, **series: np.ndarray) -> dict[str, float]:
 
 
 def turning_figures(run: Since, rudder: float) -> dict[str, float]:
-    """advance, transfer (at 90 deg), tactical_diameter (at 180 deg) [m] and the times they take [s].
-
-    run: from the order on; rudder [rad] gives the side.
-    """
+    """advance, transfer (at 90 deg), tactical_diameter (at 180 deg) [m] and the times they take [s]. run: from the
+    order on; rudder [rad] gives the side."""
     side = math.copysign(1.0, rudder)
     quarter, half = (_when(side * run.change, angle) for angle in (math.pi / 2, math.pi))
     figures = _at(quarter, advance=run.advance, transfer=side * run.transfer, time_90=run.t)
@@ -116,11 +115,11 @@ def steady_turn_figures(run: Since, rudder: float) -> dict[str, float]:
     largest = float(change.max())
     if largest < 1.5 * math.pi:
         return {}
-    rows = change >= largest - math.pi / 2
+    rows = change >= largest - math.pi / 2  # by heading, not by time: a slower turn is not measured over less of it
     u, v, r = (float(values[rows].mean()) for values in (run.u, run.v, run.r))
     speed = math.hypot(u, v)
-    figures = {"steady_speed": speed, "steady_rate": r, "steady_drift": math.atan2(-v, u)}
-    return figures | ({"steady_diameter": 2 * speed / abs(r)} if r else {})
+    figures = {"steady_speed": speed, "steady_rate": r, "steady_drift": math.atan2(-v, u)}  # drift beta > 0: v < 0
+    return figures | ({"steady_diameter": 2 * speed / abs(r)} if r else {})  # U = r R
 
 
 def zigzag_figures(run: Since, rudder: float, heading: float) -> dict[str, float]:
@@ -131,7 +130,7 @@ def zigzag_figures(run: Since, rudder: float, heading: float) -> dict[str, float
     """
     change = run.change
     side, row, figures = math.copysign(1.0, rudder), 0, {}
-    for k in range(1, len(change)):
+    for k in range(1, len(change)):  # k: number of the counter order, ``row`` where it is given
         beyond = np.flatnonzero(side * change[row:] >= heading)
         if len(beyond) == 0:
             break
@@ -145,7 +144,8 @@ def zigzag_figures(run: Since, rudder: float, heading: float) -> dict[str, float
     return figures
 
 
-SMOOTHED = 9  # Samples of the parabola that takes the noise from a measured heading; it leaves a peak its height
+# Samples of the parabola that takes the noise from a measured heading; it leaves a peak its height. Set by hand.
+SMOOTHED = 9
 
 
 def parabolic(values: np.ndarray, width: int) -> np.ndarray:
@@ -174,13 +174,14 @@ def overshoot_figures(trial: Trial, rudder: float, reversals: tuple[float, ...],
     for k, begin in enumerate(reversals):
         stop = reversals[k + 1] if k + 1 < len(reversals) else end
         gained = side * (psi[(t >= begin) & (t <= stop)] - np.interp(begin, t, psi))
-        if len(gained) > 2 and gained[-1] < 0.8 * gained.max():
+        if len(gained) > 2 and gained[-1] < 0.8 * gained.max():  # set by hand: by then the peak is passed, noise or not
             figures[f"overshoot_{k + 1}"] = float(gained.max())
         side = -side
     return figures
 
 
-INITIAL_TURN = math.radians(10.0)  # Change of heading at which the initial turning ability is read [rad]
+# Change of heading at which the initial turning ability is read [rad] (IMO MSC.137(76), 5.3.2)
+INITIAL_TURN = math.radians(10.0)
 
 
 def initial_turning_figures(run: Since, rudder: float) -> dict[str, float]:
@@ -194,11 +195,9 @@ def initial_turning_figures(run: Since, rudder: float) -> dict[str, float]:
 
 
 def stopping_figures(run: Since, least: float = 0.0) -> dict[str, float]:
-    """track_reach (along the path), head_reach, lateral_deviation [m] and stopping_time [s] until headway is lost.
-
-    run: from the order on; least: share of the speed at the order that is the end of it.
-    """
-    stop = _when(run.u[0] - run.u, (1 - least) * run.u[0]) if run.u[0] > 0 else None
+    """track_reach (along the path), head_reach, lateral_deviation [m] and stopping_time [s] until headway is lost. run:
+    from the order on; least: share of the speed at the order that is the end of it."""
+    stop = _when(run.u[0] - run.u, (1 - least) * run.u[0]) if run.u[0] > 0 else None  # u falls to ``least`` u_0
     return _at(stop, track_reach=run.path, head_reach=run.advance, lateral_deviation=run.transfer, stopping_time=run.t)
 
 
@@ -215,18 +214,16 @@ def pull_out_figures(run: Since) -> dict[str, float]:
     return {"steady_rate": first, "residual_rate": last, "residual_share": last / first}
 
 
+# A rudder of a spiral or pull-out is held while it stays this near to its angle [rad]; the turn rate is steady in this
+# share of a hold, its last. Set by hand.
 HELD, TAIL = math.radians(0.25), 0.1
-"""A rudder of a spiral or pull-out is held while it stays this near to its angle [rad]; the turn rate is steady in this
-share of a hold, its last."""
 
 
 def steady_rates(run: Since) -> tuple[np.ndarray, np.ndarray]:
-    """Rudder angles [rad] and mean turn rates of the last tenth [rad/s] of the holds of a ``run``, (K,) each.
-
-    Holds shorter than a tenth of the longest (the rudder on its way) are left out.
-    """
-    found = held_stretches(run.t, run.delta, tolerance=HELD)
-    holds = [h for h in found if h.seconds >= TAIL * max(other.seconds for other in found)]
+    """Rudder angles [rad] and mean turn rates of the last tenth [rad/s] of the holds of a ``run``, (K,) each. Holds
+    shorter than a tenth of the longest (the rudder on its way) are left out."""
+    stretches = held_stretches(run.t, run.delta, tolerance=HELD)
+    holds = [h for h in stretches if h.seconds >= TAIL * max(other.seconds for other in stretches)]
     tails = [(run.t >= h.end - TAIL * h.seconds) & (run.t <= h.end) for h in holds]
     return np.array([h.angle for h in holds]), np.array([float(run.r[rows].mean()) for rows in tails])
 
@@ -275,6 +272,7 @@ def spiral_figures(run: Since) -> dict[str, float]:
     low, high = max(there[0], back[0]), min(there[-1], back[-1])
     if len(there) < 2 or len(back) < 2 or low >= high:
         return {}
+    # the difference of two polygons is largest at a corner of one of them
     grid = np.unique(np.concatenate([there, back]))
     grid = grid[(grid >= low - 1e-9) & (grid <= high + 1e-9)]
     gap = np.interp(grid, there, first) - np.interp(grid, back, second)

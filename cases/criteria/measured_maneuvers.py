@@ -30,20 +30,21 @@ from mmg.errors import BadValue, Missing, UnknownName
 from mmg.motion.flow import RUDDERS
 from mmg.states import STATES
 
-# An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, what is more [rad].
+# An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, the most of them [rad]. Set
+# by hand.
 TOLERANCE = math.radians(1.0)
 # Ship times L/U over which the angle that is held may creep: a rudder that moves on faster is not held.
 MEMORY = 0.25  # set by hand
 # Share of the longest hold of a manoeuvre below which a gap between two holds at one angle is a spike. Set by hand.
 SHORTEST_HOLD = 0.1
+# A hold beside a longer one of this angle [rad] at least is a helm that corrects where it lasts at most this share of
+# it, and its angle lies between these shares of the other one's. Set by hand.
 CORRECTION, CORRECTED, LEAST_CORRECTED = 0.2, (0.67, 2.0), math.radians(3.5)
-"""A hold beside a longer one of this angle [rad] at least is a helm that corrects where it lasts at most this share of
-it, and its angle lies between these shares of the other one's."""
 # Share of its largest rate below which the rudder's movement to an angle has not begun: a helm that wanders before is
 # slower than the order's movement. Set by hand.
 SLOWEST = 0.3
-FIRST, LATER = 0.1, 0.5  # set by hand
-"""Shares of the way between two holds through which the line goes that tells when the rudder began to move."""
+# Shares of the way between two holds through which the line goes that tells when the rudder began to move. Set by hand.
+FIRST, LATER = 0.1, 0.5
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ def held_stretches(
     delta = without_spikes(delta, dt, ship_time)
     steps = np.diff(delta)
     noise = MAD * float(np.median(np.abs(steps - np.median(steps))))
-    keep = math.exp(-dt / max(MEMORY * ship_time, 2 * dt))
+    keep = math.exp(-dt / max(MEMORY * ship_time, 2 * dt))  # a first-order low pass: the level that is held
     runs, first, level, count = [], 0, float(delta[0]), 1
     for k in range(1, len(t) + 1):
         width = max(tolerance, 0.04 * abs(level), 3.5 * noise)
@@ -100,12 +101,13 @@ def held_stretches(
         level += max(1.0 / count, 1 - keep) * (float(delta[k]) - level)  # a mean at first, then one that forgets
     shortest = max(2.5 * dt, 0.15 * ship_time)
     # without its first quarter, in which the rudder settles
-    found = [(a, b, float(np.median(delta[a + (b - a) // 4 : b]))) for a, b in runs if t[b - 1] - t[a] + dt >= shortest]
-    middles = [0, *((a + b) // 2 for a, b, _ in found)]
-    begins = {a: _movement(t, delta, before, a, angle) for before, (a, _, angle) in zip(middles, found, strict=False)}
+    holds = [(a, b, float(np.median(delta[a + (b - a) // 4 : b]))) for a, b in runs if t[b - 1] - t[a] + dt >= shortest]
+    middles = [0, *((a + b) // 2 for a, b, _ in holds)]
+    # looked for before neighbours are joined: a helm that corrects has moved before the row where its hold begins
+    begins = {a: _movement(t, delta, before, a, angle) for before, (a, _, angle) in zip(middles, holds, strict=False)}
     return [
         RudderStep(begins[a], float(t[a]), float(t[b - 1]), angle, k > 0 or abs(delta[0] - angle) > 2 * tolerance)
-        for k, (a, b, angle) in enumerate(_joined(found, t, tolerance, ship_time))
+        for k, (a, b, angle) in enumerate(_joined(holds, t, tolerance, ship_time))
     ]
 
 
@@ -134,21 +136,20 @@ def _joined(
 def _movement(t: np.ndarray, delta: np.ndarray, floor: int, held: int, angle: float) -> float:
     """When the rudder began to move to the ``angle`` that it has from row ``held`` on [s], not before row ``floor``, in
     the middle of the hold before: a rudder that has left the tolerance of that has moved for some tenths of a second.
-
-    The line through a tenth and a half of the order's movement meets the angle it came from at that time.
-    """
+    The line through a tenth and a half of the order's movement meets the angle it came from at that time."""
     side = math.copysign(1.0, angle - delta[max(floor, held - 1)])
     t, path = t[floor : held + 1], side * delta[floor : held + 1]
     if held == 0 or len(path) < 2:
         return float(t[0])
     start, largest = len(path) - 1, 0.0
-    span = max(0.5, 3 * float(np.median(np.diff(t))))
+    span = max(0.5, 3 * float(np.median(np.diff(t))))  # s, of a mean rate: noise between two samples is no movement
     while start > 0:
         rate = float(path[start] - np.interp(t[start] - span, t, path)) / span
         largest = max(largest, rate)
         if rate < SLOWEST * largest or rate <= 0:
             break
         start -= 1
+    # the mean rate ends within a span of the beginning; the rest of the way back goes sample by sample
     while start > 0 and path[start] - path[start - 1] >= SLOWEST * largest * (t[start] - t[start - 1]) > 0:
         start -= 1
     low, way = float(path[start]), side * angle - float(path[start])
@@ -170,10 +171,10 @@ def _crossing(t: np.ndarray, values: np.ndarray, level: float) -> float:
 
 # Angles that are ordered as a rule [deg] (ITTC 7.5-02-06-01, IMO MSC.137(76)).
 STEPS = (1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0)
-NAMED, SHARE = 0.6, 0.07
-"""A measured rudder is called one of STEPS within this [deg], or this share of it."""
+NAMED, SHARE = 0.6, 0.07  # A measured rudder is called one of STEPS within this [deg], or this share. Set by hand.
+# Least standard error of a heading, gyros are read to 0.1 deg, and by which a helm orders too early or late [rad]. Set
+# by hand.
 RESOLUTION, HELM = math.radians(0.05), math.radians(0.25)
-"""Least standard error of a heading, gyros are read to 0.1 deg, and by which a helm orders too early or late [rad]."""
 # Standard errors by which what the reversals show may be off a usual heading. Set by hand: 1.2 % of normal errors are
 # larger.
 LIKELY = 2.5
@@ -203,40 +204,41 @@ def ordered_heading(
     def fit(degrees: float) -> tuple[float, float]:
         """Sum of squares in standard errors with the best delay, and that delay as a share of the largest."""
         base = headings - signs * math.radians(degrees)
+        # the base course is the weighted mean; of one reversal it is the heading before, taken off already
         off = base - (base @ weights / weights.sum())[:, None] if len(signs) > 1 else base
         squares = off**2 @ weights
         best = int(np.argmin(squares))
-        # of either sign
+        # the larger share of either sign: delays run from negative to positive
         return float(squares[best]), float(max(delays[best] / delays.max(), delays[best] / delays.min()))
 
     fits = {float(degrees): fit(degrees) for degrees in range(1, 90)}
     least = min(squares for squares, _ in fits.values())
-    scatter = max(1.0, least / max(len(signs) - 2, 1))
+    scatter = max(1.0, least / max(len(signs) - 2, 1))  # chi-squared by degrees of freedom: heading and base course
     usual = [step for step in STEPS if fits[step][0] <= least + LIKELY**2 * scatter]
+    worth = {step: fits[step][0] / scatter + (2 * fits[step][1]) ** 2 for step in usual}
     if usual:
-        return min(
-            usual, key=lambda step: (step != rudder, step < 5, fits[step][0] / scatter + (2 * fits[step][1]) ** 2)
-        )
+        return min(usual, key=lambda step: (step != rudder, step < 5, worth[step]))
     return min(fits, key=lambda degrees: (fits[degrees][0] > least + scatter, fits[degrees][1]))
 
 
 KINDS = ("turning", "zigzag", "spiral", "crash-stop")
-LEAST_RUDDER = math.radians(4.0)  # Smaller rudder angles are course keeping [rad]
-LEAST_STEP = math.radians(3.5)  # Half of the way between the two sides of a zigzag is at least this [rad]
-# The middle between the two sides of a zigzag lies within this of zero [rad]: the zero of the rudder's log.
+# The following angles [rad] are set by hand, between course keeping and the mildest manoeuvre: a zigzag 5/5.
+LEAST_RUDDER = math.radians(4.0)  # Smaller rudder angles are course keeping
+LEAST_STEP = math.radians(3.5)  # Half of the way between the two sides of a zigzag is at least this
+# The middle between the two sides of a zigzag lies within this of zero: the zero of the rudder's log.
 LARGEST_OFFSET = math.radians(4.0)
-LEAST_CHANGE = math.radians(0.4)  # A rudder that is reversed before the heading has changed by this is no zigzag [rad]
-# One that is reversed later than this is a turn to one side and a turn to the other [rad].
+LEAST_CHANGE = math.radians(0.4)  # A rudder that is reversed before the heading has changed by this is no zigzag
+# One that is reversed later than this is a turn to one side and a turn to the other.
 LARGEST_CHANGE = math.radians(60.0)
 # A zigzag has its second and third execute; with fewer it counts only where the run has no complete manoeuvre.
 LEAST_HOLDS = 3  # set by hand
 # Share of the time, from the first hold to the end of the last, in which the rudder of a manoeuvre is held.
 LEAST_SHARE = 0.4  # set by hand
-# Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6. Set by hand
-# in that range.
+# Highest r L/U, by the speed of the approach, of ships of the library in standard manoeuvres: 0.15 to 0.6 [-]. Set by
+# hand in that range.
 TURN_RATE = 0.35
+# A spiral has at least so many equal steps to one side, each held for at least so many L/U. Set by hand.
 LEAST_STEPS, SPIRAL_HOLD = 3, 2.0
-"""A spiral has at least so many equal steps to one side, each held for at least so many L/U. Set by hand."""
 # Ship times L/U from the heading at which the rudder is ordered over to its first movement, at most: the reaction of
 # helmsman and steering gear. UNVERIFIED: 1.2 s of a 3 m model, 6 s of a 320 m tanker. Set by hand.
 REACTION = 0.15
@@ -300,18 +302,18 @@ def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute
     stops = [] if kind not in ("", "crash-stop") else find_stops(t, n, trial["u"])
     holds = [] if kind == "crash-stop" else held_stretches(t, rudder, unit)
     complete = [stop for stop in stops if stop.stopped]
-    found = _steered(trial, holds, complete, unit)
+    executes = _steered(trial, holds, complete, unit)
     first = stops[0].order_time if stops else math.inf
     # Only a run without a complete manoeuvre is read as a part of one, or against its rudder.
-    if not found and not complete and any(abs(h.angle) >= LEAST_RUDDER and h.begin < first for h in holds):
-        found = _partial(trial, holds, unit) or _against_rudder(trial, holds, unit)
-    stops = complete if found else stops
-    found += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
-    found = [execute for execute in found if kind in ("", execute.kind)]
-    if not found:
+    if not executes and not complete and any(abs(h.angle) >= LEAST_RUDDER and h.begin < first for h in holds):
+        executes = _partial(trial, holds, unit) or _against_rudder(trial, holds, unit)
+    stops = complete if executes else stops
+    executes += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
+    executes = [execute for execute in executes if kind in ("", execute.kind)]
+    if not executes:
         raise Missing(_nothing(trial, holds, kind))
     result, before = [], 0.0
-    for execute in sorted(found, key=lambda e: e.order_time):
+    for execute in sorted(executes, key=lambda e: e.order_time):
         result.append(_approached(trial, length, execute, before))
         before = execute.end
     return tuple(result)
@@ -321,7 +323,7 @@ def steering(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
     """Rudder angle [rad] and revolutions [1/s] of a ``trial``, (N,) each; of a ship that is steered by azimuth
     thrusters aft the angle that turns her alike."""
     pods = [trial.unwrapped(name) for name in trial.columns if name.startswith("azimuth")]
-    # to starboard it turns her to port
+    # a thruster aft that is turned to starboard pushes the stern there, and turns her to port
     rudder = -np.mean(pods, axis=0) if pods and not any(map(trial.measured, RUDDERS)) else trial.rudder
     driven = [trial[name] for name in trial.columns if name.startswith("n_azimuth")]
     return rudder, np.mean(driven, axis=0) if driven and not trial.measured("n") else trial["n"]
@@ -338,10 +340,8 @@ def _usual_speed(trial: Trial) -> float:
 
 
 def length_by_turns(trial: Trial) -> float:
-    """Length [m] of a ship by the highest turn rates of her ``trial``, within a factor of two.
-
-    Raises UserError where she does not turn.
-    """
+    """Length [m] of a ship by the highest turn rates of her ``trial``, within a factor of two. Raises UserError where
+    she does not turn."""
     rates = np.abs(trial["r"][np.isfinite(trial["r"])])
     fastest, speed = float(np.percentile(rates, 98)) if len(rates) else 0.0, _usual_speed(trial)
     if not (fastest > 0 and speed > 0):
@@ -352,20 +352,20 @@ def length_by_turns(trial: Trial) -> float:
 def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Stop], unit: float) -> list[Execute]:
     """Complete zigzags, spirals and turning tests among ``holds``; those in a stop are part of it. unit: L/U [s]."""
     holds = [h for h in holds if not any(s.order_time <= h.begin <= s.end for s in stops)]
-    found, k = [], 0
+    executes, k = [], 0
     while k < len(holds):
         hold, count, steps = holds[k], _in_turn(trial, holds[k:], unit), _in_steps(holds[k:], unit)
         if count >= LEAST_HOLDS:
-            found.append(_zigzag(trial, holds[k : k + count], unit))
+            executes.append(_zigzag(trial, holds[k : k + count], unit))
         elif steps > LEAST_STEPS:
             step, count, end = abs(holds[k + 1].angle - hold.angle), steps, holds[k + steps - 1].end
-            found.append(Execute("spiral", hold.begin, hold.angle, (), end, step, math.nan, ()))
+            executes.append(Execute("spiral", hold.begin, hold.angle, (), end, step, math.nan, ()))
         else:
             count = 1
             if abs(hold.angle) >= LEAST_RUDDER and _turned(trial, hold) >= math.pi / 2:
-                found.append(Execute("turning", hold.begin, hold.angle, (), hold.end, 0.0, math.nan, ()))
+                executes.append(Execute("turning", hold.begin, hold.angle, (), hold.end, 0.0, math.nan, ()))
         k += count
-    return found
+    return executes
 
 
 def _in_steps(holds: Sequence[RudderStep], unit: float) -> int:
@@ -378,7 +378,7 @@ def _in_steps(holds: Sequence[RudderStep], unit: float) -> int:
     count = back = 0
     for step, hold in zip(steps, holds[1:], strict=True):
         back += bool(step * steps[0] < 0) != bool(back)  # counts changes of the direction: one is the way back
-        equal = abs(abs(step) - abs(steps[0])) <= max(math.radians(1.0), 0.2 * abs(steps[0]))
+        equal = abs(abs(step) - abs(steps[0])) <= max(math.radians(1.0), 0.2 * abs(steps[0]))  # set by hand
         if not equal or hold.seconds < SPIRAL_HOLD * unit or (back and count < LEAST_STEPS) or back > 1:
             break
         count += 1
@@ -386,10 +386,8 @@ def _in_steps(holds: Sequence[RudderStep], unit: float) -> int:
 
 
 def _partial(trial: Trial, holds: Sequence[RudderStep], unit: float) -> list[Execute]:
-    """The manoeuvre of a run without a complete one: a zigzag of one reversal, else a turning test that ends early.
-
-    The rudder must be held there for as long as in all other holds beyond LEAST_RUDDER together.
-    """
+    """The manoeuvre of a run without a complete one: a zigzag of one reversal, else a turning test that ends early. The
+    rudder must be held there for as long as in all other holds beyond LEAST_RUDDER together."""
     beyond = [h for h in holds if abs(h.angle) >= LEAST_RUDDER]
     if not beyond:
         return []
@@ -400,7 +398,7 @@ def _partial(trial: Trial, holds: Sequence[RudderStep], unit: float) -> list[Exe
             return [_zigzag(trial, pair, unit)]
     hold = max(beyond, key=lambda h: h.seconds)
     lasting = hold.seconds >= 0.5 * seconds
-    if not lasting or _turned(trial, hold) < 5 * LEAST_CHANGE:
+    if not lasting or _turned(trial, hold) < 5 * LEAST_CHANGE:  # 2 deg: more than course keeping
         return []
     turned = math.degrees(_turned(trial, hold))
     words = f"the heading changes by {turned:.0f} deg while the rudder is held: no turning test"
@@ -410,8 +408,8 @@ def _partial(trial: Trial, holds: Sequence[RudderStep], unit: float) -> list[Exe
 def _against_rudder(trial: Trial, holds: Sequence[RudderStep], unit: float) -> list[Execute]:
     """Manoeuvres of a run in which the ship turns against the rudder as it is logged; none of them is judged."""
     words = "the ship turns against the rudder as it is logged: see its sign (mmg check)"
-    found = _steered(trial, [replace(hold, angle=-hold.angle) for hold in holds], [], unit)
-    return [replace(execute, notes=(*execute.notes, words)) for execute in found]
+    executes = _steered(trial, [replace(hold, angle=-hold.angle) for hold in holds], [], unit)
+    return [replace(execute, notes=(*execute.notes, words)) for execute in executes]
 
 
 def _turned(trial: Trial, hold: RudderStep) -> float:
@@ -434,21 +432,17 @@ def _in_turn(trial: Trial, holds: Sequence[RudderStep], unit: float) -> int:
         size = -side * (hold.angle - middle)
         change = side * (psi[count] - psi[count - 1])
         least = LEAST_CHANGE * (1 if count == 1 else 2)
-        gap = hold.reached - holds[count - 1].end
         turned = not (change < least or change > LARGEST_CHANGE * (1 if count == 1 else 2))  # NaN: may have
         same = abs(size - abs(half)) <= max(math.radians(2.0), 0.15 * abs(half))
-        usual = gap <= max(2.0 * min(hold.seconds, holds[count - 1].seconds), 1.5 * _way_over(holds[: count + 1]))
+        # the rudder goes over at once: in twice a hold beside it, or 1.5 times the shortest way over so far
+        gaps = [after.reached - before.end for before, after in pairwise(holds[: count + 1])]
+        usual = gaps[-1] <= max(2.0 * min(hold.seconds, holds[count - 1].seconds), 1.5 * min(gaps))
         if not same or not usual or not turned:
             break
         side, count = -side, count + 1
     used = holds[:count]
-    held = sum(h.seconds for h in used)
-    return count if count > 1 and held >= LEAST_SHARE * (used[-1].end - used[0].reached) else 1
-
-
-def _way_over(holds: Sequence[RudderStep]) -> float:
-    """The shortest time in which the rudder went from one of ``holds`` to the next [s]."""
-    return min(after.reached - before.end for before, after in pairwise(holds))
+    seconds = sum(h.seconds for h in used)
+    return count if count > 1 and seconds >= LEAST_SHARE * (used[-1].end - used[0].reached) else 1
 
 
 def _middle_and_size(holds: Sequence[RudderStep]) -> tuple[float, float]:
@@ -463,13 +457,14 @@ def _zigzag(trial: Trial, holds: Sequence[RudderStep], unit: float) -> Execute:
     middle, half = _middle_and_size(holds)
     times = np.array([h.begin for h in holds[1:]])
     sides = math.copysign(1.0, half) * (-1.0) ** np.arange(len(times))
-    known = np.isfinite(_headings(trial, times, unit))
-    if not known.any():
-        known[:] = True
+    valid = np.isfinite(_headings(trial, times, unit))
+    if not valid.any():  # better a heading across a gap than none
+        valid[:] = True
     psi, start = _headings(trial, times), float(_headings(trial, [holds[0].begin])[0])
-    swings = 0.5 * (sides[:-1] * (psi[:-1] - psi[1:]))[known[:-1] & known[1:]]
+    # half of the way between reversals to either side: the base course drops out
+    swings = 0.5 * (sides[:-1] * (psi[:-1] - psi[1:]))[valid[:-1] & valid[1:]]
     heading = float(np.median(swings)) if len(swings) else float(sides[0] * (psi[0] - start))
-    ordered = _ordered(trial, times[known], sides[known], unit, nominal(abs(half)), start)
+    ordered = _ordered(trial, times[valid], sides[valid], unit, nominal(abs(half)), start)
     notes: tuple[str, ...] = ()
     if not holds[0].began and abs(sides[0] * (psi[0] - start) - heading) > max(0.25 * heading, math.radians(1.0)):
         notes = ("the record begins in the manoeuvre: which overshoot is the first is not known",)
@@ -487,7 +482,7 @@ def _ordered(trial: Trial, times: np.ndarray, signs: np.ndarray, unit: float, ru
     rates = np.interp(times, t[good], trial["r"][good]) if good.any() else np.zeros(len(times))
     helm = HELM if len(times) < 4 else RESOLUTION  # the scatter of so few is not known from themselves
     errors = np.sqrt(noise**2 + helm**2 + (rates * interval) ** 2 / 12)  # an order falls anywhere in a sample
-    delays = np.linspace(-interval, interval + REACTION * unit, 41)
+    delays = np.linspace(-interval, interval + REACTION * unit, 41)  # s; fine beside the helm's own scatter
     headings = _headings(trial, times - delays[:, None]) - (start if len(times) == 1 else 0.0)
     return ordered_heading(headings, delays, signs, errors, rudder)
 
@@ -497,7 +492,7 @@ def _interval_and_noise(trial: Trial) -> tuple[float, float]:
     """Sampling interval [s] of the instruments, that nine of ten are below: longer than that of the rows where these
     lie on straight lines between the samples. And noise of the heading [rad]."""
     longest, psi = list[float](), _heading_series(trial)[1]
-    for values in (psi, trial["r"][np.isfinite(trial["r"])]):
+    for values in (psi, trial["r"][np.isfinite(trial["r"])]):  # rows where the slope changes are samples
         steps = np.diff(values)
         samples = np.flatnonzero(np.abs(np.diff(steps)) > 1e-6 * np.abs(steps[1:]))
         longest += [float(np.quantile(np.diff(samples), 0.9))] if len(samples) > 1 else []
@@ -545,8 +540,8 @@ def _nothing(trial: Trial, holds: Sequence[RudderStep], kind: str) -> str:
     )
 
 
+# An approach is steady when its speed changes by less than 5 % and r L / U stays below 0.05. Set by hand.
 STEADY_SPEED, STEADY_RATE = 0.05, 0.05
-"""An approach is steady when its speed changes by less than 5 % and r L / U stays below 0.05. Set by hand."""
 APPROACH_LENGTHS = 2.0  # Ship lengths before the execute over which the test speed is taken. Set by hand.
 TURNING_RATE = 0.15  # A record that begins at r L / U above this begins in a manoeuvre. Set by hand.
 
@@ -562,6 +557,7 @@ def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple
     good = np.isfinite(speed) & np.isfinite(r)
     if not good.any():
         return math.nan, ["no speed is recorded"], []
+    # her speed now, to know how long two ship lengths take: by five samples, or by the first there is
     near = good & (t <= time + 1e-9) & (t >= time - 5 * trial.dt - 1e-9)
     if not near.any():
         near = good & (t <= t[good][np.argmin(np.abs(t[good] - time))] + 1e-9)
@@ -577,7 +573,7 @@ def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple
     blocking, caveats = [], []
     if seconds < 0.5 * stretch:
         caveats.append(f"only {seconds:.3g} s of approach are recorded, two ship lengths take {stretch:.3g} s")
-    change = float(np.polyfit(t[rows], speed[rows], 1)[0]) * seconds / mean
+    change = float(np.polyfit(t[rows], speed[rows], 1)[0]) * seconds / mean  # by a line: both ends are noisy
     turn = float(np.abs(r[rows]).mean()) * length / mean
     if abs(change) > STEADY_SPEED and seconds >= 0.1 * stretch:
         words = f"the speed changes by {100 * change:+.0f} % in the last {seconds:.3g} s"
@@ -605,9 +601,9 @@ def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
     good = np.isfinite(n)
     t, n, u = t[good], n[good], u[good]
     ahead = float(np.percentile(n, 95)) if len(n) else 0.0
-    astern = n < -0.05 * ahead
+    astern = n < -0.05 * ahead  # less is a shaft that is stopped. Set by hand.
     edges = [0, *(np.flatnonzero(np.diff(astern)) + 1).tolist(), len(n)]
-    found: dict[float, Stop] = {}
+    stops: dict[float, Stop] = {}
     for first, last in pairwise(edges):
         forward = np.flatnonzero(n[:first] > 0)
         if ahead <= 0 or not astern[first] or not len(forward):
@@ -615,19 +611,20 @@ def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
         standing = np.flatnonzero(n[: forward[-1] + 1] <= 0)  # before she went ahead the last time
         level = n[standing[-1] + 1 if len(standing) else 0 : forward[-1] + 1]
         level = np.median(level[level > 0.5 * level.max()])
-        order = int(np.flatnonzero(n[:first] >= 0.97 * level)[-1])
+        order = int(np.flatnonzero(n[:first] >= 0.97 * level)[-1])  # set by hand: below it they have begun to fall
         speeds = u[: order + 1][np.isfinite(u[: order + 1])]
         off = np.flatnonzero(u[order:] <= 0)
         stopped = len(speeds) > 0 and speeds[-1] > 0 and len(off) > 0 and order + off[0] <= min(last + 2, len(t) - 1)
         if stopped or last == len(t):
-            found.setdefault(float(t[order]), Stop(float(t[order]), float(t[last - 1]), bool(stopped)))
-    complete = [stop for stop in found.values() if stop.stopped]
-    return complete or list(found.values())[-1:]
+            stops.setdefault(float(t[order]), Stop(float(t[order]), float(t[last - 1]), bool(stopped)))
+    complete = [stop for stop in stops.values() if stop.stopped]
+    return complete or list(stops.values())[-1:]
 
 
-# The ship may turn by this over a stretch that is bridged by straight lines; IMO gives headings in whole degrees.
+# The ship may turn by this over a stretch that is bridged by straight lines [rad]; IMO gives headings in whole degrees.
+# Set by hand.
 LARGEST_TURN = math.radians(5.0)
-# Changes of heading at which a turning test is read [rad]: in between its track is not asked for.
+# Changes of heading at which a turning test is read [rad] (IMO MSC.137(76)): in between its track is not asked for.
 READ_AT = (math.pi / 2, math.pi)
 
 
@@ -643,8 +640,8 @@ def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute
         rows = inside(trial, [(first, last)])
         if not rows.any() or t[rows][-1] < execute.order_time or t[rows][0] > execute.end:
             continue
-        moved = not (bridged(trial) | ~rows).all()
-        if not moved and _is_bridged(trial, execute, rows):
+        disturbed = not (bridged(trial) | ~rows).all()
+        if not disturbed and _is_bridged(trial, execute, rows):
             continue
         before = [time for time in execute.reversals if time < t[rows][0]]
         if len(before) > 1:
@@ -653,7 +650,7 @@ def without_broken_parts(trial: Trial, execute: Execute) -> tuple[Trial, Execute
         turns = f"she turns by more than {math.degrees(LARGEST_TURN):g} deg meanwhile"
         raise BadValue(
             f"{trial.name}: {first:.1f} to {last:.1f} s are left out, in the manoeuvre that is measured, and "
-            f"{'something else moved the ship there' if moved else turns}; mend them, add to "
+            f"{'something else moved the ship there' if disturbed else turns}; mend them, add to "
             f"{line_for(trial.path, trial.name, 'exclude = []')}, or add --unchecked"
         )
     return (_filled(trial) if spans_left_out(trial) else trial), execute

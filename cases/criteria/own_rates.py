@@ -33,30 +33,32 @@ from mmg.ship import Ship
 MEASURED = "measured in "  # How the source of a particular begins that was estimated from trials
 # Samples over which slopes are taken to find moves: the fewest that show the largest slope above the noise.
 WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # set by hand: steps by a half at most
+# Shares of the largest slope: the most that the noise of a slope may have, and the least of a move. Set by hand.
 CLEAR, MOVING = 0.06, 0.3
-"""Shares of the largest slope: the most that the noise of a slope may have, and the least of a move. Set by hand."""
-VISIBLE = 8.0  # Least size of a move, by the noise. Set by hand.
+VISIBLE = 8.0  # Least size of a move, by the noise (its standard deviation). Set by hand.
 # Largest moves of a trial that are fitted: a zigzag has five, and each costs some hundredths of a second.
 MOST = 5  # set by hand
 # Largest change from a sample to the next, by that of the move: more of it is one step, as in a log of orders.
 JUMP = 0.7  # set by hand
+# A ramp whose rate counts lasts so many sampling intervals, has this relative standard error at most, and leaves an rms
+# error of so many times the noise and this share of its size: half a sine leaves 0.026. Set by hand below that.
 RESOLVED, SURE, STRAIGHT = 1.5, 0.05, (1.5, 0.01)
-"""A ramp whose rate counts lasts so many sampling intervals, has this relative standard error at most, and leaves an
-rms error of so many times the noise and this share of its size: half a sine leaves 0.026."""
+# A limit is shown by so many moves at least that agree to this share of their rate, and by this share of all moves of
+# half the largest size. Set by hand.
 FEW, AGREE, MOSTLY = 2, 0.1, 0.5
-"""A limit is shown by so many moves at least that agree to this share of their rate, and by this share of all moves of
-half the largest size."""
 FASTEST = 5.0  # Rates above so many times those by Froude's law are steps of orders. Set by hand.
 # Particular, the column whose steps are its orders, and the highest order that counts: an engine that is stopped or
 # reversed is what ``engine_delay`` is of.
 DELAYS = (("rudder_delay", "delta_order", math.inf), ("engine_delay", "n_order", 0.0))
-NOTED = 0.1  # Share by which a rate that the ship file states differs from the one measured for that to be said
+# Share by which a rate that the ship file states differs from the one measured for that to be said. Set by hand.
+NOTED = 0.1
+# Speeds of approach are one speed where they differ by this share at most; ship times L/U of an approach that are
+# looked at. Set by hand.
 ALIKE, APPROACH = 0.15, 1.0
-"""Speeds of approach are one speed where they differ by this share at most; ship times L/U of an approach that are
-looked at. Set by hand."""
 # Least and largest usual diameter of a propeller by the draught [-].
 USUAL_DIAMETER = next(usual for words, *_, usual in RATIOS if words == "D_P / d")
-# A smaller mean rudder of straight approaches is zero [rad]: rudders are logged to a tenth of a degree, with noise.
+# A smaller mean rudder of straight approaches is zero [rad]: rudders are logged to a tenth of a degree, with noise. Set
+# by hand.
 LEAST_NEUTRAL = math.radians(0.25)
 
 
@@ -94,19 +96,19 @@ class SlewRate:
 def slew_rate(ramps: Sequence[Ramp]) -> SlewRate | None:
     """The rate of an actuator whose largest moves in all trials are ``ramps``; None where no move is resolved by the
     samples, as in a log of orders."""
-    known = [ramp for ramp in ramps if ramp.resolved]
-    if not known:
+    resolved = [ramp for ramp in ramps if ramp.resolved]
+    if not resolved:
         return None
-    largest = max(ramp.size for ramp in known)  # a ramp that begins in a move has no size of its own
+    largest = max(ramp.size for ramp in resolved)  # a ramp that begins in a move has no size of its own
     large = [ramp for ramp in ramps if ramp.size >= 0.5 * largest]
-    for fastest in sorted(known, key=lambda ramp: -ramp.rate):
-        alike = [ramp for ramp in known if ramp.straight and abs(ramp.rate / fastest.rate - 1) <= AGREE]
+    for fastest in sorted(resolved, key=lambda ramp: -ramp.rate):
+        alike = [ramp for ramp in resolved if ramp.straight and abs(ramp.rate / fastest.rate - 1) <= AGREE]
         enough = len(alike) >= FEW and sum(ramp in alike for ramp in large) >= MOSTLY * len(large)
         if fastest.straight and enough:
             weights = np.array([ramp.error**2 + 0.01**2 for ramp in alike]) ** -1  # 1 %: no move alone decides
             rate = float(np.average([ramp.rate for ramp in alike], weights=weights))
             return SlewRate(rate, True, tuple(dict.fromkeys(ramp.trial for ramp in alike)))
-    fastest = max(known, key=lambda ramp: ramp.rate * (1 - 2 * ramp.error))
+    fastest = max(resolved, key=lambda ramp: ramp.rate * (1 - 2 * ramp.error))
     return SlewRate(fastest.rate * (1 - 2 * fastest.error), False, (fastest.trial,))  # what it surely is
 
 
@@ -119,22 +121,24 @@ def order_delay(
     count. The median of all straight moves that one step ordered, as the begin of others is not known; None where fewer
     than FEW were, and where it is not above twice its standard error, to which the interval between samples belongs.
     """
-    found: list[tuple[float, float, str]] = []
+    measured: list[tuple[float, float, str]] = []
     for trial, ramps, order in moves:
         for ramp in (one for one in ramps if one.resolved and one.straight):
             way, t = np.sign(ramp.change) * order, trial.t
             jumps = way[2:] - way[:-2]  # over two intervals: a step may lie between two samples of a grid
             steps = np.flatnonzero((np.abs(jumps) >= JUMP * ramp.size) & (t[:-2] <= ramp.begin))
+            # the last step before the move, where it is to the side of the move; it lies where half of it is made
             if len(steps) and jumps[k := steps[-1]] > 0 and order[k + 2] <= highest:
                 at = np.interp(0.5 * (way[k] + way[k + 2]), way[k : k + 3], t[k : k + 3])
-                found.append((ramp.begin - float(at), trial.dt, trial.name))
-    if len(found) < FEW:
+                measured.append((ramp.begin - float(at), trial.dt, trial.name))
+    if len(measured) < FEW:
         return None
-    delays, intervals = np.array([(delay, dt) for delay, dt, _ in found]).T
+    delays, intervals = np.array([(delay, dt) for delay, dt, _ in measured]).T
     delay = float(np.median(delays))
+    # scatter of the delays, and of a step that lies anywhere within a sampling interval (uniform: 1/sqrt(12))
     scatter = math.hypot(MAD * float(np.median(np.abs(delays - delay))), float(intervals.mean()) / math.sqrt(12))
     known = delay > 2 * scatter / math.sqrt(len(delays))
-    return (delay, tuple(dict.fromkeys(name for *_, name in found))) if known else None
+    return (delay, tuple(dict.fromkeys(name for *_, name in measured))) if known else None
 
 
 def ramps_of(trial: Trial, values: np.ndarray) -> list[Ramp]:
@@ -143,16 +147,16 @@ def ramps_of(trial: Trial, values: np.ndarray) -> list[Ramp]:
     t, values = trial.t[good], values[good]
     if len(t) < 6 or np.ptp(values) == 0:
         return []
-    noise = MAD * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6)  # of 1, -2, 1
+    noise = MAD * float(np.median(np.abs(np.diff(values, 2)))) / math.sqrt(6)  # of 1, -2, 1: a ramp leaves nothing
     noise = max(noise, 1e-4 * float(np.ptp(values)))  # a log without noise is rounded, too
     moves = _moves(t, values, noise)
     sampled = is_sampled(trial)
-    readings = [True, False] if sampled is None else [sampled]
-    found: list[tuple[float, list[Ramp]]] = []
+    readings = [True, False] if sampled is None else [sampled]  # the sidecar says which, else the better fit
+    fits: list[tuple[float, list[Ramp]]] = []
     for reading in readings:
         ramps = [_fitted(trial, t, values, move, noise, not reading) for move in moves]
-        found.append((sum(ramp.rms**2 for ramp in ramps), ramps))
-    return min(found, key=lambda one: one[0])[1]
+        fits.append((sum(ramp.rms**2 for ramp in ramps), ramps))
+    return min(fits, key=lambda one: one[0])[1]
 
 
 def _moves(t: np.ndarray, values: np.ndarray, noise: float) -> list[tuple[int, int, int, int]]:
@@ -168,21 +172,22 @@ def _moves(t: np.ndarray, values: np.ndarray, noise: float) -> list[tuple[int, i
             break
     else:
         return []
+    # -1, 0, 1: whether the actuator falls, stands or rises in the window that begins at a row
     way = np.where(np.abs(slopes) > MOVING * largest, np.sign(slopes), 0.0)
     edges, half = np.flatnonzero(np.diff(way, prepend=0.0, append=0.0)), (window - 1) // 2
     spans = [(int(a) + half, int(b) - 1 + window - 1 - half) for a, b in pairwise(edges) if way[a]]
-    found = []
+    moves = []
     for k, (a, b) in enumerate(spans):
         floor = spans[k - 1][1] if k else 0
         ceiling = spans[k + 1][0] if k + 1 < len(spans) else len(t) - 1
-        stand = max(3, b - a)
+        stand = max(3, b - a)  # rows of the stands on both sides: as long as the move, as far as the next moves
         first, last = max(min(floor, a), a - stand, 0), min(max(ceiling, b), b + stand)
         if last - first >= 4:
             size = abs(float(np.median(values[b : last + 1]) - np.median(values[first : a + 1])))
             jump = float(np.abs(np.diff(values[first : last + 1])).max())
-            found += [(size, (first, a, b, last))] if jump < JUMP * size else []
-    found = sorted(found, key=lambda one: -one[0])[:MOST]
-    return [move for size, move in found if size > VISIBLE * noise]
+            moves += [(size, (first, a, b, last))] if jump < JUMP * size else []
+    moves = sorted(moves, key=lambda one: -one[0])[:MOST]
+    return [move for size, move in moves if size > VISIBLE * noise]
 
 
 def _fitted(
@@ -205,13 +210,14 @@ def _fitted(
         begin = 0.5 * (t[a] + t[b]) - 0.5 * size / rate - 0.5 * dt * held  # means lie half a sample later
         bounds = [-np.inf, -np.inf, math.log(rate) - 3, 0.3 * size], [np.inf, np.inf, math.log(rate) + 3, 3 * size]
         scale = [size, dt + size / rate, 1.0, size]
-        found = least_squares(error, [low, begin, math.log(rate), size], x_scale=scale, bounds=bounds, max_nfev=40)
-        best = found if best is None or found.cost < best.cost else best
+        fit = least_squares(error, [low, begin, math.log(rate), size], x_scale=scale, bounds=bounds, max_nfev=40)
+        best = fit if best is None or fit.cost < best.cost else best
         rms = math.sqrt(2 * best.cost / max(len(t) - 4, 1))
         if rms <= math.hypot(STRAIGHT[0] * noise, STRAIGHT[1] * float(best.x[3])):
             break
     assert best is not None
     rate, size, J = math.exp(best.x[2]), float(best.x[3]), np.asarray(best.jac)
+    # parameters: level, begin [s], log of the rate, size; so the error of the third is a share of the rate
     scaled = J * [1.0, dt + size / rate, 1.0, 1.0]  # seconds beside angles
     determined = np.linalg.matrix_rank(scaled, tol=1e-6 * size) == 4
     relative = float(np.linalg.norm(np.linalg.pinv(scaled)[2])) * max(noise, rms) if determined else math.inf
@@ -225,6 +231,7 @@ def _ramp(t: np.ndarray, begin: float, rate: float, size: float, held: bool) -> 
     if not held:
         return np.clip(rate * (t - begin), 0.0, size)
     since = np.append(t, 2 * t[-1] - t[-2]) - begin  # the last mean needs an end, too
+    # integral of the ramp: a parabola while it rises, then a line
     area = np.where(rate * since < size, 0.5 * rate * np.clip(since, 0, None) ** 2, size * (since - 0.5 * size / rate))
     return np.diff(area) / np.diff(since)
 
@@ -239,34 +246,34 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
     """
     if "actuators" in ship.components:
         return ship, []
-    found: dict[str, tuple[float, tuple[str, ...]]] = {}
+    estimates: dict[str, tuple[float, tuple[str, ...]]] = {}
     messages = []
-    moved = [t for t in trials if np.isfinite(np.column_stack(steering(t))).any(axis=0).all()]
+    logged = [t for t in trials if np.isfinite(np.column_stack(steering(t))).any(axis=0).all()]
     usual = Limits.for_length(ship.particulars["L"])
     rates = ("rudder_rate", usual.rudder_rate), ("propeller_rate", usual.propeller_rate)
     engine = USUAL["engine_delay"][3] if has_engine(ship) else 0.0
     most = {"rudder_delay": MOST_DELAY * time_scale(ship.particulars["L"]), "engine_delay": engine}
-    for k, ((name, rule), (late, column, highest)) in enumerate(zip(rates, DELAYS, strict=True)):
-        moves = [(trial, ramps_of(trial, steering(trial)[k])) for trial in moved]
+    for k, ((name, rule), (late, column, highest)) in enumerate(zip(rates, DELAYS, strict=True)):  # rudder, propeller
+        moves = [(trial, ramps_of(trial, steering(trial)[k])) for trial in logged]
         slew = slew_rate([ramp for _, ramps in moves for ramp in ramps])
         if slew and slew.limit and slew.rate <= FASTEST * rule:
-            found[name] = slew.rate, slew.trials
-        elif k == 0 and name not in ship.particulars and moved:
+            estimates[name] = slew.rate, slew.trials
+        elif k == 0 and name not in ship.particulars and logged:
             messages.append(Message(_by_rule(ship, slew), "rudder_rate_by_rule"))
         delay = order_delay([(trial, ramps, trial[column]) for trial, ramps in moves if column in trial], highest)
         if delay and delay[0] <= most[late]:
-            found[late] = delay
+            estimates[late] = delay
     if approach := _approach(trials, ship.particulars["L"]):
-        found |= _of_approach(ship, approach)
+        estimates |= _of_approach(ship, approach)
     particulars, sources = dict(ship.particulars), dict(ship.sources)
-    for name, (value, names) in found.items():
+    for name, (value, names) in estimates.items():
         stated = name in particulars and not sources.get(name, "").startswith((MEASURED, BY_RULE))
         if not stated:
             particulars[name], sources[name] = value, f"{MEASURED}{listed(names)}"
         elif abs(particulars[name] / value - 1) > NOTED:
             text = f"{name} is {particulars[name]:.3g} in the ship file, {value:.3g} by {listed(names)}; it stays"
             messages.append(Message(text, f"{name}_differs"))
-    rules = tuple(f"{name} = " for name in found)  # of a starting ship, that the trials replace
+    rules = tuple(f"{name} = " for name in estimates)  # of a starting ship, that the trials replace
     notices = tuple(note for note in ship.notices if not str(note).startswith(rules))
     return replace(ship, particulars=particulars, sources=sources, notices=notices), messages
 
@@ -304,14 +311,14 @@ def _approach(trials: Sequence[Trial], length: float) -> Approach | None:
         since = trial.t - trial.t[0] - execute.order_time
         if math.isfinite(execute.speed) and execute.speed > 0:
             before = (since < 0) & (since > -APPROACH * length / execute.speed)
-            known = (x[before][np.isfinite(x[before])] for x in steering(trial))
-            rudder, n = (float(np.mean(x)) if len(x) else 0.0 for x in known)
+            valid = (x[before][np.isfinite(x[before])] for x in steering(trial))
+            rudder, n = (float(np.mean(x)) if len(x) else 0.0 for x in valid)
             rows.append(Approach(execute.speed, rudder, n, (trial.name,)))
     if not rows:
         return None
     speed = float(np.median([row.speed for row in rows]))
     alike = [row for row in rows if abs(row.speed / speed - 1) <= ALIKE]
-    if len(alike) <= 0.5 * len(rows):
+    if len(alike) <= 0.5 * len(rows):  # runs at several speeds have no speed of approach
         return None
     speed, rudder, n = (float(np.median([getattr(row, name) for row in alike])) for name in ("speed", "rudder", "n"))
     return Approach(speed, rudder, n, tuple(name for row in alike for name in row.trials))
@@ -319,13 +326,13 @@ def _approach(trials: Sequence[Trial], length: float) -> Approach | None:
 
 def _of_approach(ship: Ship, approach: Approach) -> dict[str, tuple[float, tuple[str, ...]]]:
     """Particulars of the ``ship`` that an ``approach`` shows, and in which trials."""
-    found = {"approach_speed": approach.speed}
+    estimates = {"approach_speed": approach.speed}
     if abs(approach.rudder) > LEAST_NEUTRAL:
-        found["neutral_rudder"] = approach.rudder
+        estimates["neutral_rudder"] = approach.rudder
     by_rule = ship.sources.get("D_P", "").startswith((BY_RULE, MEASURED))
     if by_rule and approach.n > 0 and (diameter := _diameter(ship, approach)):
-        found["D_P"] = diameter
-    return {name: (value, approach.trials) for name, value in found.items()}
+        estimates["D_P"] = diameter
+    return {name: (value, approach.trials) for name, value in estimates.items()}
 
 
 def _diameter(ship: Ship, approach: Approach) -> float | None:

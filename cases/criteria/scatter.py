@@ -19,7 +19,7 @@ from mmg.motion.froude import reference_speed, time_scale
 from mmg.ship import Ship
 
 STEP = 0.25  # Default sampling interval [s] of a 3 m model; scales with sqrt(L). Set by hand.
-ROUNDS = 5  # Rounds in which draws beyond bounds are put on them
+ROUNDS = 5  # In which draws beyond bounds are put on them; what is beyond then is clipped alone. Set by hand.
 MOST = 5000  # Most draws of one call: all motions are held in memory. Set by hand: it bounds memory.
 
 
@@ -115,11 +115,12 @@ def draw_coefficients(
         raise Missing(f"{ship.name}: no coefficient has a standard deviation; give std in the ship file, or a fit")
     matrix = np.eye(len(free))
     if correlation is not None:
-        known = {symbol: i for i, symbol in enumerate(correlation[0])}
-        rows = [(i, known[s]) for i, s in enumerate(free) if s in known]
+        index = {symbol: i for i, symbol in enumerate(correlation[0])}
+        rows = [(i, index[s]) for i, s in enumerate(free) if s in index]
         here, there = (list(part) for part in zip(*rows, strict=True)) if rows else ([], [])
         matrix[np.ix_(here, here)] = np.nan_to_num(np.asarray(correlation[1], dtype=float)[np.ix_(there, there)])
         np.fill_diagonal(matrix, 1.0)
+    # a root by eigenvalues: with correlations that are not known set to zero the matrix may have negative ones
     values, vectors = np.linalg.eigh(matrix)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     draws = root @ np.random.default_rng([21, seed]).standard_normal((len(free), count))
@@ -131,21 +132,20 @@ def draw_coefficients(
 
 
 def _within(draws: np.ndarray, lower: np.ndarray, upper: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """Draws (Q, count) of unit variance and correlation ``matrix`` with those beyond bounds (Q, 1) put on them.
-
-    The others move to their expectation given that: by the regression on those that are held.
-    """
-    held = np.zeros(draws.shape, dtype=bool)
+    """Draws (Q, count) of unit variance and correlation ``matrix`` with those beyond bounds (Q, 1) put on them. The
+    others move to their expectation given that: by the regression on those that are held."""
+    bounded = np.zeros(draws.shape, dtype=bool)
     target = draws
     for _ in range(ROUNDS):
         beyond = (target < lower - 1e-9) | (target > upper + 1e-9)
         if not beyond.any():
             break
-        held |= beyond
+        bounded |= beyond
         target = target.copy()
         for m in np.flatnonzero(beyond.any(axis=0)):
-            k = np.flatnonzero(held[:, m])
+            k = np.flatnonzero(bounded[:, m])
             ends = np.clip(draws[k, m], lower[k, 0], upper[k, 0])
+            # conditional mean of a normal law, given those on their bounds
             gain = np.linalg.solve(matrix[np.ix_(k, k)] + 1e-9 * np.eye(len(k)), ends - draws[k, m])
             target[:, m] = draws[:, m] + matrix[:, k] @ gain
             target[k, m] = ends
@@ -176,12 +176,13 @@ def scatter(
     each = replace(plan, engine=plan.engine.drawn(count, seed, itself=True)) if plan.engine else plan
     runs = simulate_batch(ship, each, given, STEP * time_scale(L) if dt is None else dt)
     with np.errstate(invalid="ignore", over="ignore"):
+        # beyond Froude number 3, as ``simulate`` refuses it
         fast = np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) > 3 * reference_speed(L)
     good = np.flatnonzero(np.isfinite(runs.states).all(axis=(0, 1)) & ~fast)
     if len(good) == 0:
         raise NoSolution(f"{ship.name}: every motion diverges; check its coefficients")
     figures = {int(m): figures_of(runs.trial(int(m)), plan) for m in good}
-    own = figures.pop(0, {})
+    nominal = figures.pop(0, {})
     notices = []
     if len(figures) < count:
         words = f"{count - len(figures)} of {count} draws are left out: their motion diverges"
@@ -190,13 +191,13 @@ def scatter(
         notices.append(Message("coefficients are drawn independently of each other: no correlation is known",
                                "independent_draws"))  # fmt: skip
     rows, by_draw = [], {}
-    for name in dict.fromkeys(name for found in (own, *figures.values()) for name in found):
+    for name in dict.fromkeys(name for found in (nominal, *figures.values()) for name in found):
         by_draw[name] = np.array([figures.get(k + 1, {}).get(name, np.nan) for k in range(count)])
         values = by_draw[name][np.isfinite(by_draw[name])]
         if len(values):
             low, middle, high = (float(q) for q in np.quantile(values, (0.05, 0.5, 0.95)))
             share = len(values) / len(figures)
-            rows.append(ScatterRow(name, figure_unit(name), own.get(name), middle, (low, high), share))
+            rows.append(ScatterRow(name, figure_unit(name), nominal.get(name), middle, (low, high), share))
     kept = np.concatenate([[0], good[good > 0]])
     runs = replace(runs, states=runs.states[:, :, kept], inputs=runs.inputs[:, :, kept], last=runs.last[kept])
     return ManeuverScatter(ship.name, plan, count, seed, drawn, tuple(rows), runs, tuple(notices), by_draw)

@@ -35,11 +35,8 @@ STANDARD = ("turning:35", "turning:-35", *ZIGZAGS, "crash-stop")  # What the cri
 
 @dataclass(frozen=True, kw_only=True)
 class Run(Execute):
-    """A standard manoeuvre and its figures.
-
-    name: as ordered ("zigzag:20/20") or the trial's; trial: the motion; length L [m]; figures: SI and rad, by the names
-    of cases/criteria/figures.py; measured: from a file.
-    """
+    """A standard manoeuvre and its figures. name: as ordered ("zigzag:20/20") or the trial's; trial: the motion; length
+    L [m]; figures: SI and rad, by the names of cases/criteria/figures.py; measured: from a file."""
 
     name: str
     trial: Trial
@@ -50,9 +47,7 @@ class Run(Execute):
 
 def approach_speed(ship: Ship, speed: float | None = None) -> tuple[float, str]:
     """Test speed of a ``ship`` [m/s] and where it is from: given, else as of ``known_speed`` with Froude number 0.142.
-
-    Raises UserError for a speed that is not positive.
-    """
+    Raises UserError for a speed that is not positive."""
     if speed is not None:
         if not (math.isfinite(speed) and speed > 0):
             raise OutOfRange(f"test speed {speed:g} m/s must be positive")
@@ -60,14 +55,13 @@ def approach_speed(ship: Ship, speed: float | None = None) -> tuple[float, str]:
     return known_speed(ship, TEST_FROUDE)
 
 
-def simulated_run(ship: Ship, text: str, speed: float, n: float | None = None, rudder_rate: float | None = None) -> Run:
+def simulated_run(ship: Ship, text: str, speed: float, rudder_rate: float | None = None) -> Run:
     """A standard manoeuvre of a ship in calm air and deep water, one that has an order.
 
-    text: as for ``parse_maneuver``; speed [m/s] and n [1/s] of the approach (None: self-propulsion); rudder_rate
-    [rad/s]. Raises UserError when the manoeuvre does not reach its event.
+    text: as for ``parse_maneuver``; speed [m/s] of the approach, at its self-propulsion; rudder_rate [rad/s]. Raises
+    UserError when the manoeuvre does not reach its event.
     """
-    plan = parse_maneuver(text, ship, speed=speed, n=n, rudder_rate=rudder_rate)
-    return planned_run(ship, plan)
+    return planned_run(ship, parse_maneuver(text, ship, speed=speed, rudder_rate=rudder_rate))
 
 
 def simulated_trial(
@@ -83,11 +77,10 @@ def simulated_trial(
 
     maneuver: text as for ``parse_maneuver``, "harbour:SEED" for random use of all actuators from rest, or a
     ``Maneuver``, for another speed, duration or rudder rate; controls: a trial or its file, whose inputs and wind are
-    followed from its first state; give one of the two. wind:
-    "speed:direction[:gusty]" in m/s and degrees it comes from, default calm air, or the wind of the controls; noise:
-    white sensor noise on the states; seed: of gusts, noise and random manoeuvres; dt: sampling interval [s] of a
-    manoeuvre, default 0.1. Raises UserError for what cannot be read or simulated, and when a manoeuvre misses its first
-    event.
+    followed from its first state; give one of the two. wind: "speed:direction[:gusty]" in m/s and degrees it comes
+    from, default calm air, or the wind of the controls; noise: white sensor noise on the states; seed: of gusts, noise
+    and random manoeuvres; dt: sampling interval [s] of a manoeuvre, default 0.1. Raises UserError for what cannot be
+    read or simulated, and when a manoeuvre misses its first event.
     """
     if (maneuver is None) == (controls is None):
         raise Conflict("give either a manoeuvre or controls, one of them")
@@ -95,8 +88,8 @@ def simulated_trial(
     if isinstance(maneuver, str):
         from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed  # late: a fit has no use for it
 
-        if (own := harbour_seed(maneuver, seed)) is not None:
-            maneuver, controls = None, harbour_inputs(ship, None, own, dt)
+        if (own_seed := harbour_seed(maneuver, seed)) is not None:
+            maneuver, controls = None, harbour_inputs(ship, None, own_seed, dt)
     if maneuver is not None:
         plan = parse_maneuver(maneuver, ship, seed=seed) if isinstance(maneuver, str) else maneuver
         trial = simulate(ship, plan, 0.1 if dt is None else dt, air, seed)
@@ -139,13 +132,13 @@ def check_completeness(trial: Trial, maneuver: Maneuver) -> tuple[Message, ...]:
     p, name = maneuver.parameters, maneuver.name
     if "order_time" not in p:
         return ()
-    run, fatal, words = read.since(trial, p["order_time"]), True, ""
+    run, fatal, words = read.since(trial, p["order_time"]), True, ""  # fatal: nothing can be read of the run
     steady = run.r[run.t >= run.t[-1] - p.get("window", 0.0)]
     if trial.duration <= p["order_time"]:
         words = f"{name}: the run ends after {trial.duration:g} s, before the order at {p['order_time']:g} s"
     elif maneuver.kind in EVENTS:
-        events, found = EVENTS[maneuver.kind], _figures(run, maneuver, steady=False)
-        missed = [figure for figure in events if figure not in found]
+        events, figures = EVENTS[maneuver.kind], _figures(run, maneuver, steady=False)
+        missed = [figure for figure in events if figure not in figures]
         fatal = missed == list(events)
         side = math.copysign(1.0, p.get("rudder", 1.0))
         turned = f"the heading changed by up to {math.degrees((side * run.change).max()):.3g} deg"
@@ -188,9 +181,9 @@ def _figures(run: read.Since, plan: Maneuver, steady: bool) -> dict[str, float]:
     """Figures of a ``run`` of the manoeuvre ``plan`` from its order on. steady: with the means of a steady turn."""
     p = plan.parameters
     if plan.kind == "zigzag":
-        ten = math.isclose(abs(p["rudder"]), math.radians(10), rel_tol=1e-6)
-        found = read.zigzag_figures(run, p["rudder"], p["heading"])
-        return found | (read.initial_turning_figures(run, p["rudder"]) if ten else {})
+        ten = math.isclose(abs(p["rudder"]), math.radians(10), rel_tol=1e-6)  # of the initial turning ability
+        figures = read.zigzag_figures(run, p["rudder"], p["heading"])
+        return figures | (read.initial_turning_figures(run, p["rudder"]) if ten else {})
     return _one_order(run, plan.kind, p.get("rudder", 0.0), p.get("least", 0.0), steady)
 
 
@@ -231,7 +224,7 @@ def _measured(trial: Trial, length: float, execute: Execute, name: str) -> Run:
 
 def measured_figures(trial: Trial, execute: Execute) -> dict[str, float]:
     """All figures, SI and rad, of the manoeuvre ``execute`` in the measured run ``trial``."""
-    rows = trial.t - trial.t[0] <= execute.end + 1e-9
+    rows = trial.t - trial.t[0] <= execute.end + 1e-9  # what comes after is another manoeuvre
     used = trial.with_columns(**{name: np.asarray(values)[rows] for name, values in trial.columns.items()})
     run = read.since(used, execute.order_time)
     if execute.kind == "zigzag":

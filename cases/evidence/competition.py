@@ -31,7 +31,7 @@ from mmg.motion.flow import RUDDERS
 
 # rad; a heading turns at least so far before its own column, or that of the turn rate, must have shown it.
 TURNED = 0.1  # set by hand
-QUARTER = math.pi / 2  # rad; turn of a track that no ship makes on one heading
+QUARTER = math.pi / 2  # rad; turn of a track that no ship makes on one heading. Set by hand.
 # rad; within it a frozen heading changes where it is made one of a local frame, over some kilometres. Set by hand.
 MERIDIANS = 1e-3
 # Share of the speed by which the velocity of the track varies before u must have shown it; half of it for v.
@@ -54,6 +54,7 @@ def standing(trial: Trial) -> dict[str, str]:
     if "psi" in still and integrated > TURNED:
         out["psi"] = f"the turn rate makes {integrated:.2g} rad"
     if frozen and {"x", "y"} <= set(trial.columns) and not {"x", "y"} & still:
+        # in the axes of a heading that stands still: the course itself
         course = _range(np.unwrap(np.angle(_track(trial))))
         if course > QUARTER:
             out["psi"] = f"the track turns by {course:.2g} rad"
@@ -71,13 +72,13 @@ def standing(trial: Trial) -> dict[str, str]:
 
 
 def _stands(values: np.ndarray, within: float = 0.0) -> bool:
-    known = values[np.isfinite(values)]
-    return len(known) > 0 and float(np.mean(np.abs(known - np.median(known)) <= within)) >= STANDS
+    valid = values[np.isfinite(values)]
+    return len(valid) > 0 and float(np.mean(np.abs(valid - np.median(valid)) <= within)) >= STANDS
 
 
 def _range(values: np.ndarray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.ptp(known)) if len(known) else 0.0
+    valid = values[np.isfinite(values)]
+    return float(np.ptp(valid)) if len(valid) else 0.0
 
 
 def _track(trial: Trial) -> np.ndarray:
@@ -98,21 +99,20 @@ TURNS = 0.05  # rad; a heading that varies less says nothing of how quickly the 
 
 
 def wrong_inputs(trial: Trial, turning: float | None) -> list[tuple[str, float, str]]:
-    """(column, factor that makes it true, sentence) of revolutions and rudders of ``trial`` in a wrong unit.
-
-    turning: correlation of the turn rate with the rudder, None where it is not known.
-    """
+    """(column, factor that makes it true, sentence) of revolutions and rudders of ``trial`` in a wrong unit. turning:
+    correlation of the turn rate with the rudder, None where it is not known."""
     s = signals(trial)
     if s is None or not s.good.any() or float(np.std(s.psi[s.good])) < TURNS:
         return []
+    # differences over a window: noise of a heading at the rows of the clock would rule that of neighbours
     span = STEPS * s.step
     use = s.good[STEPS:-STEPS]
     rate = (s.psi[STEPS:] - s.psi[:-STEPS]) / span
     change = (rate[STEPS:] - rate[:-STEPS]) / span
-    known = use[: len(change)]
-    if known.sum() < 10 or not float(np.mean(change[known] ** 2)) > 0:
+    valid = use[: len(change)]
+    if valid.sum() < 10 or not float(np.mean(change[valid] ** 2)) > 0:
         return []
-    tau = float(np.std(rate) / np.sqrt(np.mean(change[known] ** 2)))
+    tau = float(np.std(rate) / np.sqrt(np.mean(change[valid] ** 2)))  # s, in which the turn rate changes by its spread
     out = []
     for name in ("n", "n_2"):
         n = np.abs(trial[name][np.isfinite(trial[name])]) if name in trial else np.zeros(1)
@@ -130,28 +130,23 @@ def wrong_inputs(trial: Trial, turning: float | None) -> list[tuple[str, float, 
 def _outside(
     name: str, value: float, limits: tuple[float, float], units: tuple[str, str, float], what: str
 ) -> list[tuple[str, float, str]]:
-    """What is said of the column ``name`` where a ``value`` of ``what`` lies outside the ``limits``.
-
-    units: the first that it holds where the value is too small, though labelled as the second, and the factor of that.
-    """
+    """What is said of the column ``name`` where a ``value`` of ``what`` lies outside the ``limits``. units: the first
+    that it holds where the value is too small, though labelled as the second, and the factor of that."""
     low, high = limits
     if low <= value <= high:
         return []
     small, large, factor = units
-    held, labelled, by = (small, large, factor) if value < low else (large, small, 1 / factor)
-    return [(name, by, f"{name} holds {held} but is labelled {labelled}: there would be {value:.3g} {what}")]
+    actual, labelled, by = (small, large, factor) if value < low else (large, small, 1 / factor)
+    return [(name, by, f"{name} holds {actual} but is labelled {labelled}: there would be {value:.3g} {what}")]
 
 
+# Keys of the sidecar and their values. A unit is given as the factor from what was read to what is true.
 Keys = dict[str, Any]
-"""Keys of the sidecar and their values. A unit is given as the factor from what was read to what is true."""
 
 
 class Frame(NamedTuple):
-    """A reading of axes and signs.
-
-    code: of the finding; meaning: in words; guess: velocity north + i east of the track (M,), or of what a mirrored or
-    swapped track becomes; psi, r: what their signs become; keys: of the sidecar.
-    """
+    """A reading of axes and signs. code: of the finding; meaning: in words; guess: velocity north + i east of the track
+    (M,), or of what a mirrored or swapped track becomes; psi, r: what their signs become; keys: of the sidecar."""
 
     code: str
     meaning: str
@@ -172,57 +167,36 @@ def _backwards(s: Signals) -> np.ndarray:
 # Name -> reading of axes and signs; the first is that of the headers.
 FRAMES: Mapping[str, Frame] = {
     "body": Frame("", "u, v are body-axes velocities", _turned, 1, 1, {}),
-    "earth": Frame(
-        "velocity_frame", "u, v are earth-fixed velocities (north, east)", lambda s: s.w, 1, 1,
-        {"velocity_frame": "earth"},
-    ),
-    "earth_swapped": Frame(
-        "velocity_frame", "u, v are earth-fixed velocities (east, north)", lambda s: s.w.imag + 1j * s.w.real, 1, 1,
-        {"velocity_frame": "earth", "columns": {"u": "v", "v": "u"}},
-    ),
-    "turned_twice": Frame(
-        "velocity_frame", "u, v were body-axes velocities before they were turned by psi",
-        lambda s: s.w * np.exp(2j * s.psi), 1, 1, {"velocity_frame": "body"},
-    ),
-    "v_to_port": Frame(
-        "sway_sign", "v is positive to port", lambda s: np.conj(s.w) * np.exp(1j * s.psi), 1, 1, {"sign": {"v": -1}}
-    ),
-    "y_to_west": Frame(
-        "mirrored_frame", "y is positive to port (west)", lambda s: np.conj(_turned(s)), 1, 1, {"sign": {"y": -1}}
-    ),
-    "mirrored": Frame(
-        "mirrored_frame", "psi, v and r are positive to port", lambda s: np.conj(_turned(s)), -1, -1,
-        {"sign": {"psi": -1, "v": -1, "r": -1}},
-    ),
-    "all_mirrored": Frame(
-        "mirrored_frame", "y, psi, v and r are all mirrored (as in ROS, or east, north, up)", _turned, -1, -1,
-        {"sign": {"y": -1, "psi": -1, "v": -1, "r": -1}},
-    ),
-    "psi_counter_clockwise": Frame(
-        "heading_sign", "psi is positive counter-clockwise", _backwards, -1, 1, {"sign": {"psi": -1}}
-    ),
-    "psi_r_counter_clockwise": Frame(
-        "heading_sign", "psi and r are positive counter-clockwise", _backwards, -1, -1, {"sign": {"psi": -1, "r": -1}}
-    ),
-    "u_astern": Frame(
-        "u_sign", "u is positive astern", lambda s: -np.conj(s.w) * np.exp(1j * s.psi), 1, 1, {"sign": {"u": -1}}
-    ),
-    "positions_swapped": Frame(
-        "swapped_positions", "x is east and y is north", lambda s: 1j * np.conj(_turned(s)), 1, 1,
-        {"columns": {"x": "y", "y": "x"}},
-    ),
-    "psi_from_east": Frame(
-        "heading_from_east", "psi is counted from east, counter-clockwise", lambda s: 1j * _backwards(s), -1, 1,
-        {"heading_from": "east", "sign": {"psi": -1}},
-    ),
-    "psi_r_from_east": Frame(
-        "heading_from_east", "psi is counted from east, counter-clockwise, and r with it", lambda s: 1j * _backwards(s),
-        -1, -1, {"heading_from": "east", "sign": {"psi": -1, "r": -1}},
-    ),
-    "psi_from_east_clockwise": Frame(
-        "heading_from_east", "psi is counted from east, clockwise", lambda s: 1j * _turned(s), 1, 1,
-        {"heading_from": "east"},
-    ),
+    "earth": Frame("velocity_frame", "u, v are earth-fixed velocities (north, east)", lambda s: s.w, 1, 1,
+                   {"velocity_frame": "earth"}),
+    "earth_swapped": Frame("velocity_frame", "u, v are earth-fixed velocities (east, north)",
+                           lambda s: s.w.imag + 1j * s.w.real, 1, 1,
+                           {"velocity_frame": "earth", "columns": {"u": "v", "v": "u"}}),
+    "turned_twice": Frame("velocity_frame", "u, v were body-axes velocities before they were turned by psi",
+                          lambda s: s.w * np.exp(2j * s.psi), 1, 1, {"velocity_frame": "body"}),
+    "v_to_port": Frame("sway_sign", "v is positive to port", lambda s: np.conj(s.w) * np.exp(1j * s.psi), 1, 1,
+                       {"sign": {"v": -1}}),
+    "y_to_west": Frame("mirrored_frame", "y is positive to port (west)", lambda s: np.conj(_turned(s)), 1, 1,
+                       {"sign": {"y": -1}}),
+    "mirrored": Frame("mirrored_frame", "psi, v and r are positive to port", lambda s: np.conj(_turned(s)), -1, -1,
+                      {"sign": {"psi": -1, "v": -1, "r": -1}}),
+    "all_mirrored": Frame("mirrored_frame", "y, psi, v and r are all mirrored (as in ROS, or east, north, up)", _turned,
+                          -1, -1, {"sign": {"y": -1, "psi": -1, "v": -1, "r": -1}}),
+    "psi_counter_clockwise": Frame("heading_sign", "psi is positive counter-clockwise", _backwards, -1, 1,
+                                   {"sign": {"psi": -1}}),
+    "psi_r_counter_clockwise": Frame("heading_sign", "psi and r are positive counter-clockwise", _backwards, -1, -1,
+                                     {"sign": {"psi": -1, "r": -1}}),
+    "u_astern": Frame("u_sign", "u is positive astern", lambda s: -np.conj(s.w) * np.exp(1j * s.psi), 1, 1,
+                      {"sign": {"u": -1}}),
+    "positions_swapped": Frame("swapped_positions", "x is east and y is north", lambda s: 1j * np.conj(_turned(s)),
+                               1, 1, {"columns": {"x": "y", "y": "x"}}),
+    "psi_from_east": Frame("heading_from_east", "psi is counted from east, counter-clockwise",
+                           lambda s: 1j * _backwards(s), -1, 1, {"heading_from": "east", "sign": {"psi": -1}}),
+    "psi_r_from_east": Frame("heading_from_east", "psi is counted from east, counter-clockwise, and r with it",
+                             lambda s: 1j * _backwards(s), -1, -1,
+                             {"heading_from": "east", "sign": {"psi": -1, "r": -1}}),
+    "psi_from_east_clockwise": Frame("heading_from_east", "psi is counted from east, clockwise",
+                                     lambda s: 1j * _turned(s), 1, 1, {"heading_from": "east"}),
 }  # fmt: skip
 # Factor that makes psi true -> what was mistaken.
 HEADINGS: Mapping[float, str] = {
@@ -315,6 +289,7 @@ def readings() -> list[ColumnReading]:
     with every reading of r and of the rudder."""
     every = starmap(ColumnReading, product(*CHOICES))
     some = [r for r in every if r._replace(rate=1.0, rudder=1).faults <= 2]
+    # r mirrored with its frame, and of another sign as well, would be r as it is
     return [r for r in some if FRAMES[r.frame].r == 1 or r.rate != -1]
 
 
@@ -339,8 +314,8 @@ RIGHT = 0.25
 class Scores:
     """What one trial says: ``nats`` of each reading (less is better), of what is usual."""
 
-    nats: np.ndarray
-    misfit: dict[tuple[str, float, float], float]
+    nats: np.ndarray  # (H,), less those of the headers
+    misfit: dict[tuple[str, float, float], float]  # (frame, factor of psi, factor of the way) -> relative misfit
 
 
 @dataclass(frozen=True)
@@ -364,18 +339,19 @@ class Judged:
 @cache
 def competitors() -> tuple[tuple[ColumnReading, ...], np.ndarray, np.ndarray]:
     """The readings, that of the headers first; how many choices differ from it (H,); pairs of them (H, H)."""
-    found = sorted(readings(), key=lambda reading: reading.faults)
-    codes = np.array([[list(table).index(choice) for table, choice in zip(CHOICES, r, strict=True)] for r in found])
-    apart = np.zeros((len(found), len(found)), dtype=np.int8)  # of four million pairs
+    ordered = sorted(readings(), key=lambda reading: reading.faults)
+    codes = np.array([[list(table).index(choice) for table, choice in zip(CHOICES, r, strict=True)] for r in ordered])
+    apart = np.zeros((len(ordered), len(ordered)), dtype=np.int8)  # of four million pairs
     for column in codes.T:
         apart += column[:, None] != column[None, :]
-    return tuple(found), apart[0].astype(int), apart
+    return tuple(ordered), apart[0].astype(int), apart
 
 
 @cache
 def _keys() -> list[tuple[tuple[str, float, float], tuple[float, float], int]]:
     """What each reading asks the tables of tracks, spins and rudders for."""
     return [
+        # a clock in other units changes way and turn as another unit of the rates does
         ((r.frame, r.heading, r.speed * r.clock), (r.heading, r.rate * frame.psi * frame.r * r.clock), r.turning)
         for r in competitors()[0]
         for frame in [FRAMES[r.frame]]
@@ -410,7 +386,7 @@ def scores(
             spin |= zip(((unit, rate) for rate in rates), _spun(stats, rates), strict=True)
         if s.has_track and not lost:
             for name, frame in FRAMES.items():  # that of the headers first: it may show that its units are right
-                stats = s.stats(s.way(), s.summed(frame.guess(s)))
+                stats = s.stats(over_windows(s.place), s.summed(frame.guess(s)))
                 track |= zip(((name, unit, factor) for factor in factors), _tracked(stats, factors), strict=True)
                 if len(factors) > 1 and track["body", 1.0, 1.0][1] < RIGHT:
                     factors = (1.0,)
@@ -431,34 +407,34 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
     hypotheses, faults, apart = competitors()
     if not found:
         return []
-    own = np.array([s.nats for s in found])
-    best_own = np.argmin(own + COST * faults, axis=1)
-    plausible = np.unique(np.concatenate([[0], best_own, np.argsort(own.sum(axis=0) + COST * faults)[:20]]))
+    table = np.array([s.nats for s in found])
+    best_own = np.argmin(table + COST * faults, axis=1)
+    # only the headers, what each trial alone would have, and the twenty best of all together are tried for the folder
+    plausible = np.unique(np.concatenate([[0], best_own, np.argsort(table.sum(axis=0) + COST * faults)[:20]]))
 
     def each(h: int) -> np.ndarray:
         """Per trial, the reading that it has where its folder has ``h``."""
-        return np.argmin(own + APART * apart[h], axis=1)
+        return np.argmin(table + APART * apart[h], axis=1)
 
     def total(h: int) -> float:
         chosen = each(h)
-        rows = np.arange(len(own))
-        return float(COST * faults[h] + np.sum(own[rows, chosen] + APART * apart[h, chosen]))
+        rows = np.arange(len(table))
+        return float(COST * faults[h] + np.sum(table[rows, chosen] + APART * apart[h, chosen]))
 
     totals = {int(h): total(int(h)) for h in plausible}
-    folder = min(totals, key=lambda h: (round(totals[h], 6), faults[h]))
-    together = own.sum(axis=0) + COST * faults
+    folder = min(totals, key=lambda h: (round(totals[h], 6), faults[h]))  # of equals that with the fewest faults
+    together = table.sum(axis=0) + COST * faults
     near = [h for h in np.argsort(together)[:20] if h != folder and together[h] - together[folder] < CLOSE]
     rival = hypotheses[int(near[0])] if near and folder else None
-    agreed = bool((own[:, folder] <= own[:, 0] + 1e-6).all())
+    agreed = bool((table[:, folder] <= table[:, 0] + 1e-6).all())
     out = []
     for s, h in zip(found, each(folder), strict=True):
         chosen = hypotheses[int(h)]
-        odds = s.nats[folder] - s.nats[h] if h != folder else together[0] - own[:, folder].sum()
+        odds = s.nats[folder] - s.nats[h] if h != folder else together[0] - table[:, folder].sum()
         before = s.misfit.get(("body", 1.0, 1.0), math.nan)
         after = s.misfit.get((chosen.frame, chosen.heading, chosen.speed * chosen.clock), math.nan)
-        out.append(
-            Judged(chosen, before, after, hypotheses[folder], rival if h == folder else None, float(odds), agreed)
-        )
+        other = rival if h == folder else None
+        out.append(Judged(chosen, before, after, hypotheses[folder], other, float(odds), agreed))
     return out
 
 
@@ -468,7 +444,7 @@ def _tracked(stats: Stats, factors: Sequence[float]) -> list[tuple[float, float]
     both, predicted, by = complex(np.sum(stats.both)), float(np.sum(stats.predicted)), np.array(factors)
     if not predicted > 0 or not abs(both) > 0:
         return [(float(evidence(np.ones(PIECES))), 1.0)] * len(by)
-    best = both / (predicted * by)
+    best = both / (predicted * by)  # complex factor of least squares: gain and angle
     angle = np.clip(np.angle(best), -MOST_OFF[0], MOST_OFF[0])
     gain = np.clip(np.log(np.abs(best)), -MOST_OFF[1], MOST_OFF[1])
     prior = 0.5 * (angle / OFF[0]) ** 2 + 0.5 * (gain / OFF[1]) ** 2
@@ -492,8 +468,8 @@ def _unlikely_units(labels: Mapping[str, str]) -> set[tuple[str, float]]:
     choices = {"psi": HEADINGS, "u": SPEEDS, "t": CLOCKS, "r": {abs(factor) for factor in RATES}}
     out = set()
     for column, factors in choices.items():
-        own = to_si(column, labels.get(column) or quantity(column).unit, column)
-        out |= {(column, factor) for factor in factors if not unit_by_factor(column, own * factor)}
+        si_factor = to_si(column, labels.get(column) or quantity(column).unit, column)
+        out |= {(column, factor) for factor in factors if not unit_by_factor(column, si_factor * factor)}
     return out
 
 

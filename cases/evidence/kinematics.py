@@ -31,13 +31,11 @@ SIGMAS = 3.0  # Standard errors that a found value must exceed; more (by Student
 RUNS = 10  # From so many runs on, standard errors are those between runs. Set by hand.
 # Standard deviations from which an error counts by its size, not by its square (Huber 1964: between 1 and 2).
 CLIP = 1.5  # set by hand
-ITERATIONS, MOST = 8, 5
-"""Of a fit, and faults at most. Set by hand."""
+ITERATIONS, MOST = 8, 5  # Of a fit, and faults at most. Set by hand.
+# A rival is named if it explains less by at most CLOSE in chi-squared, or SHARE of it; of two such faults the one that
+# an effect of the library repeats comes first. Set by hand.
 CLOSE, SHARE = 6.0, 0.8
-"""A rival is named if it explains less by at most CLOSE in chi-squared, or SHARE of it; of two such faults the one that
-an effect of the library repeats comes first. Set by hand."""
-Rows = Callable[[float], tuple[np.ndarray, np.ndarray]]
-"""lag [s] -> (A (M, P), y (M,)), linear about it."""
+Rows = Callable[[float], tuple[np.ndarray, np.ndarray]]  # lag [s] -> (A (M, P), y (M,)), linear about it.
 
 
 @dataclass(frozen=True)
@@ -60,10 +58,8 @@ class Fit:
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations by group, N (G, P, P) and h (G, P), of parameters with a prior (P,).
-
-    cost: as of ``Fit`` at the present values; squares: weighted squares of the rows, ``rows`` in number.
-    """
+    """Normal equations by group, N (G, P, P) and h (G, P), of parameters with a prior (P,). cost: as of ``Fit`` at the
+    present values; squares: weighted squares of the rows, ``rows`` in number."""
 
     N: np.ndarray
     h: np.ndarray
@@ -78,8 +74,10 @@ class Normal:
         N, h, wish = self.N[:, c[:, None], c], self.h[:, c], np.diag(self.prior[c] ** -2.0)
         b, G = np.linalg.solve(N.sum(axis=0) + wish, h.sum(axis=0)), len(N)
         drop = float(b @ h.sum(axis=0))
+        # rows that scatter less once these faults are taken off know the faults better than their weights say
         sharper = max(self.rows / max(self.squares - drop, 1e-12 * self.squares), 1.0)
         plain = np.sqrt(np.diag(np.linalg.inv(sharper * N.sum(axis=0) + wish)))
+        # jackknife: without each group in turn
         without = np.linalg.solve(N.sum(axis=0) - N + wish, (h.sum(axis=0) - h)[..., None])[..., 0]
         return b, np.maximum(plain, np.sqrt((G - 1) * without.var(axis=0))), plain, drop
 
@@ -92,6 +90,7 @@ def _normal(rows: Sequence[Rows], blocks: Sequence[np.ndarray], b: np.ndarray, p
         good = np.isfinite(A).all(axis=1) & np.isfinite(y)
         A, y, group = A[good], y[good], block[good] if len(rows) < RUNS else np.zeros(good.sum())
         error = np.abs(y - A @ b)
+        # medians of Rayleigh's law (two components) and of half a normal law: 1.18 and .67 standard deviations
         spread = float(np.median(error)) / (1.18 if np.iscomplexobj(A) else 0.67) + 1e-6 * prior[0]
         scaled = error / spread
         weight = few / np.maximum(scaled / CLIP, 1.0) / spread**2
@@ -124,14 +123,14 @@ def fit(
     active = list(start)
     b, std, sharp = np.zeros(P), np.zeros(P), np.zeros(P, dtype=bool)
     while True:
-        for _ in range(ITERATIONS if active else 3):
+        for _ in range(ITERATIONS if active else 3):  # the weights follow the errors, the errors the values
             system = _normal(rows, blocks, b, prior, few)
-            if active:
+            if active:  # a step of one prior standard deviation at most: the rows are linear about a lag
                 b[active] += np.clip(system.solve(active)[0] - b[active], -prior[active], prior[active])
         crit = -student_quantile(normal_tail(SIGMAS), len(system.N) - 1) if len(system.N) > 1 else math.inf
         values, drops = b.copy(), np.full(P, -math.inf)
         for j in range(P):
-            chosen = [i for i in active if i != j] + [j]
+            chosen = [i for i in active if i != j] + [j]  # last, so that its value and error are those at -1
             value, error, plain, drop = system.solve(chosen)
             values[j], std[j], sharp[j] = value[-1], error[-1], plain[-1] < 0.5 * prior[j]
             if j not in active and abs(values[j]) > max(crit * std[j], least[j]):
@@ -140,9 +139,8 @@ def fit(
             return Fit(tuple(active), values, std, sharp, crit, _rivals(system, active), system.cost)
         base = system.solve(active)[3] if active else 0.0
         alike = drops - base >= SHARE * (drops.max() - base)
-        active.append(
-            int(np.argmax(np.where(alike & (preferred if (alike & preferred).any() else True), drops, -np.inf)))
-        )
+        first = alike & preferred if (alike & preferred).any() else alike
+        active.append(int(np.argmax(np.where(first, drops, -np.inf))))
 
 
 def _rivals(system: Normal, active: Sequence[int]) -> dict[int, list[tuple[int, float]]]:
@@ -151,10 +149,11 @@ def _rivals(system: Normal, active: Sequence[int]) -> dict[int, list[tuple[int, 
     for j in active:
         rest = [i for i in active if i != j]
         value, std, _, drop = system.solve([*rest, j])
-        own = drop - (system.solve(rest)[3] if rest else 0.0)
+        gain = drop - (system.solve(rest)[3] if rest else 0.0)
         for k in set(range(len(system.prior))) - set(active):
             other = system.solve([*rest, k])
-            lost = (drop - other[3]) / own
+            lost = (drop - other[3]) / gain
+            # a fault of z standard errors is worth z^2 in chi-squared
             if lost < max(1 - SHARE, CLOSE * float(std[-1] / value[-1]) ** 2):
                 out.setdefault(j, []).append((k, float(other[0][-1])))
     return out
@@ -210,6 +209,7 @@ SIZE = ("large", "small")
 COURSE = "the course of the position lies {} of u, v and psi"
 POINT = "the position belongs to a point {} that of u and v"
 DRIFT = "the position drifts {} against u and v (through the water?)"
+# Thresholds and priors are set by hand, for a 3 m model.
 TRACK = (
     SensorFault(
         "lag", "s", 0.1, 1.0, 0.5, "logged u and v {} the position", ("lag", "lead"), "velocity_filter", "tau", True
@@ -260,11 +260,8 @@ class Reading:
 def reading(
     q: SensorFault, value: float, std: float, verdict: str, rivals: Sequence[tuple[SensorFault, float]] = ()
 ) -> Reading:
-    """The reading of the quantity q with its sentence.
-
-    value, std: fitted value and standard error [q.unit], NaN if not checked; verdict: as of ``Reading``; rivals: other
-    quantities that would explain the same, and their values.
-    """
+    """The reading of the quantity q with its sentence. value, std: fitted value and standard error [q.unit], NaN if not
+    checked; verdict: as of ``Reading``; rivals: other quantities that would explain the same, and their values."""
     about, more = _shown(std, q.unit), q.form.format(q.ends[0])
     small = f"{more} ({'-' if value < 0 else ''}{_shown(abs(value), q.unit)} +- {about})"
     sentence = {
@@ -293,17 +290,15 @@ def reading(
 
 def pooled_with(pooled: Reading, runs: Sequence[tuple[str, Reading]], clear: Set[str]) -> Reading:
     """The ``pooled`` reading with the number of ``runs`` (name, reading) that agree, or that only some have the fault.
-
-    clear: symbols found in all runs together; what looks alike in a single run is not counted.
-    """
+    clear: symbols found in all runs together; what looks alike in a single run is not counted."""
     checked = sum(r.verdict in ("found", "none") for _, r in runs)
     alike = set().union(*(group for group in ALIKE if pooled.symbol in group)) - {pooled.symbol}
-    own = [(name, r) for name, r in runs if r.verdict == "found" and not clear & (alike | set(r.rivals))]
+    unshared = [(name, r) for name, r in runs if r.verdict == "found" and not clear & (alike | set(r.rivals))]
     if pooled.verdict == "found":
         names = tuple(name for name, r in runs if r.verdict == "found" and r.value * pooled.value > 0)
         sentence = f"{pooled.sentence} ({len(names)} of {checked} runs by themselves)"
         return replace(pooled, runs=names, checked=checked, sentence=sentence)
-    some = max(([(name, r) for name, r in own if sign * r.value > 0] for sign in (1.0, -1.0)), key=len)
+    some = max(([(name, r) for name, r in unshared if sign * r.value > 0] for sign in (1.0, -1.0)), key=len)
     if len(some) < max(2, SOME * checked):
         return replace(pooled, checked=checked)
     names, one = tuple(name for name, _ in some), some[0][1]
@@ -325,14 +320,15 @@ def _shown(value: float, unit: str) -> str:
 # s; moving average over the measured and the derived velocities (at least 5 samples): below it the differentiated
 # satellite position is noise. Set by hand.
 SMOOTHING = 1.1
+# s: length of a window, distance of windows, and block that a jackknife leaves out (a twelfth of a short run).
 WINDOW, STRIDE, BLOCK = 8.0, 2.0, 30.0  # set by hand
-"""s: length of a window, distance of windows, and block that a jackknife leaves out (a twelfth of a short run)."""
 # A displacement or turn that correlates less with the integral of the velocities is a fault of the data.
 CORRELATION = 0.9  # set by hand
+# m and rad, RMS over the windows: a run that moves or turns less says nothing about it. Set by hand.
 MOVED, TURNED = 0.3, 0.03
-"""m and rad, RMS over the windows: a run that moves or turns less says nothing about it. Set by hand."""
 FRAMES = ("earth", "body")
-# Gain in log likelihood that a further fault must bring, or axes of the lag that are not those of the earth.
+# Gain in log likelihood that a further fault must bring, or axes of the lag that are not those of the earth: that of
+# SIGMAS standard errors of one value.
 FAULT = 0.5 * SIGMAS**2
 
 
@@ -390,10 +386,8 @@ class Kinematics:
 
 
 def consistency(trials: Sequence[Trial], ship: Ship) -> Kinematics:
-    """Kinematic consistency of ``trials`` of a ``ship``, by run and pooled over runs without a fault of the data.
-
-    The last answer is kept: who asks the same of the same trials again calculates nothing.
-    """
+    """Kinematic consistency of ``trials`` of a ``ship``, by run and pooled over runs without a fault of the data. The
+    last answer is kept: who asks the same of the same trials again calculates nothing."""
     return _consistency(tuple(trials), time_scale(ship.particulars["L"]))
 
 
@@ -425,6 +419,7 @@ class _Log:
 
     def __init__(self, trial: Trial, k: float) -> None:
         self.name, self.dt, self.delta = trial.name, trial.dt, max(trial.dt, 0.2 * k)
+        # 20 N rows at most: a log with a long gap would have a clock of mostly nothing
         clock = trial.t[0] + self.dt * np.arange(min(round(trial.duration / self.dt) + 1, 20 * len(trial)))
         x, y, psi, self.u, self.v, self.r = (uniform(trial.t, c, clock, self.dt) for c in trial.states.T)
         self.width = max(round(SMOOTHING / self.dt), 5) | 1
@@ -448,7 +443,7 @@ class _Log:
         missing = ~np.isfinite(f)
         f = np.where(missing, 0.0, f)
         total = np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1]) * self.dt)])
-        holes = np.concatenate([[0], np.cumsum(missing)])
+        holes = np.concatenate([[0], np.cumsum(missing)])  # how many are missing before each row
         gap = holes[self.starts + self.n + 1] > holes[self.starts]
         return np.where(gap, np.nan, self.between(total))
 
@@ -465,7 +460,7 @@ class _Log:
     def track_rows(self, frame: str, lag: float) -> tuple[np.ndarray, np.ndarray]:
         """(A (M, 10), y (M,)), complex: y = A TRACK, linear about a lag [s]."""
         at, before, after = (self._way(lag + step, frame) for step in (0.0, -self.delta, self.delta))
-        slope = (sum(after) - sum(before)) / (2 * self.delta)
+        slope = (sum(after) - sum(before)) / (2 * self.delta)  # derivative by the lag, central difference
         rows = np.empty((len(self.starts), len(TRACK)), dtype=complex)
         rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 3] = slope, *at, 1j * sum(at)
         rows[:, 4:] = self._without_lag
@@ -490,6 +485,7 @@ class _Log:
     def _way(self, lag: float, frame: str) -> tuple[np.ndarray, np.ndarray]:
         """Displacements (M,) by u and by v that are late by ``lag`` [s]."""
         rows = np.arange(len(self.u))
+        # earth: the velocity over ground is late, logged in the axes of the present heading; body: u and v are late
         turn = self.turned if frame == "earth" else np.ones(1)
         late = (np.interp(rows + lag / self.dt, rows, turn * w, np.nan, np.nan) for w in (self.u, self.v))
         u, v = (self.integral(w if frame == "earth" else self.turned * w) for w in late)
@@ -505,9 +501,8 @@ def smooth(values: np.ndarray, width: int) -> np.ndarray:
 
 
 def uniform(t: np.ndarray, values: np.ndarray, clock: np.ndarray, dt: float) -> np.ndarray:
-    """``values`` (N,) logged at ``t`` (N,) [s] on another ``clock`` (M,) [s] of step ``dt`` [s]: (M,), NaN
-    outside, and where more than 3 dt are missing.
-    """
+    """``values`` (N,) logged at ``t`` (N,) [s] on another ``clock`` (M,) [s] of step ``dt`` [s]: (M,), NaN outside, and
+    where more than 3 dt are missing."""
     good = np.flatnonzero(np.isfinite(values))
     if len(good) < 2:
         return np.full(len(clock), np.nan)
@@ -540,10 +535,8 @@ def _axes_of_lag(logs: Sequence[_Log], k: float) -> tuple[str, Sequence[int]]:
 def _readings(
     logs: Sequence[_Log], k: float, frame: str, known: Sequence[Sequence[int]] = ((), ())
 ) -> tuple[tuple[Reading, ...], tuple[Sequence[int], Sequence[int]]]:
-    """(readings of all quantities, faults of track and turn) of runs together, the lag in the axes of ``frame``.
-
-    known: faults that all runs have, so that a run is judged by what it has on top.
-    """
+    """(readings of all quantities, faults of track and turn) of runs together, the lag in the axes of ``frame``. known:
+    faults that all runs have, so that a run is judged by what it has on top."""
     turn = [log for log in logs if math.isfinite(log.turn)]
     way, yaw = _track(logs, k, frame, known[0]), _solved(turn, TURN, k, [log.turn_rows for log in turn], known[1])
     faults = way.active if way else (), yaw.active if yaw else ()
@@ -560,31 +553,33 @@ def _solved(
     logs: Sequence[_Log], of: Sequence[SensorFault], k: float, rows: Sequence[Rows], known: Sequence[int]
 ) -> Fit | None:
     """The faults among these quantities behind the rows of the runs; None without runs."""
+    # k is the time scale: lengths go with k^2 (Froude)
     prior, least = np.array([[q.prior, q.threshold] * np.array(k ** (2 * q.power)) for q in of]).T
     preferred = np.array([q.exact for q in of])
     return fit(rows, [log.block for log in logs], prior, least, preferred, STRIDE / WINDOW, known) if logs else None
 
 
-def _judged(found: Fit | None, of: Sequence[SensorFault], k: float) -> list[Reading]:
+def _judged(solution: Fit | None, of: Sequence[SensorFault], k: float) -> list[Reading]:
     """Readings of a fit of all runs."""
-    if found is None:
+    if solution is None:
         return [reading(q, math.nan, math.nan, "not checked") for q in of]
     out = []
     for i, q in enumerate(of):
-        value, std = q.as_logged(found.values[i]), float(found.std[i])
+        value, std = q.as_logged(solution.values[i]), float(solution.std[i])
         least = q.threshold * k ** (2 * q.power)
-        if _shows(found, i, q, k):
+        if _shows(solution, i, q, k):
             verdict = "found"
         else:
-            verdict = "none" if max(abs(value), std) < least and found.sharp[i] else "undetermined"
-        rivals = [(of[j], of[j].as_logged(size)) for j, size in found.rivals.get(i, [])]
+            verdict = "none" if max(abs(value), std) < least and solution.sharp[i] else "undetermined"
+        rivals = [(of[j], of[j].as_logged(size)) for j, size in solution.rivals.get(i, [])]
         out.append(reading(q, value, std, verdict, rivals))
     return out
 
 
-def _shows(found: Fit, i: int, q: SensorFault, k: float) -> bool:
+def _shows(solution: Fit, i: int, q: SensorFault, k: float) -> bool:
     """Whether the quantity q, number i of a fit, is more than chance and large enough to matter."""
-    return abs(q.as_logged(found.values[i])) > max(found.crit * float(found.std[i]), q.threshold * k ** (2 * q.power))
+    least = max(solution.crit * float(solution.std[i]), q.threshold * k ** (2 * q.power))
+    return abs(q.as_logged(solution.values[i])) > least
 
 
 def kinematics_of(trials: Sequence[Trial], ship: Ship) -> Kinematics | None:

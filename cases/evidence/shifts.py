@@ -44,7 +44,7 @@ MOST_ROWS = 3000  # Windows of a record that are looked at. Set by hand.
 # Standard errors beyond which a value is no chance: the best of several windows is taken. Set by hand (3, 5).
 SIGMAS = 4.0
 # Gains below are a note: u by what it is of the way, v as sway is a tenth of it, r as each fit finds that of its gyro
-# (usual deviation as in competition.py).
+# (usual deviation as in competition.py). Set by hand.
 MATTERS = {"u": 0.005, "v": 0.03, "r": 0.03}
 TRACK, TURN = ("u", "v", "angle", "arm_x", "arm_y", "lag", "drift_x", "drift_y"), ("r",)
 
@@ -75,11 +75,12 @@ def scale(trials: Sequence[Trial], names: Sequence[str]) -> Scale | None:
     column, place = ("r", 5) if turns else ("u", 3)
     use = [trial for trial in trials if independent(trial, "turn" if turns else "track")]
     use = [trial for trial in use if np.isfinite(trial[column]).any()]
-    found = [each for rows in WINDOWS if (each := _fitted(use, len(names), rows, turns)) is not None]
-    if not found:
+    fits = [each for rows in WINDOWS if (each := _fitted(use, len(names), rows, turns)) is not None]
+    if not fits:
         return None
-    values, std = np.array(found).transpose(1, 2, 0)  # (names, windows) each
+    values, std = np.array(fits).transpose(1, 2, 0)  # (names, windows) each
     least = std.min(axis=1, keepdims=True)
+    # windows that know a value much less well do not differ from it
     spread = np.where(std <= 3 * least, values, np.nan)
     values = np.take_along_axis(values, np.argmin(std, axis=1)[:, None], 1)[:, 0]  # of the windows that know it best
     std = np.hypot(least[:, 0], np.nanstd(spread, axis=1))  # windows that disagree make it wider
@@ -87,6 +88,7 @@ def scale(trials: Sequence[Trial], names: Sequence[str]) -> Scale | None:
     share = float(np.median([white_noise([trial.states])[place] / each for trial, each in zip(use, size, strict=True)]))
     values = values - [name in "uvr" for name in names]  # gains less one
     value_of, std_of = (dict(zip(names, each.tolist(), strict=True)) for each in (values, std))
+    # as many SIGMAS of a normal law as are as rare by Student's t of the pieces
     return Scale(value_of, std_of, share, -student_quantile(normal_tail(SIGMAS), PIECES * len(use) - 1))
 
 
@@ -99,15 +101,15 @@ def _rows(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> Iterat
         else:
             turn = np.exp(1j * psi)
             u, v = trial["u"] * turn, 1j * trial["v"] * turn
-            measured, parts = trial["x"] + 1j * trial["y"], [u, v, 1j * (u + v)]
-        known = np.isfinite(measured) & np.all([np.isfinite(part) for part in parts], axis=0)
-        if len(trial) - rows < 10 * PIECES or rows > len(trial) // PIECES or not known.any():
+            measured, parts = trial["x"] + 1j * trial["y"], [u, v, 1j * (u + v)]  # in the order of TRACK
+        valid = np.isfinite(measured) & np.all([np.isfinite(part) for part in parts], axis=0)
+        if len(trial) - rows < 10 * PIECES or rows > len(trial) // PIECES or not valid.any():
             continue
-        totals = [integral(trial.t, np.where(known, part, 0.0)) for part in parts]
-        if not turns:
+        totals = [integral(trial.t, np.where(valid, part, 0.0)) for part in parts]
+        if not turns:  # what the arm, a lag and a drift add has no integral: the window's end less its begin
             totals += [turn, 1j * turn, u + v, trial.t + 0j, 1j * trial.t]
         A = np.stack([total[rows:] - total[:-rows] for total in totals[:count]], axis=1)
-        bad = np.concatenate([[0], np.cumsum(~known)])
+        bad = np.concatenate([[0], np.cumsum(~valid)])
         A[bad[rows + 1 :] > bad[: -rows - 1]] = np.nan  # a count of bad rows that grows within a window
         some = slice(None, None, max(1, rows // 4, len(A) // MOST_ROWS))  # windows that overlap more say nothing new
         yield A[some], (measured[rows:] - measured[:-rows])[some]
@@ -129,6 +131,7 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     strong = power >= np.median(power)  # where the ship hardly moves, a ratio is noise
     values = np.array([densest(np.real(y[strong] * np.conj(made[strong])) / np.maximum(power[strong], 1e-300))] * count)
     values[2:] = 0.0  # angle, arms, lag and drift begin at none
+    # columns of like size, whatever their units: the ridge ``flat`` is then as small for each
     size = np.sqrt(np.mean(np.abs(A) ** 2, axis=0)) + 1e-12 * np.sqrt(power.mean())
     A, values = A / size, values * size
     of = [np.real, np.imag] if np.iscomplexobj(A) else [np.real]
@@ -150,14 +153,16 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     h = np.array([sum(a[some].T @ (weight * b)[some] for a, b in zip(rows_of, wanted, strict=True)) for some in spans])
     total = N.sum(axis=0) + flat * weight.sum()
     gained = values**2 / np.diag(np.linalg.inv(total))
-    left = float(weight @ error**2)
-    noisy = np.where([name in "uvr" for name in (TURN if turns else TRACK)[:count]], 0.5 * left / gained * values, 0.0)
+    unexplained = float(weight @ error**2)
+    gains = [name in "uvr" for name in (TURN if turns else TRACK)[:count]]
+    # half the way to the reverse regression, which errors of u, v and r would ask for (Fuller 1987, section 1.1)
+    noisy = np.where(gains, 0.5 * unexplained / gained * values, 0.0)
     record = piece[edges] // PIECES
     groups = [np.arange(len(edges)), *([record] if len(parts) > 2 else [])]  # files differ by more than their pieces
     std = np.abs(noisy)
     for group in groups:
         each = [np.flatnonzero(group == one) for one in np.unique(group)]
-        # jackknife
+        # jackknife: the values without each group in turn (Kunsch 1989)
         without = [np.linalg.solve(total - N[some].sum(axis=0), (h.sum(axis=0) - h[some].sum(axis=0))) for some in each]
         std = np.maximum(std, np.hypot(noisy, np.sqrt((len(each) - 1) * np.var(without, axis=0))))
     return values / size, std / size
@@ -172,18 +177,15 @@ LEAST = 0.004  # Relative misfit below which nothing is compared: rounding. Set 
 LAGS = {"w": ("w",), "place": ("place",), "psi": ("psi",), "psi, r": ("psi", "r"), "r": ("r",)}
 MOST_CENTRES = 4  # Of so many trials the grid is refined around their own best lag. Set by hand.
 ROOM = 400_000  # So many rows of a record that is moved by several lags are looked at at once. Set by hand.
+# Steps of the grid of lags on each side of zero, and of its refinement. Set by hand (0, 0 and 1, 0).
 TRIED, FINER = 12, 3
-"""Steps of the grid of lags on each side of zero, and of its refinement. Set by hand (0, 0 and 1, 0)."""
 Value = complex | float
 
 
 @dataclass(frozen=True)
 class Shift:
-    """An explanation of what is left over, of one trial.
-
-    name: a key of LAGS, or "arm"; value: lag [s] or arm x + i y [m]; rivals: names of
-    explanations that are as good; shared: whether the other files of the folder have it, too.
-    """
+    """An explanation of what is left over, of one trial. name: a key of LAGS, or "arm"; value: lag [s] or arm x + i y
+    [m]; rivals: names of explanations that are as good; shared: whether the other files of the folder have it, too."""
 
     name: str
     value: Value
@@ -203,10 +205,8 @@ class Explanation:
 
 
 def candidates(found: Sequence[Signals], longest: float) -> dict[str, Explanation]:
-    """Name of a ``Shift`` -> its worth to the trials of a folder, all of them with a track or all without.
-
-    found: their signals; longest: lag [s] up to which is searched.
-    """
+    """Name of a ``Shift`` -> its worth to the trials of a folder, all of them with a track or all without. found: their
+    signals; longest: lag [s] up to which is searched."""
     names = (*LAGS, "arm") if all(s.has_track for s in found) else ("r",)
     return {name: _lag(found, name, longest) if name in LAGS else _arms(found) for name in names}
 
@@ -224,8 +224,8 @@ def shifts(found: Mapping[str, Explanation]) -> list[Shift | None]:
 
 
 def _rare(name: str, values: Sequence[Value | None]) -> float:
-    known = [float(np.real(value)) for value in values if value is not None]
-    early = name in LAGS and bool(known) and float(np.median(known)) < 0
+    lags = [float(np.real(value)) for value in values if value is not None]
+    early = name in LAGS and bool(lags) and float(np.median(lags)) < 0
     return RARE * (early + (name == "psi, r"))
 
 
@@ -244,12 +244,12 @@ def nats_of_lags(s: Signals, name: str, lags: np.ndarray) -> np.ndarray:
 
 
 def _nats(s: Signals, has_track: bool) -> np.ndarray:
-    """Nats (...) of the records ``s``, of turns alone where they have no track.
-
-    A sum over windows that no record of ``s`` has of its own is made once.
-    """
+    """Nats (...) of the records ``s``, of turns alone where they have no track. A sum over windows that no record of
+    ``s`` has of its own is made once."""
     turn = _logged(s.stats(over_windows(s.psi), s.summed(s.r)), False) if s.has_turn else np.zeros(())
-    return turn + _logged(s.stats(s.way(), s.summed(s.w * np.exp(1j * s.psi))), True) if has_track else turn
+    if not has_track:
+        return turn
+    return turn + _logged(s.stats(over_windows(s.place), s.summed(s.w * np.exp(1j * s.psi))), True)
 
 
 def _logged(stats: Stats, turns: bool) -> np.ndarray:
@@ -267,13 +267,14 @@ def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
     """Index of the value of each trial, and the total, where ``costs`` (trials, values) are over those of none."""
     if not len(costs):
         return [], 0.0
-    own = costs.min(axis=1) + APART
-    alone = np.minimum(own, 0.0)
-    shared = COST + np.minimum(costs, np.minimum(own, APART)[:, None]).sum(axis=0)
+    individual = costs.min(axis=1) + APART
+    alone = np.minimum(individual, 0.0)  # each trial its own value, or none
+    # one value for all, for which the folder pays once: a trial has it, its own, or none although the others have it
+    shared = COST + np.minimum(costs, np.minimum(individual, APART)[:, None]).sum(axis=0)
     value = int(np.argmin(shared))
     alike = bool(shared[value] < alone.sum())
     ways = np.stack(
-        [costs[:, value] if alike else np.full(len(costs), np.inf), own, np.full(len(costs), alike * APART)]
+        [costs[:, value] if alike else np.full(len(costs), np.inf), individual, np.full(len(costs), alike * APART)]
     )
     chosen = np.stack([np.full(len(costs), value), np.argmin(costs, axis=1), np.full(len(costs), -1)])
     picked = chosen[np.argmin(ways, axis=0), np.arange(len(costs))]
@@ -288,6 +289,7 @@ def _lag(some: Sequence[Signals], name: str, longest: float) -> Explanation:
 
     grid = np.linspace(-longest, longest, 2 * TRIED + 1)
     table = over_none(grid)
+    # refined twice, about the lag of all and of each that differs
     for step in (longest / TRIED, longest / TRIED / FINER):
         apart = table.min(axis=1) < -APART
         centres = {float(grid[int(np.argmin(row))]) for row in (table.sum(axis=0), *table[apart][:MOST_CENTRES])}
@@ -323,11 +325,12 @@ def _normal(s: Signals) -> tuple[complex, float]:
     """Numerator and denominator of the arm of least squares, those of several trials to be added; the gain of u and v
     and the angle of the track are left free."""
     turn = np.exp(1j * s.psi)
-    made, power = s.summed(s.w * turn), 0.0
+    made = s.summed(s.w * turn)
 
     def mean(a: np.ndarray, b: np.ndarray) -> complex:
         return complex(np.sum(s.stats(a, b)[1]))
 
     power = mean(made, made).real
-    way, free = (a - made * (mean(a, made) / power if power > 0 else 0.0) for a in (s.way(), over_windows(turn)))
+    # both without what goes with the way made, so that a complex factor of it (gain and angle) changes nothing
+    way, free = (a - made * (mean(a, made) / power if power > 0 else 0.0) for a in map(over_windows, (s.place, turn)))
     return mean(way, free), mean(free, free).real

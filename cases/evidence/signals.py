@@ -15,8 +15,8 @@ from cases.trial import Trial, unwrapped
 
 # A record speaks once in each of so many pieces, however many samples it has: neighbours say the same.
 PIECES = 12  # set by hand (4, 2)
+# Least length of a window in rows of the record and in seconds. Set by hand (1, 0 and 0, 1).
 WINDOW_ROWS, WINDOW_S = 5, 1.1
-"""Least length of a window in rows of the record and in seconds. Set by hand (1, 0 and 0, 1)."""
 # A window is so long that the noise of two positions is at most this share of the way made in it.
 NOISE = 0.01  # set by hand (1, 1)
 LONGEST = 40  # At most this part of the record is one window. Set by hand.
@@ -58,12 +58,8 @@ class Signals:
     @property
     def has_track(self) -> bool:
         """Whether positions, heading and velocities are there, and the ship moves."""
-        moved = np.abs(np.diff(self.place))
-        return len(moved) >= 3 * STEPS and bool(np.isfinite(moved).all()) and float(moved.sum()) > 1e-6
-
-    def way(self) -> np.ndarray:
-        """Way made in each window (..., M - STEPS), complex [m]."""
-        return over_windows(self.place)
+        ways = np.abs(np.diff(self.place))
+        return len(ways) >= 3 * STEPS and bool(np.isfinite(ways).all()) and float(ways.sum()) > 1e-6
 
     def summed(self, rate: np.ndarray) -> np.ndarray:
         """Integral of a ``rate`` (..., M) over each window (..., M - STEPS)."""
@@ -95,9 +91,10 @@ class Signals:
         rows, later = np.arange(len(self.psi)), np.asarray(seconds)[..., None] / self.step
         at = rows + later
         inside = (at >= 0) & (at <= len(rows) - 1)
-        whole = np.clip(np.floor(at).astype(int), 0, len(rows) - 1), np.clip(np.ceil(at).astype(int), 0, len(rows) - 1)
-        moved: dict[str, Any] = {name: _advanced(getattr(self, name), later) for name in names}
-        return replace(self, **moved, good=self.good & inside & self.good[whole[0]] & self.good[whole[1]])
+        # a shifted sample rests on both rows around its place
+        low, high = (np.clip(side(at).astype(int), 0, len(rows) - 1) for side in (np.floor, np.ceil))
+        arrays: dict[str, Any] = {name: _advanced(getattr(self, name), later) for name in names}
+        return replace(self, **arrays, good=self.good & inside & self.good[low] & self.good[high])
 
 
 # Comparison -> the columns of one side, and those whose integral is the other.
@@ -124,19 +121,21 @@ def _advanced(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
     point-symmetrically at both ends. Straight lines between rows would damp noise by up to a half, most between two
     rows: a record whose noise is what misfits then fits best with a lag of half a row."""
     pad = min(len(values) - 1, MARGIN + math.ceil(np.abs(rows).max()))
-    # mirrored at its ends
+    # point-symmetric about its ends: value and slope go on without a jump
     before, after = 2 * values[0] - values[pad:0:-1], 2 * values[-1] - values[-2 : -pad - 2 : -1]
-    whole = np.concatenate([before, values, after])
-    count = np.arange(len(whole))
-    slope = (whole[-1] - whole[0]) / (len(whole) - 1)  # a straight line is taken off: Fourier's series repeats itself
+    padded = np.concatenate([before, values, after])
+    count = np.arange(len(padded))
+    # a straight line is taken off: Fourier's series repeats itself
+    slope = (padded[-1] - padded[0]) / (len(padded) - 1)
     line = slope * (count + rows)
+    # a shift turns the phase of each frequency (cycles per row)
     if np.iscomplexobj(values):
-        turn = np.exp(2j * np.pi * rows * np.fft.fftfreq(len(whole)))
-        moved = np.asarray(np.fft.ifft(np.fft.fft(whole - slope * count) * turn))
+        turn = np.exp(2j * np.pi * rows * np.fft.fftfreq(len(padded)))
+        shifted = np.asarray(np.fft.ifft(np.fft.fft(padded - slope * count) * turn))
     else:
-        turn = np.exp(2j * np.pi * rows * np.fft.rfftfreq(len(whole)))
-        moved = np.asarray(np.fft.irfft(np.fft.rfft(whole - slope * count) * turn, len(whole)))
-    return np.asarray(moved + line)[..., pad : pad + len(values)]
+        turn = np.exp(2j * np.pi * rows * np.fft.rfftfreq(len(padded)))
+        shifted = np.asarray(np.fft.irfft(np.fft.rfft(padded - slope * count) * turn, len(padded)))
+    return np.asarray(shifted + line)[..., pad : pad + len(values)]
 
 
 def _squared(values: np.ndarray) -> np.ndarray:
@@ -157,12 +156,12 @@ def signals(trial: Trial, degrees: float = 1.0) -> Signals | None:
     used = {name: values for name, values in columns.items() if np.isfinite(values).sum() >= 2}
     if not {"u", "v", "r", "psi"} <= set(used):
         return None
-    known = np.all([np.isfinite(values) for values in used.values()], axis=0)
+    valid = np.all([np.isfinite(values) for values in used.values()], axis=0)
     on = {name: _coarse(trial.t, values, clock, step) for name, values in used.items()}
     nothing = np.full(count, np.nan)
     track, turn = (independent(trial, comparison) for comparison in COMPARED)
     place = on.get("x", nothing) + 1j * on.get("y", nothing) if track else nothing + 0j
-    good = np.interp(clock, trial.t, known.astype(float)) > 0.999
+    good = np.interp(clock, trial.t, valid.astype(float)) > 0.999  # both neighbours are known, but for rounding
     good[[0, -1]] = False  # means of half a step, which lie a quarter of it further in
     gap = np.flatnonzero(np.diff(trial.t) > max(3 * trial.dt, seconds))
     for i in gap:
@@ -184,12 +183,13 @@ def window(trial: Trial) -> float:
     rows = max(len(place) // LONGEST, 1)
     speed = float(np.median(np.abs(place[rows:] - place[:-rows]))) / (rows * trial.dt)
     thirds = np.abs(np.diff(place, n=3))  # the motion leaves little in third differences
-    # Rayleigh's median: sqrt(2 ln 2); variance 1 + 9 + 9 + 1
+    # of white noise in the plane: Rayleigh's median sqrt(2 ln 2), of a variance 1 + 9 + 9 + 1 of third differences
     noise = float(np.median(thirds)) / math.sqrt(40 * math.log(2))
     steps = np.abs(np.diff(trial["x"]))
     steps = steps[steps > 0]
-    # uniform
+    # few different steps are those of rounding, whose error is uniform: variance 1/12 of its square
     grain = float(np.quantile(steps, 0.01)) / math.sqrt(12) if len(steps) and len(np.unique(steps)) < 50 else 0.0
+    # both ends of a way have that noise; NOISE is its share of the way made at this speed
     wanted = math.sqrt(2) * max(noise, grain) / (NOISE * speed) if speed > 0 else least
     return min(max(least, wanted), longest)
 
@@ -206,7 +206,8 @@ def relative(stats: Stats, factor: complex | np.ndarray) -> np.ndarray:
     (a, b, c, windows), by = stats, np.asarray(factor)[..., None]
     rest = np.maximum(a - 2 * np.real(np.conj(by) * b) + np.abs(by) ** 2 * c, 0.0)
     usual = _total(a) / np.maximum(_total(windows), 1.0)
-    share = rest / (a + AT_REST * usual * windows + 1e-30)
+    share = rest / (a + AT_REST * usual * windows + 1e-30)  # of a piece at rest a misfit is noise over nothing
+    # pieces with few windows have the misfit of all the others
     full = windows >= FEW * np.maximum(windows.max(axis=-1, keepdims=True), 1.0)
     return np.asarray(np.where(full, share, _total(np.where(full, rest, 0)) / (_total(np.where(full, a, 0)) + 1e-30)))
 
@@ -244,7 +245,7 @@ def white_noise(stretches: Sequence[np.ndarray], needed: slice = slice(None)) ->
     thirds = [np.diff(stretch, n=3, axis=0) for stretch in stretches if len(stretch) > 3]
     d = np.vstack([*thirds, np.empty((0, 6))])
     d = d[np.isfinite(d[:, needed]).all(axis=1)]
-    known = np.isfinite(d).any(axis=0)
+    valid = np.isfinite(d).any(axis=0)
     noise = np.zeros(6)
-    noise[known] = np.nanmedian(np.abs(d[:, known]), axis=0) / 0.6745 / np.sqrt(20.0)
+    noise[valid] = np.nanmedian(np.abs(d[:, valid]), axis=0) / 0.6745 / np.sqrt(20.0)  # 20: of 1, -3, 3, -1
     return noise

@@ -73,8 +73,7 @@ class FromLead(ABC):
 
     def event(self, t0: float, before: np.ndarray, t1: float, after: np.ndarray) -> float | None:
         """Fraction of the step from t0 to t1 [s], states ``before`` and ``after``, at which the execute or a switch
-        falls, so that the orders must be asked again; None if they stand until t1.
-        """
+        falls, so that the orders must be asked again; None if they stand until t1."""
         if t0 < self.lead - TINY:
             return (self.lead - t0) / (t1 - t0) if self.lead < t1 - TINY else None
         return self.switch(before, after)
@@ -97,10 +96,8 @@ class Turning(FromLead):
 
 @dataclass
 class Zigzag(FromLead):
-    """Rudder over; reversed each time the heading has changed by ``heading`` to the side of the rudder.
-
-    The change counts from the heading at the first execute. ``last_execute``: number of the one that ends it.
-    """
+    """Rudder over; reversed each time the heading has changed by ``heading`` to the side of the rudder. The change
+    counts from the heading at the first execute. ``last_execute``: number of the one that ends it."""
 
     rudder: float
     heading: float
@@ -146,10 +143,8 @@ class StopOrders(FromLead):
 
 @dataclass
 class StepOrders(FromLead):
-    """Rudder angles [rad] in turn, each held until the turn rate is steady; over when the last one is.
-
-    Steady: all turn rates of the last ``window`` [s] lie within ``tolerance`` [rad/s] of each other.
-    """
+    """Rudder angles [rad] in turn, each held until the turn rate is steady; over when the last one is. Steady: all turn
+    rates of the last ``window`` [s] lie within ``tolerance`` [rad/s] of each other."""
 
     angles: tuple[float, ...]
     window: float
@@ -167,7 +162,7 @@ class StepOrders(FromLead):
         self.rates.append((t, r))
         if t - self.rates[0][0] < self.window - TINY:
             return False
-        while len(self.rates) > 1 and self.rates[1][0] <= t - self.window + TINY:
+        while len(self.rates) > 1 and self.rates[1][0] <= t - self.window + TINY:  # one that lies a window back stays
             self.rates.popleft()
         values = [rate for _, rate in self.rates]
         return max(values) - min(values) <= self.tolerance
@@ -198,19 +193,19 @@ def random_telegraph(n: float, duration: float, scale: float, seed: int) -> Orde
     order, and at least every fourth), held 10..30 s. ``scale`` stretches the times, which are those of a 3 m
     model. n [1/s]; duration [s].
     """
-    rng = np.random.default_rng([3, seed])
+    rng = np.random.default_rng([3, seed])  # 3: each use of a seed has draws of its own
     delta_times = _switches(rng, 4.0 * scale, 20.0 * scale, duration)
     n_times = _switches(rng, 10.0 * scale, 30.0 * scale, duration)
     delta = np.radians(rng.uniform(-35.0, 35.0, len(delta_times)))
     astern = rng.random(len(n_times)) < 0.35
-    astern[0], astern[2::4] = False, True
+    astern[0], astern[2::4] = False, True  # she gathers way first
     levels = np.where(astern, -rng.uniform(0.3, 1.0, len(n_times)), rng.uniform(0.3, 1.2, len(n_times)))
     return schedule(n_times, n * levels, delta_times, delta)
 
 
 def _switches(rng: np.random.Generator, shortest: float, longest: float, duration: float) -> np.ndarray:
     """Times of orders, 0 first, until ``duration`` [s]."""
-    gaps = rng.uniform(shortest, longest, math.ceil(duration / shortest) + 1)
+    gaps = rng.uniform(shortest, longest, math.ceil(duration / shortest) + 1)  # as many as the shortest would take
     times = np.concatenate([[0.0], np.cumsum(gaps)])
     return times[times < max(duration, TINY)]
 
@@ -218,7 +213,7 @@ def _switches(rng: np.random.Generator, shortest: float, longest: float, duratio
 BERTHING_SPEED = 0.6  # Share of the approach speed and revolutions with which berthing begins. Set by hand.
 _BERTHING_PERIOD = 150.0  # After which the orders of berthing begin again [s of the 3 m model]. Set by hand.
 _BERTHING_N = ((0, BERTHING_SPEED), (30, 0.0), (36, -1.0), (88, 0.6), (105, -0.8), (130, 0.5))
-# (time [s of the 3 m model], share of n) and (time, rudder [deg]): slow ahead, reversals, kicks ahead.
+# (time [s of the 3 m model], share of n) and (time, rudder [deg]): slow ahead, reversals, kicks ahead. Set by hand.
 _BERTHING_DELTA = ((0, 0), (8, 15), (20, -20), (34, 10), (50, -35), (70, 0), (88, 35), (97, -35), (112, 20), (130, -25))
 
 
@@ -253,9 +248,9 @@ class Limits:
         if "actuators" in ship.components:
             return cls(math.inf, math.inf)
         usual = cls.for_length(ship.particulars["L"])
-        own = ship.particulars
-        rates = own.get("rudder_rate", usual.rudder_rate), own.get("propeller_rate", usual.propeller_rate)
-        return cls(*rates, own.get("rudder_delay", 0.0))
+        p = ship.particulars
+        rates = p.get("rudder_rate", usual.rudder_rate), p.get("propeller_rate", usual.propeller_rate)
+        return cls(*rates, p.get("rudder_delay", 0.0))
 
 
 @dataclass
@@ -297,6 +292,7 @@ class Controller:
             self.over = True
             return self.n, self.delta
         if self.located and isinstance(self.orders, FromLead) and self.orders.watches(t, t + dt):
+            # a step on trial, which is taken back: an event shows only in the state at its end
             before = self.n, self.delta, self.shaft, [*self.helm]
             after = advance(self._travel(order, t, dt, state))
             fraction = self.orders.event(t, state, t + dt, after)
@@ -319,7 +315,7 @@ class Controller:
             self.n, n = _ramp(self.n, order[0], self.limits.propeller_rate, dt)
         if order[1] != self.helm[-1][1]:
             self.helm.append((t + self.limits.rudder_delay, order[1]))
-        while len(self.helm) > 1 and self.helm[1][0] <= t + TINY:
+        while len(self.helm) > 1 and self.helm[1][0] <= t + TINY:  # helm[0] acts, the others wait for the delay
             del self.helm[0]
         changes = [when - t for when, _ in self.helm[1:] if when < t + dt - TINY]
         delta = 0.0
@@ -335,7 +331,7 @@ def _ramp(position: float, order: float, rate: float, dt: float) -> tuple[float,
     if abs(way) > longest:
         end = position + math.copysign(longest, way)
         return end, 0.5 * (position + end)
-    share = abs(way) / longest if longest > 0 else 0.0
+    share = abs(way) / longest if longest > 0 else 0.0  # of dt, in which the way is made
     return order, order - 0.5 * way * share
 
 
@@ -397,19 +393,16 @@ class Maneuver:
 def stopping_notices(plan: Maneuver) -> list[Message]:
     """What the manoeuvre ``plan`` assumes of engine and resistance; empty for one that stops no ship."""
     words = engine_words(plan.engine) if plan.engine else ""
-    found = [Message(f"{plan.kind}: {words}", STOPPING_CODES[0])] if words else []
+    notices = [Message(f"{plan.kind}: {words}", STOPPING_CODES[0])] if words else []
     for symbol, share in plan.factors.items():
         said = f"{symbol} is {share:g} of that of the ship file (stopping_resistance)"
-        found.append(Message(f"{plan.kind}: {said}, so the approach is at {plan.n:.4g} rps", STOPPING_CODES[1]))
-    return found
+        notices.append(Message(f"{plan.kind}: {said}, so the approach is at {plan.n:.4g} rps", STOPPING_CODES[1]))
+    return notices
 
 
 def _with_factors(ship: Ship, factors: Mapping[str, float]) -> Ship:
     """The ``ship`` with some coefficients times their ``factors``."""
-    c = ship.coefficients
-    return (
-        ship.with_coefficients({s: c[s].with_(value=f * c[s].value) for s, f in factors.items()}) if factors else ship
-    )
+    return ship.with_values({s: f * ship.coefficients[s].value for s, f in factors.items()}) if factors else ship
 
 
 def parse_maneuver(
@@ -425,12 +418,11 @@ def parse_maneuver(
 ) -> Maneuver:
     """The manoeuvre that a text such as "turning:35" names, for a ship.
 
-    n [1/s], speed [m/s]: approach; one follows from the other by the ship's surge balance, both may be given,
-    by default the speed is the ship's U_0 or that of Froude number 0.07 (7.7 kn for 320 m), in a crash stop or
-    coasting 0.142. duration [s] replaces the
-    default time limit; a zigzag of given duration goes on until then, otherwise it ends with the sixth execute.
-    rudder_rate [rad/s] replaces the Froude-scaled 20 deg/s. seed serves "random" when the text has none.
-    Raises UserError for an unknown or ill-formed text and for an approach that the ship cannot hold.
+    n [1/s], speed [m/s]: approach; one follows from the other by the ship's surge balance, both may be given, by
+    default the speed is the ship's U_0 or that of Froude number 0.07 (7.7 kn for 320 m), in a crash stop or coasting
+    0.142. duration [s] replaces the default time limit; a zigzag of given duration goes on until then, otherwise it
+    ends with the sixth execute. rudder_rate [rad/s] replaces the Froude-scaled 20 deg/s. seed serves "random" when the
+    text has none. Raises UserError for an unknown or ill-formed text and for an approach that the ship cannot hold.
     sampled: orders change at samples only.
     """
     kind, _, argument = text.strip().partition(":")
@@ -449,7 +441,8 @@ def parse_maneuver(
         limits = replace(limits, rudder_rate=rudder_rate)
     factors = stopping_factors(ship) if kind in STOPS else {}
     ship = _with_factors(ship, factors)
-    if kind in STOPS and n is None and speed is None and {"n", "n_azimuth"} & set(ship.actuators):
+    # the factors come first: a ship of another resistance needs other revolutions in her approach
+    if kind in STOPS and n is None and speed is None:
         speed = own_speed(ship, TEST_FROUDE)  # that of the standard's test
     steady, revolutions = approach(ship, n, speed, at_rest=kind == "acceleration")
     midships = partial(constant, revolutions)
@@ -485,10 +478,8 @@ class _Setup:
     def maneuver(
         self, default: float, orders: Callable[[], Orders] | None = None, share: float = 1.0, **parameters: float
     ) -> Maneuver:
-        """The manoeuvre with ``default`` as its time limit [s of the 3 m model]; no ``orders``: rudder midships.
-
-        It starts with ``share`` times the approach speed and revolutions.
-        """
+        """The manoeuvre with ``default`` as its time limit [s of the 3 m model]; no ``orders``: rudder midships. It
+        starts with ``share`` times the approach speed and revolutions."""
         return replace(
             self.base,
             duration=self.base.duration or default * self.scale,
@@ -531,7 +522,7 @@ def _zigzag(s: _Setup) -> Maneuver:
     rudder, heading = s.angles("rudder", "heading", "zigzag:20/20")
     if heading < 0:
         raise s.refused("give the side by the sign of the rudder: zigzag:-10/10")
-    zigzag = partial(Zigzag, s.base.n, s.lead, rudder, heading, None if s.base.partial else 6)
+    zigzag = partial(Zigzag, s.base.n, s.lead, rudder, heading, None if s.base.partial else 6)  # ends with the sixth
     return s.maneuver(600.0, zigzag, rudder=rudder, heading=heading, order_time=s.lead)
 
 
@@ -555,8 +546,8 @@ def _coasting(s: _Setup) -> Maneuver:
     return s.maneuver(2000.0, stop, order_time=s.lead, least=least)
 
 
+# The turn rate is steady when r L / U changes by no more than 0.0002 over three ship lengths (U of the approach).
 STEADY_WINDOW, STEADY_CHANGE = 3.0, 0.0002  # set by hand
-"""The turn rate is steady when r L / U changes by no more than 0.0002 over three ship lengths (U of the approach)."""
 # Ship lengths that one rudder angle of a spiral or pull-out may take to become steady.
 _LONGEST_HOLD = 100.0  # set by hand: it bounds a run that never becomes steady
 
@@ -564,9 +555,9 @@ _LONGEST_HOLD = 100.0  # set by hand: it bounds a run that never becomes steady
 def _steps(s: _Setup, angles: tuple[float, ...], **parameters: float) -> Maneuver:
     window, tolerance = STEADY_WINDOW * s.crossing, STEADY_CHANGE / s.crossing
     longest = (s.lead + len(angles) * _LONGEST_HOLD * s.crossing) / s.scale
-    held = partial(StepOrders, s.base.n, s.lead, angles, window, tolerance)
+    orders = partial(StepOrders, s.base.n, s.lead, angles, window, tolerance)
     parameters |= {"order_time": s.lead, "window": window, "tolerance": tolerance, "steps": float(len(angles))}
-    return s.maneuver(longest, held, **parameters)
+    return s.maneuver(longest, orders, **parameters)
 
 
 def _spiral(s: _Setup) -> Maneuver:

@@ -36,10 +36,11 @@ SMALLEST = 50.0  # set by hand
 # Revolutions at U_0 by n_MCR where the ship file gives none: 90 % of the power, by the propeller law. Set by hand:
 # .9^(1/3).
 MCR = 0.965
+# Of the shaft line and the starting air, in Q_MCR; of the governor, in Q_MCR by n_MCR: estimates of this library.
 FRICTION, AIR, GAIN = 0.05, 0.4, 8.0  # set by hand
-"""Of the shaft line and the starting air, in Q_MCR; of the governor, in Q_MCR by n_MCR: estimates of this library."""
 STEP = 0.25  # Integration step of the shaft [s]. Set by hand.
-# Particular of a ship file -> what is assumed where it is not given, its standard deviation, and what it may be.
+# Particular of a ship file -> what is assumed where it is not given (see above), its standard deviation, and what it
+# may be: these are set by hand.
 USUAL: Mapping[str, tuple[float, float, float, float]] = {
     "engine_delay": (10.0, 5.0, 0.0, 600.0),
     "restart": (0.30, 0.06, 0.01, 1.0),
@@ -48,7 +49,7 @@ USUAL: Mapping[str, tuple[float, float, float, float]] = {
     "engine_rise": (60.0, 25.0, 0.1, 1800.0),
     "engine_inertia": (3.0, 0.8, 0.2, 100.0),
 }
-_ANGLES = np.linspace(-math.pi, math.pi, 1441)
+_ANGLES = np.linspace(-math.pi, math.pi, 1441)  # beta [rad], every quarter of a degree
 
 
 def _series(A: tuple[float, ...], B: tuple[float, ...]) -> np.ndarray:
@@ -58,7 +59,7 @@ def _series(A: tuple[float, ...], B: tuple[float, ...]) -> np.ndarray:
 
 
 _TORQUE = _series(A_Q, B_Q)
-_FIRST = (_ANGLES > 0.1) & (_ANGLES < 0.9)
+_FIRST = (_ANGLES > 0.1) & (_ANGLES < 0.9)  # where the thrust of a propeller ahead falls through zero, once
 # Advance ratio of the series at which its thrust is zero [-].
 ZERO_THRUST = 0.7 * math.pi * math.tan(float(np.interp(0.0, -_series(A_T, B_T)[_FIRST], _ANGLES[_FIRST])))
 
@@ -93,10 +94,10 @@ class Engine:
         values: dict[str, Any] = {}
         for name, (_, std, low, high) in USUAL.items():
             draw = rng.standard_normal(count)
-            own = np.full(count, float(getattr(self, name)))
-            values[name] = np.clip(own + std * draw, low, high) if name in self.assumed else own
+            plain = np.full(count, float(getattr(self, name)))
+            values[name] = np.clip(plain + std * draw, low, high) if name in self.assumed else plain
             if itself:
-                values[name] = np.append(own[:1], values[name])
+                values[name] = np.append(plain[:1], values[name])
         return replace(self, **values)
 
     def repeated(self, copies: int) -> Engine:
@@ -107,6 +108,7 @@ class Engine:
     def torque(self, share: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Q_P / Q_MCR (M,) at n = ``share`` n_mcr and u [m/s], (M,) each."""
         a = self.n / self.n_mcr
+        # Q_P = 1/2 rho (u_a^2 + (0.7 pi n D)^2) (pi/4) D^3 C_Q*(beta), by its value in the approach (x = 1, u = speed)
         x, y = share / a, self.advance * u / self.speed
         full = float(np.interp(math.atan(self.advance), _ANGLES, _TORQUE)) * (1 + self.advance**2)
         return np.asarray(a * a * (x * x + y * y) * np.interp(np.arctan2(y, x), _ANGLES, _TORQUE) / full)
@@ -140,7 +142,7 @@ class Shaft:
         share, waited = self.share, max(self.waited, 0.0)
         ran = np.broadcast_to(self.ran, share.shape)
         parts = max(1, math.ceil(dt / STEP - 1e-9))
-        h, total = dt / parts, np.zeros_like(share)
+        h, total = dt / parts, np.zeros_like(share)  # explicit Euler; the mean by the trapezoidal rule
         limit = np.minimum(abs(wanted), e.astern_revolutions)
         for _ in range(parts):
             q_p = e.torque(share, u)
@@ -149,9 +151,10 @@ class Shaft:
                 target = -np.minimum(limit, np.maximum(ran, 0.0) / e.engine_rise)
                 running = np.clip(q_p - FRICTION + GAIN * (target - share), -np.asarray(e.astern_torque), 0.0)
                 air = np.where(share <= e.restart, -AIR, 0.0)
-                q_e = np.where(begun, running, air)
+                q_e = np.where(begun, running, air)  # it fires once the shaft has stopped
             else:
                 q_e = np.zeros_like(share)
+            # friction is smooth about zero, so that a shaft that stands does not swing from step to step
             rate = (q_e - q_p - FRICTION * np.tanh(share / 0.02)) / e.engine_inertia
             after = np.where(waited >= e.engine_delay, share + h * rate, share)
             ran = np.where(begun, ran + h, np.where((wanted < 0) & (after <= 0), 0.0, ran))
@@ -191,9 +194,8 @@ def engine_of(ship: Ship, speed: float, n: float) -> Engine | None:
 
 def stopping_factors(ship: Ship) -> dict[str, float]:
     """Symbol -> factor on coefficients of the resistance where the ``ship`` is stopped: her particular
-    ``stopping_resistance``, of a ship whose coefficients are those of a model at its own self-propulsion point.
-    Raises UserError for a share that makes no sense.
-    """
+    ``stopping_resistance``, of a ship whose coefficients are those of a model at its own self-propulsion point. Raises
+    UserError for a share that makes no sense."""
     share = ship.particulars.get("stopping_resistance", 1.0)
     if not 0.1 <= share <= 10:
         raise OutOfRange(f"{ship.name}: stopping_resistance = {share:g} must be between 0.1 and 10")
@@ -222,8 +224,8 @@ def _zero_thrust(ship: Ship, c: Mapping[str, float]) -> float:
         roots = np.roots([c["k_2"], c["k_1"], c["k_0"]])
         real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)].real
         if len(real):
-            return float(real.min())
-    if "k_J" in c:
+            return float(real.min())  # K_T = k_0 + k_1 J + k_2 J^2 falls from the bollard pull: its first zero counts
+    if "k_J" in c:  # a model of the series itself, with its advance ratios scaled
         return ZERO_THRUST * c["k_J"]
     return ZERO_THRUST * ship.particulars.get("pitch_ratio", 0.75)
 
@@ -232,7 +234,8 @@ FROUDE = 0.07  # Froude number of the default approach: harbour speed, 7.7 kn fo
 # Froude number of the test speed of a ship whose file gives none: 15.5 kn for 320 m. That of KVLCC2 at design speed
 # (SIMMAN 2008).
 TEST_FROUDE = 0.142
-# Blade angle [rad] of a controllable-pitch propeller ahead, where the ship file gives no particular ``pitch``.
+# Blade angle [rad] of a controllable-pitch propeller ahead, where the ship file gives no particular ``pitch``. Set by
+# hand.
 DESIGN_PITCH = math.radians(20.0)
 
 
@@ -244,22 +247,22 @@ def actuator_positions(ship: Ship, n: Any, delta: Any) -> dict[str, Any]:
     driven by its azimuth thruster, which also steers where there is no rudder: aft of midship it pushes to port then.
     n [1/s], delta [rad]: numbers, or arrays of one shape; ship: gives the names.
     """
-    moved: dict[str, Any] = dict.fromkeys(ship.actuators, 0.0)
-    for name in moved:
+    positions: dict[str, Any] = dict.fromkeys(ship.actuators, 0.0)
+    for name in positions:
         if name in ("n", "n_2"):
-            moved[name] = abs(n) if "pitch" in moved else n
+            positions[name] = abs(n) if "pitch" in positions else n
         elif name.startswith("delta"):
-            moved[name] = delta
+            positions[name] = delta
         elif name == "pitch":
             ahead, zero = ship.particulars.get("pitch", DESIGN_PITCH), ship.coefficients["theta_0"].value
-            moved[name] = np.where(n >= 0, ahead, 2 * zero - ahead)
-    rudders = any(name.startswith("delta") for name in moved)
-    for name in [name for name in moved if name.startswith("n_azimuth") and "n" not in moved]:
-        moved[name], angle = n, name.removeprefix("n_")
-        if not rudders and angle in moved:
-            place = ship.particulars.get(angle.replace("azimuth", "x_az"), -1.0)
-            moved[angle] = np.copysign(delta, delta * place)
-    return moved
+            positions[name] = np.where(n >= 0, ahead, 2 * zero - ahead)
+    rudders = any(name.startswith("delta") for name in positions)
+    for name in [name for name in positions if name.startswith("n_azimuth") and "n" not in positions]:
+        positions[name], angle = n, name.removeprefix("n_")
+        if not rudders and angle in positions:
+            place = ship.particulars.get(angle.replace("azimuth", "x_az"), -1.0)  # m ahead of midship
+            positions[angle] = np.copysign(delta, delta * place)
+    return positions
 
 
 def surge_balance(ship: Ship) -> Callable[[float, float], float]:
@@ -271,8 +274,8 @@ def surge_balance(ship: Ship) -> Callable[[float, float], float]:
 
     @cache  # the same speeds are asked for again and again
     def surge(u: float, n: float) -> float:
-        moved = actuator_positions(still, n, 0.0)
-        inputs = [float(moved.get(name, 0.0)) for name in still.inputs]
+        positions = actuator_positions(still, n, 0.0)
+        inputs = [float(positions.get(name, 0.0)) for name in still.inputs]
         return float(model.rates(model.initial([0.0, 0.0, 0.0, u, 0.0, 0.0], inputs, []), inputs, [])[3])
 
     return surge
@@ -303,19 +306,17 @@ def diameter_for(ship: Ship, u: float, n: float) -> float:
 
 
 def _root(function: Callable[[float], float], first: float, failure: str) -> float:
-    """Root of a function that is negative at small positive arguments and positive at large ones.
-
-    To 1e-12 of it by the Illinois method (Dowell & Jarratt 1971): scipy's root finders are slow to import.
-    """
+    """Root of a function that is negative at small positive arguments and positive at large ones. To 1e-12 of it by the
+    Illinois method (Dowell & Jarratt 1971): scipy's root finders are slow to import."""
     low, high = 1e-3 * first, first
-    for _ in range(8):
+    for _ in range(8):  # doubles the upper end until the function is positive there
         if function(high) > 0:
             break
         low, high = high, 2 * high
     below, above = function(low), function(high)
     if not below < 0 < above:
         raise NoSolution(f"{failure}; check thrust and resistance, or give both n and speed")
-    last = 0
+    last = 0  # side on which the last secant ended: an end that stays is halved, else it would stay for long
     for _ in range(200):
         if high - low <= 1e-12 * high:
             break
@@ -337,11 +338,8 @@ def own_speed(ship: Ship, froude: float = FROUDE) -> float:
 
 
 def known_speed(ship: Ship, froude: float) -> tuple[float, str]:
-    """Approach speed of a ``ship`` where none is asked for [m/s], and where it is from.
-
-    Her U_0 where it was stated, else the approach speed of her trials, else a U_0 by rule, else that of a number
-    ``froude``.
-    """
+    """Approach speed of a ``ship`` where none is asked for [m/s], and where it is from. Her U_0 where it was stated,
+    else the approach speed of her trials, else a U_0 by rule, else that of a number ``froude``."""
     p, source = ship.particulars, ship.sources.get("U_0", "")
     if p.get("U_0", 0.0) > 0 and not source.startswith(BY_RULE):
         return p["U_0"], "U_0 of the ship file"
@@ -355,37 +353,27 @@ def known_speed(ship: Ship, froude: float) -> tuple[float, str]:
 
 def approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool = False) -> tuple[float, float]:
     """(speed [m/s], n [1/s]) at the start of a manoeuvre; what is not given follows from the surge balance.
-
-    ``at_rest``: the ship starts with speed 0 whatever n is. Raises UserError for numbers that make no approach.
-    """
-    u, revolutions = _approach(ship, n, speed, at_rest)
-    froude = u / reference_speed(ship.particulars["L"])
-    if abs(froude) > 1:
-        raise OutOfRange(
-            f"an approach at {u:g} m/s is Froude number {froude:.2g}, outside this model; give a lower speed or n"
-        )
-    return u, revolutions
-
-
-def _approach(ship: Ship, n: float | None, speed: float | None, at_rest: bool) -> tuple[float, float]:
+    ``at_rest``: the ship starts with speed 0 whatever n is. Raises UserError for numbers that make no approach."""
     for name, value in (("n", n), ("speed", speed)):
         if value is not None and not math.isfinite(value):
             raise OutOfRange(f"{name} = {value} is not a finite number")
     if not {"n", "n_azimuth"} & set(ship.actuators):
         if n is not None or at_rest:
             raise Missing(f"{ship.name} has no propeller in its model: give a speed, not n or a start at rest")
-        return own_speed(ship) if speed is None else speed, 0.0
-    if at_rest and n is not None:
-        if speed is not None:
-            raise Conflict("an acceleration starts from rest: give n or the speed to reach, not both")
-        return 0.0, n
-    if n is not None and speed is not None:
-        return speed, n
-    if n is not None:
-        if n <= 0:
-            raise OutOfRange(f"n = {n:g} rps gives no steady approach ahead; give a positive n, or a speed as well")
-        return speed_for(ship, n), n
-    if speed is not None and speed <= 0:
-        raise OutOfRange(f"speed = {speed:g} m/s: the approach must be ahead; give n as well for anything else")
-    wanted = own_speed(ship) if speed is None else speed
-    return (0.0 if at_rest else wanted), revolutions_for(ship, wanted)
+        u, revolutions = own_speed(ship) if speed is None else speed, 0.0
+    elif n is None:
+        if speed is not None and speed <= 0:
+            raise OutOfRange(f"speed = {speed:g} m/s: the approach must be ahead; give n as well for anything else")
+        u = own_speed(ship) if speed is None else speed
+        u, revolutions = (0.0 if at_rest else u), revolutions_for(ship, u)
+    elif at_rest and speed is not None:
+        raise Conflict("an acceleration starts from rest: give n or the speed to reach, not both")
+    elif n <= 0 and speed is None and not at_rest:
+        raise OutOfRange(f"n = {n:g} rps gives no steady approach ahead; give a positive n, or a speed as well")
+    else:
+        u, revolutions = 0.0 if at_rest else speed_for(ship, n) if speed is None else speed, n
+    froude = u / reference_speed(ship.particulars["L"])
+    if abs(froude) > 1:
+        words = f"an approach at {u:g} m/s is Froude number {froude:.2g}, outside this model; give a lower speed or n"
+        raise OutOfRange(words)
+    return u, revolutions

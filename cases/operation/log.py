@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -25,8 +26,8 @@ from cases.criteria.measured_maneuvers import Execute, find_maneuvers, length_by
 from cases.io.campaigns import day_of
 from cases.io.conventions import converted
 from cases.io.read import match_headers
-from cases.io.sidecar import NAME, SidecarEntry, read_sidecar, sidecar_entry
 from cases.io.sidecar import NAME as SIDECAR
+from cases.io.sidecar import SidecarEntry, read_sidecar, sidecar_entry
 from cases.io.trial_table import checked_header
 from cases.quantities import to_si
 from cases.simulation.simulate import write_trial
@@ -42,10 +43,8 @@ PIECE = 100_000  # Most rows that are held at a time. Set by hand: it bounds mem
 
 @dataclass
 class OperationLog:
-    """The readable parts of a ``folder``, in order of time.
-
-    notices: what was converted or dropped, each sentence once; left_out: a sentence on every part that cannot be read.
-    """
+    """The readable parts of a ``folder``, in order of time. notices: what was converted or dropped, each sentence once;
+    left_out: a sentence on every part that cannot be read."""
 
     folder: Path
     parts: list[Path] = field(default_factory=list)
@@ -56,8 +55,7 @@ class OperationLog:
         """Canonical columns (N,) of at most PIECE rows: SI, radians, frames of the product, time increasing.
 
         All have the columns of the first part; one that a later part lacks is NaN there. A part that turns out to be
-        damaged is left out from there on, which is said in ``left_out``. Raises UserError
-        where no row is left.
+        damaged is left out from there on, which is said in ``left_out``. Raises UserError where no row is left.
         """
         last, any_row, names = -math.inf, False, list[str]()
         for part in self.parts:
@@ -69,6 +67,7 @@ class OperationLog:
                     columns = {name: columns.get(name, np.full(len(columns["t"]), math.nan)) for name in names}
                     t = columns["t"]
                     good = np.isfinite(t)
+                    # later than all rows before, those of the parts before included: overlaps are dropped
                     good &= t > np.maximum.accumulate(np.concatenate([[last], np.where(good, t, -math.inf)[:-1]]))
                     if not good.all():
                         _once(self.notices, f"{part.name}: rows without a time, or at a time that is past, are dropped")
@@ -87,11 +86,11 @@ class OperationLog:
         notices, entry = list[Message](), _entry(self.folder, path)
         try:
             for columns, factors in _batches(path, entry, notices, PIECE):
-                if entry.sentinels:
+                if entry.sentinels:  # in units of the file, the columns are in SI
                     for name, values in columns.items():
                         values[np.isin(values, np.array(entry.sentinels) * factors[name])] = np.nan
                 if not {*RUDDERS} & set(columns):
-                    columns["delta"] = np.zeros(len(columns["t"]))
+                    columns["delta"] = np.zeros(len(columns["t"]))  # windows are judged by a rudder as well
                 for begin, end in entry.exclude or ():
                     keep = (columns["t"] < begin) | (columns["t"] > end)
                     columns = {name: values[keep] for name, values in columns.items()}
@@ -110,10 +109,8 @@ def _once(sentences: list[str], sentence: str) -> None:
 
 
 def read_log(folder: str | Path) -> OperationLog:
-    """The log in the Parquet files of ``folder`` and of the folders in it.
-
-    Raises UserError where the folder does not exist, holds no Parquet file, or none that can be read.
-    """
+    """The log in the Parquet files of ``folder`` and of the folders in it. Raises UserError where the folder does not
+    exist, holds no Parquet file, or none that can be read."""
     import pyarrow as pa
 
     folder = Path(folder)
@@ -125,7 +122,7 @@ def read_log(folder: str | Path) -> OperationLog:
         raise Missing(f"{folder}: holds no .parquet files; write the log as Parquet, one file per day, say")
     for path in files:
         try:
-            first, _ = next(_batches(path, _entry(folder, path), [], 1000, ["t"]))
+            first, _ = next(_batches(path, _entry(folder, path), [], 1000, ["t"]))  # enough to put parts in order
             begins[path] = float(np.nanmin(first["t"], initial=math.inf))
         except UserError as error:
             log.left_out.append(str(error))
@@ -154,14 +151,14 @@ def _batches(
     factors = {name: to_si(name, matched[name][1], f"{path}: column '{cell}'") for name, cell in wanted.items()}
     for batch in file.iter_batches(rows, columns=list(wanted.values())):
         if pa.types.is_timestamp(batch.column(wanted["t"]).type):
-            factors["t"] = 1.0
+            factors["t"] = 1.0  # ``_numbers`` makes seconds of them, whatever unit the header has
         yield {n: _numbers(path, cell, batch.column(cell)) * factors[n] for n, cell in wanted.items()}, factors
 
 
 def _entry(folder: Path, path: Path) -> SidecarEntry:
     """What the sidecar beside the part ``path``, or else in the ``folder`` of the log, says."""
-    if not (path.parent / NAME).exists() and (folder / NAME).exists():
-        return read_sidecar(folder / NAME).entry(path)
+    if not (path.parent / SIDECAR).exists() and (folder / SIDECAR).exists():
+        return read_sidecar(folder / SIDECAR).entry(path)
     return sidecar_entry(path)
 
 
@@ -172,7 +169,7 @@ def _numbers(path: Path, cell: str, values: object) -> np.ndarray:
 
     kind = values.type  # type: ignore[attr-defined]
     if pa.types.is_timestamp(kind):
-        stamps = pc.cast(pc.cast(values, pa.timestamp("us")), pa.int64())
+        stamps = pc.cast(pc.cast(values, pa.timestamp("us")), pa.int64())  # whole us: a double holds those since 1970
         return np.asarray(pc.cast(stamps, pa.float64(), safe=False).to_numpy(zero_copy_only=False)) / 1e6
     if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
         raise BadValue(f"{path}: column '{cell}' holds {kind}, which is no number")
@@ -186,9 +183,9 @@ USUAL = 0.15  # Usual speed of a ship as a Froude number. Set by hand: 16 kn of 
 STOPPED = 0.012
 GAP = 2.5  # A step in time so many usual steps long is a gap. Set by hand.
 # A window is manoeuvring where the rudder moves by this angle [rad] between its 5 % and 95 % quantiles, the revolutions
-# by this share of their largest value in the log, or the heading by this angle [rad].
+# by this share of their largest value in the log, or the heading by this angle [rad]. Set by hand: 4 deg, 8 %, 6 deg.
 MOVED = {"rudder": 0.07, "n": 0.08, "turn": 0.1}
-NEEDED = ("psi", "u", "v", "r", "n")
+NEEDED = ("psi", "u", "v", "r", "n")  # Columns without which a row says nothing; rudders and wind count where logged
 
 
 @dataclass(frozen=True)
@@ -212,14 +209,10 @@ class Cut:
     step: float = 0.0
     length: float = 0.0
     windows: list[LogWindow] = field(default_factory=list)
-    seconds: dict[str, float] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))
     rows: int = 0
     begin: float = np.nan
     end: float = np.nan
-
-    def add(self, what: str, seconds: float) -> None:
-        """More ``seconds`` of ``what``."""
-        self.seconds[what] = self.seconds.get(what, 0.0) + seconds
 
 
 def cut_log(pieces: Iterable[Mapping[str, np.ndarray]], length: float) -> Cut:
@@ -234,13 +227,14 @@ def cut_log(pieces: Iterable[Mapping[str, np.ndarray]], length: float) -> Cut:
         t = piece["t"]
         if not cut.rows:
             cut.step, cut.begin = float(np.median(np.diff(t))) if len(t) > 1 else 1.0, float(t[0])
+            # of 30 rows at least: fewer hardly have the 5 % quantiles of ``_manoeuvring``
             cut.length = max(WINDOW * length / (USUAL * reference_speed(length)), 30 * cut.step)
         cut.rows, cut.end = cut.rows + len(t), float(t[-1])
         columns = _after(rest, piece)
         most = np.abs(columns["n"])
         revolutions = max(revolutions, float(np.quantile(most[np.isfinite(most)], 0.95)) if len(most) else 0.0)
-        left = _cut_piece(columns, cut, slowest, revolutions)
-        rest = {name: values[left:].copy() for name, values in columns.items()}
+        resume = _cut_piece(columns, cut, slowest, revolutions)
+        rest = {name: values[resume:].copy() for name, values in columns.items()}  # a view would keep the whole piece
     if rest:
         _cut_piece(rest, cut, slowest, revolutions, last=True)
     return cut
@@ -250,9 +244,7 @@ def _cut_piece(
     columns: Mapping[str, np.ndarray], cut: Cut, slowest: float, revolutions: float, last: bool = False
 ) -> int:
     """Add the windows of ``columns`` (N,) to ``cut``; returns the row from which they are to be cut with what follows.
-
-    slowest: speed below which a ship does not sail [m/s]; revolutions: largest usual ones; last: nothing follows.
-    """
+    slowest: speed below which a ship does not sail [m/s]; revolutions: largest usual ones; last: nothing follows."""
     t, rows = columns["t"], len(columns["t"])
     if not rows:
         return 0
@@ -260,18 +252,18 @@ def _cut_piece(
     gap = np.diff(t) > GAP * cut.step
     needed = [name for name in columns if name in (*NEEDED, *RUDDERS, "wind_speed", "wind_direction")]
     missing = ~np.all([np.isfinite(columns[name]) for name in needed], axis=0)
-    speed = np.nan_to_num(np.hypot(columns["u"], columns["v"]))
-    moored = _mean(speed, max(1, count // 2)) < slowest
-    state = np.where(moored, 1, np.where(missing, 2, 0))
-    left = rows
+    speed, half = np.hypot(columns["u"], columns["v"]), max(1, count // 2)
+    # mean of the speeds that are known, multiplied by their share: where none is, she is not known to be moored
+    moored = _mean(np.nan_to_num(speed), half) < slowest * _mean(np.isfinite(speed), half)
+    state = np.where(moored, 1, np.where(missing, 2, 0))  # what lacks while she is moored is no loss
+    resume = rows
     for first, end in stretches(state, gap):
-        seconds = (end - first) * cut.step
         if state[first]:
-            cut.add("moored" if state[first] == 1 else "missing values", seconds)
+            cut.seconds["moored" if state[first] == 1 else "missing values"] += (end - first) * cut.step
             continue
-        left = _windows_of(columns, first, end, cut, count, revolutions, open_end=end == rows and not last)
-    cut.add("gaps", float(np.diff(t)[gap].sum()))
-    return left
+        resume = _windows_of(columns, first, end, cut, count, revolutions, open_end=end == rows and not last)
+    cut.seconds["gaps"] += float(np.diff(t)[gap].sum())
+    return resume
 
 
 def _windows_of(
@@ -279,35 +271,35 @@ def _windows_of(
 ) -> int:
     """Add the windows of the rows ``first`` to ``end`` under way; returns the row from which they go on."""
     trial = Trial("log", {name: values[first:end] for name, values in columns.items()})
-    bad = np.zeros(end - first, dtype=int)
+    bad = np.zeros(end - first, dtype=int)  # number of the stretch that a row belongs to, by ``words``; 0: sound
     words = [""]
-    for stretch in broken_stretches(trial) if end - first > count else ():
+    for stretch in broken_stretches(trial) if end - first > count else ():  # shorter than a window: nothing to gain
         words.append("touched: " + stretch.what if SWINGING in stretch.what else "broken: " + stretch.what)
         bad[(trial.t >= stretch.begin_s) & (trial.t <= stretch.end_s)] = len(words) - 1
-    left = len(columns["t"])
+    resume = len(columns["t"])
     for a, b in stretches(bad, np.zeros(max(len(bad) - 1, 0), bool)):
         if bad[a]:
-            cut.add(words[bad[a]], (b - a) * cut.step)
+            cut.seconds[words[bad[a]]] += (b - a) * cut.step
             continue
-        whole = (b - a) // count
-        for k in range(whole):
+        windows = (b - a) // count
+        for k in range(windows):
             rows = slice(first + a + k * count, first + a + (k + 1) * count)
-            moved = _manoeuvring({name: values[rows] for name, values in columns.items()}, revolutions)
+            manoeuvring = _manoeuvring({name: values[rows] for name, values in columns.items()}, revolutions)
             begin = float(columns["t"][rows.start])
-            cut.windows.append(LogWindow(begin, float(columns["t"][rows.stop - 1]), moved))
-            cut.add("manoeuvring" if moved else "steady", count * cut.step)
+            cut.windows.append(LogWindow(begin, float(columns["t"][rows.stop - 1]), manoeuvring))
+            cut.seconds["manoeuvring" if manoeuvring else "steady"] += count * cut.step
         if open_end and b == len(bad):
-            left = first + a + whole * count
+            resume = first + a + windows * count  # what is no window yet goes on in the next piece
         else:
-            cut.add("too short", (b - a - whole * count) * cut.step)
-    return left
+            cut.seconds["too short"] += (b - a - windows * count) * cut.step
+    return resume
 
 
 def _manoeuvring(rows: Mapping[str, np.ndarray], revolutions: float) -> bool:
     """Whether the ship is manoeuvred in these rows."""
 
     def span(values: np.ndarray) -> float:
-        low, high = np.quantile(values, (0.05, 0.95))
+        low, high = np.quantile(values, (0.05, 0.95))  # single samples that are off move no quantile
         return float(high - low)
 
     rudder = max(span(rows[name]) for name in RUDDERS if name in rows)
@@ -333,7 +325,7 @@ def _after(rest: Mapping[str, np.ndarray], piece: Mapping[str, np.ndarray]) -> d
 def _mean(values: np.ndarray, width: int) -> np.ndarray:
     """Means of ``values`` (N,) over ``width`` neighbours."""
     sums = np.concatenate([[0.0], np.cumsum(values)])
-    rows = np.arange(len(values))
+    rows = np.arange(len(values))  # at the ends the mean is of the neighbours that there are
     low, high = np.maximum(rows - width // 2, 0), np.minimum(rows + width // 2 + 1, len(values))
     return (sums[high] - sums[low]) / (high - low)
 
@@ -356,8 +348,8 @@ def window_rows(
         rest = {name: values[keep:].copy() for name, values in columns.items()}
 
 
+# Shares of her highest speed below which a ship lies at rest, and above which she has accelerated. Set by hand.
 AT_REST, UNDER_WAY = 0.1, 0.9
-"""Shares of her highest speed below which a ship lies at rest, and above which she has accelerated. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -387,7 +379,7 @@ def cut_record(record: Trial, length: float | None = None, rest: bool = False, p
     """
     (sound,) = TrialSet((replace(record, kind=""),)).sound
     length = length or length_by_turns(sound)
-    unit, found, why = ship_time(sound, length), list[tuple[float, float, Execute]](), ""
+    unit, maneuvers, why = ship_time(sound, length), list[tuple[float, float, Execute]](), ""
     for first, end in stretches(np.zeros(len(sound)), np.diff(sound.t) > max(unit, GAP * sound.dt)):
         piece, zero, last = _rows(sound, slice(first, end)), float(sound.t[first]), float(sound.t[first])
         executes: tuple[Execute, ...] = ()
@@ -398,20 +390,25 @@ def cut_record(record: Trial, length: float | None = None, rest: bool = False, p
         several = sorted([*executes, *_accelerations(piece, executes)], key=lambda e: e.order_time)
         orders = [zero + execute.order_time for execute in several]
         for execute, order, after in zip(several, orders, [*orders[1:], math.inf], strict=False):
-            stop = min(zero + execute.end, after - sound.dt)
-            found.append((max(order - WINDOW * unit, last), stop, replace(execute, order_time=order)))
+            stop = min(zero + execute.end, after - sound.dt)  # no row belongs to two trials
+            # the approach before the order is as long as a window, as the ship is to run straight at a steady speed
+            maneuvers.append((max(order - WINDOW * unit, last), stop, replace(execute, order_time=order)))
             last = stop + 0.5 * sound.dt
-    parts = [_part(record, begin, end, execute) for begin, end, execute in found]
+    parts = [_part(record, begin, end, execute) for begin, end, execute in maneuvers]
     spans: list[Span] = []
     for window in cut_log([sound.columns], length).windows if rest else ():
-        if window.manoeuvring and all(window.end < begin or window.begin > end for begin, end, _ in found):
+        if window.manoeuvring and all(window.end < begin or window.begin > end for begin, end, _ in maneuvers):
             joined = spans.pop()[0] if spans and window.begin - spans[-1][1] < GAP * sound.dt else window.begin
             spans.append((joined, window.end))
     parts += [_part(record, begin, end) for begin, end in spans]
     if not parts:
         raise Missing(why or f"{record.name}: no manoeuvre found")
     parts.sort(key=lambda part: float(part.trial.t[0]))
-    return [_named(part, f"{prefix}{number:02d}") for number, part in enumerate(parts, 1)]
+    named = []
+    for number, part in enumerate(parts, 1):
+        words = [f"{prefix}{number:02d}", part.trial.kind or "rest", *part.order.split("/")]
+        named.append(replace(part, trial=replace(part.trial, name="_".join(filter(None, words)))))
+    return named
 
 
 def _rows(trial: Trial, rows: slice | np.ndarray) -> Trial:
@@ -421,8 +418,8 @@ def _rows(trial: Trial, rows: slice | np.ndarray) -> Trial:
 
 def _part(record: Trial, begin: float, end: float, execute: Execute | None = None) -> CutTrial:
     """The rows of the ``record`` from ``begin`` to ``end`` [s]."""
-    whole = record.whole or record
-    trial = replace(_rows(whole, inside(whole, [(begin, end)])), kind=execute.kind if execute else "")
+    complete = record.whole or record
+    trial = replace(_rows(complete, inside(complete, [(begin, end)])), kind=execute.kind if execute else "")
     left_out = tuple((max(a, begin), min(b, end)) for a, b in spans_left_out(record) if a < end and b > begin)
     exclude = left_out if "left_out" in record.meta else None
     if execute is None:
@@ -430,15 +427,10 @@ def _part(record: Trial, begin: float, end: float, execute: Execute | None = Non
     return CutTrial(trial, execute.order, execute.order_time, exclude, (*execute.notes, *execute.caveats))
 
 
-def _named(part: CutTrial, number: str) -> CutTrial:
-    words = [number, part.trial.kind or "rest", *part.order.split("/")]
-    return replace(part, trial=replace(part.trial, name="_".join(filter(None, words))))
-
-
 def _accelerations(trial: Trial, others: Sequence[Execute]) -> list[Execute]:
     """Where the ship of a ``trial`` gathers way from rest, but for what belongs to ``others``."""
     t, u, n = trial.t - trial.t[0], np.nan_to_num(trial["u"]), np.nan_to_num(steering(trial)[1])
-    fast, ahead, found = float(u.max()), n > 0.05 * float(n.max()), []
+    fast, ahead, executes = float(u.max()), n > 0.05 * float(n.max()), []
     moves = (u > AT_REST * fast).astype(int)
     for start in np.flatnonzero(np.diff(moves) > 0) + 1 if fast > 0 else ():
         later = np.flatnonzero(moves[start:] == 0)
@@ -446,11 +438,12 @@ def _accelerations(trial: Trial, others: Sequence[Execute]) -> list[Execute]:
         under_way = np.flatnonzero(u[start:end] >= UNDER_WAY * fast)
         if not len(under_way) or not ahead[start]:
             continue
+        # she was ordered ahead where the revolutions last were not, before she moved
         order = int(np.flatnonzero(~ahead[:start])[-1]) if not ahead[:start].all() else 0
         a, b = float(t[order]), float(t[start + under_way[0]])
         if all(b < other.order_time or a > other.end for other in others):
-            found.append(Execute("acceleration", a, 0.0, (), b, 0.0, math.nan, ()))
-    return found
+            executes.append(Execute("acceleration", a, 0.0, (), b, 0.0, math.nan, ()))
+    return executes
 
 
 # Keys of a sidecar that say how a file is converted: the trials are canonical.
@@ -466,8 +459,9 @@ def write_cut(parts: Sequence[CutTrial], folder: Path) -> None:
     files: dict[str, dict[str, Any]] = {}
     for part in parts:
         trial = part.trial
-        said = SidecarEntry() if trial.path is None else sidecar_entry(trial.path)
-        entry = {**said.model_dump(exclude_unset=True, exclude=CONVERTED), "kind": trial.kind, "day": day_of(trial)}
+        of_record = SidecarEntry() if trial.path is None else sidecar_entry(trial.path)
+        entry = of_record.model_dump(exclude_unset=True, exclude=CONVERTED)
+        entry |= {"kind": trial.kind, "day": day_of(trial)}
         entry |= {} if part.exclude is None else {"exclude": [list(span) for span in part.exclude]}
         files[f"{trial.name}.csv"] = {key: value for key, value in entry.items() if value or key == "exclude"}
         in_file = json.loads(trial.meta.get("labels", "{}")) or trial.columns  # the rest is derived on reading again

@@ -27,18 +27,18 @@ def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, flo
     name = present_name(name)
     where = f"{option} {text}"
     check_needs(ship, name, where)
-    known = {p.symbol: p for p in parameters(ship, name)}
+    table = {p.symbol: p for p in parameters(ship, name)}
     values, named = {}, []
     for item in filter(None, (part.strip() for part in rest.split(","))):
         key, equals, word = (part.strip() for part in item.partition("="))
-        if key not in known:
-            raise UnknownName(f"{where}: {name} has no parameter '{key}'; it has {', '.join(known)} (see mmg effects)")
+        if key not in table:
+            raise UnknownName(f"{where}: {name} has no parameter '{key}'; it has {', '.join(table)} (see mmg effects)")
         if key in values or key in named:
             raise Conflict(f"{where}: {key} is given twice")
         if not equals:
             named.append(key)
             continue
-        p, values[key] = known[key], as_number(word)
+        p, values[key] = table[key], as_number(word)  # NaN lies within no bounds
         if not p.lower <= values[key] <= p.upper:
             wanted = f"must be a number from {p.lower:g} to {p.upper:g} {p.unit}"
             raise OutOfRange(f"{where}: {p.symbol} = {word} {wanted}".rstrip())
@@ -46,11 +46,8 @@ def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, flo
 
 
 def with_effects(ship: Ship, texts: Iterable[str]) -> Ship:
-    """The ``ship`` with the effects of ``texts`` ("NAME:key=value") switched on.
-
-    One without values gets its typical size.
-    Raises UserError as ``parse_effect`` does, for an effect given twice and a parameter without value.
-    """
+    """The ``ship`` with the effects of ``texts`` ("NAME:key=value") switched on. One without values gets its typical
+    size. Raises UserError as ``parse_effect`` does, for an effect given twice and a parameter without value."""
     given: set[str] = set()
     for text in texts:
         name, values, named = parse_effect(text, ship, "--effect")
@@ -76,6 +73,7 @@ def freeing_effects(ship: Ship, texts: Iterable[str]) -> Ship:
         ship = ship.with_effect(name, values)
         for p in parameters(ship, name):
             row = ship.coefficients[f"{name}.{p.symbol}"].with_(fixed=p.held and p.symbol not in named)
+            # of the prior, not of an earlier fit
             row = row.with_(std=p.coefficient(name).std) if p.symbol in values else row
             ship = ship.with_coefficients({row.symbol: row})
     return ship
@@ -135,15 +133,13 @@ SUSPECT = "the trials speak for it, put in by mmg fit"
 
 
 def with_suspects(ship: Ship, symbols: Iterable[str]) -> Ship:
-    """The ``ship`` with nuisance parameters that her trials speak for, which a diagnosis judges anew.
-
-    symbols: of parameters of effects that she lacks, such as "current.x"; they are free, and SUSPECT is their source.
-    """
+    """The ``ship`` with nuisance parameters that her trials speak for, which a diagnosis judges anew. symbols: of
+    parameters of effects that she lacks, such as "current.x"; they are free, and SUSPECT is their source."""
     chosen = tuple(symbols)
     for name in dict.fromkeys(s.partition(".")[0] for s in chosen):
         ship = ship.with_effect(name)
-        own = (f"{name}.{p.symbol}" for p in parameters(ship, name))
-        rows = {s: ship.coefficients[s].with_(fixed=s not in chosen, source=SUSPECT) for s in own}
+        symbols_of_effect = (f"{name}.{p.symbol}" for p in parameters(ship, name))
+        rows = {s: ship.coefficients[s].with_(fixed=s not in chosen, source=SUSPECT) for s in symbols_of_effect}
         ship = ship.with_coefficients(rows)
     return ship
 

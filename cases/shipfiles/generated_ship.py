@@ -77,20 +77,20 @@ def generated_ship(ship: Ship, structure: Structure, name: str = "", hard: bool 
     components["expansion"] = "hard_submodels" if hard else "smooth_submodels"
     rows = terms(structure)
     if offset:
+        # about zero: the models below have the forces already
         rows = tuple(c.with_(std=OFFSET_SHARE * c.std, lower=-3 * c.std, upper=3 * c.std) for c in rows)
     table = coefficient_table(components, ship.particulars)
     for effect, role in ((e, role) for e in ship.effects for role in EFFECTS[e].needs if role not in components):
         words = f"its effect {effect} needs a {role} model, which a generated polynomial replaces"
         raise Unsupported(f"{ship.name}: {words}; take the effect out first")
-    own = tuple(f"{effect}." for effect in ship.effects)
-    effects = {s: c for s, c in ship.coefficients.items() if s.startswith(own)}
+    prefixes = tuple(f"{effect}." for effect in ship.effects)
+    effects = {s: c for s, c in ship.coefficients.items() if s.startswith(prefixes)}
     free = coefficient_table({"wind": ship.components["wind"]} if "wind" in ship.components else {}, ship.particulars)
     present = {s: ship.coefficients.get(s, c) for s, c in table.items()}
     taken = {s: c.with_(fixed=c.std == 0 if s in free else True) for s, c in present.items()}
     keys = (*required_particulars(components), *KEPT, *(("y_P",) if offset else ()))
     particulars = {key: value for key, value in ship.particulars.items() if key in keys}
-    left = ship.actuators if offset else [n for n in ship.actuators if n not in _inputs(structure, components)]
-    unheard = [] if offset else left
+    unheard = [] if offset else [n for n in ship.actuators if n not in _inputs(structure, components)]
     words = f"{structure.words}; made from {ship.name}"
     return replace(
         ship,
@@ -124,9 +124,7 @@ def generated_terms(
     entries: Mapping[str, CoefficientEntry], components: Mapping[str, str], table: Mapping[str, Coefficient]
 ) -> tuple[dict[str, Coefficient], list[str]]:
     """Rows for the coefficients among ``entries`` that state a monomial, and sentences on what is wrong with them.
-
-    components: role -> model; table: coefficients of the ship's other models, whose symbols are taken.
-    """
+    components: role -> model; table: coefficients of the ship's other models, whose symbols are taken."""
     rows, wrong = {}, []
     for symbol, entry in entries.items():
         if not entry.monomial:

@@ -25,8 +25,8 @@ from mmg.network import OTHER, Layers, Network
 from mmg.ship import Ship
 
 NETWORK = "network.safetensors"  # Its name in a run folder
+# Formats of a network on a ship and of one that stands alone (``residual.papers.black_box``).
 FORMAT, BLACK_BOX = "mmg network 1", "mmg black box 1"
-"""Formats of a network on a ship and of one that stands alone (``residual.papers.black_box``)."""
 PLAIN = ("feature_scales", "output_scales", "lower", "upper")
 
 
@@ -49,9 +49,8 @@ def is_black_box(where: str | Path) -> bool:
 
 
 def save_network(path: str | Path, network: Network, ship: Ship) -> None:
-    """Write the ``network`` of a ``ship`` to ``path``. Raises UserError where it does not fit the ship or cannot
-    be written.
-    """
+    """Write the ``network`` of a ``ship`` to ``path``. Raises UserError where it does not fit the ship or cannot be
+    written."""
     network.check(ship.name, ship.actuators)
     arrays = {name: getattr(network, name) for name in PLAIN}
     for k, member in enumerate(network.members):
@@ -79,10 +78,15 @@ def load_network(path: str | Path, ship: Ship) -> Network:
         network = Network(features, members=members, **{name: arrays[name] for name in PLAIN})
     except (KeyError, ValueError, TypeError) as error:
         raise BadValue(f"{path}: is incomplete ({error}); train it again") from None
+    return _fitting(network, ship, f"{path}:")
+
+
+def _fitting(network: Network, ship: Ship, where: str) -> Network:
+    """The ``network``, if it fits the ``ship``. Raises UserError, which begins with ``where``, where it does not."""
     try:
         network.check(ship.name, ship.actuators)
     except UserError as error:
-        raise type(error)(f"{path}: {error}") from None
+        raise type(error)(f"{where} {error}") from None
     return network
 
 
@@ -122,9 +126,7 @@ class NetworkTable(Section):
 
 def network_of(table: NetworkTable, ship: Ship, folder: Path | None) -> Network:
     """The network in a ``table`` of the file of ``ship``, which lies in ``folder`` (None: it is a text on its own).
-
-    Raises UserError where it cannot be read or does not fit the ship.
-    """
+    Raises UserError where it cannot be read or does not fit the ship."""
     if table.file:
         if folder is None:
             raise Missing(f"[network] file = '{table.file}': a text has no folder; read the ship file itself")
@@ -134,19 +136,14 @@ def network_of(table: NetworkTable, ship: Ship, folder: Path | None) -> Network:
         arrays = {name: np.array(getattr(table, name), dtype=float) for name in PLAIN}
     except ValueError:
         raise BadValue("[network] the rows of a matrix must be of one length") from None
-    network = Network(tuple(table.features), members=members, **arrays)
-    try:
-        network.check(ship.name, ship.actuators)
-    except UserError as error:
-        raise type(error)(f"[network] {error}") from None
-    return network
+    return _fitting(Network(tuple(table.features), members=members, **arrays), ship, "[network]")
 
 
 def _arrays(rows: Iterable[Any], dimensions: int) -> tuple[np.ndarray, ...]:
-    found = tuple(np.array(r, dtype=float) for r in rows)
-    if any(a.ndim != dimensions for a in found):
+    arrays = tuple(np.array(r, dtype=float) for r in rows)
+    if any(a.ndim != dimensions for a in arrays):
         raise ValueError("ragged")
-    return found
+    return arrays
 
 
 def network_table(network: Network) -> dict[str, Any]:
@@ -175,7 +172,7 @@ def save_tensors(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[st
     Raises OSError where the file cannot be written, SafetensorError for arrays of a kind that the format lacks.
     """
     content = save({name: np.ascontiguousarray(array) for name, array in arrays.items()}, dict(about))
-    end = 8 + int.from_bytes(content[:8], "little")
+    end = 8 + int.from_bytes(content[:8], "little")  # safetensors: length of the header, header (JSON), numbers
     header = json.loads(content[8:end])
     header = {"__metadata__": dict(sorted(about.items())), **{k: v for k, v in header.items() if k != "__metadata__"}}
     text = json.dumps(header, separators=(",", ":")).encode()
@@ -185,10 +182,8 @@ def save_tensors(path: Path, arrays: Mapping[str, np.ndarray], about: Mapping[st
 
 
 def read_tensors(path: Path, form: str, what: str) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """The metadata and the arrays, such as (K, N), of the file ``path`` of this ``form``; what: it is, in words.
-
-    Raises UserError where it cannot be read or is of another form.
-    """
+    """The metadata and the arrays, such as (K, N), of the file ``path`` of this ``form``; what: it is, in words. Raises
+    UserError where it cannot be read or is of another form."""
     check_file(path)
     try:
         with safe_open(path, framework="numpy") as file:

@@ -31,21 +31,22 @@ from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
 STARTING = "starting ship from main particulars"  # Description of a starting ship
-Estimate = tuple[float, float, str]
-"""Value, standard deviation as a share of it, source."""
+Estimate = tuple[float, float, str]  # Value, standard deviation as a share of it, source.
 LINEAR = ("Y_v", "Y_r", "N_v", "N_r")
+# Hull -> factor on a coefficient, the same for all ships, from ships of the literature (benchmarks.own_ships of
+# 5f878e7).
 CORRECTIONS = {
     "unified": {"N_v": 1.6, "C_rN": 1.55, "gamma_R": 0.9, "epsilon": 0.93, "kappa": 0.93},
     "polynomial": {"N_v": 1.4, "N_r": 1.5, "Y_vrr": 2.1, "gamma_R": 1.05, "epsilon": 0.83},
 }
 CORRECTIONS["harbour"] = CORRECTIONS["unified"]
-"""Hull -> factor on a coefficient, the same for all ships, from ships of the literature."""
 # Hull -> factor on the standard deviations of the literature and of experience. With those of the unified hull, 90 %
 # intervals hold nine in ten figures of ships left out; the polynomial's are wider, so that captive tests lie within. Of
 # ferries and other craft with pods (harbour) the regressions have seen none: set by hand.
 WIDENING = {"unified": 0.65, "polynomial": 1.0, "harbour": 1.5}
 FULL = 0.7  # Block coefficient from which a ship counts as full. Set by hand.
-# Hull, full or fine -> root mean square errors of lengths and of overshoots [%] of ships left out, how many ships.
+# Hull, full or fine -> root mean square errors of lengths and of overshoots [%] of ships left out, how many ships
+# (benchmarks.own_ships of 5f878e7).
 ERRORS = {
     ("unified", True): (26, 39, 4),
     ("unified", False): (25, 39, 2),
@@ -93,8 +94,8 @@ def spread(p: Mapping[str, float], m_x: float) -> dict[str, float]:
     [SI]; m_x: added mass in MMG primes.
     """
     L, B, d, C_b = (p[name] for name in ("L", "B", "d", "C_b"))
-    found = empirical.linear_derivatives(L, B, d, C_b, m_x).values()
-    rows = {s: np.array([each[s] for each in found]) for s in LINEAR}
+    regressions = empirical.linear_derivatives(L, B, d, C_b, m_x).values()
+    rows = {s: np.array([each[s] for each in regressions]) for s in LINEAR}
     shares = {s: float(values.std() / abs(values.mean())) for s, values in rows.items()}
     mass, clarke = empirical.motora_added_mass(L, B, d, C_b), empirical.clarke_1983(L, B, d, C_b)
     shares["m_y"] = abs(-clarke["Y_vdot"] / mass["m_y"] - 1)
@@ -108,7 +109,7 @@ def estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
     regression = empirical.yoshimura_masumoto_2012(L, B, d, C_b, mass["m_x"], mass["m_y"], p["x_G"])
     scatter = spread(p, mass["m_x"])
     mixed = empirical.linear_derivatives(L, B, d, C_b, mass["m_x"])
-    radius = 0.25**2 * p["m"] / (0.5 * p["rho"] * L**2 * d)
+    radius = 0.25**2 * p["m"] / (0.5 * p["rho"] * L**2 * d)  # I_zG' of a radius of gyration of 0.25 L
     R_0 = resistance(p)
     k_0, k_1, k_2 = thrust_parabola(p.get("pitch_ratio", PITCH_RATIO))
     wake = 0.5 * C_b - 0.05 if "y_P" not in p else max(0.55 * C_b - 0.20, 0.05)
@@ -119,7 +120,7 @@ def estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
     mean = {s: float(np.mean([each[s] for each in mixed.values()])) for s in LINEAR}
     six = f"mean of {len(mixed)} regressions: {', '.join(mixed)}"
     linear = {s: (mean[s], max(0.25, scatter[s]), six) for s in LINEAR}
-    found: dict[str, Estimate] = {
+    estimated: dict[str, Estimate] = {
         "m_x": (mass["m_x"], 0.3, motora),
         "m_y": (mass["m_y"], max(0.15, scatter["m_y"]), motora),
         "I_J_z": (radius + mass["J_z"], max(0.15, 0.3 * scatter["J_z"]), gyration),
@@ -137,9 +138,9 @@ def estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
     }
     if hull == "polynomial":
         derivatives = {s: (value, 0.5, source) for s, value in regression.items() if s[0] in "XYN" and "_" in s}
-        return _corrected(found | {"R_0": (R_0, 0.3, friction)} | derivatives | linear, hull, scatter)
+        return _corrected(estimated | {"R_0": (R_0, 0.3, friction)} | derivatives | linear, hull, scatter)
     low = empirical.yoshimura_2009_low_speed(L, B, d)
-    whole = found | {
+    rows = estimated | {
         "X_0F": (-R_0, 0.3, friction),
         "X_0A": (-1.3 * R_0, 0.4, "1.3 times the resistance ahead"),
         **linear,
@@ -147,18 +148,18 @@ def estimates(p: Mapping[str, float], hull: str) -> dict[str, Estimate]:
         "C_rY": (min(max(low["C_rY"], 0.8), 2.4), 0.3, "Yoshimura et al. (2009) on L/B, within 0.8 to 2.4"),
         "C_rN": (min(max(low["C_rN"], 0.4), 1.5), 0.3, "Yoshimura et al. (2009) on L/d, within 0.4 to 1.5"),
     }
-    return _corrected(whole, hull, scatter)
+    return _corrected(rows, hull, scatter)
 
 
 def _corrected(rows: Mapping[str, Estimate], hull: str, scatter: Mapping[str, float]) -> dict[str, Estimate]:
     """``rows`` with the factors of CORRECTIONS and shares times WIDENING, linear ones no less than their scatter."""
-    found = {}
+    corrected = {}
     for symbol, (value, share, source) in rows.items():
         factor = CORRECTIONS[hull].get(symbol.removesuffix("_plus").removesuffix("_minus"), 1.0)
         words = f"{source}; times {factor:g} by ships of the literature (benchmarks/own_ships.py of 5f878e7)"
         least = scatter[symbol] if symbol in LINEAR else 0.0
-        found[symbol] = (factor * value, max(WIDENING[hull] * share, least), source if factor == 1.0 else words)
-    return found
+        corrected[symbol] = (factor * value, max(WIDENING[hull] * share, least), source if factor == 1.0 else words)
+    return corrected
 
 
 # Main particulars in the order in which they may be given without names; the first four are needed.
@@ -166,7 +167,7 @@ ORDER = ("L", "B", "d", "C_b", "D_P", "pitch_ratio", "A_R", "U_0")
 LEAST = ORDER[:4]
 # Other spellings of particulars.
 WORDS = {"Cb": "C_b", "CB": "C_b", "T": "d", "Lpp": "L", "P/D": "pitch_ratio", "DP": "D_P", "AR": "A_R", "V": "U_0"}
-PITCH_RATIO = 0.75  # Of propellers of slow merchant ships [-]
+PITCH_RATIO = 0.75  # Of propellers of slow merchant ships [-]. Set by hand.
 POD = ("D_az", "x_az", "y_az")  # Particulars of a ship that pods drive in place of propeller and rudder
 SCREW = ("D_P", "pitch_ratio", "A_R", "aspect_ratio", "x_R", "y_P")  # Particulars of propeller and rudder
 # Particulars that may be added as NAME=VALUE.
@@ -179,14 +180,12 @@ HULLS = ("unified", "harbour", "polynomial")
 
 
 def parse_particulars(words: Sequence[str]) -> dict[str, float]:
-    """Particulars [SI] from ``words`` such as "320 58 20.8 C_b=0.81 D_P=9.86".
-
-    Numbers in the order of ORDER, then NAME=VALUE. Raises UserError for anything else.
-    """
+    """Particulars [SI] from ``words`` such as "320 58 20.8 C_b=0.81 D_P=9.86". Numbers in the order of ORDER, then
+    NAME=VALUE. Raises UserError for anything else."""
     given: dict[str, float] = {}
     for i, word in enumerate(word for part in words for word in part.replace(",", " ").split()):
         name, equals, number = word.rpartition("=")
-        if not equals:
+        if not equals:  # a number without a name has the name of its place, as long as none had one before
             if i >= len(ORDER) or i != len(given):
                 raise BadValue(
                     f"--new: '{word}' has no name; give numbers in the order {' '.join(ORDER)}, then NAME=VALUE"
@@ -249,9 +248,9 @@ def complete(given: Mapping[str, float]) -> tuple[dict[str, float], list[str]]:
     if v.get("A_R", 0.0) > 0:
         default("aspect_ratio", (0.7 * d) ** 2 / v["A_R"], "rudder height 0.7 d")
         default("x_R", -0.5 * L, "at the aft perpendicular")
-    whole = vars(upper_works(SimpleNamespace(**v)))
+    upper = vars(upper_works(SimpleNamespace(**v)))
     missing = [name for name in ("A_T", "A_L", "A_OD", "C", "C_BR", "H_BR", "H_C", "rho_a") if name not in v]
-    v.update({name: float(f"{whole[name]:.4g}") for name in missing})
+    v.update({name: float(f"{upper[name]:.4g}") for name in missing})
     if "A_T" in missing or "A_L" in missing:
         notices.append("upper works (A_T, A_L, ...) by default: those of a loaded tanker of this L and B")
     for name, place in (("BT", 0.42), ("ST", -0.42)):
@@ -286,7 +285,7 @@ def new_ship(name: str, given: Mapping[str, float], hull: str | None = None) -> 
             raise BadValue(f"{key} = {value!r}: is no number")
     if lacking := [key for key in LEAST if key not in given]:
         raise Missing(f"{', '.join(lacking)} missing; a ship needs at least {', '.join(LEAST)}")
-    check_plausible(given)
+    check_plausible(given)  # first what was given, so that no rule of thumb is blamed for it
     p, notices = complete(given)
     check_plausible(p)
     warnings = [Message(sentence, "unusual_particular") for sentence in unusual(given)]
@@ -316,7 +315,7 @@ def new_ship(name: str, given: Mapping[str, float], hull: str | None = None) -> 
     rows = {}
     for symbol, (value, share, source) in estimates(p, hull).items():
         if symbol in ship.coefficients:
-            row, value = ship.coefficients[symbol], float(f"{value:.5g}")
+            row, value = ship.coefficients[symbol], float(f"{value:.5g}")  # digits that a regression is good for
             std = float(f"{share * abs(value):.3g}")
             lower, upper = _widened(row, value, 3 * std)
             rows[symbol] = row.with_(value=value, std=std, lower=lower, upper=upper, source=source)

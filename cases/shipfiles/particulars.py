@@ -101,7 +101,7 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
         if have(name, side) and p[name] > 5 * p[side] ** 2:
             yield f"{name} = {p[name]:g} m² is more than 5 {side}² = {5 * p[side] ** 2:g} m²; check its unit"
     if have("rudder_rate", "L"):
-        most = 10 * math.radians(20) / time_scale(p["L"])
+        most = 10 * math.radians(20) / time_scale(p["L"])  # ten times the usual rate (``Limits.for_length``)
         if p["rudder_rate"] > most:
             yield f"rudder_rate = {p['rudder_rate']:g} rad/s is more than {most:.3g} rad/s; check its unit"
     if have("rudder_delay", "L") and p["rudder_delay"] > (most := MOST_DELAY * time_scale(p["L"])):
@@ -110,15 +110,15 @@ def _refuted(p: Mapping[str, float]) -> Iterator[str]:
 
 def impossible(p: Mapping[str, float]) -> list[str]:
     """A sentence for each of RATIOS, and for a service speed, among ``p`` [SI] that no displacement ship has."""
-    found = [f"{words}; check {first} and its unit" for words, first in _outside(p, merchant=False)]
+    sentences = [f"{words}; check {first} and its unit" for words, first in _outside(p, merchant=False)]
     froude, usual = _froude(p)
     most = 1.5 * usual if p["C_b"] >= 0.7 else 0.6
     if froude is not None and not 0.02 <= froude <= most:
-        found.append(
+        sentences.append(
             f"U_0 = {p['U_0']:g} m/s is Froude number {froude:.2g}, outside 0.02 to {most:.2g} of ships of C_b = "
             f"{p['C_b']:g}; speeds are in m/s: {p['U_0']:g} kn are U_0={p['U_0'] * KNOT:.3g}"
         )
-    return found
+    return sentences
 
 
 def unusual(p: Mapping[str, float]) -> Iterator[str]:
@@ -135,7 +135,7 @@ def unusual(p: Mapping[str, float]) -> Iterator[str]:
 
 def _outside(p: Mapping[str, float], merchant: bool) -> Iterator[tuple[str, str]]:
     """Words on each of RATIOS outside its limits, or those of ``merchant`` ships, and its first particular."""
-    p = {"rho": 1025.0 if p["L"] > 20 else 1000.0, **p}
+    p = {"rho": 1025.0 if p["L"] > 20 else 1000.0, **p}  # kg/m^3: shorter ones are models, in fresh water
     for words, above, below, possible, usual in RATIOS:
         low, high = usual if merchant else possible
         if {*above, *below} <= set(p) and p[above[0]] > 0:
@@ -147,8 +147,6 @@ def _outside(p: Mapping[str, float], merchant: bool) -> Iterator[tuple[str, str]
 
 
 def _froude(p: Mapping[str, float]) -> tuple[float | None, float]:
-    """Froude number of the service speed in ``p`` [SI], None without, and the one that goes with its C_b.
-
-    That is (1.08 - C_b) / 1.68, at least 0.12: Alexander's formula with K = 1.08, as quoted in textbooks.
-    """
+    """Froude number of the service speed in ``p`` [SI], None without, and the one that goes with its C_b. That is (1.08
+    - C_b) / 1.68, at least 0.12: Alexander's formula with K = 1.08, as quoted in textbooks."""
     return p["U_0"] / reference_speed(p["L"]) if "U_0" in p else None, max((1.08 - p["C_b"]) / 1.68, 0.12)

@@ -104,5 +104,5 @@ class ShipFile(Section):
 def model_table(ship: Ship) -> dict[str, Any]:
     """The table [model] of a ``ship``: force models by role, effects, and where those are from that are no part of the
     library."""
-    effects, own = list(ship.effects), {model.name: model.origin for model in ship.own}
-    return {**ship.components, **({"effects": effects} if effects else {}), **({"registered": own} if own else {})}
+    more = {"effects": list(ship.effects), "registered": {model.name: model.origin for model in ship.own}}
+    return {**ship.components, **{key: value for key, value in more.items() if value}}

@@ -1,13 +1,12 @@
 """Ship files: reading, checking and writing them, and the ships that come with the package.
 
 A ship file is TOML: ``[ship]`` particulars (SI), ``[model]`` the force model of each role, and one table
-``[coefficients.NAME]`` per coefficient with ``value``, ``std``, ``lower``, ``upper``, ``unit`` or ``prime``,
-``fixed``, ``source``, and after a fit ``verdict``, ``prior_value`` and ``prior_std``. ``[calibration]`` says which fit
-that was; ``[sources]`` where particulars are from that nobody stated; ``[campaigns.NAME]`` holds values that the
-trials of a campaign have for themselves. A coefficient that is left out takes the default of its force model; for
-the wind model that is the regression on the particulars. A table ``[network]`` holds the learned residual of a hybrid
-ship (``network_table``).
-The same tables are read from JSON (``ship_json``).
+``[coefficients.NAME]`` per coefficient with ``value``, ``std``, ``lower``, ``upper``, ``unit`` or ``prime``, ``fixed``,
+``source``, and after a fit ``verdict``, ``prior_value`` and ``prior_std``. ``[calibration]`` says which fit that was;
+``[sources]`` where particulars are from that nobody stated; ``[campaigns.NAME]`` holds values that the trials of a
+campaign have for themselves. A coefficient that is left out takes the default of its force model; for the wind model
+that is the regression on the particulars. A table ``[network]`` holds the learned residual of a hybrid ship
+(``network_table``). The same tables are read from JSON (``ship_json``).
 """
 
 from __future__ import annotations
@@ -86,10 +85,8 @@ def _further_particulars(components: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def parse_ship(text: str, where: str = "ship file") -> Ship:
-    """The ship in the ``text`` of a ship file; ``where`` names it in messages.
-
-    Raises UserError, in one line, for all that is wrong with it.
-    """
+    """The ship in the ``text`` of a ship file; ``where`` names it in messages. Raises UserError, in one line, for all
+    that is wrong with it."""
     return _ship(parse_toml(text, where), where)
 
 
@@ -121,6 +118,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
     particulars = {key: value for key, value in given.items() if key in PARTICULARS}
     contradictions = _contradictions(data["model"], components, data["ship"], particulars)
     problems += contradictions
+    # keys that the schema refused are not among the given ones
     if contradictions or len(given) < len(data["ship"]) or len(content.model.model_fields_set) < len(data["model"]):
         refuse(where, problems)  # what the coefficients can be is not known then
     try:
@@ -128,7 +126,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         rows, wrong = _generated_rows(content, components, table)
         problems += wrong
         ship = Ship("", particulars, components, {**table, **rows})
-    except (ZeroDivisionError, OverflowError):
+    except (ZeroDivisionError, OverflowError):  # of the regressions behind default coefficients
         out_of_proportion = "[ship] the particulars are out of all proportion; check their units (SI)"
         raise OutOfRange(f"{where}: {'; '.join([*problems, out_of_proportion])}") from None
     gone = [name for name in content.model.effects if name in GONE]
@@ -138,7 +136,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         ship = ship.with_effect(name) if not lacking else ship
         problems += [f"[model] effects: {lacking}"] if lacking else []
     defaults = ship.coefficients
-    follows = derived(components, particulars)
+    follows = derived(components, particulars)  # regressions on the particulars: no default that a user should know of
     left_out = [s for s in defaults if s not in given_rows and s not in follows]
     used = (*required_particulars(components), *OPTIONAL, *ENGINE, *_further_particulars(components))
     unused = [k for k in particulars if k not in used]
@@ -148,7 +146,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
     notices = [Message(text, code) for text, code, any_of in texts if any_of]
     changed = {}
     strange = [symbol for symbol in given_rows if symbol not in defaults]
-    if len(strange) == 1:
+    if len(strange) == 1:  # alone it may be a misspelling, for which the nearest name is said
         problems.append(unknown("coefficient", strange[0], defaults, f"with {_models(components)}"))
     elif strange:
         words = f"unknown coefficients {', '.join(strange)} with {_models(components)}"
@@ -172,27 +170,27 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
 
 def _not_registered(origins: Mapping[str, str]) -> list[str]:
     """Sentences on the models of users that a ship was saved with and that are not known here: where they were made."""
-    known = {*EFFECTS, *(name for role in ROLES for name in model_names(role))}
+    registered = {*EFFECTS, *(name for role in ROLES for name in model_names(role))}
     advice = {True: "install it", False: "register it by @mi.force or @mi.effect before the ship is read"}
     return [
         f"{name} is a model of {origin}: {advice[origin.startswith(PLUG_IN)]}"
         for name, origin in origins.items()
-        if name not in known
+        if name not in registered
     ]
 
 
 def _strange_campaigns(campaigns: dict[str, dict[str, float]], known: dict[str, Coefficient]) -> list[str]:
     """Sentences on values of ``campaigns`` that are no coefficients of the ship or lie outside their bounds."""
-    found = []
+    sentences = []
     for name, values in campaigns.items():
         where = header("campaigns", name)
         for symbol, value in values.items():
             c = known.get(symbol)
             if c is None:
-                found.append(f"{where} {unknown('coefficient', symbol, known)}")
+                sentences.append(f"{where} {unknown('coefficient', symbol, known)}")
             elif not c.lower <= value <= c.upper:
-                found.append(f"{where} {symbol} = {value:g}: outside its bounds [{c.lower:g}, {c.upper:g}]")
-    return found
+                sentences.append(f"{where} {symbol} = {value:g}: outside its bounds [{c.lower:g}, {c.upper:g}]")
+    return sentences
 
 
 def check_needs(ship: Ship, name: str, where: str) -> None:
@@ -217,24 +215,21 @@ def _models(components: dict[str, str]) -> str:
 def _contradictions(
     roles: dict[str, Any], components: dict[str, str], stated: dict[str, Any], particulars: dict[str, float]
 ) -> list[str]:
-    """Sentences on force models and particulars that do not go together.
-
-    roles, stated: keys of [model] and [ship] as they stand in the file; components, particulars: those of them that
-    are right in themselves.
-    """
-    found = []
+    """Sentences on force models and particulars that do not go together. roles, stated: keys of [model] and [ship] as
+    they stand in the file; components, particulars: those of them that are right in themselves."""
+    sentences = []
     if not set(roles) & set(ROLES):
-        found.append("[model] names no force model; give at least that of the hull")
+        sentences.append("[model] names no force model; give at least that of the hull")
     if components.get("hull") == "abkowitz" and {"propeller", "rudder"} & set(roles):
-        found.append("[model] hull abkowitz holds propeller and rudder already; leave out those roles")
+        sentences.append("[model] hull abkowitz holds propeller and rudder already; leave out those roles")
     if "rudder" in roles and "propeller" not in roles:
-        found.append("[model] has a rudder but no propeller; the rudder model needs its slipstream")
+        sentences.append("[model] has a rudder but no propeller; the rudder model needs its slipstream")
     if particulars.get("y_P", 0.0) > 0 and ("propeller" not in roles or components.get("rudder") == "vectwin"):
-        found.append(f"[ship] y_P makes two screws with a rudder each; {_models(components)} cannot have them")
+        sentences.append(f"[ship] y_P makes two screws with a rudder each; {_models(components)} cannot have them")
     missing = [key for key in required_particulars(components) if key not in stated]
     if missing:
-        found.append(f"[ship] lacks {', '.join(missing)}, needed by {_models(components)}")
-    return found + [f"[ship] {sentence}" for sentence in wrong_particulars(particulars)]
+        sentences.append(f"[ship] lacks {', '.join(missing)}, needed by {_models(components)}")
+    return sentences + [f"[ship] {sentence}" for sentence in wrong_particulars(particulars)]
 
 
 def _coefficient(entry: CoefficientEntry, default: Coefficient) -> tuple[Coefficient, list[str], list[Message]]:
@@ -245,7 +240,7 @@ def _coefficient(entry: CoefficientEntry, default: Coefficient) -> tuple[Coeffic
         return c, [f"upper = {c.upper:g}: must not lie below lower = {c.lower:g}"], []
     notices, symbol = [], c.symbol
     if not c.lower <= c.value <= c.upper:
-        margin = max(abs(c.value), 3 * c.std, 1e-6)
+        margin = max(abs(c.value), 3 * c.std, 1e-6)  # room for a fit to move in
         repaired = c.with_(lower=min(c.lower, c.value - margin), upper=max(c.upper, c.value + margin))
         text = (
             f"{symbol}: the bounds [{c.lower:g}, {c.upper:g}] exclude their own value {c.value:g}; "
@@ -264,10 +259,8 @@ def dump_whole_ship(ship: Ship, comment: str = "") -> str:
 
 
 def dump_ship(ship: Ship, comment: str = "") -> str:
-    """The text of the ship file of ``ship``, under a ``comment``; ``parse_ship`` of it gives back the same ship.
-
-    Its network is left out, as a run folder keeps that in a file of its own.
-    """
+    """The text of the ship file of ``ship``, under a ``comment``; ``parse_ship`` of it gives back the same ship. Its
+    network is left out, as a run folder keeps that in a file of its own."""
     import tomlkit
 
     document = tomlkit.document()
@@ -281,7 +274,7 @@ def dump_ship(ship: Ship, comment: str = "") -> str:
             stated.add(key, getattr(ship, key))
     for key, value in ship.particulars.items():
         number = tomlkit.item(float(value))
-        if key in PARTICULARS:
+        if key in PARTICULARS:  # what it is and its unit, for who edits the file
             number.comment("{} [{}]".format(*PARTICULARS[key])).trivia.comment_ws = "  "
         stated.add(key, number)
     document.add("ship", stated)

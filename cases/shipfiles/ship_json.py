@@ -34,9 +34,7 @@ RANGES = {"lower": -inf, "upper": inf}
 
 def dump_ship_json(ship: Ship, more: Mapping[str, Any] | None = None) -> str:
     """The text of the JSON of ``ship``; ``tables`` of what it holds, read as a ship file, give back the same ship.
-
-    more: further keys for the reader, plain values.
-    """
+    more: further keys for the reader, plain values."""
     words = {"name": ship.name, "description": ship.description, "reference": ship.reference}
     particulars = {}
     for name, value in ship.particulars.items():
@@ -73,16 +71,16 @@ def tables(content: Mapping[str, Any], where: str) -> dict[str, Any]:
         raise BadValue(f"{where}: is no ship of this program (format {content.get('format')!r}, not {FORMAT!r})")
     try:
         particulars = {name: row["value"] for name, row in content["particulars"].items()}
-        found: dict[str, Any] = {"ship": {**content["ship"], **particulars}, "model": dict(content["model"])}
-        rows = found["coefficients"] = {}
+        table: dict[str, Any] = {"ship": {**content["ship"], **particulars}, "model": dict(content["model"])}
+        rows = table["coefficients"] = {}
         for symbol, row in content["coefficients"].items():
             bounds = {key: unknown for key, unknown in RANGES.items() if row.get(key) is None}
             rows[symbol] = {**{k: v for k, v in row.items() if v is not None}, **bounds}
-        found |= {key: dict(content[key]) for key in ("calibration", "campaigns", "sources") if content.get(key)}
+        table |= {key: dict(content[key]) for key in ("calibration", "campaigns", "sources") if content.get(key)}
         if content.get("network") is not None:
-            network = found["network"] = dict(content["network"])
+            network = table["network"] = dict(content["network"])
             for key, unknown in RANGES.items():
                 network[key] = [unknown if x is None else x for x in network.get(key, [])]
     except (KeyError, TypeError, AttributeError, ValueError) as error:
         raise BadValue(f"{where}: is incomplete or holds a value of another kind ({error!r})") from None
-    return found
+    return table

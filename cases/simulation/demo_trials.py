@@ -18,7 +18,7 @@ from mmg.ship import Ship
 
 SHIP = "esso_osaka_3m"  # The ship whose coefficients a demo starts from
 
-# Coefficient -> how far the hidden ship lies from the starting one, in prior standard deviations.
+# Coefficient -> how far the hidden ship lies from the starting one, in prior standard deviations. Set by hand.
 OFFSETS = {
     "X_0F": -0.8, "X_vr": 0.4, "Y_v": -0.9, "Y_r": -0.6, "N_v": 0.7, "N_r": -0.9, "C_D": -0.8, "C_rN": 0.7,
     "C_rY": -0.5, "k_0": 0.7, "t_P": 0.6, "w_P0": -0.8, "tau": -0.7, "C_6": -0.9, "C_7": 0.6, "A_5": 0.8,
@@ -41,8 +41,8 @@ def hidden_ship() -> Ship:
     """The true ship behind the demo trials: ``SHIP`` with its coefficients moved by ``OFFSETS``."""
     ship = load_ship(SHIP)
     table = ship.coefficients
-    moved = {name: table[name].value + share * table[name].std for name, share in OFFSETS.items()}
-    return replace(ship.with_values(moved), name="hidden")
+    values = {name: table[name].value + share * table[name].std for name, share in OFFSETS.items()}
+    return replace(ship.with_values(values), name="hidden")
 
 
 # The effect behind the demo's second campaign, as ``mmg simulate --effect`` takes it.
@@ -57,11 +57,11 @@ def compare_with_truth(ship: Ship) -> dict[str, Any]:
     of the estimate; "outside": coefficients whose interval misses the truth.
     """
     true = hidden_ship().coefficients
-    found = {s: c for s, c in ship.coefficients.items() if c.prior_std is not None and s in true}
-    inside = {s: abs(c.value - true[s].value) <= 1.96 * (c.std or 0.0) for s, c in found.items()}
+    estimates = {s: c for s, c in ship.coefficients.items() if c.prior_std is not None and s in true}
+    inside = {s: abs(c.value - true[s].value) <= 1.96 * (c.std or 0.0) for s, c in estimates.items()}
     return {
         "inside_95": sum(inside.values()) / len(inside),
-        "moved": [s for s, c in found.items() if true[s].value != c.prior_value],
+        "moved": [s for s, c in estimates.items() if true[s].value != c.prior_value],
         "outside": [s for s, ok in inside.items() if not ok],
     }
 

@@ -15,9 +15,9 @@ import numpy as np
 from cases.quantities import as_number
 from mmg.errors import BadValue, OutOfRange
 
-REFERENCE_FREQUENCY = 0.5  # Hz at which filter and spectrum agree, besides zero. Set by hand.
-
-STRONGEST = 115.0  # m/s; the strongest gust ever measured has 113
+REFERENCE_FREQUENCY = 0.5  # Hz at which filter and spectrum agree, besides zero (Maki et al. 2022)
+HEIGHT = 15.0  # m above the sea, for which Hino's spectrum is taken: that of the published check values
+STRONGEST = 115.0  # m/s; the strongest gust ever measured has 113 (Barrow Island, 1996)
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ class GustFilter:
     sigma_direction: float
 
 
-def hino_spectrum(f: float, mean: float, height: float = 15.0) -> float:
-    """Two-sided spectrum of the wind speed [m^2/s] at f [Hz] for a mean speed [m/s] > 0 at ``height`` [m]."""
-    drag, exponent = 0.001, 1.0 / 8.0
+def hino_spectrum(f: float, mean: float) -> float:
+    """Two-sided spectrum of the wind speed [m^2/s] at f [Hz] for a mean speed [m/s] > 0 at HEIGHT."""
+    drag, exponent = 0.001, 1.0 / 8.0  # of the sea surface, and of the power law of the speed by height [-]
     variance = 6 * drag * mean**2
-    beta = 1.169e-3 * mean * exponent / math.sqrt(drag) * (height / 10) ** (4 * exponent - 1)
+    beta = 1.169e-3 * mean * exponent / math.sqrt(drag) * (HEIGHT / 10) ** (4 * exponent - 1)
     return 0.2382 * variance / beta * (1 + (f / beta) ** 2) ** (-5 / 6)
 
 
@@ -42,10 +42,11 @@ def gust_filter(mean: float) -> GustFilter:
     """The filters for a mean wind speed [m/s] > 0."""
     at_zero, at_reference = hino_spectrum(0.0, mean), hino_spectrum(REFERENCE_FREQUENCY, mean)
     alpha = 2 * math.pi * REFERENCE_FREQUENCY * math.sqrt(at_reference / (at_zero - at_reference))
+    # stationary spread sigma / sqrt(2 alpha) of the direction: 32 U^(-3/4) deg; its intensity [deg / sqrt(s)] is fixed
     spread = 2.3
     return GustFilter(
         alpha_u=alpha,
-        sigma_u=math.sqrt(at_zero) * alpha,
+        sigma_u=math.sqrt(at_zero) * alpha,  # S(f) = sigma^2 / (alpha^2 + (2 pi f)^2)
         alpha_direction=spread**2 * mean**1.5 / (2 * 32.0**2),
         sigma_direction=math.radians(spread),
     )
@@ -73,7 +74,7 @@ class Wind:
             deviation, turn = 0.0, 0.0
             for k, dt in enumerate(np.diff(t), start=1):
                 deviation = _advance(deviation, filters.alpha_u, filters.sigma_u, dt, draws[k, 0])
-                turn = math.remainder(turn, 2 * math.pi)
+                turn = math.remainder(turn, 2 * math.pi)  # the pull goes with its sine: the same after a whole turn
                 rate = filters.alpha_direction * (math.sin(turn) / turn if abs(turn) > 1e-9 else 1.0)
                 turn = _advance(turn, max(rate, 0.0), filters.sigma_direction, dt, draws[k, 1])
                 mean[k] += deviation
@@ -88,10 +89,8 @@ def _advance(value: float, alpha: float, sigma: float, dt: float, draw: float) -
 
 
 def parse_wind(text: str) -> Wind:
-    """A wind from "speed:direction" or "speed:direction:gusty", m/s and degrees it comes from.
-
-    Raises UserError when the text is anything else.
-    """
+    """A wind from "speed:direction" or "speed:direction:gusty", m/s and degrees it comes from. Raises UserError when
+    the text is anything else."""
     parts = [part.strip() for part in text.split(":")]
     speed, direction = (as_number(part) for part in (*parts, "", "")[:2])
     fits = len(parts) == 2 or (len(parts) == 3 and parts[2] == "gusty")

@@ -20,7 +20,7 @@ from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 from mmg.states import STATES
 
-# Range of each angle [deg].
+# Range of each angle [deg]: hard over of a rudder, all round of a pod.
 RANGES = {
     "delta": (-35.0, 35.0), "delta_port": (-35.0, 35.0), "delta_starboard": (-35.0, 35.0),
     **{name: (-180.0, 180.0) for name in INPUTS if name.startswith("azimuth")},
@@ -29,9 +29,8 @@ RANGES = {
 VECTWIN = {"delta_port": (-105.0, 35.0), "delta_starboard": (-35.0, 105.0)}
 # Range of revolutions, as shares of those of harbour speed; of pods and VecTwin propellers 0 to 1.
 SHARES = {"n": (-0.6, 1.0), "n_2": (-0.6, 1.0), "n_bow": (-2.0, 2.0), "n_stern": (-2.0, 2.0)}
-# Shortest and longest time [s of a 3 m model] for which an order stands, by unit of the actuator.
+# Shortest and longest time [s of a 3 m model] for which an order stands, by unit of the actuator: as of "random".
 HELD = {"rad": (4.0, 20.0), "rps": (10.0, 30.0)}
-
 # Shortest and longest phase [s of a 3 m model] in which VecTwin rudders stay near midships, outward, or anywhere.
 PHASES = (60.0, 180.0)  # set by hand
 
@@ -41,22 +40,20 @@ def ranges_of(ship: Ship) -> dict[str, tuple[float, float]]:
     names = [name for name in ship.actuators if name != "pitch"]
     vectwin = {"n", "delta_port", "delta_starboard"} <= set(names) and "n_2" not in names
     most = REVOLUTIONS * speed_scale(ship.particulars["L"]) / ship.particulars["L"]
-    found = {}
+    ranges = {}
     for name in names:
         if INPUTS[name][1] == "rad":
             low, high = (VECTWIN if vectwin and name in VECTWIN else RANGES)[name]
-            found[name] = (math.radians(low), math.radians(high))
+            ranges[name] = (math.radians(low), math.radians(high))
         else:
             low, high = (0.0, 1.0) if vectwin and name == "n" else SHARES.get(name, (0.0, 1.0))
-            found[name] = (low * most, high * most)
-    return found
+            ranges[name] = (low * most, high * most)
+    return ranges
 
 
 def harbour_seed(text: str, seed: int) -> int | None:
     """Seed of the manoeuvre "harbour" or "harbour:SEED" in ``text``, by default ``seed``; None for any other manoeuvre.
-
-    Raises UserError for a seed that is no whole number.
-    """
+    Raises UserError for a seed that is no whole number."""
     kind, colon, given = text.strip().partition(":")
     if kind != "harbour":
         return None
@@ -88,9 +85,9 @@ def harbour_inputs(
     both = np.random.default_rng([17, seed])
     shortest, longest = (time_scale(L) * x for x in PHASES)
     changes = np.cumsum(both.uniform(shortest, longest, math.ceil(seconds / shortest) + 1))
-    phase = both.integers(0, 3, len(changes) + 1)[np.searchsorted(changes, t, side="right")]
+    phase = both.integers(0, 3, len(changes) + 1)[np.searchsorted(changes, t, side="right")]  # of both rudders
     for number, (name, bounds) in enumerate((ranges_of(ship) | dict(ranges or {})).items()):
-        rng = np.random.default_rng([17, seed, number])
+        rng = np.random.default_rng([17, seed, number])  # of its own: a further actuator leaves the others as they are
         unit = INPUTS[name][1]
         shortest, longest = (time_scale(L) * x for x in HELD[unit])
         times = np.cumsum(rng.uniform(shortest, longest, math.ceil(seconds / shortest) + 1))
@@ -109,15 +106,15 @@ def _in_phase(orders: np.ndarray, bounds: tuple[float, float], phase: np.ndarray
     """Orders (N,) of a VecTwin rudder: near midships in phase 1, outward in phase 2 so that the ship goes astern."""
     inside, outside = min(map(abs, bounds)), max(map(abs, bounds))
     side = 1.0 if bounds[1] == outside else -1.0
-    within = (side * orders + inside) / (inside + outside)
+    within = (side * orders + inside) / (inside + outside)  # 0: hard inward, 1: hard outward
     astern = side * (outside - inside * within)
     return np.where(phase == 1, (2 * within - 1) * inside, np.where(phase == 2, astern, orders))
 
 
 def _followed(orders: np.ndarray, most: float) -> np.ndarray:
     """Positions (N,) that follow orders (N,) by at most so much in a sample."""
-    found = np.empty_like(orders)
+    positions = np.empty_like(orders)
     position = orders[0]
     for k, order in enumerate(orders):
-        position = found[k] = position + min(max(order - position, -most), most)
-    return found
+        position = positions[k] = position + min(max(order - position, -most), most)
+    return positions

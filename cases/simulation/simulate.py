@@ -84,15 +84,13 @@ def add_noise(trial: Trial, noise: SensorNoise, seed: int = 0) -> Trial:
 
 # Largest Runge-Kutta step [s] for a 3 m model; longer samples are divided. Scales with sqrt(L). Set by hand.
 LONGEST_STEP = 0.5
-
 MOST_STEPS = 5_000_000  # Most Runge-Kutta steps of a run. Set by hand: it bounds time, to some minutes, and memory.
 
 
 def _plant(ship: Ship) -> tuple[ca.Function, Model, float]:
     """A ship that is driven by logged inputs: one classical Runge-Kutta step (state (S,), inputs (C,), h [s]) -> state
-    (S,), its model without what the generator does exactly, and the delay of rudder and revolutions [s].
-    """
-    delay = 0.0
+    (S,), its model without what the generator does exactly, and the delay of rudder and revolutions [s]."""
+    delay = 0.0  # what shifts inputs in time is done on the samples, what instruments do after the run (``logged``)
     for name in ship.effects:
         held_back = effect(name).input_delay(ship.parameters_of(name))
         delay += held_back or 0.0
@@ -121,9 +119,9 @@ def _buffered(step: ca.Function) -> Callable[[np.ndarray, np.ndarray, float], np
     return advanced
 
 
-def _vector(inputs: Sequence[str], moved: Mapping[str, float], air: np.ndarray, t: float) -> np.ndarray:
+def _vector(inputs: Sequence[str], positions: Mapping[str, float], air: np.ndarray, t: float) -> np.ndarray:
     """Values of ``inputs`` by name; actuators that are not moved are at rest."""
-    values = {**moved, "wind_north": air[0], "wind_east": air[1], "time": t}
+    values = {**positions, "wind_north": air[0], "wind_east": air[1], "time": t}
     return np.array([values.get(name, 0.0) for name in inputs])
 
 
@@ -156,11 +154,11 @@ def simulate(
     if not 1 <= maneuver.duration / dt <= MOST_STEPS:
         raise OutOfRange(f"{maneuver.duration:g} s in steps of {dt:g} s: give 1 to {MOST_STEPS} steps")
     ship, count = maneuver.ship_of(ship), math.floor(maneuver.duration / dt + 1e-9)
-    t = np.round(dt * np.arange(count + 1), 9)
+    t = np.round(dt * np.arange(count + 1), 9)  # 0.3 and not 0.30000000000000004, as trial files have it
     air = (wind or Wind(0.0)).series(t, seed)
     flow = np.column_stack(wind_vector(air[:, 0], air[:, 1]))
     (step, model, delay), parts, controller = _plant(ship), integration_steps(ship, dt), maneuver.controller()
-    once, (whole, part) = _buffered(step), divmod(delay / dt, 1.0)
+    once, (samples, part) = _buffered(step), divmod(delay / dt, 1.0)  # of the delay: whole samples and the rest
     six = _begin(ship, maneuver) if start is None else np.array(start, dtype=float)
     first = _vector(model.controls, actuator_positions(ship, controller.n, controller.delta), flow[0], 0.0)
     state = np.array(model.initial(six, first, [])).ravel()
@@ -168,11 +166,11 @@ def simulate(
 
     def advanced(k: int, state: np.ndarray, order: tuple[float, float]) -> np.ndarray:
         inputs[k] = order  # a delay lets the means of earlier steps act
-        late, later = (inputs[max(k - int(whole) - back, 0)] for back in (0, 1))
+        late, later = (inputs[max(k - int(samples) - back, 0)] for back in (0, 1))
         acting = (1 - part) * late + part * later
-        held = _vector(model.controls, actuator_positions(ship, *acting), flow[k], t[k])
+        controls = _vector(model.controls, actuator_positions(ship, *acting), flow[k], t[k])
         for _ in range(parts):
-            state = once(state, held, dt / parts)
+            state = once(state, controls, dt / parts)
         return state
 
     for k in range(count + 1):
@@ -182,8 +180,8 @@ def simulate(
             break
         state = advanced(k, state, (inputs[k, 0], inputs[k, 1]))
     rows = slice(0, k + 1)
-    moved = actuator_positions(ship, *inputs[rows].T)
-    columns = _columns(ship, model.states, t[rows], states[rows], moved, None if wind is None else air[rows])
+    positions = actuator_positions(ship, *inputs[rows].T)
+    columns = _columns(ship, model.states, t[rows], states[rows], positions, None if wind is None else air[rows])
     meta = {"ship": ship.name, "maneuver": maneuver.name, "seed": str(seed)}
     stem = maneuver.name.replace(":", "_").replace("/", "_")
     notices = (*_notices(ship, wind is not None, states[rows]), *stopping_notices(maneuver))
@@ -198,7 +196,7 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     ship: that moves; controls: the trial followed; seed: of gusts. Returns the motion as a trial.
     """
     t = controls.t
-    moved, assumed = actuator_columns(controls, ship.actuators)
+    actuators, assumed = actuator_columns(controls, ship.actuators)
     air = wind.series(t, seed) if wind else None
     if air is None and controls.has_wind:
         air = np.column_stack([controls["wind_speed"], controls["wind_direction"]])
@@ -206,26 +204,27 @@ def simulate_controls(ship: Ship, controls: Trial, wind: Wind | None = None, see
     start = controls.states[0]
     start[:2] = np.where(np.isfinite(start[:2]), start[:2], 0.0)
     step, model, delay = _plant(ship)
-    for name, values in (("first state", start), ("an input or the wind", np.column_stack([moved, flow]))):
+    for name, values in (("first state", start), ("an input or the wind", np.column_stack([actuators, flow]))):
         if not np.isfinite(values).all():
             raise Missing(f"{controls.name}: missing values in {name}; the inputs must be complete")
-    acting = np.vstack([step_means(t, moved, t - delay), moved[-1:]]) if delay else moved
+    # of the last row no step follows
+    acting = np.vstack([step_means(t, actuators, t - delay), actuators[-1:]]) if delay else actuators
     named = dict(zip(ship.actuators, acting.T, strict=True))
     named |= {"wind_north": flow[:, 0], "wind_east": flow[:, 1], "time": t - t[0]}
-    held = np.column_stack([named.get(name, np.zeros(len(t))) for name in model.controls])
+    inputs = np.column_stack([named.get(name, np.zeros(len(t))) for name in model.controls])
     gaps = np.diff(t)
-    parts = np.ceil(gaps / longest_step(ship) - 1e-9).astype(int)
+    parts = np.ceil(gaps / longest_step(ship) - 1e-9).astype(int)  # steps in each sample, equal within it
     if parts.sum() > MOST_STEPS:
         raise OutOfRange(
             f"{controls.name}: {t[-1] - t[0]:g} s are too long for {ship.name}; at most {MOST_STEPS} steps"
         )
     h, rows = np.repeat(gaps / parts, parts), np.repeat(np.arange(len(gaps)), parts)
     run = step.mapaccum("run", len(h))
-    begin = np.array(model.initial(start, held[0], [])).ravel()
-    path = np.vstack([begin, np.array(run(begin, held[rows].T, h)).T])
-    whole = path[np.concatenate([[0], np.cumsum(parts)])]
-    columns = _columns(ship, model.states, t, whole, dict(zip(ship.actuators, moved.T, strict=True)), air)
-    notices = (*_notices(ship, air is not None, whole), *assumed)
+    begin = np.array(model.initial(start, inputs[0], [])).ravel()
+    path = np.vstack([begin, np.array(run(begin, inputs[rows].T, h)).T])
+    states = path[np.concatenate([[0], np.cumsum(parts)])]  # (N, S): those at the samples
+    columns = _columns(ship, model.states, t, states, dict(zip(ship.actuators, actuators.T, strict=True)), air)
+    notices = (*_notices(ship, air is not None, states), *assumed)
     meta = {"ship": ship.name, "controls": controls.name, "seed": str(seed)}
     return Trial(controls.name, columns, notices=notices, kind=controls.kind, meta=meta)
 
@@ -273,21 +272,21 @@ def _columns(
 
 def _notices(ship: Ship, windy: bool, states: np.ndarray) -> tuple[Message, ...]:
     """What a user must know of a run of true states (N, 6)."""
-    found = []
+    notices = []
     if windy and not ship.feels_wind:
         words = f"{ship.name} has no wind model: the wind is recorded but exerts no force"
-        found.append(Message(words, "no_wind_model"))
+        notices.append(Message(words, "no_wind_model"))
     hull = ship.components.get("hull")
     limit = getattr(module("hull", hull), "LARGEST_DRIFT", None) if hull else None
     speed = np.hypot(states[:, 3], states[:, 4])
-    drift = np.abs(np.arctan2(states[:, 4], states[:, 3]))[speed > 0.1 * speed.max()]
+    drift = np.abs(np.arctan2(states[:, 4], states[:, 3]))[speed > 0.1 * speed.max()]  # slower it is noise
     if limit is not None and len(drift) and drift.max() > limit:
         words = (
             f"the drift angle reaches {math.degrees(drift.max()):.0f} deg, where the {hull} hull "
             f"(up to about {math.degrees(limit):.0f} deg) only extrapolates"
         )
-        found.append(Message(words, "hull_extrapolates"))
-    return tuple(found)
+        notices.append(Message(words, "hull_extrapolates"))
+    return tuple(notices)
 
 
 def write_trial(trial: Trial, path: str | Path) -> None:

@@ -25,7 +25,7 @@ from cases.maneuvers.definitions import (
     Turning,
     Zigzag,
 )
-from cases.maneuvers.self_propulsion import actuator_positions
+from cases.maneuvers.self_propulsion import Shaft, actuator_positions
 from cases.simulation.simulate import integration_steps, longest_step
 from cases.trial import Trial
 from mmg.errors import OutOfRange, Unsupported
@@ -34,7 +34,8 @@ from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES
 
-# Change of heading behind which no figure of a turning circle is read but its steady turn [rad].
+# Change of heading behind which no figure of a turning circle is read but its steady turn [rad]: the 180 deg of the
+# tactical diameter (IMO MSC.137(76)) with a margin. Set by hand.
 HALF_TURN = math.radians(190.0)
 # Executes of the rudder of a zigzag after which its first two overshoots are over: the second one begins at the third
 # (IMO MSC.137(76)).
@@ -43,10 +44,8 @@ READ = 4
 
 @dataclass(frozen=True)
 class Ramps:
-    """Revolutions and rudder angle, straight between kinks.
-
-    times: (K,) [s], first and last that of the manoeuvre; positions: (K, 2): n [1/s], delta [rad].
-    """
+    """Revolutions and rudder angle, straight between kinks. times: (K,) [s], first and last that of the manoeuvre;
+    positions: (K, 2): n [1/s], delta [rad]."""
 
     times: np.ndarray
     positions: np.ndarray
@@ -57,20 +56,19 @@ class Ramps:
 
     def means(self, t: np.ndarray) -> np.ndarray:
         """Means (N, 2) of the positions over the steps between t (N + 1,)."""
-        fine = np.union1d(self.times, t)
+        fine = np.union1d(self.times, t)  # the trapezoidal rule is exact between kinks
         values, first = self.at(fine), np.searchsorted(fine, t)
         base = np.repeat(values[first[:-1]], np.diff(first), axis=0)
         share = np.diff(fine) / np.repeat(np.diff(t), np.diff(first))
+        # the mean as a difference from the first position: one that does not move keeps it to the last digit
         away = (0.5 * (values[1:] + values[:-1]) - base) * share[:, None]
         return values[first[:-1]] + np.add.reduceat(away, first[:-1], axis=0)
 
     def grid(self, t: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
         """Times of integration (K + 1,): t, the kinks, and so many between that no step is longer than ``longest`` [s].
-
-        Returns them with (K,) bool, which steps end at one of t.
-        """
+        Returns them with (K,) bool, which steps end at one of t."""
         nearest = t[np.clip(np.searchsorted(t, self.times - TINY), 0, len(t) - 1)]
-        knots = np.union1d(t, self.times[np.abs(self.times - nearest) > TINY])
+        knots = np.union1d(t, self.times[np.abs(self.times - nearest) > TINY])  # a kink at a sample is that sample
         gaps = np.diff(knots)
         parts = np.maximum(np.ceil(gaps / longest - TINY), 1).astype(int)
         number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
@@ -118,29 +116,17 @@ def _ramp(
     return np.array(times), np.array(values)
 
 
-class EngineRevolutions:
-    """Revolutions of M ships whose engines are stopped or reversed (``Engine``), as ``Controller`` of cases.maneuvers
-    makes them for one. n: revolutions reached (M,) [1/s]."""
-
-    def __init__(self, maneuver: Maneuver, orders: StopOrders, ships: int) -> None:
-        assert maneuver.engine is not None
-        self.orders, self.shaft = orders, maneuver.engine.shaft(ships)
-
-    @property
-    def n(self) -> np.ndarray:
-        return self.shaft.n
-
-    def means(self, t: float, dt: float, state: np.ndarray) -> np.ndarray:
-        """Mean revolutions (M,) over the step from t to t + dt at states (S, M); the order acts from its own moment."""
-        before = min(max(self.orders.lead - t, 0.0), dt)
-        if before <= TINY:
-            self.shaft, mean = self.shaft.moved(self.orders.after, state[3], dt)
-            return mean
-        self.shaft, first = self.shaft.moved(self.orders.n, state[3], before)
-        if dt - before <= TINY:
-            return first
-        self.shaft, second = self.shaft.moved(self.orders.after, state[3], dt - before)
-        return (before * first + (dt - before) * second) / dt
+def _revolved(orders: StopOrders, shaft: Shaft, t: float, dt: float, u: np.ndarray) -> tuple[Shaft, np.ndarray]:
+    """The ``shaft`` lines of M ships after the step from t to t + dt at speeds u (M,), and their mean revolutions (M,),
+    as ``Controller`` of cases.maneuvers makes them for one: the order acts from its own moment."""
+    before = min(max(orders.lead - t, 0.0), dt)
+    if before <= TINY:
+        return shaft.moved(orders.after, u, dt)
+    shaft, first = shaft.moved(orders.n, u, before)
+    if dt - before <= TINY:
+        return shaft, first
+    shaft, second = shaft.moved(orders.after, u, dt - before)
+    return shaft, (before * first + (dt - before) * second) / dt
 
 
 class ZigzagRudders:
@@ -191,6 +177,7 @@ class ZigzagRudders:
                 return mean, after
             fraction = np.where(crosses, -a / np.where(crosses, b - a, 1.0), 1.0)
             self._reverse(crosses)
+        # the step once more: the old order up to the event, then the new one (fraction 1 where there is no event)
         self.delta, self.helm = before
         first = self._travel(order, t, fraction * dt)
         second = self._travel(self.side * self.orders.rudder, t + fraction * dt, (1 - fraction) * dt)
@@ -214,6 +201,7 @@ class ZigzagRudders:
     def _travel(self, order: np.ndarray, t: np.ndarray | float, dt: np.ndarray | float) -> np.ndarray:
         """Moves under the orders (M,) from t [s] on for dt [s], one or (M,) each; the mean angles on the way."""
         acts, last, due = self.helm
+        # an order waits for the delay; one that acts has nothing due
         due = np.where(order != last, t + self.delay, due)
         acts, due = np.where(due <= t + TINY, order, acts), np.where(due <= t + TINY, math.inf, due)
         self.helm = np.stack([acts, order, due])
@@ -233,9 +221,9 @@ class ZigzagRudders:
         return mean
 
 
+# Accelerations (3, M) of u, v [m/s^2] and r [rad/s^2] over the sample that follows, from its number and the states (6,
+# M) at its begin.
 Push = Callable[[int, np.ndarray], np.ndarray]
-"""Accelerations (3, M) of u, v [m/s^2] and r [rad/s^2] over the sample that follows, from its number and the states (6,
-M) at its begin."""
 
 
 @dataclass(frozen=True)
@@ -294,6 +282,7 @@ def simulate_batch(
     else:
         fine, keep = moves.grid(t, longest_step(ship))
         controls, steps = input_array(ship, moves.at(fine), fine), np.diff(fine)
+    # one input more than steps: they run along lines within a step, else they are held
     linear = len(controls) > len(keep)
     out = simulator.run(batch.start, controls, steps, batch.theta, linear=linear, keep=keep)
     states = out if out.shape[1] == 6 else np.ascontiguousarray(out[:, :6])
@@ -302,11 +291,7 @@ def simulate_batch(
 
 
 def simulate_pushed(
-    simulator: Simulator,
-    maneuver: Maneuver,
-    coefficients: Mapping[str, np.ndarray],
-    dt: float,
-    push: Push,
+    simulator: Simulator, maneuver: Maneuver, coefficients: Mapping[str, np.ndarray], dt: float, push: Push
 ) -> SimulatedRuns:
     """A manoeuvre in calm air, once for each set of ``coefficients`` (symbol -> (M,)), with accelerations ``push`` of
     its own in each run, as gusts or what a model leaves out would give.
@@ -345,7 +330,9 @@ class _Batch:
             raise OutOfRange(f"dt = {dt:g} s must be positive and {longest}")
         if isinstance(orders, StepOrders):
             raise Unsupported(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
-        theta = coefficients_in(maneuver, ship, coefficients)
+        theta = coefficient_array(ship, coefficients)
+        if maneuver.factors:  # of the resistance, where she is stopped
+            theta = (theta.T * [maneuver.factors.get(symbol, 1.0) for symbol in ship.symbols]).T
         six = np.repeat(maneuver.start[:, None], theta.shape[1] if theta.ndim == 2 else 1, axis=1)
         start = settled(simulator.model, six, input_array(ship, np.array([[maneuver.n, 0.0]]), np.zeros(1))[0], theta)
         t = np.round(dt * np.arange(math.floor(maneuver.duration / dt + TINY) + 1), 9)
@@ -367,20 +354,9 @@ def coefficient_array(ship: Ship, given: np.ndarray | Mapping[str, float | np.nd
     return theta
 
 
-def coefficients_in(
-    maneuver: Maneuver, ship: Ship, given: np.ndarray | Mapping[str, float | np.ndarray] | None
-) -> np.ndarray:
-    """Coefficients (P,) or (P, M) that a ``ship`` has in a ``maneuver``. given: as for ``coefficient_array``."""
-    theta = coefficient_array(ship, given)
-    factors = np.array([maneuver.factors.get(symbol, 1.0) for symbol in ship.symbols])
-    return (theta.T * factors).T if maneuver.factors else theta
-
-
 def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Inputs (N, C) or (N, C, M) from n and delta (N, 2) or (N, 2, M) in calm air.
-
-    ``actuator_positions`` says what moves. ship: gives the inputs; positions: those; t (N,) [s].
-    """
+    """Inputs (N, C) or (N, C, M) from n and delta (N, 2) or (N, 2, M) in calm air. ``actuator_positions`` says what
+    moves. ship: gives the inputs; positions: those; t (N,) [s]."""
     values = actuator_positions(ship, positions[:, 0], positions[:, 1])
     values["time"] = t.reshape(-1, *(1,) * (positions.ndim - 2))
     out = np.zeros((len(positions), len(ship.inputs), *positions.shape[2:]))
@@ -390,12 +366,10 @@ def input_array(ship: Ship, positions: np.ndarray, t: np.ndarray) -> np.ndarray:
 
 
 def ends_of(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Row (M,) of the end of each run: heading changed by 540 degrees, headway lost, or the last one.
-
-    orders: of the manoeuvre; t: (N + 1,) times [s]; states: (N + 1, 6, M).
-    """
+    """Row (M,) of the end of each run: heading changed by 540 degrees, headway lost, or the last one. orders: of the
+    manoeuvre; t: (N + 1,) times [s]; states: (N + 1, 6, M)."""
     N = len(states) - 1
-    if isinstance(orders, Turning):
+    if isinstance(orders, Turning):  # the heading at the order, between two samples, as ``FromLead`` has it
         k = min(int(np.searchsorted(t, orders.lead)), N)
         share = (orders.lead - t[k - 1]) / (t[k] - t[k - 1])
         origin = states[k - 1, 2] + share * (states[k, 2] - states[k - 1, 2])
@@ -409,40 +383,36 @@ def ends_of(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
 
 
 def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
-    """All ships of a ``batch`` a sample at a time, with their rudders or engines, inputs held over each sample.
-
-    push: accelerations; with them the runs end once they have been read.
-    """
+    """All ships of a ``batch`` a sample at a time, with their rudders or engines, inputs held over each sample. push:
+    accelerations; with them the runs end once they have been read."""
     ship, orders, theta, t, dt = batch.simulator.ship, batch.orders, batch.theta, batch.t, batch.dt
     state, M, N = batch.start, batch.start.shape[1], len(t) - 1
     parts = integration_steps(ship, dt)
     keep = np.arange(1, parts + 1) == parts
     states, inputs = np.empty((N + 1, 6, M)), np.zeros((N + 1, 2, M))
     rudders = ZigzagRudders(orders, batch.maneuver.limits, M) if isinstance(orders, Zigzag) else None
-    engines = (
-        EngineRevolutions(batch.maneuver, orders, M)
-        if isinstance(orders, StopOrders) and batch.maneuver.engine
-        else None
-    )
-    if rudders is None and engines is None:
+    engine, shaft = batch.maneuver.engine, None
+    if isinstance(orders, StopOrders) and engine:
+        shaft = engine.shaft(M)
+    elif rudders is None:
         moves = ramps(batch.maneuver, orders, t)
         inputs[:] = np.vstack([moves.means(t), moves.at(t[-1:])])[:, :, None]
-    elif rudders is not None:
+    else:
         inputs[:, 0] = batch.maneuver.n
-    everyone, done, last = np.ones(M, dtype=bool), np.zeros(M, dtype=bool), np.full(M, N)
+    everyone, done, last = np.ones(M, dtype=bool), np.zeros(M, dtype=bool), np.full(M, N)  # done: read, stands still
     for k in range(N + 1):
 
         def advance(
             delta: np.ndarray, which: np.ndarray, state: np.ndarray = state, k: int = k, done: np.ndarray = done
         ) -> np.ndarray:
             moving = which & ~done
-            held = input_array(ship, np.stack([inputs[k, 0], delta])[None, :, moving], t[[k]])
-            own = theta if theta.ndim == 1 else theta[:, moving]
-            found = state[:, which]
-            found[:, moving[which]] = batch.simulator.run(
-                state[:, moving], np.repeat(held, parts, axis=0), dt / parts, own, keep=keep
+            controls = input_array(ship, np.stack([inputs[k, 0], delta])[None, :, moving], t[[k]])
+            coefficients = theta if theta.ndim == 1 else theta[:, moving]
+            after = state[:, which]
+            after[:, moving[which]] = batch.simulator.run(
+                state[:, moving], np.repeat(controls, parts, axis=0), dt / parts, coefficients, keep=keep
             )[-1]
-            return found
+            return after
 
         states[k] = state[:6]
         if rudders is not None:
@@ -450,18 +420,18 @@ def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
             over = rudders.over if push is None else rudders.count >= READ
             last = np.where(over & (last == N), k, last)
             inputs[k, 1] = rudders.delta
-        elif engines is not None:
-            inputs[k, 0] = engines.n
-        if k == N or ((push or engines) and _all_read(orders, t[: k + 1], states[: k + 1], rudders)):
+        elif shaft is not None:
+            inputs[k, 0] = shaft.n
+        if k == N or ((push or shaft) and _all_read(orders, t[: k + 1], states[: k + 1], rudders)):
             break
-        kick = 0.0 if push is None else dt * push(k, state[:6])
+        kick = 0.0 if push is None else dt * push(k, state[:6])  # change of u, v, r over the sample, at its end
         if rudders is not None:
             done = over if push else done
             inputs[k, 1], state = rudders.means(float(t[k]), dt, state, advance)
             state[3:6] += np.where(done, 0.0, kick)
         else:
-            if engines is not None:
-                inputs[k, 0] = engines.means(float(t[k]), dt, state)
+            if isinstance(orders, StopOrders) and shaft is not None:
+                shaft, inputs[k, 0] = _revolved(orders, shaft, float(t[k]), dt, state[3])
             state = advance(inputs[k, 1], everyone)
             state[3:6] += kick
     t, states, inputs = t[: k + 1], states[: k + 1], inputs[: k + 1]

@@ -15,7 +15,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
-from cases.trial_set import TrialSet
+from cases.trial_set import TrialSet, shared_rows
 from diagnosis.estimation.gridded_trials import possible_readings
 from mmg.errors import UserError
 from tests.support.trial_files import make_trial
@@ -67,10 +67,8 @@ def test_revolutions_that_hold_are_those_of_a_hull_polynomial_and_others_are_nob
         path.write_text(HEADER + "".join(f"{k},0,1,0,0,{n},{k}\n" for k, n in enumerate(revolutions)))
         return read_trial(path)
 
-    (ignored,) = [
-        note for note in model_inputs(trial(10, 9, 8, 9, 10), mariner).notices if note.code == "input_ignored"
-    ]
-    assert " n:" in str(ignored)
+    ignored = {note.code: str(note) for note in model_inputs(trial(10, 9, 8, 9, 10), mariner).notices}
+    assert " n:" in ignored["input_ignored"]
     for revolutions in ((10, 8, 2, 2, 2), (10, 5, 0, -5, -5)):
         with pytest.raises(UserError, match="10 rps"):
             model_inputs(trial(*revolutions), mariner)
@@ -157,6 +155,13 @@ def test_files_folders_and_trials_make_the_same_set(tmp_path: Path) -> None:
     assert TrialSet.of(of_files) is of_files and of_files[:1] == (of_files.trials[0],) and len(of_files) == 2
     with pytest.raises(UserError):
         TrialSet.of(tmp_path / "absent.csv")
+
+
+def test_only_the_trials_that_share_rows_stay_together_whatever_another_folder_calls_its_own() -> None:
+    other = make_trial("run", u=make_trial()["u"] + 0.01)
+    trials = TrialSet.of([make_trial("run"), other, make_trial("copy")])
+    assert trials.sharing == [(0, 2)] and trials.apart == [(0, 2), (1,)]
+    assert len(shared_rows(trials, [])) == 1 and shared_rows(trials[1:2], trials[2:]) == []
 
 
 def test_what_is_known_is_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ import pytest
 from benchmarks.file_faults.plant import SETS, Plant, Weather, run
 from cases.criteria.imo import assess, imo_figures_of_trials
 from cases.criteria.measured_maneuvers import find_maneuvers
-from cases.criteria.standard_runs import figures_of, measured_runs
+from cases.criteria.standard_runs import Run, figures_of, measured_runs
 from cases.io.read import read_trial
 from cases.maneuvers.definitions import Zigzag, parse_maneuver
 from cases.shipfiles.ship_file import load_ship
@@ -88,20 +88,10 @@ def test_measured_turning_figures_are_those_of_a_turning_circle(frt: Path) -> No
         find_maneuvers(read_trial(frt / "random" / "random_31-Jul-2020_12_29_58.csv"), 3.0)[0]
 
 
-@pytest.mark.parametrize(
-    ("text", "rudder_rate"),
-    [
-        ("turning:35", math.radians(5.0)),
-        ("turning:-20", None),
-        ("zigzag:20/20", None),
-        ("zigzag:-10/10", math.radians(5.0)),
-        ("crash-stop", None),
-    ],
-)
-def test_noisy_runs_after_a_wandering_approach_give_the_figures_of_the_clean_ones(
-    text: str, rudder_rate: float | None
-) -> None:
-    maneuver = parse_maneuver(text, SHIP, rudder_rate=rudder_rate)
+@pytest.mark.parametrize("text", ["turning:35", "turning:-20", "zigzag:20/20", "zigzag:-10/10", "crash-stop"])
+def test_noisy_runs_after_a_wandering_approach_give_the_figures_of_the_clean_ones(text: str) -> None:
+    slow = math.radians(5.0) if text in ("turning:35", "zigzag:-10/10") else None
+    maneuver = parse_maneuver(text, SHIP, rudder_rate=slow)
     clean = simulate(SHIP, maneuver)
     noisy = with_approach(add_noise(clean, SensorNoise.for_length(3.0), 4), 60.0)
     run = measured_runs(noisy, 3.0)[0]
@@ -163,10 +153,6 @@ MODEL, FULL_SIZE = "3 m tanker, hard, 10 Hz", "320 m tanker, mild and hard, 1 Hz
 SEED = 77
 
 
-def titles(trial: Trial, length: float) -> list[str]:
-    return [execute.title for execute in find_maneuvers(trial, length)]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "side", "steps"),
@@ -176,12 +162,11 @@ def test_zigzags_of_any_step_of_a_foreign_ship_are_read_as_ordered(
     name: str, side: int, steps: tuple[int, int]
 ) -> None:
     case = foreign(name, "zigzag", side, steps, np.random.default_rng([SEED, *steps]))
-    assert titles(case.trial, case.length) == [title("zigzag", side, steps)]
+    assert [execute.title for execute in find_maneuvers(case.trial, case.length)] == [title("zigzag", side, steps)]
 
 
 def test_a_5_1_with_many_reversals_is_one_zigzag_with_all_its_reversals() -> None:
-    ship = load_ship("esso_osaka_3m")
-    clean = simulate(ship, parse_maneuver("zigzag:5/1", ship, speed=0.5, duration=260.0), 0.2)
+    clean = simulate(SHIP, parse_maneuver("zigzag:5/1", SHIP, speed=0.5, duration=260.0), 0.2)
     trial = logged(dict(clean.columns), 3.0, np.random.default_rng(SEED))
     (found,) = find_maneuvers(trial, 3.0)
     assert found.title == "zigzag 5/1" and len(found.reversals) >= 8
@@ -206,42 +191,40 @@ def test_several_manoeuvres_in_one_record_are_cut_judged_and_listed() -> None:
     assert found.runs[0].end < found.runs[1].order_time < found.runs[1].end < found.runs[2].order_time
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("begins", [-25.0, 3.0])
-def test_a_short_or_unrecorded_approach_is_judged_and_told(begins: float) -> None:
-    """begins: first sample after the order [s] of a 320 m ship."""
+@pytest.fixture(scope="module")
+def large_turn() -> Run:
+    """A turning test of a 320 m ship."""
     case = foreign(FULL_SIZE, "turning", 1, (35, 0), np.random.default_rng(SEED))
-    whole = measured_runs(case.trial, case.length)[0]
-    t = case.trial.t - case.trial.t[0]
-    cut = Trial("cut", {n: v[t >= whole.order_time + begins] for n, v in case.trial.columns.items()})
-    found = imo_figures_of_trials([cut], length=case.length)
+    return measured_runs(case.trial, case.length)[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("begins", [-25.0, 3.0, 100.0])
+def test_a_short_or_unrecorded_approach_is_judged_and_told_but_not_a_record_that_begins_in_the_turn(
+    begins: float, large_turn: Run
+) -> None:
+    """begins: first sample after the order [s]."""
+    trial, length = large_turn.trial, large_turn.length
+    found = imo_figures_of_trials([trial[trial.t[0] + large_turn.order_time + begins :]], length=length)
+    if begins == 100.0:
+        assert {row.verdict for row in found.rows if row.limit} == {"not judged"}
+        return
     row = next(row for row in found.rows if row.figure == "advance")
     assert row.verdict == "pass" and row.why
-    assert row.value == pytest.approx(whole.figures["advance"] / case.length, abs=0.15)
+    assert row.value == pytest.approx(large_turn.figures["advance"] / length, abs=0.15)
 
 
 @pytest.mark.slow
-def test_a_record_that_begins_within_the_turn_is_not_judged() -> None:
-    case = foreign(FULL_SIZE, "turning", 1, (35, 0), np.random.default_rng(SEED))
-    whole = measured_runs(case.trial, case.length)[0]
-    t = case.trial.t - case.trial.t[0]
-    cut = Trial("cut", {n: v[t >= whole.order_time + 100.0] for n, v in case.trial.columns.items()})
-    rows = imo_figures_of_trials([cut], length=case.length).rows
-    assert {row.verdict for row in rows if row.limit} == {"not judged"}
-
-
-@pytest.mark.slow
-def test_a_turn_that_never_comes_round_says_what_it_does_not_reach() -> None:
-    case = foreign(FULL_SIZE, "turning", 1, (35, 0), np.random.default_rng(SEED))
-    whole = measured_runs(case.trial, case.length)[0]
-    t, turned = case.trial.t - case.trial.t[0], np.abs(case.trial.psi_unwrapped - case.trial.psi_unwrapped[0])
-    rows = (turned < math.radians(60)) | (t < whole.order_time)
-    cut = Trial("cut", {n: v[rows] for n, v in case.trial.columns.items()})
-    found = imo_figures_of_trials([cut], length=case.length)
+def test_a_turn_that_never_comes_round_says_what_it_does_not_reach(large_turn: Run) -> None:
+    trial = large_turn.trial
+    t, turned = trial.t - trial.t[0], np.abs(trial.psi_unwrapped - trial.psi_unwrapped[0])
+    rows = (turned < math.radians(60)) | (t < large_turn.order_time)
+    cut = Trial("cut", {n: v[rows] for n, v in trial.columns.items()})
+    found = imo_figures_of_trials([cut], length=large_turn.length)
     assert {row.why for row in found.rows if row.figure == "advance"} == {"the run does not reach it"}
     wander = cut.with_columns(delta=0.02 * np.sin(cut.t / 30))
     with pytest.raises(Missing):
-        imo_figures_of_trials([wander], length=case.length)
+        imo_figures_of_trials([wander], length=large_turn.length)
 
 
 def test_a_rudder_that_is_logged_off_its_zero_is_told() -> None:
@@ -340,6 +323,11 @@ def zigzag() -> Trial:
     return simulated("esso_osaka_3m", "zigzag:20/20", duration=200.0)
 
 
+@pytest.fixture(scope="module")
+def turn() -> Trial:
+    return simulated("esso_osaka_3m", "turning:35", duration=120.0)
+
+
 def figures(trial: Trial) -> dict[str, float | None]:
     return {row.figure: row.value for row in imo_figures_of_trials([trial], length=3.0).rows}
 
@@ -369,22 +357,20 @@ def test_a_zigzag_counts_up_to_the_reversal_before_a_stretch_that_decides(zigzag
 
 
 @pytest.mark.parametrize("moved", [True, False])
-def test_a_turn_with_a_stretch_that_decides_is_refused_in_a_line(moved: bool) -> None:
-    trial = simulated("esso_osaka_3m", "turning:35", duration=120.0)
-    (run,) = imo_figures_of_trials([trial], length=3.0).runs
+def test_a_turn_with_a_stretch_that_decides_is_refused_in_a_line(moved: bool, turn: Trial) -> None:
+    (run,) = imo_figures_of_trials([turn], length=3.0).runs
     read = run.order_time + run.figures["time_90"]
     span: Span = (run.order_time + 20.0, run.order_time + 20.5) if moved else (read - 2.0, read + 2.0)
-    broken = left_out(trial, [span], "test", [span] if moved else ())
+    broken = left_out(turn, [span], "test", [span] if moved else ())
     with pytest.raises(UserError, match="something else moved the ship" if moved else "turns by more than 5 deg"):
         imo_figures_of_trials([broken], length=3.0)
-    many = imo_figures_of_trials([broken, trial], length=3.0)
+    many = imo_figures_of_trials([broken, turn], length=3.0)
     assert len(many.runs) == 1 and has_code(many.notices, "no_maneuver_found")
 
 
-def test_a_turn_without_what_lies_between_its_readings_has_the_same_figures() -> None:
-    trial = simulated("esso_osaka_3m", "turning:35", duration=120.0)
-    (run,) = imo_figures_of_trials([trial], length=3.0).runs
+def test_a_turn_without_what_lies_between_its_readings_has_the_same_figures(turn: Trial) -> None:
+    (run,) = imo_figures_of_trials([turn], length=3.0).runs
     first, second = (run.order_time + run.figures[name] for name in ("time_90", "time_180"))
-    broken = left_out(trial, [(run.order_time + 2.0, first - 1.0), (first + 1.0, second - 1.0)], "test")
+    broken = left_out(turn, [(run.order_time + 2.0, first - 1.0), (first + 1.0, second - 1.0)], "test")
     for figure, value in figures(broken).items():
-        assert value == pytest.approx(figures(trial)[figure], rel=1e-3), figure
+        assert value == pytest.approx(figures(turn)[figure], rel=1e-3), figure

@@ -62,15 +62,20 @@ def test_the_rate_of_the_rudder_comes_back_and_simulations_use_it(name: str, rat
     assert again.sources == found.sources and again.particulars == found.particulars
 
 
+def straight(name: str, t: np.ndarray, **columns: np.ndarray) -> Trial:
+    """A run north at 1 m/s with 1 rps but for these columns."""
+    still = dict.fromkeys(("x", "y", "psi", "v", "r", "delta"), np.zeros(len(t)))
+    return Trial(name, {"t": t, **still, "u": np.ones(len(t)), "n": np.ones(len(t)), **columns})
+
+
 def test_a_move_that_begins_in_another_has_no_size_that_others_are_judged_by() -> None:
     """An autopilot goes to and fro, then the rudder is put over at the same rate, without a stand before."""
-    t, rate, swing, half = np.arange(0.0, 120.0, 1.0), 2.5, 4.5, 3.6
+    t, rate, swing, half = np.arange(120.0), 2.5, 4.5, 3.6
     begin = 9 * 2 * half + half - 3.5
     fro = rate * np.abs((t + 3.5) % (2 * half) - half) - swing
     over = np.where(t < begin, fro, np.minimum(rate * (t - begin) - swing, 35.0))
     turn = np.clip(rate * (t - 20), 0, 9) - np.clip(rate * (t - 70), 0, 18) + np.clip(rate * (t - 100), 0, 18)
-    rest = {k: np.zeros(len(t)) for k in ("x", "y", "psi", "v", "r")} | {"n": np.ones(len(t)), "u": np.ones(len(t))}
-    runs = [Trial(str(k), {"t": t, "delta": np.radians(x), **rest}) for k, x in enumerate((over, turn))]
+    runs = [straight(str(k), t, delta=np.radians(x)) for k, x in enumerate((over, turn))]
     found = slew_rate([ramp for run in runs for ramp in ramps_of(run, run["delta"])])
     assert found is not None and found.limit and math.degrees(found.rate) == pytest.approx(rate, rel=0.01)
 
@@ -98,9 +103,8 @@ def ordered(dt: float, delay: float, noise: float, seed: int, lag: float = 0.0) 
     since = np.clip(t[:, None] - times, 0.0, None)
     order = np.where(since > 0, 1 - np.exp(-since / lag) if lag else 1.0, 0.0) @ steps
     delta = np.radians(np.interp(t, fine, angle) + noise * rng.standard_normal(len(t)))
-    rest = {k: np.zeros(len(t)) for k in ("x", "y", "psi", "v", "r")} | {"n": np.ones(len(t)), "u": np.ones(len(t))}
-    columns = {"t": t, "delta": delta, **rest, "delta_order": np.radians(order)}
-    return Trial(f"run_{seed}", columns, meta={"inputs": "sampled"})
+    run = straight(f"run_{seed}", t, delta=delta, delta_order=np.radians(order))
+    return replace(run, meta={"inputs": "sampled"})
 
 
 def moves_of(run: Trial) -> tuple[Trial, list[Ramp], np.ndarray]:

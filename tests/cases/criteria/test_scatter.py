@@ -43,20 +43,17 @@ def test_draws_stay_within_the_bounds_and_fixed_coefficients_stay() -> None:
 
 
 def test_the_ship_as_it_is_has_the_figures_of_one_simulation(turning: ManeuverScatter) -> None:
-    alone = simulated_run(ESSO, "turning:35", turning.maneuver.speed, turning.maneuver.n)
+    alone = simulated_run(ESSO, "turning:35", turning.maneuver.speed)
     for row in turning.rows:
         assert row.value == pytest.approx(alone.figures[row.figure], rel=2e-3)
 
 
-def test_medians_lie_in_their_intervals_and_each_figure_has_a_row(turning: ManeuverScatter) -> None:
+def test_medians_lie_in_their_intervals_and_figures_and_draws_have_rows(turning: ManeuverScatter) -> None:
     assert {"advance", "tactical_diameter", "steady_rate"} <= {row.figure for row in turning.rows}
     for row in turning.rows:
         assert row.interval_90[0] < row.median < row.interval_90[1] and 0 < row.share <= 1
     assert list(turning.to_pandas().index) == [row.figure for row in turning.rows]
     assert has_code(turning.notices, "independent_draws")
-
-
-def test_tracks_hold_the_ship_as_it_is_and_every_draw(turning: ManeuverScatter) -> None:
     tracks = turning.tracks()
     assert sorted(tracks["run"].unique()) == list(range(61))
     assert np.isfinite(tracks.to_numpy()).all()
@@ -69,13 +66,10 @@ def test_the_same_seed_gives_the_same_scatter_and_small_errors_small_intervals(t
         assert row.interval_90[1] - row.interval_90[0] < 1e-3 * abs(row.median)
 
 
-@pytest.mark.parametrize(("text", "count"), [("turning:35", 1), ("turning:35", 10**6), ("spiral:15/5", 5)])
-def test_what_cannot_be_scattered_is_refused(text: str, count: int) -> None:
-    with pytest.raises(UserError):
-        scatter(ESSO, text, count)
-
-
-def test_a_ship_without_standard_errors_is_refused() -> None:
+def test_what_cannot_be_scattered_is_refused() -> None:
+    for text, count in (("turning:35", 1), ("turning:35", 10**6), ("spiral:15/5", 5)):
+        with pytest.raises(UserError):
+            scatter(ESSO, text, count)
     with pytest.raises(Missing):
         draw_coefficients(ESSO.fixing(ESSO.symbols), 5)
 
@@ -92,9 +86,8 @@ def test_one_call_makes_a_trial_with_effects_wind_and_noise() -> None:
         simulated_trial(ESSO)
 
 
-SHIP = load_ship("esso_osaka_3m")
-SIMULATOR = Simulator(SHIP)
-SCATTERED = {SHIP.free[0]: SHIP.coefficients[SHIP.free[0]].value * np.array([1.0, 0.9, 1.1])}
+SIMULATOR, FIRST = Simulator(ESSO), ESSO.coefficients[ESSO.free[0]]
+ALIKE = {FIRST.symbol: np.full(2, FIRST.value)}  # two ships as she is
 
 
 def calm(k: int, states: np.ndarray) -> np.ndarray:
@@ -104,9 +97,9 @@ def calm(k: int, states: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("text", ["turning:35", "zigzag:-10/10", "zigzag:20/20", "crash-stop"])
 def test_figures_of_a_batch_are_those_of_each_run(text: str) -> None:
-    plan = parse_maneuver(text, SHIP, speed=0.5)
-    whole = simulate_batch(SIMULATOR, plan, SCATTERED, 0.5, held=True)
-    pushed = simulate_pushed(SIMULATOR, plan, SCATTERED, 0.5, calm)
+    plan, scattered = parse_maneuver(text, ESSO, speed=0.5), {FIRST.symbol: FIRST.value * np.array([1.0, 0.9, 1.1])}
+    whole = simulate_batch(SIMULATOR, plan, scattered, 0.5, held=True)
+    pushed = simulate_pushed(SIMULATOR, plan, scattered, 0.5, calm)
     assert len(pushed.t) <= len(whole.t)
     for m, last in enumerate(pushed.last):
         rows = slice(0, last + 1)
@@ -120,22 +113,19 @@ def test_figures_of_a_batch_are_those_of_each_run(text: str) -> None:
 
 
 def test_a_constant_push_moves_a_ship_as_its_acceleration_says() -> None:
-    plan = parse_maneuver("turning:20", SHIP, speed=0.5)
-    push = np.array([[0.0, 1e-4], [0.0, 0.0], [0.0, 0.0]])
-    runs = simulate_pushed(SIMULATOR, plan, {SHIP.free[0]: np.full(2, SHIP.coefficients[SHIP.free[0]].value)}, 0.1,
-                           lambda k, states: push)  # fmt: skip
+    plan, push = parse_maneuver("turning:20", ESSO, speed=0.5), np.array([[0.0, 1e-4], [0.0, 0.0], [0.0, 0.0]])
+    runs = simulate_pushed(SIMULATOR, plan, ALIKE, 0.1, lambda k, states: push)
     gained = runs.states[:11, 3, 1] - runs.states[:11, 3, 0]  # before damping tells
     np.testing.assert_allclose(gained[1:], 1e-5 * np.arange(1, 11), rtol=0.05)
 
 
 def test_a_diverging_run_has_no_figures_and_a_spiral_is_refused() -> None:
-    plan = parse_maneuver("turning:35", SHIP, speed=0.5)
-    one = {SHIP.free[0]: np.full(2, SHIP.coefficients[SHIP.free[0]].value)}
+    plan = parse_maneuver("turning:35", ESSO, speed=0.5)
 
     def blown(k: int, states: np.ndarray) -> np.ndarray:
         return np.array([[0.0, np.nan if k == 20 else 0.0]] * 3)
 
-    first, second = figures_of_each(simulate_pushed(SIMULATOR, plan, one, 0.5, blown), plan)
+    first, second = figures_of_each(simulate_pushed(SIMULATOR, plan, ALIKE, 0.5, blown), plan)
     assert "advance" in first and second == {}
     with pytest.raises(Unsupported):
-        simulate_pushed(SIMULATOR, parse_maneuver("spiral:15/5", SHIP, speed=0.5), one, 0.5, calm)
+        simulate_pushed(SIMULATOR, parse_maneuver("spiral:15/5", ESSO, speed=0.5), ALIKE, 0.5, calm)

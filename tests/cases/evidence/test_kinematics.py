@@ -80,20 +80,9 @@ def test_a_fault_of_the_library_is_named_and_measured(effect, values, symbol):
 
 
 @pytest.mark.slow
-def test_two_faults_at_once_are_both_found():
-    found = consistency(with_defect(with_defect(clean(), "velocity_filter", tau=0.5), "log_scale", share=0.03), SHIP)
-    assert sorted(symbols(found)) == ["gain_u", "lag"]
-    assert found.pooled["gain_u"].value == pytest.approx(0.03, abs=3 * found.pooled["gain_u"].std)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("effect", "values"),
-    [
-        ("antenna_offset", {"x": 0.4, "y": 0.2}),
-        ("heading_bias", {"psi": 0.05}),
-        ("gnss_delay", {"tau": 0.6}),
-    ],
+    [("antenna_offset", {"x": 0.4, "y": 0.2}), ("heading_bias", {"psi": 0.05}), ("gnss_delay", {"tau": 0.6})],
 )
 def test_what_moves_position_and_velocity_alike_raises_no_alarm(effect, values):
     assert symbols(consistency(with_defect(clean(), effect, **values), SHIP)) == []
@@ -138,7 +127,7 @@ def test_late_columns_are_told_from_a_late_velocity_over_ground():
     def late(c):
         return {name: shifted(c[name], 0.8) for name in "uv"}
 
-    body = consistency([make_trial(str(seed), **late(motion_columns(seed=seed))) for seed in (0,)], SHIP)
+    body = consistency([make_trial(**late(motion_columns()))], SHIP)
     earth = consistency(with_defect([make_trial()], "velocity_filter", tau=0.8), SHIP)
     assert (body.pooled.frame, earth.pooled.frame) == ("body", "earth")
     for found in (body, earth):
@@ -190,18 +179,12 @@ def test_velocities_of_another_run_are_a_fault_of_the_data():
 
 def test_without_positions_only_the_turn_rate_is_checked():
     bare = [Trial(t.name, {c: v for c, v in t.columns.items() if c not in "xy"}) for t in clean()]
-    found = consistency(with_bias(bare), SHIP)
-    assert {r.verdict for r in found.pooled.readings if r.symbol not in ("lag_r", "gain_r", "bias_r")} == {
-        "not checked"
-    }
+    found = consistency(changed(bare, lambda c: {"r": 1.02 * c["r"]}), SHIP)
+    assert {r.verdict for r in found.pooled.readings if not r.symbol.endswith("_r")} == {"not checked"}
     assert symbols(found) == ["gain_r"]
     assert any(bare[0].name in w for w in found.warnings)
     mixed = consistency([*bare[:2], *clean()[2:]], SHIP)
     assert mixed.pooled["lag"].verdict == "none" and mixed.pooled["lag"].checked <= len(clean()) - 2
-
-
-def with_bias(trials):
-    return [t.with_columns(r=1.02 * t["r"]) for t in trials]
 
 
 def test_gaps_coarse_clocks_and_hopeless_runs_do_no_harm():

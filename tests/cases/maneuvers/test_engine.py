@@ -73,15 +73,12 @@ def test_the_fuel_is_cut_after_the_delay_and_the_propeller_turns_on_in_the_wake(
 
 def test_astern_the_engine_reaches_its_limits_of_revolutions_and_torque() -> None:
     e = engine()
-    for share, least, most in ((0.0, -0.7001, -0.699), (0.9, -0.7, -0.2)):
-        shaft = e.shaft()
+    weak = replace(e, astern_torque=0.1)
+    for one, share, least, most in ((e, 0.0, -0.7001, -0.699), (e, 0.9, -0.7, -0.2), (weak, 0.0, -0.7, -0.1)):
+        shaft = one.shaft()
         for _ in range(400):
             shaft, mean = shaft.moved(-e.n, np.array([share * e.speed if shaft.ran.max() >= 0 else 0.0]), 1.0)
         assert least <= shaft.share[0] <= most and mean[0] == pytest.approx(shaft.n[0], rel=1e-3)
-    weak = replace(e, astern_torque=0.1)
-    shaft = weak.shaft()
-    for _ in range(400):
-        shaft, _ = shaft.moved(-e.n, np.array([0.0]), 1.0)
     assert -weak.torque(shaft.share, np.array([0.0]))[0] == pytest.approx(0.1 - 0.05, abs=0.02)
 
 

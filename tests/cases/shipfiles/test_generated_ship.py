@@ -18,7 +18,7 @@ from mmg.model import assemble
 from mmg.ship import Ship
 from tests.support.actuator_ships import FERRY
 
-VECTWIN = load_ship("vectwin_3m")
+VECTWIN, ESSO = load_ship("vectwin_3m"), load_ship("esso_osaka_3m")
 
 
 def generated(ship: Ship, order: int = 2, submodels: str = "SM-2", seed: int = 0) -> Ship:
@@ -39,9 +39,8 @@ def test_the_ship_file_of_a_generated_model_gives_it_back(name: str) -> None:
     a, b = assemble(made), assemble(read)
     rng = np.random.default_rng(1)
     state, controls = rng.normal(size=6) * 0.1, rng.normal(size=len(a.controls))
-    np.testing.assert_array_equal(
-        np.array(a.rates(state, controls, made.values)), np.array(b.rates(state, controls, read.values))
-    )
+    one, other = (np.array(model.rates(state, controls, ship.values)) for model, ship in ((a, made), (b, read)))
+    np.testing.assert_array_equal(one, other)
 
 
 def test_four_pods_exert_the_sum_of_their_forces_and_make_eight_variables() -> None:
@@ -71,59 +70,48 @@ def test_a_generated_model_moves_by_its_own_actuators() -> None:
 
 @pytest.mark.parametrize("hard", [False, True])
 def test_terms_on_top_leave_the_forces_of_the_ship_as_they_are(hard: bool) -> None:
-    ship = load_ship("esso_osaka_3m")
-    made = generated_ship(ship, structure_of(ship, 2, "SM-1"), hard=hard, offset=True)
-    assert made.components == {**ship.components, "expansion": "hard_submodels" if hard else "smooth_submodels"}
+    made = generated_ship(ESSO, structure_of(ESSO, 2, "SM-1"), hard=hard, offset=True)
+    assert made.components == {**ESSO.components, "expansion": "hard_submodels" if hard else "smooth_submodels"}
     state, controls = [0, 0, 0, 0.3, -0.05, 0.03], [10.0, 0.3, 0.5, 0.2]
-    one, other = assemble(ship), assemble(made)
-    np.testing.assert_allclose(
-        np.array(other.rates(state, controls, made.values)),
-        np.array(one.rates(state, controls, ship.values)),
-        rtol=1e-12,
-    )
+    one, other = (np.array(assemble(ship).rates(state, controls, ship.values)) for ship in (ESSO, made))
+    np.testing.assert_allclose(other, one, rtol=1e-12)
     assert not set(made.free) & {"Y_v", "C_D", "t_R"} and {"m_x", "X_A0"} & set(made.free)
 
 
 def test_components_can_be_taken_out_but_not_the_only_force_under_water() -> None:
-    made = generated(load_ship("esso_osaka_3m"))
+    made = generated(ESSO)
     calm = reduced_ship(made, ["wind"])
     assert calm.monomials == made.monomials and "wind" not in calm.components
     with pytest.raises(Conflict):
         reduced_ship(made, ["expansion"])
-    ship = load_ship("esso_osaka_3m")
-    offset = generated_ship(ship, structure_of(ship, 1, "SM-1"), offset=True)
+    offset = generated_ship(ESSO, structure_of(ESSO, 1, "SM-1"), offset=True)
     back = reduced_ship(offset, ["expansion"])
-    assert not back.monomials and back.components == ship.components
+    assert not back.monomials and back.components == ESSO.components
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("symbol", "entries", "words"),
     [
-        ('symbol = "Y_q"\nmonomial = "u q"', "'q'"),
-        ('symbol = "K_q"\nmonomial = "u v"', "X_, Y_"),
-        ('symbol = "m_x"\nmonomial = "u v"', "is a coefficient of another model"),
-        ('symbol = "Y_q"\nmonomial = "u v"\nnostd', "give its std"),
+        ("Y_q", 'std = 0.1\nmonomial = "u q"', "'q'"),
+        ("K_q", 'std = 0.1\nmonomial = "u v"', "X_, Y_"),
+        ("m_x", 'monomial = "u v"', "is a coefficient of another model"),
+        ("Y_q", 'monomial = "u v"', "give its std"),
     ],
 )
-def test_a_wrong_term_of_a_ship_file_is_one_line(text: str, words: str) -> None:
-    symbol, monomial = text.split("\n")[0].split('"')[1], text.split("\n")[1]
-    std = "" if "nostd" in text else "std = 0.1\n"
-    body = dump_ship(generated(load_ship("kvlcc2_l7"))).replace("[coefficients.m_x]", "[coefficients.m_x_old]", 0)
-    if symbol == "m_x":
-        body = body.replace("[coefficients.m_x]\n", f"[coefficients.m_x]\n{monomial}\n")
-    else:
-        body += f"\n[coefficients.{symbol}]\nvalue = 0.1\n{std}{monomial}\n"
+def test_a_wrong_term_of_a_ship_file_is_one_line(symbol: str, entries: str, words: str) -> None:
+    body, table = dump_ship(generated(load_ship("kvlcc2_l7"))), f"[coefficients.{symbol}]\n"
+    given = table in body
+    body = body.replace(table, f"{table}{entries}\n") if given else f"{body}\n{table}value = 0.1\n{entries}\n"
     with pytest.raises(UserError, match=words):
         parse_ship(body)
 
 
 def test_an_expansion_without_terms_and_terms_without_expansion_are_refused() -> None:
     text = dump_ship(generated(load_ship("kvlcc2_l7")))
-    with pytest.raises(BadValue):
-        parse_ship(text.replace('expansion = "smooth_submodels"', 'hull = "unified"'))
-    head = text.split("[coefficients.X_")[0]
-    with pytest.raises(BadValue):
-        parse_ship(head)
+    no_expansion = text.replace('expansion = "smooth_submodels"', 'hull = "unified"')
+    for wrong in (no_expansion, text.split("[coefficients.X_")[0]):
+        with pytest.raises(BadValue):
+            parse_ship(wrong)
 
 
 def test_symmetry_is_not_claimed_of_an_actuator_without_partner() -> None:
@@ -136,6 +124,6 @@ def test_symmetry_is_not_claimed_of_an_actuator_without_partner() -> None:
 
 
 def test_an_effect_that_needs_what_is_replaced_is_refused() -> None:
-    ship = load_ship("esso_osaka_3m").with_effect("hull_memory")
+    ship = ESSO.with_effect("hull_memory")
     with pytest.raises(UserError, match="hull_memory"):
         generated_ship(ship, structure_of(ship))

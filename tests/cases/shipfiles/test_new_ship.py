@@ -31,6 +31,7 @@ from cases.shipfiles.new_ship import (
 from cases.shipfiles.particulars import unusual
 from cases.shipfiles.ship_file import LIBRARY, dump_ship, load_ship, parse_ship
 from cases.simulation.simulate import simulate
+from cases.simulation.simulate_batch import simulate_batch
 from mmg.components import empirical
 from mmg.components.propeller.b_series import TERMS, thrust_coefficient, thrust_parabola
 from mmg.errors import BadValue, UserError
@@ -71,13 +72,9 @@ def test_the_published_coefficients_lie_within_the_wide_priors() -> None:
     """Of the KVLCC2 captive tests, at least four in five within two standard deviations of the estimate."""
     estimate, published = new_ship("mine", KVLCC2, "polynomial"), load_ship("kvlcc2_l7")
     shared = [s for s in estimate.symbols if s in published.coefficients and s not in ("C_PR", "k_xR")]
-    z = [
-        (published.coefficients[s].value - estimate.coefficients[s].value) / estimate.coefficients[s].std
-        for s in shared
-    ]
-    assert len(shared) > 25
-    assert np.mean(np.abs(z) < 2) >= 0.8
-    assert all(estimate.coefficients[s].std > 0 for s in shared)
+    pairs = [(published.coefficients[s].value, estimate.coefficients[s]) for s in shared]
+    assert len(shared) > 25 and all(c.std > 0 for _, c in pairs)
+    assert np.mean([abs(value - c.value) < 2 * c.std for value, c in pairs]) >= 0.8
 
 
 def test_a_starting_ship_may_turn_differently_to_port_and_to_starboard() -> None:
@@ -96,12 +93,8 @@ def test_a_starting_ship_may_turn_differently_to_port_and_to_starboard() -> None
     assert np.ptp(diameters(0.0)) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_resistance_of_the_kvlcc2_model() -> None:
-    p, _ = complete(KVLCC2)
-    assert resistance(p) == pytest.approx(0.022, rel=0.30)
-
-
-def test_what_is_not_given_is_said() -> None:
+def test_what_is_not_given_is_said_and_the_resistance_is_that_of_the_kvlcc2_model() -> None:
+    assert resistance(complete(KVLCC2)[0]) == pytest.approx(0.022, rel=0.30)
     p, notices = complete({"L": 180.0, "B": 30.0, "d": 10.0, "C_b": 0.75})
     for name in ("rho", "U_0", "x_G", "D_P", "A_R", "aspect_ratio"):
         assert any(line.startswith(f"{name} =") for line in notices), name
@@ -124,16 +117,11 @@ def test_a_new_ship_is_a_ship_file(extra: dict, roles: set) -> None:
     back = parse_ship(dump_ship(ship))
     assert dict(back.coefficients) == dict(ship.coefficients) and not back.notices
     assert ("n_2" in assemble(ship).controls) == ("y_P" in extra)
-    assert (
-        ("k_T_az_2" in ship.free)
-        == ("D_v" in ship.free)
-        == ("azimuth_2" in assemble(ship).controls)
-        == ("D_az" in extra)
-    )
+    podded = "k_T_az_2" in ship.free, "D_v" in ship.free, "azimuth_2" in assemble(ship).controls
+    assert podded == ("D_az" in extra,) * 3
     assert any(c.startswith("delta") for c in assemble(ship).controls) == ("rudder" in roles)
-    assert all(
-        math.isfinite(c.value) and c.std >= 0 and c.lower <= c.value <= c.upper for c in ship.coefficients.values()
-    )
+    for c in ship.coefficients.values():
+        assert math.isfinite(c.value) and c.std >= 0 and c.lower <= c.value <= c.upper
 
 
 @pytest.mark.parametrize(
@@ -164,12 +152,10 @@ def test_unphysical_particulars_are_refused_with_their_value(words: list[str], m
 def test_the_newcomers_three_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Eight particulars to a ship file, a turning circle, an IMO table."""
     file = tmp_path / "mine.toml"
-    assert (
-        main(["ships", "--new", "320", "58", "20.8", "0.81", "9.86", "0.72", "112.5", "7.97", "--out", str(file)]) == 0
-    )
+    particulars = ["320", "58", "20.8", "0.81", "9.86", "0.72", "112.5", "7.97"]
+    assert main(["ships", "--new", *particulars, "--out", str(file)]) == 0
     assert main(["simulate", str(file), "--maneuver", "turning:35", "--json"]) == 0
-    captured = capsys.readouterr().out
-    figures = json.loads(captured)["figures"]
+    figures = json.loads(capsys.readouterr().out)["figures"]
     assert 2.0 < figures["tactical_diameter_L"] < 5.5
     assert main(["imo", str(file), "--scatter", "0", "--json"]) == 0
     assert "tactical" in capsys.readouterr().out
@@ -303,23 +289,14 @@ azimuth = "azimuth"
 @pytest.mark.parametrize(("side", "x_az"), [(1, -1.4), (-1, -1.4), (1, 1.2)])
 def test_a_ship_with_an_azimuth_thruster_alone_is_driven_and_steered_by_it(side: int, x_az: float) -> None:
     """A positive rudder order turns to starboard, wherever the thruster is; the approach is steady."""
-    from cases.maneuvers.definitions import parse_maneuver
-    from cases.simulation.simulate import simulate
-
     ship = parse_ship(AZIMUTH.replace("-1.4", str(x_az)))
     trial = simulate(ship, parse_maneuver(f"turning:{side * 20}", ship, duration=40), 0.1)
     lead = trial.t < 4.9
-    assert trial["n_azimuth"][0] > 1
-    assert abs(trial["u"][lead] - trial["u"][0]).max() < 1e-6
-    assert side * trial["r"][-1] > 0.01
-    assert side * x_az * trial["azimuth"][-1] > 0
+    assert trial["n_azimuth"][0] > 1 and abs(trial["u"][lead] - trial["u"][0]).max() < 1e-6
+    assert side * trial["r"][-1] > 0.01 and side * x_az * trial["azimuth"][-1] > 0
 
 
 def test_a_batch_drives_an_azimuth_thruster_as_a_single_run_does() -> None:
-    from cases.maneuvers.definitions import parse_maneuver
-    from cases.simulation.simulate import simulate
-    from cases.simulation.simulate_batch import simulate_batch
-
     ship = parse_ship(AZIMUTH)
     plan = parse_maneuver("turning:20", ship, duration=40)
     alone, batch = simulate(ship, plan, 0.5), simulate_batch(ship, plan, dt=0.5, held=True)
@@ -347,10 +324,8 @@ def test_a_ship_with_propeller_and_azimuth_thruster_leaves_that_at_rest() -> Non
 )
 def test_what_few_ships_have_is_one_warning(words: str, said: str) -> None:
     ship = new_ship("mine", parse_particulars(words.split()))
-    found = [notice for notice in ship.notices if has_code([notice], "unusual_particular")]
-    assert len(found) == 1
-    with pytest.raises(AssertionError, match=said):
-        raise AssertionError(found[0])
+    (found,) = (notice for notice in ship.notices if has_code([notice], "unusual_particular"))
+    assert re.search(said, found)
 
 
 @pytest.mark.parametrize("real", SHIPS, ids=lambda real: real.name)
