@@ -1,4 +1,4 @@
-"""The map of an import: which column of the logs is which quantity, as a person says it or as it was found."""
+"""The map of an import: which column of the logs is which quantity, as a person says it or as the import understood."""
 
 from __future__ import annotations
 
@@ -66,6 +66,7 @@ def _header(value: Any) -> Any:
     return f"{NUMBERED} {value}" if isinstance(value, int) and not isinstance(value, bool) else value
 
 
+# The tags keep messages on the one meaning that was tried: a plain union of pydantic names the faults of both.
 Antenna = Annotated[
     Annotated[ReferencePoint, Tag("[point]")] | Annotated[Literal["unknown"], Tag("[word]")],
     Discriminator(lambda value: "[word]" if value == "unknown" else "[point]"),
@@ -138,7 +139,7 @@ class ImportMap(Section):
         for columns in (self.columns, *(file.columns for file in self.files.values())):
             for name, column in columns.items():
                 units = known_units(name)
-                if column.unit and units and factor(name, column.unit) is None and name != "t":
+                if column.unit and units and factor(name, column.unit) is None and name != "t":  # clocks count in more
                     raise ValueError(f"unit '{column.unit}' does not belong to {name}; known: {', '.join(units)}")
         if self.origin and len(self.origin) != 2:
             raise ValueError("origin must be [latitude, longitude] in degrees")
@@ -150,10 +151,6 @@ class ImportMap(Section):
         keys = [key for key in self.files if path.endswith(f"/{key}")]
         return self.files[max(keys, key=len)] if keys else self.files.get(file.stem, FileMap())
 
-    def clock_said(self, file: Path) -> bool:
-        """Whether it says something of the clock of ``file``."""
-        return bool({"clock_offset", "clock_drift"} & self.of(file).model_fields_set)
-
     def ignored_in(self, file: Path) -> set[str]:
         """Headers of ``file`` that are not used."""
         return {*self.ignore, *self.of(file).ignore}
@@ -162,10 +159,9 @@ class ImportMap(Section):
         """The map in which ``change`` is said of the file called ``name``. Raises UserError for no value."""
         content = self.model_dump(exclude_unset=True, by_alias=True)
         entry = dict(content.setdefault("files", {}).get(name, {}))
-        for key, value in change.items():
-            old = entry.get(key)
-            together = {**old, **value} if isinstance(old, dict) else [*old, *value] if isinstance(old, list) else value
-            entry[key] = together
+        for key, value in change.items():  # one answer after another: tables and lists grow
+            old, lists = entry.get(key), isinstance(entry.get(key), list)
+            entry[key] = {**old, **value} if isinstance(old, dict) else [*old, *value] if lists else value
         content["files"][name] = entry
         return validated(ImportMap, content, "answers")
 
