@@ -54,8 +54,8 @@ VIS = {
     "wind.speed.vs.vessel": "apparent_wind_speed", "wind.direction.vs.vessel": "apparent_wind_direction",
 }  # fmt: skip
 SET = r"set\.point|reference|request|control|nominal|input"  # Types and commands of ids of what is not measured
+# Nodes (vessel information structure 3-11a) of propeller shafts, of what drives them, of rudders and steering gears.
 SHAFTS, ENGINES, RUDDERS = r"41[23]\b", r"411\b", r"42[12]\b|HS5"
-"""Nodes of propeller shafts, of what drives them, and of rudders and steering gears."""
 
 
 def vis_meaning(channel: str) -> Meaning:
@@ -63,13 +63,11 @@ def vis_meaning(channel: str) -> Meaning:
 
     Of angles only those of rudders, of frequencies only those of shafts are known; ids of orders mean nothing.
     """
-    if "/vis-" not in channel:
-        return Meaning("")
     node, _, tags = channel.partition("/meta/")
     said = dict(tag.split("-", 1) for tag in tags.split("/") if "-" in tag)
-    if re.search(SET, f"{said.get('type', '')} {said.get('cmd', '')}"):
+    if "/vis-" not in channel or re.search(SET, f"{said.get('type', '')} {said.get('cmd', '')}"):
         return Meaning("")
-    side = re.search(r"-\d*([PS])(?![A-Za-z])", node)
+    side = re.search(r"-\d*([PS])(?![A-Za-z])", node)  # location of a node: a number, then port or starboard
     port, quantity = bool(side) and side[1] == "P", said.get("qty", "")  # type: ignore[index]
     if quantity == "angle" and re.search(RUDDERS, node):
         return Meaning("delta" if not side else "delta_port" if port else "delta_starboard")
@@ -104,7 +102,7 @@ def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
             values += list(_values_of(document))
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             damaged += 1
-    ships = Counter(context for context, *_ in values)
+    ships = Counter(context for context, *_ in values)  # AIS receivers put those around into the same log
     own = own if own in ships else _own_ship(path, values, ships)
     kept = [value[1:] for value in values if value[0] == own]
     heard, gears, others = Heard(), dict[str, str](), Counter[str]()
@@ -112,9 +110,9 @@ def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
         header = f"{name} ({source})"
         if gear := GEAR.fullmatch(name):
             gears[gear[1]] = str(value).lower()
-        elif engine := REVOLUTIONS.fullmatch(name):
-            ahead = -1.0 if gears.get(engine[1]) == "reverse" else 1.0
-            heard.say(header, t, header, ahead * number_of(value), Meaning("", "Hz", ENGINE))
+        elif engine := REVOLUTIONS.fullmatch(name):  # never negative: the gear that was said last gives the sign
+            sign = -1.0 if gears.get(engine[1]) == "reverse" else 1.0
+            heard.say(header, t, header, sign * number_of(value), Meaning("", "Hz", ENGINE))
         elif name in PATHS:
             at = f"navigation.position ({source})" if ".position." in name else header  # both of one source
             heard.say(at, t, header, value, PATHS[name], rank=int("Magnetic" in name))
@@ -149,8 +147,8 @@ def _own_ship(path: Path, values: list[Any], ships: Counter[str]) -> str:
     inner = ("steering.", "propulsion.", "navigation.headingMagnetic")
     own = sorted({context for context, _, name, *_ in values if name.startswith(inner)} or ships)
     if len(own) != 1:
-        known = ", ".join(own[:4])
-        raise Conflict(f"{path}: values of several ships ({known}) and none is named as self; keep the lines of one")
+        words = f"values of several ships ({', '.join(own[:4])}) and none is named as self; keep the lines of one"
+        raise Conflict(f"{path}: {words}")
     return own[0]
 
 
@@ -168,14 +166,13 @@ def read_iso19848(path: Path, chosen: ImportMap) -> RawTable:
         why = " ".join(f"{type(error).__name__} {error}".split())[:100]
         raise BadValue(f"{path}: is cut off, damaged or no time series package of ISO 19848 ({why})") from None
     codes.update(code for *_, code in said)
-    good = codes.most_common(1)[0][0] if codes else ""
+    good = codes.most_common(1)[0][0] if codes else ""  # no code means good everywhere: most values are
     for name, channel, t, value, code in said:
         if code == good:
             means = vis_meaning(channel)
             heard.say(name or channel, t, channel, value, means if means.quantity or means.may_be else None)
-    accounts = [
-        Account(f"quality {c or 'none'}", n, (), f"most have {good or 'none'}") for c, n in codes.items() if c != good
-    ]
+    others, why = [(c, n) for c, n in codes.items() if c != good], f"most have {good or 'none'}"
+    accounts = [Account(f"quality {code or 'none'}", count, (), why) for code, count in others]
     notices = [Message(f"ISO 19848: {len(said)} values" + (f" of {ship}" if ship else ""), "iso19848")]
     clock = Clock(np.zeros(0), True, "time", "stamps of the package")
     return table_of_series(path, heard.series(), chosen, clock, notices, accounts)
@@ -233,9 +230,10 @@ WIND = {
     "Apparent": ("apparent_wind_speed", "apparent_wind_direction"),
     "True (boat referenced)": ("wind_speed", "true_wind_angle"),
 }
+# Units of the decoder, and of canboat's JSON, whose first line may say which they are.
 SI = {"angle": "rad", "rate": "rad/s", "shaft": "Hz"}
 STD = {"angle": "deg", "rate": "deg/s", "shaft": "rpm"}
-UNKNOWN = dict.fromkeys(SI, "")  # Units of the decoder, and of canboat's JSON, whose first line may say which they are
+UNKNOWN = dict.fromkeys(SI, "")
 
 
 def is_nmea2000(content: bytes) -> bool:
@@ -252,7 +250,7 @@ def read_nmea2000(path: Path, chosen: ImportMap) -> RawTable:
     messages, damaged, units, others = [], 0, UNKNOWN, Counter[str]()
     decoders = _decoders(path)
     lines = [line for line in read_bytes(path).decode("latin-1").splitlines() if line.strip() and line[0] != "#"]
-    if sum(bool(UNTIMED.fullmatch(line)) for line in lines[:50]) > 25:
+    if sum(bool(UNTIMED.fullmatch(line)) for line in lines[:50]) > 25:  # half of the first; others may be damaged
         raise BadValue(f"{path}: its lines have no times; log with candump -L, or -t a")
     absolute = True
     for line in lines:
@@ -264,12 +262,12 @@ def read_nmea2000(path: Path, chosen: ImportMap) -> RawTable:
         if found is None:
             damaged += '"version"' not in line
         elif found[3] is not None:
-            absolute &= found[0] > DAY
+            absolute &= found[0] > DAY  # else a time of the day, or since the logger began
             messages.append(found)
         elif found[1] not in FIELDS:
             others[str(found[1])] += 1
     t = np.array([message[0] for message in messages])
-    if not absolute:
+    if not absolute:  # over midnight
         t = t + DAY * np.cumsum(np.diff(t, prepend=t[:1]) < -0.5 * DAY)
     elif chosen.zone_hours and not lines[0].lstrip().startswith("("):  # candump writes seconds since 1970
         t = t - 3600.0 * chosen.zone_hours
@@ -281,8 +279,8 @@ def read_nmea2000(path: Path, chosen: ImportMap) -> RawTable:
     return table_of_series(path, heard.series(), chosen, Clock(t, absolute, "time", "of the logger"), said, accounts)
 
 
+# Time [s], group of parameters, source, and fields: None of a group that is not read, or of a part of a message.
 Found = tuple[float, int, int, Any]
-"""Time [s], group of parameters, source, and fields: None of a group that is not read, or of a part of a message."""
 
 
 def _decoders(path: Path) -> tuple[Any, Any]:
@@ -305,7 +303,7 @@ def _of_line(line: str, frames: Any, whole: Any) -> Found | None:
         if frame := said.get("frame"):
             when = float(stamp) if ":" not in stamp else seconds_of_stamp(stamp)
             pgn, source, *_ = frames.extract_header(int(frame, 16))
-            decoder, text = frames, f"(0.0) can0 {frame}#{data}"
+            decoder, text = frames, f"(0.0) can0 {frame}#{data}"  # as candump -L: one decoder for all of frames
         else:
             when = seconds_of_stamp(re.sub(r"^(\d\d)(\d\d)(?=\d\d\.)", r"\1:\2:", stamp))
             pgn, source = (int(said[name], 10 if "," in line else 16) for name in ("pgn", "source"))
@@ -326,7 +324,7 @@ def _of_json(line: str) -> tuple[Found | None, dict[str, str] | None]:
         pgn, source, stamp = int(document["pgn"]), int(document["src"]), str(document["timestamp"])
         fields = {}
         for name, value in document["fields"].items():
-            first, *rest = re.findall(r"\w+", name)
+            first, *rest = re.findall(r"\w+", name)  # "Wind Speed" is the decoder's windSpeed
             value = value.get("name", value.get("value")) if isinstance(value, dict) else value
             fields[first.lower() + "".join(word.capitalize() for word in rest)] = value
         return (seconds_of_stamp(stamp), pgn, source, fields if pgn in FIELDS else None), None
@@ -338,7 +336,7 @@ def _heard(t: np.ndarray, messages: list[Found], units: dict[str, str]) -> Heard
     """What the ``messages`` (N) say at the times t (N,) [s], in these ``units``."""
     heard, gears = Heard(), dict[str, Any]()
     for when, (_, pgn, source, said) in zip(t.tolist(), messages, strict=True):
-        if pgn == 127493:
+        if pgn == 127493:  # the gear, which signs the revolutions of 127488
             gears[str(said.get("instance"))] = said.get("transmissionGear")
         if pgn in (129025, 129029) and said.get("method") in ("no GNSS", 0):
             continue
@@ -349,7 +347,7 @@ def _heard(t: np.ndarray, messages: list[Found], units: dict[str, str]) -> Heard
             value, may_be, rank = number_of(said.get(field)), "", int(pgn in (127258, 129029))
             if field == "heading" and reference == "Magnetic":
                 quantity, rank = "heading_magnetic", 1
-                value += np.nan_to_num(number_of(said.get("deviation")))
+                value += np.nan_to_num(number_of(said.get("deviation")))  # positive to the east; often not said
             elif field in ("heading", "cog") and reference != "True":
                 continue
             elif pgn == 127488:
