@@ -13,6 +13,7 @@ _ENDINGS = (
     "deg degrees rad kn kt kts knots mps m_s ms kmh deg_s degs dps deg_min rad_s rads rpm rps m s sec us ns m_sec km_h "
     "deg_sec deg_per_sec feet ft radians"
 )
+# "ms" of a speed; that of a clock is told by its header (``clocks``).
 _SHORT = {"ms": "m/s", "m_sec": "m/s", "deg_sec": "deg/s", "deg_per_sec": "deg/s", "feet": "ft"}
 # Last words of a header that are a unit.
 ENDINGS = {word: SPELLINGS.get(word, word.replace("_", "/")) for word in _ENDINGS.split()} | _SHORT
@@ -95,7 +96,7 @@ def meaning(header: str) -> Meaning:
     if is_canonical(header) or header in QUANTITIES:
         return Meaning(header)
     full = plain_words(header)
-    for name, known in QUANTITIES.items():  # such as "lat_sec", which is no latitude in seconds
+    for name, known in QUANTITIES.items():  # first, as "lat_sec" is no latitude in seconds
         if name.endswith(("_min", "_s", "_magnetic")) and re.fullmatch(known.headers, full):
             return Meaning(name)
     words, unit = _without_unit(full)

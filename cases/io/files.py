@@ -1,5 +1,5 @@
-"""Files as they are: ordinary ones read whole, JSON that is an object, texts written whole or not at all, locks that
-end with the process that holds them (of fcntl on POSIX, of msvcrt on Windows)."""
+"""Files: ordinary ones are read whole, texts are written whole or not at all, JSON is an object, and locks end with the
+process that holds them (of fcntl on POSIX, of msvcrt on Windows)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ except ImportError:  # POSIX
     msvcrt = None  # type: ignore[assignment]
 
 HELD = (BlockingIOError, PermissionError)  # What the operating systems raise where another process has the lock
-LARGEST = 256 * 2**20  # Most bytes of a file that is read; several times as much memory is needed for it
+LARGEST = 256 * 2**20  # Most bytes of a file that is read; several times as much memory is needed. Set by hand.
 
 
 def check_file(path: Path, largest: int = LARGEST) -> None:
@@ -80,6 +80,7 @@ def lines_and_hash(path: Path) -> tuple[int, str]:
         while piece := stream.read(2**22):
             digest.update(piece)
             new, old, end = new + piece.count(b"\n"), old + piece.count(b"\r"), piece[-1:]
+    # Windows ends a line with both, old Macs with "\r" alone.
     return max(new, old) + (end not in (b"\n", b"\r")), digest.hexdigest()
 
 
@@ -95,7 +96,7 @@ def decoded(content: bytes, where: object) -> str:
 
 def parse_json(text: str) -> Any:
     """The value that ``text`` is as JSON. Raises ValueError where it is none, however deep it is nested."""
-    try:
+    try:  # Python refuses integers of more than 4300 digits, and 20 are more than 64 bits hold
         return json.loads(text, parse_int=lambda digits: int(digits) if len(digits) < 20 else float(digits))
     except RecursionError:
         raise ValueError("nested too deeply") from None
@@ -131,10 +132,10 @@ def replaced(path: Path) -> Iterator[Path]:
     Where the writing fails nothing is left behind, and what processes have left that were killed here is removed.
     """
     _remove_leftovers(path)
-    scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")  # beside it: only there a rename is atomic
     lock = os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
     try:
-        if fcntl:
+        if fcntl:  # the lock ends with this process, and tells others that the file is no leftover
             fcntl.flock(lock, fcntl.LOCK_EX)
         yield scratch
         if not fcntl:  # Windows renames no open file
@@ -163,7 +164,7 @@ def filled(folder: Path, force: bool) -> Iterator[Path]:
     try:
         scratch.mkdir(parents=True)
         yield scratch
-        if folder.is_dir():
+        if folder.is_dir():  # a folder that holds files cannot be replaced in one step
             for path in scratch.iterdir():
                 os.replace(path, folder / path.name)
         else:
@@ -203,11 +204,11 @@ def alone(mark: Path) -> Iterator[bool]:
         handle = os.open(mark, os.O_RDWR | os.O_CREAT, 0o666)
         try:
             mine = _taken(handle)
-            there = not mine or _same(handle, mark)
+            valid = not mine or _same(handle, mark)
         except BaseException:
             os.close(handle)
             raise
-        if there:
+        if valid:
             break
         os.close(handle)  # its last owner removed it in between
     try:
@@ -215,7 +216,7 @@ def alone(mark: Path) -> Iterator[bool]:
     finally:
         if mine and fcntl:
             with contextlib.suppress(OSError):
-                mark.unlink()  # while it is ours
+                mark.unlink()  # before the lock ends: afterwards it may be another process's
         os.close(handle)
         if mine and not fcntl:
             with contextlib.suppress(OSError):
