@@ -58,7 +58,7 @@ class BlockMeans:
         gap = np.concatenate([[True], step > self.count * np.median(step)]) if len(step) else np.ones(1, dtype=bool)
         row = np.arange(len(t))
         begins = np.flatnonzero((row - np.maximum.accumulate(np.where(gap, row, 0))) % self.count == 0)
-        last = begins[-1]
+        last = begins[-1]  # rows of this block may follow in the next piece; copied, as a view holds the whole one
         self._rest = {name: values[last:].copy() for name, values in columns.items()}
         if last:
             self._average({name: values[:last] for name, values in columns.items()}, begins[:-1])
@@ -83,12 +83,12 @@ class BlockMeans:
         for name, values in columns.items():
             good = np.isfinite(values)
             first = np.minimum.reduceat(np.where(good, rows, len(rows)), begins)
-            base = np.append(values, np.nan)[first]
+            base = np.append(values, np.nan)[first]  # the mean is that of differences from it: no digits are lost
             off = np.where(good, values - np.repeat(base, size), 0.0)
             if name in self.periods:
                 off = np.remainder(off + self.periods[name] / 2, self.periods[name]) - self.periods[name] / 2
                 off[~good] = 0.0
-            known = np.add.reduceat(good.astype(int), begins)
+            known = np.add.reduceat(good.astype(int), begins)  # (M,) values in each block
             with np.errstate(invalid="ignore", divide="ignore"):
                 means[name] = base + np.add.reduceat(off, begins) / known
                 if name != "t" and (known < size).any():
@@ -107,23 +107,20 @@ def _moved(t: np.ndarray, values: np.ndarray, late: np.ndarray, period: float | 
     at, y = (t + late)[known], values[known]
     if period:
         y = np.unwrap(y, period=period)
-    slope = np.gradient(y, at)
     out = values.copy()
-    out[known] -= slope * late[known]
+    out[known] -= np.gradient(y, at) * late[known]
     return out
 
 
-BLOCK, LONGEST_LINE = 2**21, 2**20
-"""Bytes that are parsed at a time, and most of a line."""
+BLOCK, LONGEST_LINE = 2**21, 2**20  # Bytes that are parsed at a time, and most of a line. Set by hand: bounds memory.
 SEPARATORS = (";", "\t", "|", ",", " ")  # Between cells; " " stands for any blanks
-# How lines of comment begin in raw logs.
-COMMENT = ("#", "%", "//", "!")
+COMMENT = ("#", "%", "//", "!")  # How lines of comment begin in raw logs
 # Cells that hold nothing, in lower case.
 EMPTY = ("", "nan", "null", "none", "na", "n/a", "<na>", "-", "--", "---", "#n/a", "nat")
 WITH_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"  # A number with a decimal comma
 # A number whose thousands are apart by one of the characters ``mark``, with a ``decimal`` character.
 GROUPED = r"[+-]?[1-9]\d{{0,2}}(?:[{mark}]\d{{3}})+(?:[{decimal}]\d+)?"
-# Characters that some languages write between thousands; they mean nothing else inside a number.
+# Blanks, narrow ones and apostrophes stand between thousands in some languages, and mean nothing else in a number.
 BLANKS = " \u00a0\u202f'\u2019"
 
 
@@ -179,7 +176,7 @@ def blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
         while not last:
             piece = source.read(BLOCK)
             piece, last = (piece.encode() if wide else piece), not piece
-            if b"\0" in piece[:4096]:
+            if b"\0" in piece[:4096]:  # in no text of these encodings
                 raise BadValue(f"{path}: is no text; expected a table of text, Parquet, or an Excel file (.xlsx)")
             end = held.rfind(b"\n") + 1
             if len(held) - end > LONGEST_LINE:
@@ -201,7 +198,7 @@ def as_utf8(block: bytes) -> bytes:
     return block
 
 
-def without_comments(block: bytes) -> tuple[bytes, int]:
+def _without_comments(block: bytes) -> tuple[bytes, int]:
     """The lines of a ``block`` that are no comments, and how many are."""
     if not any(mark.encode() in block for mark in COMMENT):
         return block, 0
@@ -213,13 +210,10 @@ def cells_of(text: str, separator: str) -> list[list[str]]:
     if separator == " ":
         return [line.split() for line in text.splitlines() if line.strip()]
     try:
-        return [
-            row
-            for row in csv.reader(io.StringIO(text), delimiter=separator)
-            if len(row) > 1 or any(map(str.strip, row))
-        ]
-    except csv.Error:
+        rows = list(csv.reader(io.StringIO(text), delimiter=separator))
+    except csv.Error:  # such as a field of more than 131072 characters
         return [line.split(separator) for line in text.splitlines() if line.strip()]
+    return [row for row in rows if len(row) > 1 or any(map(str.strip, row))]
 
 
 @dataclass
@@ -256,7 +250,7 @@ class TextTable:
         """
         skip, line = self.skipped, 1
         for block, last in self.source() if self.source else blocks(self.path):
-            kept, comments = without_comments(block) if self.log else (block, 0)
+            kept, comments = _without_comments(block) if self.log else (block, 0)
             while skip and kept.strip():
                 kept, skip = kept.lstrip().partition(b"\n")[2], skip - 1
             self.comments += comments
@@ -283,7 +277,7 @@ class TextTable:
 
         odd: list[Any] = []
         names = [str(i) for i in range(self.width)]
-        if self.separator == " ":
+        if self.separator == " ":  # one blank between cells, none around a row: pyarrow knows no runs of separators
             block = re.sub(rb"(?m)^ | $", b"", re.sub(rb"[^\S\n]+", b" ", block))
         nothing = sorted({form for word in (*EMPTY, "NaN", "NaT") for form in (word, word.upper(), word.capitalize())})
 
@@ -308,7 +302,7 @@ class TextTable:
         try:
             try:
                 return read(numbers=True), len(odd)
-            except pa.ArrowInvalid:
+            except pa.ArrowInvalid:  # text in some column: read again, which only few blocks need
                 return read(numbers=False), len(odd)
         except pa.ArrowInvalid as error:
             raise BadValue(f"{self.path}: not a table ({reason(error)})") from None
@@ -323,13 +317,12 @@ class TextTable:
             rows, wrong, self.cut = rows[:-1], [], True
         if wrong:
             row, lines = rows[wrong[0]], block.decode().split("\n")
-            own = [n for n, words in enumerate(lines) if words.strip() and not (self.log and is_comment(words))]
+            # Lines that hold rows; those of the header, which a first block has as well, stand before them.
+            full = [n for n, words in enumerate(lines) if words.strip() and not (self.log and is_comment(words))]
             mixed = next((s for s in SEPARATORS[:4] if len(row) < width and s.join(row).count(s) >= width - 1), "")
             why = f"cells look separated by {mixed!r} there" if mixed else "correct the line"
-            raise BadValue(
-                f"{self.path}: line {line + own[len(own) - len(rows) + wrong[0]]} has {len(row)} cells, the header "
-                f"{width} ({len(wrong)} such lines); {why}"
-            )
+            words = f"has {len(row)} cells, the header {width} ({len(wrong)} such lines); {why}"
+            raise BadValue(f"{self.path}: line {line + full[len(full) - len(rows) + wrong[0]]} {words}")
         padded = [(row + [""] * width)[:width] for row in rows]
         return pa.table({str(i): pa.array([row[i] for row in padded], pa.string()) for i in wanted})
 
@@ -346,7 +339,7 @@ class TextTable:
                 return np.asarray(column.to_numpy(zero_copy_only=False), dtype=object)
             if i in self.grouped:
                 column = pc.replace_substring_regex(column, rf"(\d)[{self.grouped[i]}]", r"\1")
-            if self.separator != "," or self.decimal == ",":
+            if self.separator != "," or self.decimal == ",":  # else only a quoted cell can hold one
                 column = pc.replace_substring_regex(column, WITH_COMMA, r"\1.\2")
             try:
                 column = pc.cast(column, pa.float64())

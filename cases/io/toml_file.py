@@ -44,8 +44,7 @@ def _plain_words(name: str) -> str:
     return name
 
 
-Name = Annotated[str, AfterValidator(_plain_words)]
-"""The name of a trial or a ship: plain words, since it may become that of a file; or ""."""
+Name = Annotated[str, AfterValidator(_plain_words)]  # Of a trial or a ship, or "": it may become that of a file
 S = TypeVar("S", bound=Section)
 # Kind of an error of pydantic -> what is allowed; a unit follows numbers.
 ALLOWED = {
@@ -77,12 +76,12 @@ def checked(schema: type[S], data: dict[str, Any]) -> tuple[S | None, list[str]]
     """
     problems: list[str] = []
     rest = copy.deepcopy(data)
-    for _ in range(4):  # a value that is left out may make its table incomplete
+    for _ in range(4):  # a value that is left out may make its table incomplete; 4 levels: set by hand
         try:
             return schema.model_validate(rest), problems
         except ValidationError as error:
             errors = error.errors(include_url=False)
-        problems = problems or list(dict.fromkeys(_problem(schema, e) for e in errors))
+        problems = problems or list(dict.fromkeys(_problem(schema, e) for e in errors))  # later ones follow from these
         for e in errors:
             *parents, last = (e["loc"][:-1] if e["type"] == "missing" else e["loc"]) or ("",)
             table: Any = rest
@@ -125,7 +124,7 @@ def _key(name: str) -> str:
 
 
 def _problem(schema: type[Section], error: Any) -> str:
-    names = [str(name) for name in error["loc"] if not re.fullmatch(r"\[.*\]", str(name))]
+    names = [str(name) for name in error["loc"] if not re.fullmatch(r"\[.*\]", str(name))]  # without tags of unions
     section, tables = schema, 0
     while tables < len(names) and (found := _table(section, names[tables])):
         section, depth = found
