@@ -183,8 +183,7 @@ def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
     assert peaks[1] < peaks[0] + 60 and peaks[1] < 500
 
 
-LIMIT = 500
-"""MB."""
+LIMIT = 500  # MB
 HEAD = b"t [s],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad]\n"
 CHECK_OF_ONE = (
     PEAK
@@ -241,11 +240,6 @@ def many_columns(path: Path) -> None:
     assert path.stat().st_size < 2**24
 
 
-def a_hole(path: Path) -> None:
-    path.touch()
-    os.truncate(path, 2**30)
-
-
 def zipped(path: Path) -> None:
     import zipfile
 
@@ -267,18 +261,10 @@ MADE: dict[str, Callable[[], Iterator[bytes]]] = {
         [HEAD, *(b"%.1f,0.1,0.4,0.01,0.002,9,0.1\n" % (0.1 * k) for k in range(MOST_ROWS))]
     ),
 }
-FILES: dict[str, Callable[[Path], None]] = {
-    "texts.parquet": a_million_texts, "wide.parquet": many_columns, "hole.csv": a_hole, "zipped.csv": zipped,
+FILES: dict[str, Callable[[Path], object]] = {
+    "texts.parquet": a_million_texts, "wide.parquet": many_columns, "zipped.csv": zipped,
+    "hole.csv": lambda path: (path.touch(), os.truncate(path, 2**30)),
 }  # fmt: skip
-
-
-def peak(path: Path) -> tuple[int, str]:
-    """MB that a process needs which reads and checks the trial, and what it says."""
-    done = subprocess.run(
-        [sys.executable, "-c", CHECK_OF_ONE, str(path)], capture_output=True, text=True, check=True, timeout=300
-    )
-    size, _, words = done.stdout.strip().partition(" ")
-    return int(size), words
 
 
 @pytest.mark.longest
@@ -292,7 +278,9 @@ def test_noise_and_bombs_need_little_memory(name: str, tmp_path: Path) -> None:
     else:
         with path.open("wb") as file:
             file.writelines(MADE[name]())
-    size, words = peak(path)
+    command = [sys.executable, "-c", CHECK_OF_ONE, str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300)
+    size, _, words = done.stdout.strip().partition(" ")
     print(f"{name}: {size} MB, {words}")
     path.unlink()
-    assert size < LIMIT and words, words
+    assert int(size) < LIMIT and words, words
