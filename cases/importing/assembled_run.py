@@ -29,8 +29,7 @@ from mmg.motion.flow import RUDDERS
 STATES = ("psi", "latitude", "x", "sog", "u", "r")  # Channels whose finest step is that of the run
 DEGREE = 60 * 1852.0  # Metres in a degree of latitude: the nautical mile is a minute of it
 CONVENTIONS = {"rudder_positive", "wind_direction", "velocity_frame"}  # Keys of the map that a sidecar has as well
-# What the map says of the antenna.
-REFERENCE_POINT = (
+REFERENCE_POINT = (  # What the map says of the antenna.
     'reference_point = { x = 12.0, y = 0.0, applies_to = "both" } (of the antenna from midship, in m forward and to '
     'starboard), or reference_point = "unknown"'
 )

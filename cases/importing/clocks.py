@@ -37,8 +37,7 @@ SINCE_1904 = 1462.0 * DAY  # What days of a workbook that counts from 1904 are l
 GPS_ZERO, GPS_AHEAD = 315964800.0, 18.0
 # A header of a clock that begins anew every week.
 OF_WEEK = r"(gps_|gnss_)?(tow|sow|itow|time_of_week|seconds?_of_week|week_seconds?)(_m?s)?"
-# Jumps of clocks [s] and what makes them.
-JUMPS = {
+JUMPS = {  # Jumps of clocks [s] and what makes them.
     43200.0: "half a day: a clock of twelve hours without AM and PM",
     3600.0: "an hour, as between summer and winter time or two zones",
     DAY: "a day: the date does not follow the time over midnight",

@@ -43,8 +43,7 @@ KINDS = (
 # Words of what rests; its numbers are zero or nearly so.
 NEITHER = ("stop", "stopped", "neutral", "zero", "off", "midships", "0")
 REVERSED = r"(.*_)?(astern|reverse|reversed|reversing)"
-# A title of the direction of revolutions or of a rudder, whatever the words below it.
-DIRECTION = (
+DIRECTION = (  # A title of the direction of revolutions or of a rudder, whatever the words below it.
     rf"{REVERSED}|.*(shaft|prop|engine|screw|gear|thruster|rudder|rpm).*_(dir|direction|sense|side|sign|ahead|rev)"
 )
 PLACE = r"(.*_)?(lat|lon|hemi|ns|n_s|n_or_s|ew|e_w|e_or_w).*"  # A title of a hemisphere
@@ -187,13 +186,11 @@ def _word(cell: Any) -> str:
 
 
 GNSS = ("latitude", "longitude", "x", "y", "sog", "cog")  # What a receiver gives, and what its fix holds for
-# A title of what says whether others hold.
-STATUS = (
+STATUS = (  # A title of what says whether others hold.
     r"(.*_)?(valid|validity|status|stat|quality|qual|fix|fix_?(type|mode|quality|ok)|mode|mode_indicator|ok|flag|error|"
     r"err|fault|alarm|invalid|health|good|bad)"
 )
-# Words of what holds, and of what does not.
-GOOD = (
+GOOD = (  # Words of what holds, and of what does not.
     "a|d|f|p|r|ok|good|valid|true|yes|(gps_?|gnss_?|3d_?|2d_?|dgps_?|rtk_?)?(fix|fixed|float)|[23]d|d?gps|d?gnss|rtk|"
     "active|on|healthy|normal|auto"
 )
@@ -204,8 +201,7 @@ QUALITY = r"(.*_)?(fix|quality|qual|fix_?quality|valid|validity|ok|good)(_indica
 # Words of what directions and winds are counted from; "theoretical" is NMEA's word for the true wind (MWV).
 TRUE, MAGNETIC = {"t", "true", "°t", "theoretical"}, {"m", "mag", "magnetic", "°m"}
 RELATIVE = {"r", "rel", "relative", "apparent"}
-# Titles of columns that name what was measured from, and with what.
-SOURCE = (
+SOURCE = (  # Titles of columns that name what was measured from, and with what.
     r"(.*_)?(source|src|sensor|talker|device|receiver|antenna|instrument|gyro_no|gps_no)(_?(id|no|name|nr|number))?"
 )
 SHARE = 0.05  # Least share of the rows of each of several sensors: rarer ones are slips. Set by hand.

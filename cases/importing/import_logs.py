@@ -142,8 +142,7 @@ def _files_of(path: Path) -> list[Path]:
     return files
 
 
-# What tells the format of a log of messages by its begin, and what reads it.
-MESSAGES = (
+MESSAGES = (  # What tells the format of a log of messages by its begin, and what reads it.
     (is_nmea2000, read_nmea2000), (is_nmea, read_nmea), (is_iso19848, read_iso19848), (is_signal_k, read_signal_k)
 )  # fmt: skip
 

@@ -23,8 +23,7 @@ from cases.io.text_table import number_of
 from mmg.errors import BadValue, Conflict, needed
 from mmg.messages import Message
 
-# Paths of Signal K (specification 1.7) and what they mean; angles are positive to starboard.
-PATHS = {
+PATHS = {  # Paths of Signal K (specification 1.7) and what they mean; angles are positive to starboard.
     "navigation.position.latitude": Meaning("latitude", "deg"),
     "navigation.position.longitude": Meaning("longitude", "deg"),
     "navigation.courseOverGroundTrue": Meaning("cog", "rad"),
@@ -45,8 +44,7 @@ PATHS = {
 REVOLUTIONS = re.compile(r"propulsion\.(.+)\.revolutions")
 DELTA = re.compile(r'^\s*\{.*"updates"')
 GEAR = re.compile(r"propulsion\.(.+)\.transmission\.gear")
-# Quantities of local ids (vessel information structure 3-11a, code book "quantities") and what they mean.
-VIS = {
+VIS = {  # Quantities of local ids (vessel information structure 3-11a, code book "quantities") and what they mean.
     "absolute.latitude": "latitude", "latitude": "latitude", "absolute.longitude": "longitude",
     "longitude": "longitude", "heading.true": "psi", "course.over.ground": "cog", "speed.over.ground": "sog",
     "rate.of.turn": "r", "longitudinal.speed.over.ground": "u", "transverse.speed.over.ground": "v",
@@ -201,8 +199,7 @@ def with_local_ids(table: RawTable) -> RawTable:
     return replace(table, means=table.means | found) if found else table
 
 
-# What is logged of frames, by identifier, and of whole messages, the first of which are Actisense's.
-LINES = tuple(
+LINES = tuple(  # What is logged of frames, by identifier, and of whole messages, the first of which are Actisense's.
     re.compile(rf"^\s*{line}\s*$", re.IGNORECASE)
     for line in (
         r"\((?P<stamp>[-\d.:T Z]+)\)\s+\S+\s+(?P<frame>[0-9A-F]{8})(?:#|\s+\[\d\]\s+)(?P<data>[0-9A-F ]+)",  # candump
@@ -224,8 +221,7 @@ FIELDS = {
     129026: (("sog", "sog", "m/s"), ("cog", "cog", "angle")),
     130306: (("windSpeed", "", "m/s"), ("windAngle", "", "angle")),
 }  # fmt: skip
-# Reference of 130306 -> what speed and angle are.
-WIND = {
+WIND = {  # Reference of 130306 -> what speed and angle are.
     "True (ground referenced to North)": ("wind_speed", "wind_direction"),
     "Apparent": ("apparent_wind_speed", "apparent_wind_direction"),
     "True (boat referenced)": ("wind_speed", "true_wind_angle"),

@@ -233,8 +233,7 @@ def _xdr(fields: Fields) -> Decoded:
     return Decoded(values, "" if values else NOT_READ, aside=tuple(aside) if values else ())
 
 
-# Sentences that are read.
-DECODERS: dict[str, Callable[[Fields], Decoded]] = {
+DECODERS: dict[str, Callable[[Fields], Decoded]] = {  # Sentences that are read.
     "RMC": _fix, "GGA": _fix, "GNS": _fix, "GLL": _fix, "ZDA": _zda, "HDG": _hdg, "RSA": _rsa, "RPM": _rpm,
     "MWV": _mwv, "MWD": _mwd, "XDR": _xdr,
     "VTG": _plain({"sog": "sogn", "cog": "cogt"}, mode="posMode"),
@@ -409,16 +408,14 @@ _COLUMNS = {
 }  # fmt: skip
 # Columns of the table and their units.
 UNITS = {column: unit for unit, columns in _COLUMNS.items() for column in columns.split()}
-# Columns that are taken from one source: that which says one of them most often.
-TOGETHER = (
+TOGETHER = (  # Columns that are taken from one source: that which says one of them most often.
     "heading", "heading_magnetic", "u v", "apparent_wind_speed apparent_wind_direction", "true_wind_speed twa twd",
     "rot", "rudder", "rudder_starboard", "rudder_port", *_COLUMNS["rpm"].split(),
 )  # fmt: skip
 SHAFTS, RUDDERS = ("rpm", "rpm_starboard", "rpm_port"), ("rudder_starboard", "rudder_port")
 # Column -> those beside which it is not used: a true heading, the shafts of engines.
 BETTER = {"heading_magnetic": ("heading",)} | {f"RPM-E{side}": SHAFTS for side in ("", "_starboard", "_port")}
-# Codes of messages, and the first words of why sentences are not used.
-CODES = (
+CODES = (  # Codes of messages, and the first words of why sentences are not used.
     ("nmea_damaged", "checksum|damaged"), ("nmea_not_read", NOT_READ),
     ("nmea_void", "status|mode|quality|empty|no hemisphere"),
 )  # fmt: skip

@@ -24,8 +24,7 @@ from mmg.messages import Message
 # First bytes of the files of ROS 1, MCAP and ROS 2.
 MAGIC = (b"#ROSBAG V2", b"\x89MCAP", b"SQLite format 3\0")
 PARTS = (".db3", ".mcap")
-# Types of messages that are read; of two that say the same, that of the lower number is taken.
-RANKS = {
+RANKS = {  # Types of messages that are read; of two that say the same, that of the lower number is taken.
     "Odometry": 0, "PoseWithCovarianceStamped": 1, "PoseStamped": 2, "PoseWithCovariance": 3, "Pose": 4,
     "TwistWithCovarianceStamped": 1, "TwistStamped": 2, "TwistWithCovariance": 3, "Twist": 4, "Imu": 5, "NavSatFix": 5,
     "JointState": 0, "QuaternionStamped": 6,

@@ -29,8 +29,7 @@ STAMP = re.compile(
     r"(?(1):?|:)([0-6]\d(?:[.,]\d+)?)\s?(Z|[+-]\d\d(?::?\d\d)?)?",
     re.ASCII | re.IGNORECASE,
 )
-# What says the same in another way.
-ALIKE = {
+ALIKE = {  # What says the same in another way.
     "x": "latitude", "y": "longitude", "latitude": "x", "longitude": "y", "psi": "heading_magnetic",
     "heading_magnetic": "psi",
 }  # fmt: skip

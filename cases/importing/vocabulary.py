@@ -30,23 +30,20 @@ _FOREIGN = {
 }
 # Units of other languages, in lower case without accents -> the unit.
 FOREIGN = {word: unit for unit, words in _FOREIGN.items() for word in words.split()}
-# Cells of a line of units, in lower case; some are units of no quantity of a manoeuvre.
-GIVEN_UNITS = {
+GIVEN_UNITS = {  # Cells of a line of units, in lower case; some are units of no quantity of a manoeuvre.
     *(u.lower() for known in FACTORS.values() for u in known), *SPELLINGS, *FOREIGN,
     *("h", "-", "%", "utc", "iso", "n", "e", "t", "°m", "bool", "v", "a", "kw", "nm", "hpa", "mbar", "knm", "°c", "st"),
 }  # fmt: skip
 BEYOND_A_TURN = 6.6  # No direction in radians is larger. Set by hand: 2 pi and a margin for noise.
 SIDES = dict.fromkeys(("port", "ps", "bb"), "port")
 SIDES |= dict.fromkeys(("stbd", "starboard", "sb", "stb", "strb"), "starboard")
-# Headers that may mean one of several quantities.
-UNSURE = {
+UNSURE = {  # Headers that may mean one of several quantities.
     r"wind_?(speed|velocity)|ws": "wind_speed or apparent_wind_speed",
     r"wind_?(direction|dir|angle)|wd": "wind_direction or apparent_wind_direction",
     r"speed|velocity|v_ship|ship_speed": "sog (over ground) or nothing (through the water)",
     r"rpm_e": "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)",
 }
-# Words of what was ordered: the ship follows later.
-ORDERS = (
+ORDERS = (  # Words of what was ordered: the ship follows later.
     r"order|orders|ordered|command|commanded|cmd|setpoint|set_point|sp|demand|demanded|desired|reference|ref|target|"
     r"telegraph|eot|lever|requested|request|soll|consigne|ordre|settpunkt|preset"
 )

@@ -26,8 +26,7 @@ CLOCK = (631_152_000.0, 4_102_444_800.0)
 CALENDAR = {"day": 10, "month": 7, "year": 4}  # Length of each part of a date as ISO 8601 writes it
 KEYS = (*CALENDAR, "folder", "group", "kind", "role")  # What trials can be grouped by
 MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-# 22-Nov-2026, then 2026-11-22 or 20261122. Months by names come first: what follows the year may be a time.
-DATES = (
+DATES = (  # 22-Nov-2026, then 2026-11-22 or 20261122. Months by names come first: what follows the year may be a time.
     re.compile(rf"(?<!\d)(?P<d>\d{{1,2}})[-_. ]?(?P<m>{'|'.join(MONTHS)})[a-z]*[-_. ]?(?P<y>[12]\d{{3}})(?!\d)", re.I),
     re.compile(r"(?<!\d)(?P<y>[12]\d{3})([-_.]?)(?P<m>\d{2})\2(?P<d>\d{2})(?!\d)"),
 )

@@ -26,8 +26,7 @@ from mmg.motion.frames import true_wind
 SENTINEL = "sentinel"  # Code of the notice on numbers that stand for no value
 # Listed by hand from logs that were met.
 _NINES = (99.0, 99.9, 99.99, 999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 99999.0, 999999.0)
-# Numbers that loggers write where they have none; those of AIS are among them.
-WELL_KNOWN = (
+WELL_KNOWN = (  # Numbers that loggers write where they have none; those of AIS are among them.
     *(sign * nines for nines in _NINES for sign in (-1, 1)),
     *(32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 1e30, -1e30, 181.0, 91.0, 511.0, 102.3, 360.1),
 )

@@ -30,8 +30,7 @@ from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.states import STATES
 
-# Header names of the FRT-DS-ESSO records -> canonical names (data set README, "Measurement items").
-FRT_NAMES = {
+FRT_NAMES = {  # Header names of the FRT-DS-ESSO records -> canonical names (data set README, "Measurement items").
     "x_position_mid": "x", "y_position_mid": "y", "psi_hat": "psi", "u_velo": "u", "vm_velo": "v", "r_angvelo": "r",
     "n_prop": "n", "delta_rudder": "delta", "wind_velo_true": "wind_speed", "wind_dir_true": "wind_direction",
     "wind_velo_relative_mid": "apparent_wind_speed", "wind_dir_relative_mid": "apparent_wind_direction",

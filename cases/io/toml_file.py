@@ -46,8 +46,7 @@ def _plain_words(name: str) -> str:
 
 Name = Annotated[str, AfterValidator(_plain_words)]  # Of a trial or a ship, or "": it may become that of a file
 S = TypeVar("S", bound=Section)
-# Kind of an error of pydantic -> what is allowed; a unit follows numbers.
-ALLOWED = {
+ALLOWED = {  # Kind of an error of pydantic -> what is allowed; a unit follows numbers.
     "float_type": "must be a number", "finite_number": "must be a finite number", "string_type": "must be text",
     "bool_type": "must be true or false", "list_type": "must be a list", "dict_type": "must be a table",
     "model_type": "must be a table", "greater_than": "must be above {gt:g}", "less_than": "must be below {lt:g}",
