@@ -58,10 +58,8 @@ def is_hdf5(content: bytes) -> bool:
 
 
 def read_arrays(path: Path, chosen: ImportMap) -> list[RawTable]:
-    """The tables of the MATLAB or HDF5 file ``path``. chosen: the map.
-
-    Raises UserError where h5py is missing, for a damaged file, and for one without vectors of one length.
-    """
+    """The tables of the MATLAB or HDF5 file ``path``. chosen: the map. Raises UserError where h5py is missing, for a
+    damaged file, and for one without vectors of one length."""
     import pandas as pd
 
     content = read_bytes(path)
@@ -69,7 +67,12 @@ def read_arrays(path: Path, chosen: ImportMap) -> list[RawTable]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of scipy, of byte orders
-            tree = _hdf5(path, content, accounts) if is_hdf5(content[:4096]) else _matlab(path, content, accounts)
+            if is_hdf5(content[:4096]):
+                h5py = needed("h5py", f"{path}: HDF5, also of MATLAB 7.3,")
+                with h5py.File(io.BytesIO(content), "r") as file:  # bytes in memory: links to other files lead nowhere
+                    tree = _group(file, accounts, h5py)
+            else:
+                tree = _matlab(path, content, accounts)
         groups = list(_vectors(tree, "", accounts))
     except UserError:
         raise
@@ -92,8 +95,7 @@ def read_arrays(path: Path, chosen: ImportMap) -> list[RawTable]:
 def _parts_of_one_log(
     path: Path, groups: list[str], tables: list[RawTable], chosen: ImportMap, accounts: list[Account]
 ) -> list[RawTable]:
-    """One table of those of the ``groups``, or none where they are logs of their own: some have columns of the same
-    name."""
+    """One table of those of the groups; none where columns of the same name make each of them a log of its own."""
     said = chosen.columns_of(path).get("t")
     series, clocks, names = [], [], Counter[str]()
     for group, table in zip(groups, tables, strict=True):
@@ -210,9 +212,7 @@ def _matlab(path: Path, content: bytes, accounts: list[Account]) -> dict[str, An
 
 def _check_elements(content: bytes, depth: int = 0) -> None:
     """Raises ValueError for elements of a MATLAB file that are none: scipy ends the process at types it does not know.
-
-    content: elements, each a tag (type and size, or both in four bytes) and its data (MAT-file format, 1-9).
-    """
+    content: elements, each a tag (type and size, or both in four bytes) and its data (MAT-file format, 1-9)."""
     if depth > DEEPEST:
         raise ValueError("structs lie too deep")
     at = 0
@@ -242,14 +242,8 @@ def _as_tree(value: Any, depth: int = 0) -> Any:
     return Array(value) if isinstance(value, np.ndarray) and value.dtype.kind in "biuf" else value
 
 
-def _hdf5(path: Path, content: bytes, accounts: list[Account]) -> dict[str, Any]:
-    """The groups of an HDF5 file as dicts."""
-    h5py = needed("h5py", f"{path}: HDF5, also of MATLAB 7.3,")
-    with h5py.File(io.BytesIO(content), "r") as file:  # bytes in memory: links to other files lead nowhere
-        return _group(file, accounts, h5py)
-
-
 def _group(group: Any, accounts: list[Account], h5py: Any, depth: int = 0) -> dict[str, Any]:
+    """The groups of an HDF5 file as dicts."""
     tree: dict[str, Any] = {}
     for name in group:
         if depth > DEEPEST or len(accounts) > MOST_NODES:

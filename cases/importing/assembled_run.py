@@ -324,10 +324,8 @@ def local_positions(
 
 
 def globe_positions(northing: np.ndarray, easting: np.ndarray, zone: str, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Latitude and longitude [deg] of UTM ``northing`` and ``easting`` (N,) [m] in a ``zone`` such as "32N".
-
-    where: for messages. Raises UserError for a zone that is none, and where pyproj is missing.
-    """
+    """Latitude and longitude [deg] of UTM ``northing`` and ``easting`` (N,) [m] in a ``zone`` such as "32N". where: for
+    messages. Raises UserError for a zone that is none, and where pyproj is missing."""
     match = re.fullmatch(r"\s*(\d{1,2})\s*([C-HJ-NP-X]?)\s*", zone.upper())
     if match is None or not 1 <= int(match[1]) <= 60:
         raise BadValue(f"{where}: '{zone}' is no UTM zone; write it as 32N")

@@ -202,10 +202,8 @@ def within_stamps(t: np.ndarray, columns: Iterable[np.ndarray]) -> tuple[np.ndar
 
 
 def check_forward(clock: Clock, where: str, before: int = 0, end: float = -np.inf) -> None:
-    """Raises UserError where the ``clock`` runs backwards: the first row, and how often.
-
-    where: the table; before, end: rows of it before those of the clock, and their last time [s].
-    """
+    """Raises UserError where the ``clock`` runs backwards: the first row, and how often. where: the table; before, end:
+    rows of it before those of the clock, and their last time [s]."""
     rows = np.flatnonzero(np.isfinite(clock.t))
     t = np.append(end, clock.t[rows])
     back = np.flatnonzero(np.diff(t) < 0)

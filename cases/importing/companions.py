@@ -101,10 +101,8 @@ def hold_signs(table: RawTable, header: str) -> bool:
 
 
 def signed(values: np.ndarray, quantity: str, table: RawTable, header: str, chosen: ImportMap) -> np.ndarray:
-    """The ``values`` (N,) of a ``quantity`` with the signs in the column ``header`` of its ``table``.
-
-    chosen: the map, which says the side of positive rudder angles. Raises UserError for a word that is no sign.
-    """
+    """The ``values`` (N,) of a ``quantity`` with the signs in the column ``header`` of its ``table``. chosen: the map,
+    which says the side of positive rudder angles. Raises UserError for a word that is no sign."""
     kind = next(kind for kind in KINDS if re.fullmatch(kind.quantities, quantity))
     # Before the first word the sign is plus; in a later piece of a log that word is not known any more.
     reads = {"": 0 if table.before else 1, **_reads(kind, plain_words(header))}
@@ -272,8 +270,7 @@ def masked_rows(table: RawTable, quantity: str, masks: Masks) -> np.ndarray:
 
 
 def _referred(table: RawTable, header: str, title: str) -> list[str]:
-    """Headers of the directions and wind speeds whose reference a column may be: those with the same word in them, or
-    the one left of it."""
+    """Headers of directions and wind speeds with the same word as the ``title``, else of the one on the left."""
     words = re.compile(r"heading|hdg|gyro|course|cog|wind|compass")
     if named := words.search(title):
         return [h for h in table.headers if h != header and named[0] in plain_words(h)]

@@ -122,9 +122,7 @@ class _Likeliest(NamedTuple):
 
 def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _Likeliest:
     """The path through ``value`` and its ``rate`` per row, (N, C) in a range of one, at the most likely sizes.
-
-    rounding: the least variances of noise, third differences and noise of the rates.
-    """
+    rounding: the least variances of noise, third differences and noise of the rates."""
     n, C = value.shape
     known, with_rate = np.isfinite(value).all(axis=1), np.isfinite(rate).all(axis=1)
     with_rate[:2] = with_rate[-2:] = False  # the stencil needs two rows on either side
@@ -186,8 +184,7 @@ def _variance(values: np.ndarray) -> float:
 
 
 def resolution_of(values: np.ndarray) -> float:
-    """The step to whose multiples ``values`` (N,) were rounded before their unit was changed: what divides all their
-    differences; 0 where nothing does."""
+    """The step to whose multiples ``values`` (N,) were rounded, in any unit: what divides all differences; else 0."""
     levels = np.unique(values[np.isfinite(values)])
     tolerance = 1e-11 * float(np.abs(levels).max(initial=0.0))  # of floats, after a change of unit
     steps = np.diff(levels)
@@ -316,8 +313,7 @@ def _smoothed_every(
     step: float, h: float, value: np.ndarray, rate: np.ndarray | None = None, resolution: float = 0.0,
     rate_resolution: float = 0.0,
 ) -> Smoothed:  # fmt: skip
-    """As ``smoothed`` of values every h [s] that were measured every ``step`` [s] and lie on lines in between:
-    such lines must not count as measurements."""
+    """As ``smoothed``, of values on lines between those measured every ``step`` [s], which alone are measurements."""
     k = max(1, round(step / h))
     smooth = smoothed(k * h, value[::k], None if rate is None else rate[::k], resolution, rate_resolution)
     if k == 1:
@@ -342,8 +338,7 @@ def _band(squares: sparse.csr_matrix) -> np.ndarray:
 
 
 def _std(root: np.ndarray, known: np.ndarray, weights: np.ndarray) -> float:
-    """Posterior standard deviation of a sum of five neighbours with ``weights`` (5,), the median over places where
-    something was measured."""
+    """Posterior standard deviation of a sum of five neighbours with ``weights`` (5,): the median over PLACES."""
     inside, variances = np.flatnonzero(known[2:-2]) + 2, []
     for i in inside[np.linspace(0, len(inside) - 1, PLACES).astype(int)] if len(inside) else []:
         d = np.zeros(root.shape[1])

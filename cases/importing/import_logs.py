@@ -69,10 +69,8 @@ class Imported:
 def import_logs(
     paths: Iterable[Path], chosen: ImportMap | None = None, each: Callable[[Sequence[Path]], Iterable[Path]] = iter
 ) -> Imported:
-    """The runs in the logs at ``paths`` (files, or folders of them), by the map ``chosen``.
-
-    each: goes through the files, for a display. Raises UserError where there is no file at all.
-    """
+    """The runs in the logs at ``paths`` (files, or folders of them), by the map ``chosen``. each: goes through the
+    files, for a display. Raises UserError where there is no file at all."""
     chosen = chosen or ImportMap()
     all_files = [file for path in paths for file in _files_of(Path(path))]
     files = [file for file in all_files if not chosen.of(file).skip]
@@ -284,9 +282,7 @@ def write_import(imported: Imported, chosen: ImportMap, folder: Path, force: boo
 
 def map_text(imported: Imported, chosen: ImportMap) -> str:
     """The map, as TOML, that repeats an import without any question: every column of every file that was used.
-
-    imported: the import; chosen: the map that it began with.
-    """
+    imported: the import; chosen: the map that it began with."""
     import tomlkit
 
     document = chosen.model_dump(exclude_defaults=True, exclude={"columns", "origin", "files"})
@@ -339,19 +335,15 @@ def sidecar_text(imported: Imported, chosen: ImportMap, folder: Path) -> str:
     _replace(every, {"inputs": chosen.inputs, **at_midship})
     for name, run in names.items():
         key = run.name if run.name in files else name
-        _replace(files.setdefault(key, tomlkit.table()), _entry(run))
+        std = {column: float(f"{value:.3g}") for column, value in run.std.items()}
+        derived = {column: list(parts) for column, parts in run.ancestors.items()}
+        said = {"day": run.day, "std": std, "derived": derived}
+        _replace(files.setdefault(key, tomlkit.table()), {key: value for key, value in said.items() if value})
     turned = [key for key in (*CONVENTIONS, "reference_point") if key in chosen.model_fields_set]
     for key in turned if point or chosen.reference_point is None else set(turned) - {"reference_point"}:
         if any(key in table and not _marked(table, key) for table in (every, *(files[name] for name in files))):
             raise Conflict(f"{path}: {key} is said here and in the map, and would be applied twice; keep one of them")
     return tomlkit.dumps(document)
-
-
-def _entry(run: ImportedRun) -> dict[str, Any]:
-    """What the sidecar says of a ``run``."""
-    std = {name: float(f"{value:.3g}") for name, value in run.std.items()}
-    derived = {name: list(parts) for name, parts in run.ancestors.items()}
-    return {key: value for key, value in {"day": run.day, "std": std, "derived": derived}.items() if value}
 
 
 def _mark(value: Any) -> str:

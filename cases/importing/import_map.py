@@ -74,8 +74,7 @@ Antenna = Annotated[
 
 
 class ColumnMap(Section):
-    """Where a quantity comes from: the header (``from``), or the number of a column without one, its unit and its
-    sign."""
+    """Where a quantity comes from: the header (``from``), or the number of a column without one; unit and sign."""
 
     header: Annotated[str, BeforeValidator(_header)] = Field(alias="from")
     unit: str = ""

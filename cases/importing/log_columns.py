@@ -193,9 +193,9 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     # Zeros and lost satellites go first: between them a channel that stands still would not be seen to jump.
     columns, zeros = without_dropouts(columns, STATES)
     notices += remarks(zeros)
-    for clean in (lost_satellites, stands_still):
-        columns, said = clean(t, columns)
-        notices += said
+    columns, lost_fixes = lost_satellites(columns)
+    columns, frozen = stands_still(t, columns)
+    notices += [*lost_fixes, *frozen]
     bare = replace(table, frame=table.frame.iloc[:0].copy(), clock=None, source=None, text=None)  # frees its cells
     return Log(
         bare, t, clock.absolute, columns, mapped, tuple(unitless), tuple(of.unknown), of.unsure,
@@ -238,8 +238,7 @@ def _clock(piece: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap) -> 
 def _true_heading(
     table: RawTable, columns: dict[str, np.ndarray], mapped: dict[str, ColumnMap], chosen: ImportMap
 ) -> Message:
-    """The magnetic heading among the ``columns`` becomes a true one, where there is none. Raises UserError without a
-    variation."""
+    """The magnetic heading among the ``columns`` becomes a true one. Raises UserError without a variation."""
     heading, header = columns.pop("heading_magnetic"), mapped["heading_magnetic"].header
     variation, words = columns.pop("variation", None), "of the log"
     if chosen.variation is not None:
@@ -281,10 +280,8 @@ def _largest(values: np.ndarray) -> float:
 
 
 def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
-    """What the columns of the ``table`` are, by the map ``chosen`` and the words of the headers.
-
-    Raises UserError for a header of the map that is absent, two columns of one quantity, and no clock.
-    """
+    """What the columns of the ``table`` are, by the map ``chosen`` and the words of the headers. Raises UserError for a
+    header of the map that is absent, two columns of one quantity, and no clock."""
     of = Assigned()
     mapped = of.mapped
     for quantity, column in chosen.columns_of(table.path).items():
@@ -351,8 +348,7 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
 
 
 def _orders(table: RawTable, of: Assigned) -> None:
-    """Columns of orders join those that are mapped where the quantity was measured as well, in their own unit or else
-    in that of it, and with its sign."""
+    """Orders of measured quantities join those that are mapped, in their own unit or that of the quantity."""
     for header in [header for header in of.account if is_order(header)]:
         quantity = ordered(header)
         name, measured = f"{quantity}_order", of.mapped.get(quantity)
@@ -477,9 +473,7 @@ def _rows(
     stamps: np.ndarray, columns: dict[str, np.ndarray], turns: Mapping[str, float]
 ) -> tuple[np.ndarray, dict[str, np.ndarray], list[Message]]:
     """Rows with a time [s], those of coarse stamps apart and others with the same time averaged; and what was done.
-
-    turns: of the directions among the columns, after which their values begin anew.
-    """
+    turns: of the directions among the columns, after which their values begin anew."""
     timed = np.isfinite(stamps)
     columns = {name: values[timed] for name, values in columns.items()}
     times, said = within_stamps(stamps[timed], columns.values())
@@ -541,11 +535,9 @@ def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[s
     return out, said
 
 
-def lost_satellites(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[Message]]:
-    """The ``channels`` with NaN for positions that are none: (0, 0), beyond the globe, or far from those around them.
-
-    t: (N,) seconds; channels: latitude and longitude [deg], or x and y [m].
-    """
+def lost_satellites(channels: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[Message]]:
+    """The ``channels``, latitude and longitude [deg] or x and y [m] (N,) among them, with NaN for positions that are
+    none: (0, 0), beyond the globe, or far from those around them."""
     pair = ("latitude", "longitude") if "latitude" in channels else ("x", "y")
     if not set(pair) <= set(channels):
         return dict(channels), []

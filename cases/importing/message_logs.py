@@ -57,10 +57,8 @@ SHAFTS, ENGINES, RUDDERS = r"41[23]\b", r"411\b", r"42[12]\b|HS5"
 
 
 def vis_meaning(channel: str) -> Meaning:
-    """What the local id ``channel`` of ISO 19848, such as /dnv-v2/vis-3-11a/421.2/HS5-P/meta/qty-angle, means.
-
-    Of angles only those of rudders, of frequencies only those of shafts are known; ids of orders mean nothing.
-    """
+    """What the local id ``channel`` of ISO 19848, such as /dnv-v2/vis-3-11a/421.2/HS5-P/meta/qty-angle, means. Of
+    angles only those of rudders, of frequencies only those of shafts are known; ids of orders mean nothing."""
     node, _, tags = channel.partition("/meta/")
     said = dict(tag.split("-", 1) for tag in tags.split("/") if "-" in tag)
     if "/vis-" not in channel or re.search(SET, f"{said.get('type', '')} {said.get('cmd', '')}"):
@@ -151,10 +149,8 @@ def _own_ship(path: Path, values: list[Any], ships: Counter[str]) -> str:
 
 
 def read_iso19848(path: Path, chosen: ImportMap) -> RawTable:
-    """The table of the time series package in ``path``, of its tabular and event data.
-
-    chosen: the map. Raises UserError where it is damaged or no package.
-    """
+    """The table of the time series package in ``path``, of its tabular and event data. chosen: the map. Raises
+    UserError where it is damaged or no package."""
     heard, codes = Heard(), Counter[str]()
     try:
         package = json.loads(read_bytes(path).decode("utf-8-sig", "replace"))["Package"]

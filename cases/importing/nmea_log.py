@@ -428,14 +428,13 @@ def is_nmea(content: bytes) -> bool:
     return mostly(content, SENTENCE)
 
 
-def read_nmea(path: Path, chosen: ImportMap | None = None) -> RawTable:
+def read_nmea(path: Path, chosen: ImportMap) -> RawTable:
     """The table of the log ``path``: a row for each moment at which something that is used was said.
 
     chosen: the map, of which ``zone_hours`` and ``ignore`` are used. What became of each talker and
     sentence is in the ``accounts`` of the table. Raises UserError where pynmeagps is missing, where neither a sentence
     nor a logger tells a time, where the times run backwards, and where no sentence is used.
     """
-    chosen = chosen or ImportMap()
     series, prefixes, rejected = _parsed(path, chosen.ignored_in(path))
     try:
         t, clock, notices = moments_of(series, logger_of(prefixes), str(path), chosen.zone_hours or 0.0)
@@ -592,8 +591,7 @@ class _Selection:
                 self.warnings.append(Message(words, "pitch_moves"))
 
     def _select_variation(self) -> None:
-        """The variation that the compass says, or else a receiver. Zeros alone are none: receivers without a model of
-        the earth's field write them."""
+        """That of the compass, or of a receiver. Zeros alone are none: receivers without a model say them."""
         compass = [name for name in self.series if "heading_magnetic" in self.used[name]]
         for name in (*compass, *self.sources("variation")) if compass else ():
             t, east = self.samples(name, "variation")

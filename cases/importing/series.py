@@ -93,9 +93,7 @@ def mostly(content: bytes, *patterns: re.Pattern[str]) -> bool:
 
 def seconds_of_stamp(stamp: Any) -> float:
     """Seconds since 1970 of a ``stamp`` with a date (in UTC where it names no zone), or of the day of one without.
-
-    Raises ValueError for one that is none.
-    """
+    Raises ValueError for one that is none."""
     match = STAMP.fullmatch(str(stamp).strip())
     if match is None:
         raise ValueError(f"'{str(stamp)[:40]}' is no time")

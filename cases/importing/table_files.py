@@ -207,10 +207,8 @@ def _roughness(values: np.ndarray, change: np.ndarray) -> float:
 
 
 def layout(path: Path, rows: list[list[str]], commented: Sequence[str], separator: str) -> Layout:
-    """How the ``rows`` of the file ``path`` hold a table; ``commented``: its comments; separator: of its cells.
-
-    Raises UserError where they hold none.
-    """
+    """How the ``rows`` of the file ``path`` hold a table; ``commented``: its comments; separator: of its cells. Raises
+    UserError where they hold none."""
     first = _first_data_row(path, rows, separator)
     width = len(rows[first])
     lines: list[list[str]] = []

@@ -103,10 +103,8 @@ TRUTH = {"r": "the heading changes", "psi": "the course changes"}
 
 
 def by_evidence(quantity: str, values: np.ndarray, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> tuple[str, str]:
-    """(unit, what shows it) of a ``quantity`` whose ``values`` (N,) have no unit; ("", "") where nothing shows it.
-
-    t: (N,) even times [s]; columns: of the same run, with known units.
-    """
+    """(unit, what shows it) of a ``quantity`` whose ``values`` (N,) have no unit; ("", "") where nothing shows it. t:
+    (N,) even times [s]; columns: of the same run, with known units."""
     slope = times_as_much(quantity, values, t, columns)
     off = {unit: abs(np.log(slope / scale)) for unit, scale in known_units(quantity).items() if unit not in RARE}
     ranked = sorted(off, key=lambda unit: off[unit])
@@ -203,9 +201,7 @@ class Late:
 
 def clock_problems(logs: Sequence[Log], chosen: ImportMap) -> list[str]:
     """A line for each pair of ``logs`` of a run whose clocks differ or drift, with what to add to the map ``chosen``.
-
-    None for files of whose clock it says something.
-    """
+    None for files of whose clock it says something."""
     problems = []
     for gyro, other in itertools.permutations(logs, 2):
         names = gyro.table.path.name, other.table.path.name
@@ -218,10 +214,8 @@ def clock_problems(logs: Sequence[Log], chosen: ImportMap) -> list[str]:
 
 
 def _course_late(gyro: Log, other: Log) -> Late | None:
-    """By how much the course in the log ``other`` is late against the heading in the log ``gyro``.
-
-    None where one of them lacks it, its unit is not known, or the ship swings too little.
-    """
+    """By how much the course in the log ``other`` is late against the heading in the log ``gyro``. None where one of
+    them lacks it, its unit is not known, or the ship swings too little."""
     if "psi" not in gyro.columns or "psi" in gyro.unitless or "psi" in other.columns:
         return None
     from scipy.ndimage import gaussian_filter1d
@@ -278,10 +272,8 @@ def _fitted(t: np.ndarray, psi: np.ndarray, course: np.ndarray, period: float) -
 
 
 def _course(log: Log, t: np.ndarray, width: float) -> np.ndarray | None:
-    """The course over ground in ``log`` at the times ``t`` (N,), unwrapped; None where there is none.
-
-    width: of the smoothing of positions, in steps.
-    """
+    """The course over ground in ``log`` at the times ``t`` (N,), unwrapped; None where there is none. width: of the
+    smoothing of positions, in steps."""
     from scipy.ndimage import gaussian_filter1d
 
     known = {name: values for name, values in log.columns.items() if name not in log.unitless}

@@ -147,8 +147,7 @@ def _of_side(quantity: str, side: str) -> str:
 
 
 def turn_in(name: str, unit: str, largest: float) -> float:
-    """The period of the quantity ``name`` in the ``unit`` of a file; without one ("") the ``largest`` number tells
-    degrees."""
+    """The period of the quantity ``name`` in a ``unit``; without one ("") the ``largest`` number tells degrees."""
     scale = factor(name, unit or ("deg" if largest > BEYOND_A_TURN else "rad"))
     return quantity(name).period / (scale or 1.0)
 

@@ -91,8 +91,7 @@ def folders_of(trials: Sequence[Trial]) -> list[str]:
 
 
 def day_of(trial: Trial) -> str:
-    """The day of a ``trial`` as ISO 8601 writes it: of its sidecar, of its name, or of a clock that counts since 1970;
-    "" where nothing tells it."""
+    """The day of a ``trial`` in ISO 8601: of its sidecar, its name or its clock; "" where nothing tells it."""
     texts = (trial.path.stem if trial.path is not None else "", trial.name)
     start = float(trial.t[0])
     clock = datetime.fromtimestamp(start, timezone.utc).date().isoformat() if CLOCK[0] < start < CLOCK[1] else ""
@@ -159,10 +158,8 @@ def campaign_labels(trials: Sequence[Trial]) -> list[str]:
 
 
 def campaign_among(trial: Trial, known: Iterable[str]) -> str | None:
-    """Which of the ``known`` campaigns a ``trial`` belongs to: by its sidecar, its day or its folder; None for none.
-
-    A trial whose sidecar names a campaign is of no other one.
-    """
+    """Which of the ``known`` campaigns a ``trial`` belongs to: by its sidecar, its day or its folder; None for none. A
+    trial whose sidecar names a campaign is of no other one."""
     names = list(known)
     if said := trial.meta.get("campaign", ""):
         return said if said in names else None
@@ -186,8 +183,7 @@ def ship_of_campaign(ship: Ship, name: str | None) -> Ship:
 
 
 def ship_in(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Message]]:
-    """The one ship that serves all ``trials``: as their campaign has it where that is one and known, else the mean; and
-    a message that says which."""
+    """The ship that serves all ``trials``, as their one campaign has it or else the mean, and which, as a message."""
     if not ship.campaigns:
         return ship, []
     campaigns = {campaign_among(trial, ship.campaigns) for trial in trials}
@@ -231,8 +227,7 @@ def _refuse_contradiction(trial: Trial, folder: str, folders: Sequence[str]) -> 
 
 
 def _no_dates(trials: Sequence[Trial], labels: Sequence[str]) -> list[Message]:
-    """A message on each of ``trials`` in whose name a date is no day of the calendar (2026-02-30), and nothing else
-    tells the day."""
+    """A message on each of ``trials`` whose name has a date of no calendar (2026-02-30), if nothing tells its day."""
     messages = []
     for trial, label in zip(trials, labels, strict=True):
         written = _written(trial.path.stem if trial.path is not None else trial.name)

@@ -38,10 +38,8 @@ LARGER = 0.95  # The larger changes from row to row: this quantile of them. Set 
 def masked(
     columns: Mapping[str, np.ndarray], wanted: Mapping[str, tuple[int, float]], further: Sequence[float]
 ) -> tuple[dict[str, np.ndarray], Counter[tuple[str, float]]]:
-    """``columns``, name -> (N,), in which what stands for no value is missing, and how often which number did.
-
-    wanted: name -> (number of the column, factor by which its values were multiplied); further: as in ``sentinels_in``.
-    """
+    """``columns``, name -> (N,), in which what stands for no value is missing, and how often which number did. wanted:
+    name -> (number of the column, factor by which its values were multiplied); further: as in ``sentinels_in``."""
     out, counts = dict(columns), Counter[tuple[str, float]]()
     for name, values in columns.items():
         factor = wanted[name][1]
@@ -163,10 +161,8 @@ _CAUSES = {
 
 
 def implausible(columns: Mapping[str, np.ndarray]) -> str:
-    """One sentence about the first contradiction between the units of the columns, "" when there is none.
-
-    columns: canonical name -> (N,) in house units; needs t, psi, r; uses x, y, u, v, n, rudders and wind if present.
-    """
+    """One sentence about the first contradiction between the units of the columns, "" when there is none. columns:
+    canonical name -> (N,) in house units; needs t, psi, r; uses x, y, u, v, n, rudders and wind if present."""
     if wrong := mislabelled(columns):
         return wrong[0][2]
     tests = (_full_turn_jumps, _heading_and_rate, _heading_and_course, _spin)
@@ -332,10 +328,8 @@ def _in_time(columns: dict[str, np.ndarray], entry: SidecarEntry, notices: list[
 
 
 def _move_to_midship(out: dict[str, np.ndarray], entry: SidecarEntry, notices: list[Message]) -> None:
-    """Positions and velocities of the measured point P = (l_x, l_y) taken to midship.
-
-    x0 = x_P - l_x cos psi + l_y sin psi, y0 = y_P - l_x sin psi - l_y cos psi; u = u_P + l_y r, v = v_P - l_x r.
-    """
+    """Positions and velocities of the measured point P = (l_x, l_y) taken to midship. x0 = x_P - l_x cos psi + l_y sin
+    psi, y0 = y_P - l_x sin psi - l_y cos psi; u = u_P + l_y r, v = v_P - l_x r."""
     point = entry.reference_point
     l_x, l_y = point.x, point.y
     if l_x == 0.0 and l_y == 0.0:

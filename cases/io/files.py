@@ -65,10 +65,8 @@ def opened(path: Path) -> BinaryIO:
 
 
 def file_hash(path: Path, largest: int = LARGEST) -> str:
-    """The SHA-256 of the ordinary file ``path``, read in pieces.
-
-    largest: most bytes that it may have. Raises UserError as ``check_file`` does.
-    """
+    """The SHA-256 of the ordinary file ``path``, read in pieces. largest: most bytes that it may have. Raises UserError
+    as ``check_file`` does."""
     check_file(path, largest)
     return lines_and_hash(path)[1]
 
@@ -128,9 +126,7 @@ def replace_text(path: Path, text: str) -> None:
 @contextlib.contextmanager
 def replaced(path: Path) -> Iterator[Path]:
     """A file beside ``path`` to write to, which takes its place at the end. Raises OSError where that is not possible.
-
-    Where the writing fails nothing is left behind, and what processes have left that were killed here is removed.
-    """
+    Where the writing fails nothing is left behind, and what processes have left that were killed here is removed."""
     _remove_leftovers(path)
     scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")  # beside it: only there a rename is atomic
     lock = os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)

@@ -27,10 +27,8 @@ MIYAUCHI_TRAIN_R, MIYAUCHI_TRAIN_TR, MIYAUCHI_TRAIN_TRZ, MIYAUCHI_TEST = list(SP
 
 
 def data_folder() -> Path:
-    """The folder that holds ``frt-ds-esso``: $MMG_DATA, else ../shared/data from here or from the repository.
-
-    Raises UserError when none of them exists.
-    """
+    """The folder that holds ``frt-ds-esso``: $MMG_DATA, else ../shared/data from here or from the repository. Raises
+    UserError when none of them exists."""
     if named := os.environ.get("MMG_DATA"):
         if not Path(named).is_dir():
             raise Missing(f"MMG_DATA={named}: no such folder; set it to the folder that holds frt-ds-esso")
@@ -42,10 +40,8 @@ def data_folder() -> Path:
 
 
 def find(names: Iterable[str]) -> list[Path]:
-    """Paths of the records with these ``names``, in their order.
-
-    Raises UserError naming the records that are not on this machine.
-    """
+    """Paths of the records with these ``names``, in their order. Raises UserError naming the records that are not on
+    this machine."""
     folder = data_folder() / "frt-ds-esso"
     if not folder.is_dir():
         raise Missing(f"{folder}: no such folder; clone FRT-DS-ESSO there or set MMG_DATA to its parent")

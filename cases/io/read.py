@@ -243,8 +243,7 @@ APPARENT = ("apparent_wind_speed", "apparent_wind_direction", "psi", "u", "v")  
 def _ancestors(
     columns: Mapping[str, np.ndarray], labels: Mapping[str, tuple[str, str]], entry: SidecarEntry
 ) -> dict[str, tuple[str, ...]]:
-    """What of the ``columns`` was not measured: derived before the file was written, by the sidecar, on reading, or
-    assumed. labels: of those in the file."""
+    """What of the ``columns`` was not measured. labels: of those in the file."""
     new = [name for name in columns if name not in labels]
     on_reading = {name: APPARENT if name in ("wind_speed", "wind_direction") else () for name in new}
     return on_reading | {name: tuple(parts) for name, parts in entry.derived.items() if name in columns}

@@ -126,8 +126,7 @@ BLANKS = " \u00a0\u202f'\u2019"
 
 @dataclass(frozen=True)
 class Text:
-    """Text in a column of numbers: the first ``row`` with any (0 = first below the header), what it holds, and the
-    ``count`` of such cells."""
+    """Text in a column of numbers: the first ``row`` with any, from 0, what it holds, the ``count`` of such cells."""
 
     row: int
     text: str

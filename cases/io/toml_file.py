@@ -69,10 +69,8 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
 
 def checked(schema: type[S], data: dict[str, Any]) -> tuple[S | None, list[str]]:
-    """The content of ``data`` by a ``schema``, and a sentence for each thing that is wrong with it.
-
-    What is wrong is left out of the content, so that the rest can be checked further; None where nothing is left.
-    """
+    """The content of ``data`` by a ``schema``, and a sentence for each thing that is wrong with it. What is wrong is
+    left out of the content, so that the rest can be checked further; None where nothing is left."""
     problems: list[str] = []
     rest = copy.deepcopy(data)
     for _ in range(4):  # a value that is left out may make its table incomplete; 4 levels: set by hand
