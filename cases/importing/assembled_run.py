@@ -54,11 +54,9 @@ class ImportedRun:
 
 
 def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[float, float] | None) -> ImportedRun:
-    """The run called ``name`` of these ``logs``, by the map ``chosen``.
-
-    origin: latitude and longitude [deg] of the local frame, or None without any. Raises UserError where logs do not
-    overlap, a unit stays unknown, or heading, motion, revolutions or rudder are missing: all that is wrong, at once.
-    """
+    """The run called ``name`` of these ``logs``, by the map ``chosen``. origin: latitude and longitude [deg] of the
+    local frame, or None without any. Raises UserError where logs do not overlap, a unit stays unknown, or heading,
+    motion, revolutions or rudder are missing: all that is wrong, at once."""
     logs = [with_units_of_size(log) for log in logs]
     where = " + ".join(log.name for log in logs)
     notices = [m for log in logs for m in log.notices]

@@ -172,11 +172,9 @@ def check_clock(clock: Clock, where: str) -> list[Message]:
 
 
 def within_stamps(t: np.ndarray, columns: Iterable[np.ndarray]) -> tuple[np.ndarray, list[Message]]:
-    """Times (N,) of rows, and what is said of those whose stamps ``t`` (N,) [s], in order, are alike.
-
-    columns: (N,) each. Where values change within stamps, these are coarser than the rows, as those of a clock that
-    shows whole seconds: the rows of a stamp are spread until the next. A stamp beside a gap may lack some of them.
-    """
+    """Times (N,) of rows, and what is said of those whose stamps ``t`` (N,) [s], in order, are alike. columns: (N,)
+    each. Where values change within stamps, these are coarser than the rows, as those of a clock that shows whole
+    seconds: the rows of a stamp are spread until the next. A stamp beside a gap may lack some of them."""
     stamps, first, count = np.unique(t, return_index=True, return_counts=True)
     repeated = len(t) - len(stamps)
     if not repeated or len(stamps) == 1:  # of a clock that stands still, which is refused later
@@ -264,11 +262,9 @@ def _part_unit(table: RawTable, header: str) -> float:
 
 
 def _padded(written: Callable[[], Any], t: np.ndarray) -> np.ndarray:
-    """Times ``t`` (N,), or, where these go on unevenly, those whose digits behind the point are a count of
-    nanoseconds (or others) without leading zeros, as some programs write "12.5000000" for 12.005 s.
-
-    written: gives the cells as they are in the file, or None.
-    """
+    """Times ``t`` (N,), or, where these go on unevenly, those whose digits behind the point are a count of nanoseconds
+    (or others) without leading zeros, as some programs write "12.5000000" for 12.005 s. written: gives the cells as
+    they are in the file, or None."""
     uneven = _unevenness(t)
     words = written() if uneven >= UNEVEN else None
     parts = [str(word).replace(",", ".").rpartition(".") for word in words] if words is not None else []

@@ -214,11 +214,9 @@ ACTUATORS = {"n", "n_2", "n_bow", "n_stern", "n_azimuth", "delta"}
 
 
 def grouped(logs: Sequence[Log], chosen: ImportMap) -> list[list[Log]]:
-    """The ``logs`` of each run, in the order of their first files.
-
-    chosen: the map. Logs of one run are those with the same ``run`` in it. Others are joined where they lie in one
-    folder, their clocks are absolute and overlap, and one that is not complete by itself adds what the others lack.
-    """
+    """The ``logs`` of each run, in the order of their first files. chosen: the map. Logs of one run are those with the
+    same ``run`` in it. Others are joined where they lie in one folder, their clocks are absolute and overlap, and one
+    that is not complete by itself adds what the others lack."""
     runs: list[list[Log]] = []
     for log in logs:
         name = chosen.of(log.table.path).run

@@ -499,11 +499,9 @@ STATES = ("latitude", "longitude", "x", "y", "psi", "sog", "cog", "u", "v", "r")
 
 
 def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[Message]]:
-    """The ``channels`` (each (N,)) with NaN where a state stands still, and what was found.
-
-    t: (N,) seconds. How often a channel repeats its value by rounding alone is taken from the channel itself. A stretch
-    counts where the channel jumps at its end, or, at the end of the log, where most other states go on moving.
-    """
+    """The ``channels`` (each (N,)) with NaN where a state stands still, and what was found. t: (N,) seconds. How often
+    a channel repeats its value by rounding alone is taken from the channel itself. A stretch counts where the channel
+    jumps at its end, or, at the end of the log, where most other states go on moving."""
     out, said = dict(channels), []
     states = [name for name in STATES if name in channels]
     for name in states:

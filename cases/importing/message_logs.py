@@ -85,11 +85,9 @@ def is_iso19848(content: bytes) -> bool:
 
 
 def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
-    """The table of the deltas in ``path``, of the own ship; each source of each path has times of its own.
-
-    chosen: the map. Raises UserError where several ships could be the own one, two sources say the same, and headings
-    are magnetic without a variation.
-    """
+    """The table of the deltas in ``path``, of the own ship; each source of each path has times of its own. chosen: the
+    map. Raises UserError where several ships could be the own one, two sources say the same, and headings are magnetic
+    without a variation."""
     values, own, damaged = [], "", 0
     for line in read_bytes(path).decode("utf-8", "replace").splitlines():
         try:
@@ -234,11 +232,9 @@ def is_nmea2000(content: bytes) -> bool:
 
 
 def read_nmea2000(path: Path, chosen: ImportMap) -> RawTable:
-    """The table of the log ``path``; each source of each group of parameters has times of its own.
-
-    chosen: the map; its ``variation`` is that of magnetic headings where the log has none. Raises UserError where
-    nmea2000 is missing, lines have no times, two sources say the same, and headings are magnetic without a variation.
-    """
+    """The table of the log ``path``; each source of each group of parameters has times of its own. chosen: the map; its
+    ``variation`` is that of magnetic headings where the log has none. Raises UserError where nmea2000 is missing, lines
+    have no times, two sources say the same, and headings are magnetic without a variation."""
     messages, damaged, units, others = [], 0, UNKNOWN, Counter[str]()
     decoders = _decoders(path)
     lines = [line for line in read_bytes(path).decode("latin-1").splitlines() if line.strip() and line[0] != "#"]

@@ -245,12 +245,9 @@ def _fine(t: np.ndarray) -> bool:
 
 def _clock_offset(logged: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> tuple[np.ndarray | None, float]:
     """Seconds (L,) by which a logger with stamps ``logged`` (L,) [s] is ahead of UTC at its lines, and by which
-    sentences of the receiver come after their fix; None where it is no clock to go by.
-
-    fix_at, fix_t: lines and times (F,) of fixes. A clock that is ahead by whole quarters of an
-    hour and up to LATE is set to its zone, and the rest is the delay of the receiver: a clock that is not set would
-    hardly be as near.
-    """
+    sentences of the receiver come after their fix; None where it is no clock to go by. fix_at, fix_t: lines and times
+    (F,) of fixes. A clock that is ahead by whole quarters of an hour and up to LATE is set to its zone, and the rest is
+    the delay of the receiver: a clock that is not set would hardly be as near."""
     known = np.isfinite(logged[fix_at])
     if not _fine(logged) or known.sum() < 2:
         return None, 0.0
@@ -266,11 +263,9 @@ def _clock_offset(logged: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> 
 
 
 def _by_order(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> np.ndarray:
-    """Times (N,) [s] of the sentences ``at`` (N,) of one source between fixes ``fix_at`` (F,) with times (F,).
-
-    They lie evenly, and the first one behind a fix is not earlier than it. Where the log begins with one sentence of
-    the source and ends with a fix, they are said before the fix of their time, and the last one is not later.
-    """
+    """Times (N,) [s] of the sentences ``at`` (N,) of one source between fixes ``fix_at`` (F,) with times (F,). They lie
+    evenly, and the first one behind a fix is not earlier than it. Where the log begins with one sentence of the source
+    and ends with a fix, they are said before the fix of their time, and the last one is not later."""
     t, steady = _behind_fixes(at, fix_at, fix_t)
     if steady and int((at < fix_at[0]).sum()) == 1 and at[-1] < fix_at[-1]:
         return -_behind_fixes(-at[::-1], -fix_at[::-1], -fix_t[::-1])[0][::-1]  # the same, with time reversed

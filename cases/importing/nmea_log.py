@@ -485,11 +485,9 @@ def _parsed(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str]
 
 
 class _Selection:
-    """The choice of a source for each column of a log.
-
-    series, t: by name, and their times; rejected: counts by (sentence, why); columns: samples of those that are chosen;
-    used: columns by series; why: what else is to be said of a series.
-    """
+    """The choice of a source for each column of a log. series, t: by name, and their times; rejected: counts by
+    (sentence, why); columns: samples of those that are chosen; used: columns by series; why: what else is to be said of
+    a series."""
 
     def __init__(self, series: dict[str, Series], t: dict[str, np.ndarray], rejected: Counter[tuple[str, str]]) -> None:
         self.series, self.t, self.rejected = series, t, rejected

@@ -133,11 +133,9 @@ def split_unit(cell: str) -> tuple[str, str]:
 def raw_table(
     path: Path, name: str, cells: list[str], units: list[str], frame: Any, notices: list[Message]
 ) -> RawTable:
-    """A table with header ``cells`` (C,), whose units are taken out of them where ``units`` (C,) has none.
-
-    path, name, frame, notices: as of ``RawTable``. Columns without header and cells are left out. Raises UserError for
-    two columns of the same name, for no column, and for more than MOST_COLUMNS.
-    """
+    """A table with header ``cells`` (C,), whose units are taken out of them where ``units`` (C,) has none. path, name,
+    frame, notices: as of ``RawTable``. Columns without header and cells are left out. Raises UserError for two columns
+    of the same name, for no column, and for more than MOST_COLUMNS."""
     if len(cells) > MOST_COLUMNS:
         raise OutOfRange(f"{name}: has {len(cells)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
     parts = [split_unit(cell) for cell in cells]

@@ -248,11 +248,9 @@ UNIT = r"units?|uom"
 
 
 def pivoted(table: RawTable, chosen: ImportMap) -> RawTable:
-    """The ``table`` with a column for each name in it, where it is a long one; else as it is.
-
-    A long table has columns of times, names, which are words, and values; a column of units if any. chosen: the map.
-    Raises UserError where rows of one name have several units, and as ``table_of_series``.
-    """
+    """The ``table`` with a column for each name in it, where it is a long one; else as it is. A long table has columns
+    of times, names, which are words, and values; a column of units if any. chosen: the map. Raises UserError where rows
+    of one name have several units, and as ``table_of_series``."""
     times = [h for h in table.headers if meaning(h).quantity == "t"]
     words = {h: plain_words(h) for h in table.headers}
     values = [h for h in table.headers if re.fullmatch(VALUE, words[h])]

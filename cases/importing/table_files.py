@@ -124,12 +124,10 @@ def _from_places(path: Path) -> Iterator[bytes]:
 def _marks(
     path: Path, found: Layout, columns: Sequence[Sequence[str]], decimal: str
 ) -> tuple[list[int], dict[int, str]]:
-    """Columns with decimal commas, and those with characters between thousands: number -> the characters.
-
-    columns: cells of each; decimal: what the map says. "1,234" is 1234 or 1.234: the reading is taken that lies within
-    the limits of the quantity, along which the column runs smoothly, or that other columns of the file show. Raises
-    OpenQuestion where none of these tells.
-    """
+    """Columns with decimal commas, and those with characters between thousands: number -> the characters. columns:
+    cells of each; decimal: what the map says. "1,234" is 1234 or 1.234: the reading is taken that lies within the
+    limits of the quantity, along which the column runs smoothly, or that other columns of the file show. Raises
+    OpenQuestion where none of these tells."""
     cells = [[cell for cell in column if cell] for column in columns]
     shown = decimal or _decimal_of(cells)
     grouped: dict[int, str] = {}
@@ -316,11 +314,9 @@ def _are_units(cells: list[str]) -> bool:
 
 
 def read_excel_tables(path: Path) -> list[RawTable]:
-    """The tables of the workbook ``path``, one of each visible sheet that holds numbers below a header.
-
-    Raises UserError where openpyxl is missing, the file is no workbook, no sheet holds a table, or a cell holds a
-    formula that no program has calculated.
-    """
+    """The tables of the workbook ``path``, one of each visible sheet that holds numbers below a header. Raises
+    UserError where openpyxl is missing, the file is no workbook, no sheet holds a table, or a cell holds a formula that
+    no program has calculated."""
     openpyxl = needed("openpyxl", f"{path}: an Excel file, which may be saved as CSV instead,")
     content = read_bytes(path)
     try:

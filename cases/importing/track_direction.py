@@ -34,11 +34,9 @@ READINGS = {"": "", "exchanged": "", "with another sign of {a}": "a", "with anot
 
 
 def check_direction(columns: Mapping[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap) -> None:
-    """Raises OpenQuestion where positions go along course and heading only once they are read in another way.
-
-    columns: quantities (N,) of the run at even times; logs: it came from; chosen: the map, which is believed where it
-    names a column of positions.
-    """
+    """Raises OpenQuestion where positions go along course and heading only once they are read in another way. columns:
+    quantities (N,) of the run at even times; logs: it came from; chosen: the map, which is believed where it names a
+    column of positions."""
     unitless = {quantity for log in logs for quantity in log.unitless}
     directions = {name: columns[name] for name in ("cog", "psi") if name in columns and name not in unitless}
     derived = not {"u", "v"} <= set(columns)  # logged ones tell mmg check more
@@ -60,11 +58,9 @@ def check_direction(columns: Mapping[str, np.ndarray], logs: Sequence[Log], chos
 
 
 def _meant(a: np.ndarray, b: np.ndarray, directions: Mapping[str, np.ndarray], globe: bool) -> str:
-    """Which of READINGS lets positions ``a`` to the north and ``b`` to the east, (N,) each, go along the
-    ``directions`` [rad, (N,) each]; "" where they do as they are, and where nothing shows it.
-
-    globe: whether they are degrees of latitude and longitude.
-    """
+    """Which of READINGS lets positions ``a`` to the north and ``b`` to the east, (N,) each, go along the ``directions``
+    [rad, (N,) each]; "" where they do as they are, and where nothing shows it. globe: whether they are degrees of
+    latitude and longitude."""
     pairs = dict(zip(READINGS, ((a, b), (b, a), (-a, b), (a, -b), (-a, -b)), strict=True))
     best: tuple[float, str] = (FITS, "")
     for span in SPANS:
@@ -117,11 +113,9 @@ def by_evidence(quantity: str, values: np.ndarray, t: np.ndarray, columns: Mappi
 def check_units(
     t: np.ndarray, columns: Mapping[str, np.ndarray], logs: Sequence[Log], chosen: ImportMap
 ) -> list[Message]:
-    """What is said where a speed, turn rate or heading does not fit the positions, the heading or the course.
-
-    columns: (N,) at the even times ``t`` (N,) [s]; logs: they came from; chosen: the map, which is believed. Raises
-    OpenQuestion where they would fit in other units than those that are written.
-    """
+    """What is said where a speed, turn rate or heading does not fit the positions, the heading or the course. columns:
+    (N,) at the even times ``t`` (N,) [s]; logs: they came from; chosen: the map, which is believed. Raises OpenQuestion
+    where they would fit in other units than those that are written."""
     said = []
     for log, quantity in ((log, q) for log in logs for q in ("sog", "u", "r", "psi") if q in log.of and q in columns):
         given = chosen.columns_of(log.table.path)
@@ -152,10 +146,8 @@ def check_units(
 
 def times_as_much(quantity: str, values: np.ndarray, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> float:
     """How many times as far the ship goes or turns over parts of a run, by positions, heading or course, as the
-    ``values`` (N,) of the ``quantity`` "sog", "u", "r" or "psi" say; NaN where both have little in common.
-
-    columns: (N,) at the even times ``t`` [s].
-    """
+    ``values`` (N,) of the ``quantity`` "sog", "u", "r" or "psi" say; NaN where both have little in common. columns:
+    (N,) at the even times ``t`` [s]."""
     if quantity == "r" and "psi" in columns:
         path, rate = unwrapped(columns["psi"]), values
     elif quantity == "psi" and "cog" in columns:

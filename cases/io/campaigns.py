@@ -139,11 +139,8 @@ class Campaigns:
 
 
 def campaigns_of(trials: Sequence[Trial]) -> Campaigns:
-    """The campaigns of ``trials``.
-
-    Raises UserError where the sidecar names for a campaign another day than the file name, or another folder of
-    these trials than that in which the file lies.
-    """
+    """The campaigns of ``trials``. Raises UserError where the sidecar names for a campaign another day than the file
+    name, or another folder of these trials than that in which the file lies."""
     folders, labels = folders_of(trials), campaign_labels(trials)
     for trial, folder in zip(trials, folders, strict=True):
         _refuse_contradiction(trial, folder, folders)

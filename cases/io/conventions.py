@@ -59,11 +59,9 @@ def remarks(counts: Mapping[tuple[str, float], int]) -> list[Message]:
 
 
 def sentinels_in(values: np.ndarray, further: Sequence[float] = ()) -> dict[float, np.ndarray]:
-    """Number that stands for no value -> rows (N,) of ``values`` (N,) that hold it.
-
-    further: numbers that are known to stand for none. One that is only well known counts where the column jumps to it
-    and back, and never where most rows hold it.
-    """
+    """Number that stands for no value -> rows (N,) of ``values`` (N,) that hold it. further: numbers that are known to
+    stand for none. One that is only well known counts where the column jumps to it and back, and never where most rows
+    hold it."""
     out = {float(number): values == number for number in further if (values == number).any()}
     present = values[np.isfinite(values)]
     for number in np.setdiff1d(values[np.isin(values, WELL_KNOWN)], further).tolist():
@@ -83,10 +81,8 @@ def without_dropouts(
     channels: Mapping[str, np.ndarray], states: Sequence[str]
 ) -> tuple[dict[str, np.ndarray], Counter[tuple[str, float]]]:
     """The ``channels``, quantity -> (N,), with NaN for zeros of a logger that had no value, and how many of each.
-
     states: quantities that cannot jump to zero and back, as a heading or a speed; a rudder and revolutions can, and
-    their zeros count only in rows in which those of a state do.
-    """
+    their zeros count only in rows in which those of a state do."""
     zeros = {q: _dropouts(q, values, JUMP if q in states else STEP_OF_INPUT) for q, values in channels.items()}
     none = np.zeros(len(next(iter(channels.values()), ())), dtype=bool)
     rows = np.any([none, *(zeros[name] for name in states if name in zeros)], axis=0)  # in which a state dropped out
@@ -118,10 +114,7 @@ NEAR = 0.15  # rad; the short way between the ends of a crossing, less the integ
 
 def through_north(t: np.ndarray, psi: np.ndarray, r: np.ndarray | None) -> tuple[np.ndarray, int]:
     """``psi`` (N,) [rad] without false samples between the ends of each crossing of north, and how many crossings had
-    such.
-
-    t: (N,) [s]; r: measured turn rate (N,) [rad/s], or None; NaN where something is missing.
-    """
+    such. t: (N,) [s]; r: measured turn rate (N,) [rad/s], or None; NaN where something is missing."""
     if len(psi) < 10:
         return psi, 0
     angle = np.mod(psi, 2 * math.pi)

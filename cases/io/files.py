@@ -148,10 +148,8 @@ def replaced(path: Path) -> Iterator[Path]:
 @contextlib.contextmanager
 def filled(folder: Path, force: bool) -> Iterator[Path]:
     """A folder beside ``folder`` to write to, whose files come to it at the end: all, or none where the writing fails.
-
     force: files of the same names in a folder that holds some are replaced. Raises UserError where it holds some and
-    ``force`` is false, and where it cannot be written.
-    """
+    ``force`` is false, and where it cannot be written."""
     if folder.exists() and not folder.is_dir():
         raise BadValue(f"--out {folder}: is a file; name a folder")
     if folder.is_dir() and any(folder.iterdir()) and not force:
@@ -191,11 +189,9 @@ def _remove_leftovers(path: Path) -> None:
 
 @contextlib.contextmanager
 def alone(mark: Path) -> Iterator[bool]:
-    """While it lasts, no other process gets True for the file ``mark``, which is made, and removed at the end.
-
-    Yields False where another one has it. A file system that knows no locks keeps nobody out. Raises OSError where
-    the file cannot be made.
-    """
+    """While it lasts, no other process gets True for the file ``mark``, which is made, and removed at the end. Yields
+    False where another one has it. A file system that knows no locks keeps nobody out. Raises OSError where the file
+    cannot be made."""
     while True:
         handle = os.open(mark, os.O_RDWR | os.O_CREAT, 0o666)
         try:

@@ -136,11 +136,9 @@ LEAST_STEP = 1e-6  # No clock is finer [s]. Set by hand: bounds what is taken fo
 
 
 def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -> list[Trial]:
-    """The trials of several files and folders, in the order given (folders: by name).
-
-    paths: one or several; a folder stands for the .csv and .parquet files in it, or in its sub-folders when it holds
-    none itself; refuse: files whose units the numbers refute. Raises UserError for all that cannot be read.
-    """
+    """The trials of several files and folders, in the order given (folders: by name). paths: one or several; a folder
+    stands for the .csv and .parquet files in it, or in its sub-folders when it holds none itself; refuse: files whose
+    units the numbers refute. Raises UserError for all that cannot be read."""
     if not isinstance(paths, (str, Path, Iterable)):
         raise BadValue(f"trials: {type(paths).__name__} is none: give files or folders")
     files, trials, problems = trial_files(paths), list[Trial](), list[UserError]()

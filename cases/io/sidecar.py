@@ -196,10 +196,8 @@ def read_sidecar(path: Path) -> Sidecar:
 
 def sidecar_entry(trial: Path, notices: list[Message] | None = None) -> SidecarEntry:
     """What ``trials.toml`` beside a ``trial`` file says of it; without one, the defaults. Entries of files that are not
-    there are added to the ``notices``: a part of a folder is none of its mistakes.
-
-    Raises UserError as ``read_sidecar`` does.
-    """
+    there are added to the ``notices``: a part of a folder is none of its mistakes. Raises UserError as ``read_sidecar``
+    does."""
     path = trial.parent / NAME
     if not path.exists():
         return SidecarEntry()

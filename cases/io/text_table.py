@@ -243,10 +243,8 @@ class TextTable:
 
     def pieces(self, wanted: Collection[int]) -> Iterator[dict[int, np.ndarray]]:
         """The columns ``wanted``, by number, of one block after another: floats (N,), NaN for gaps, or, where a cell is
-        no number, objects: text without blanks around it, with decimal points, or None.
-
-        Raises UserError for rows with other numbers of cells.
-        """
+        no number, objects: text without blanks around it, with decimal points, or None. Raises UserError for rows with
+        other numbers of cells."""
         skip, line = self.skipped, 1
         for block, last in self.source() if self.source else blocks(self.path):
             kept, comments = _without_comments(block) if self.log else (block, 0)

@@ -49,11 +49,9 @@ class TrialTable:
     is_file: bool = True
 
     def numbers(self, wanted: Collection[int], clock: int | None = None) -> dict[int, np.ndarray]:
-        """The columns ``wanted``, by number, as floats (N,), NaN where a cell is empty.
-
-        clock: one that may hold time stamps or durations, which become seconds. Raises UserError on text, on numbers
-        that no trial holds, for no row, and for more than MOST_ROWS or MOST_CELLS.
-        """
+        """The columns ``wanted``, by number, as floats (N,), NaN where a cell is empty. clock: one that may hold time
+        stamps or durations, which become seconds. Raises UserError on text, on numbers that no trial holds, for no row,
+        and for more than MOST_ROWS or MOST_CELLS."""
         if self.rows > MOST_ROWS:
             raise OutOfRange(f"{self.path}: has {self.rows} rows, more than {MOST_ROWS}; divide it")
         if self.rows * len(wanted) > MOST_CELLS:
@@ -65,11 +63,9 @@ class TrialTable:
         return {i: np.concatenate([part[i] for part in parts]) for i in wanted}
 
     def columns(self, wanted: Wanted, sentinels: Sequence[float] | None, notices: list[Message]) -> Columns:
-        """The ``wanted`` columns in SI, every row or means of rows, infinite values and sentinels missing.
-
-        sentinels: further numbers that stand for no value, None where none are looked for; notices: are added to.
-        Raises UserError as ``numbers`` does, for no row, and where the clock of rows that are averaged runs backwards.
-        """
+        """The ``wanted`` columns in SI, every row or means of rows, infinite values and sentinels missing. sentinels:
+        further numbers that stand for no value, None where none are looked for; notices: are added to. Raises UserError
+        as ``numbers`` does, for no row, and where the clock of rows that are averaged runs backwards."""
         count = rows_together(self.rows)
         numbers = list(dict.fromkeys(index for index, _ in wanted.values()))
         pieces = self._floats(numbers, wanted["t"][0]) if count > 1 else iter([self.numbers(numbers, wanted["t"][0])])
