@@ -138,10 +138,9 @@ def _on_one_clock(
     if 0 < abs(round(step, 4) - step) < 1e-6:  # the last digits of a clock since 1970 are none
         step = round(step, 4) or step
     if last - first > MOST_ROWS * step:
-        raise OutOfRange(
-            f"{where}: the clock runs over {last - first:.4g} s, in steps of {step:.4g} s more than {MOST_ROWS} rows; "
-            "see whether it jumps, divide the log, or give a longer step in the map"
-        )
+        words = f"the clock runs over {last - first:.4g} s, in steps of {step:.4g} s more than {MOST_ROWS} rows"
+        advice = "see whether it jumps, divide the log, or give a longer step in the map"
+        raise OutOfRange(f"{where}: {words}; {advice}")
     t = np.arange(0.0, last - first + 1e-6 * step, step)  # with the last row, in spite of rounding
     columns: dict[str, np.ndarray] = {}
     taken: dict[str, Log] = {}

@@ -208,9 +208,9 @@ def check_forward(clock: Clock, where: str, before: int = 0, end: float = -np.in
     if len(back):
         i = int(back[0])
         row = before + (int(rows[i - 1]) + 1 if i else 0)
+        words = f"runs backwards by {t[i] - t[i + 1]:.3g} s after row {row} ({len(back)} such rows); divide the file"
         raise BadValue(
-            f"{where}: the clock '{clock.header}' runs backwards by {t[i] - t[i + 1]:.3g} s after row {row} "
-            f"({len(back)} such rows); divide the file there, or leave out the rows that were logged twice"
+            f"{where}: the clock '{clock.header}' {words} there, or leave out the rows that were logged twice"
         )
 
 

@@ -19,16 +19,7 @@ from cases.importing.assembled_run import CONVENTIONS, ImportedRun, assembled, g
 from cases.importing.import_map import NAME as MAP
 from cases.importing.import_map import POINT, ImportMap, OpenQuestion, Question, names_apart
 from cases.importing.log_columns import Log, log_of
-from cases.importing.message_logs import (
-    is_iso19848,
-    is_nmea2000,
-    is_signal_k,
-    read_iso19848,
-    read_nmea2000,
-    read_signal_k,
-    with_local_ids,
-)
-from cases.importing.nmea_log import is_nmea, read_nmea
+from cases.importing.message_logs import reader_of, with_local_ids
 from cases.importing.raw_table import RawTable, split_unit
 from cases.importing.robot_bags import MAGIC, bag_of, read_bag
 from cases.importing.series import pivoted
@@ -134,25 +125,15 @@ def _files_of(path: Path) -> list[Path]:
     if not path.is_dir():
         return [bag_of(path)]
     files = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file() and p.name != SIDECAR)
-    files = list(dict.fromkeys(bag_of(p) for p in files if p.suffix.lower() not in JSON or _messages_in(_begin(p))))
+    files = list(dict.fromkeys(bag_of(p) for p in files if p.suffix.lower() not in JSON or reader_of(_begin(p))))
     if not files:
         raise Missing(f"{path}: no logs in this folder ({', '.join(SUFFIXES)})")
     return files
 
 
-MESSAGES = (  # What tells the format of a log of messages by its begin, and what reads it.
-    (is_nmea2000, read_nmea2000), (is_nmea, read_nmea), (is_iso19848, read_iso19848), (is_signal_k, read_signal_k)
-)  # fmt: skip
-
-
 def _begin(path: Path) -> bytes:
     with opened(path) as stream:
         return stream.read(BEGIN)
-
-
-def _messages_in(begin: bytes) -> Callable[[Path, ImportMap], RawTable] | None:
-    """What reads the messages in a file of this ``begin``, None of other files."""
-    return next((read for is_of, read in MESSAGES if is_of(begin)), None)
 
 
 def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
@@ -167,7 +148,7 @@ def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
         return [read_bag(file, chosen)]
     if suffix in ARRAYS or begin.startswith(MATLAB) or is_hdf5(begin):
         return read_arrays(file, chosen)
-    if read := _messages_in(begin) or (read_signal_k if suffix in JSON else None):
+    if read := reader_of(begin, is_json=suffix in JSON):
         return [read(file, chosen)]
     if suffix == ".xls":
         raise BadValue(f"{file}: an old Excel file; save it as .xlsx or CSV")

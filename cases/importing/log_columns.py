@@ -353,12 +353,10 @@ def _orders(table: RawTable, of: Assigned) -> None:
         quantity = ordered(header)
         name, measured = f"{quantity}_order", of.mapped.get(quantity)
         if name in ORDERS and name not in of.mapped and measured and table.numeric(header):
-            unit = unit_in(table, name, ColumnMap.model_validate({"from": header})) or unit_in(
-                table, quantity, measured
-            )
+            columns = ((name, ColumnMap.model_validate({"from": header})), (quantity, measured))
+            unit = next(filter(None, (unit_in(table, q, column) for q, column in columns)), "")
             if factor(name, unit) is not None and f"{quantity}_sign" not in of.mapped:  # no column signs the order
-                said = {"from": header, "unit": unit, "sign": measured.sign}
-                of.mapped[name] = ColumnMap.model_validate(said)
+                of.mapped[name] = ColumnMap.model_validate({"from": header, "unit": unit, "sign": measured.sign})
                 del of.account[header]
 
 

@@ -1,12 +1,12 @@
-"""Logs of a message a line: NMEA 2000, by nmea2000 (candump, Yacht Devices, Actisense N2K ASCII, canboat's plain lines
-and its JSON), Signal K deltas, and time series packages of ISO 19848."""
+"""Logs of messages: NMEA 2000, by nmea2000 (candump, Yacht Devices, Actisense N2K ASCII, canboat's plain lines and its
+JSON), Signal K deltas, time series packages of ISO 19848; and which of these, or NMEA 0183, a file holds."""
 
 from __future__ import annotations
 
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 
 from cases.importing.clocks import DAY
 from cases.importing.import_map import ImportMap
+from cases.importing.nmea_log import is_nmea, read_nmea
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
 from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
@@ -74,14 +75,16 @@ def vis_meaning(channel: str) -> Meaning:
     return Meaning(known, "deg" if known in ("latitude", "longitude") else "")
 
 
-def is_signal_k(content: bytes) -> bool:
-    """Whether most lines of the begin of ``content`` are deltas."""
-    return mostly(content, DELTA)
-
-
-def is_iso19848(content: bytes) -> bool:
-    """Whether ``content`` begins as a time series package."""
-    return content.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"{") and b'"Package"' in content[:4096]
+def reader_of(begin: bytes, is_json: bool = False) -> Callable[[Path, ImportMap], RawTable] | None:
+    """What reads the messages in a file of this ``begin``, None of other files; is_json: its name says that it is JSON,
+    which is Signal K where nothing else is shown."""
+    if mostly(begin, *LINES, UNTIMED, JSON):
+        return read_nmea2000
+    if is_nmea(begin):
+        return read_nmea
+    if begin.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"{") and b'"Package"' in begin[:4096]:
+        return read_iso19848
+    return read_signal_k if is_json or mostly(begin, DELTA) else None
 
 
 def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
@@ -224,11 +227,6 @@ WIND = {  # Reference of 130306 -> what speed and angle are.
 SI = {"angle": "rad", "rate": "rad/s", "shaft": "Hz"}
 STD = {"angle": "deg", "rate": "deg/s", "shaft": "rpm"}
 UNKNOWN = dict.fromkeys(SI, "")
-
-
-def is_nmea2000(content: bytes) -> bool:
-    """Whether most lines of the begin of ``content`` are messages of NMEA 2000."""
-    return mostly(content, *LINES, UNTIMED, JSON)
 
 
 def read_nmea2000(path: Path, chosen: ImportMap) -> RawTable:
