@@ -164,8 +164,10 @@ def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _Li
         for less, slower in itertools.product(STARTS, STARTS)
     ]
     # To 1 % of a standard deviation and far below AS_LIKELY. Set by hand.
-    options = {"xatol": 0.02, "fatol": 0.05, "maxfev": 160}
-    best = minimize(cost, min(starts, key=cost), method="Nelder-Mead", bounds=Bounds(*limits), options=options)
+    best = minimize(
+        cost, min(starts, key=cost), method="Nelder-Mead", bounds=Bounds(*limits),
+        options={"xatol": 0.02, "fatol": 0.05, "maxfev": 160},
+    )  # fmt: skip
     logs, less = best.x, np.array([0.0, 0.08, 0.0])[: len(counts)]  # steps of 8 % of the width
     while logs[1] > limits[0, 1] + 0.08 and cost(logs - less) < best.fun + AS_LIKELY:
         logs = logs - less

@@ -159,8 +159,10 @@ class ImportMap(Section):
         content = self.model_dump(exclude_unset=True, by_alias=True)
         entry = dict(content.setdefault("files", {}).get(name, {}))
         for key, value in change.items():  # one answer after another: tables and lists grow
-            old, lists = entry.get(key), isinstance(entry.get(key), list)
-            entry[key] = {**old, **value} if isinstance(old, dict) else [*old, *value] if lists else value
+            old = entry.get(key)
+            entry[key] = (
+                [*old, *value] if isinstance(old, list) else old | dict(value) if isinstance(old, dict) else value
+            )
         content["files"][name] = entry
         return validated(ImportMap, content, "answers")
 

@@ -123,11 +123,9 @@ class Assigned:
 
 def log_of(table: RawTable, chosen: ImportMap) -> Log:
     """The log in ``table``, by the map ``chosen`` and, where it says nothing, the words of the headers; of one that is
-    longer than MOST_KEPT rows, means of them.
-
-    Raises UserError for headers of the map that are absent, two columns of one quantity, no clock or two of them, a
-    clock that runs backwards, text in numbers, and a unit that does not belong to its quantity.
-    """
+    longer than MOST_KEPT rows, means of them. Raises UserError for headers of the map that are absent, two columns of
+    one quantity, no clock or two of them, a clock that runs backwards, text in numbers, and a unit that does not belong
+    to its quantity."""
     of, notices = assigned(table, chosen), list(table.notices)
     mapped = of.mapped
     scales, unitless = _scales(table, mapped, notices)
@@ -175,8 +173,8 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         raise TooFewData(f"{table.name}: column '{mapped['t'].header}' holds fewer than two times")
     t = columns.pop("t")
     notices += [*check_clock(replace(clock, t=t), table.name), *remarks(nothing)]
-    words_of = "rows do not hold, by their status, reference or source"
-    notices += [Message(f"{q}: {number} {words_of}", "masked") for q, number in lost.items() if number]
+    why = "rows do not hold, by their status, reference or source"
+    notices += [Message(f"{q}: {number} {why}", "masked") for q, number in lost.items() if number]
     if count > 1:
         kept = f"{table.rows} rows averaged by {count}: {len(t)} of {np.median(np.diff(t)):.4g} s are kept"
         notices.append(Message(kept, "rows_averaged"))
@@ -193,12 +191,12 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     # Zeros and lost satellites go first: between them a channel that stands still would not be seen to jump.
     columns, zeros = without_dropouts(columns, STATES)
     notices += remarks(zeros)
-    columns, lost_fixes = lost_satellites(columns)
+    columns, said = lost_satellites(columns)
     columns, frozen = stands_still(t, columns)
-    notices += [*lost_fixes, *frozen]
-    bare = replace(table, frame=table.frame.iloc[:0].copy(), clock=None, source=None, text=None)  # frees its cells
+    notices += [*said, *frozen]
     return Log(
-        bare, t, clock.absolute, columns, mapped, tuple(unitless), tuple(of.unknown), of.unsure,
+        replace(table, frame=table.frame.iloc[:0].copy(), clock=None, source=None, text=None),  # without its cells
+        t, clock.absolute, columns, mapped, tuple(unitless), tuple(of.unknown), of.unsure,
         "".join(words["ship"]) or table.ship, "".join(words["zone"]), tuple(notices),
         table.accounts or of.accounts(table), clock.zoned,
     )  # fmt: skip
