@@ -177,7 +177,7 @@ def _decimal_of(columns: Sequence[Sequence[str]]) -> str:
             plain = _all(rf"[+-]?\d*[{mark}]\d+([eE][+-]?\d+)?", marked)
             if marked and plain and not _all(GROUPED.format(mark=mark, decimal=other), marked):
                 count[mark] += 1
-    return count.most_common(1)[0][0] if count and len(set(count.values())) in (1, len(count)) else ""
+    return count.most_common(1)[0][0] if count else ""
 
 
 def _thousands(header: str, unit: str, column: Sequence[str], mark: str) -> bool | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -48,6 +49,7 @@ CASES: list[tuple[str, Callable[[Path], Path], str]] = [
     ("a short row",
      lambda p: rows(p, HEADER, [*lines(30), "2026;1;2", *lines()[31:]]),
      "line 32 has 3 cells, the header 7"),
+    ("a long row", lambda p: rows(p, HEADER, [*lines(30), line(30) + ";7;8", *lines()[31:]]), "line 32 has 9 cells"),
     ("mixed separators",
      lambda p: rows(p, HEADER, [*lines(30), line(30).replace(";", ","), *lines()[31:]]),
      "separated by ','"),
@@ -84,12 +86,17 @@ CASES: list[tuple[str, Callable[[Path], Path], str]] = [
 
 
 @pytest.mark.parametrize(("make", "words"), [case[1:] for case in CASES], ids=[case[0] for case in CASES])
-def test_a_bad_log_is_refused_in_one_line(tmp_path: Path, make: Callable[[Path], Path], words: str) -> None:
+def test_a_bad_log_is_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make: Callable[[Path], Path], words: str
+) -> None:
+    """Read at once, in pieces, and in pieces whose rows are averaged."""
     pytest.importorskip("pyproj", reason="needs the extra import")
-    import re
-
-    said = problem(make(tmp_path / "log.csv"))
-    assert re.search(words, said), said
+    path = make(tmp_path / "log.csv")
+    for kept, block in ((10**6, 2**21), (10**6, 500), (30, 500)):
+        monkeypatch.setattr("cases.io.text_table.MOST_KEPT", kept)
+        monkeypatch.setattr("cases.io.text_table.BLOCK", block)
+        said = problem(path)
+        assert re.search(words, said), said
 
 
 def test_all_problems_of_a_folder_are_said_and_nothing_is_written(

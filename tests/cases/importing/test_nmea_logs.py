@@ -354,18 +354,6 @@ def test_what_is_not_valid_says_nothing(tmp_path: Path, name: str, void: Body) -
     assert "nmea_void" in codes(tmp_path / "run.nmea")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("fields", "variation"), [("1.5,E,7.5,W", -6.0), (",,7.5,E", 7.5), ("2.0,W,3.0,W", -5.0)])
-def test_a_compass_with_its_variation_is_a_heading(tmp_path: Path, fields: str, variation: float) -> None:
-    def hdg(t: float) -> str:
-        return f"HCHDG,{(np.degrees(at(t, 'psi')) - variation) % 360:.3f},{fields}"
-
-    found = columns(log(tmp_path / "run.nmea", (rmc, 1.0), (hdg, 0.25), (rsa, 0.5), (rpm, 0.5)))
-    assert off(found, "psi") < 2 * TURN
-    both = columns(log(tmp_path / "b.nmea", *RATES["gyro 10 Hz"], (lambda t: "HCHDG,10.0,,,7.5,W", 0.25)))
-    assert off(both, "psi") < TURN
-
-
 def magnetic(t: float) -> str:
     return f"{(np.degrees(at(t, 'psi')) + 7.5) % 360:.3f}"  # a variation of 7.5 deg to the west
 
@@ -380,8 +368,13 @@ def test_a_magnetic_heading_asks_for_the_variation(tmp_path: Path, body: Body, m
     assert off(columns(path, validated(ImportMap, {"variation": -7.5}, "map")), "psi") < 2 * TURN
 
 
-@pytest.mark.parametrize(("more", "fields"), [("7.5,W,A", ",,,"), (",,A", ",,7.5,W"), ("3.0,E,A", "1.0,E,8.5,W")])
+@pytest.mark.parametrize(
+    ("more", "fields"),
+    [("7.5,W,A", ",,,"), (",,A", ",,7.5,W"), ("3.0,E,A", "1.0,E,8.5,W"), (",,A", "9.0,W,1.5,E")],
+)
 def test_a_variation_that_is_said_once_is_used(tmp_path: Path, more: str, fields: str) -> None:
+    """With the deviation of the compass, both to either side."""
+
     def hdg(t: float) -> str:
         deviation = ",".join(fields.split(",")[:2])
         return f"HCHDG,{magnetic(t)},{fields if t % 10 == 0 else f'{deviation},,'}"
@@ -394,6 +387,8 @@ def test_of_two_gyros_the_one_that_says_more_is_taken(tmp_path: Path) -> None:
     other = lambda t: f"GPHDT,{(np.degrees(at(t, 'psi')) + 3) % 360:.3f},T"  # noqa: E731
     path = log(tmp_path / "run.nmea", *RATES["gyro 10 Hz"], (other, 0.5))
     assert off(columns(path), "psi") < TURN and "doubled" in codes(path)
+    compass = log(tmp_path / "b.nmea", *RATES["gyro 10 Hz"], (lambda t: "HCHDG,10.0,,,7.5,W", 0.25))
+    assert off(columns(compass), "psi") < TURN
 
 
 def test_a_receiver_that_stands_still_is_seen_beside_a_faster_gyro(tmp_path: Path) -> None:

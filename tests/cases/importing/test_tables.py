@@ -418,35 +418,6 @@ def test_numbers_for_nothing_are_in_no_mean(tmp_path: Path, pieces: Callable[...
     assert any("-999" in m for m in found.runs[0].notices)
 
 
-Change = Callable[[list[str]], list[str]]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda lines: [*lines[:300], lines[100], *lines[301:]], "99.5"),
-        (lambda lines: [*lines[:300], lines[300].replace(";", ","), *lines[301:]], "301"),
-        (lambda lines: [*lines[:300], lines[300] + ";7;8", *lines[301:]], "line 301 has 11 cells"),
-        (lambda lines: [*lines[:300], lines[300].replace(";good", "T;good"), *lines[301:]], "row 299, column 'Rudder"),
-        (lambda lines: [*lines[:300], "noon" + lines[300][23:], *lines[301:]], "row 299: 'noon"),
-        (lambda lines: [line.replace("Time", "Foo") for line in lines], "no clock"),
-        (lambda lines: [x + (";Ship" if i == 1 else f";{i % 2}") for i, x in enumerate(lines)], "several ships"),
-    ],
-)  # fmt: skip
-def test_what_is_wrong_in_a_large_log_is_told_by_its_row(
-    tmp_path: Path, pieces: Callable[..., None], change: Change, words: str
-) -> None:
-    path = raw_logs.semicolons(tmp_path / "a.csv", raw_logs.run())
-    path.write_text("\n".join(change(path.read_text(encoding="cp1252").splitlines())) + "\n", encoding="cp1252")
-    small = import_logs([path], PORT).problems
-    for rows in (10**6, 100):
-        pieces(rows)
-        found = import_logs([path], PORT)
-        assert not found.runs and len(found.problems) == 1 and words in found.problems[0], found.problems
-    assert len(small) == 1 and words in small[0]
-
-
 def test_a_last_line_that_is_cut_off_is_left_out(tmp_path: Path, pieces: Callable[..., None]) -> None:
     """Also where the cut leaves a number that is no number, or another one, and of a log that is read in pieces."""
     path = raw_logs.semicolons(tmp_path / "a.csv", TRUTH)
