@@ -115,35 +115,12 @@ def test_means_do_not_depend_on_the_pieces() -> None:
         assert all(np.allclose(other[name], found[0][name], atol=1e-12) for name in truth)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ({"t": (500, 3.0)}, "= 49.9"),
-        ({"t": (500, 49.900000000000006)}, "501"),
-        ({"u": (700, 1e14)}, "'u [m/s]': 1e+14"),
-    ],
-)
-def test_what_is_wrong_in_a_long_file_is_told_by_its_row(
-    tmp_path: Path, few: Callable[[int], None], change: dict[str, tuple[int, float]], words: str
-) -> None:
-    truth = columns()
-    for name, (row, value) in change.items():
-        truth[name][row] = value
-    few(250)
-    with pytest.raises(UserError) as error:
-        read_trial(write_csv(tmp_path / "a.csv", truth, rows=None))
-    assert words in str(error.value)
-
-
-def test_text_and_short_ends_of_a_long_file(tmp_path: Path, few: Callable[[int], None]) -> None:
+def test_empty_rows_at_the_end_of_a_long_file_and_an_unknown_unit(tmp_path: Path, few: Callable[[int], None]) -> None:
     few(250)
     path = write_csv(tmp_path / "a.csv", columns(), rows=None)
-    lines = path.read_text().splitlines()
-    (tmp_path / "b.csv").write_text("\n".join([*lines[:801], lines[801].replace(",", ",ahead", 1), *lines[802:]]))
-    with pytest.raises(UserError, match=r"801.*'x \[m\]'.*'ahead.*'"):
-        read_trial(tmp_path / "b.csv")
-    (tmp_path / "c.csv").write_text("\n".join([*lines, "0" + "," * 10, "1" + "," * 10]))  # the clock starts anew, empty
-    assert np.abs(read_trial(tmp_path / "c.csv").t[-1] - read_trial(path).t[-1]) < 1.0
+    last = read_trial(path).t[-1]
+    path.write_text("\n".join([path.read_text().rstrip(), "0" + "," * 10, "1" + "," * 10]))  # the clock starts anew
+    assert np.abs(read_trial(path).t[-1] - last) < 1.0
     path.write_bytes(path.read_bytes().replace(b"psi [rad]", b"psi [grad]"))
     with pytest.raises(UserError, match="'grad'"):
         read_trial(path)

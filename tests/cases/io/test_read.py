@@ -57,12 +57,17 @@ def test_degrees_knots_and_rpm_are_converted_and_said(tmp_path):
 @pytest.mark.parametrize(
     ("line", "column", "text", "said"),
     [(17, 4, "fast", r"row 17, column 'u \[m/s\]': 'fast' is not a number"), (6, 0, "0.4", "repeats at row 6"),
-     (6, 0, "0.2", "runs backwards at row 6")],
+     (6, 0, "0.2", "runs backwards at row 6"), (151, 0, "3.0", "backwards at row 151: t = 14.9 s, then 3 s"),
+     (151, 4, "1e14", r"row 151, column 'u \[m/s\]': 1e\+14 is larger")],
 )  # fmt: skip
-def test_a_wrong_cell_is_named_with_its_row(tmp_path, line, column, text, said):
+def test_a_wrong_cell_is_named_with_its_row(tmp_path, monkeypatch, line, column, text, said):
+    """Read at once, in pieces, and in pieces whose rows are averaged."""
     path = write_csv(tmp_path / "run.csv")
     replaced(path, line, column, text)
-    refused(path, said)
+    for kept, block in ((10**6, 2**21), (10**6, 2000), (50, 2000)):
+        monkeypatch.setattr("cases.io.text_table.MOST_KEPT", kept)
+        monkeypatch.setattr("cases.io.text_table.BLOCK", block)
+        refused(path, said)
 
 
 def test_a_missing_column_or_unit_is_named_with_the_headers_found_and_the_mapping(tmp_path):
