@@ -108,8 +108,8 @@ def _parts_of_one_log(
         clocks.append(clock_of(table, time, said.unit if said else "", None, chosen.zone_hours))
         columns = {h: table.numbers(h) for h in others if table.numeric(h)}
         units = dict(zip(table.headers, table.units, strict=True))
-        own = {h: replace(means[h], unit=units[h] or means[h].unit) for h in columns}
-        series.append(SourceSeries(group, clocks[-1].t, columns, own))
+        with_units = {h: replace(means[h], unit=units[h] or means[h].unit) for h in columns}
+        series.append(SourceSeries(group, clocks[-1].t, columns, with_units))
     if len({clock.absolute for clock in clocks}) > 1:
         raise BadValue(f"{path}: its groups count time from different beginnings; leave some out in the map (ignore)")
     words = Message(f"{len(series)} parts of {path.name} joined on time", "joined")
@@ -143,11 +143,12 @@ def _vectors(tree: Mapping[str, Any], name: str, accounts: list[Account], depth:
             yield _matrix(below, values, array.names or _names_for(tree, min(values.shape)))
         else:
             accounts.append(Account(below, int(values.size), (), f"of shape {array.values.shape}"))
-    for length, own in vectors.items():
-        if len(own) > 1:
-            yield Vectors(name or "top", {k: a.values for k, a in own.items()}, {k: a.unit for k, a in own.items()})
+    for length, arrays in vectors.items():
+        if len(arrays) > 1:
+            units = {key: array.unit for key, array in arrays.items()}
+            yield Vectors(name or "top", {key: array.values for key, array in arrays.items()}, units)
         else:
-            accounts.append(Account(f"{name}/{next(iter(own))}".strip("/"), length, (), "no other has its length"))
+            accounts.append(Account(f"{name}/{next(iter(arrays))}".strip("/"), length, (), "no other has its length"))
 
 
 def _one_series(name: str, tree: Mapping[str, Any]) -> Vectors | None:

@@ -120,8 +120,8 @@ def _conventions(chosen: ImportMap, point: ReferencePoint | None, computed: Coll
     """What the map says of frames and signs; velocities that were ``computed`` are in body axes and at midship."""
     settings = chosen.model_dump(include=CONVENTIONS) | ({"velocity_frame": "body"} if computed else {})
     if point is not None and computed:  # ``derived_velocities`` has moved these to midship already
-        moved = point.applies_to in ("position", "both")
-        point = point.model_copy(update={"applies_to": "position"}) if moved else None
+        of_position = point.applies_to in ("position", "both")
+        point = point.model_copy(update={"applies_to": "position"}) if of_position else None
     return SidecarEntry(**settings, reference_point=point or ReferencePoint())
 
 
@@ -276,12 +276,12 @@ def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen:
 def with_units_of_size(log: Log) -> Log:
     """The ``log`` with units that the size of its numbers shows: angles beyond a turn are degrees."""
     for q in log.unitless:
-        own, largest = known(q).unit, float(np.nanmax(np.abs(log.columns[q]), initial=0.0))
+        si_unit, largest = known(q).unit, float(np.nanmax(np.abs(log.columns[q]), initial=0.0))
         tests = (
             (wraps(q) and BEYOND_A_TURN < largest <= 361, "deg", "more than a turn in radians"),
             ((q in RUDDERS or q == "pitch") and 1.75 < largest <= 110, "deg", "more than 100 deg if in radians"),
-            (own == "m" and largest > 2e4, "m", "of the size of eastings and northings"),
-            (own == "rps" and 60 < largest < 5000, "rpm", "and no shaft turns as often in a second"),
+            (si_unit == "m" and largest > 2e4, "m", "of the size of eastings and northings"),
+            (si_unit == "rps" and 60 < largest < 5000, "rpm", "and no shaft turns as often in a second"),
         )
         for fits, unit, why in tests:
             if fits:

@@ -234,9 +234,9 @@ def _numbers(table: RawTable, header: str, unit: str, time_columns: Mapping[str,
         first = float(weeks[np.isfinite(weeks)][0]) if np.isfinite(weeks).any() else 0.0
         zero = GPS_ZERO - GPS_AHEAD + WEEK * (first + (2048.0 if first < 1024 else 0.0))  # third era, since 2019
         return replace(clock, t=clock.t + zero, absolute=True, words="GPS weeks and seconds, as UTC")
-    for own, low, high, factor, zero, words in EPOCHS:
+    for epoch_unit, low, high, factor, zero, words in EPOCHS:
         steps = np.abs(np.diff(known))
-        if low <= middle < high and (own == name if own and name else not name):
+        if low <= middle < high and (epoch_unit == name if epoch_unit and name else not name):
             if factor == DAY and (len(steps) < 1 or np.median(steps) * DAY > 3600.0):  # counts of samples, not days
                 continue
             if words.startswith("days of a spread") and table.since_1904:

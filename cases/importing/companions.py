@@ -295,9 +295,9 @@ def _refer(header: str, words: set[str], targets: Sequence[str], mapped: dict[st
         column = mapped.pop(now, None) or ColumnMap.model_validate({"from": target})
         masks.account[target] = ((), f"'{header}' says {', '.join(sorted(words))}")
         for kind, name in names:
-            if (own := words & kind) and mapped.get(name, column).header == target:
+            if (hits := words & kind) and mapped.get(name, column).header == target:
                 mapped[name] = column
-                masks.of.setdefault(name, []).append((header, own))
+                masks.of.setdefault(name, []).append((header, hits))
                 used.append(name)
     if used:
         masks.account[header] = (tuple(used), "says what they are counted from")

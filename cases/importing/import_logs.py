@@ -233,9 +233,9 @@ def _completes(log: Log, run: Sequence[Log]) -> bool:
         return False
     if log.table.path.parent != run[0].table.path.parent:
         return False
-    own, theirs = set(log.columns), set().union(*(other.columns for other in run))
+    quantities, theirs = set(log.columns), set().union(*(other.columns for other in run))
     # A log that is complete is a run; one that says what a complete run holds already is another ship or sensor.
-    if _complete(own) or not own - theirs or (_complete(theirs) and own & theirs):
+    if _complete(quantities) or not quantities - theirs or (_complete(theirs) and quantities & theirs):
         return False
     begin, end = max(other.t[0] for other in run), min(other.t[-1] for other in run)
     common = min(end, log.t[-1]) - max(begin, log.t[0])
@@ -270,9 +270,9 @@ def map_text(imported: Imported, chosen: ImportMap) -> str:
     files: dict[str, dict[str, Any]] = {}
     named = names_apart([*(log.table.path for run in imported.runs for log in run.logs), *imported.skipped])
     for run, log in [(one, log) for one in imported.runs for log in one.logs]:
-        table, own = files.setdefault(named[log.table.path], {}), chosen.of(log.table.path)
-        table |= own.model_dump(exclude_unset=True, include={"clock_offset", "clock_drift", "rows", "decimal"})
-        if unused := [*own.ignore, *log.unsure]:
+        table, of_file = files.setdefault(named[log.table.path], {}), chosen.of(log.table.path)
+        table |= of_file.model_dump(exclude_unset=True, include={"clock_offset", "clock_drift", "rows", "decimal"})
+        if unused := [*of_file.ignore, *log.unsure]:
             table["ignore"] = list(dict.fromkeys([*table.get("ignore", []), *unused]))  # sheets share a file's entry
         if len(run.logs) > 1:
             table["run"] = run.name
@@ -306,8 +306,8 @@ def sidecar_text(imported: Imported, chosen: ImportMap, folder: Path) -> str:
     files = document.setdefault("files", tomlkit.table(is_super_table=True))
     names = {f"{run.name}.csv": run for run in imported.runs}
     for name in list(files):
-        there = any((folder / f"{name}{suffix}").is_file() for suffix in ("", ".csv", ".parquet"))
-        if not there and name not in names and f"{name}.csv" not in names:
+        exists = any((folder / f"{name}{suffix}").is_file() for suffix in ("", ".csv", ".parquet"))
+        if not exists and name not in names and f"{name}.csv" not in names:
             del files[name]
     point = chosen.reference_point if isinstance(chosen.reference_point, ReferencePoint) else None
     at_midship = {"reference_point": {"x": 0.0, "y": 0.0}} if point else {}  # the columns are moved there already

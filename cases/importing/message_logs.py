@@ -91,17 +91,17 @@ def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
     """The table of the deltas in ``path``, of the own ship; each source of each path has times of its own. chosen: the
     map. Raises UserError where several ships could be the own one, two sources say the same, and headings are magnetic
     without a variation."""
-    values, own, damaged = [], "", 0
+    values, own_ship, damaged = [], "", 0
     for line in read_bytes(path).decode("utf-8", "replace").splitlines():
         try:
             document = json.loads(line) if line.strip() else {}
-            own = str(document.get("self", own))
+            own_ship = str(document.get("self", own_ship))
             values += list(_values_of(document))
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             damaged += 1
     ships = Counter(context for context, *_ in values)  # AIS receivers put those around into the same log
-    own = own if own in ships else _own_ship(path, values, ships)
-    kept = [value[1:] for value in values if value[0] == own]
+    own_ship = own_ship if own_ship in ships else _own_ship(path, values, ships)
+    kept = [value[1:] for value in values if value[0] == own_ship]
     heard, gears, others = Heard(), dict[str, str](), Counter[str]()
     for t, name, source, value in kept:
         header = f"{name} ({source})"
@@ -116,8 +116,8 @@ def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
         else:
             others[name] += 1
     accounts = [Account(name, count, (), NOT_READ) for name, count in others.items()]
-    accounts += [Account(ship, count, (), "another ship") for ship, count in ships.items() if ship != own]
-    said = [Message(f"Signal K: {len(kept)} values of {own or 'the own ship'}", "signal_k")]
+    accounts += [Account(ship, count, (), "another ship") for ship, count in ships.items() if ship != own_ship]
+    said = [Message(f"Signal K: {len(kept)} values of {own_ship or 'the own ship'}", "signal_k")]
     if damaged:
         said.append(Message(f"lines that are damaged or no deltas, left out: {damaged}", "damaged"))
     clock = Clock(np.zeros(0), True, "time", "stamps of the updates")
@@ -142,11 +142,11 @@ def _values_of(document: Any) -> Iterator[tuple[str, float, str, str, Any]]:
 def _own_ship(path: Path, values: list[Any], ships: Counter[str]) -> str:
     """The ship whose heading, rudder or revolutions were logged: those that AIS tells of say neither of the last."""
     inner = ("steering.", "propulsion.", "navigation.headingMagnetic")
-    own = sorted({context for context, _, name, *_ in values if name.startswith(inner)} or ships)
-    if len(own) != 1:
-        words = f"values of several ships ({', '.join(own[:4])}) and none is named as self; keep the lines of one"
-        raise Conflict(f"{path}: {words}")
-    return own[0]
+    candidates = sorted({context for context, _, name, *_ in values if name.startswith(inner)} or ships)
+    if len(candidates) != 1:
+        words = f"values of several ships ({', '.join(candidates[:4])}) and none is named as self"
+        raise Conflict(f"{path}: {words}; keep the lines of one")
+    return candidates[0]
 
 
 def read_iso19848(path: Path, chosen: ImportMap) -> RawTable:
@@ -192,8 +192,8 @@ def _data_of(data: Any) -> Iterator[tuple[str, str, float, Any, str]]:
 
 def with_local_ids(table: RawTable) -> RawTable:
     """The ``table`` with what local ids among its headers mean."""
-    found = {header: means for header in table.headers if (means := vis_meaning(header)) != Meaning("")}
-    return replace(table, means=table.means | found) if found else table
+    ids = {header: means for header in table.headers if (means := vis_meaning(header)) != Meaning("")}
+    return replace(table, means=table.means | ids) if ids else table
 
 
 LINES = tuple(  # What is logged of frames, by identifier, and of whole messages, the first of which are Actisense's.
@@ -241,8 +241,8 @@ def read_nmea2000(path: Path, chosen: ImportMap) -> RawTable:
     absolute = True
     for line in lines:
         if line.lstrip().startswith("{"):
-            found, own = _of_json(line)
-            units = own or units
+            found, named_units = _of_json(line)
+            units = named_units or units
         else:
             found, units = _of_line(line, *decoders), SI
         if found is None:
@@ -274,8 +274,8 @@ def _decoders(path: Path) -> tuple[Any, Any]:
     decoder, formats = (needed(f"nmea2000.{part}", f"{path}: a log of NMEA 2000, with Python 3.11 or later,")
                         for part in ("decoder", "input_formats"))  # fmt: skip
     kinds = formats.N2KFormat.CANDUMP3, formats.N2KFormat.BASIC_STRING
-    frames, whole = (decoder.NMEA2000Decoder(kind, units="si") for kind in kinds)
-    return frames, whole
+    frames, messages = (decoder.NMEA2000Decoder(kind, units="si") for kind in kinds)
+    return frames, messages
 
 
 def _of_line(line: str, frames: Any, whole: Any) -> Found | None:

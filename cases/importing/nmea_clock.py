@@ -61,11 +61,11 @@ def logger_of(texts: Sequence[str]) -> Clock:
     kind, count = Counter(kind for kind, _, _ in read).most_common(1)[0] if read else ("", 0)
     if not kind or count <= 0.5 * len(read):
         return Clock(np.full(len(read), np.nan), False, "", "")
-    t = np.array([t if own == kind else np.nan for own, t, _ in read])
+    t = np.array([t if each == kind else np.nan for each, t, _ in read])
     if kind == "day":  # over midnight
         known = np.isfinite(t)
         t[known] = np.unwrap(t[known], period=DAY)
-    return Clock(t, kind != "day", kind, "of the logger", all(zoned for own, _, zoned in read if own == kind))
+    return Clock(t, kind != "day", kind, "of the logger", all(zoned for each, _, zoned in read if each == kind))
 
 
 def _stamp(text: str) -> tuple[str, float, bool]:
@@ -220,8 +220,8 @@ def _set_clocks(
         if len(anchor_at) and known.any():
             last = np.maximum(np.searchsorted(anchor_at, at, "right") - 1, 0)  # the anchor before each sentence
             if name not in dated:  # on the day that brings it nearest to the anchor
-                own = np.minimum(np.searchsorted(at[known], anchor_at), known.sum() - 1)
-                t = t + (DAY * np.round((anchor_t - t[known][own]) / DAY))[last]
+                nearest = np.minimum(np.searchsorted(at[known], anchor_at), known.sum() - 1)
+                t = t + (DAY * np.round((anchor_t - t[known][nearest]) / DAY))[last]
             far = known & (np.abs(t - anchor_t[last]) > UNSET)
             back = np.flatnonzero(known & ~far)
             turns = np.flatnonzero(np.diff(t[back]) < 0)
@@ -287,12 +287,12 @@ def _behind_fixes(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> tupl
     jumps = np.abs(np.diff(before[first]) - usual * np.diff(first)) > 1.5 * max(usual, step)
     parts = np.flatnonzero(jumps) + 1  # the source or the log was silent
     out = np.empty(len(at))
-    for rows, own in zip(np.split(np.arange(len(at)), first[parts]), np.split(first, parts), strict=True):
-        every, delays = usual, before[own] - usual * own
+    for rows, heads in zip(np.split(np.arange(len(at)), first[parts]), np.split(first, parts), strict=True):
+        every, delays = usual, before[heads] - usual * heads
         phases = median_filter(delays, FIXES, mode="nearest")  # keeps the steps where sentences are lost
-        if len(own) > 2 and np.mean(np.abs(delays - phases) > JITTER * usual) > UNSTEADY:
-            steady, every = False, float(np.polyfit(own, before[own], 1)[0])
-            phases = percentile_filter(before[own] - every * own, EARLY, 3 * FIXES, mode="reflect") + 0.5 * every
-        out[rows] = every * rows + phases[np.maximum(np.searchsorted(own, rows, "right") - 1, 0)]
+        if len(heads) > 2 and np.mean(np.abs(delays - phases) > JITTER * usual) > UNSTEADY:
+            steady, every = False, float(np.polyfit(heads, before[heads], 1)[0])
+            phases = percentile_filter(before[heads] - every * heads, EARLY, 3 * FIXES, mode="reflect") + 0.5 * every
+        out[rows] = every * rows + phases[np.maximum(np.searchsorted(heads, rows, "right") - 1, 0)]
     low = np.where(behind < 0, -np.inf, before - 0.5 * step)
     return np.maximum.accumulate(np.clip(out, low, after + 0.5 * step)), steady

@@ -503,9 +503,9 @@ class _Selection:
 
     def samples(self, name: str, column: str, rows: np.ndarray | None = None) -> Samples:
         """Of a column of a series; rows: of it alone."""
-        held = self.rows(name, column)
-        held = held if rows is None else held[np.isin(held, rows)]
-        return self.t[name][held], self.series[name].column(column)[held]
+        at = self.rows(name, column)
+        at = at if rows is None else at[np.isin(at, rows)]
+        return self.t[name][at], self.series[name].column(column)[at]
 
     def sources(self, *columns: str) -> list[str]:
         """The series that hold one of the ``columns``, that with most samples first, a water log (VHW) last."""
@@ -583,10 +583,10 @@ class _Selection:
         for name, shaft in itertools.product(self.series, SHAFTS):
             pitch = self.samples(name, f"blades {shaft}")[1]
             if len(pitch) and np.ptp(pitch) > MOVES:
-                moved = f"from {pitch.min():g} to {pitch.max():g} % of its largest, whose angle is not said"
-                words = f"{name}: the blades of the propeller move {moved}; revolutions alone do not tell its thrust"
-                self.rejected[f"{name} pitch", moved] += len(pitch)
-                self.warnings.append(Message(words, "pitch_moves"))
+                pitch_range = f"from {pitch.min():g} to {pitch.max():g} % of its largest, whose angle is not said"
+                words = f"{name}: the blades of the propeller move {pitch_range}"
+                self.rejected[f"{name} pitch", pitch_range] += len(pitch)
+                self.warnings.append(Message(f"{words}; revolutions alone do not tell its thrust", "pitch_moves"))
 
     def _select_variation(self) -> None:
         """That of the compass, or of a receiver. Zeros alone are none: receivers without a model say them."""

@@ -85,21 +85,21 @@ def read_text_log(path: Path, decimal: str = "") -> RawTable:
         raise TooFewData(f"{path}: {'holds nothing but comments; is it a table?' if lines else 'the file is empty'}")
     separator = _separator(path, body[: LOOKED_AT + PREAMBLE])
     rows = cells_of("\n".join(body[: LOOKED_AT + PREAMBLE]), separator)
-    found = layout(path, rows, [line for line in lines if is_comment(line)], separator)
-    width, notices = len(found.header), list(found.notices)
+    head = layout(path, rows, [line for line in lines if is_comment(line)], separator)
+    width, notices = len(head.header), list(head.notices)
     # All rows are looked at only where some number may have thousands apart: such a cell may be rare.
     if re.search(rf"(?<!\d)[1-9]\d{{0,2}}[,.{BLANKS}]\d{{3}}(?!\d)", sample.decode("utf-8", "replace")):
         rows = cells_of("\n".join(body), separator)
-    table = [[row[i].strip() for row in rows[found.first :] if i < len(row)] for i in range(width)]
-    commas, grouped = _marks(path, found, table, decimal)
+    table = [[row[i].strip() for row in rows[head.first :] if i < len(row)] for i in range(width)]
+    commas, grouped = _marks(path, head, table, decimal)
     if commas:
         notices.append(Message(f"decimal commas in {len(commas)} columns", "decimal_commas"))
     if grouped:
-        names = ", ".join(f"'{found.header[i]}'" for i in grouped)
+        names = ", ".join(f"'{head.header[i]}'" for i in grouped)
         notices.append(Message(f"marks between thousands in {names}", "thousands"))
     if separator != ",":
         notices.append(Message(f"cells are separated by {WORDS[separator]}", "separator"))
-    text = TextTable(path, width, found.first, True, separator, "," if commas else ".", grouped)
+    text = TextTable(path, width, head.first, True, separator, "," if commas else ".", grouped)
     if not long and count * width > MOST_CELLS:
         raise OutOfRange(f"{path}: more than {MOST_CELLS} cells; divide it")
     looked_at = replace(text, source=lambda: iter([(sample + b"\n", False)])) if long else text
@@ -108,8 +108,8 @@ def read_text_log(path: Path, decimal: str = "") -> RawTable:
     if not columns:
         raise TooFewData(f"{path}: holds no rows of data below a header")
     said = [*notices, *(() if long else text.notices())]
-    read = raw_table(path, str(path), found.header, found.units, pd.DataFrame(columns), said)
-    return replace(read, ship=found.ship, rows=count, source=text if long else None, text=None if long else text)
+    read = raw_table(path, str(path), head.header, head.units, pd.DataFrame(columns), said)
+    return replace(read, ship=head.ship, rows=count, source=text if long else None, text=None if long else text)
 
 
 def _from_places(path: Path) -> Iterator[bytes]:
@@ -368,12 +368,12 @@ def _of_sheet(path: Path, name: str, sheet: Any, hidden: Sequence[str], since_19
     rows = [row for row in rows if any(cell is not None for cell in row)]
     words = [["" if c is None else str(c) for c in row] for row in rows[: PREAMBLE + LOOKED_AT]]
     try:
-        found = layout(path, words, [], "; ") if words else None
+        head = layout(path, words, [], "; ") if words else None
     except BadValue:
         return []
-    if found is None or found.header[0] == f"{NUMBERED} 1":
+    if head is None or head.header[0] == f"{NUMBERED} 1":
         return []
-    notices = list(found.notices)
+    notices = list(head.notices)
     if hidden:
         notices.append(Message(f"hidden sheets, not read: {', '.join(hidden)}", "hidden_sheets"))
     columns = [c for c, dimension in sheet.column_dimensions.items() if dimension.hidden]
@@ -381,9 +381,9 @@ def _of_sheet(path: Path, name: str, sheet: Any, hidden: Sequence[str], since_19
     if columns or count:
         text = f"hidden columns ({', '.join(columns) or 'none'}) and rows ({count}) are read"
         notices.append(Message(text, "hidden"))
-    frame = pd.DataFrame(rows[found.first :], dtype=object)
-    table = raw_table(path, name, found.header, found.units, frame, notices)
-    return [replace(table, ship=found.ship, since_1904=since_1904)]
+    frame = pd.DataFrame(rows[head.first :], dtype=object)
+    table = raw_table(path, name, head.header, head.units, frame, notices)
+    return [replace(table, ship=head.ship, since_1904=since_1904)]
 
 
 def read_parquet(path: Path) -> RawTable:

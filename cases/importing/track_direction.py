@@ -47,13 +47,16 @@ def check_direction(columns: Mapping[str, np.ndarray], logs: Sequence[Log], chos
         meant = _meant(columns[a], columns[b], directions, globe=a == "latitude")
         if not meant:
             continue
-        own: dict[str, dict[str, Any]] = {q: {"from": log.of[q].header, "unit": log.of[q].unit} for q in (a, b)}
+        labelled: dict[str, dict[str, Any]] = {q: {"from": log.of[q].header, "unit": log.of[q].unit} for q in (a, b)}
         signs = {a: "a" in READINGS[meant], b: "b" in READINGS[meant]}
-        other = {name: {**column, "sign": -1} for name, column in own.items() if signs[name]} or {a: own[b], b: own[a]}
+        other = {name: {**column, "sign": -1} for name, column in labelled.items() if signs[name]} or {
+            a: labelled[b],
+            b: labelled[a],
+        }
         way, first, second = meant.format(a=a, b=b), log.of[a].header, log.of[b].header
         ways = " and ".join({"cog": "course", "psi": "heading"}[name] for name in directions)
         words = f"the ship goes along her {ways} where '{first}' and '{second}' are read {way}; correct the file"
-        choices = {way: {"columns": other}, f"as they are, with a wrong {ways}": {"columns": own}}
+        choices = {way: {"columns": other}, f"as they are, with a wrong {ways}": {"columns": labelled}}
         raise OpenQuestion(log.table.path, words, choices)
 
 

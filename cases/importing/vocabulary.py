@@ -159,8 +159,8 @@ def known_units(name: str) -> dict[str, float]:
 
 def factor(name: str, unit: str) -> float | None:
     """Factor from ``unit`` as written to that of the quantity ``name``, or None for one that does not belong to it."""
-    own, written = quantity(name).unit, unit.strip().lower()
-    return factor_of(own, FOREIGN.get(_without_accents(written), FOREIGN.get(written, unit)))
+    house_unit, written = quantity(name).unit, unit.strip().lower()
+    return factor_of(house_unit, FOREIGN.get(_without_accents(written), FOREIGN.get(written, unit)))
 
 
 def _without_accents(text: str) -> str:

@@ -86,7 +86,7 @@ def without_dropouts(
     zeros = {q: _dropouts(q, values, JUMP if q in states else STEP_OF_INPUT) for q, values in channels.items()}
     none = np.zeros(len(next(iter(channels.values()), ())), dtype=bool)
     rows = np.any([none, *(zeros[name] for name in states if name in zeros)], axis=0)  # in which a state dropped out
-    counts = Counter({(name, 0.0): int((own & rows).sum()) for name, own in zeros.items() if (own & rows).any()})
+    counts = Counter({(name, 0.0): int((lost & rows).sum()) for name, lost in zeros.items() if (lost & rows).any()})
     return {name: np.where(zeros[name] & rows, np.nan, values) for name, values in channels.items()}, counts
 
 
@@ -218,10 +218,10 @@ def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
     if len(t) < 20 or np.abs(psi).max() < 2 * math.pi + 0.1:
         return ""
     lag, misfit = max(1, min(20, len(t) // 10)), []
-    moved = place[lag:] - place[:-lag]
+    track = place[lag:] - place[:-lag]
     for unit in (1.0, DEG):
         way = integral(t, body * np.exp(1j * psi * unit))
-        misfit.append(float(np.linalg.norm(moved - way[lag:] + way[:-lag])) / max(float(np.linalg.norm(moved)), 1e-12))
+        misfit.append(float(np.linalg.norm(track - way[lag:] + way[:-lag])) / max(float(np.linalg.norm(track)), 1e-12))
     if misfit[1] < 0.35 and misfit[0] > max(0.3, 4 * misfit[1]):  # set by hand
         words = f"misses the track by {misfit[0]:.0%} as radians and by {misfit[1]:.0%} as degrees (correct the unit)"
         return f"psi holds degrees but is labelled rad: (u, v) turned by psi {words}"

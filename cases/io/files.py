@@ -172,17 +172,17 @@ def filled(folder: Path, force: bool) -> Iterator[Path]:
 
 def _remove_leftovers(path: Path) -> None:
     """Remove files of ``replaced`` whose process was killed: no other one holds them."""
-    for left in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
-        if not re.fullmatch(r"[0-9a-f]{8}\.part", left.name[len(path.name) + 2 :]):
+    for leftover in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        if not re.fullmatch(r"[0-9a-f]{8}\.part", leftover.name[len(path.name) + 2 :]):
             continue
         with contextlib.suppress(OSError):
             if not fcntl:
-                left.unlink()  # fails on Windows while it is open
+                leftover.unlink()  # fails on Windows while it is open
                 continue
-            handle = os.open(left, os.O_RDONLY)
+            handle = os.open(leftover, os.O_RDONLY)
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                left.unlink()
+                leftover.unlink()
             finally:
                 os.close(handle)
 

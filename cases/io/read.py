@@ -127,8 +127,8 @@ def _require(path: Path, header: list[str], taken: dict[str, tuple[int, str]]) -
     if missing := lacking(taken):
         advice = f"Name it '{missing[0]} [{accepted(missing[0])[0]}]', or map it: add to "
         advice += line_for(path, "", f'columns = {{ {missing[0]} = "HEADER" }}')
-        found = ", ".join(header[:MOST_SHOWN])
-        raise Missing(f"{path}: missing column {', '.join(missing)}; found: {found}. {advice}")
+        headers = ", ".join(header[:MOST_SHOWN])
+        raise Missing(f"{path}: missing column {', '.join(missing)}; found: {headers}. {advice}")
 
 
 SUFFIXES = (".csv", ".parquet")
@@ -377,8 +377,8 @@ SETTINGS = tuple(name for name in SidecarEntry.model_fields if name not in ("col
 def trial_from_pandas(frame: Any, name: str, units: Mapping[str, str] | None, settings: Mapping[str, Any]) -> Trial:
     """As ``Trial.from_pandas``, with its ``frame``, ``name``, ``units`` and ``settings``. Raises UserError as that."""
     if hasattr(frame, "data_vars"):  # a Dataset of xarray says units of its own
-        own = {str(name): v.attrs["units"] for name, v in frame.variables.items() if "units" in v.attrs}
-        units, frame = own | dict(units or {}), frame.to_dataframe()
+        of_variables = {str(name): v.attrs["units"] for name, v in frame.variables.items() if "units" in v.attrs}
+        units, frame = of_variables | dict(units or {}), frame.to_dataframe()
     if not hasattr(frame, "columns"):
         raise BadValue(f"{name}: from_pandas takes a DataFrame, not {type(frame).__name__}; see from_arrays")
     header, columns = [str(cell) for cell in frame.columns], [frame[cell].to_numpy() for cell in frame.columns]
@@ -402,8 +402,8 @@ def trial_from_arrays(name: str, given: Mapping[str, Any], units: Mapping[str, s
     if len(set(sizes.values())) > 1:
         lengths = ", ".join(f"{key} {size}" for key, size in sizes.items())
         raise Conflict(f"{name}: columns of different lengths ({lengths}); a sample has one number of each")
-    own = {key: quantity(key).unit for key in arrays} | dict(units or {})
-    return _made(list(arrays), list(arrays.values()), name, own, settings)
+    all_units = {key: quantity(key).unit for key in arrays} | dict(units or {})
+    return _made(list(arrays), list(arrays.values()), name, all_units, settings)
 
 
 def _made(

@@ -175,9 +175,9 @@ class Sidecar(Section):
 
     def entry(self, file: Path) -> SidecarEntry:
         """What it says of ``file``, by its name or its stem: that of the default, with that of the file over it."""
-        own = self.files.get(file.name, self.files.get(file.stem, SidecarEntry()))
+        of_file = self.files.get(file.name, self.files.get(file.stem, SidecarEntry()))
         values = (self.default or self.all or SidecarEntry()).model_dump(exclude_unset=True)
-        for key, value in own.model_dump(exclude_unset=True).items():
+        for key, value in of_file.model_dump(exclude_unset=True).items():
             values[key] = {**values.get(key, {}), **value} if key in TABLES else value
         return SidecarEntry(**values)
 

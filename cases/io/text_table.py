@@ -93,8 +93,8 @@ class BlockMeans:
                 means[name] = base + np.add.reduceat(off, begins) / known
                 if name != "t" and (known < size).any():
                     since = columns["t"] - np.repeat(columns["t"][begins], size)
-                    own = np.add.reduceat(np.where(good, since, 0.0), begins) / known
-                    late[name] = np.nan_to_num(own - np.add.reduceat(since, begins) / size)
+                    mean_since = np.add.reduceat(np.where(good, since, 0.0), begins) / known
+                    late[name] = np.nan_to_num(mean_since - np.add.reduceat(since, begins) / size)
         self._parts.append(means)
         self._late.append((len(begins), late))
 
@@ -167,7 +167,7 @@ def blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
     Text in UTF-16 needs its mark; what is no UTF-8 is taken for Windows-1252. Raises UserError for a line longer than
     LONGEST_LINE, and for what is no text.
     """
-    held, last = b"", False
+    buffer, last = b"", False
     with opened(path) as stream:
         wide = stream.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
         stream.seek(0)
@@ -177,14 +177,14 @@ def blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
             piece, last = (piece.encode() if wide else piece), not piece
             if b"\0" in piece[:4096]:  # in no text of these encodings
                 raise BadValue(f"{path}: is no text; expected a table of text, Parquet, or an Excel file (.xlsx)")
-            end = held.rfind(b"\n") + 1
-            if len(held) - end > LONGEST_LINE:
+            end = buffer.rfind(b"\n") + 1
+            if len(buffer) - end > LONGEST_LINE:
                 raise OutOfRange(f"{path}: a line is longer than {LONGEST_LINE} bytes; it is no table")
             if end and not last:
-                yield as_utf8(held[:end]), False
-                held = held[end:]
-            held += piece.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    yield as_utf8(held.removesuffix(b"\n") + b"\n"), True
+                yield as_utf8(buffer[:end]), False
+                buffer = buffer[end:]
+            buffer += piece.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    yield as_utf8(buffer.removesuffix(b"\n") + b"\n"), True
 
 
 def as_utf8(block: bytes) -> bytes:
@@ -255,9 +255,9 @@ class TextTable:
                 table, odd = self._parsed(kept, wanted)
                 if odd and self.source is None:
                     table = self._by_rows(kept, wanted, block, line, last)
-                found = {i: self._column(table.column(str(i)), i) for i in wanted}
-                self.texts |= {i for i, cells in found.items() if cells.dtype == object}
-                yield found
+                columns = {i: self._column(table.column(str(i)), i) for i in wanted}
+                self.texts |= {i for i, cells in columns.items() if cells.dtype == object}
+                yield columns
                 self.rows += table.num_rows
             line += block.count(b"\n")
 

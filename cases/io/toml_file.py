@@ -123,8 +123,8 @@ def _key(name: str) -> str:
 def _problem(schema: type[Section], error: Any) -> str:
     names = [str(name) for name in error["loc"] if not re.fullmatch(r"\[.*\]", str(name))]  # without tags of unions
     section, tables = schema, 0
-    while tables < len(names) and (found := _table(section, names[tables])):
-        section, depth = found
+    while tables < len(names) and (inner := _table(section, names[tables])):
+        section, depth = inner
         tables += depth
     table, keys = names[:tables], ".".join(names[tables:])
     place, kind, value = header(*table) if table else "", error["type"], error["input"]
