@@ -62,10 +62,10 @@ def _quantity(name: str) -> str:
 Quantity = Annotated[str, AfterValidator(_quantity)]
 
 
-def _header(value: Any) -> Any:
-    return f"{NUMBERED} {value}" if isinstance(value, int) and not isinstance(value, bool) else value
-
-
+# The header of a column, or its number where it has none, from 1; a bool is an int of Python.
+Header = Annotated[
+    str, BeforeValidator(lambda v: f"{NUMBERED} {v}" if isinstance(v, int) and not isinstance(v, bool) else v)
+]
 # The tags keep messages on the one meaning that was tried: a plain union of pydantic names the faults of both.
 Antenna = Annotated[
     Annotated[ReferencePoint, Tag("[point]")] | Annotated[Literal["unknown"], Tag("[word]")],
@@ -76,13 +76,14 @@ Antenna = Annotated[
 class ColumnMap(Section):
     """Where a quantity comes from: the header (``from``), or the number of a column without one; unit and sign."""
 
-    header: Annotated[str, BeforeValidator(_header)] = Field(alias="from")
+    header: Header = Field(alias="from")
     unit: str = ""
     sign: Literal[1, -1] = 1
 
 
-def _column(value: Any) -> Any:
-    return {"from": value} if isinstance(value, str | int) else value
+# Quantity -> its column, for which its header alone may stand.
+OneColumn = Annotated[ColumnMap, BeforeValidator(lambda v: {"from": v} if isinstance(v, str | int) else v)]
+Columns = dict[Quantity, OneColumn]
 
 
 class FileMap(Section):
@@ -90,7 +91,7 @@ class FileMap(Section):
     [s per s] times the time since its first row; run: its run; ignore: headers of columns that are not used; rows:
     header -> cells of the rows that are used; decimal: what is written before parts of a whole."""
 
-    columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
+    columns: Columns = Field(default_factory=dict)
     clock_offset: float = number("s", 0.0, ge=-1e6, le=1e6)
     clock_drift: float = number("s/s", 0.0, ge=-0.5, le=0.5)
     run: Name = ""
@@ -114,7 +115,7 @@ class ImportMap(Section):
     tells them apart.
     """
 
-    columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
+    columns: Columns = Field(default_factory=dict)
     rudder_positive: Literal["starboard", "port"] = "starboard"
     wind_direction: Literal["from", "to"] = "from"
     velocity_frame: Literal["body", "earth"] = "body"
