@@ -60,8 +60,6 @@ def _quantity(name: str) -> str:
 
 
 Quantity = Annotated[str, AfterValidator(_quantity)]
-
-
 # The header of a column, or its number where it has none, from 1; a bool is an int of Python.
 Header = Annotated[
     str, BeforeValidator(lambda v: f"{NUMBERED} {v}" if isinstance(v, int) and not isinstance(v, bool) else v)

@@ -256,7 +256,7 @@ def _values(
     column = mapped[quantity]
     values = _numbers(piece, quantity, column)
     values = np.where(np.isfinite(values), values, np.nan)
-    huge = np.abs(values) > LARGEST  # their squares and sums overflow
+    huge = np.abs(values) > LARGEST
     if huge.any():
         nothing[column.header, LARGEST] += int(huge.sum())
         values[huge] = np.nan
@@ -387,7 +387,7 @@ def _doubled(table: RawTable, quantity: str, header: str, other: str) -> None:
         steps = [np.diff(np.unique(v[np.isfinite(v)])) for v in values]  # the coarser one is rounded to its least step
         least = max(float(step.min()) if len(step) else 0.0 for step in steps)
         size = _largest(values[0])
-        # 5 % of the rows may differ, as where one of them drops out; 1e-5 is what seven digits leave. Set by hand.
+        # In 5 % of the rows they may differ more; 1e-5 of the largest number is rounding. Set by hand.
         if np.isfinite(off).any() and np.nanquantile(off, 0.95) <= min(least, size) + 1e-5 * size:
             return
     what = "two columns hold a time" if quantity == "t" else f"two columns are {quantity}"
