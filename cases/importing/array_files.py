@@ -1,6 +1,6 @@
 """Arrays of MATLAB (.mat, by scipy, of version 7.3 by h5py) and HDF5 (also netCDF 4) as tables.
 
-Vectors of one length in a struct or group are a table. Time and values in a struct are one series. Tables whose columns
+Vectors of one length in a struct or group are a table; time and values in a struct are one series. Tables whose columns
 have different names are parts of one log; of those with the same names each is a log.
 """
 
@@ -36,10 +36,9 @@ HDF5 = b"\x89HDF\r\n\x1a\n"
 # the HDF5 File Format Specification 3.0 names (II.A).
 HDF5_AT = (0, 512, 1024, 2048)
 MATLAB = b"MATLAB 5.0 MAT-file"  # Begin of a file of MATLAB before version 7.3
-COMPRESSED, MATRIX = 15, 14
 ELEMENTS = {*range(1, 8), 9, *range(12, 19)}  # Types of the elements of a MATLAB file (MAT-file format, table 1-1)
-DEEPEST, MOST_NODES = 20, 20_000
-"""Levels and names of a file that are looked at. Set by hand: bounds time on a damaged file."""
+COMPRESSED, MATRIX = 15, 14  # Those that hold elements themselves (the same table)
+DEEPEST, MOST_NODES = 20, 20_000  # Levels and names that are looked at. Set by hand: bounds time on a damaged file.
 OBJECTS = "a table, timetable, datetime or timeseries, which only MATLAB reads; save its columns as vectors of a struct"
 VALUES = ("values", "data", "value", "signals")  # Names of the values in a struct with a time
 
@@ -59,10 +58,8 @@ def is_hdf5(content: bytes) -> bool:
 
 
 def read_arrays(path: Path, chosen: ImportMap) -> list[RawTable]:
-    """The tables of the MATLAB or HDF5 file ``path``. chosen: the map.
-
-    Raises UserError where h5py is missing, for a damaged file, and for one without vectors of one length.
-    """
+    """The tables of the MATLAB or HDF5 file ``path``. chosen: the map. Raises UserError where h5py is missing, for a
+    damaged file, and for one without vectors of one length."""
     import pandas as pd
 
     content = read_bytes(path)
@@ -70,31 +67,35 @@ def read_arrays(path: Path, chosen: ImportMap) -> list[RawTable]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of scipy, of byte orders
-            tree = _hdf5(path, content, accounts) if is_hdf5(content[:4096]) else _matlab(path, content, accounts)
-        found = list(_vectors(tree, "", accounts))
+            if is_hdf5(content[:4096]):
+                h5py = needed("h5py", f"{path}: HDF5, also of MATLAB 7.3,")
+                with h5py.File(io.BytesIO(content), "r") as file:  # bytes in memory: links to other files lead nowhere
+                    tree = _group(file, accounts, h5py)
+            else:
+                tree = _matlab(path, content, accounts)
+        groups = list(_vectors(tree, "", accounts))
     except UserError:
         raise
     except Exception as error:  # both libraries raise many kinds for damaged files
         raise Unreadable(f"{path}: is cut off, damaged or no file of MATLAB or HDF5 ({reason(error)})") from None
-    if not found:
+    if not groups:
         words = "; ".join(f"{a.what} is {a.why}" for a in accounts[:3])
         raise TooFewData(f"{path}: holds no vectors of one length{': ' + words if words else ''}")
-    if sum(len(one.columns) * len(next(iter(one.columns.values()))) for one in found) > MOST_CELLS:
+    if sum(len(one.columns) * len(next(iter(one.columns.values()))) for one in groups) > MOST_CELLS:
         raise OutOfRange(f"{path}: more than {MOST_CELLS} cells; divide it")
     tables = []
-    for one in found:
-        name = f"{path}, group '{one.name}'" if len(found) > 1 else str(path)
+    for one in groups:
+        name = f"{path}, group '{one.name}'" if len(groups) > 1 else str(path)
         frame = pd.DataFrame(dict(enumerate(one.columns.values())))
         tables.append(raw_table(path, name, list(one.columns), [one.units.get(h, "") for h in one.columns], frame, []))
-    joined = _parts_of_one_log(path, [one.name for one in found], tables, chosen, accounts)
+    joined = _parts_of_one_log(path, [one.name for one in groups], tables, chosen, accounts)
     return joined or [replace(table, accounts=tuple(accounts)) for table in tables]
 
 
 def _parts_of_one_log(
     path: Path, groups: list[str], tables: list[RawTable], chosen: ImportMap, accounts: list[Account]
 ) -> list[RawTable]:
-    """One table of those of the ``groups``, or none where they are logs of their own: some have columns of the same
-    name."""
+    """One table of those of the groups; none where columns of the same name make each of them a log of its own."""
     said = chosen.columns_of(path).get("t")
     series, clocks, names = [], [], Counter[str]()
     for group, table in zip(groups, tables, strict=True):
@@ -102,13 +103,13 @@ def _parts_of_one_log(
         time = next((h for h in table.headers if (h == said.header if said else means[h].quantity == "t")), "")
         others = [h for h in table.headers if h != time]
         names.update(others)
-        if len(tables) < 2 or not time or max(names.values(), default=0) > 1:
+        if len(tables) < 2 or not time or max(names.values(), default=0) > 1:  # a name again: runs of one layout
             return []
         clocks.append(clock_of(table, time, said.unit if said else "", None, chosen.zone_hours))
         columns = {h: table.numbers(h) for h in others if table.numeric(h)}
         units = dict(zip(table.headers, table.units, strict=True))
-        own = {h: replace(means[h], unit=units[h] or means[h].unit) for h in columns}
-        series.append(SourceSeries(group, clocks[-1].t, columns, own))
+        with_units = {h: replace(means[h], unit=units[h] or means[h].unit) for h in columns}
+        series.append(SourceSeries(group, clocks[-1].t, columns, with_units))
     if len({clock.absolute for clock in clocks}) > 1:
         raise BadValue(f"{path}: its groups count time from different beginnings; leave some out in the map (ignore)")
     words = Message(f"{len(series)} parts of {path.name} joined on time", "joined")
@@ -132,21 +133,22 @@ def _vectors(tree: Mapping[str, Any], name: str, accounts: list[Account], depth:
                 yield from _vectors(part, f"{below}{number if len(parts) > 1 else ''}", accounts, depth + 1)
         if not isinstance(array, Array):
             continue
-        values = array.values.squeeze()
+        values = array.values.squeeze()  # MATLAB has no vectors, only matrices of one row or column
         if values.dtype.names:
             fields = {f: values[f] for f in values.dtype.names}
             yield Vectors(below, {f: v for f, v in fields.items() if v.ndim == 1 and v.dtype.kind in "iufSU"}, {})
-        elif values.ndim == 1 and values.dtype.kind in "iufMOSU" and len(values) > 1:
+        elif values.ndim == 1 and values.dtype.kind in "iufMOSU" and len(values) > 1:  # one value is a setting
             vectors.setdefault(len(values), {})[key] = replace(array, values=values)
         elif values.ndim == 2 and values.dtype.kind in "iuf":
             yield _matrix(below, values, array.names or _names_for(tree, min(values.shape)))
         else:
             accounts.append(Account(below, int(values.size), (), f"of shape {array.values.shape}"))
-    for length, own in vectors.items():
-        if len(own) > 1:
-            yield Vectors(name or "top", {k: a.values for k, a in own.items()}, {k: a.unit for k, a in own.items()})
+    for length, arrays in vectors.items():
+        if len(arrays) > 1:
+            units = {key: array.unit for key, array in arrays.items()}
+            yield Vectors(name or "top", {key: array.values for key, array in arrays.items()}, units)
         else:
-            accounts.append(Account(f"{name}/{next(iter(own))}".strip("/"), length, (), "no other has its length"))
+            accounts.append(Account(f"{name}/{next(iter(arrays))}".strip("/"), length, (), "no other has its length"))
 
 
 def _one_series(name: str, tree: Mapping[str, Any]) -> Vectors | None:
@@ -171,8 +173,8 @@ def _one_series(name: str, tree: Mapping[str, Any]) -> Vectors | None:
 
 
 def _matrix(name: str, values: np.ndarray, names: tuple[str, ...]) -> Vectors:
-    """The columns of a matrix, which are shorter in number than its rows."""
-    rows = values if values.shape[0] >= values.shape[1] else values.T
+    """The columns of a matrix."""
+    rows = values if values.shape[0] >= values.shape[1] else values.T  # a log has more samples than channels
     headers = names if len(names) == rows.shape[1] else tuple(f"column {i + 1}" for i in range(rows.shape[1]))
     return Vectors(name, {h: rows[:, i] for i, h in enumerate(headers)}, {})
 
@@ -196,38 +198,37 @@ def _matlab(path: Path, content: bytes, accounts: list[Account]) -> dict[str, An
     """The variables of a MATLAB file before version 7.3: structs as dicts, arrays of them as lists."""
     from scipy.io import loadmat, whosmat
 
-    if content[126:128] != b"IM":
+    if content[126:128] != b"IM":  # "MI" in the order of the machine that wrote it (MAT-file format)
         raise ValueError("written by a machine of another byte order")
-    _check_elements(content[128:])
-    for name, shape, kind in whosmat(str(path), appendmat=False):
+    _check_elements(content[128:])  # behind the header of 128 bytes
+    for name, shape, kind in whosmat(str(path), appendmat=False):  # sizes are known before anything is unpacked
         if math.prod(shape) > (MOST_NODES if kind in ("struct", "cell") else MOST_CELLS):
             raise OutOfRange(f"{path}: variable '{name}' of shape {shape} is larger than what is read")
         if kind in ("object", "opaque", "function", "unknown"):
             accounts.append(Account(name, 1, (), OBJECTS))
     loaded = loadmat(str(path), appendmat=False, simplify_cells=True, chars_as_strings=True)
+    # "__header__" and others are scipy's own; "None" is what it calls a variable without a name.
     return {k: v for k, v in _as_tree(loaded).items() if not k.startswith("__") and k != "None"}
 
 
 def _check_elements(content: bytes, depth: int = 0) -> None:
     """Raises ValueError for elements of a MATLAB file that are none: scipy ends the process at types it does not know.
-
-    content: elements, each a tag (type and size, or both in four bytes) and its data (MAT-file format, 1-9).
-    """
+    content: elements, each a tag (type and size, or both in four bytes) and its data (MAT-file format, 1-9)."""
     if depth > DEEPEST:
         raise ValueError("structs lie too deep")
     at = 0
     while at < len(content):
         kind, size = struct.unpack_from("<II", content, at)
-        short = kind >> 16
+        short = kind >> 16  # size of a small element, whose data follow in the four bytes of the tag
         begin, size = (at + 4, short) if short else (at + 8, size)
         kind &= 0xFFFF
         if kind not in ELEMENTS or begin + size > len(content) or short > 4:
             raise ValueError(f"element of type {kind} and {size} bytes at {at}")
-        if kind == COMPRESSED:
+        if kind == COMPRESSED:  # the bound keeps a bomb from memory
             _check_elements(zlib.decompressobj().decompress(content[begin : begin + size], 8 * LARGEST), depth + 1)
         elif kind == MATRIX:
             _check_elements(content[begin : begin + size], depth + 1)
-        at = begin + size + (0 if kind == COMPRESSED else -(begin + size) % 8)
+        at = begin + size + (0 if kind == COMPRESSED else -(begin + size) % 8)  # others are padded to 64 bits
 
 
 def _as_tree(value: Any, depth: int = 0) -> Any:
@@ -242,14 +243,8 @@ def _as_tree(value: Any, depth: int = 0) -> Any:
     return Array(value) if isinstance(value, np.ndarray) and value.dtype.kind in "biuf" else value
 
 
-def _hdf5(path: Path, content: bytes, accounts: list[Account]) -> dict[str, Any]:
-    """The groups of an HDF5 file as dicts."""
-    h5py = needed("h5py", f"{path}: HDF5, also of MATLAB 7.3,")
-    with h5py.File(io.BytesIO(content), "r") as file:
-        return _group(file, accounts, h5py)
-
-
 def _group(group: Any, accounts: list[Account], h5py: Any, depth: int = 0) -> dict[str, Any]:
+    """The groups of an HDF5 file as dicts."""
     tree: dict[str, Any] = {}
     for name in group:
         if depth > DEEPEST or len(accounts) > MOST_NODES:
@@ -275,7 +270,7 @@ def _dataset(node: Any) -> Array:
     import pandas as pd
 
     values, unit = node[()], _text(node.attrs.get("units", node.attrs.get("unit", "")))
-    fill = node.attrs.get("_FillValue")
+    fill = node.attrs.get("_FillValue")  # attributes of the CF conventions 1.10, 2.5.1 and 4.4
     if fill is not None and np.size(fill) == 1:
         values = np.where(values == np.ravel(fill)[0], np.nan, values)
     if since := re.fullmatch(r"(\w+) since (.+)", unit.strip()):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -26,18 +26,16 @@ from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, need
 from mmg.messages import Message
 from mmg.motion.flow import RUDDERS
 
-STATES = ("psi", "latitude", "x", "sog", "u", "r")
-DEGREE = 60 * 1852.0  # Metres in a degree of latitude
+STATES = ("psi", "latitude", "x", "sog", "u", "r")  # Channels whose finest step is that of the run
+DEGREE = 60 * 1852.0  # Metres in a degree of latitude: the nautical mile is a minute of it
 CONVENTIONS = {"rudder_positive", "wind_direction", "velocity_frame"}  # Keys of the map that a sidecar has as well
-# What the map says of the antenna.
-REFERENCE_POINT = (
+REFERENCE_POINT = (  # What the map says of the antenna.
     'reference_point = { x = 12.0, y = 0.0, applies_to = "both" } (of the antenna from midship, in m forward and to '
     'starboard), or reference_point = "unknown"'
 )
 GAP = 2.5  # Gaps of a column beyond so many of its steps stay gaps. Set by hand.
 LEAST_ROWS = 20  # Least rows of a run, and numbers of a column. Set by hand.
-# Eastings and northings beyond are counted from the first position.
-LARGE = 1e5  # set by hand: metres; a UTM northing is larger, a trial's area smaller
+LARGE = 1e5  # m; positions beyond count from the first: a UTM northing is larger, a trial's area not. Set by hand.
 
 
 @dataclass(frozen=True)
@@ -56,25 +54,21 @@ class ImportedRun:
 
 
 def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[float, float] | None) -> ImportedRun:
-    """The run called ``name`` of these ``logs``, by the map ``chosen``.
-
-    origin: latitude and longitude [deg] of the local frame, or None without any. Raises UserError where logs do not
-    overlap, a unit stays unknown, or heading, motion, revolutions or rudder are missing: all that is wrong, at once.
-    """
+    """The run called ``name`` of these ``logs``, by the map ``chosen``. origin: latitude and longitude [deg] of the
+    local frame, or None without any. Raises UserError where logs do not overlap, a unit stays unknown, or heading,
+    motion, revolutions or rudder are missing: all that is wrong, at once."""
     logs = [with_units_of_size(log) for log in logs]
     where = " + ".join(log.name for log in logs)
     notices = [m for log in logs for m in log.notices]
     t, columns, steps, resolutions = _on_one_clock(logs, chosen, where, notices)
     # Exchanged axes and clocks that differ are asked for before velocities are derived: these would agree with them.
     check_direction(columns, logs, chosen)
-    problems = clock_problems(logs, chosen)
-    if problems:
+    if problems := clock_problems(logs, chosen):
         raise BadValue("; ".join(problems))
-    receiver = not {"latitude", "sog"}.isdisjoint(columns)
+    receiver = not {"latitude", "sog"}.isdisjoint(columns)  # asked before ``_place`` makes x and y of them
     _place(columns, logs, origin, where, notices)
     # Units are found by other columns, so positions must be metres by now.
-    unitless = [(log, q) for log in logs for q in log.unitless if q in columns]
-    for log, quantity in unitless:
+    for log, quantity in [(one, q) for one in logs for q in one.unitless if q in columns]:
         others = {name: values for name, values in columns.items() if name not in log.unitless}
         unit, why = by_evidence(quantity, columns[quantity], t, others)
         if not unit:
@@ -87,7 +81,7 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
     point = chosen.reference_point if isinstance(chosen.reference_point, ReferencePoint) else None
     std: dict[str, float] = {}
     ancestors: dict[str, tuple[str, ...]] = {}
-    if "psi" in columns:
+    if "psi" in columns:  # mended first: what is turned by it or derived from it would hold its faults
         columns["psi"], crossings = through_north(t, columns["psi"], columns.get("r"))
         if crossings:
             words = f"heading was interpolated straight through 360 at {crossings} crossings of north; mended"
@@ -114,21 +108,20 @@ def assembled(name: str, logs: Sequence[Log], chosen: ImportMap, origin: tuple[f
         notices.append(Message(words, "inputs"))
     columns = {q: v for q, v in columns.items() if is_canonical(q)}
     canonical = converted({"t": t, **columns}, _conventions(chosen, point, computed), notices)
-    for q in filter(wraps, canonical):
+    for q in filter(wraps, canonical):  # winds in [0, 2 pi), headings and pods in (-pi, pi]
         canonical[q] = np.remainder(canonical[q], 2 * np.pi) if "wind" in q else np.angle(np.exp(1j * canonical[q]))
     first = logs[0].t[0] if logs[0].absolute else None
     day = datetime.datetime.fromtimestamp(first, datetime.timezone.utc).date().isoformat() if first is not None else ""
-    return ImportedRun(
-        name, canonical, std, tuple(log.without_rows() for log in logs), day, tuple(dict.fromkeys(notices)), ancestors
-    )
+    sources = tuple(replace(log, t=log.t[:0].copy(), columns={}) for log in logs)  # copied: a view would hold all rows
+    return ImportedRun(name, canonical, std, sources, day, tuple(dict.fromkeys(notices)), ancestors)
 
 
 def _conventions(chosen: ImportMap, point: ReferencePoint | None, computed: Collection[str]) -> SidecarEntry:
     """What the map says of frames and signs; velocities that were ``computed`` are in body axes and at midship."""
     settings = chosen.model_dump(include=CONVENTIONS) | ({"velocity_frame": "body"} if computed else {})
-    if point is not None and computed:
-        moved = point.applies_to in ("position", "both")
-        point = point.model_copy(update={"applies_to": "position"}) if moved else None
+    if point is not None and computed:  # ``derived_velocities`` has moved these to midship already
+        of_position = point.applies_to in ("position", "both")
+        point = point.model_copy(update={"applies_to": "position"}) if of_position else None
     return SidecarEntry(**settings, reference_point=point or ReferencePoint())
 
 
@@ -145,14 +138,13 @@ def _on_one_clock(
     if 0 < abs(round(step, 4) - step) < 1e-6:  # the last digits of a clock since 1970 are none
         step = round(step, 4) or step
     if last - first > MOST_ROWS * step:
-        raise OutOfRange(
-            f"{where}: the clock runs over {last - first:.4g} s, in steps of {step:.4g} s more than {MOST_ROWS} rows; "
-            "see whether it jumps, divide the log, or give a longer step in the map"
-        )
-    t = np.arange(0.0, last - first + 1e-6 * step, step)
+        words = f"the clock runs over {last - first:.4g} s, in steps of {step:.4g} s more than {MOST_ROWS} rows"
+        advice = "see whether it jumps, divide the log, or give a longer step in the map"
+        raise OutOfRange(f"{where}: {words}; {advice}")
+    t = np.arange(0.0, last - first + 1e-6 * step, step)  # with the last row, in spite of rounding
     columns: dict[str, np.ndarray] = {}
     taken: dict[str, Log] = {}
-    for log in sorted(logs, key=lambda log: log.dt):
+    for log in sorted(logs, key=lambda log: log.dt):  # of two that hold a quantity, the one sampled faster
         for quantity, values in log.columns.items():
             if quantity in taken:
                 words = f"{quantity} is taken from {taken[quantity].name}, not from {log.name}, which is sampled slower"
@@ -165,16 +157,14 @@ def _on_one_clock(
         del columns[quantity]
         notices.append(Message(f"{quantity} holds fewer than {LEAST_ROWS} numbers and is left out", "column_empty"))
     if len(logs) > 1:
-        names = ", ".join(log.table.path.name for log in logs)
-        notices.append(
-            Message(f"{names} joined on time: {last - first:.6g} s that all hold, every {step:g} s", "joined")
-        )
+        words = f"joined on time: {last - first:.6g} s that all hold, every {step:g} s"
+        notices.append(Message(f"{', '.join(log.table.path.name for log in logs)} {words}", "joined"))
     steps = {quantity: log.step(quantity) for quantity, log in taken.items()}
     grain = {q: resolution_of(taken[q].columns[q]) for q in ("y", "longitude", "cog", *STATES) if q in taken}
     if {"latitude", "longitude"} <= set(columns):
         steps["x"] = steps["latitude"]
         narrower = float(np.cos(np.radians(np.nanmedian(columns["latitude"]))))
-        grain["x"], grain["y"] = DEGREE * grain["latitude"], DEGREE * narrower * grain["longitude"]
+        grain["x"], grain["y"] = DEGREE * grain["latitude"], DEGREE * narrower * grain["longitude"]  # m
     return t, columns, steps, grain
 
 
@@ -193,18 +183,15 @@ def _at(times: np.ndarray, log: Log, quantity: str, values: np.ndarray) -> np.nd
     out = np.interp(times, t, y, left=np.nan, right=np.nan)
     at = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
     wide = (t[at] - t[at - 1]) > GAP * log.step(quantity)
-    exact = (np.abs(times - t[at]) < 1e-6) | (np.abs(times - t[at - 1]) < 1e-6)
+    exact = (np.abs(times - t[at]) < 1e-6) | (np.abs(times - t[at - 1]) < 1e-6)  # samples at the edges of a gap hold
     out[wide & ~exact] = np.nan
     return out
 
 
 def _place(
-    columns: dict[str, np.ndarray],
-    logs: Sequence[Log],
-    origin: tuple[float, float] | None,
-    where: str,
+    columns: dict[str, np.ndarray], logs: Sequence[Log], origin: tuple[float, float] | None, where: str,
     notices: list[Message],
-) -> None:
+) -> None:  # fmt: skip
     """x and y of the local frame in place of latitude and longitude, or of eastings and northings."""
     zone = next((log.zone for log in logs if log.zone), "")
     if not {"latitude", "longitude"} <= set(columns):
@@ -213,10 +200,10 @@ def _place(
         if not zone:
             return _count_from_start(columns, where, notices)
         columns["latitude"], columns["longitude"] = globe_positions(columns["x"], columns["y"], zone, where)
-    assert origin is not None
+    assert origin is not None  # a log with positions on the globe has given one
     place = columns.pop("latitude"), columns.pop("longitude")
     columns["x"], columns["y"], turn = local_positions(*place, origin, where)
-    for name in [name for name in columns if known(name).compass]:
+    for name in [name for name in columns if known(name).compass]:  # directions from true north to those of the frame
         columns[name] = columns[name] - turn
     words = f"positions in metres north and east of {origin[0]:.6f}, {origin[1]:.6f} deg"
     most = float(np.degrees(np.abs(turn).max(initial=0.0)))
@@ -227,12 +214,12 @@ def _place(
 def _count_from_start(columns: dict[str, np.ndarray], where: str, notices: list[Message]) -> None:
     """Eastings and northings that are LARGE, from the first position on."""
     for name in ("x", "y"):
-        known = columns[name][np.isfinite(columns[name])]
-        if len(known) and np.ptp(known) > LARGE:
+        finite = columns[name][np.isfinite(columns[name])]
+        if len(finite) and np.ptp(finite) > LARGE:
             words = f"positions jump by over {LARGE / 1000:.0f} km; do they lie in two UTM zones? Divide the file"
             raise OutOfRange(f"{where}: {words}")
-        if np.abs(known).max(initial=0.0) > LARGE:
-            start = round(float(known[0]), -2)
+        if np.abs(finite).max(initial=0.0) > LARGE:
+            start = round(float(finite[0]), -2)  # to 100 m: a number that a person recognises
             columns[name] = columns[name] - start
             notices.append(Message(f"{name} is counted from {start:.0f} m; grid north is taken for north", "offset"))
 
@@ -251,7 +238,7 @@ def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) ->
     parts = [
         f"{where}: missing {', '.join(more.get(m, m) for m in missing)}",
         ", ".join(f"'{h}' may be {what}" for h, what in unsure.items()),
-        f"not known: {', '.join(unknown[:12])}{' ...' * (len(unknown) > 12)}" if unknown else "",
+        f"not known: {', '.join(unknown[:12])}{' ...' * (len(unknown) > 12)}" if unknown else "",  # 12: display
         *left_out[:12],
         f'say it in a map: [columns] {missing[0]} = "{header}"' if header != "HEADER" or not left_out else "",
     ]
@@ -270,16 +257,16 @@ def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen:
     log = next((log for log in logs if name in log.of and name in log.columns), None)
     if log is None or name in chosen.columns_of(log.table.path) or "pitch" in columns:
         return
-    known = np.all([np.isfinite(columns[q]) for q in ("u", "v", name)], axis=0)
-    u, v, n = (columns[q][known] for q in ("u", "v", name))
-    round_about = any((np.cos(columns[q]) < 0).any() for q in ("azimuth", "azimuth_2") if q in columns)
-    if not len(u) or n.min() < 0 or not n.any() or round_about:
+    complete = np.all([np.isfinite(columns[q]) for q in ("u", "v", name)], axis=0)
+    u, v, n = (columns[q][complete] for q in ("u", "v", name))
+    reversed_pods = any((np.cos(columns[q]) < 0).any() for q in ("azimuth", "azimuth_2") if q in columns)
+    if not len(u) or n.min() < 0 or not n.any() or reversed_pods:
         return
-    speed, first = np.hypot(u, v), int(np.argmax(u))
+    speed, first = np.hypot(u, v), int(np.argmax(u))  # from her fastest row on
     fast = speed > 0.5 * speed.max()
     if u[first] < 0.5 * speed.max() or np.mean(np.abs(v) > np.abs(u), where=fast) > SIDEWAYS:
         return
-    if ((u[first:] < STOPPED * u[first]) & (n[first:] > 0.5 * n[first])).any():
+    if ((u[first:] < STOPPED * u[first]) & (n[first:] > 0.5 * n[first])).any():  # stopped under power, not by drifting
         header = log.of[name].header
         words = f"the ship stops or goes astern on '{header}', which is never negative; has it lost the sign? Write it"
         right = {"columns": {name: {"from": header, "unit": log.of[name].unit}}}
@@ -289,12 +276,12 @@ def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen:
 def with_units_of_size(log: Log) -> Log:
     """The ``log`` with units that the size of its numbers shows: angles beyond a turn are degrees."""
     for q in log.unitless:
-        own, largest = known(q).unit, float(np.nanmax(np.abs(log.columns[q]), initial=0.0))
+        si_unit, largest = known(q).unit, float(np.nanmax(np.abs(log.columns[q]), initial=0.0))
         tests = (
             (wraps(q) and BEYOND_A_TURN < largest <= 361, "deg", "more than a turn in radians"),
             ((q in RUDDERS or q == "pitch") and 1.75 < largest <= 110, "deg", "more than 100 deg if in radians"),
-            (own == "m" and largest > 2e4, "m", "of the size of eastings and northings"),
-            (own == "rps" and 60 < largest < 5000, "rpm", "and no shaft turns as often in a second"),
+            (si_unit == "m" and largest > 2e4, "m", "of the size of eastings and northings"),
+            (si_unit == "rps" and 60 < largest < 5000, "rpm", "and no shaft turns as often in a second"),
         )
         for fits, unit, why in tests:
             if fits:
@@ -304,8 +291,7 @@ def with_units_of_size(log: Log) -> Log:
 
 
 NORTHERNMOST = 89.9  # deg; nearer to a pole, meridians converge along the track of a ship. Set by hand.
-# Metres from the origin beyond which north and east of the frame are not those of the ship any more. Set by hand.
-FURTHEST = 200e3
+FURTHEST = 200e3  # m from the origin; beyond, north and east of the frame are not those of the ship. Set by hand.
 
 
 def local_positions(
@@ -319,35 +305,28 @@ def local_positions(
     NORTHERNMOST.
     """
     if np.nanmax(np.abs(latitude), initial=0.0) > NORTHERNMOST:
-        raise OutOfRange(
-            f"{where}: positions at a pole, where no direction is north; give x and y in a frame of their own"
-        )
+        words = "positions at a pole, where no direction is north; give x and y in a frame of their own"
+        raise OutOfRange(f"{where}: {words}")
     lat, lon = origin
     frame = _projection(where, proj="tmerc", lat_0=lat, lon_0=lon, k=1.0)
-    east, north = frame(
-        np.where(np.isfinite(longitude), longitude, lon), np.where(np.isfinite(latitude), latitude, lat)
-    )
-    known = np.isfinite(latitude) & np.isfinite(longitude)
-    x, y = (np.where(known & np.isfinite(v), v, np.nan) for v in (north, east))
-    far = np.hypot(x, y)
-    if np.nanmax(far, initial=0.0) > FURTHEST:
-        raise OutOfRange(
-            f"{where}: positions lie {np.nanmax(far) / 1000:.0f} km from the origin; import these runs by themselves"
-        )
-    good = np.flatnonzero(known)
+    fixes = np.isfinite(latitude) & np.isfinite(longitude)
+    east, north = frame(np.where(fixes, longitude, lon), np.where(fixes, latitude, lat))  # pyproj takes no NaN
+    x, y = (np.where(fixes & np.isfinite(v), v, np.nan) for v in (north, east))
+    if (furthest := np.nanmax(np.hypot(x, y), initial=0.0)) > FURTHEST:
+        words = f"positions lie {furthest / 1000:.0f} km from the origin; import these runs by themselves"
+        raise OutOfRange(f"{where}: {words}")
+    good = np.flatnonzero(fixes)
     turn = np.radians(frame.get_factors(longitude[good], latitude[good]).meridian_convergence)
     return x, y, np.interp(np.arange(len(x)), good, turn) if len(good) else np.zeros(len(x))
 
 
 def globe_positions(northing: np.ndarray, easting: np.ndarray, zone: str, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Latitude and longitude [deg] of UTM ``northing`` and ``easting`` (N,) [m] in a ``zone`` such as "32N".
-
-    where: for messages. Raises UserError for a zone that is none, and where pyproj is missing.
-    """
+    """Latitude and longitude [deg] of UTM ``northing`` and ``easting`` (N,) [m] in a ``zone`` such as "32N". where: for
+    messages. Raises UserError for a zone that is none, and where pyproj is missing."""
     match = re.fullmatch(r"\s*(\d{1,2})\s*([C-HJ-NP-X]?)\s*", zone.upper())
     if match is None or not 1 <= int(match[1]) <= 60:
         raise BadValue(f"{where}: '{zone}' is no UTM zone; write it as 32N")
-    south = match[2] == "S" or "" < match[2] < "N"
+    south = match[2] == "S" or "" < match[2] < "N"  # "S" is taken for south, not for the band of the same letter
     frame = _projection(where, proj="utm", zone=int(match[1]), south=south)
     longitude, latitude = frame(easting, northing, inverse=True)
     return np.asarray(latitude), np.asarray(longitude)

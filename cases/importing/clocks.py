@@ -16,10 +16,9 @@ from cases.quantities import FACTORS, factor_of
 from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName, UserError, reason
 from mmg.messages import Message
 
-DAY, WEEK = 86400.0, 604800.0
-"""s. (SI brochure of 2019, table 8.)"""
-# Unit, least and largest number, factor to seconds, seconds from 1970 to zero, words. The sizes lie between 1973 and
-# 2119; the epochs are those of POSIX, LabVIEW, Windows, .NET, Excel, MATLAB and astronomy.
+DAY, WEEK = 86400.0, 604800.0  # s (SI brochure of 2019, table 8)
+# Unit, least and largest number, factor to seconds, seconds from 1970 to zero, words. The sizes lie between 1965 and
+# 2092; the epochs are those of POSIX, LabVIEW, Windows, .NET, Excel, MATLAB and astronomy. The first that fits counts.
 EPOCHS = (
     ("s", 1e8, 2.6e9, 1.0, 0.0, "s since 1970"),
     ("s", 3.0e9, 4.7e9, 1.0, -2082844800.0, "s since 1904"),
@@ -34,20 +33,18 @@ EPOCHS = (
     ("", 2.44e6, 2.48e6, DAY, -2440587.5 * DAY, "Julian days"),
 )
 SINCE_1904 = 1462.0 * DAY  # What days of a workbook that counts from 1904 are later
+# s from 1970 to the first week of GPS (6 January 1980), and by which its time is ahead of UTC since 2017 (IERS).
 GPS_ZERO, GPS_AHEAD = 315964800.0, 18.0
-"""s from 1970 to the first week of GPS, and by which its time is ahead of UTC since 2017."""
 # A header of a clock that begins anew every week.
 OF_WEEK = r"(gps_|gnss_)?(tow|sow|itow|time_of_week|seconds?_of_week|week_seconds?)(_m?s)?"
-# Jumps of clocks [s] and what makes them.
-JUMPS = {
+JUMPS = {  # Jumps of clocks [s] and what makes them.
     43200.0: "half a day: a clock of twelve hours without AM and PM",
     3600.0: "an hour, as between summer and winter time or two zones",
     DAY: "a day: the date does not follow the time over midnight",
     WEEK: "a week: seconds of the week begin anew",
     1024 * WEEK: "1024 weeks: the receiver's count of weeks rolled over",
 }
-# Share of the changes of values that lie within stamps from which rows of a stamp are samples, not copies.
-SAMPLED = 0.1  # set by hand
+SAMPLED = 0.1  # Share of changes of values within stamps from which rows of a stamp are no copies. Set by hand.
 ZONE = r"[:T]\d{2}\S*\s*(?:Z|[+-]\d{2}(?::?\d{2})?)$"  # The end of a stamp with a zone
 LAST_STAMP = 253402300800.0  # s from 1970 to the year 10000
 LATEST = 1e21  # No clock of any unit shows a larger number: nanoseconds of 30,000 years. Set by hand.
@@ -75,10 +72,10 @@ def clock_of(
         return _of_parts(table, header, time_columns, zone_hours)
     clock = Clock(np.zeros(0), True, header, "dates and times")
     cells, date = table.cells(header), time_columns.get("date")
-    first = next((value for value in cells if value is not None and value == value), None)
+    first = next((value for value in cells if value is not None and value == value), None)  # NaN is not itself
     if getattr(cells.dtype, "kind", "O") in "mM" or isinstance(first, datetime.datetime):
         return _stamps(cells, where, zone_hours, table.before, clock)
-    if isinstance(first, datetime.time):
+    if isinstance(first, datetime.time):  # of a workbook
         cells = cells.map(lambda value: None if value is None else str(value))
     elif table.numeric(header):
         return _numbers(table, header, unit or _unit_of(table, header), time_columns)
@@ -88,6 +85,7 @@ def clock_of(
     if not of_hour and not re.fullmatch(r"\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?", sample):
         words = "ISO 8601" if sample[:4].isdigit() else clock.words
         return _stamps(text, where, zone_hours, table.before, replace(clock, words=words))
+    # "30:07.5" of a spreadsheet is minutes and seconds: with an hour before it, pandas reads it as such.
     text = text.map(_full_time if not of_hour else lambda cell: cell and "00:" + str(cell).strip().replace(",", "."))
     if date is not None and not of_hour:
         joined = table.cells(date).map(_day) + " " + text.astype(str)
@@ -118,7 +116,7 @@ def _of_parts(table: RawTable, header: str, time_columns: Mapping[str, str], zon
     if not set(names) <= set(time_columns):
         return _going_on(Clock(t, False, header, words, period=DAY))
     day = pd.DataFrame({name[2:]: table.numbers(time_columns[name]) for name in names})
-    day["year"] += np.where(day["year"] < 100, 2000, 0)
+    day["year"] += np.where(day["year"] < 100, 2000, 0)  # years of two digits
     since = (pd.to_datetime(day, errors="coerce") - pd.Timestamp(0)).dt.total_seconds().to_numpy(dtype=float)
     return Clock(since + t - 3600.0 * (zone_hours or 0.0), True, header, words)
 
@@ -131,14 +129,15 @@ def without_jumps(clock: Clock, columns: Mapping[str, np.ndarray], end: float = 
     step = np.diff(t, prepend=end if np.isfinite(end) else t[:1])
     usual = float(np.median(step[step > 0])) if (step > 0).any() else 0.0
     out, said = clock.t.copy(), []
-    for i in np.flatnonzero((step < 0) | (step > 3600.0 - usual)) if usual else ():
-        back, row = step[i] < 0, int(good[i])
+    for i in np.flatnonzero((step < 0) | (step > 3600.0 - usual)) if usual else ():  # the shortest jump is an hour
+        back = step[i] < 0
         for size, what in JUMPS.items():
             jump = -size if back else size
+            # A gap of an hour is no jump: there the ship has moved on, so other columns jump as well.
             if not -1e-6 <= step[i] - jump <= 3 * usual or not (back or _goes_on(columns, good, int(i))):
                 continue
             out[good[i:]] -= jump
-            words = f"jumps {'back' if back else 'forward'} by {size:.10g} s at row {row + 1}, {what}"
+            words = f"jumps {'back' if back else 'forward'} by {size:.10g} s at row {int(good[i]) + 1}, {what}"
             said.append(Message(f"the clock '{clock.header}' {words}; it is taken to go on", "clock_jump"))
     return replace(clock, t=out), said
 
@@ -150,13 +149,13 @@ def _goes_on(columns: Mapping[str, np.ndarray], rows: np.ndarray, i: int) -> boo
         change = np.abs(np.diff(values[rows]))
         if np.isfinite(change).sum() > 10 and 0 < i <= len(change) and np.nanmedian(change) > 0:
             smooth.append(bool(change[i - 1] <= np.nanmax(np.delete(change, i - 1))))
-    return bool(smooth) and all(smooth)
+    return bool(smooth) and all(smooth)  # where nothing moves, nothing is shown
 
 
 def _going_on(clock: Clock) -> Clock:
     """A clock that begins anew after its period, going on."""
     step = np.diff(clock.t, prepend=clock.t[:1])
-    anew = np.cumsum(np.where(np.nan_to_num(step) < -0.5 * clock.period, 1.0, 0.0))
+    anew = np.cumsum(np.where(np.nan_to_num(step) < -0.5 * clock.period, 1.0, 0.0))  # others begin none
     return replace(clock, t=clock.t + clock.period * anew)
 
 
@@ -173,16 +172,14 @@ def check_clock(clock: Clock, where: str) -> list[Message]:
 
 
 def within_stamps(t: np.ndarray, columns: Iterable[np.ndarray]) -> tuple[np.ndarray, list[Message]]:
-    """Times (N,) of rows, and what is said of those whose stamps ``t`` (N,) [s], in order, are alike.
-
-    columns: (N,) each. Where values change within stamps, these are coarser than the rows, as those of a clock that
-    shows whole seconds: the rows of a stamp are spread until the next. A stamp beside a gap may lack some of them.
-    """
+    """Times (N,) of rows, and what is said of those whose stamps ``t`` (N,) [s], in order, are alike. columns: (N,)
+    each. Where values change within stamps, these are coarser than the rows, as those of a clock that shows whole
+    seconds: the rows of a stamp are spread until the next. A stamp beside a gap may lack some of them."""
     stamps, first, count = np.unique(t, return_index=True, return_counts=True)
     repeated = len(t) - len(stamps)
     if not repeated or len(stamps) == 1:  # of a clock that stands still, which is refused later
         return t, []
-    within = changes = 0
+    within = changes = 0  # of values from row to row: within a stamp, and all
     for values in columns:
         good = np.isfinite(values)
         changed = np.diff(values[good]) != 0
@@ -194,8 +191,8 @@ def within_stamps(t: np.ndarray, columns: Iterable[np.ndarray]) -> tuple[np.ndar
     wide = np.append(step, np.inf)
     tick = float(np.quantile(step, 0.1, method="lower"))  # others are longer where rows are missing
     gap_before, gap_after = np.append(True, step > 1.5 * tick), wide > 1.5 * tick
-    places = np.where(gap_before | gap_after, np.maximum(count, int(np.median(count))), count)
-    skipped = np.where(gap_before & ~gap_after, places - count, 0)
+    places = np.where(gap_before | gap_after, np.maximum(count, int(np.median(count))), count)  # (stamps,) rows of each
+    skipped = np.where(gap_before & ~gap_after, places - count, 0)  # behind a gap the first rows of a stamp are lost
     place = np.arange(len(t)) - np.repeat(first, count) + np.repeat(skipped, count)
     words = f"{repeated} rows with the time of the row before are spread until the next: stamps of {tick:.3g} s"
     spread = np.repeat(stamps, count) + place * np.repeat(np.minimum(wide, tick) / places, count)
@@ -203,19 +200,17 @@ def within_stamps(t: np.ndarray, columns: Iterable[np.ndarray]) -> tuple[np.ndar
 
 
 def check_forward(clock: Clock, where: str, before: int = 0, end: float = -np.inf) -> None:
-    """Raises UserError where the ``clock`` runs backwards: the first row, and how often.
-
-    where: the table; before, end: rows of it before those of the clock, and their last time [s].
-    """
+    """Raises UserError where the ``clock`` runs backwards: the first row, and how often. where: the table; before, end:
+    rows of it before those of the clock, and their last time [s]."""
     rows = np.flatnonzero(np.isfinite(clock.t))
     t = np.append(end, clock.t[rows])
     back = np.flatnonzero(np.diff(t) < 0)
     if len(back):
         i = int(back[0])
         row = before + (int(rows[i - 1]) + 1 if i else 0)
+        words = f"runs backwards by {t[i] - t[i + 1]:.3g} s after row {row} ({len(back)} such rows); divide the file"
         raise BadValue(
-            f"{where}: the clock '{clock.header}' runs backwards by {t[i] - t[i + 1]:.3g} s after row {row} "
-            f"({len(back)} such rows); divide the file there, or leave out the rows that were logged twice"
+            f"{where}: the clock '{clock.header}' {words} there, or leave out the rows that were logged twice"
         )
 
 
@@ -229,7 +224,7 @@ def _numbers(table: RawTable, header: str, unit: str, time_columns: Mapping[str,
     part = np.zeros(len(values))
     if "t_part" in time_columns:
         part = table.numbers(time_columns["t_part"]) * _part_unit(table, time_columns["t_part"])
-    middle, name = float(np.median(known)), unit.lower().replace("sec", "s")
+    middle, name = float(np.median(known)), unit.lower().replace("sec", "s")  # the median: ends may be 0 or lost
     if re.fullmatch(OF_WEEK, plain_words(header)):
         of_week = 1e-3 if name == "ms" or known.max() > WEEK else 1.0
         clock = _going_on(Clock(values * of_week + part, False, header, "seconds of the week", period=WEEK))
@@ -239,10 +234,10 @@ def _numbers(table: RawTable, header: str, unit: str, time_columns: Mapping[str,
         first = float(weeks[np.isfinite(weeks)][0]) if np.isfinite(weeks).any() else 0.0
         zero = GPS_ZERO - GPS_AHEAD + WEEK * (first + (2048.0 if first < 1024 else 0.0))  # third era, since 2019
         return replace(clock, t=clock.t + zero, absolute=True, words="GPS weeks and seconds, as UTC")
-    for own, low, high, factor, zero, words in EPOCHS:
+    for epoch_unit, low, high, factor, zero, words in EPOCHS:
         steps = np.abs(np.diff(known))
-        if low <= middle < high and (own == name if own and name else not name):
-            if factor == DAY and (len(steps) < 1 or np.median(steps) * DAY > 3600.0):
+        if low <= middle < high and (epoch_unit == name if epoch_unit and name else not name):
+            if factor == DAY and (len(steps) < 1 or np.median(steps) * DAY > 3600.0):  # counts of samples, not days
                 continue
             if words.startswith("days of a spread") and table.since_1904:
                 zero += SINCE_1904
@@ -267,18 +262,16 @@ def _part_unit(table: RawTable, header: str) -> float:
 
 
 def _padded(written: Callable[[], Any], t: np.ndarray) -> np.ndarray:
-    """Times ``t`` (N,), or, where these go on unevenly, those whose digits behind the point are a count of
-    nanoseconds (or others) without leading zeros, as some programs write "12.5000000" for 12.005 s.
-
-    written: gives the cells as they are in the file, or None.
-    """
+    """Times ``t`` (N,), or, where these go on unevenly, those whose digits behind the point are a count of nanoseconds
+    (or others) without leading zeros, as some programs write "12.5000000" for 12.005 s. written: gives the cells as
+    they are in the file, or None."""
     uneven = _unevenness(t)
     words = written() if uneven >= UNEVEN else None
     parts = [str(word).replace(",", ".").rpartition(".") for word in words] if words is not None else []
     longest = max((len(tail) for _, point, tail in parts if point), default=0)
     if not 0 < longest <= 9:
         return t
-    places = 3 * -(-longest // 3)
+    places = 3 * -(-longest // 3)  # milli-, micro- or nanoseconds
     count = np.array([float(tail) if point and tail.isdigit() else np.nan for _, point, tail in parts])
     mended = np.floor(t) + np.nan_to_num(count) * 10.0**-places
     return mended if _unevenness(mended) < UNEVEN * uneven else t
@@ -293,7 +286,7 @@ def _unevenness(t: np.ndarray) -> float:
     step = np.diff(t[np.isfinite(t)])
     if len(step) < 10 or np.median(step) <= 0:
         return 0.0 if len(step) < 10 or (step >= 0).all() else np.inf
-    low, high = np.quantile(step, (0.05, 0.95))
+    low, high = np.quantile(step, (0.05, 0.95))  # gaps of a log are no unevenness of its clock
     return float(high - low) / float(np.median(step))
 
 
@@ -327,13 +320,10 @@ def _stamps(cells: Any, where: str, zone_hours: float | None, before: int, clock
         order = {"format": "mixed", "dayfirst": True}  # names of months leave nothing open
     if dotted[0].notna().any():
         first, second = dotted[0].dropna().astype(int), dotted[2].dropna().astype(int)
-        if (first > 12).any() or (dotted[1].dropna() == ".").all():
-            order = {"dayfirst": True}
-        elif (second > 12).any():
-            order = {"dayfirst": False}
-        else:
+        day_first = bool((first > 12).any() or (dotted[1].dropna() == ".").all())  # points stand in dates of days first
+        if not day_first and not (second > 12).any():
             raise BadValue(f"{where}: '{given.iloc[0]}': day and month could be either; write dates as 2026-11-22")
-        order["format"] = "mixed"
+        order = {"format": "mixed", "dayfirst": day_first}
     try:
         parsed = pd.to_datetime(text, utc=True, errors="coerce", **order)
         since = (parsed - pd.Timestamp(0, tz="UTC")).dt.total_seconds().to_numpy(dtype=float)
@@ -353,9 +343,8 @@ def _stamps(cells: Any, where: str, zone_hours: float | None, before: int, clock
 
 def mixed_zones(where: str, row: int) -> UserError:
     """What is said of stamps with and without a zone. where: names table and column; row: the first other one."""
-    return Conflict(
-        f"{where}: some stamps have a time zone and others none (from row {row} on); write the zone to all of them"
-    )
+    words = f"some stamps have a time zone and others none (from row {row} on); write the zone to all of them"
+    return Conflict(f"{where}: {words}")
 
 
 def _refuse(bad: Any, text: Any, where: str, before: int) -> None:

@@ -18,8 +18,9 @@ from mmg.errors import BadValue
 
 
 class Kind(NamedTuple):
-    """Quantities (a pattern), the words of positive and of negative numbers, and what has to tell that a column is
-    theirs: "place" (its title, or that it stands beside them), "title" (a word of theirs in its own) or ""."""
+    """quantities: pattern of those that a column of signs may belong to; plus, minus: words of positive and of negative
+    numbers; told_by: what has to show that it belongs to them, "place" (its title, or that it stands beside them),
+    "title" (a word of theirs in its own) or ""."""
 
     quantities: str
     plus: tuple[str, ...]
@@ -42,8 +43,7 @@ KINDS = (
 # Words of what rests; its numbers are zero or nearly so.
 NEITHER = ("stop", "stopped", "neutral", "zero", "off", "midships", "0")
 REVERSED = r"(.*_)?(astern|reverse|reversed|reversing)"
-# A title of the direction of revolutions or of a rudder, whatever the words below it.
-DIRECTION = (
+DIRECTION = (  # A title of the direction of revolutions or of a rudder, whatever the words below it.
     rf"{REVERSED}|.*(shaft|prop|engine|screw|gear|thruster|rudder|rpm).*_(dir|direction|sense|side|sign|ahead|rev)"
 )
 PLACE = r"(.*_)?(lat|lon|hemi|ns|n_s|n_or_s|ew|e_w|e_or_w).*"  # A title of a hemisphere
@@ -59,27 +59,29 @@ def sign_columns(
     is negative lack a sign. Raises UserError where two columns hold it, where only an order does, and where the words
     of a column whose title is a direction are not known.
     """
-    found: dict[str, ColumnMap] = {}
+    signs: dict[str, ColumnMap] = {}
     orders: dict[str, str] = {}
     for header in headers:
         title, words = plain_words(header), _words(table.cells(header))
         for kind in _kinds(title, words):
             reads = _reads(kind, title)
+            # 0 and 1 say a direction only where the title says which of both is astern.
             known = words <= set(reads) and not (words <= {"0", "1"} and reads["1"] == 1)
             for quantity in _targets(kind, header, table, mapped, headers, chosen):
-                own = mapped[quantity].header
+                unsigned = mapped[quantity].header
                 if not known and len(words) > 1:
                     shown = ", ".join(sorted(words)[:4])
-                    raise _open(table, own, header, f"holds {shown}, of which the sign is not known")
+                    raise _open(table, unsigned, header, f"holds {shown}, of which the sign is not known")
                 negative = known and any(reads[word] < 0 for word in words)
-                if is_order(title) and kind.told_by != "place":
+                if is_order(title) and kind.told_by != "place":  # "n or s" of a position is no order
                     orders |= {quantity: header} if negative else {}
-                elif known and f"{quantity}_sign" not in found:
-                    found[f"{quantity}_sign"] = ColumnMap.model_validate({"from": header})
+                elif known and f"{quantity}_sign" not in signs:
+                    signs[f"{quantity}_sign"] = ColumnMap.model_validate({"from": header})
                 elif negative:
-                    other = found[f"{quantity}_sign"].header
-                    raise _open(table, own, header, f"holds its sign as '{other}' does")
+                    other = signs[f"{quantity}_sign"].header
+                    raise _open(table, unsigned, header, f"holds its sign as '{other}' does")
     unused = chosen.ignored_in(table.path)
+    # Orders of astern beside revolutions that are never negative show that these lost their sign.
     for header in [h for h in table.headers if is_order(h) and h not in headers and h not in unused]:
         about = _stems(plain_words(header)) & {"rpm", "rps", "shaft", "propeller", "prop", "revs", "telegraph", "eot"}
         astern = any(re.search(r"astern|revers", word) for word in _words(table.cells(header)))
@@ -87,9 +89,9 @@ def sign_columns(
         if about and astern and "n" in mapped and _positive(table, mapped["n"].header, chosen):
             orders["n"] = header
     for quantity, header in orders.items():
-        if f"{quantity}_sign" not in {*found, *mapped}:
+        if f"{quantity}_sign" not in {*signs, *mapped}:
             raise _open(table, mapped[quantity].header, header, "holds orders, not what the shaft does")
-    return {name: column for name, column in found.items() if name not in mapped}
+    return {name: column for name, column in signs.items() if name not in mapped}
 
 
 def hold_signs(table: RawTable, header: str) -> bool:
@@ -99,11 +101,10 @@ def hold_signs(table: RawTable, header: str) -> bool:
 
 
 def signed(values: np.ndarray, quantity: str, table: RawTable, header: str, chosen: ImportMap) -> np.ndarray:
-    """The ``values`` (N,) of a ``quantity`` with the signs in the column ``header`` of its ``table``.
-
-    chosen: the map, which says the side of positive rudder angles. Raises UserError for a word that is no sign.
-    """
+    """The ``values`` (N,) of a ``quantity`` with the signs in the column ``header`` of its ``table``. chosen: the map,
+    which says the side of positive rudder angles. Raises UserError for a word that is no sign."""
     kind = next(kind for kind in KINDS if re.fullmatch(kind.quantities, quantity))
+    # Before the first word the sign is plus; in a later piece of a log that word is not known any more.
     reads = {"": 0 if table.before else 1, **_reads(kind, plain_words(header))}
     words = table.cells(header).ffill().map(_word)  # some are logged where they change
     sign = words.map(lambda word: reads.get(word, 0)).to_numpy()
@@ -115,9 +116,9 @@ def signed(values: np.ndarray, quantity: str, table: RawTable, header: str, chos
     return -out if quantity.startswith("delta") and chosen.rudder_positive == "port" else out
 
 
-def _open(table: RawTable, own: str, header: str, why: str) -> OpenQuestion:
-    words = f"the numbers of '{own}' have no sign, and column '{header}' {why}; write the sign into '{own}'"
-    return OpenQuestion(table.path, words, {f"'{own}' is right as it is": {"ignore": [header]}})
+def _open(table: RawTable, unsigned: str, header: str, why: str) -> OpenQuestion:
+    words = f"the numbers of '{unsigned}' have no sign, and column '{header}' {why}; write the sign into '{unsigned}'"
+    return OpenQuestion(table.path, words, {f"'{unsigned}' is right as it is": {"ignore": [header]}})
 
 
 def _kinds(title: str, words: set[str]) -> list[Kind]:
@@ -143,12 +144,12 @@ def _targets(
     """The quantities without a sign whose headers share most words with ``header``, the title of a column of signs;
     signs: those of all, which may stand between a position and its own."""
     title, at = plain_words(header), table.headers.index(header)
-    own, both_ways = _stems(title), (table.headers[:at][::-1], table.headers[at + 1 :])
+    stems, both_ways = _stems(title), (table.headers[:at][::-1], table.headers[at + 1 :])
     neighbours = {next((h for h in way if h not in signs), "") for way in both_ways}
     by_position = any(mapped[q].header in neighbours for q in ("latitude", "longitude") if q in mapped)
     fit = {q: column.header for q, column in mapped.items() if re.fullmatch(kind.quantities, q)}
-    shared = {q: len(own & _stems(plain_words(title))) for q, title in fit.items()}
-    best = max(shared.values(), default=0)
+    shared = {q: len(stems & _stems(plain_words(title))) for q, title in fit.items()}
+    best = max(shared.values(), default=0)  # of several shafts, the one on the side that the title names
     is_shown = {"": True, "title": best > 0, "place": by_position or bool(re.fullmatch(PLACE, title))}[kind.told_by]
     return [q for q in fit if is_shown and shared[q] == best and _positive(table, fit[q], chosen)]
 
@@ -177,30 +178,28 @@ def _word(cell: Any) -> str:
     if cell is None or cell != cell:
         return ""
     try:
-        return f"{float(cell):g}"
+        return f"{float(cell):g}"  # 1, "1" and 1.0 are one word
     except (TypeError, ValueError):
         return str(cell).strip().lower()
 
 
 GNSS = ("latitude", "longitude", "x", "y", "sog", "cog")  # What a receiver gives, and what its fix holds for
-# A title of what says whether others hold.
-STATUS = (
+STATUS = (  # A title of what says whether others hold.
     r"(.*_)?(valid|validity|status|stat|quality|qual|fix|fix_?(type|mode|quality|ok)|mode|mode_indicator|ok|flag|error|"
     r"err|fault|alarm|invalid|health|good|bad)"
 )
-GOOD = (
-    "a|d|f|p|r|ok|good|valid|true|yes|(gps_?|gnss_?|3d_?|2d_?|dgps_?|rtk_?)?(fix|fixed|float)|[23]d|d?gps|d?gnss|rtk|active|on|"
-    "healthy|normal|auto"
+GOOD = (  # Words of what holds, and of what does not.
+    "a|d|f|p|r|ok|good|valid|true|yes|(gps_?|gnss_?|3d_?|2d_?|dgps_?|rtk_?)?(fix|fixed|float)|[23]d|d?gps|d?gnss|rtk|"
+    "active|on|healthy|normal|auto"
 )
-# Words of what holds, and of what does not.
 BAD = "v|n|e|(in|not_?)valid|bad|false|no_?(fix)?|none|lost|faulty?|fail(ed|ure)?|error|time_?out|void|unavailable|off"
 FAULT = r"(.*_)?(error|err|fault|alarm|invalid|bad)"  # A title of what is nonzero or true where others do not hold
 # A title whose number 0 says that others do not hold, by NMEA 0183 (GGA) and by the word.
 QUALITY = r"(.*_)?(fix|quality|qual|fix_?quality|valid|validity|ok|good)(_indicator)?"
+# Words of what directions and winds are counted from; "theoretical" is NMEA's word for the true wind (MWV).
 TRUE, MAGNETIC = {"t", "true", "°t", "theoretical"}, {"m", "mag", "magnetic", "°m"}
-RELATIVE = {"r", "rel", "relative", "apparent"}  # Words of what directions and winds are counted from
-# Titles of columns that name what was measured from, and with what.
-SOURCE = (
+RELATIVE = {"r", "rel", "relative", "apparent"}
+SOURCE = (  # Titles of columns that name what was measured from, and with what.
     r"(.*_)?(source|src|sensor|talker|device|receiver|antenna|instrument|gyro_no|gps_no)(_?(id|no|name|nr|number))?"
 )
 SHARE = 0.05  # Least share of the rows of each of several sensors: rarer ones are slips. Set by hand.
@@ -208,7 +207,7 @@ SHARE = 0.05  # Least share of the rows of each of several sensors: rarer ones a
 
 class Masks(NamedTuple):
     """rows: header -> cells of the rows that are used, for all quantities; of: quantity -> (header, cells for which it
-    holds); account: header -> what became of it."""
+    holds); account: header -> the quantities that it was used for, and how, or why it was not."""
 
     rows: dict[str, set[str]]
     of: dict[str, list[tuple[str, set[str]]]]
@@ -217,7 +216,7 @@ class Masks(NamedTuple):
     @property
     def headers(self) -> list[str]:
         """Of the columns that say whether others hold."""
-        return [*self.rows, *(header for own in self.of.values() for header, _ in own)]
+        return [*self.rows, *(header for conditions in self.of.values() for header, _ in conditions)]
 
 
 def masks_of(
@@ -230,33 +229,35 @@ def masks_of(
     winds become apparent ones or angles from the bow. chosen: the map. Raises UserError where all rows say that nothing
     holds, and OpenQuestion where several sensors measured one quantity, or where it stays open what a word means.
     """
-    found = Masks({h: set(cells) for h, cells in chosen.rows_of(table.path).items() if h in table.headers}, {}, {})
-    for header, cells in found.rows.items():
+    masks = Masks({h: set(cells) for h, cells in chosen.rows_of(table.path).items() if h in table.headers}, {}, {})
+    for header, cells in masks.rows.items():
         if not _holds(table, header, cells).any():
             shown = ", ".join(sorted(_words(table.cells(header)))[:6]) or "many values"
             raise BadValue(f"{table.name}: no row of column '{header}' holds {', '.join(sorted(cells))}, but {shown}")
-        found.account[header] = ((), f"its rows {', '.join(sorted(cells))} are used")
+        masks.account[header] = ((), f"its rows {', '.join(sorted(cells))} are used")
     for header in [*headers, *signs]:
         title, words = plain_words(header), _words(table.cells(header))
-        if header in found.rows or not words:
+        if header in masks.rows or not words:
             continue
-        if words <= TRUE | MAGNETIC | RELATIVE and (targets := _referred(table, header, title, mapped)):
-            _refer(table, header, words, targets, mapped, found)
+        # References first: their "r" and "t" would be read as words of a rudder's side or of a status.
+        if words <= TRUE | MAGNETIC | RELATIVE and (targets := _referred(table, header, title)):
+            _refer(header, words, targets, mapped, masks)
             continue
         if header in signs:
             continue
         says = len(words) > 1 and bool(words & {"ok", "good", "valid"})
         says = says and all(re.fullmatch(f"{GOOD}|{BAD}", word) for word in words)
         if says or words <= {"a", "v", "d"} or (re.fullmatch(STATUS, title) and not is_order(title)):
-            _status(table, header, title, words, mapped, found)
+            _status(table, header, title, words, mapped, masks)
         elif re.fullmatch(SOURCE, title) and len(words) > 1:
-            _sources(table, header, mapped, found)
-    return found
+            _sources(table, header, mapped, masks)
+    return masks
 
 
 def _holds(table: RawTable, header: str, cells: set[str]) -> np.ndarray:
     """Rows (N,) of the ``table`` that hold one of the ``cells`` below ``header``."""
     wanted, column = {_word(cell) for cell in cells}, table.cells(header)
+    # By different cells: of millions of rows only some words are looked at one by one.
     return column.isin([cell for cell in column.unique() if _word(cell) in wanted]).to_numpy(dtype=bool)
 
 
@@ -268,26 +269,22 @@ def masked_rows(table: RawTable, quantity: str, masks: Masks) -> np.ndarray:
     return good
 
 
-def _referred(table: RawTable, header: str, title: str, mapped: Mapping[str, ColumnMap]) -> list[str]:
-    """Headers of the directions and wind speeds whose reference a column may be: those with the same word in them, or
-    the one left of it."""
+def _referred(table: RawTable, header: str, title: str) -> list[str]:
+    """Headers of directions and wind speeds with the same word as the ``title``, else of the one on the left."""
     words = re.compile(r"heading|hdg|gyro|course|cog|wind|compass")
-    own = words.search(title)
-    if own:
-        return [h for h in table.headers if h != header and own[0] in plain_words(h)]
+    if named := words.search(title):
+        return [h for h in table.headers if h != header and named[0] in plain_words(h)]
     at = table.headers.index(header)
     return [h for h in table.headers[max(at - 1, 0) : at] if words.search(plain_words(h))]
 
 
-def _refer(
-    table: RawTable, header: str, words: set[str], targets: Sequence[str], mapped: dict[str, ColumnMap], masks: Masks
-) -> None:
+def _refer(header: str, words: set[str], targets: Sequence[str], mapped: dict[str, ColumnMap], masks: Masks) -> None:
     """Move quantities to what the words of a reference say that they are."""
     of = {column.header: quantity for quantity, column in mapped.items()}
     used = []
     for target in targets:
         title, now = plain_words(target), of.get(target, "")
-        if "wind" in title and not words & MAGNETIC:
+        if "wind" in title and not words & MAGNETIC:  # a true angle of MWV is counted from the bow, not from north
             speed = "speed" in title or "velocity" in title
             names = [(RELATIVE, "apparent_wind_speed" if speed else "apparent_wind_direction")]
             names.append((TRUE, "wind_speed" if speed else "true_wind_angle"))
@@ -298,9 +295,9 @@ def _refer(
         column = mapped.pop(now, None) or ColumnMap.model_validate({"from": target})
         masks.account[target] = ((), f"'{header}' says {', '.join(sorted(words))}")
         for kind, name in names:
-            if (own := words & kind) and mapped.get(name, column).header == target:
+            if (hits := words & kind) and mapped.get(name, column).header == target:
                 mapped[name] = column
-                masks.of.setdefault(name, []).append((header, own))
+                masks.of.setdefault(name, []).append((header, hits))
                 used.append(name)
     if used:
         masks.account[header] = (tuple(used), "says what they are counted from")
@@ -312,19 +309,20 @@ def _status(
     """Mask quantities where their status does not hold."""
     targets = [q for q, row in QUANTITIES.items() if q in mapped and row.valid and re.fullmatch(row.valid, title)]
     before = dict(zip(table.headers[1:], table.headers[:-1], strict=True)).get(header)
-    left = next((quantity for quantity, column in mapped.items() if column.header == before), "")
-    about = meaning(title.rpartition("_")[0]).quantity
+    neighbour = next((quantity for quantity, column in mapped.items() if column.header == before), "")
+    about = meaning(title.rpartition("_")[0]).quantity  # "heading" of "heading status"
     targets = targets or [about] * (about in mapped)
-    if "_" not in title and left:
-        targets = [q for q in GNSS if q in mapped] if left in (*GNSS, "t", "date") else [left]
+    if "_" not in title and neighbour:  # a bare "status": behind the time it is that of RMC, for all of a receiver
+        targets = [q for q in GNSS if q in mapped] if neighbour in (*GNSS, "t", "date") else [neighbour]
     if not targets:
-        own = _stems(title)
-        shared = {q: len(own & _stems(plain_words(c.header))) for q, c in mapped.items() if q not in ("t", "date")}
+        stems = _stems(title)
+        shared = {q: len(stems & _stems(plain_words(c.header))) for q, c in mapped.items() if q not in ("t", "date")}
         best = max(shared.values(), default=0)
         targets = [q for q in shared if best and shared[q] == best]
     says = {word: _says(word, title, words) for word in words}
     good, bad = ({word for word, sound in says.items() if sound is answer} for answer in (True, False))
     shown, codes = ", ".join(sorted(words)[:6]), all(len(word) < 3 for word in words - good - bad)
+    # Other words are of no status: letters and numbers may be codes of one, and are asked for.
     if words == good or (len(words) == 1 and not bad) or not (bad or (targets and codes)):
         masks.account[header] = ((), f"says {shown}" + " in all rows" * (len(words) == 1))
     elif words == bad or not targets or words - good - bad:
@@ -341,7 +339,7 @@ def _status(
 def _says(word: str, title: str, words: set[str]) -> bool | None:
     """Whether what has the status ``word`` holds, None where it is not known. words: all that the column holds."""
     fault, number = re.fullmatch(FAULT, title) is not None, as_number(word)
-    if number == number:
+    if number == number:  # no NaN, which stands for words
         if fault:
             return number == 0
         if re.fullmatch(QUALITY, title):
@@ -358,9 +356,9 @@ def _sources(table: RawTable, header: str, mapped: Mapping[str, ColumnMap], mask
     names = [name for name, share in cells.value_counts(normalize=True).items() if name and share > SHARE]
     for quantity in [q for q in ("latitude", "x", "psi", "heading_magnetic", "sog", "delta", "n") if q in mapped]:
         share = cells[table.cells(mapped[quantity].header).notna()].value_counts() / len(cells)
-        several = [name for name in names if share.get(name, 0.0) > SHARE]
-        if len(several) > 1:
-            words = f"column '{header}' names several sensors, which all give {quantity}: {', '.join(several[:6])}"
-            choices: dict[str, Any] = {f"that of {name}": {"rows": {header: [name]}} for name in several[:4]}
+        sensors = [name for name in names if share.get(name, 0.0) > SHARE]
+        if len(sensors) > 1:
+            words = f"column '{header}' names several sensors, which all give {quantity}: {', '.join(sensors[:6])}"
+            choices: dict[str, Any] = {f"that of {name}": {"rows": {header: [name]}} for name in sensors[:4]}
             raise OpenQuestion(table.path, words, {**choices, "all": {"ignore": [header]}})
     masks.account[header] = ((), f"names {', '.join(names[:4])}, which measured other columns")

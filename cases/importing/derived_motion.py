@@ -25,11 +25,11 @@ from mmg.messages import Message
 from mmg.motion.flow import RUDDERS
 
 BAND = 4  # Diagonals beside the main one: those of the squared STENCIL
+# Weights of a value, and of its central difference of fourth order, at the rows -2 to 2.
 ITSELF, STENCIL = np.array([0.0, 0.0, 1.0, 0.0, 0.0]), np.array([1.0, -8.0, 0.0, 8.0, -1.0]) / 12
-"""Of a value, and of its central difference of fourth order, at the rows -2 to 2."""
-BLOCKS, WIDTH = 50, 3.0
-"""Least blocks of rows that are averaged before they are smoothed, and rows over which they then must be smoothed:
-blocks are halved until the motion does not need shorter ones. Set by hand."""
+# Least blocks of rows that are averaged before they are smoothed, and rows over which they then must be smoothed:
+# blocks are halved until the motion does not need shorter ones.
+BLOCKS, WIDTH = 50, 3.0  # set by hand
 # By how much the logarithms of the variances of noise and third differences may lie below those of the differences of
 # the values: the likelihood has narrow valleys, and the search begins in the deepest.
 STARTS = np.arange(0.0, 28.0, 4.0)
@@ -41,10 +41,8 @@ AS_LIKELY = 4.0
 RICHARDSON = 2.0
 SLENDER = 6.0  # Length over breadth of a usual ship. Set by hand.
 COARSE = 0.01  # Share of the extent of a track to which its positions may be rounded before it is said. Set by hand.
-# m, rad, m/s; resolution of a column that shows none because it never changes: that of the finest instruments.
-FINEST = 1e-4  # set by hand
-# Places along the record at which the standard error is taken; their median is said.
-PLACES = 9  # set by hand: a median needs no more
+FINEST = 1e-4  # m, rad, m/s; resolution of a column that never changes: that of the finest instruments. Set by hand.
+PLACES = 9  # Along the record, at which the standard error is taken; their median is said. Set by hand.
 LONGEST_GAP = 5.0  # Gap in the positions [s] over which no velocity is derived. Set by hand.
 
 
@@ -59,10 +57,8 @@ class Smoothed:
 
 
 FEWEST = 6  # Values from which a path can be smoothed: those of the STENCIL and one more
-TOO_FEW = (
-    "positions or headings are too few, or too far apart in size, to derive velocities from; give u, v and r, or check "
-    "the file"
-)
+TOO_FEW = "positions or headings are too few, or too far apart in size, to derive velocities from"
+TOO_FEW += "; give u, v and r, or check the file"
 
 
 def smoothed(
@@ -72,8 +68,8 @@ def smoothed(
 
     Columns are of one instrument, as north and east of a receiver: whichever way the axes lie, the path is the same.
     h: step [s]; rate: as ``value`` per second, or None; resolution, rate_resolution: to which both were rounded, or 0
-    where nothing shows it (FINEST). Of the sizes of noise and motion the most likely are taken, the noise not below
-    that of rounding. Raises UserError where no sizes smooth the values.
+    where nothing shows it (FINEST). The noise is not taken below that of rounding. Raises UserError where no sizes of
+    noise and motion smooth the values.
     """
     n, shape = len(value), np.shape(value)
     value = np.reshape(value, (n, -1))
@@ -87,20 +83,21 @@ def smoothed(
     k = 2 ** max(0, int(np.log2(n / BLOCKS)))  # fine rows of a slow ship leave the matrices no digits
     while True:
         y, slope = _means((value - centre) / unit, k), _means(rate * k * h / unit, k)
+        # A number that is rounded to steps of q has the variance q^2 / 12; the mean of k of them, a k-th of it.
         rounding = np.array([resolution, 0.0, rate_resolution * k * h]) ** 2 / (12 * k * unit**2)
-        found = _likeliest(y, slope, rounding)
-        if k == 1 or found.width > WIDTH:
+        likeliest = _likeliest(y, slope, rounding)
+        if k == 1 or likeliest.width > WIDTH:
             break
         k //= 2
-    sharp = found.path.copy()
-    sharp[1:-1] -= np.diff(found.path, 2, axis=0) * (1 - k**-2) / 24  # a mean over a block bends less than the path
-    at = (n % k) // 2 + (np.arange(len(y)) + 0.5) * k - 0.5
+    sharp = likeliest.path.copy()
+    sharp[1:-1] -= np.diff(likeliest.path, 2, axis=0) * (1 - k**-2) / 24  # means over blocks bend less than the path
+    at = (n % k) // 2 + (np.arange(len(y)) + 0.5) * k - 0.5  # rows in the middle of the blocks
     path, rows = CubicSpline(at, sharp), np.arange(n)
     rough = CubicSpline(at[::2], sharp[::2])
     between = float(np.sqrt(np.mean((path(at, 1) - rough(at, 1)) ** 2))) * k / RICHARDSON
-    error = float(np.hypot(found.rate_std, between)) * unit / (k * h)
+    error = float(np.hypot(likeliest.rate_std, between)) * unit / (k * h)
     smooth, slopes = (path(rows) * unit + centre).reshape(shape), (path(rows, 1) * unit / h).reshape(shape)
-    return Smoothed(smooth, slopes, found.value_std * unit, error)
+    return Smoothed(smooth, slopes, likeliest.value_std * unit, error)
 
 
 def _means(values: np.ndarray, k: int) -> np.ndarray:
@@ -125,12 +122,10 @@ class _Likeliest(NamedTuple):
 
 def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _Likeliest:
     """The path through ``value`` and its ``rate`` per row, (N, C) in a range of one, at the most likely sizes.
-
-    rounding: the least variances of noise, third differences and noise of the rates.
-    """
+    rounding: the least variances of noise, third differences and noise of the rates."""
     n, C = value.shape
     known, with_rate = np.isfinite(value).all(axis=1), np.isfinite(rate).all(axis=1)
-    with_rate[:2] = with_rate[-2:] = False
+    with_rate[:2] = with_rate[-2:] = False  # the stencil needs two rows on either side
     y, slope = np.where(known[:, None], value, 0.0), np.where(with_rate[:, None], rate, 0.0)
     third = sparse.diags([-1.0, 3.0, -3.0, 1.0], [0, 1, 2, 3], shape=(n - 3, n), format="csr")
     central = sparse.diags(STENCIL, [-2, -1, 0, 1, 2], shape=(n, n), format="csr")[with_rate]
@@ -140,13 +135,15 @@ def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _Li
     limits[0] = np.log(np.maximum(np.exp(limits[0]), rounding))
     limits = limits[:, : len(counts)]
 
-    def sizes(logs: np.ndarray) -> np.ndarray:  # logarithms of the three variances
+    # Logarithms of the variances. Searched are those of both noises and of the width over which the path is smoothed
+    # [rows], with whose sixth power the variance of third differences falls.
+    def sizes(logs: np.ndarray) -> np.ndarray:
         return np.array([logs[0], logs[0] - 6 * logs[1], *logs[2:]])
 
     def solved(logs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        noise, jerk, rates = np.append(np.exp(-sizes(logs)), 0.0)[:3]
+        noise, jerk, rates = np.append(np.exp(-sizes(logs)), 0.0)[:3]  # one over the variances
         A = D * jerk + R * rates
-        A[-1] += known * noise
+        A[-1] += known * noise  # the last row of an upper band is the main diagonal
         root = cholesky_banded(A)
         return root, cho_solve_banded((root, False), y * noise + turned * rates)
 
@@ -154,11 +151,11 @@ def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _Li
         try:
             root, x = solved(logs)
         except np.linalg.LinAlgError:
-            return 1e300
+            return 1e300  # the simplex goes elsewhere
         residuals = (y - x)[known], third @ x, slope[with_rate] - central @ x
         squares = np.array([float(np.sum(part**2)) for part in residuals])[: len(counts)]
-        likelihood = 2 * np.log(root[-1]).sum() + counts @ sizes(logs)
-        return float(C * likelihood + np.exp(-sizes(logs)) @ squares)
+        determinants = 2 * np.log(root[-1]).sum() + counts @ sizes(logs)
+        return float(C * determinants + np.exp(-sizes(logs)) @ squares)  # minus twice the log likelihood, eq. 2.30
 
     noise, jerk = (np.log(_variance(np.diff(y[known], order, axis=0))) for order in (2, 3))
     rates = [np.log(_variance(np.diff(slope[with_rate], axis=0)))] * (len(counts) - 2)
@@ -166,14 +163,12 @@ def _likeliest(value: np.ndarray, rate: np.ndarray, rounding: np.ndarray) -> _Li
         np.clip([noise - less, (noise - less - jerk + slower) / 6, *rates], *limits)
         for less, slower in itertools.product(STARTS, STARTS)
     ]
+    # To 1 % of a standard deviation and far below AS_LIKELY. Set by hand.
     best = minimize(
-        cost,
-        min(starts, key=cost),
-        method="Nelder-Mead",
-        bounds=Bounds(*limits),
+        cost, min(starts, key=cost), method="Nelder-Mead", bounds=Bounds(*limits),
         options={"xatol": 0.02, "fatol": 0.05, "maxfev": 160},
-    )
-    logs, less = best.x, np.array([0.0, 0.08, 0.0])[: len(counts)]
+    )  # fmt: skip
+    logs, less = best.x, np.array([0.0, 0.08, 0.0])[: len(counts)]  # steps of 8 % of the width
     while logs[1] > limits[0, 1] + 0.08 and cost(logs - less) < best.fun + AS_LIKELY:
         logs = logs - less
     try:
@@ -191,13 +186,12 @@ def _variance(values: np.ndarray) -> float:
 
 
 def resolution_of(values: np.ndarray) -> float:
-    """The step to whose multiples ``values`` (N,) were rounded before their unit was changed: what divides all their
-    differences."""
+    """The step to whose multiples ``values`` (N,) were rounded, in any unit: what divides all differences; else 0."""
     levels = np.unique(values[np.isfinite(values)])
-    tolerance = 1e-11 * float(np.abs(levels).max(initial=0.0))
+    tolerance = 1e-11 * float(np.abs(levels).max(initial=0.0))  # of floats, after a change of unit
     steps = np.diff(levels)
     steps = steps[steps > tolerance]
-    while len(steps):
+    while len(steps):  # Euclid's algorithm on all of them at once
         least = float(steps.min())
         rest = np.remainder(steps, least)
         rest = rest[(rest > tolerance) & (rest < least - tolerance)]
@@ -255,15 +249,16 @@ def derived_velocities(
         rounding = float(np.sqrt(np.nanmean(grain.get("sog", 0.0) ** 2 + (sog * grain.get("cog", 0.0)) ** 2) / 2))
     if used[0] == ("x", "y"):
         place = np.column_stack([columns["x"], columns["y"]])
-        found = _joined(steps.get("x", h), h, place, ground, max(grain.get("x", 0.0), grain.get("y", 0.0)), rounding)
-        known, velocity, error, how = np.isfinite(place).all(axis=1), found.rate, found.rate_std, "positions"
+        track = _joined(steps.get("x", h), h, place, ground, max(grain.get("x", 0.0), grain.get("y", 0.0)), rounding)
+        known, velocity, error, how = np.isfinite(place).all(axis=1), track.rate, track.rate_std, "positions"
         how += ", speed and course over ground" if len(used) > 1 else ""
     else:
-        found = _smoothed_every(steps.get("sog", h), h, ground, resolution=rounding)
-        known, velocity, error = np.isfinite(ground).all(axis=1), found.value, found.value_std
+        track = _smoothed_every(steps.get("sog", h), h, ground, resolution=rounding)
+        known, velocity, error = np.isfinite(ground).all(axis=1), track.value, track.value_std
         how = "speed and course over ground"
     north, east = (_where_near(known, part, h) for part in velocity.T)
     psi, (l_x, l_y) = np.where(good, turn.value, np.nan), point or (0.0, 0.0)
+    # From the earth frame into body axes, and from the point P to midship: u = u_P + l_y r, v = v_P - l_x r.
     ahead, aside = north * np.cos(psi) + east * np.sin(psi), east * np.cos(psi) - north * np.sin(psi)
     for name, values, other, arm in (("u", ahead, aside, -l_y), ("v", aside, ahead, l_x)):
         if name not in columns:
@@ -271,10 +266,9 @@ def derived_velocities(
             new[name] = values - arm * turn.rate
             std[name] = float(np.linalg.norm([error, across, arm * turn.rate_std]))
             ancestors[name] = ("psi", *itertools.chain(*used))
-    errors = ", ".join(f"{name} {std[name]:.2g} m/s" for name in "uv" if name in new)
-    said.append(
-        Message(f"{' and '.join(n for n in 'uv' if n in new)} derived from {how}; standard error {errors}", "derived")
-    )
+    names = [name for name in "uv" if name in new]
+    errors = ", ".join(f"{name} {std[name]:.2g} m/s" for name in names)
+    said.append(Message(f"{' and '.join(names)} derived from {how}; standard error {errors}", "derived"))
     return Derived(new, std, ancestors, said)
 
 
@@ -293,15 +287,14 @@ def widened(
         angles = [columns[name] for name in RUDDERS if name in columns] or [np.array([np.radians(20.0)])]
         delta, how = float(np.sqrt(np.nanmean(np.square(np.concatenate(angles))))), "taken from speed, turns and rudder"
         speed = float(np.sqrt(np.nanmean(columns["u"] ** 2 + columns["v"] ** 2)))
-        length = float(np.clip(speed * delta / max(turn, 1e-9), 1.0, 400.0))
+        length = float(np.clip(speed * delta / max(turn, 1e-9), 1.0, 400.0))  # m: from models to the largest ships
     more = {"v": turn * length / 2, "u": turn * length / (2 * SLENDER)}
     more = {name: value for name, value in more.items() if name in derived}
-    more |= {
-        name: length / 2 * float(np.nanstd(f(psi))) for name, f in (("x", np.cos), ("y", np.sin)) if name in columns
-    }
+    for name, of_heading in (("x", np.cos(psi)), ("y", np.sin(psi))):
+        if name in columns:
+            more[name] = length / 2 * float(np.nanstd(of_heading))
     words = f"half a ship of {length:.3g} m ({how}) is added to their standard errors"
-    out = dict(std) | {name: float(np.hypot(std.get(name, 0.0), value)) for name, value in more.items()}
-    return out, words
+    return dict(std) | {name: float(np.hypot(std.get(name, 0.0), value)) for name, value in more.items()}, words
 
 
 def _joined(
@@ -319,28 +312,22 @@ def _joined(
 
 
 def _smoothed_every(
-    step: float,
-    h: float,
-    value: np.ndarray,
-    rate: np.ndarray | None = None,
-    resolution: float = 0.0,
+    step: float, h: float, value: np.ndarray, rate: np.ndarray | None = None, resolution: float = 0.0,
     rate_resolution: float = 0.0,
-) -> Smoothed:
-    """As ``smoothed`` of values every h [s] that were measured every ``step`` [s] and lie on lines in between:
-    such lines must not count as measurements."""
+) -> Smoothed:  # fmt: skip
+    """As ``smoothed``, of values on lines between those measured every ``step`` [s], which alone are measurements."""
     k = max(1, round(step / h))
-    found = smoothed(k * h, value[::k], None if rate is None else rate[::k], resolution, rate_resolution)
+    smooth = smoothed(k * h, value[::k], None if rate is None else rate[::k], resolution, rate_resolution)
     if k == 1:
-        return found
+        return smooth
     rows = np.arange(len(value))
-    path, slope = (CubicSpline(rows[::k], part)(rows) for part in (found.value, found.rate))
-    return replace(found, value=path, rate=slope)
+    path, slope = (CubicSpline(rows[::k], part)(rows) for part in (smooth.value, smooth.rate))
+    return replace(smooth, value=path, rate=slope)
 
 
 def _where_near(known: np.ndarray, values: np.ndarray, h: float) -> np.ndarray:
     """``values`` (N,), NaN in gaps of what is ``known`` longer than LONGEST_GAP and at both ends."""
-    at = np.flatnonzero(known)
-    rows = np.arange(len(known))
+    at, rows = np.flatnonzero(known), np.arange(len(known))
     before = at[np.clip(np.searchsorted(at, rows, "right") - 1, 0, len(at) - 1)]
     after = at[np.clip(np.searchsorted(at, rows), 0, len(at) - 1)]
     inside = (before <= rows) & (after >= rows) & ((after - before) * h <= LONGEST_GAP + h)
@@ -348,16 +335,15 @@ def _where_near(known: np.ndarray, values: np.ndarray, h: float) -> np.ndarray:
 
 
 def _band(squares: sparse.csr_matrix) -> np.ndarray:
-    """A symmetric matrix of BAND diagonals beside the main one as an upper band (4, n)."""
+    """A symmetric matrix (n, n) of BAND diagonals beside the main one as an upper band (BAND + 1, n)."""
     return np.array([np.append(np.zeros(k), squares.diagonal(k)) for k in range(BAND, -1, -1)])
 
 
 def _std(root: np.ndarray, known: np.ndarray, weights: np.ndarray) -> float:
-    """Posterior standard deviation of a sum of five neighbours with ``weights`` (5,), the median over places where
-    something was measured."""
-    n, inside, found = root.shape[1], np.flatnonzero(known[2:-2]) + 2, []
+    """Posterior standard deviation of a sum of five neighbours with ``weights`` (5,): the median over PLACES."""
+    inside, variances = np.flatnonzero(known[2:-2]) + 2, []
     for i in inside[np.linspace(0, len(inside) - 1, PLACES).astype(int)] if len(inside) else []:
-        d = np.zeros(n)
+        d = np.zeros(root.shape[1])
         d[i - 2 : i + 3] = weights
-        found.append(float(d @ cho_solve_banded((root, False), d)))
-    return float(np.sqrt(np.median(found))) if found else float("nan")
+        variances.append(float(d @ cho_solve_banded((root, False), d)))  # d' A^-1 d
+    return float(np.sqrt(np.median(variances))) if variances else float("nan")

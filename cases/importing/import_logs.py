@@ -1,5 +1,5 @@
-"""Raw logs to canonical trials: read all, join, convert; all that is wrong is said at once, nothing is half-written;
-as a folder: trial files, their sidecar, and the map that repeats the import."""
+"""Raw logs to canonical trials: read all, join, convert, and write trial files, their sidecar, and the map that repeats
+the import. All that is wrong is said at once; nothing is half-written."""
 
 from __future__ import annotations
 
@@ -19,16 +19,7 @@ from cases.importing.assembled_run import CONVENTIONS, ImportedRun, assembled, g
 from cases.importing.import_map import NAME as MAP
 from cases.importing.import_map import POINT, ImportMap, OpenQuestion, Question, names_apart
 from cases.importing.log_columns import Log, log_of
-from cases.importing.message_logs import (
-    is_iso19848,
-    is_nmea2000,
-    is_signal_k,
-    read_iso19848,
-    read_nmea2000,
-    read_signal_k,
-    with_local_ids,
-)
-from cases.importing.nmea_log import is_nmea, read_nmea
+from cases.importing.message_logs import reader_of, with_local_ids
 from cases.importing.raw_table import RawTable, split_unit
 from cases.importing.robot_bags import MAGIC, bag_of, read_bag
 from cases.importing.series import pivoted
@@ -47,11 +38,9 @@ JSON = (".json", ".jsonl", ".ndjson")
 BAGS = (".bag", ".db3", ".mcap")
 ARRAYS = (".mat", ".h5", ".hdf5", ".nc")
 BINARY = (".xlsx", ".xlsm", ".xls", ".parquet", *BAGS, *ARRAYS)
-# Files of a folder that are logs; of JSON those whose content is one.
-SUFFIXES = (
-    ".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".n2k", *JSON,
-    *(suffix for suffix in BINARY if suffix != ".xls"),
-)  # fmt: skip
+TEXT = (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".nmea", ".n2k")
+# Files of a folder that are logs; of JSON those whose content is one. An old .xls is refused only where it is named.
+SUFFIXES = (*TEXT, *JSON, *(suffix for suffix in BINARY if suffix != ".xls"))
 
 
 @dataclass(frozen=True)
@@ -71,10 +60,8 @@ class Imported:
 def import_logs(
     paths: Iterable[Path], chosen: ImportMap | None = None, each: Callable[[Sequence[Path]], Iterable[Path]] = iter
 ) -> Imported:
-    """The runs in the logs at ``paths`` (files, or folders of them), by the map ``chosen``.
-
-    each: goes through the files, for a display. Raises UserError where there is no file at all.
-    """
+    """The runs in the logs at ``paths`` (files, or folders of them), by the map ``chosen``. each: goes through the
+    files, for a display. Raises UserError where there is no file at all."""
     chosen = chosen or ImportMap()
     all_files = [file for path in paths for file in _files_of(Path(path))]
     files = [file for file in all_files if not chosen.of(file).skip]
@@ -88,7 +75,7 @@ def import_logs(
         problems.append(str(error))
         questions.extend([error.question] if isinstance(error, OpenQuestion) else [])
 
-    for file in each(list(dict.fromkeys(files))):
+    for file in each(list(dict.fromkeys(files))):  # each once, also a bag of which several parts are given
         try:
             logs += [log_of(table, chosen) for table in _tables(file, chosen)]
         except UserError as error:
@@ -97,7 +84,7 @@ def import_logs(
     unknown = [n for n in chosen.files if not any(e.endswith((f"/{n}", f"/{n}{Path(e).suffix}")) for e in ends)]
     problems += [f'the map: [files."{name}"] names none of the files' for name in unknown]
     headers = {header for log in logs for header in log.table.headers}
-    for quantity, column in () if problems else chosen.columns.items():
+    for quantity, column in () if problems else chosen.columns.items():  # a file that is not read may have the header
         if not {column.header, split_unit(column.header)[0]} & headers:
             problems.append(f"the map: {quantity} is from '{column.header}', which is in none of the files")
     ships = {log.ship: log.table.path.name for log in logs if log.ship}
@@ -107,64 +94,46 @@ def import_logs(
     if chosen.zone_hours is not None and logs and all(log.zoned for log in logs):
         words = f"zone_hours = {chosen.zone_hours:g} is for stamps without a time zone, and these have one"
         problems.append(f"{logs[0].name}: {words}; leave it out")
-    origin = _origin(logs, chosen)
+    origin = _origin(logs, chosen)  # one for all runs, so that their tracks lie in one frame
     runs: list[ImportedRun] = []
     for group in grouped(logs, chosen):
         try:
-            runs.append(assembled(run_name(group, chosen), group, chosen, origin))
+            runs.append(assembled(_run_name(group, chosen), group, chosen, origin))
         except UserError as error:
             refused(error)
     questions += [question for log in logs for question in _questions(with_units_of_size(log))]
     if chosen.reference_point is None and any(has_code(run.notices, "reference_point_unknown") for run in runs):
         words = "where was the position measured, in m from midship: forward and to starboard, such as 12.0 0.0?"
         questions.append(Question(Path(), words, {POINT: {}, "unknown": {"reference_point": "unknown"}}))
-    skipped = tuple(file for file in all_files if file not in files)
-    return Imported(
-        tuple(_with_own_names(runs)),
-        tuple(dict.fromkeys(problems)),
-        origin,
-        tuple(questions),
-        skipped,
-        names_apart(all_files),
-    )
+    skipped, said = tuple(file for file in all_files if file not in files), tuple(dict.fromkeys(problems))
+    return Imported(_with_own_names(runs), said, origin, tuple(questions), skipped, names_apart(all_files))
 
 
 def _questions(log: Log) -> list[Question]:
     """What the headers of ``log`` leave open, though a run can be made without it."""
-    found = []
+    questions = []
     for header, may_be in log.unsure.items():
         names = [word for word in re.split(r" or |\s*\([^)]*\)", may_be) if word and word != "nothing"]
         choices: dict[str, dict[str, Any]] = {name: {"columns": {name: {"from": header}}} for name in names}
         choices["nothing"] = {"ignore": [header]}
-        found.append(Question(log.table.path, f"'{header}' may be {may_be}", choices))
-    return found + [log.unit_question(q) for q in log.unitless if q not in ("r", "sog", "u")]  # others show those
+        questions.append(Question(log.table.path, f"'{header}' may be {may_be}", choices))
+    return questions + [log.unit_question(q) for q in log.unitless if q not in ("r", "sog", "u")]  # others show those
 
 
 def _files_of(path: Path) -> list[Path]:
     """The logs of a folder, also of those in it; a file itself."""
     if not path.is_dir():
         return [bag_of(path)]
-    found = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file() and p.name != SIDECAR)
-    found = list(dict.fromkeys(bag_of(p) for p in found if p.suffix.lower() not in JSON or _messages_in(_begin(p))))
-    if not found:
+    files = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file() and p.name != SIDECAR)
+    files = list(dict.fromkeys(bag_of(p) for p in files if p.suffix.lower() not in JSON or reader_of(_begin(p))))
+    if not files:
         raise Missing(f"{path}: no logs in this folder ({', '.join(SUFFIXES)})")
-    return found
-
-
-# What tells the format of a log of messages by its begin, and what reads it.
-MESSAGES = (
-    (is_nmea2000, read_nmea2000), (is_nmea, read_nmea), (is_iso19848, read_iso19848), (is_signal_k, read_signal_k)
-)  # fmt: skip
+    return files
 
 
 def _begin(path: Path) -> bytes:
     with opened(path) as stream:
         return stream.read(BEGIN)
-
-
-def _messages_in(begin: bytes) -> Callable[[Path, ImportMap], RawTable] | None:
-    """What reads the messages in a file of this ``begin``, None of other files."""
-    return next((read for is_of, read in MESSAGES if is_of(begin)), None)
 
 
 def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
@@ -174,11 +143,12 @@ def _tables(file: Path, chosen: ImportMap) -> list[RawTable]:
     if not file.stat().st_size:
         raise TooFewData(f"{file}: the file is empty")
     begin = _begin(file)
+    # Binary formats come first: their first bytes are no accident, while lines of messages are told by a majority.
     if suffix in BAGS or begin.startswith(MAGIC):
         return [read_bag(file, chosen)]
     if suffix in ARRAYS or begin.startswith(MATLAB) or is_hdf5(begin):
         return read_arrays(file, chosen)
-    if read := _messages_in(begin) or (read_signal_k if suffix in JSON else None):
+    if read := reader_of(begin, is_json=suffix in JSON):
         return [read(file, chosen)]
     if suffix == ".xls":
         raise BadValue(f"{file}: an old Excel file; save it as .xlsx or CSV")
@@ -202,11 +172,11 @@ def _origin(logs: Sequence[Log], chosen: ImportMap) -> tuple[float, float] | Non
             continue
         good = np.flatnonzero(np.isfinite(place[0]) & np.isfinite(place[1]))
         if len(good):
-            return round(float(place[0][good[0]]), 4), round(float(place[1][good[0]]), 4)
+            return round(float(place[0][good[0]]), 4), round(float(place[1][good[0]]), 4)  # 4 digits: 11 m
     return None
 
 
-def _with_own_names(runs: Sequence[ImportedRun]) -> list[ImportedRun]:
+def _with_own_names(runs: Sequence[ImportedRun]) -> tuple[ImportedRun, ...]:
     """Runs of the same name get that of their folder before it, or a number behind it."""
     out: list[ImportedRun] = []
     for i, run in enumerate(runs):
@@ -216,43 +186,37 @@ def _with_own_names(runs: Sequence[ImportedRun]) -> list[ImportedRun]:
             apart = len(set(folders)) == len(folders)
             run = replace(run, name=f"{folders[number - 1]}_{run.name}" if apart else f"{run.name}_{number}")
         out.append(run)
-    return out
+    return tuple(out)
 
 
 OVERLAP = 0.5  # Least share of the shorter of two logs in which both run. Set by hand.
-HEADING, WHERE, ROTATION = (
-    {"psi"},
-    {"x", "latitude", "sog", "u"},
-    {"n", "n_2", "n_bow", "n_stern", "n_azimuth", "delta"},
-)
+MOTION = {"x", "latitude", "sog", "u"}  # Each of them tells, with a heading, how the ship moves
+ACTUATORS = {"n", "n_2", "n_bow", "n_stern", "n_azimuth", "delta"}
 
 
 def grouped(logs: Sequence[Log], chosen: ImportMap) -> list[list[Log]]:
-    """The ``logs`` of each run, in the order of their first files.
-
-    chosen: the map. Logs of one run are those with the same ``run`` in it. Others are joined where they lie in one
-    folder, their clocks are absolute and overlap, and one that is not complete by itself adds what the others lack.
-    """
+    """The ``logs`` of each run, in the order of their first files. chosen: the map. Logs of one run are those with the
+    same ``run`` in it. Others are joined where they lie in one folder, their clocks are absolute and overlap, and one
+    that is not complete by itself adds what the others lack."""
     runs: list[list[Log]] = []
     for log in logs:
         name = chosen.of(log.table.path).run
         alike = [run for run in runs if chosen.of(run[0].table.path).run == name]
-        own = next((run for run in alike if name or (not chosen.separate and _completes(log, run))), None)
-        if own is None:
+        group = next((run for run in alike if name or (not chosen.separate and _completes(log, run))), None)
+        if group is None:
             runs.append([log])
         else:
-            own.append(log)
+            group.append(log)
     return runs
 
 
-def complete(quantities: set[str]) -> bool:
+def _complete(quantities: set[str]) -> bool:
     """Whether a run can be made of these ``quantities``: heading, motion and an actuator."""
-    return bool(quantities & HEADING) and bool(quantities & WHERE) and bool(quantities & ROTATION)
+    return "psi" in quantities and not quantities.isdisjoint(MOTION) and not quantities.isdisjoint(ACTUATORS)
 
 
-def run_name(run: Sequence[Log], chosen: ImportMap) -> str:
-    """The name of a ``run``: that of the map ``chosen``, the stem of its file, or what the stems of its files have in
-    common."""
+def _run_name(run: Sequence[Log], chosen: ImportMap) -> str:
+    """The map's, the stem of its file, or what the stems of its files have in common."""
     stems = [log.table.path.stem for log in run]
     if named := chosen.of(run[0].table.path).run:
         return named
@@ -269,12 +233,13 @@ def _completes(log: Log, run: Sequence[Log]) -> bool:
         return False
     if log.table.path.parent != run[0].table.path.parent:
         return False
-    own, theirs = set(log.columns), set().union(*(other.columns for other in run))
-    if complete(own) or not own - theirs or (complete(theirs) and own & theirs):
+    quantities, theirs = set(log.columns), set().union(*(other.columns for other in run))
+    # A log that is complete is a run; one that says what a complete run holds already is another ship or sensor.
+    if _complete(quantities) or not quantities - theirs or (_complete(theirs) and quantities & theirs):
         return False
-    a, b = max(other.t[0] for other in run), min(other.t[-1] for other in run)
-    both = min(b, log.t[-1]) - max(a, log.t[0])
-    return bool(both > OVERLAP * min(b - a, log.t[-1] - log.t[0]))
+    begin, end = max(other.t[0] for other in run), min(other.t[-1] for other in run)
+    common = min(end, log.t[-1]) - max(begin, log.t[0])
+    return bool(common > OVERLAP * min(end - begin, log.t[-1] - log.t[0]))
 
 
 def write_import(imported: Imported, chosen: ImportMap, folder: Path, force: bool = False) -> list[Path]:
@@ -285,7 +250,7 @@ def write_import(imported: Imported, chosen: ImportMap, folder: Path, force: boo
     ``force`` is false, where it cannot be written, and as ``sidecar_text`` does.
     """
     names = [f"{run.name}.csv" for run in imported.runs]
-    sidecar = sidecar_text(imported, chosen, folder)
+    sidecar = sidecar_text(imported, chosen, folder)  # before anything is written: it may be refused
     with filled(folder, force) as scratch:
         for run, name in zip(imported.runs, names, strict=True):
             write_trial(Trial(run.name, run.columns), scratch / name)
@@ -296,21 +261,19 @@ def write_import(imported: Imported, chosen: ImportMap, folder: Path, force: boo
 
 def map_text(imported: Imported, chosen: ImportMap) -> str:
     """The map, as TOML, that repeats an import without any question: every column of every file that was used.
-
-    imported: the import; chosen: the map that it began with.
-    """
+    imported: the import; chosen: the map that it began with."""
     import tomlkit
 
     document = chosen.model_dump(exclude_defaults=True, exclude={"columns", "origin", "files"})
-    if imported.origin is not None:
+    if imported.origin is not None:  # said, so that an import of a part of the files has the same frame
         document["origin"] = list(imported.origin)
     files: dict[str, dict[str, Any]] = {}
     named = names_apart([*(log.table.path for run in imported.runs for log in run.logs), *imported.skipped])
     for run, log in [(one, log) for one in imported.runs for log in one.logs]:
-        table, own = files.setdefault(named[log.table.path], {}), chosen.of(log.table.path)
-        table |= own.model_dump(exclude_unset=True, include={"clock_offset", "clock_drift", "rows", "decimal"})
-        if unused := [*own.ignore, *log.unsure]:
-            table["ignore"] = list(dict.fromkeys([*table.get("ignore", []), *unused]))
+        table, of_file = files.setdefault(named[log.table.path], {}), chosen.of(log.table.path)
+        table |= of_file.model_dump(exclude_unset=True, include={"clock_offset", "clock_drift", "rows", "decimal"})
+        if unused := [*of_file.ignore, *log.unsure]:
+            table["ignore"] = list(dict.fromkeys([*table.get("ignore", []), *unused]))  # sheets share a file's entry
         if len(run.logs) > 1:
             table["run"] = run.name
         for quantity, column in log.of.items():
@@ -328,7 +291,7 @@ def sidecar_text(imported: Imported, chosen: ImportMap, folder: Path) -> str:
     """The sidecar of the runs ``imported``: what samples of actuators are, the day of each, what was derived from what
     and with which standard errors. What a person wrote into the one that ``folder`` has stays.
 
-    chosen: the map. What is written here carries a MARK with a checksum of its value: only that is replaced. Raises
+    chosen: the map. What is written here carries a mark with a checksum of its value: only that is replaced. Raises
     UserError for a sidecar that is wrong, and where it and the map both say how to turn or move columns.
     """
     import tomlkit
@@ -337,21 +300,24 @@ def sidecar_text(imported: Imported, chosen: ImportMap, folder: Path) -> str:
     document = tomlkit.document()
     document.add(tomlkit.comment("Written by mmg import: --force replaces the lines that bear its mark, no others."))
     if path.exists():
-        read_sidecar(path)
+        read_sidecar(path)  # a wrong one is refused, not overwritten
         document = tomlkit.parse(decoded(read_bytes(path), path))
     every = document["all"] if "all" in document else document.setdefault("default", tomlkit.table())
     files = document.setdefault("files", tomlkit.table(is_super_table=True))
     names = {f"{run.name}.csv": run for run in imported.runs}
     for name in list(files):
-        there = any((folder / f"{name}{suffix}").is_file() for suffix in ("", ".csv", ".parquet"))
-        if not there and name not in names and f"{name}.csv" not in names:
+        exists = any((folder / f"{name}{suffix}").is_file() for suffix in ("", ".csv", ".parquet"))
+        if not exists and name not in names and f"{name}.csv" not in names:
             del files[name]
     point = chosen.reference_point if isinstance(chosen.reference_point, ReferencePoint) else None
-    at_midship = {"reference_point": {"x": 0.0, "y": 0.0}} if point else {}
+    at_midship = {"reference_point": {"x": 0.0, "y": 0.0}} if point else {}  # the columns are moved there already
     _replace(every, {"inputs": chosen.inputs, **at_midship})
     for name, run in names.items():
         key = run.name if run.name in files else name
-        _replace(files.setdefault(key, tomlkit.table()), _entry(run))
+        std = {column: float(f"{value:.3g}") for column, value in run.std.items()}
+        derived = {column: list(parts) for column, parts in run.ancestors.items()}
+        said = {"day": run.day, "std": std, "derived": derived}
+        _replace(files.setdefault(key, tomlkit.table()), {key: value for key, value in said.items() if value})
     turned = [key for key in (*CONVENTIONS, "reference_point") if key in chosen.model_fields_set]
     for key in turned if point or chosen.reference_point is None else set(turned) - {"reference_point"}:
         if any(key in table and not _marked(table, key) for table in (every, *(files[name] for name in files))):
@@ -359,18 +325,9 @@ def sidecar_text(imported: Imported, chosen: ImportMap, folder: Path) -> str:
     return tomlkit.dumps(document)
 
 
-def _entry(run: ImportedRun) -> dict[str, Any]:
-    """What the sidecar says of a ``run``."""
-    std = {name: float(f"{value:.3g}") for name, value in run.std.items()}
-    derived = {name: list(parts) for name, parts in run.ancestors.items()}
-    return {key: value for key, value in {"day": run.day, "std": std, "derived": derived}.items() if value}
-
-
-MARK = "mmg import"  # Of a line of the sidecar that an import wrote, before the checksum of its value
-
-
 def _mark(value: Any) -> str:
-    return f"# {MARK} {zlib.crc32(json.dumps(value).encode()):08x}"
+    """Stands behind a line that an import wrote; its checksum tells whether a person changed the value since."""
+    return f"# mmg import {zlib.crc32(json.dumps(value).encode()):08x}"
 
 
 def _marked(table: Any, key: str) -> bool:
@@ -390,7 +347,7 @@ def _replace(table: Any, values: dict[str, Any]) -> None:
     for key, value in values.items():
         if key in ours or key not in table:
             item = tomlkit.item(value)
-            if isinstance(value, dict):
+            if isinstance(value, dict):  # on one line, which can bear a mark
                 item = tomlkit.inline_table()
                 item.update(value)
             table[key] = item.comment(_mark(value)[2:])

@@ -1,4 +1,4 @@
-"""The map of an import: which column of the logs is which quantity, as a person says it or as it was found."""
+"""The map of an import: which column of the logs is which quantity, as a person says it or as the import understood."""
 
 from __future__ import annotations
 
@@ -60,12 +60,11 @@ def _quantity(name: str) -> str:
 
 
 Quantity = Annotated[str, AfterValidator(_quantity)]
-
-
-def _header(value: Any) -> Any:
-    return f"{NUMBERED} {value}" if isinstance(value, int) and not isinstance(value, bool) else value
-
-
+# The header of a column, or its number where it has none, from 1; a bool is an int of Python.
+Header = Annotated[
+    str, BeforeValidator(lambda v: f"{NUMBERED} {v}" if isinstance(v, int) and not isinstance(v, bool) else v)
+]
+# The tags keep messages on the one meaning that was tried: a plain union of pydantic names the faults of both.
 Antenna = Annotated[
     Annotated[ReferencePoint, Tag("[point]")] | Annotated[Literal["unknown"], Tag("[word]")],
     Discriminator(lambda value: "[word]" if value == "unknown" else "[point]"),
@@ -73,16 +72,16 @@ Antenna = Annotated[
 
 
 class ColumnMap(Section):
-    """Where a quantity comes from: the header (``from``), or the number of a column without one, its unit and its
-    sign."""
+    """Where a quantity comes from: the header (``from``), or the number of a column without one; unit and sign."""
 
-    header: Annotated[str, BeforeValidator(_header)] = Field(alias="from")
+    header: Header = Field(alias="from")
     unit: str = ""
     sign: Literal[1, -1] = 1
 
 
-def _column(value: Any) -> Any:
-    return {"from": value} if isinstance(value, str | int) else value
+# Quantity -> its column, for which its header alone may stand.
+OneColumn = Annotated[ColumnMap, BeforeValidator(lambda v: {"from": v} if isinstance(v, str | int) else v)]
+Columns = dict[Quantity, OneColumn]
 
 
 class FileMap(Section):
@@ -90,7 +89,7 @@ class FileMap(Section):
     [s per s] times the time since its first row; run: its run; ignore: headers of columns that are not used; rows:
     header -> cells of the rows that are used; decimal: what is written before parts of a whole."""
 
-    columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
+    columns: Columns = Field(default_factory=dict)
     clock_offset: float = number("s", 0.0, ge=-1e6, le=1e6)
     clock_drift: float = number("s/s", 0.0, ge=-0.5, le=0.5)
     run: Name = ""
@@ -114,7 +113,7 @@ class ImportMap(Section):
     tells them apart.
     """
 
-    columns: dict[Quantity, Annotated[ColumnMap, BeforeValidator(_column)]] = Field(default_factory=dict)
+    columns: Columns = Field(default_factory=dict)
     rudder_positive: Literal["starboard", "port"] = "starboard"
     wind_direction: Literal["from", "to"] = "from"
     velocity_frame: Literal["body", "earth"] = "body"
@@ -138,7 +137,7 @@ class ImportMap(Section):
         for columns in (self.columns, *(file.columns for file in self.files.values())):
             for name, column in columns.items():
                 units = known_units(name)
-                if column.unit and units and factor(name, column.unit) is None and name != "t":
+                if column.unit and units and factor(name, column.unit) is None and name != "t":  # clocks count in more
                     raise ValueError(f"unit '{column.unit}' does not belong to {name}; known: {', '.join(units)}")
         if self.origin and len(self.origin) != 2:
             raise ValueError("origin must be [latitude, longitude] in degrees")
@@ -150,10 +149,6 @@ class ImportMap(Section):
         keys = [key for key in self.files if path.endswith(f"/{key}")]
         return self.files[max(keys, key=len)] if keys else self.files.get(file.stem, FileMap())
 
-    def clock_said(self, file: Path) -> bool:
-        """Whether it says something of the clock of ``file``."""
-        return bool({"clock_offset", "clock_drift"} & self.of(file).model_fields_set)
-
     def ignored_in(self, file: Path) -> set[str]:
         """Headers of ``file`` that are not used."""
         return {*self.ignore, *self.of(file).ignore}
@@ -162,10 +157,11 @@ class ImportMap(Section):
         """The map in which ``change`` is said of the file called ``name``. Raises UserError for no value."""
         content = self.model_dump(exclude_unset=True, by_alias=True)
         entry = dict(content.setdefault("files", {}).get(name, {}))
-        for key, value in change.items():
+        for key, value in change.items():  # one answer after another: tables and lists grow
             old = entry.get(key)
-            together = {**old, **value} if isinstance(old, dict) else [*old, *value] if isinstance(old, list) else value
-            entry[key] = together
+            entry[key] = (
+                [*old, *value] if isinstance(old, list) else old | dict(value) if isinstance(old, dict) else value
+            )
         content["files"][name] = entry
         return validated(ImportMap, content, "answers")
 

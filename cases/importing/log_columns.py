@@ -73,15 +73,12 @@ class Log:
         t = self.t[np.isfinite(self.columns[quantity])]
         return float(np.median(np.diff(t))) if len(t) > 1 else np.inf
 
-    def without_rows(self) -> Log:
-        """A copy that only says where its columns came from."""
-        return replace(self, t=self.t[:0].copy(), columns={})
-
     def unit_question(self, quantity: str) -> Question:
         """In which unit the ``quantity`` is."""
-        header = self.of[quantity].header
-        units = {unit: {"columns": {quantity: {"from": header, "unit": unit}}} for unit in known_units(quantity)}
-        choices: dict[str, dict[str, Any]] = {**units, "nothing": {"ignore": [header]}}
+        header, choices = self.of[quantity].header, dict[str, dict[str, Any]]()
+        for unit in known_units(quantity):
+            choices[unit] = {"columns": {quantity: {"from": header, "unit": unit}}}
+        choices["nothing"] = {"ignore": [header]}
         return Question(self.table.path, f"'{header}' ({quantity}) has no unit", choices)
 
     def with_unit(self, quantity: str, unit: str, why: str) -> Log:
@@ -118,19 +115,17 @@ class Assigned:
         for header in table.headers:
             names, why = self.masks.account.get(header, self.account.get(header, ((), "")))
             why = f"it may be {self.unsure[header]}" if header in self.unsure else why
-            own = tuple(used.get(header, names))
-            why = why or ("" if own else "its words are not known")
-            out.append(Account(header, table.rows or len(table), own, why))
+            used_as = tuple(used.get(header, names))
+            why = why or ("" if used_as else "its words are not known")
+            out.append(Account(header, table.rows or len(table), used_as, why))
         return tuple(out)
 
 
 def log_of(table: RawTable, chosen: ImportMap) -> Log:
     """The log in ``table``, by the map ``chosen`` and, where it says nothing, the words of the headers; of one that is
-    longer than MOST_KEPT rows, means of them.
-
-    Raises UserError for headers of the map that are absent, two columns of one quantity, no clock or two of them, a
-    clock that runs backwards, text in numbers, and a unit that does not belong to its quantity.
-    """
+    longer than MOST_KEPT rows, means of them. Raises UserError for headers of the map that are absent, two columns of
+    one quantity, no clock or two of them, a clock that runs backwards, text in numbers, and a unit that does not belong
+    to its quantity."""
     of, notices = assigned(table, chosen), list(table.notices)
     mapped = of.mapped
     scales, unitless = _scales(table, mapped, notices)
@@ -141,34 +136,34 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     for piece in table.pieces([*(column.header for column in mapped.values()), *of.masks.headers]):
         if not piece.cells(mapped["t"].header).notna().any():
             continue
-        own = table.clock or _clock(piece, mapped, chosen)
-        clock = clock or own
-        if own.absolute != clock.absolute:
-            raise BadValue(f"{table.name}: column '{own.header}' changes its kind of time after row {piece.before}")
-        if own.zoned != clock.zoned:
-            raise mixed_zones(f"{table.name}: column '{own.header}'", piece.before + 1)
+        time = table.clock or _clock(piece, mapped, chosen)
+        clock = clock or time
+        if time.absolute != clock.absolute:
+            raise BadValue(f"{table.name}: column '{time.header}' changes its kind of time after row {piece.before}")
+        if time.zoned != clock.zoned:
+            raise mixed_zones(f"{table.name}: column '{time.header}'", piece.before + 1)
         columns = {q: _values(piece, q, mapped, chosen, nothing) * scale for q, scale in scales.items()}
         for q in columns:
-            held = masked_rows(piece, q, of.masks)
-            lost[q] += int((~held & np.isfinite(columns[q])).sum())
-            columns[q] = np.where(held, columns[q], np.nan)
-        step = np.diff(own.t[np.isfinite(own.t)])
+            holds = masked_rows(piece, q, of.masks)
+            lost[q] += int((~holds & np.isfinite(columns[q])).sum())
+            columns[q] = np.where(holds, columns[q], np.nan)
+        step = np.diff(time.t[np.isfinite(time.t)])
         if table.source is None and len(step) > 10 and (step <= 0).all() and (step < 0).any():
-            own, columns = replace(own, t=own.t[::-1]), {q: values[::-1] for q, values in columns.items()}
+            time, columns = replace(time, t=time.t[::-1]), {q: values[::-1] for q, values in columns.items()}
             notices.append(Message("the rows are sorted newest first, and turned round", "newest_first"))
-        if own.period and np.nanmin(own.t) + anew < end - 0.5 * own.period:
-            anew += own.period
+        if time.period and np.nanmin(time.t) + anew < end - 0.5 * time.period:  # it began anew between two pieces
+            anew += time.period
         # Jumps that are known are mended first, so that what still runs backwards is wrong.
         states = {q: values for q, values in columns.items() if q in STATES}
-        own, jumps = without_jumps(replace(own, t=own.t + anew), states, end)
-        check_forward(own, table.name, piece.before, end)
-        end = float(np.nanmax(own.t))
+        time, jumps = without_jumps(replace(time, t=time.t + anew), states, end)
+        check_forward(time, table.name, piece.before, end)
+        end = float(np.nanmax(time.t))
         if count > 1 and {"latitude", "longitude"} <= set(columns):  # no lost satellite is averaged
             none = (columns["latitude"] == 0) & (columns["longitude"] == 0)
             columns |= {q: np.where(none, np.nan, columns[q]) for q in ("latitude", "longitude")}
         if not means.rows:  # without units, the first rows tell which turn directions have
             means.periods |= {q: turn_in(q, "", _largest(columns[q])) for q in unitless if known(q).period}
-        t, columns, said = _rows(own.t, columns, means.periods)
+        t, columns, said = _rows(time.t, columns, means.periods)
         means.add({"t": t, **columns})
         notices += [m for m in (*piece.notices, *jumps, *said) if m.code not in {n.code for n in notices}]
         for name in words.keys() & mapped.keys():
@@ -178,8 +173,8 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
         raise TooFewData(f"{table.name}: column '{mapped['t'].header}' holds fewer than two times")
     t = columns.pop("t")
     notices += [*check_clock(replace(clock, t=t), table.name), *remarks(nothing)]
-    not_held = "rows do not hold, by their status, reference or source"
-    notices += [Message(f"{q}: {number} {not_held}", "masked") for q, number in lost.items() if number]
+    why = "rows do not hold, by their status, reference or source"
+    notices += [Message(f"{q}: {number} {why}", "masked") for q, number in lost.items() if number]
     if count > 1:
         kept = f"{table.rows} rows averaged by {count}: {len(t)} of {np.median(np.diff(t)):.4g} s are kept"
         notices.append(Message(kept, "rows_averaged"))
@@ -196,11 +191,12 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     # Zeros and lost satellites go first: between them a channel that stands still would not be seen to jump.
     columns, zeros = without_dropouts(columns, STATES)
     notices += remarks(zeros)
-    for clean in (lost_satellites, stands_still):
-        columns, said = clean(t, columns)
-        notices += said
+    columns, said = lost_satellites(columns)
+    columns, frozen = stands_still(t, columns)
+    notices += [*said, *frozen]
     return Log(
-        table.without_cells(), t, clock.absolute, columns, mapped, tuple(unitless), tuple(of.unknown), of.unsure,
+        replace(table, frame=table.frame.iloc[:0].copy(), clock=None, source=None, text=None),  # without its cells
+        t, clock.absolute, columns, mapped, tuple(unitless), tuple(of.unknown), of.unsure,
         "".join(words["ship"]) or table.ship, "".join(words["zone"]), tuple(notices),
         table.accounts or of.accounts(table), clock.zoned,
     )  # fmt: skip
@@ -218,10 +214,8 @@ def _scales(
         unit = unit_in(table, quantity, column)
         scale = factor(quantity, unit) if unit else None
         if unit and scale is None and known(quantity).unit:
-            accepted = ", ".join(known_units(quantity))
-            raise UnknownName(
-                f"{table.name}: column '{column.header}': unknown unit '{unit}' for {quantity}; known: {accepted}"
-            )
+            words = f"unknown unit '{unit}' for {quantity}; known: {', '.join(known_units(quantity))}"
+            raise UnknownName(f"{table.name}: column '{column.header}': {words}")
         if scale is None and known(quantity).unit:
             unitless.append(quantity)
         if f"{quantity}_sign" in mapped:
@@ -242,8 +236,7 @@ def _clock(piece: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap) -> 
 def _true_heading(
     table: RawTable, columns: dict[str, np.ndarray], mapped: dict[str, ColumnMap], chosen: ImportMap
 ) -> Message:
-    """The magnetic heading among the ``columns`` becomes a true one, where there is none. Raises UserError without a
-    variation."""
+    """The magnetic heading among the ``columns`` becomes a true one. Raises UserError without a variation."""
     heading, header = columns.pop("heading_magnetic"), mapped["heading_magnetic"].header
     variation, words = columns.pop("variation", None), "of the log"
     if chosen.variation is not None:
@@ -261,17 +254,17 @@ def _values(
     """The ``quantity`` in a ``piece`` (N,) in the unit of the file, with its signs, NaN where a number stands for
     nothing: these are counted in ``nothing``, by header and number, and known from piece to piece."""
     column = mapped[quantity]
-    values = numbers_of(piece, quantity, column)
+    values = _numbers(piece, quantity, column)
     values = np.where(np.isfinite(values), values, np.nan)
     huge = np.abs(values) > LARGEST
     if huge.any():
         nothing[column.header, LARGEST] += int(huge.sum())
         values[huge] = np.nan
-    known_ones = [number for header, number in nothing if header == column.header]
-    for number, rows in sentinels_in(values, [*chosen.sentinels, *known_ones]).items():
+    before = [number for header, number in nothing if header == column.header]
+    for number, rows in sentinels_in(values, [*chosen.sentinels, *before]).items():
         nothing[column.header, number] += int(rows.sum())
         values[rows] = np.nan
-    if column.unit == "ddmm":
+    if column.unit == "ddmm":  # after sentinels, which are no degrees and minutes
         values = np.sign(values) * (np.abs(values) // 100 + np.abs(values) % 100 / 60)
     for part, size in (("min", 60.0), ("s", 3600.0)):
         if f"{quantity}_{part}" in mapped:
@@ -285,46 +278,43 @@ def _largest(values: np.ndarray) -> float:
 
 
 def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
-    """What the columns of the ``table`` are, by the map ``chosen`` and the words of the headers.
-
-    Raises UserError for a header of the map that is absent, two columns of one quantity, and no clock.
-    """
+    """What the columns of the ``table`` are, by the map ``chosen`` and the words of the headers. Raises UserError for a
+    header of the map that is absent, two columns of one quantity, and no clock."""
     of = Assigned()
-    mapped, own = of.mapped, chosen.of(table.path).columns
+    mapped = of.mapped
     for quantity, column in chosen.columns_of(table.path).items():
-        whole = split_unit(column.header)[0]
-        if column.header not in table.headers and whole in table.headers:  # the cell as it is in the file
-            column = column.model_copy(update={"header": whole})
+        bare = split_unit(column.header)[0]
+        if column.header not in table.headers and bare in table.headers:  # the cell as it is in the file
+            column = column.model_copy(update={"header": bare})
         if column.header in table.headers:
             mapped[quantity] = column
-        elif quantity in own:  # else of another file
+        elif quantity in chosen.of(table.path).columns:  # else of another file
             words = f"column '{column.header}' of the map is absent; found: {', '.join(table.headers)}"
             raise Missing(f"{table.name}: {words}")
     of.account |= {split_unit(cell)[0]: ((), "the map says so") for cell in chosen.ignored_in(table.path)}
     _clock_parts(table, mapped, of.account)
     taken = {column.header for column in mapped.values()}
     of_the_hull = any(re.search(HULL, other.lower()) for other in table.headers)
-    left = [h for h in table.headers if h not in taken and h not in of.account]
-    signs = [h for h in left if hold_signs(table, h)]
-    for header in [h for h in left if h not in signs]:
-        found = table.means.get(header) or meaning(header)
-        unit = table.units[table.headers.index(header)]
-        reference = re.fullmatch(REFERENCE, unit.strip().lower())
+    unassigned = [h for h in table.headers if h not in taken and h not in of.account]
+    signs = [h for h in unassigned if hold_signs(table, h)]
+    for header in [h for h in unassigned if h not in signs]:
+        means, unit = table.means.get(header) or meaning(header), ""
+        reference = re.fullmatch(REFERENCE, table.units[table.headers.index(header)].strip().lower())
+        # "HDG [M]": the letter in the place of the unit is a word of the header.
         if reference and (referred := meaning(f"{header} {reference[2]}")).quantity and known(referred.quantity).period:
-            found, unit = referred, "deg"
-        else:
-            unit = ""
+            means, unit = referred, "deg"
+        quantity = means.quantity
         if header == "pitch" and of_the_hull:
             of.unsure[header] = PITCH
-        elif found.quantity and found.quantity not in mapped:
-            mapped[found.quantity] = ColumnMap.model_validate({"from": header, "unit": unit})
-        elif found.quantity:
-            other, named = mapped[found.quantity].header, found.quantity in chosen.columns_of(table.path)
+        elif quantity and quantity not in mapped:
+            mapped[quantity] = ColumnMap.model_validate({"from": header, "unit": unit})
+        elif quantity:
+            other, named = mapped[quantity].header, quantity in chosen.columns_of(table.path)
             if not named:
-                _doubled(table, found.quantity, other, header)
+                _doubled(table, quantity, other, header)
             of.account[header] = ((), f"the map names '{other}'" if named else f"it holds the same as '{other}'")
-        elif found.may_be:
-            of.unsure[header] = found.may_be
+        elif means.may_be:
+            of.unsure[header] = means.may_be
         elif is_order(header):
             of.account[header] = ((), "it is what was ordered, not what was measured")
         elif re.fullmatch(WATER, plain_words(header)):
@@ -334,8 +324,9 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
     if {"psi", "heading_magnetic"} <= set(mapped):
         for name in {"heading_magnetic", "variation"} & set(mapped):
             of.account[mapped.pop(name).header] = ((), f"the true heading '{mapped['psi'].header}' is used")
-    if "t" not in mapped and "t_part" in mapped:
+    if "t" not in mapped and "t_part" in mapped:  # "milliseconds" without others are the clock itself
         mapped["t"] = mapped.pop("t_part").model_copy(update={"unit": "ms"})
+    # Masks first: they move quantities, and take columns of letters that could be signs.
     of.masks = masks_of(table, mapped, [*of.unknown, *of.unsure, *filter(is_order, of.account)], signs, chosen)
     mapped |= sign_columns(table, mapped, [h for h in signs if h not in of.masks.account], chosen)
     _orders(table, of)
@@ -355,32 +346,30 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
 
 
 def _orders(table: RawTable, of: Assigned) -> None:
-    """Columns of orders join those that are mapped where the quantity was measured as well, in their own unit or else
-    in that of it, and with its sign."""
+    """Orders of measured quantities join those that are mapped, in their own unit or that of the quantity."""
     for header in [header for header in of.account if is_order(header)]:
         quantity = ordered(header)
         name, measured = f"{quantity}_order", of.mapped.get(quantity)
         if name in ORDERS and name not in of.mapped and measured and table.numeric(header):
-            own = unit_in(table, name, ColumnMap.model_validate({"from": header}))
-            unit = own or unit_in(table, quantity, measured)
-            if factor(name, unit) is not None and f"{quantity}_sign" not in of.mapped:
-                said = {"from": header, "unit": unit, "sign": measured.sign}
-                of.mapped[name] = ColumnMap.model_validate(said)
+            columns = ((name, ColumnMap.model_validate({"from": header})), (quantity, measured))
+            unit = next(filter(None, (unit_in(table, q, column) for q, column in columns)), "")
+            if factor(name, unit) is not None and f"{quantity}_sign" not in of.mapped:  # no column signs the order
+                of.mapped[name] = ColumnMap.model_validate({"from": header, "unit": unit, "sign": measured.sign})
                 del of.account[header]
 
 
 def _clock_parts(table: RawTable, mapped: dict[str, ColumnMap], account: Mapping[str, object]) -> None:
     """Columns of hours, minutes and seconds, and of the day, where all of them are there, join the ``mapped`` ones."""
-    found: dict[str, str] = {}
+    parts: dict[str, str] = {}
     for header in table.headers:
         words = re.sub(r"^(utc|gps|gnss|time)_|_(utc|gps)$", "", plain_words(header))
         for name, pattern in PARTS.items():
             if re.fullmatch(pattern, words) and header not in account and table.numeric(header):
-                found.setdefault(name, header)
-    if "t" in mapped or not {"t", "t_hour", "t_minute"} <= set(found):
+                parts.setdefault(name, header)
+    if "t" in mapped or not {"t", "t_hour", "t_minute"} <= set(parts):
         return
-    dated = {"t_year", "t_month", "t_day"} <= set(found)
-    for name, header in found.items():
+    dated = {"t_year", "t_month", "t_day"} <= set(parts)
+    for name, header in parts.items():
         if dated or name in ("t", "t_hour", "t_minute"):
             mapped.setdefault(name, ColumnMap.model_validate({"from": header}))
 
@@ -397,7 +386,8 @@ def _doubled(table: RawTable, quantity: str, header: str, other: str) -> None:
             off = np.minimum(off % period, period - off % period)
         steps = [np.diff(np.unique(v[np.isfinite(v)])) for v in values]  # the coarser one is rounded to its least step
         least = max(float(step.min()) if len(step) else 0.0 for step in steps)
-        size = float(np.nanmax(np.abs(values[0]), initial=0.0))
+        size = _largest(values[0])
+        # In 5 % of the rows they may differ more; 1e-5 of the largest number is rounding. Set by hand.
         if np.isfinite(off).any() and np.nanquantile(off, 0.95) <= min(least, size) + 1e-5 * size:
             return
     what = "two columns hold a time" if quantity == "t" else f"two columns are {quantity}"
@@ -420,7 +410,7 @@ def unit_in(table: RawTable, quantity: str, column: ColumnMap) -> str:
 def _degrees_minutes(table: RawTable, quantity: str) -> bool:
     """Whether a column of latitudes or longitudes holds degrees and minutes in one number, as NMEA 0183 does: numbers
     beyond the globe whose last two digits are minutes, zeros before them, or a partner of which this is so."""
-    sizes = {}
+    shown = {}
     for name, header in ((q, h) for h in table.headers if (q := meaning(h).quantity) in ("latitude", "longitude")):
         if not table.numeric(header):
             return False
@@ -429,14 +419,13 @@ def _degrees_minutes(table: RawTable, quantity: str) -> bool:
         if not len(values) or (values % 100 >= 60).any() or values.max() > 100 * known(name).limits[1]:
             return False
         written = table.words(header)
-        written = () if written is None else written
-        whole = [str(w).lstrip("+-").partition(".")[0] for w in written if w]
-        padded = {len(w) for w in whole} == {4 if name == "latitude" else 5} and any(w[0] == "0" for w in whole)
-        sizes[name] = padded or bool((values > 360).mean() > 0.5)  # up to 360 both may be exchanged
-    return quantity in sizes and any(sizes.values())
+        digits = [str(w).lstrip("+-").partition(".")[0] for w in (() if written is None else written) if w]
+        padded = {len(w) for w in digits} == {4 if name == "latitude" else 5} and any(w[0] == "0" for w in digits)
+        shown[name] = padded or bool((values > 360).mean() > 0.5)  # up to 360 both may be exchanged
+    return quantity in shown and any(shown.values())
 
 
-def numbers_of(table: RawTable, quantity: str, column: ColumnMap) -> np.ndarray:
+def _numbers(table: RawTable, quantity: str, column: ColumnMap) -> np.ndarray:
     """The ``quantity`` in the ``column`` of a ``table``, (N,) in the unit of the file. Raises UserError on text."""
     if quantity in ("latitude", "longitude") and not table.numeric(column.header):
         return np.array([_degrees(cell, table.name, column.header) for cell in table.cells(column.header)])
@@ -454,7 +443,7 @@ def _degrees(cell: Any, where: str, header: str) -> float:
     values = [float(p) for p in parts]
     if len(values) == 1 and (values[0] > 180 or re.match(r"\d{4,5}(\.|$)", parts[0])):  # in one number, as in NMEA
         values = [float(int(values[0] // 100)), values[0] % 100]
-    total = sum(v / 60**i for i, v in enumerate(values))
+    total = sum(v / 60**i for i, v in enumerate(values))  # degrees, minutes, seconds
     return -total if text.startswith("-") or text[0] in "SW" or text[-1] in "SW" else total
 
 
@@ -463,7 +452,7 @@ def _check_globe(table: RawTable, columns: dict[str, np.ndarray], mapped: dict[s
     headers = {name: mapped[name].header for name in ("latitude", "longitude") if name in columns}
     for quantity in headers:
         most, values = known(quantity).limits[1], np.abs(columns[quantity])
-        values = values[np.isfinite(values) & (values != most + 1)]  # 91 stands for none
+        values = values[np.isfinite(values) & (values != most + 1)]  # 91 and 181 stand for none (ITU-R M.1371-5)
         if (values > most).sum() <= 0.5 * len(values):
             continue
         largest, choices = float(values.max()), dict[str, dict[str, Any]]()
@@ -480,16 +469,14 @@ def _rows(
     stamps: np.ndarray, columns: dict[str, np.ndarray], turns: Mapping[str, float]
 ) -> tuple[np.ndarray, dict[str, np.ndarray], list[Message]]:
     """Rows with a time [s], those of coarse stamps apart and others with the same time averaged; and what was done.
-
-    turns: of the directions among the columns, after which their values begin anew.
-    """
-    known = np.isfinite(stamps)
-    columns = {name: values[known] for name, values in columns.items()}
-    times, said = within_stamps(stamps[known], columns.values())
+    turns: of the directions among the columns, after which their values begin anew."""
+    timed = np.isfinite(stamps)
+    columns = {name: values[timed] for name, values in columns.items()}
+    times, said = within_stamps(stamps[timed], columns.values())
     t, where = np.unique(times, return_inverse=True)
     for name, values in columns.items() if len(t) < len(times) else ():
         first = np.full(len(t), np.nan)
-        good = np.flatnonzero(np.isfinite(values))[::-1]
+        good = np.flatnonzero(np.isfinite(values))[::-1]  # backwards: of rows of one time the first is written last
         first[where[good]] = values[good]
         off = values - first[where]
         if turn := turns.get(name):  # the short way round
@@ -500,19 +487,17 @@ def _rows(
 
 
 BY_CHANCE = 1e-9  # Probability of a row of equal values below which a channel stands still. Set by hand.
+# Least time [s] and rows that a channel stands still, and its jump afterwards, in its larger changes from row to row.
 FROZEN_S, FROZEN_ROWS, JUMP = 2.0, 10, 3.0  # set by hand
-"""Least time and rows that a channel stands still, and its jump afterwards, in its larger changes from row to row."""
 LARGEST = 1e15  # No measurement in any unit is larger. Set by hand.
 # Channels that never stand still while the ship moves.
 STATES = ("latitude", "longitude", "x", "y", "psi", "sog", "cog", "u", "v", "r")
 
 
 def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[Message]]:
-    """The ``channels`` (each (N,)) with NaN where a state stands still, and what was found.
-
-    t: (N,) seconds. How often a channel repeats its value by rounding alone is taken from the channel itself. A stretch
-    counts where the channel jumps at its end, or, at the end of the log, where most other states go on moving.
-    """
+    """The ``channels`` (each (N,)) with NaN where a state stands still, and what was found. t: (N,) seconds. How often
+    a channel repeats its value by rounding alone is taken from the channel itself. A stretch counts where the channel
+    jumps at its end, or, at the end of the log, where most other states go on moving."""
     out, said = dict(channels), []
     states = [name for name in STATES if name in channels]
     for name in states:
@@ -523,7 +508,7 @@ def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[s
             turn = turn_in(name, "", _largest(values))
             change = np.minimum(change, np.abs(turn - change))
         same = change == 0
-        share = (same.sum() + 1) / (len(change) + 2)
+        share = (same.sum() + 1) / (len(change) + 2)  # Laplace's rule of succession: never 0 or 1
         if share > 0.9:  # so coarsely rounded that nothing can be said
             continue
         rows = max(FROZEN_ROWS, int(np.ceil(np.log(BY_CHANCE) / np.log(share))))
@@ -534,21 +519,19 @@ def stands_still(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[s
                 continue
             if b == len(change):
                 others = [_moves(channels[other][begin : end + 1]) for other in states if other != name]
-                counts = np.mean(others or [False]) > 0.5
+                frozen = np.mean(others or [False]) > 0.5
             else:
-                counts = change[b] > JUMP * usual
-            if counts:
+                frozen = change[b] > JUMP * usual
+            if frozen:  # its first value was still measured
                 out[name] = np.where((t > t[begin]) & (t <= t[end]), np.nan, out[name])
                 words = f"stands still from {t[begin] - t[0]:.6g} to {t[end] - t[0]:.6g} s of the log and is left out"
                 said.append(Message(f"{name} {words} there", "frozen"))
     return out, said
 
 
-def lost_satellites(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[Message]]:
-    """The ``channels`` with NaN for positions that are none: (0, 0), beyond the globe, or far from those around them.
-
-    t: (N,) seconds; channels: latitude and longitude [deg], or x and y [m].
-    """
+def lost_satellites(channels: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[Message]]:
+    """The ``channels``, latitude and longitude [deg] or x and y [m] (N,) among them, with NaN for positions that are
+    none: (0, 0), beyond the globe, or far from those around them."""
     pair = ("latitude", "longitude") if "latitude" in channels else ("x", "y")
     if not set(pair) <= set(channels):
         return dict(channels), []
@@ -558,14 +541,14 @@ def lost_satellites(t: np.ndarray, channels: dict[str, np.ndarray]) -> tuple[dic
         none = ((a == 0) & (b == 0)) | (np.abs(a) > 90) | (np.abs(b) > 360)
     from scipy.ndimage import median_filter
 
-    known = np.flatnonzero(np.isfinite(a) & np.isfinite(b) & ~none)
-    if len(known) > 20:
+    fixes = np.flatnonzero(np.isfinite(a) & np.isfinite(b) & ~none)
+    if len(fixes) > 20:
         for values in (a, b):
-            typical = median_filter(values[known], size=9, mode="nearest")
-            off = np.abs(values[known] - typical)
+            typical = median_filter(values[fixes], size=9, mode="nearest")  # up to 4 lost ones in a row
+            off = np.abs(values[fixes] - typical)
             step = np.abs(np.diff(typical))
             usual = max(float(np.percentile(step, 95)), float(np.median(off)), 1e-12)
-            none[known[off > 30 * usual]] = True
+            none[fixes[off > 30 * usual]] = True  # 30: set by hand
     count = int((none & np.isfinite(a)).sum())
     if not count:
         return dict(channels), []

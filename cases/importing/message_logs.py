@@ -1,12 +1,12 @@
-"""Logs of a message a line: NMEA 2000, by nmea2000 (candump, Yacht Devices, Actisense N2K ASCII, canboat's plain lines
-and its JSON), Signal K deltas, and time series packages of ISO 19848."""
+"""Logs of messages: NMEA 2000, by nmea2000 (candump, Yacht Devices, Actisense N2K ASCII, canboat's plain lines and its
+JSON), Signal K deltas, time series packages of ISO 19848; and which of these, or NMEA 0183, a file holds."""
 
 from __future__ import annotations
 
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 
 from cases.importing.clocks import DAY
 from cases.importing.import_map import ImportMap
+from cases.importing.nmea_log import is_nmea, read_nmea
 from cases.importing.raw_table import NOT_READ, Account, Clock, RawTable
 from cases.importing.series import ENGINE, OVER_WATER, Heard, mostly, seconds_of_stamp, table_of_series
 from cases.importing.vocabulary import Meaning
@@ -23,8 +24,7 @@ from cases.io.text_table import number_of
 from mmg.errors import BadValue, Conflict, needed
 from mmg.messages import Message
 
-# Paths of Signal K (specification 1.7) and what they mean; angles are positive to starboard.
-PATHS = {
+PATHS = {  # Paths of Signal K (specification 1.7) and what they mean; angles are positive to starboard.
     "navigation.position.latitude": Meaning("latitude", "deg"),
     "navigation.position.longitude": Meaning("longitude", "deg"),
     "navigation.courseOverGroundTrue": Meaning("cog", "rad"),
@@ -45,8 +45,7 @@ PATHS = {
 REVOLUTIONS = re.compile(r"propulsion\.(.+)\.revolutions")
 DELTA = re.compile(r'^\s*\{.*"updates"')
 GEAR = re.compile(r"propulsion\.(.+)\.transmission\.gear")
-# Quantities of local ids (vessel information structure 3-11a, code book "quantities") and what they mean.
-VIS = {
+VIS = {  # Quantities of local ids (vessel information structure 3-11a, code book "quantities") and what they mean.
     "absolute.latitude": "latitude", "latitude": "latitude", "absolute.longitude": "longitude",
     "longitude": "longitude", "heading.true": "psi", "course.over.ground": "cog", "speed.over.ground": "sog",
     "rate.of.turn": "r", "longitudinal.speed.over.ground": "u", "transverse.speed.over.ground": "v",
@@ -54,22 +53,18 @@ VIS = {
     "wind.speed.vs.vessel": "apparent_wind_speed", "wind.direction.vs.vessel": "apparent_wind_direction",
 }  # fmt: skip
 SET = r"set\.point|reference|request|control|nominal|input"  # Types and commands of ids of what is not measured
+# Nodes (vessel information structure 3-11a) of propeller shafts, of what drives them, of rudders and steering gears.
 SHAFTS, ENGINES, RUDDERS = r"41[23]\b", r"411\b", r"42[12]\b|HS5"
-"""Nodes of propeller shafts, of what drives them, and of rudders and steering gears."""
 
 
 def vis_meaning(channel: str) -> Meaning:
-    """What the local id ``channel`` of ISO 19848, such as /dnv-v2/vis-3-11a/421.2/HS5-P/meta/qty-angle, means.
-
-    Of angles only those of rudders, of frequencies only those of shafts are known; ids of orders mean nothing.
-    """
-    if "/vis-" not in channel:
-        return Meaning("")
+    """What the local id ``channel`` of ISO 19848, such as /dnv-v2/vis-3-11a/421.2/HS5-P/meta/qty-angle, means. Of
+    angles only those of rudders, of frequencies only those of shafts are known; ids of orders mean nothing."""
     node, _, tags = channel.partition("/meta/")
     said = dict(tag.split("-", 1) for tag in tags.split("/") if "-" in tag)
-    if re.search(SET, f"{said.get('type', '')} {said.get('cmd', '')}"):
+    if "/vis-" not in channel or re.search(SET, f"{said.get('type', '')} {said.get('cmd', '')}"):
         return Meaning("")
-    side = re.search(r"-\d*([PS])(?![A-Za-z])", node)
+    side = re.search(r"-\d*([PS])(?![A-Za-z])", node)  # location of a node: a number, then port or starboard
     port, quantity = bool(side) and side[1] == "P", said.get("qty", "")  # type: ignore[index]
     if quantity == "angle" and re.search(RUDDERS, node):
         return Meaning("delta" if not side else "delta_port" if port else "delta_starboard")
@@ -80,49 +75,49 @@ def vis_meaning(channel: str) -> Meaning:
     return Meaning(known, "deg" if known in ("latitude", "longitude") else "")
 
 
-def is_signal_k(content: bytes) -> bool:
-    """Whether most lines of the begin of ``content`` are deltas."""
-    return mostly(content, DELTA)
-
-
-def is_iso19848(content: bytes) -> bool:
-    """Whether ``content`` begins as a time series package."""
-    return content.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"{") and b'"Package"' in content[:4096]
+def reader_of(begin: bytes, is_json: bool = False) -> Callable[[Path, ImportMap], RawTable] | None:
+    """What reads the messages in a file of this ``begin``, None of other files; is_json: its name says that it is JSON,
+    which is Signal K where nothing else is shown."""
+    if mostly(begin, *LINES, UNTIMED, JSON):
+        return read_nmea2000
+    if is_nmea(begin):
+        return read_nmea
+    if begin.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b"{") and b'"Package"' in begin[:4096]:
+        return read_iso19848
+    return read_signal_k if is_json or mostly(begin, DELTA) else None
 
 
 def read_signal_k(path: Path, chosen: ImportMap) -> RawTable:
-    """The table of the deltas in ``path``, of the own ship; each source of each path has times of its own.
-
-    chosen: the map. Raises UserError where several ships could be the own one, two sources say the same, and headings
-    are magnetic without a variation.
-    """
-    values, own, damaged = [], "", 0
+    """The table of the deltas in ``path``, of the own ship; each source of each path has times of its own. chosen: the
+    map. Raises UserError where several ships could be the own one, two sources say the same, and headings are magnetic
+    without a variation."""
+    values, own_ship, damaged = [], "", 0
     for line in read_bytes(path).decode("utf-8", "replace").splitlines():
         try:
             document = json.loads(line) if line.strip() else {}
-            own = str(document.get("self", own))
+            own_ship = str(document.get("self", own_ship))
             values += list(_values_of(document))
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             damaged += 1
-    ships = Counter(context for context, *_ in values)
-    own = own if own in ships else _own_ship(path, values, ships)
-    kept = [value[1:] for value in values if value[0] == own]
+    ships = Counter(context for context, *_ in values)  # AIS receivers put those around into the same log
+    own_ship = own_ship if own_ship in ships else _own_ship(path, values, ships)
+    kept = [value[1:] for value in values if value[0] == own_ship]
     heard, gears, others = Heard(), dict[str, str](), Counter[str]()
     for t, name, source, value in kept:
         header = f"{name} ({source})"
         if gear := GEAR.fullmatch(name):
             gears[gear[1]] = str(value).lower()
-        elif engine := REVOLUTIONS.fullmatch(name):
-            ahead = -1.0 if gears.get(engine[1]) == "reverse" else 1.0
-            heard.say(header, t, header, ahead * number_of(value), Meaning("", "Hz", ENGINE))
+        elif engine := REVOLUTIONS.fullmatch(name):  # never negative: the gear that was said last gives the sign
+            sign = -1.0 if gears.get(engine[1]) == "reverse" else 1.0
+            heard.say(header, t, header, sign * number_of(value), Meaning("", "Hz", ENGINE))
         elif name in PATHS:
             at = f"navigation.position ({source})" if ".position." in name else header  # both of one source
             heard.say(at, t, header, value, PATHS[name], rank=int("Magnetic" in name))
         else:
             others[name] += 1
     accounts = [Account(name, count, (), NOT_READ) for name, count in others.items()]
-    accounts += [Account(ship, count, (), "another ship") for ship, count in ships.items() if ship != own]
-    said = [Message(f"Signal K: {len(kept)} values of {own or 'the own ship'}", "signal_k")]
+    accounts += [Account(ship, count, (), "another ship") for ship, count in ships.items() if ship != own_ship]
+    said = [Message(f"Signal K: {len(kept)} values of {own_ship or 'the own ship'}", "signal_k")]
     if damaged:
         said.append(Message(f"lines that are damaged or no deltas, left out: {damaged}", "damaged"))
     clock = Clock(np.zeros(0), True, "time", "stamps of the updates")
@@ -147,18 +142,16 @@ def _values_of(document: Any) -> Iterator[tuple[str, float, str, str, Any]]:
 def _own_ship(path: Path, values: list[Any], ships: Counter[str]) -> str:
     """The ship whose heading, rudder or revolutions were logged: those that AIS tells of say neither of the last."""
     inner = ("steering.", "propulsion.", "navigation.headingMagnetic")
-    own = sorted({context for context, _, name, *_ in values if name.startswith(inner)} or ships)
-    if len(own) != 1:
-        known = ", ".join(own[:4])
-        raise Conflict(f"{path}: values of several ships ({known}) and none is named as self; keep the lines of one")
-    return own[0]
+    candidates = sorted({context for context, _, name, *_ in values if name.startswith(inner)} or ships)
+    if len(candidates) != 1:
+        words = f"values of several ships ({', '.join(candidates[:4])}) and none is named as self"
+        raise Conflict(f"{path}: {words}; keep the lines of one")
+    return candidates[0]
 
 
 def read_iso19848(path: Path, chosen: ImportMap) -> RawTable:
-    """The table of the time series package in ``path``, of its tabular and event data.
-
-    chosen: the map. Raises UserError where it is damaged or no package.
-    """
+    """The table of the time series package in ``path``, of its tabular and event data. chosen: the map. Raises
+    UserError where it is damaged or no package."""
     heard, codes = Heard(), Counter[str]()
     try:
         package = json.loads(read_bytes(path).decode("utf-8-sig", "replace"))["Package"]
@@ -168,14 +161,13 @@ def read_iso19848(path: Path, chosen: ImportMap) -> RawTable:
         why = " ".join(f"{type(error).__name__} {error}".split())[:100]
         raise BadValue(f"{path}: is cut off, damaged or no time series package of ISO 19848 ({why})") from None
     codes.update(code for *_, code in said)
-    good = codes.most_common(1)[0][0] if codes else ""
+    good = codes.most_common(1)[0][0] if codes else ""  # no code means good everywhere: most values are
     for name, channel, t, value, code in said:
         if code == good:
             means = vis_meaning(channel)
             heard.say(name or channel, t, channel, value, means if means.quantity or means.may_be else None)
-    accounts = [
-        Account(f"quality {c or 'none'}", n, (), f"most have {good or 'none'}") for c, n in codes.items() if c != good
-    ]
+    others, why = [(c, n) for c, n in codes.items() if c != good], f"most have {good or 'none'}"
+    accounts = [Account(f"quality {code or 'none'}", count, (), why) for code, count in others]
     notices = [Message(f"ISO 19848: {len(said)} values" + (f" of {ship}" if ship else ""), "iso19848")]
     clock = Clock(np.zeros(0), True, "time", "stamps of the package")
     return table_of_series(path, heard.series(), chosen, clock, notices, accounts)
@@ -200,12 +192,11 @@ def _data_of(data: Any) -> Iterator[tuple[str, str, float, Any, str]]:
 
 def with_local_ids(table: RawTable) -> RawTable:
     """The ``table`` with what local ids among its headers mean."""
-    found = {header: means for header in table.headers if (means := vis_meaning(header)) != Meaning("")}
-    return replace(table, means=table.means | found) if found else table
+    ids = {header: means for header in table.headers if (means := vis_meaning(header)) != Meaning("")}
+    return replace(table, means=table.means | ids) if ids else table
 
 
-# What is logged of frames, by identifier, and of whole messages, the first of which are Actisense's.
-LINES = tuple(
+LINES = tuple(  # What is logged of frames, by identifier, and of whole messages, the first of which are Actisense's.
     re.compile(rf"^\s*{line}\s*$", re.IGNORECASE)
     for line in (
         r"\((?P<stamp>[-\d.:T Z]+)\)\s+\S+\s+(?P<frame>[0-9A-F]{8})(?:#|\s+\[\d\]\s+)(?P<data>[0-9A-F ]+)",  # candump
@@ -227,49 +218,42 @@ FIELDS = {
     129026: (("sog", "sog", "m/s"), ("cog", "cog", "angle")),
     130306: (("windSpeed", "", "m/s"), ("windAngle", "", "angle")),
 }  # fmt: skip
-# Reference of 130306 -> what speed and angle are.
-WIND = {
+WIND = {  # Reference of 130306 -> what speed and angle are.
     "True (ground referenced to North)": ("wind_speed", "wind_direction"),
     "Apparent": ("apparent_wind_speed", "apparent_wind_direction"),
     "True (boat referenced)": ("wind_speed", "true_wind_angle"),
 }
+# Units of the decoder, and of canboat's JSON, whose first line may say which they are.
 SI = {"angle": "rad", "rate": "rad/s", "shaft": "Hz"}
 STD = {"angle": "deg", "rate": "deg/s", "shaft": "rpm"}
-UNKNOWN = dict.fromkeys(SI, "")  # Units of the decoder, and of canboat's JSON, whose first line may say which they are
-
-
-def is_nmea2000(content: bytes) -> bool:
-    """Whether most lines of the begin of ``content`` are messages of NMEA 2000."""
-    return mostly(content, *LINES, UNTIMED, JSON)
+UNKNOWN = dict.fromkeys(SI, "")
 
 
 def read_nmea2000(path: Path, chosen: ImportMap) -> RawTable:
-    """The table of the log ``path``; each source of each group of parameters has times of its own.
-
-    chosen: the map; its ``variation`` is that of magnetic headings where the log has none. Raises UserError where
-    nmea2000 is missing, lines have no times, two sources say the same, and headings are magnetic without a variation.
-    """
+    """The table of the log ``path``; each source of each group of parameters has times of its own. chosen: the map; its
+    ``variation`` is that of magnetic headings where the log has none. Raises UserError where nmea2000 is missing, lines
+    have no times, two sources say the same, and headings are magnetic without a variation."""
     messages, damaged, units, others = [], 0, UNKNOWN, Counter[str]()
     decoders = _decoders(path)
     lines = [line for line in read_bytes(path).decode("latin-1").splitlines() if line.strip() and line[0] != "#"]
-    if sum(bool(UNTIMED.fullmatch(line)) for line in lines[:50]) > 25:
+    if sum(bool(UNTIMED.fullmatch(line)) for line in lines[:50]) > 25:  # half of the first; others may be damaged
         raise BadValue(f"{path}: its lines have no times; log with candump -L, or -t a")
     absolute = True
     for line in lines:
         if line.lstrip().startswith("{"):
-            found, own = _of_json(line)
-            units = own or units
+            found, named_units = _of_json(line)
+            units = named_units or units
         else:
             found, units = _of_line(line, *decoders), SI
         if found is None:
             damaged += '"version"' not in line
         elif found[3] is not None:
-            absolute &= found[0] > DAY
+            absolute &= found[0] > DAY  # else a time of the day, or since the logger began
             messages.append(found)
         elif found[1] not in FIELDS:
             others[str(found[1])] += 1
     t = np.array([message[0] for message in messages])
-    if not absolute:
+    if not absolute:  # over midnight
         t = t + DAY * np.cumsum(np.diff(t, prepend=t[:1]) < -0.5 * DAY)
     elif chosen.zone_hours and not lines[0].lstrip().startswith("("):  # candump writes seconds since 1970
         t = t - 3600.0 * chosen.zone_hours
@@ -281,8 +265,8 @@ def read_nmea2000(path: Path, chosen: ImportMap) -> RawTable:
     return table_of_series(path, heard.series(), chosen, Clock(t, absolute, "time", "of the logger"), said, accounts)
 
 
+# Time [s], group of parameters, source, and fields: None of a group that is not read, or of a part of a message.
 Found = tuple[float, int, int, Any]
-"""Time [s], group of parameters, source, and fields: None of a group that is not read, or of a part of a message."""
 
 
 def _decoders(path: Path) -> tuple[Any, Any]:
@@ -290,8 +274,8 @@ def _decoders(path: Path) -> tuple[Any, Any]:
     decoder, formats = (needed(f"nmea2000.{part}", f"{path}: a log of NMEA 2000, with Python 3.11 or later,")
                         for part in ("decoder", "input_formats"))  # fmt: skip
     kinds = formats.N2KFormat.CANDUMP3, formats.N2KFormat.BASIC_STRING
-    frames, whole = (decoder.NMEA2000Decoder(kind, units="si") for kind in kinds)
-    return frames, whole
+    frames, messages = (decoder.NMEA2000Decoder(kind, units="si") for kind in kinds)
+    return frames, messages
 
 
 def _of_line(line: str, frames: Any, whole: Any) -> Found | None:
@@ -305,7 +289,7 @@ def _of_line(line: str, frames: Any, whole: Any) -> Found | None:
         if frame := said.get("frame"):
             when = float(stamp) if ":" not in stamp else seconds_of_stamp(stamp)
             pgn, source, *_ = frames.extract_header(int(frame, 16))
-            decoder, text = frames, f"(0.0) can0 {frame}#{data}"
+            decoder, text = frames, f"(0.0) can0 {frame}#{data}"  # as candump -L: one decoder for all of frames
         else:
             when = seconds_of_stamp(re.sub(r"^(\d\d)(\d\d)(?=\d\d\.)", r"\1:\2:", stamp))
             pgn, source = (int(said[name], 10 if "," in line else 16) for name in ("pgn", "source"))
@@ -326,7 +310,7 @@ def _of_json(line: str) -> tuple[Found | None, dict[str, str] | None]:
         pgn, source, stamp = int(document["pgn"]), int(document["src"]), str(document["timestamp"])
         fields = {}
         for name, value in document["fields"].items():
-            first, *rest = re.findall(r"\w+", name)
+            first, *rest = re.findall(r"\w+", name)  # "Wind Speed" is the decoder's windSpeed
             value = value.get("name", value.get("value")) if isinstance(value, dict) else value
             fields[first.lower() + "".join(word.capitalize() for word in rest)] = value
         return (seconds_of_stamp(stamp), pgn, source, fields if pgn in FIELDS else None), None
@@ -338,7 +322,7 @@ def _heard(t: np.ndarray, messages: list[Found], units: dict[str, str]) -> Heard
     """What the ``messages`` (N) say at the times t (N,) [s], in these ``units``."""
     heard, gears = Heard(), dict[str, Any]()
     for when, (_, pgn, source, said) in zip(t.tolist(), messages, strict=True):
-        if pgn == 127493:
+        if pgn == 127493:  # the gear, which signs the revolutions of 127488
             gears[str(said.get("instance"))] = said.get("transmissionGear")
         if pgn in (129025, 129029) and said.get("method") in ("no GNSS", 0):
             continue
@@ -349,7 +333,7 @@ def _heard(t: np.ndarray, messages: list[Found], units: dict[str, str]) -> Heard
             value, may_be, rank = number_of(said.get(field)), "", int(pgn in (127258, 129029))
             if field == "heading" and reference == "Magnetic":
                 quantity, rank = "heading_magnetic", 1
-                value += np.nan_to_num(number_of(said.get("deviation")))
+                value += np.nan_to_num(number_of(said.get("deviation")))  # positive to the east; often not said
             elif field in ("heading", "cog") and reference != "True":
                 continue
             elif pgn == 127488:

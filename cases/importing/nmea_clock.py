@@ -23,16 +23,14 @@ UNSET = 30 * DAY  # A clock that jumps so far [s] was not set before, or is not 
 COLD = 0.1  # Share of a log in which a receiver may still set its clock. Set by hand.
 # Steps by which times of a source go back at most: two receivers behind one talker are late against each other.
 BACK = 2.0  # set by hand
-# Seconds by which sentences of a receiver come after their fix at most; the zone of a logger's clock is a multiple of
-# QUARTER [s]. Set by hand.
-LATE = 0.5
-QUARTER = 900.0  # Zones differ from UTC by multiples of it [s] (IANA time zone database, 2025)
+LATE = 0.5  # s by which sentences of a receiver come after their fix at most. Set by hand.
+QUARTER = 900.0  # s; the zones of clocks differ from UTC by multiples of it (IANA time zone database, 2025)
 JITTER = 0.1  # Scatter of delays, in the step of a source, above which they scatter. Set by hand.
 UNSTEADY = 0.2  # Share of delays that scatter from which all do. Set by hand.
 EARLY = 80  # Percentile of the delays of fixes, from late to early, at which one counts as not late. Set by hand.
-FIXES, STAMPS, LAG = 21, 21, 10
-"""Fixes and stamps over which delays are compared, and fixes over which the step of a source is taken: rather too small
-than too large by the sentences that were lost, since delays grow with each of them then and only grow. Set by hand."""
+# Fixes and stamps over which delays are compared, and fixes over which the step of a source is taken: rather too small
+# than too large by the sentences that were lost, since delays grow with each of them then and only grow.
+FIXES, STAMPS, LAG = 21, 21, 10  # set by hand
 # A number that may count since 1970, in seconds or parts of them.
 EPOCH = re.compile(r"(?<![\d.])(\d{10}|\d{13}|\d{16}|\d{19})(?:\.\d+)?(?![\d:])")
 
@@ -63,11 +61,11 @@ def logger_of(texts: Sequence[str]) -> Clock:
     kind, count = Counter(kind for kind, _, _ in read).most_common(1)[0] if read else ("", 0)
     if not kind or count <= 0.5 * len(read):
         return Clock(np.full(len(read), np.nan), False, "", "")
-    t = np.array([t if own == kind else np.nan for own, t, _ in read])
-    if kind == "day":
+    t = np.array([t if each == kind else np.nan for each, t, _ in read])
+    if kind == "day":  # over midnight
         known = np.isfinite(t)
         t[known] = np.unwrap(t[known], period=DAY)
-    return Clock(t, kind != "day", kind, "of the logger", all(zoned for own, _, zoned in read if own == kind))
+    return Clock(t, kind != "day", kind, "of the logger", all(zoned for each, _, zoned in read if each == kind))
 
 
 def _stamp(text: str) -> tuple[str, float, bool]:
@@ -105,7 +103,7 @@ def moments_of(
     if len(fix_at) > 1:
         latest = np.maximum.accumulate(fix_t)  # sources may be late against each other
         check_clock(Clock(latest, True, "time", ""), where)
-        new = np.diff(latest, prepend=-np.inf) > 0
+        new = np.diff(latest, prepend=-np.inf) > 0  # of sentences of one time the first is the nearest to its fix
         fix_at, fix_t, words = fix_at[new], fix_t[new], "UTC of the receiver"
         offset, latency = _clock_offset(logged, fix_at, fix_t)
     elif np.isfinite(logged).sum() > 1:
@@ -126,11 +124,10 @@ def moments_of(
             continue
         at = np.array(series.at)
         if offset is not None and np.isfinite(logged[at]).mean() > 0.5:
-            own = latency if series.talker in receivers else 0.0
-            t = (logged - offset)[at] - own
+            t = (logged - offset)[at] - (latency if series.talker in receivers else 0.0)
             known = np.isfinite(t)
             stamps[name] = np.maximum.accumulate(np.interp(at, at[known], t[known]))
-        else:
+        else:  # nothing beyond the fixes tells how the order goes on
             t = _by_order(at, fix_at, fix_t)
             stamps[name] = np.where((t > fix_t[0] - 1e-3) & (t < fix_t[-1] + 1e-3), t, np.nan)
     return stamps, Clock(np.zeros(0), absolute, "time", words), notices
@@ -155,10 +152,10 @@ def _own_times(series: Series) -> np.ndarray:
     out = np.full(len(time), np.nan)
     if len(known):
         out[known] = np.unwrap(time[known], period=DAY)
-        begin = day[known] - np.round((out[known] - time[known]) / DAY)
+        begin = day[known] - np.round((out[known] - time[known]) / DAY)  # the day on which the series began
         dated = np.flatnonzero(np.isfinite(begin))
         if len(dated):
-            begin = median_filter(begin[dated], size=5, mode="nearest")  # a date may change a second latency
+            begin = median_filter(begin[dated], size=5, mode="nearest")  # a date may change a second late
             out[known] += DAY * begin[np.maximum(np.searchsorted(dated, np.arange(len(known)), "right") - 1, 0)]
         place = [series.column(name)[known] for name in ("latitude", "longitude")]
         if (np.diff(out[known]) == 0).any() and _one_path(place[1] + 1j * place[0]):
@@ -170,7 +167,7 @@ def _one_path(place: np.ndarray) -> bool:
     """Whether positions (N,) in their order lie along a path, not on two in turn: halfway between their neighbours."""
     place = place[np.isfinite(place)]
     off = np.abs(place[1:-1] - 0.5 * (place[:-2] + place[2:]))
-    return len(off) > 0 and bool(np.median(off) < 0.25 * np.median(np.abs(np.diff(place))))
+    return len(off) > 0 and bool(np.median(off) < 0.25 * np.median(np.abs(np.diff(place))))  # 0.25: set by hand
 
 
 def _with_void(series: Series, t: np.ndarray) -> np.ndarray:
@@ -181,7 +178,7 @@ def _with_void(series: Series, t: np.ndarray) -> np.ndarray:
         return t
     time, rows = np.array(series.time), np.arange(len(t))
     time = time + DAY * np.round((np.interp(rows, rows[known], t[known]) - time) / DAY)
-    low = np.maximum.accumulate(np.where(known, t, -np.inf))
+    low = np.maximum.accumulate(np.where(known, t, -np.inf))  # times of the valid ones before, and behind
     high = np.minimum.accumulate(np.where(known, t, np.inf)[::-1])[::-1]
     between = (low > -np.inf) & (low <= time) & (time <= high) & (high < np.inf)
     return np.where(between & ~known, time, t)
@@ -198,7 +195,7 @@ def _set_clocks(
     if len(t):
         typical = float(np.median(t))
         weeks = np.nanmedian(logged[at] - typical) / ROLLOVER if np.isfinite(logged[at]).any() else 0.0
-        early = round(weeks) if abs(weeks - round(weeks)) * ROLLOVER < UNSET else 0
+        early = round(weeks) if abs(weeks - round(weeks)) * ROLLOVER < UNSET else 0  # other differences: other faults
         for name in dated:  # weeks that begin anew within the log
             stamps[name] = stamps[name] + ROLLOVER * (np.round((typical - stamps[name]) / ROLLOVER) + early)
         if early:
@@ -221,10 +218,10 @@ def _set_clocks(
         at, t = np.array(series.at), stamps[name].copy()
         known = np.isfinite(t)
         if len(anchor_at) and known.any():
-            last = np.maximum(np.searchsorted(anchor_at, at, "right") - 1, 0)
-            if name not in dated:
-                own = np.minimum(np.searchsorted(at[known], anchor_at), known.sum() - 1)
-                t = t + (DAY * np.round((anchor_t - t[known][own]) / DAY))[last]
+            last = np.maximum(np.searchsorted(anchor_at, at, "right") - 1, 0)  # the anchor before each sentence
+            if name not in dated:  # on the day that brings it nearest to the anchor
+                nearest = np.minimum(np.searchsorted(at[known], anchor_at), known.sum() - 1)
+                t = t + (DAY * np.round((anchor_t - t[known][nearest]) / DAY))[last]
             far = known & (np.abs(t - anchor_t[last]) > UNSET)
             back = np.flatnonzero(known & ~far)
             turns = np.flatnonzero(np.diff(t[back]) < 0)
@@ -248,35 +245,30 @@ def _fine(t: np.ndarray) -> bool:
 
 def _clock_offset(logged: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> tuple[np.ndarray | None, float]:
     """Seconds (L,) by which a logger with stamps ``logged`` (L,) [s] is ahead of UTC at its lines, and by which
-    sentences of the receiver come after their fix; None where it is no clock to go by.
-
-    fix_at, fix_t: lines and times (F,) of fixes. A clock that is ahead by whole quarters of an
-    hour and up to LATE is set to its zone, and the rest is the delay of the receiver: a clock that is not set would
-    hardly be as near.
-    """
+    sentences of the receiver come after their fix; None where it is no clock to go by. fix_at, fix_t: lines and times
+    (F,) of fixes. A clock that is ahead by whole quarters of an hour and up to LATE is set to its zone, and the rest is
+    the delay of the receiver: a clock that is not set would hardly be as near."""
     known = np.isfinite(logged[fix_at])
     if not _fine(logged) or known.sum() < 2:
         return None, 0.0
     lag = (logged[fix_at] - fix_t)[known]
-    if abs(np.polyfit(fix_t[known] - fix_t[0], lag, 1)[0]) > 0.1:  # a word that stands before all lines
+    if abs(np.polyfit(fix_t[known] - fix_t[0], lag, 1)[0]) > 0.1:  # a word that stands before all lines loses 1 s per s
         return None, 0.0
     smooth = median_filter(lag, size=STAMPS, mode="nearest")
     zone = QUARTER * round(float(np.median(lag)) / QUARTER)
     latency = float(np.median(lag)) - zone
     if 0.0 < latency < LATE and np.ptp(smooth) < LATE:
         return np.full(len(logged), zone), latency
-    return np.interp(np.arange(len(logged)), fix_at[known], smooth), 0.0
+    return np.interp(np.arange(len(logged)), fix_at[known], smooth), 0.0  # a clock that drifts, or is set in between
 
 
 def _by_order(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> np.ndarray:
-    """Times (N,) [s] of the sentences ``at`` (N,) of one source between fixes ``fix_at`` (F,) with times (F,).
-
-    They lie evenly, and the first one behind a fix is not earlier than it. Where the log begins with one sentence of
-    the source and ends with a fix, they are said before the fix of their time, and the last one is not later.
-    """
+    """Times (N,) [s] of the sentences ``at`` (N,) of one source between fixes ``fix_at`` (F,) with times (F,). They lie
+    evenly, and the first one behind a fix is not earlier than it. Where the log begins with one sentence of the source
+    and ends with a fix, they are said before the fix of their time, and the last one is not later."""
     t, steady = _behind_fixes(at, fix_at, fix_t)
     if steady and int((at < fix_at[0]).sum()) == 1 and at[-1] < fix_at[-1]:
-        return -_behind_fixes(-at[::-1], -fix_at[::-1], -fix_t[::-1])[0][::-1]
+        return -_behind_fixes(-at[::-1], -fix_at[::-1], -fix_t[::-1])[0][::-1]  # the same, with time reversed
     return t
 
 
@@ -290,16 +282,17 @@ def _behind_fixes(at: np.ndarray, fix_at: np.ndarray, fix_t: np.ndarray) -> tupl
     if len(first) < 2:
         return before, True
     steady, lag = True, min(LAG, len(first) - 1)
+    # Seconds from sentence to sentence: the lower quartile is rather too small (LAG).
     usual = float(np.percentile((before[first[lag:]] - before[first[:-lag]]) / (first[lag:] - first[:-lag]), 25))
     jumps = np.abs(np.diff(before[first]) - usual * np.diff(first)) > 1.5 * max(usual, step)
     parts = np.flatnonzero(jumps) + 1  # the source or the log was silent
     out = np.empty(len(at))
-    for rows, own in zip(np.split(np.arange(len(at)), first[parts]), np.split(first, parts), strict=True):
-        every, delays = usual, before[own] - usual * own
+    for rows, heads in zip(np.split(np.arange(len(at)), first[parts]), np.split(first, parts), strict=True):
+        every, delays = usual, before[heads] - usual * heads
         phases = median_filter(delays, FIXES, mode="nearest")  # keeps the steps where sentences are lost
-        if len(own) > 2 and np.mean(np.abs(delays - phases) > JITTER * usual) > UNSTEADY:
-            steady, every = False, float(np.polyfit(own, before[own], 1)[0])
-            phases = percentile_filter(before[own] - every * own, EARLY, 3 * FIXES, mode="reflect") + 0.5 * every
-        out[rows] = every * rows + phases[np.maximum(np.searchsorted(own, rows, "right") - 1, 0)]
+        if len(heads) > 2 and np.mean(np.abs(delays - phases) > JITTER * usual) > UNSTEADY:
+            steady, every = False, float(np.polyfit(heads, before[heads], 1)[0])
+            phases = percentile_filter(before[heads] - every * heads, EARLY, 3 * FIXES, mode="reflect") + 0.5 * every
+        out[rows] = every * rows + phases[np.maximum(np.searchsorted(heads, rows, "right") - 1, 0)]
     low = np.where(behind < 0, -np.inf, before - 0.5 * step)
     return np.maximum.accumulate(np.clip(out, low, after + 0.5 * step)), steady

@@ -32,8 +32,8 @@ from mmg.messages import Message
 
 EMPTY = "empty"  # Why a sentence is left out that holds nothing
 # Modes of a fix that was measured -> rank, the better the higher: autonomous, differential, precise, real time
-# kinematic with floats and without. Dead reckoning (E), manual (M), simulator (S), no fix (N) and not valid (V) are
-# none.
+# kinematic with floats and without. Dead reckoning (E), manual (M), simulator (S), no fix (N) and not valid (V) count
+# as none.
 MODES = {"A": 1, "D": 2, "P": 3, "F": 4, "R": 5}
 QUALITIES = {"1": "A", "2": "D", "3": "P", "5": "F", "4": "R"}  # The modes by their numbers in GGA
 WIND = {"K": 1 / 3.6, "M": 1.0, "N": KNOT, "S": 1609.344 / 3600.0}  # Factor to m/s of the units of MWV
@@ -57,13 +57,12 @@ class Decoded(NamedTuple):
 
 def decoded(kind: str, content: str) -> Decoded:
     """What a sentence of a ``kind`` in DECODERS with this ``content`` (fields between commas) says; "day" (since 1970)
-    and "decimals" of minutes are columns as well. Raises ValueError or
-    OverflowError for fields that are none of the kind."""
+    and "decimals" of minutes are columns as well. Raises ValueError or OverflowError for fields that are none of it."""
     fields = _fields(kind, content.split(","))
-    found = DECODERS[kind](fields)
+    sentence = DECODERS[kind](fields)
     if clock := fields.get("time", ""):
-        found = found._replace(time=_time(clock))
-    return found if found.values or found.why else found._replace(why=EMPTY)
+        sentence = sentence._replace(time=_time(clock))  # also of one that is not valid: it tells when it was said
+    return sentence if sentence.values or sentence.why else sentence._replace(why=EMPTY)
 
 
 @functools.cache
@@ -82,13 +81,13 @@ def _fields(kind: str, parts: list[str]) -> dict[str, str]:
     if kind == "XDR":
         return {str(i): part for i, part in enumerate(parts)}
     names = field_names()[kind]
-    return dict(zip(names, (*parts, *("",) * (len(names) - len(parts))), strict=False))
+    return dict(zip(names, (*parts, *("",) * (len(names) - len(parts))), strict=False))  # older ones have fewer fields
 
 
 def _time(text: str) -> float:
     """Seconds of the day of hhmmss.ss."""
     hours, minutes, seconds = int(text[:2]), int(text[2:4]), float(text[4:])
-    if not (0 <= hours < 24 and 0 <= minutes < 60 and 0 <= seconds < 61):
+    if not (0 <= hours < 24 and 0 <= minutes < 60 and 0 <= seconds < 61):  # 60: a leap second
         raise ValueError("no time")
     return 3600.0 * hours + 60.0 * minutes + seconds
 
@@ -134,7 +133,8 @@ def _fix(fields: Fields) -> Decoded:
     values |= _toward(_numbers(fields, variation="mv"), fields.get("mvEW", ""))
     if day := fields.get("date"):
         year = int(day[4:6])
-        values["day"] = _day(year + (1900 if year >= 80 else 2000), int(day[2:4]), int(day[:2]))
+        century = 1900 if year >= 80 else 2000  # receivers without a fix begin in 1980, with the time of GPS
+        values["day"] = _day(year + century, int(day[2:4]), int(day[:2]))
     return Decoded(values)
 
 
@@ -164,8 +164,7 @@ def _toward(value: dict[str, float], side: str) -> dict[str, float]:
 
 
 def _plain(columns: dict[str, str], status: str = "", mode: str = "", water: str = "") -> Callable[[Fields], Decoded]:
-    """Of sentences with ``columns`` -> fields, that are valid by the fields ``status`` and ``mode``; water: a field
-    with a speed through the water."""
+    """Of sentences with columns -> fields, valid by the fields status and mode; water: of a speed through the water."""
 
     def decode(fields: Fields) -> Decoded:
         why = _not_valid(fields.get(status, ""), fields.get(mode, ""))
@@ -209,7 +208,7 @@ def _mwv(fields: Fields) -> Decoded:
 
 def _mwd(fields: Fields) -> Decoded:
     knots = {name: speed * WIND["N"] for name, speed in _numbers(fields, true_wind_speed="speedN").items()}
-    values = knots | _numbers(fields, twd="dirT", true_wind_speed="speedM")
+    values = knots | _numbers(fields, twd="dirT", true_wind_speed="speedM")  # m/s before knots: no conversion
     why = "" if len(values) == 2 else "only a magnetic direction" if fields["dirM"] else EMPTY
     return Decoded({} if why else values, why)
 
@@ -234,8 +233,7 @@ def _xdr(fields: Fields) -> Decoded:
     return Decoded(values, "" if values else NOT_READ, aside=tuple(aside) if values else ())
 
 
-# Sentences that are read.
-DECODERS: dict[str, Callable[[Fields], Decoded]] = {
+DECODERS: dict[str, Callable[[Fields], Decoded]] = {  # Sentences that are read.
     "RMC": _fix, "GGA": _fix, "GNS": _fix, "GLL": _fix, "ZDA": _zda, "HDG": _hdg, "RSA": _rsa, "RPM": _rpm,
     "MWV": _mwv, "MWD": _mwd, "XDR": _xdr,
     "VTG": _plain({"sog": "sogn", "cog": "cogt"}, mode="posMode"),
@@ -246,13 +244,13 @@ DECODERS: dict[str, Callable[[Fields], Decoded]] = {
     "ROT": _plain({"rot": "rot"}, status="valid"),
     "VBW": _plain({"u": "longgroundspd", "v": "transgroundspd"}, status="groundspdstatus", water="longwaterspd"),
 }  # fmt: skip
+
+
 M_PER_DEG = 111.2e3  # Metres of a degree of latitude, within 0.6 %. pi/180 of the mean radius of 6371 km (IUGG 1980).
-# Metres within which fixes of one receiver by different satellites agree (horizontal error of GNSS, GPS SPS 2020).
-NEAR = 3.0
+NEAR = 3.0  # m within which fixes of one receiver by different satellites agree (GPS SPS 2020, horizontal error)
 STEADY = 0.1  # Scatter of a distance, in itself, below which it is that of two antennas. Set by hand.
 ALIKE = 0.9  # Least share of the fixes of the one most heard with which another is heard equally often. Set by hand.
-# Least cosine of the turn from the distance of one pair of fixes to that of the next, of two antennas. Set by hand.
-PAIRED = 0.9
+PAIRED = 0.9  # Least cosine of the turn from one pair of fixes of two antennas to the next. Set by hand.
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,12 +279,11 @@ class Fixes:
         """Metres east + 1j north (N,) of the first fix, continuous over 180 degrees."""
         longitude = np.unwrap(self.longitude, period=360.0)
         east = (longitude - longitude[0]) * np.cos(np.radians(self.latitude[0]))
-        return M_PER_DEG * (east + 1j * (self.latitude - self.latitude[0]))
+        return M_PER_DEG * (east + 1j * (self.latitude - self.latitude[0]))  # flat: receivers lie some metres apart
 
     def rows(self, rows: np.ndarray) -> Fixes:
         """Those at ``rows``."""
-        parts = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "name"}
-        return replace(self, **parts)
+        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)[1:]})
 
 
 @dataclass(frozen=True)
@@ -301,22 +298,23 @@ class Receiver:
 def receivers_of(sentences: Sequence[Fixes]) -> list[Receiver]:
     """The receivers behind the sentences ``sentences``, that which is used first: the one heard most often, or, equally
     often, the one of better quality, or the first."""
-    fixes = [part for one in sentences for part in divided(one)]
+    fixes = [part for one in sentences for part in _divided(one)]
     most = max((len(f) for f in fixes), default=0)
     fixes.sort(key=lambda f: (-len(f) if len(f) < ALIKE * most else -most, -float(np.mean(f.quality))))
     groups: list[list[Fixes]] = []
     for one in fixes:
-        own = next((group for group in groups if _one_receiver(group[0], one)), None)
-        if own is None:
-            groups.append([one])
+        for group in groups:
+            if _one_receiver(group[0], one):
+                group.append(one)
+                break
         else:
-            own.append(one)
-    found: list[Receiver] = []
+            groups.append([one])
+    receivers: list[Receiver] = []
     for group in groups:
         finest = sorted(group, key=lambda f: (len(f) < ALIKE * len(group[0]), f.rounding))
-        distance = _distance(groups[0][0], group[0])[0] if found else None
-        found.append(Receiver(tuple(finest), None if distance is None else float(np.median(distance))))
-    return found
+        distance = _distance(groups[0][0], group[0])[0] if receivers else None
+        receivers.append(Receiver(tuple(finest), None if distance is None else float(np.median(distance))))
+    return receivers
 
 
 def _one_receiver(a: Fixes, b: Fixes) -> bool:
@@ -325,11 +323,11 @@ def _one_receiver(a: Fixes, b: Fixes) -> bool:
     off, tolerance = _distance(a, b)
     if off is None:
         first, last = sorted((a, b), key=lambda f: float(f.t[0]))
-        both = first.rows(np.arange(len(first))[-5:])
+        both = first.rows(np.arange(len(first))[-5:])  # the end of one and the first fix of the other
         both = Fixes("", *(np.append(getattr(both, f.name), getattr(last, f.name)[0]) for f in fields(both)[1:]))
         step = np.abs(np.diff(both.z))
         speed = float(np.median(step[:-1] / np.maximum(np.diff(both.t)[:-1], 1e-3))) if len(step) > 1 else 0.0
-        return bool(step[-1] <= NEAR + 2.0 * speed * (both.t[-1] - both.t[-2]))
+        return bool(step[-1] <= NEAR + 2.0 * speed * (both.t[-1] - both.t[-2]))  # 2: set by hand
     middle = float(np.median(off))
     low, high = np.percentile(off, [25, 75])
     return middle <= tolerance or (middle <= NEAR and high - low > STEADY * middle)
@@ -354,23 +352,22 @@ def _distance(a: Fixes, b: Fixes) -> tuple[np.ndarray | None, float]:
     return np.asarray(M_PER_DEG * np.hypot(east, latitude - b.latitude)), rounding + slack
 
 
-def divided(fixes: Fixes) -> list[Fixes]:
+def _divided(fixes: Fixes) -> list[Fixes]:
     """The fixes of each of two receivers behind one talker and sentence: where it says two positions at one time."""
-    if len(fixes) < 8:
-        return [fixes]
     z, step = fixes.z, np.diff(fixes.t)
     twice = np.flatnonzero((step == 0) & (np.abs(np.diff(z)) > 3.0 * fixes.rounding))
-    if len(twice) > 3:
-        turn = np.angle(np.diff(z)[twice[1:]] * np.conj(np.diff(z)[twice[:-1]]))
-        steady = np.median(np.abs(np.cos(turn))) > PAIRED  # noise has any direction
-        return _by_pairs(fixes, z, twice) if steady else [fixes]
-    return [fixes]
+    if len(fixes) < 8 or len(twice) <= 3:  # some fixes that are repeated are no second receiver
+        return [fixes]
+    turn = np.angle(np.diff(z)[twice[1:]] * np.conj(np.diff(z)[twice[:-1]]))
+    steady = np.median(np.abs(np.cos(turn))) > PAIRED  # noise has any direction
+    return _by_pairs(fixes, z, twice) if steady else [fixes]
 
 
 def _by_pairs(fixes: Fixes, z: np.ndarray, twice: np.ndarray) -> list[Fixes]:
     """Fixes of two receivers, of which pairs at the rows ``twice`` and behind them have the same time: which is which
     is told by the direction from one to the other, which turns slowly; single ones belong to the nearer track."""
     apart = z[twice + 1] - z[twice]
+    # 1e-300: a product of zero, of pairs at right angles, keeps the order.
     flips = np.cumprod(np.append(1.0, np.sign(np.real(apart[1:] * np.conj(apart[:-1])) + 1e-300)))
     second = np.zeros(len(fixes), dtype=bool)
     second[np.where(flips > 0, twice + 1, twice)] = True
@@ -411,23 +408,19 @@ _COLUMNS = {
 }  # fmt: skip
 # Columns of the table and their units.
 UNITS = {column: unit for unit, columns in _COLUMNS.items() for column in columns.split()}
-# Columns that are taken from one source: that which says one of them most often.
-TOGETHER = (
+TOGETHER = (  # Columns that are taken from one source: that which says one of them most often.
     "heading", "heading_magnetic", "u v", "apparent_wind_speed apparent_wind_direction", "true_wind_speed twa twd",
     "rot", "rudder", "rudder_starboard", "rudder_port", *_COLUMNS["rpm"].split(),
 )  # fmt: skip
 SHAFTS, RUDDERS = ("rpm", "rpm_starboard", "rpm_port"), ("rudder_starboard", "rudder_port")
 # Column -> those beside which it is not used: a true heading, the shafts of engines.
 BETTER = {"heading_magnetic": ("heading",)} | {f"RPM-E{side}": SHAFTS for side in ("", "_starboard", "_port")}
-# Codes of messages, and the first words of why sentences are not used.
-CODES = (
+CODES = (  # Codes of messages, and the first words of why sentences are not used.
     ("nmea_damaged", "checksum|damaged"), ("nmea_not_read", NOT_READ),
     ("nmea_void", "status|mode|quality|empty|no hemisphere"),
 )  # fmt: skip
-# Per cent of the largest pitch by which blades move at least: the least step that RPM says. Set by hand at that step.
-MOVES = 1.0
-Samples = tuple[np.ndarray, np.ndarray]
-"""Times [s] and values (M,)."""
+MOVES = 1.0  # Per cent of the largest pitch by which blades move at least: the least step that RPM says. Set by hand.
+Samples = tuple[np.ndarray, np.ndarray]  # Times [s] and values (M,)
 
 
 def is_nmea(content: bytes) -> bool:
@@ -435,14 +428,13 @@ def is_nmea(content: bytes) -> bool:
     return mostly(content, SENTENCE)
 
 
-def read_nmea(path: Path, chosen: ImportMap | None = None) -> RawTable:
+def read_nmea(path: Path, chosen: ImportMap) -> RawTable:
     """The table of the log ``path``: a row for each moment at which something that is used was said.
 
     chosen: the map, of which ``zone_hours`` and ``ignore`` are used. What became of each talker and
     sentence is in the ``accounts`` of the table. Raises UserError where pynmeagps is missing, where neither a sentence
     nor a logger tells a time, where the times run backwards, and where no sentence is used.
     """
-    chosen = chosen or ImportMap()
     series, prefixes, rejected = _parsed(path, chosen.ignored_in(path))
     try:
         t, clock, notices = moments_of(series, logger_of(prefixes), str(path), chosen.zone_hours or 0.0)
@@ -466,7 +458,7 @@ def _parsed(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str]
         end = 0
         for match in SENTENCE.finditer(line):
             prefix, head, kind = line[end : match.start()], match[1], match[1][2:]
-            prefix = prefix if prefix.strip() or end else line[match.end() :]
+            prefix = prefix if prefix.strip() or end else line[match.end() :]  # some loggers write the time behind it
             end = match.end()
             right = match[3] is None or checksum(match[0][1:-3]) == int(match[3], 16)
             known = match[0][0] == "$" and head[0] != "P" and kind in DECODERS
@@ -493,11 +485,9 @@ def _parsed(path: Path, ignored: set[str]) -> tuple[dict[str, Series], list[str]
 
 
 class _Selection:
-    """The choice of a source for each column of a log.
-
-    series, t: by name, and their times; rejected: counts by (sentence, why); columns: samples of those that are chosen;
-    used: columns by series; why: what else is to be said of a series.
-    """
+    """The choice of a source for each column of a log. series, t: by name, and their times; rejected: counts by
+    (sentence, why); columns: samples of those that are chosen; used: columns by series; why: what else is to be said of
+    a series."""
 
     def __init__(self, series: dict[str, Series], t: dict[str, np.ndarray], rejected: Counter[tuple[str, str]]) -> None:
         self.series, self.t, self.rejected = series, t, rejected
@@ -509,19 +499,18 @@ class _Selection:
     def rows(self, name: str, column: str) -> np.ndarray:
         """Rows (M,) of a series that hold a column, in the order of their times."""
         good = np.flatnonzero(np.isfinite(self.series[name].column(column)) & np.isfinite(self.t[name]))
-        return good[np.argsort(self.t[name][good], kind="stable")]
+        return good[np.argsort(self.t[name][good], kind="stable")]  # stable: the order tells two receivers apart
 
     def samples(self, name: str, column: str, rows: np.ndarray | None = None) -> Samples:
         """Of a column of a series; rows: of it alone."""
-        own = self.rows(name, column)
-        own = own if rows is None else own[np.isin(own, rows)]
-        return self.t[name][own], self.series[name].column(column)[own]
+        at = self.rows(name, column)
+        at = at if rows is None else at[np.isin(at, rows)]
+        return self.t[name][at], self.series[name].column(column)[at]
 
     def sources(self, *columns: str) -> list[str]:
         """The series that hold one of the ``columns``, that with most samples first, a water log (VHW) last."""
         counts = {name: max(len(self.rows(name, column)) for column in columns) for name in self.series}
-        names = (name for name in counts if counts[name])
-        return sorted(names, key=lambda name: (self.series[name].kind == "VHW", -counts[name]))
+        return sorted(filter(counts.get, counts), key=lambda name: (self.series[name].kind == "VHW", -counts[name]))
 
     def select(self, column: str, samples: dict[str, Samples]) -> None:
         """Use ``samples`` of the first series as a column, and of others where it is silent."""
@@ -548,24 +537,24 @@ class _Selection:
         for other in receivers[1:]:
             off = ", not heard at the same time" if other.distance is None else f" {other.distance:.3g} m off"
             for f in other.fixes:
-                why = f"second receiver{off}"
                 if self.used[f.name]:  # two receivers behind one talker
-                    self.rejected[f.name, why] += len(f)
+                    self.rejected[f.name, f"second receiver{off}"] += len(f)
                 else:
-                    self.why[f.name] = why
+                    self.why[f.name] = f"second receiver{off}"
         self._select_speeds(receivers)
 
     def _select_speeds(self, receivers: Sequence[Receiver]) -> None:
         """Speed and course of the first of the ``receivers``: RMC with its position, or VTG of its talkers."""
-        own = {f.name: f.index for used in receivers[:1] for f in used.fixes}
+        fixes = {f.name: f.index for used in receivers[:1] for f in used.fixes}
         foreign = {self.series[f.name].talker for other in receivers[1:] for f in other.fixes}
         rows: dict[str, np.ndarray] = {}
         for name in self.sources("sog"):
-            if name not in own and self.series[name].talker in foreign:
+            if name not in fixes and self.series[name].talker in foreign:
                 self.reject([name], "of a second receiver, or of one of two")
-            elif name in own or not own or self.series[name].kind == "VTG":
-                rows[name] = own.get(name, np.arange(len(self.series[name].at)))
+            elif name in fixes or not fixes or self.series[name].kind == "VTG":
+                rows[name] = fixes.get(name, np.arange(len(self.series[name].at)))
         most = max(map(len, rows.values()), default=0)
+        # RMC before VTG: its time is its own, not that of its place in the order.
         names = sorted(rows, key=lambda name: (len(rows[name]) < ALIKE * most, self.series[name].kind != "RMC"))
         for column in ("sog", "cog"):
             samples = {name: self.samples(name, column, rows[name]) for name in names}
@@ -588,20 +577,19 @@ class _Selection:
         self._select_variation()
         for alone, sides in (("rudder", RUDDERS), ("rpm", SHAFTS[1:])):
             only = [side for side in sides if side in self.columns]
-            if alone not in self.columns and len(only) == 1:
+            if alone not in self.columns and len(only) == 1:  # one of two that say a side is the only one
                 self.columns[alone] = self.columns.pop(only[0])
                 self.used = {n: [alone if c == only[0] else c for c in used] for n, used in self.used.items()}
         for name, shaft in itertools.product(self.series, SHAFTS):
             pitch = self.samples(name, f"blades {shaft}")[1]
             if len(pitch) and np.ptp(pitch) > MOVES:
-                moved = f"from {pitch.min():g} to {pitch.max():g} % of its largest, whose angle is not said"
-                words = f"{name}: the blades of the propeller move {moved}; revolutions alone do not tell its thrust"
-                self.rejected[f"{name} pitch", moved] += len(pitch)
-                self.warnings.append(Message(words, "pitch_moves"))
+                pitch_range = f"from {pitch.min():g} to {pitch.max():g} % of its largest, whose angle is not said"
+                words = f"{name}: the blades of the propeller move {pitch_range}"
+                self.rejected[f"{name} pitch", pitch_range] += len(pitch)
+                self.warnings.append(Message(f"{words}; revolutions alone do not tell its thrust", "pitch_moves"))
 
     def _select_variation(self) -> None:
-        """The variation that the compass says, or else a receiver. Zeros alone are none: receivers without a model of
-        the earth's field write them."""
+        """That of the compass, or of a receiver. Zeros alone are none: receivers without a model say them."""
         compass = [name for name in self.series if "heading_magnetic" in self.used[name]]
         for name in (*compass, *self.sources("variation")) if compass else ():
             t, east = self.samples(name, "variation")
@@ -616,7 +604,7 @@ class _Selection:
             still = [side for side in RUDDERS if len(values[side]) and not values[side].any()]
             if len(still) == 1 and all(map(len, values.values())):
                 self.rejected[f"{name} {still[0]}", "always zero, where the other one moves"] += len(values[still[0]])
-                self.series[name].column(still[0])[:] = np.nan
+                self.series[name].column(still[0])[:] = np.nan  # in the cache of the series: nobody sees it any more
 
     def accounts(self) -> tuple[Account, ...]:
         """What became of every talker and sentence."""
@@ -637,7 +625,7 @@ class _Selection:
         names = [name for name in UNITS if name in self.columns]
         if not names:
             raise Missing(f"{path}: no sentence is used: {'; '.join(map(str, accounts[:20]))}")
-        t = np.unique(np.concatenate([np.round(self.columns[name][0], 3) for name in names]))
+        t = np.unique(np.concatenate([np.round(self.columns[name][0], 3) for name in names]))  # rows of a millisecond
         columns = {name: np.full(len(t), np.nan) for name in names}
         for name, values in columns.items():
             values[np.searchsorted(t, np.round(self.columns[name][0], 3))] = self.columns[name][1]

@@ -85,23 +85,18 @@ class RawTable:
     def __len__(self) -> int:
         return len(self.frame)
 
-    def without_cells(self) -> RawTable:
-        """The same table without its rows."""
-        return replace(self, frame=self.frame.iloc[:0].copy(), clock=None, source=None, text=None)
-
     def pieces(self, headers: Collection[str]) -> Iterator[RawTable]:
         """All rows of the log in tables that hold the columns below ``headers`` at least."""
         import pandas as pd
 
         if self.source is None:
-            yield self
+            yield self  # with all columns, also those that nobody wants
             return
         at = [self.headers.index(header) for header in dict.fromkeys(headers)]
         names, units = zip(*((self.headers[i], self.units[i]) for i in at), strict=True)
         for columns in self.source.pieces([int(self.frame.columns[i]) for i in at]):
-            said = tuple(self.source.notices())
-            frame, before = pd.DataFrame(columns), self.source.rows
-            yield RawTable(self.path, self.name, names, units, frame, said, before=before, rows=self.rows)
+            said, frame = tuple(self.source.notices()), pd.DataFrame(columns)
+            yield RawTable(self.path, self.name, names, units, frame, said, before=self.source.rows, rows=self.rows)
 
     def cells(self, header: str) -> Any:
         """The pandas series (N,) of cells below ``header``."""
@@ -111,7 +106,7 @@ class RawTable:
         """The cells (N,) below ``header`` as they are written, None where the table does not know them any more."""
         if self.text is None:
             return None
-        i = int(self.frame.columns[self.headers.index(header)])
+        i = int(self.frame.columns[self.headers.index(header)])  # the number of the column in the file
         return np.concatenate([piece[i] for piece in replace(self.text, words=(i,)).pieces([i])])
 
     def numbers(self, header: str) -> np.ndarray:
@@ -131,33 +126,30 @@ def split_unit(cell: str) -> tuple[str, str]:
     """("SOG", "kn") of "SOG [kn]", "SOG (kn)", "SOG / kn" or "SOG, kn"; the unit is "" when the cell has none."""
     cell = " ".join(cell.split())
     match = re.fullmatch(r"(.*?)\s*[\[({<]\s*([^\])}>]*?)\s*[\])}>]\s*", cell)
-    if match is None:
-        match = re.fullmatch(r"(.*?)\s*(?:,|\s/)\s+([^\s,]+(?:\s?/\s?\w+)?)", cell)
+    match = match or re.fullmatch(r"(.*?)\s*(?:,|\s/)\s+([^\s,]+(?:\s?/\s?\w+)?)", cell)
     return (match[1].strip(), match[2].strip()) if match and match[1].strip() else (cell, "")
 
 
 def raw_table(
     path: Path, name: str, cells: list[str], units: list[str], frame: Any, notices: list[Message]
 ) -> RawTable:
-    """A table with header ``cells`` (C,), whose units are taken out of them where ``units`` (C,) has none.
-
-    path, name, frame, notices: as of ``RawTable``. Columns without header and cells are left out. Raises UserError for
-    two columns of the same name, for no column, and for more than MOST_COLUMNS.
-    """
+    """A table with header ``cells`` (C,), whose units are taken out of them where ``units`` (C,) has none. path, name,
+    frame, notices: as of ``RawTable``. Columns without header and cells are left out. Raises UserError for two columns
+    of the same name, for no column, and for more than MOST_COLUMNS."""
     if len(cells) > MOST_COLUMNS:
         raise OutOfRange(f"{name}: has {len(cells)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
     parts = [split_unit(cell) for cell in cells]
     kept = [i for i, (header, _) in enumerate(parts) if header and not frame.iloc[:, i].isna().all()]
     headers = [parts[i][0] for i in kept]
-    own_units = [units[i] or parts[i][1] for i in kept]
+    units = [units[i] or parts[i][1] for i in kept]
     for h in {h for h in headers if headers.count(h) > 1}:  # "Lat (deg)" beside "Lat (min)": other units, other columns
         same = [k for k, header in enumerate(headers) if header == h]
-        if len({own_units[k] for k in same}) == len(same):
+        if len({units[k] for k in same}) == len(same):
             for k in same:
-                headers[k] = f"{h} {own_units[k]}".strip()
+                headers[k] = f"{h} {units[k]}".strip()
     doubled = sorted({h for h in headers if headers.count(h) > 1})
     if doubled:
         raise Conflict(f"{name}: two columns are called '{doubled[0]}'; rename or remove one of them")
     if not kept or not len(frame):
         raise TooFewData(f"{name}: holds no rows of data below a header")
-    return RawTable(path, name, tuple(headers), tuple(own_units), frame.iloc[:, kept], tuple(notices))
+    return RawTable(path, name, tuple(headers), tuple(units), frame.iloc[:, kept], tuple(notices))

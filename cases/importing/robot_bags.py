@@ -24,8 +24,7 @@ from mmg.messages import Message
 # First bytes of the files of ROS 1, MCAP and ROS 2.
 MAGIC = (b"#ROSBAG V2", b"\x89MCAP", b"SQLite format 3\0")
 PARTS = (".db3", ".mcap")
-# Types of messages that are read; of two that say the same, that of the lower number is taken.
-RANKS = {
+RANKS = {  # Types of messages that are read; of two that say the same, that of the lower number is taken.
     "Odometry": 0, "PoseWithCovarianceStamped": 1, "PoseStamped": 2, "PoseWithCovariance": 3, "Pose": 4,
     "TwistWithCovarianceStamped": 1, "TwistStamped": 2, "TwistWithCovariance": 3, "Twist": 4, "Imu": 5, "NavSatFix": 5,
     "JointState": 0, "QuaternionStamped": 6,
@@ -47,8 +46,8 @@ def _in_parts(path: Path) -> bool:
 
 @dataclass
 class Topic:
-    """What is kept of the messages of a topic: their type without its package, times of receipt and stamps [s], numbers
-    by name, and the names of the frames of world and body."""
+    """What is kept of the messages of a topic: their type (``kind``) without its package, times at which they were
+    received and stamps [s], numbers by name (rows), and the names of the frames of world and body."""
 
     name: str
     kind: str
@@ -78,7 +77,7 @@ def read_bag(path: Path, chosen: ImportMap) -> RawTable:
             topics = _topics(reader, chosen.ignored_in(path), accounts)
     except Exception as error:  # rosbags and its decoders raise many kinds for damaged files
         raise Unreadable(f"{path}: is cut off, damaged or no bag ({reason(error)})") from None
-    stamped = [topic for topic in topics if min(topic.stamps) > 0]
+    stamped = [topic for topic in topics if min(topic.stamps) > 0]  # 0 is no stamp
     received = np.array([t for topic in stamped for t in topic.received])
     stamps = np.array([t for topic in stamped for t in topic.stamps])
     series, axes = [], []
@@ -86,14 +85,14 @@ def read_bag(path: Path, chosen: ImportMap) -> RawTable:
         said, words = _columns(topic, chosen.axes == "ned")
         axes += [words] if words else []
         t = np.array(topic.stamps)
-        if topic not in stamped:  # the clock of the stamps against that of the receipt
+        if topic not in stamped:  # received by one clock, stamped by another: a line takes one to the other
             t = np.array(topic.received)
             if len(stamps) > 1 and np.ptp(received) > 0:
                 slope, late = np.polyfit(received - received[0], stamps - stamps[0], 1)
                 t = stamps[0] + late + slope * (t - received[0])
         order = np.argsort(t, kind="stable")  # of messages that overtook others
         columns = {header: values[order] for header, (_, values) in said.items()}
-        means = {header: own for header, (own, _) in said.items()}
+        means = {header: meant for header, (meant, _) in said.items()}
         series.append(SourceSeries(topic.name, t[order], columns, means, RANKS.get(topic.kind, 0)))
     absolute = bool(series) and min(float(one.t[0]) for one in series) > SINCE_1970
     clock = Clock(np.zeros(0), absolute, "time", "stamps of the messages, of those without one when they were received")
@@ -138,22 +137,22 @@ def _numbers(message: Any, kind: str, fields: list[str]) -> dict[str, float]:
         parts = (("position", message.position), ("velocity", message.velocity))
         return {f"{n} {what}": float(v) for what, values in parts for n, v in zip(message.name, values, strict=False)}
     if kind == "NavSatFix":
-        fixed = message.status.status >= 0
+        fixed = message.status.status >= 0  # sensor_msgs/NavSatStatus: -1 is no fix
         return {"latitude": float(message.latitude), "longitude": float(message.longitude)} if fixed else {}
     if kind not in RANKS:
         return {name: float(getattr(message, name)) for name in fields}
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     pose, twist = _inner(message, "pose"), _inner(message, "twist")
     if hasattr(pose, "position"):
-        found |= {"px": pose.position.x, "py": pose.position.y}
+        values |= {"px": pose.position.x, "py": pose.position.y}
     turned = getattr(pose, "orientation", getattr(message, "quaternion", None))
     if turned is not None and getattr(message, "orientation_covariance", (0.0,))[0] != -1:  # it says that it has none
-        found |= {f"q{axis}": getattr(turned, axis) for axis in "xyzw"}
+        values |= {f"q{axis}": getattr(turned, axis) for axis in "xyzw"}
     if hasattr(twist, "linear"):
-        found |= {"ux": twist.linear.x, "uy": twist.linear.y, "rz": twist.angular.z}
+        values |= {"ux": twist.linear.x, "uy": twist.linear.y, "rz": twist.angular.z}
     elif hasattr(message, "angular_velocity"):
-        found |= {"rz": message.angular_velocity.z}
-    return found
+        values |= {"rz": message.angular_velocity.z}
+    return values
 
 
 def _inner(message: Any, name: str) -> Any:
@@ -163,8 +162,7 @@ def _inner(message: Any, name: str) -> Any:
     return message
 
 
-Columns = tuple[dict[str, tuple[Meaning, np.ndarray]], str]
-"""Header -> what it means and its numbers (N,), and the axes in words."""
+Columns = tuple[dict[str, tuple[Meaning, np.ndarray]], str]  # Header -> meaning and numbers (N,); the axes in words
 
 
 def _columns(topic: Topic, ned: bool) -> Columns:
@@ -175,45 +173,43 @@ def _columns(topic: Topic, ned: bool) -> Columns:
     columns = {}
     for name in names:
         header = topic.name if name == "data" else f"{topic.name} {name}"
-        own = Meaning(name, "deg") if topic.kind == "NavSatFix" else of_topic(header)
-        if topic.kind == "JointState":
+        means = Meaning(name, "deg") if topic.kind == "NavSatFix" else _of_topic(header)
+        if topic.kind == "JointState":  # of a shaft the velocity counts, of a rudder or pod the position
             joint, _, part = name.rpartition(" ")
-            quantity, turns = of_topic(joint).quantity, part == "velocity"
+            quantity, turns = _of_topic(joint).quantity, part == "velocity"
             fits = quantity.startswith("n" if turns else ("delta", "azimuth"))
-            own = Meaning(quantity if fits else "", "rad/s" if turns else "rad")
-        columns[header] = own, topic.column(name)
+            means = Meaning(quantity if fits else "", "rad/s" if turns else "rad")
+        columns[header] = means, topic.column(name)
     return columns, ""
 
 
 def _motion(topic: Topic, names: Iterable[str], ned: bool) -> Columns:
     """Poses, twists and inertial units in axes north-east-down and forward-starboard-down."""
     down, starboard = (ned or bool(re.search(DOWN, frame, re.IGNORECASE)) for frame in (topic.world, topic.body))
-    sign, along = 1.0 if starboard else -1.0, ""
-    found: dict[str, tuple[Meaning, np.ndarray]] = {}
+    sign, along = 1.0 if starboard else -1.0, ""  # of y and of turns about z
+    columns: dict[str, tuple[Meaning, np.ndarray]] = {}
     if "qx" in names:
         psi = _heading(np.column_stack([topic.column(f"q{axis}") for axis in "xyzw"]), down)
-        found["orientation"] = Meaning("psi", "rad"), psi
+        columns["orientation"] = Meaning("psi", "rad"), psi
     if "px" in names:
         north, east = (topic.column(name) for name in (("px", "py") if down else ("py", "px")))
-        found |= {"position north": (Meaning("x", "m"), north), "position east": (Meaning("y", "m"), east)}
+        columns |= {"position north": (Meaning("x", "m"), north), "position east": (Meaning("y", "m"), east)}
     if "ux" in names:
         ux, uy = topic.column("ux"), topic.column("uy")
         velocity = ux + 1j * sign * uy  # ahead + 1j to starboard
         if "qx" in names:
-            turned = (ux + 1j * uy if down else uy + 1j * ux) * np.exp(-1j * psi)
+            turned = (ux + 1j * uy if down else uy + 1j * ux) * np.exp(-1j * psi)  # from north + 1j east
             declared = topic.body == topic.world != ""
             if declared or ("px" in names and _fits_better(topic, velocity, turned, psi, north + 1j * east)):
                 why = "as it says" if declared else "as its positions show"
                 velocity, along = turned, f"; velocities along the axes of the world, {why}"
-        found["linear x"], found["linear y"] = (
-            (Meaning("u", "m/s"), velocity.real),
-            (Meaning("v", "m/s"), velocity.imag),
-        )
+        columns["linear x"] = Meaning("u", "m/s"), velocity.real
+        columns["linear y"] = Meaning("v", "m/s"), velocity.imag
     if "rz" in names:
-        found["angular z"] = Meaning("r", "rad/s"), sign * topic.column("rz")
+        columns["angular z"] = Meaning("r", "rad/s"), sign * topic.column("rz")
     frames = f"{topic.world or 'no frame'}{f', {topic.body}' if topic.body != topic.world else ''}"
     axes = f"{'north-east-down' if down else 'ENU'}, {'FRD' if starboard else 'FLU'}{along}"
-    return {f"{topic.name} {name}": own for name, own in found.items()}, f"{topic.name} ({frames}) {axes}"
+    return {f"{topic.name} {name}": column for name, column in columns.items()}, f"{topic.name} ({frames}) {axes}"
 
 
 def _fits_better(topic: Topic, body: np.ndarray, turned: np.ndarray, psi: np.ndarray, place: np.ndarray) -> bool:
@@ -221,12 +217,12 @@ def _fits_better(topic: Topic, body: np.ndarray, turned: np.ndarray, psi: np.nda
     starboard] say, not as those of the ``body``: by their definition messages hold the latter, but some drivers write
     the former. psi: (N,) [rad]."""
     h = np.diff(topic.stamps if min(topic.stamps) > 0 else topic.received)
-    middle = np.exp(1j * psi[:-1]) * np.exp(0.5j * np.angle(np.exp(1j * np.diff(psi))))
+    middle = np.exp(1j * psi[:-1]) * np.exp(0.5j * np.angle(np.exp(1j * np.diff(psi))))  # exp(i psi) between two rows
     off = []
     for velocity in (body, turned):
         apart = np.abs(np.diff(place) - h * 0.5 * (velocity[1:] + velocity[:-1]) * middle)
         off.append(float(np.median(apart[np.isfinite(apart)])) if np.isfinite(apart).any() else np.inf)
-    return off[1] < 0.5 * off[0]
+    return off[1] < 0.5 * off[0]  # 0.5: set by hand; the definition of the message stands where little shows
 
 
 def _heading(q: np.ndarray, down: bool) -> np.ndarray:
@@ -237,11 +233,8 @@ def _heading(q: np.ndarray, down: bool) -> np.ndarray:
     return np.arctan2(across, along) if down else np.arctan2(along, across)
 
 
-def of_topic(topic: str) -> Meaning:
+def _of_topic(topic: str) -> Meaning:
     """What the words at the end of a ``topic`` mean, the longest that mean something."""
     parts = [part for part in re.split(r"[/ ]", topic) if part]
-    for first in range(len(parts)):
-        found = meaning("_".join(parts[first:]))
-        if found.quantity or found.may_be:
-            return found
-    return meaning(topic)
+    ends = (meaning("_".join(parts[first:])) for first in range(len(parts)))
+    return next((end for end in ends if end.quantity or end.may_be), meaning(topic))

@@ -21,18 +21,15 @@ from cases.io.trial_table import MOST_CELLS
 from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData
 from mmg.messages import Message
 
-# What the revolutions of an engine may be.
-ENGINE = "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)"
-# What is said of a true wind that is worked out with the speed through the water.
-OVER_WATER = "(over the water, where there is no current) or nothing"
+ENGINE = "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)"  # What its revolutions may be
+OVER_WATER = "(over the water, where there is no current) or nothing"  # Of a true wind by the speed through the water
 # A date and time of ISO 8601, with other signs between or none (canboat writes a dash), or a time of the day.
 STAMP = re.compile(
     r"(?<!\d)(?:((?:19|20)\d\d)[-/.]?(0\d|1[0-2])[-/.]?([0-3]\d)[-T ,;_]*)?([01]?\d|2[0-3])(?(1):?|:)([0-5]\d)"
     r"(?(1):?|:)([0-6]\d(?:[.,]\d+)?)\s?(Z|[+-]\d\d(?::?\d\d)?)?",
     re.ASCII | re.IGNORECASE,
 )
-# What says the same in another way.
-ALIKE = {
+ALIKE = {  # What says the same in another way.
     "x": "latitude", "y": "longitude", "latitude": "x", "longitude": "y", "psi": "heading_magnetic",
     "heading_magnetic": "psi",
 }  # fmt: skip
@@ -56,8 +53,8 @@ class SourceSeries:
 
     def quantities(self) -> dict[str, str]:
         """Header -> quantity that it means, of headers that mean one."""
-        found = {header: (self.means.get(header) or meaning(header)).quantity for header in self.columns}
-        return {header: quantity for header, quantity in found.items() if quantity}
+        all_of = {header: (self.means.get(header) or meaning(header)).quantity for header in self.columns}
+        return {header: quantity for header, quantity in all_of.items() if quantity}
 
 
 class Heard:
@@ -70,7 +67,7 @@ class Heard:
     def say(self, name: str, t: float, header: str, value: Any, means: Meaning | None = None, rank: int = 0) -> None:
         """The source ``name`` says at the time t [s] a ``value`` below a ``header``: as of ``SourceSeries``."""
         rows = self._rows.setdefault((name, rank), [])
-        if not rows or rows[-1][0] != t or header in rows[-1][1]:
+        if not rows or rows[-1][0] != t or header in rows[-1][1]:  # a header again: another sample of a coarse stamp
             rows.append((t, {}))
         rows[-1][1][header] = number_of(value)
         if means is not None:
@@ -88,17 +85,15 @@ class Heard:
 
 
 def mostly(content: bytes, *patterns: re.Pattern[str]) -> bool:
-    """Whether half of the lines of the begin of ``content`` hold one of the ``patterns``, or more; the last may be cut
-    off."""
+    """Whether at least half of the lines of the begin of ``content`` hold one of the ``patterns``."""
     lines = [line for line in content[:65536].decode("latin-1").splitlines() if line.strip() and line[0] != "#"]
+    # More than one line: the last may be cut off.
     return 2 * sum(any(pattern.search(line) for pattern in patterns) for line in lines) >= len(lines) > 1
 
 
 def seconds_of_stamp(stamp: Any) -> float:
     """Seconds since 1970 of a ``stamp`` with a date (in UTC where it names no zone), or of the day of one without.
-
-    Raises ValueError for one that is none.
-    """
+    Raises ValueError for one that is none."""
     match = STAMP.fullmatch(str(stamp).strip())
     if match is None:
         raise ValueError(f"'{str(stamp)[:40]}' is no time")
@@ -117,14 +112,9 @@ def seconds_of(match: re.Match[str]) -> float:
 
 
 def table_of_series(
-    path: Path,
-    series: Iterable[SourceSeries],
-    chosen: ImportMap,
-    clock: Clock,
-    notices: Sequence[Message] = (),
-    accounts: Sequence[Account] = (),
-    name: str = "",
-) -> RawTable:
+    path: Path, series: Iterable[SourceSeries], chosen: ImportMap, clock: Clock, notices: Sequence[Message] = (),
+    accounts: Sequence[Account] = (), name: str = "",
+) -> RawTable:  # fmt: skip
     """The table of all ``series`` of the log ``path``, for as long as those run that span most of it.
 
     chosen: the map, whose ``ignore`` may name series; notices: of the reader; clock: says how times were read, and
@@ -150,7 +140,7 @@ def table_of_series(
     spans = np.array([np.ptp(one.t) for one in sampled])
     ends = np.array([(one.t[0], one.t[-1]) for one in sampled])[spans >= MOST_OF_LOG * spans.max()]
     first, last = ends[:, 0].max(), ends[:, 1].min()
-    if last <= first:
+    if last <= first:  # one after another: all of them
         first, last = ends.min(), ends.max()
     t = np.unique(np.concatenate([one.t for one in sampled]))
     at = int(np.argmax(np.diff(t, append=t[-1])))
@@ -167,13 +157,9 @@ def table_of_series(
 
 
 def _table(
-    path: Path,
-    name: str,
-    kept: Sequence[SourceSeries],
-    clock: Clock,
-    notices: Sequence[Message],
+    path: Path, name: str, kept: Sequence[SourceSeries], clock: Clock, notices: Sequence[Message],
     accounts: list[Account],
-) -> RawTable:
+) -> RawTable:  # fmt: skip
     """The ``kept`` series at the times of the ``clock``."""
     import pandas as pd
 
@@ -187,14 +173,13 @@ def _table(
             column[at] = values[inside]
             if _says_variation(one):  # it changes slowly, and is said rarely
                 column = np.interp(clock.t, one.t[known], values[known])
-            own = one.means.get(header) or meaning(header)
-            used = (own.quantity,) if own.quantity else ()
-            accounts.append(Account(header, int(known.sum()), used, "" if used else own.may_be))
-            cells[header], means[header] = column, own
-    units, frame = tuple(own.unit for own in means.values()), pd.DataFrame(dict(enumerate(cells.values())))
-    return RawTable(
-        path, name, tuple(cells), units, frame, tuple(notices), clock, accounts=tuple(accounts), means=means
-    )
+            meant = one.means.get(header) or meaning(header)
+            used = (meant.quantity,) if meant.quantity else ()
+            accounts.append(Account(header, int(known.sum()), used, "" if used else meant.may_be))
+            cells[header], means[header] = column, meant
+    units, frame = tuple(m.unit for m in means.values()), pd.DataFrame(dict(enumerate(cells.values())))
+    table = RawTable(path, name, tuple(cells), units, frame, tuple(notices), clock)
+    return replace(table, accounts=tuple(accounts), means=means)
 
 
 def _says_variation(one: SourceSeries) -> bool:
@@ -205,7 +190,7 @@ def _says_variation(one: SourceSeries) -> bool:
 def _ordered(one: SourceSeries, name: str) -> SourceSeries:
     """A series whose times increase: samples of one coarse stamp lie apart, of repeated ones the last is kept."""
     check_forward(Clock(one.t, False, f"time of {one.name}", ""), name)
-    t = np.round(within_stamps(one.t, one.columns.values())[0], 6)
+    t = np.round(within_stamps(one.t, one.columns.values())[0], 6)  # microseconds: sources agree on a row
     last = np.append(np.diff(t) > 0, True)
     return replace(one, t=t[last], columns={header: values[last] for header, values in one.columns.items()})
 
@@ -223,7 +208,7 @@ def _one_source(
             if quantity in mapped or header in said:
                 continue
             other, same = of.get(quantity) or of.get(ALIKE.get(quantity, quantity)) or (one, header)
-            if other is one or (quantity not in of and other.rank == one.rank):
+            if other is one or (quantity not in of and other.rank == one.rank):  # x beside latitude: both are kept
                 of.setdefault(quantity, (one, header))
                 continue
             same_rank = other.rank == one.rank and quantity != "variation"  # models of the earth's field differ little
@@ -252,7 +237,7 @@ def _agree(one: SourceSeries, header: str, other: SourceSeries, same: str, name:
     if period:
         off = np.remainder(off + period / 2, period) - period / 2
     off = np.abs(off[np.isfinite(off)])
-    step = max(np.abs(np.diff(v)).mean() for v in (values, known))
+    step = max(np.abs(np.diff(v)).mean() for v in (values, known))  # of the coarser one
     return bool(len(off)) and float(np.median(off)) <= step
 
 
@@ -263,11 +248,9 @@ UNIT = r"units?|uom"
 
 
 def pivoted(table: RawTable, chosen: ImportMap) -> RawTable:
-    """The ``table`` with a column for each name in it, where it is a long one; else as it is.
-
-    A long table has columns of times, names, which are words, and values; a column of units if any. chosen: the map.
-    Raises UserError where rows of one name have several units, and as ``table_of_series``.
-    """
+    """The ``table`` with a column for each name in it, where it is a long one; else as it is. A long table has columns
+    of times, names, which are words, and values; a column of units if any. chosen: the map. Raises UserError where rows
+    of one name have several units, and as ``table_of_series``."""
     times = [h for h in table.headers if meaning(h).quantity == "t"]
     words = {h: plain_words(h) for h in table.headers}
     values = [h for h in table.headers if re.fullmatch(VALUE, words[h])]
@@ -282,23 +265,22 @@ def pivoted(table: RawTable, chosen: ImportMap) -> RawTable:
         cells.append(floats_of_cells(piece.cells(values[0]))[0])
         of.append(_joined(piece.cells(h) for h in names))
         units.append(_joined(piece.cells(h) for h in unit) if unit else np.full(len(clock.t), ""))
-    assert clock is not None
+    assert clock is not None  # a table has rows
     when, numbers, called, measured = (np.concatenate(parts) for parts in (t, cells, of, units))
     series = []
     for name in dict.fromkeys(called.tolist()):
         rows = (called == name) & np.isfinite(when)
-        own = sorted(set(measured[rows].tolist()))
-        if len(own) > 1:
-            raise Conflict(f"{table.name}: '{name}' has several units ({', '.join(own[:4])}); divide the file")
+        written = sorted(set(measured[rows].tolist()))
+        if len(written) > 1:
+            raise Conflict(f"{table.name}: '{name}' has several units ({', '.join(written[:4])}); divide the file")
         means = meaning(name)
-        said = Meaning(means.quantity, (own or [""])[0] or means.unit, means.may_be)
-        series.append(SourceSeries(name, when[rows], {name: numbers[rows]}, {name: said}))
-    used = {*times, *values, *names, *unit}
-    left = [Account(h, len(when), (), "beside the values of a long table") for h in table.headers if h not in used]
+        means = replace(means, unit=(written or [""])[0] or means.unit)
+        series.append(SourceSeries(name, when[rows], {name: numbers[rows]}, {name: means}))
+    used, why = {*times, *values, *names, *unit}, "beside the values of a long table"
+    unused = [Account(h, len(when), (), why) for h in table.headers if h not in used]
     text = f"a long table: {len(series)} names in {', '.join(repr(h) for h in names)}, a column each"
-    return table_of_series(
-        table.path, series, chosen, clock, [*table.notices, Message(text, "pivoted")], left, table.name
-    )
+    notices = [*table.notices, Message(text, "pivoted")]
+    return table_of_series(table.path, series, chosen, clock, notices, unused, table.name)
 
 
 def _joined(columns: Iterable[Any]) -> np.ndarray:

@@ -37,12 +37,9 @@ from cases.quantities import QUANTITIES, as_number
 from mmg.errors import BadValue, OutOfRange, TooFewData, Unreadable, UserError, needed, reason
 from mmg.messages import Message
 
-LARGEST_LOG, SMALL = 8 * 2**30, 2**25
-"""Most bytes of a log of text, and of one of which all columns are held."""
-LOOKED_AT, PREAMBLE = 400, 60
-"""Lines by which separator and header are found, and most lines before the header. Set by hand."""
-PLACES, SAMPLE = 40, 2**15
-"""Places at which a log whose rows are averaged is looked at before, and bytes at each."""
+LARGEST_LOG, SMALL = 8 * 2**30, 2**25  # Most bytes of a log of text, and of one of which all columns are held
+LOOKED_AT, PREAMBLE = 400, 60  # Lines by which separator and header are found, and most before it. Set by hand.
+PLACES, SAMPLE = 40, 2**15  # Places at which a log whose rows are averaged is looked at before, and bytes at each
 # A reading of numbers is refuted where neighbours written in two ways then differ so many times more than others.
 ROUGHER = 3.0  # set by hand
 NUMBER = re.compile(rf"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|{GROUPED.format(mark=',.' + BLANKS, decimal='.,')}")
@@ -88,20 +85,21 @@ def read_text_log(path: Path, decimal: str = "") -> RawTable:
         raise TooFewData(f"{path}: {'holds nothing but comments; is it a table?' if lines else 'the file is empty'}")
     separator = _separator(path, body[: LOOKED_AT + PREAMBLE])
     rows = cells_of("\n".join(body[: LOOKED_AT + PREAMBLE]), separator)
-    found = layout(path, rows, [line for line in lines if is_comment(line)], separator)
-    width, notices = len(found.header), list(found.notices)
+    head = layout(path, rows, [line for line in lines if is_comment(line)], separator)
+    width, notices = len(head.header), list(head.notices)
+    # All rows are looked at only where some number may have thousands apart: such a cell may be rare.
     if re.search(rf"(?<!\d)[1-9]\d{{0,2}}[,.{BLANKS}]\d{{3}}(?!\d)", sample.decode("utf-8", "replace")):
         rows = cells_of("\n".join(body), separator)
-    table = [[row[i].strip() for row in rows[found.first :] if i < len(row)] for i in range(width)]
-    commas, grouped = _marks(path, found, table, decimal)
+    table = [[row[i].strip() for row in rows[head.first :] if i < len(row)] for i in range(width)]
+    commas, grouped = _marks(path, head, table, decimal)
     if commas:
         notices.append(Message(f"decimal commas in {len(commas)} columns", "decimal_commas"))
     if grouped:
-        names = ", ".join(f"'{found.header[i]}'" for i in grouped)
+        names = ", ".join(f"'{head.header[i]}'" for i in grouped)
         notices.append(Message(f"marks between thousands in {names}", "thousands"))
     if separator != ",":
         notices.append(Message(f"cells are separated by {WORDS[separator]}", "separator"))
-    text = TextTable(path, width, found.first, True, separator, "," if commas else ".", grouped)
+    text = TextTable(path, width, head.first, True, separator, "," if commas else ".", grouped)
     if not long and count * width > MOST_CELLS:
         raise OutOfRange(f"{path}: more than {MOST_CELLS} cells; divide it")
     looked_at = replace(text, source=lambda: iter([(sample + b"\n", False)])) if long else text
@@ -110,8 +108,8 @@ def read_text_log(path: Path, decimal: str = "") -> RawTable:
     if not columns:
         raise TooFewData(f"{path}: holds no rows of data below a header")
     said = [*notices, *(() if long else text.notices())]
-    read = raw_table(path, str(path), found.header, found.units, pd.DataFrame(columns), said)
-    return replace(read, ship=found.ship, rows=count, source=text if long else None, text=None if long else text)
+    read = raw_table(path, str(path), head.header, head.units, pd.DataFrame(columns), said)
+    return replace(read, ship=head.ship, rows=count, source=text if long else None, text=None if long else text)
 
 
 def _from_places(path: Path) -> Iterator[bytes]:
@@ -119,19 +117,17 @@ def _from_places(path: Path) -> Iterator[bytes]:
     size = path.stat().st_size
     with opened(path) as stream:
         for at in np.linspace(SAMPLE, max(size - SAMPLE, SAMPLE), PLACES).astype(int).tolist():
-            stream.seek(at)
+            stream.seek(at)  # in the middle of a line: the first and the last are cut
             yield stream.read(SAMPLE).replace(b"\r", b"\n").partition(b"\n")[2].rpartition(b"\n")[0]
 
 
 def _marks(
     path: Path, found: Layout, columns: Sequence[Sequence[str]], decimal: str
 ) -> tuple[list[int], dict[int, str]]:
-    """Columns with decimal commas, and those with characters between thousands: number -> the characters.
-
-    columns: cells of each; decimal: what the map says. "1,234" is 1234 or 1.234: the reading is taken that lies within
-    the limits of the quantity, along which the column runs smoothly, or that other columns of the file show. Raises
-    OpenQuestion where none of these tells.
-    """
+    """Columns with decimal commas, and those with characters between thousands: number -> the characters. columns:
+    cells of each; decimal: what the map says. "1,234" is 1234 or 1.234: the reading is taken that lies within the
+    limits of the quantity, along which the column runs smoothly, or that other columns of the file show. Raises
+    OpenQuestion where none of these tells."""
     cells = [[cell for cell in column if cell] for column in columns]
     shown = decimal or _decimal_of(cells)
     grouped: dict[int, str] = {}
@@ -140,11 +136,11 @@ def _marks(
         blank = any(re.search(rf"\d[{BLANKS}]\d", cell) for cell in column)
         if blank and _all(rf"[+-]?\d*([.,]\d+)?|{GROUPED.format(mark=BLANKS, decimal='.,')}", column):
             grouped[i] = BLANKS
-        for mark, other in ((",", "."), *([(".", ",")] if shown == "," else [])):
+        for mark, other in ((",", "."), *([(".", ",")] if shown == "," else [])):  # a point alone is a decimal one
             marked = [cell for cell in column if mark in cell]
             if not marked or not _all(GROUPED.format(mark=mark, decimal=other), marked):
                 continue
-            if any(cell.count(mark) > 1 or other in cell for cell in marked):
+            if any(cell.count(mark) > 1 or other in cell for cell in marked):  # "1,234,567" and "1,234.5" are clear
                 grouped[i] = mark
                 continue
             decided[i] = _thousands(found.header[i], found.units[i], column, mark)
@@ -152,11 +148,11 @@ def _marks(
                 decided[i] = shown != mark
             grouped |= {i: mark} if decided[i] else {}
     others = set(decided.values()) - {None} | ({True} if "," in grouped.values() else set())
-    for i in [i for i, thousands in decided.items() if thousands is None]:
+    for i in [i for i, thousands in decided.items() if thousands is None]:  # as the other columns of the file
         if len(others) != 1:
             cell = next(cell for cell in cells[i] if "," in cell)
-            whole, parts = cell.replace(",", ""), cell.replace(",", ".")
-            words = f"column '{split_unit(found.header[i])[0]}': '{cell}' is {whole} or {parts}"
+            readings = f"{cell.replace(',', '')} or {cell.replace(',', '.')}"
+            words = f"column '{split_unit(found.header[i])[0]}': '{cell}' is {readings}"
             raise OpenQuestion(path, words, {"thousands": {"decimal": "."}, "decimal": {"decimal": ","}})
         grouped |= {i: ","} if True in others else {}
     commas = []
@@ -181,23 +177,23 @@ def _decimal_of(columns: Sequence[Sequence[str]]) -> str:
             plain = _all(rf"[+-]?\d*[{mark}]\d+([eE][+-]?\d+)?", marked)
             if marked and plain and not _all(GROUPED.format(mark=mark, decimal=other), marked):
                 count[mark] += 1
-    return count.most_common(1)[0][0] if count and len(set(count.values())) in (1, len(count)) else ""
+    return count.most_common(1)[0][0] if count else ""
 
 
 def _thousands(header: str, unit: str, column: Sequence[str], mark: str) -> bool | None:
     """Whether ``mark`` is between thousands in a ``column`` of cells that may be read both ways; None where neither the
     limits of the quantity nor the run of the numbers tells."""
-    whole = np.array([as_number(cell.replace(mark, "")) for cell in column])
-    parts = np.array([as_number(cell.replace(mark, ".")) for cell in column])
-    own, inside = split_unit(header)
-    known = QUANTITIES.get(meaning(own).quantity)
+    thousands = np.array([as_number(cell.replace(mark, "")) for cell in column])
+    decimals = np.array([as_number(cell.replace(mark, ".")) for cell in column])
+    title, inside = split_unit(header)
+    known = QUANTITIES.get(meaning(title).quantity)
     if known is not None:
-        scale = factor(known.name, unit or inside or meaning(own).unit or known.unit) or 1.0
-        most = 2 * known.period if known.period else known.limits[1]
-        if np.nanmax(np.abs(whole)) * scale > most >= np.nanmax(np.abs(parts)) * scale:
+        scale = factor(known.name, unit or inside or meaning(title).unit or known.unit) or 1.0
+        most = 2 * known.period if known.period else known.limits[1]  # directions may go on beyond a turn
+        if np.nanmax(np.abs(thousands)) * scale > most >= np.nanmax(np.abs(decimals)) * scale:
             return False
     marked = np.array([mark in cell for cell in column])
-    rough = [_roughness(values, marked[1:] != marked[:-1]) for values in (whole, parts)]
+    rough = [_roughness(values, marked[1:] != marked[:-1]) for values in (thousands, decimals)]
     return rough[0] < rough[1] if min(rough) * ROUGHER < max(rough) else None
 
 
@@ -209,14 +205,12 @@ def _roughness(values: np.ndarray, change: np.ndarray) -> float:
 
 
 def layout(path: Path, rows: list[list[str]], commented: Sequence[str], separator: str) -> Layout:
-    """How the ``rows`` of the file ``path`` hold a table; ``commented``: its comments; separator: of its cells.
-
-    Raises UserError where they hold none.
-    """
+    """How the ``rows`` of the file ``path`` hold a table; ``commented``: its comments; separator: of its cells. Raises
+    UserError where they hold none."""
     first = _first_data_row(path, rows, separator)
     width = len(rows[first])
     lines: list[list[str]] = []
-    for row in reversed(rows[max(0, first - 4) : first]):
+    for row in reversed(rows[max(0, first - 4) : first]):  # groups, names, units and how values came to be
         if len(row) != width or (lines and sum(bool(cell.strip()) for cell in row) < min(2, width)):
             break
         lines.insert(0, [" ".join(cell.split()) for cell in row])
@@ -239,6 +233,7 @@ def layout(path: Path, rows: list[list[str]], commented: Sequence[str], separato
     alone, together = ([meaning(split_unit(cell)[0]) for cell in names] for names in (header, joined))
     gained = sum(a != b for a, b in zip(alone, together, strict=False))
     notices: list[Message] = []
+    # A single gain counts only where names repeat, or where the upper line says what was ordered.
     if gained > 1 or (gained and (len({*header} - {""}) < len(header) or any(map(is_order, joined)))):
         header = joined
         notices.append(Message("two lines of headers are read together", "two_header_lines"))
@@ -251,8 +246,8 @@ def layout(path: Path, rows: list[list[str]], commented: Sequence[str], separato
 def _joined(group: str, cell: str) -> str:
     """The header of a column that is ``cell`` in a ``group``: both, unless the cell alone says what it is."""
     both = f"{group} {cell}".strip()
-    own = split_unit(both)[0]
-    said = meaning(own).quantity or meaning(own).may_be or is_order(own)
+    title = split_unit(both)[0]
+    said = meaning(title).quantity or meaning(title).may_be or is_order(title)
     return cell if cell and not said and meaning(split_unit(cell)[0]).quantity else both
 
 
@@ -286,6 +281,7 @@ def _separator(path: Path, lines: Sequence[str]) -> str:
             continue
         filled = [cell.strip() for row in rows if len(row) == width for cell in row]
         numbers = sum(bool(NUMBER.fullmatch(cell)) or not cell for cell in filled) / len(filled)
+        # 0.2: tables of words have a separator as well; 0.05: the order of SEPARATORS decides near ties. Set by hand.
         value = count / len(rows) * (0.2 + numbers) * (0.999 if separator == " " else 1.0)
         if value > score + 0.05:
             best, score = separator, value
@@ -314,15 +310,13 @@ def _are_units(cells: list[str]) -> bool:
     """Whether a line holds units: most cells are known ones, in brackets, or formats of times and positions."""
     filled = [cell.lower() for cell in cells if cell]
     known = [c.strip("[]() ") in GIVEN_UNITS or re.fullmatch(rf"[\[(].*[\])]|{DATE_FORMAT}", c) for c in filled]
-    return bool(filled) and sum(map(bool, known)) >= 0.7 * len(filled)
+    return bool(filled) and sum(map(bool, known)) >= 0.7 * len(filled)  # 0.7: set by hand
 
 
 def read_excel_tables(path: Path) -> list[RawTable]:
-    """The tables of the workbook ``path``, one of each visible sheet that holds numbers below a header.
-
-    Raises UserError where openpyxl is missing, the file is no workbook, no sheet holds a table, or a cell holds a
-    formula that no program has calculated.
-    """
+    """The tables of the workbook ``path``, one of each visible sheet that holds numbers below a header. Raises
+    UserError where openpyxl is missing, the file is no workbook, no sheet holds a table, or a cell holds a formula that
+    no program has calculated."""
     openpyxl = needed("openpyxl", f"{path}: an Excel file, which may be saved as CSV instead,")
     content = read_bytes(path)
     try:
@@ -333,6 +327,7 @@ def read_excel_tables(path: Path) -> list[RawTable]:
             sheets = [name for name in archive.namelist() if name.startswith("xl/worksheets/")]
             calculates = any(re.search(rb"<f[ >/]", archive.read(name)) for name in sheets)
             book = openpyxl.load_workbook(io.BytesIO(content), data_only=True)
+            # Read again only where there are formulas: openpyxl gives either these or their values.
             formulas = openpyxl.load_workbook(io.BytesIO(content)) if calculates else None
         hidden = [str(sheet.title) for sheet in book.worksheets if sheet.sheet_state != "visible"]
         tables = []
@@ -358,10 +353,8 @@ def _check_calculated(name: str, sheet: Any, formulas: Any) -> None:
     for values, written in zip(sheet.iter_rows(), formulas.iter_rows(), strict=True):
         for value, cell in zip(values, written, strict=True):
             if cell.data_type == "f" and value.value is None:
-                raise BadValue(
-                    f"{name}: cell {cell.coordinate} holds a formula that was never calculated; open the workbook in a "
-                    "spreadsheet program, save it there, and import it again"
-                )
+                words = f"cell {cell.coordinate} holds a formula that was never calculated; open the workbook in a"
+                raise BadValue(f"{name}: {words} spreadsheet program, save it there, and import it again")
 
 
 def _of_sheet(path: Path, name: str, sheet: Any, hidden: Sequence[str], since_1904: bool) -> list[RawTable]:
@@ -370,30 +363,27 @@ def _of_sheet(path: Path, name: str, sheet: Any, hidden: Sequence[str], since_19
 
     if (sheet.max_row or 0) * (sheet.max_column or 0) > MOST_CELLS:
         raise OutOfRange(f"{path}: more than {MOST_CELLS} cells; divide it")
-    rows = [
-        [None if isinstance(c, str) and c.strip().lower() in EMPTY else c for c in row]
-        for row in sheet.iter_rows(values_only=True)
-    ]
-    rows = [row for row in rows if any(c is not None for c in row)]
+    rows = [[None if isinstance(cell, str) and cell.strip().lower() in EMPTY else cell for cell in row]
+            for row in sheet.iter_rows(values_only=True)]  # fmt: skip
+    rows = [row for row in rows if any(cell is not None for cell in row)]
     words = [["" if c is None else str(c) for c in row] for row in rows[: PREAMBLE + LOOKED_AT]]
     try:
-        found = layout(path, words, [], "; ") if words else None
+        head = layout(path, words, [], "; ") if words else None
     except BadValue:
         return []
-    if found is None or found.header[0] == f"{NUMBERED} 1":
+    if head is None or head.header[0] == f"{NUMBERED} 1":
         return []
-    notices = list(found.notices)
+    notices = list(head.notices)
     if hidden:
         notices.append(Message(f"hidden sheets, not read: {', '.join(hidden)}", "hidden_sheets"))
     columns = [c for c, dimension in sheet.column_dimensions.items() if dimension.hidden]
     count = sum(bool(dimension.hidden) for dimension in sheet.row_dimensions.values())
     if columns or count:
-        notices.append(
-            Message(f"hidden columns ({', '.join(columns) or 'none'}) and rows ({count}) are read", "hidden")
-        )
-    frame = pd.DataFrame(rows[found.first :], dtype=object)
-    table = raw_table(path, name, found.header, found.units, frame, notices)
-    return [replace(table, ship=found.ship, since_1904=since_1904)]
+        text = f"hidden columns ({', '.join(columns) or 'none'}) and rows ({count}) are read"
+        notices.append(Message(text, "hidden"))
+    frame = pd.DataFrame(rows[head.first :], dtype=object)
+    table = raw_table(path, name, head.header, head.units, frame, notices)
+    return [replace(table, ship=head.ship, since_1904=since_1904)]
 
 
 def read_parquet(path: Path) -> RawTable:

@@ -13,6 +13,7 @@ _ENDINGS = (
     "deg degrees rad kn kt kts knots mps m_s ms kmh deg_s degs dps deg_min rad_s rads rpm rps m s sec us ns m_sec km_h "
     "deg_sec deg_per_sec feet ft radians"
 )
+# "ms" of a speed; that of a clock is told by its header (``clocks``).
 _SHORT = {"ms": "m/s", "m_sec": "m/s", "deg_sec": "deg/s", "deg_per_sec": "deg/s", "feet": "ft"}
 # Last words of a header that are a unit.
 ENDINGS = {word: SPELLINGS.get(word, word.replace("_", "/")) for word in _ENDINGS.split()} | _SHORT
@@ -29,23 +30,20 @@ _FOREIGN = {
 }
 # Units of other languages, in lower case without accents -> the unit.
 FOREIGN = {word: unit for unit, words in _FOREIGN.items() for word in words.split()}
-# Cells of a line of units, in lower case; some are units of no quantity of a manoeuvre.
-GIVEN_UNITS = {
+GIVEN_UNITS = {  # Cells of a line of units, in lower case; some are units of no quantity of a manoeuvre.
     *(u.lower() for known in FACTORS.values() for u in known), *SPELLINGS, *FOREIGN,
     *("h", "-", "%", "utc", "iso", "n", "e", "t", "°m", "bool", "v", "a", "kw", "nm", "hpa", "mbar", "knm", "°c", "st"),
 }  # fmt: skip
 BEYOND_A_TURN = 6.6  # No direction in radians is larger. Set by hand: 2 pi and a margin for noise.
 SIDES = dict.fromkeys(("port", "ps", "bb"), "port")
 SIDES |= dict.fromkeys(("stbd", "starboard", "sb", "stb", "strb"), "starboard")
-# Headers that may mean one of several quantities.
-UNSURE = {
+UNSURE = {  # Headers that may mean one of several quantities.
     r"wind_?(speed|velocity)|ws": "wind_speed or apparent_wind_speed",
     r"wind_?(direction|dir|angle)|wd": "wind_direction or apparent_wind_direction",
     r"speed|velocity|v_ship|ship_speed": "sog (over ground) or nothing (through the water)",
     r"rpm_e": "n or n_2 (of an engine without a gear) or nothing (ahead of a gear)",
 }
-# Words of what was ordered: the ship follows later.
-ORDERS = (
+ORDERS = (  # Words of what was ordered: the ship follows later.
     r"order|orders|ordered|command|commanded|cmd|setpoint|set_point|sp|demand|demanded|desired|reference|ref|target|"
     r"telegraph|eot|lever|requested|request|soll|consigne|ordre|settpunkt|preset"
 )
@@ -95,7 +93,7 @@ def meaning(header: str) -> Meaning:
     if is_canonical(header) or header in QUANTITIES:
         return Meaning(header)
     full = plain_words(header)
-    for name, known in QUANTITIES.items():  # such as "lat_sec", which is no latitude in seconds
+    for name, known in QUANTITIES.items():  # first, as "lat_sec" is no latitude in seconds
         if name.endswith(("_min", "_s", "_magnetic")) and re.fullmatch(known.headers, full):
             return Meaning(name)
     words, unit = _without_unit(full)
@@ -149,8 +147,7 @@ def _of_side(quantity: str, side: str) -> str:
 
 
 def turn_in(name: str, unit: str, largest: float) -> float:
-    """The period of the quantity ``name`` in the ``unit`` of a file; without one ("") the ``largest`` number tells
-    degrees."""
+    """The period of the quantity ``name`` in a ``unit``; without one ("") the ``largest`` number tells degrees."""
     scale = factor(name, unit or ("deg" if largest > BEYOND_A_TURN else "rad"))
     return quantity(name).period / (scale or 1.0)
 
@@ -162,8 +159,8 @@ def known_units(name: str) -> dict[str, float]:
 
 def factor(name: str, unit: str) -> float | None:
     """Factor from ``unit`` as written to that of the quantity ``name``, or None for one that does not belong to it."""
-    own, written = quantity(name).unit, unit.strip().lower()
-    return factor_of(own, FOREIGN.get(_without_accents(written), FOREIGN.get(written, unit)))
+    house_unit, written = quantity(name).unit, unit.strip().lower()
+    return factor_of(house_unit, FOREIGN.get(_without_accents(written), FOREIGN.get(written, unit)))
 
 
 def _without_accents(text: str) -> str:

@@ -1,8 +1,8 @@
 """Trials that belong together: groups that can be compared (those of a day, of a folder, or with the same key in the
 sidecar), and campaigns: runs with the same instruments and loading.
 
-What campaign a run belongs to is said by the key ``campaign`` of its sidecar; else it is the day (of the sidecar, of
-the file name, or of a clock that counts seconds since 1970); else, where trials lie in several folders, its folder.
+The campaign of a run is what the key ``campaign`` of its sidecar says; else its day (of the sidecar, of the file name,
+or of a clock that counts seconds since 1970); else, where trials lie in several folders, its folder.
 """
 
 from __future__ import annotations
@@ -26,8 +26,7 @@ CLOCK = (631_152_000.0, 4_102_444_800.0)
 CALENDAR = {"day": 10, "month": 7, "year": 4}  # Length of each part of a date as ISO 8601 writes it
 KEYS = (*CALENDAR, "folder", "group", "kind", "role")  # What trials can be grouped by
 MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
-# A month by its name comes first: what follows the year may be the time.
-DATES = (
+DATES = (  # 22-Nov-2026, then 2026-11-22 or 20261122. Months by names come first: what follows the year may be a time.
     re.compile(rf"(?<!\d)(?P<d>\d{{1,2}})[-_. ]?(?P<m>{'|'.join(MONTHS)})[a-z]*[-_. ]?(?P<y>[12]\d{{3}})(?!\d)", re.I),
     re.compile(r"(?<!\d)(?P<y>[12]\d{3})([-_.]?)(?P<m>\d{2})\2(?P<d>\d{2})(?!\d)"),
 )
@@ -43,17 +42,15 @@ class Groups:
 
     def members(self, trials: Sequence[Trial]) -> dict[str, list[Trial]]:
         """The ``trials`` that were grouped, by the name of their group."""
-        return {
-            name: [t for t, k in zip(trials, self.number, strict=True) if k == i] for i, name in enumerate(self.names)
-        }
+        members: dict[str, list[Trial]] = {name: [] for name in self.names}
+        for trial, k in zip(trials, self.number, strict=True):
+            members[self.names[k]].append(trial)
+        return members
 
 
 def group_trials(trials: Sequence[Trial], by: str) -> Groups:
-    """Group ``trials`` ``by`` "day" ("month", "year"), "folder", or a key of the sidecar: "group", "kind", "role".
-
-    The day is that of ``day_of``. Returns the groups. Raises UserError for
-    another word, for a trial that belongs to none, and for fewer than two groups.
-    """
+    """Group ``trials`` ``by`` "day" ("month", "year") as of ``day_of``, "folder", or a key of the sidecar: "group",
+    "kind", "role". Raises UserError for another word, a trial that belongs to none, and fewer than two groups."""
     key = by.strip().lower()
     if key not in KEYS:
         raise UnknownName(f"--between {by}: not one of {', '.join(KEYS)}")
@@ -63,8 +60,8 @@ def group_trials(trials: Sequence[Trial], by: str) -> Groups:
             raise Missing(f"--between folder: {trial.name} was not read from a file")
     names = tuple(sorted(set(labels)))
     if len(names) < 2:
-        found = f"all trials are of one group ({names[0]})" if names else "no trials are given"
-        raise TooFewData(f"--between {by}: {found}; give trials of two at least")
+        words = f"all trials are of one group ({names[0]})" if names else "no trials are given"
+        raise TooFewData(f"--between {by}: {words}; give trials of two at least")
     return Groups(key, names, tuple(names.index(label) for label in labels))
 
 
@@ -89,13 +86,12 @@ def folders_of(trials: Sequence[Trial]) -> list[str]:
     if len(parents) < len(trials) or len(set(parents)) < 2:
         return [""] * len(trials)
     base = os.path.commonpath([str(p) for p in parents])
-    below = [Path(os.path.relpath(p, base)).as_posix() for p in parents]
+    below = [Path(os.path.relpath(p, base)).as_posix() for p in parents]  # the same words on every system
     return [Path(base).name if name == "." else name for name in below]
 
 
 def day_of(trial: Trial) -> str:
-    """The day of a ``trial`` as ISO 8601 writes it: of its sidecar, of its name, or of a clock that counts since 1970;
-    "" where nothing tells it."""
+    """The day of a ``trial`` in ISO 8601: of its sidecar, its name or its clock; "" where nothing tells it."""
     texts = (trial.path.stem if trial.path is not None else "", trial.name)
     start = float(trial.t[0])
     clock = datetime.fromtimestamp(start, timezone.utc).date().isoformat() if CLOCK[0] < start < CLOCK[1] else ""
@@ -107,26 +103,20 @@ def dates_in(text: str) -> list[str]:
     return [day for day, _ in _written(text) if day]
 
 
-def no_dates_in(text: str) -> list[str]:
-    """What in ``text`` is written as a date with its parts apart, and is no day of the calendar (2026-02-30)."""
-    return [words for day, words in _written(text) if not day and not words.isdigit()]
-
-
 def _written(text: str) -> list[tuple[str, str]]:
     """Dates in a ``text``: the day, "" for what is none, and how it is written."""
-    found = []
+    dates = []
     for match in (match for pattern in DATES for match in pattern.finditer(text)):
         month, day = match["m"].lower()[:3], ""
         number = MONTHS.index(month) + 1 if month in MONTHS else int(month)
         with contextlib.suppress(ValueError):
             day = date(int(match["y"]), number, int(match["d"])).isoformat()
-        found.append((day, match[0]))
-    return found
+        dates.append((day, match[0]))
+    return dates
 
 
 UNKNOWN = "no campaign"  # Name of what trials belong to of which nothing is known
-TAKEN, MEAN = "campaign", "campaign_mean"
-"""Codes of messages: instruments as in a campaign, as in the mean of all."""
+TAKEN, MEAN = "campaign", "campaign_mean"  # Codes of messages: instruments as in a campaign, as in the mean of all
 
 
 @dataclass(frozen=True)
@@ -149,14 +139,11 @@ class Campaigns:
 
 
 def campaigns_of(trials: Sequence[Trial]) -> Campaigns:
-    """The campaigns of ``trials``.
-
-    Raises UserError where the sidecar names for a campaign another day than the file name, or another folder of
-    these trials than that in which the file lies.
-    """
+    """The campaigns of ``trials``. Raises UserError where the sidecar names for a campaign another day than the file
+    name, or another folder of these trials than that in which the file lies."""
     folders, labels = folders_of(trials), campaign_labels(trials)
     for trial, folder in zip(trials, folders, strict=True):
-        _refuse_contradiction(trial, trial.meta.get("campaign", ""), day_of(trial), folder, folders)
+        _refuse_contradiction(trial, folder, folders)
     names = tuple(sorted(set(labels)))
     return Campaigns(names, tuple(names.index(label) for label in labels), tuple(_no_dates(trials, labels)))
 
@@ -168,18 +155,15 @@ def campaign_labels(trials: Sequence[Trial]) -> list[str]:
 
 
 def campaign_among(trial: Trial, known: Iterable[str]) -> str | None:
-    """Which of the ``known`` campaigns a ``trial`` belongs to: by its sidecar, its day or its folder; None for none.
-
-    A trial whose sidecar names a campaign is of no other one.
-    """
+    """Which of the ``known`` campaigns a ``trial`` belongs to: by its sidecar, its day or its folder; None for none. A
+    trial whose sidecar names a campaign is of no other one."""
     names = list(known)
     if said := trial.meta.get("campaign", ""):
         return said if said in names else None
     if (day := day_of(trial)) in names:
         return day
-    if trial.path is None:
-        return None
-    parts = trial.path.resolve().parent.parts
+    parts = trial.path.resolve().parent.parts if trial.path is not None else ()
+    # Folders were told by what differed among the trials of the fit: here any end of the path may be that.
     tails = [Path(*parts[-k:]).as_posix() for k in range(1, len(parts))]
     return next((tail for tail in tails if tail in names), None)
 
@@ -196,15 +180,11 @@ def ship_of_campaign(ship: Ship, name: str | None) -> Ship:
 
 
 def ship_in(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Message]]:
-    """The one ship that serves all ``trials``: as their campaign has it where that is one and known, else the mean.
-
-    And a message that says which.
-    """
+    """The ship that serves all ``trials``, as their one campaign has it or else the mean, and which, as a message."""
     if not ship.campaigns:
         return ship, []
-    found = {campaign_among(trial, ship.campaigns) for trial in trials}
-    name = found.pop() if len(found) == 1 else None
-    if name is not None:
+    campaigns = {campaign_among(trial, ship.campaigns) for trial in trials}
+    if len(campaigns) == 1 and (name := campaigns.pop()) is not None:
         return ship.of_campaign(name), [Message(f"instruments as in campaign {name}", TAKEN)]
     words = "the trials are of several campaigns, or of none that is known: instruments as in the mean of all"
     return replace(ship, campaigns={}), [Message(words, MEAN)]
@@ -223,39 +203,34 @@ def campaigns_taken(ship: Ship, trials: Sequence[Trial]) -> list[Message]:
     known = sorted(filter(None, of))
     messages = [Message(f"{listed(of[name])}: {names} as in campaign {name}", TAKEN) for name in known]
     if unknown:
-        words = (
-            f"{listed(unknown)}: of no campaign that the calibration knows ({', '.join(ship.campaigns)}): {names} at "
-            "the mean of all, with wider bands; --campaign NAME says which one"
-        )
-        messages.append(Message(words, MEAN))
+        words = f"of no campaign that the calibration knows ({', '.join(ship.campaigns)}): {names} at the mean of all"
+        messages.append(Message(f"{listed(unknown)}: {words}, with wider bands; --campaign NAME says which one", MEAN))
     return messages
 
 
-def _refuse_contradiction(trial: Trial, said: str, day: str, folder: str, folders: Sequence[str]) -> None:
+def _refuse_contradiction(trial: Trial, folder: str, folders: Sequence[str]) -> None:
     """Raises UserError where the sidecar, the day and the folder of a ``trial`` name different campaigns."""
+    said, day = trial.meta.get("campaign", ""), day_of(trial)
     if not said:
         return
     where = line_for(trial.path, trial.name, f'campaign = "{said}"')
+    begin = f"{trial.name}: the sidecar says campaign {said}, but the"
     as_day = dates_in(said)
     if as_day and day and as_day[0] != day:
-        raise Conflict(
-            f"{trial.name}: the sidecar says campaign {said}, but the trial is of {day} (file name, day or clock); "
-            f"correct {where}"
-        )
+        raise Conflict(f"{begin} trial is of {day} (file name, day or clock); correct {where}")
     if folder and said != folder and said in folders:
-        raise Conflict(
-            f"{trial.name}: the sidecar says campaign {said}, but the file lies in folder {folder}, and {said} is "
-            f"another folder of these trials; move the file, or correct {where}"
-        )
+        words = f"file lies in folder {folder}, and {said} is another folder of these trials"
+        raise Conflict(f"{begin} {words}; move the file, or correct {where}")
 
 
 def _no_dates(trials: Sequence[Trial], labels: Sequence[str]) -> list[Message]:
-    """A message on each of ``trials`` in whose name stands a date that is none, and nothing else tells the day."""
-    found = []
+    """A message on each of ``trials`` whose name has a date of no calendar (2026-02-30), if nothing tells its day."""
+    messages = []
     for trial, label in zip(trials, labels, strict=True):
-        wrong = no_dates_in(trial.path.stem if trial.path is not None else trial.name)
+        written = _written(trial.path.stem if trial.path is not None else trial.name)
+        wrong = [words for day, words in written if not day and not words.isdigit()]  # 20261399 may be any number
         if wrong and not (trial.meta.get("campaign") or day_of(trial)):
             line = line_for(trial.path, trial.name, 'campaign = "..."')
             words = f"{wrong[0]} in its name is no day of the calendar; it counts to {label}; else add to {line}"
-            found.append(Message(f"{trial.name}: {words}", "no_date"))
-    return found
+            messages.append(Message(f"{trial.name}: {words}", "no_date"))
+    return messages

@@ -23,16 +23,14 @@ from mmg.messages import Message
 from mmg.motion.flow import RUDDERS
 from mmg.motion.frames import true_wind
 
-SENTINEL = "sentinel"  # Of the notice on such numbers
+SENTINEL = "sentinel"  # Code of the notice on numbers that stand for no value
 # Listed by hand from logs that were met.
 _NINES = (99.0, 99.9, 99.99, 999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 99999.0, 999999.0)
-# Numbers that loggers write where they have none; those of AIS are among them.
-WELL_KNOWN = (
+WELL_KNOWN = (  # Numbers that loggers write where they have none; those of AIS are among them.
     *(sign * nines for nines in _NINES for sign in (-1, 1)),
     *(32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 1e30, -1e30, 181.0, 91.0, 511.0, 102.3, 360.1),
 )
-# Such a number stands for none where the column jumps there by so many times its larger changes from row to row.
-JUMP = 20.0  # set by hand
+JUMP = 20.0  # Larger changes from row to row by which a column jumps to a number that stands for none. Set by hand.
 STEP_OF_INPUT = 1.0  # The same of a zero of an actuator in a row in which a state jumped to zero. Set by hand.
 LARGER = 0.95  # The larger changes from row to row: this quantile of them. Set by hand.
 
@@ -40,15 +38,14 @@ LARGER = 0.95  # The larger changes from row to row: this quantile of them. Set 
 def masked(
     columns: Mapping[str, np.ndarray], wanted: Mapping[str, tuple[int, float]], further: Sequence[float]
 ) -> tuple[dict[str, np.ndarray], Counter[tuple[str, float]]]:
-    """``columns``, name -> (N,), in which what stands for no value is missing, and how often which number did.
-
-    wanted: name -> (number of the column, factor by which its values were multiplied); further: as in ``sentinels_in``.
-    """
+    """``columns``, name -> (N,), in which what stands for no value is missing, and how often which number did. wanted:
+    name -> (number of the column, factor by which its values were multiplied); further: as in ``sentinels_in``."""
     out, counts = dict(columns), Counter[tuple[str, float]]()
     for name, values in columns.items():
         factor = wanted[name][1]
         if name == "t" or not np.isfinite(values).any():
             continue
+        # The number as it stands in the file, without the last digits of the conversion.
         for number, rows in sentinels_in(values if factor == 1 else np.round(values / factor, 6), further).items():
             out[name] = np.where(rows, np.nan, out[name])
             counts[name, number] += int(rows.sum())
@@ -62,20 +59,18 @@ def remarks(counts: Mapping[tuple[str, float], int]) -> list[Message]:
 
 
 def sentinels_in(values: np.ndarray, further: Sequence[float] = ()) -> dict[float, np.ndarray]:
-    """Number that stands for no value -> rows (N,) of ``values`` (N,) that hold it.
-
-    further: numbers that are known to stand for none. One that is only well known counts where the column jumps to it
-    and back, and never where most rows hold it.
-    """
+    """Number that stands for no value -> rows (N,) of ``values`` (N,) that hold it. further: numbers that are known to
+    stand for none. One that is only well known counts where the column jumps to it and back, and never where most rows
+    hold it."""
     out = {float(number): values == number for number in further if (values == number).any()}
     present = values[np.isfinite(values)]
     for number in np.setdiff1d(values[np.isin(values, WELL_KNOWN)], further).tolist():
         here = present == number
         rest = present[~here]
-        if len(rest) < max(10, 0.5 * len(present)):
+        if len(rest) < max(10, 0.5 * len(present)):  # most rows hold it: a measurement
             continue
         usual = max(float(np.quantile(np.abs(np.diff(rest)), LARGER)), 1e-9 * abs(number))
-        edges = np.flatnonzero(np.diff(here.astype(int)))
+        edges = np.flatnonzero(np.diff(here.astype(int)))  # the rows before each jump to it, and back
         off = np.abs(np.where(here[edges], present[edges + 1], present[edges]) - number)
         if len(off) and float(np.median(off)) > JUMP * usual:
             out[float(number)] = values == number
@@ -86,16 +81,12 @@ def without_dropouts(
     channels: Mapping[str, np.ndarray], states: Sequence[str]
 ) -> tuple[dict[str, np.ndarray], Counter[tuple[str, float]]]:
     """The ``channels``, quantity -> (N,), with NaN for zeros of a logger that had no value, and how many of each.
-
     states: quantities that cannot jump to zero and back, as a heading or a speed; a rudder and revolutions can, and
-    their zeros count only in rows in which those of a state do.
-    """
-    zeros = {
-        name: _dropouts(name, values, JUMP if name in states else STEP_OF_INPUT) for name, values in channels.items()
-    }
+    their zeros count only in rows in which those of a state do."""
+    zeros = {q: _dropouts(q, values, JUMP if q in states else STEP_OF_INPUT) for q, values in channels.items()}
     none = np.zeros(len(next(iter(channels.values()), ())), dtype=bool)
-    rows = np.any([none, *(zeros[name] for name in states if name in zeros)], axis=0)
-    counts = Counter({(name, 0.0): int((own & rows).sum()) for name, own in zeros.items() if (own & rows).any()})
+    rows = np.any([none, *(zeros[name] for name in states if name in zeros)], axis=0)  # in which a state dropped out
+    counts = Counter({(name, 0.0): int((lost & rows).sum()) for name, lost in zeros.items() if (lost & rows).any()})
     return {name: np.where(zeros[name] & rows, np.nan, values) for name, values in channels.items()}, counts
 
 
@@ -107,7 +98,7 @@ def _dropouts(name: str, values: np.ndarray, jump: float) -> np.ndarray:
     rest = values[known][~zero]
     if not zero.any() or len(rest) < max(10, 0.5 * len(known)):
         return out
-    turn = quantity(name).period and (360.0 if np.abs(rest).max() > 7 else quantity(name).period)
+    turn = quantity(name).period and (360.0 if np.abs(rest).max() > 7 else quantity(name).period)  # 7 > 2 pi: degrees
     changes = np.abs(np.remainder(np.diff(rest) + turn / 2, turn) - turn / 2) if turn else np.abs(np.diff(rest))
     size = np.minimum(np.abs(rest) % turn, -np.abs(rest) % turn) if turn else np.abs(rest)
     at = np.cumsum(~zero)[zero]  # number of values before each zero
@@ -117,25 +108,19 @@ def _dropouts(name: str, values: np.ndarray, jump: float) -> np.ndarray:
 
 
 MOST = 20  # False samples of a crossing at most: a record resampled by more is no interpolation. Set by hand.
-# A step from sample to sample that is so many times the greater ones of the record is none of the ship.
-QUICK = 8.0  # set by hand
-# rad; the short way between both ends of a crossing, less the integrated turn rate, is no more. Set by hand.
-NEAR = 0.15
+QUICK = 8.0  # A step that is so many times the greater ones of the record is none of the ship. Set by hand.
+NEAR = 0.15  # rad; the short way between the ends of a crossing, less the integrated r, is no more. Set by hand.
 
 
 def through_north(t: np.ndarray, psi: np.ndarray, r: np.ndarray | None) -> tuple[np.ndarray, int]:
     """``psi`` (N,) [rad] without false samples between the ends of each crossing of north, and how many crossings had
-    such.
-
-    t: (N,) [s]; r: measured turn rate (N,) [rad/s], or None; NaN where something is missing.
-    """
+    such. t: (N,) [s]; r: measured turn rate (N,) [rad/s], or None; NaN where something is missing."""
     if len(psi) < 10:
         return psi, 0
     angle = np.mod(psi, 2 * math.pi)
     step = np.diff(angle)
-    short = np.angle(np.exp(1j * step))
-    rate = r if r is not None else np.zeros(len(psi))
-    turned = integral(t, np.nan_to_num(rate))
+    short = np.angle(np.exp(1j * step))  # (N-1,) steps the short way round
+    turned = integral(t, np.nan_to_num(r if r is not None else np.zeros(len(psi))))
     off = np.abs(short - np.diff(turned)) if r is not None else np.abs(short)
     usual = float(np.nanquantile(off, 0.75)) if np.isfinite(off).any() else 0.0
     quick = off > max(QUICK * usual, 0.5 * NEAR)
@@ -144,23 +129,23 @@ def through_north(t: np.ndarray, psi: np.ndarray, r: np.ndarray | None) -> tuple
         if not quick[row]:
             row += 1
             continue
-        end = row
+        end = row  # of the run of quick steps in one direction
         while end < len(step) and quick[end] and step[end] * step[row] > 0:
             end += 1
         way, back = float(angle[end] - angle[row]), float(turned[end] - turned[row])
         straight = float(np.angle(np.exp(1j * way)))
-        middle = 1 < end - row <= MOST + 1 and abs(way) > math.pi
-        if middle and abs(straight - back) < NEAR + (0.1 * abs(back) if r is not None else 0.0):
+        through_south = 1 < end - row <= MOST + 1 and abs(way) > math.pi
+        # 0.1: the turn rate over a crossing may be a tenth wrong. Set by hand.
+        if through_south and abs(straight - back) < NEAR + (0.1 * abs(back) if r is not None else 0.0):
             share = (t[row + 1 : end] - t[row]) / (t[end] - t[row])
-            own = turned[row + 1 : end] - turned[row] if r is not None else 0.0 * share
-            out[row + 1 : end] = psi[row] + own + share * (straight - back)
+            along = turned[row + 1 : end] - turned[row] if r is not None else 0.0 * share
+            out[row + 1 : end] = psi[row] + along + share * (straight - back)  # and the rest evenly
             count += 1
         row = max(end, row + 1)
     return out, count
 
 
-# Difference of the steadiness of wind, length of its mean over its mean length, that tells one unit from another.
-STEADIER = 0.2  # set by hand
+STEADIER = 0.2  # Difference of steadiness, length of the mean over mean length, that tells units apart. Set by hand.
 _DIRECTIONS = tuple(name for name in UNITS if wraps(name) and "wind" in name)
 _CAUSES = {
     (DEG, 1.0): "psi holds degrees but is labelled rad (or r holds rad/s but is labelled deg/s)",
@@ -169,10 +154,8 @@ _CAUSES = {
 
 
 def implausible(columns: Mapping[str, np.ndarray]) -> str:
-    """One sentence about the first contradiction between the units of the columns, "" when there is none.
-
-    columns: canonical name -> (N,) in house units; needs t, psi, r; uses x, y, u, v, n, rudders and wind if present.
-    """
+    """One sentence about the first contradiction between the units of the columns, "" when there is none. columns:
+    canonical name -> (N,) in house units; needs t, psi, r; uses x, y, u, v, n, rudders and wind if present."""
     if wrong := mislabelled(columns):
         return wrong[0][2]
     tests = (_full_turn_jumps, _heading_and_rate, _heading_and_course, _spin)
@@ -185,8 +168,8 @@ def _steadier_in_radians(columns: Mapping[str, np.ndarray], name: str) -> bool:
     speed = columns.get(name.replace("direction", "speed"), np.ones(len(columns[name])))
     steady = []
     for unit in (1.0, DEG):
-        air = -speed * np.exp(1j * columns[name] * unit)
-        if name.startswith("apparent") and {"psi", "u", "v"} <= set(columns):
+        air = -speed * np.exp(1j * columns[name] * unit)  # where it goes, north + i east or ahead + i to starboard
+        if name.startswith("apparent") and {"psi", "u", "v"} <= set(columns):  # over ground, in the earth frame
             air = (air + columns["u"] + 1j * columns["v"]) * np.exp(1j * columns["psi"])
         air = air[np.isfinite(air)]
         steady.append(abs(air.mean()) / max(float(np.abs(air).mean()), 1e-12) if len(air) else 0.0)
@@ -197,7 +180,7 @@ def _full_turn_jumps(columns: Mapping[str, np.ndarray]) -> str:
     """A heading that jumps back by 360 from one sample to the next is wrapped, and counted in degrees."""
     psi = columns["psi"][np.isfinite(columns["psi"])]
     step = np.abs(np.diff(psi))
-    jumps = int(np.sum(np.abs(step - 360.0) < 20.0))
+    jumps = int(np.sum(np.abs(step - 360.0) < 20.0))  # 20: no ship turns by more in a sample. Set by hand.
     if jumps and jumps == int(np.sum(step > 20.0)):
         return f"psi holds degrees but is labelled rad: it jumps by 360 {jumps} time(s); correct the unit"
     return ""
@@ -208,7 +191,7 @@ def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
     t, psi, r = columns["t"], columns["psi"], columns["r"]
     good = np.isfinite(psi) & np.isfinite(r)
     t, psi, turned = t[good], psi[good], integral(t[good], r[good])
-    for lag in (20, 50, 100) if len(t) >= 20 else ():
+    for lag in (20, 50, 100) if len(t) >= 20 else ():  # samples: short ones follow turns, long ones stand out of noise
         lag = max(1, min(lag, len(t) // 10))
         usable = (t[lag:] - t[:-lag]) < 3 * lag * np.median(np.diff(t))
         turn, misfit = (turned[lag:] - turned[:-lag])[usable], {}
@@ -219,7 +202,7 @@ def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
             rms = min(math.sqrt(float(np.mean(error**2))) for error in (change - other, change + other))
             misfit[units] = rms / size if size > 1e-9 else 0.0
         best = min(misfit, key=lambda units: misfit[units])
-        if misfit[1.0, 1.0] >= 0.9 and misfit[best] <= 0.4:
+        if misfit[1.0, 1.0] >= 0.9 and misfit[best] <= 0.4:  # 1 is "nothing in common". Set by hand.
             return f"{_CAUSES[best]}; correct the unit"
     return ""
 
@@ -235,15 +218,13 @@ def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
     if len(t) < 20 or np.abs(psi).max() < 2 * math.pi + 0.1:
         return ""
     lag, misfit = max(1, min(20, len(t) // 10)), []
-    moved = place[lag:] - place[:-lag]
+    track = place[lag:] - place[:-lag]
     for unit in (1.0, DEG):
         way = integral(t, body * np.exp(1j * psi * unit))
-        misfit.append(float(np.linalg.norm(moved - way[lag:] + way[:-lag])) / max(float(np.linalg.norm(moved)), 1e-12))
-    if misfit[1] < 0.35 and misfit[0] > max(0.3, 4 * misfit[1]):
-        return (
-            "psi holds degrees but is labelled rad: (u, v) turned by psi misses the track by "
-            f"{misfit[0]:.0%} as radians and by {misfit[1]:.0%} as degrees (correct the unit)"
-        )
+        misfit.append(float(np.linalg.norm(track - way[lag:] + way[:-lag])) / max(float(np.linalg.norm(track)), 1e-12))
+    if misfit[1] < 0.35 and misfit[0] > max(0.3, 4 * misfit[1]):  # set by hand
+        words = f"misses the track by {misfit[0]:.0%} as radians and by {misfit[1]:.0%} as degrees (correct the unit)"
+        return f"psi holds degrees but is labelled rad: (u, v) turned by psi {words}"
     return ""
 
 
@@ -251,32 +232,33 @@ def _spin(columns: Mapping[str, np.ndarray]) -> str:
     """A yaw rate that no ship has."""
     r = columns["r"]
     if np.isfinite(r).any() and (typical := float(np.nanpercentile(np.abs(r), 75))) > SPIN_LIMIT:
-        return (
-            f"r is above {typical:.3g} rad/s a quarter of the time: are these deg/s labelled rad/s? (correct the unit)"
-        )
+        words = "are these deg/s labelled rad/s? (correct the unit)"
+        return f"r is above {typical:.3g} rad/s a quarter of the time: {words}"
     return ""
 
 
 def mislabelled(columns: Mapping[str, np.ndarray]) -> list[tuple[str, float, str]]:
     """(column, factor that makes it true, sentence) of revolutions, rudders and wind directions in a unit that no ship
     allows; columns: as ``implausible`` takes them."""
-    found = []
+    wrong = []
     for name in (name for name in ("n", "n_2", *RUDDERS, "delta_order", *_DIRECTIONS) if name in columns):
         size = np.abs(columns[name])
         if not np.isfinite(size).any():
             continue
-        largest, typical = float(np.nanmax(size)), float(np.nanpercentile(size, 90))
+        largest, usual, typical = (float(np.nanpercentile(size, share)) for share in (100, 75, 90))
         if name in ("n", "n_2"):
-            usual = float(np.nanpercentile(size, 75))
-            if usual > REVOLUTIONS_LIMIT:
-                words = f"{name} is {usual:.4g} rps a quarter of the time: are these rpm labelled rps?"
-                found.append((name, 1 / 60, f"{words} (label the column '{name} [rpm]')"))
-        elif (name in (*RUDDERS, "delta_order") and largest > RUDDER_LIMIT) or (
-            name in _DIRECTIONS and typical > 4 * math.pi and not _steadier_in_radians(columns, name)
-        ):
+            beyond, unit, factor = usual > REVOLUTIONS_LIMIT, "rpm", 1 / 60
+            words = f"{name} is {usual:.4g} rps a quarter of the time: are these rpm labelled rps?"
+        else:
+            if name in _DIRECTIONS:  # two turns: a direction may go on beyond one
+                beyond = typical > 4 * math.pi and not _steadier_in_radians(columns, name)
+            else:
+                beyond = largest > RUDDER_LIMIT
+            unit, factor = "deg", DEG
             words = f"{name} reaches {largest:.4g} rad: are these degrees labelled rad?"
-            found.append((name, DEG, f"{words} (label the column '{name} [deg]')"))
-    return found
+        if beyond:
+            wrong.append((name, factor, f"{words} (label the column '{name} [{unit}]')"))
+    return wrong
 
 
 def converted(columns: Mapping[str, np.ndarray], entry: SidecarEntry, notices: list[Message]) -> dict[str, np.ndarray]:
@@ -308,7 +290,7 @@ def converted(columns: Mapping[str, np.ndarray], entry: SidecarEntry, notices: l
 def _turn_signs(out: dict[str, np.ndarray], entry: SidecarEntry, notices: list[Message]) -> None:
     turned = [(name, " (sidecar)") for name, sign in entry.sign.items() if sign == -1]
     port = (*RUDDERS, "delta_order") if entry.rudder_positive == "port" else ()
-    for name, why in (*turned, *((name, ": positive to port in the file") for name in port)):
+    for name, why in (*turned, *((name, ": positive to port in the file") for name in port)):  # both: twice
         if name in out:
             out[name] = -out[name]
             notices.append(Message(f"{name} changed sign{why}", "sign"))
@@ -327,23 +309,20 @@ def _in_time(columns: dict[str, np.ndarray], entry: SidecarEntry, notices: list[
         values = unwrapped(columns[name]) if wraps(name) else columns[name]
         good = np.isfinite(values)
         if good.any():
-            near = np.interp(at, t, good.astype(float))
+            near = np.interp(at, t, good.astype(float))  # less than 1 beside a missing sample: gaps stay gaps
             out[name] = np.where(near > 0.999, np.interp(at, t[good], values[good]), np.nan)
         if wraps(name) and name != "psi":
             out[name] = np.remainder(out[name], 2 * math.pi)
         notices.append(Message(f"{name} taken back by {seconds:g} s (lag in trials.toml)", "lag"))
     if keep.sum() < 2:
-        raise OutOfRange(
-            f"lag in trials.toml: no row is left after {max(map(abs, lags.values())):g} s of {t[-1] - t[0]:g} s"
-        )
+        longest = max(map(abs, lags.values()))
+        raise OutOfRange(f"lag in trials.toml: no row is left after {longest:g} s of {t[-1] - t[0]:g} s")
     return {name: values[keep] for name, values in out.items()}
 
 
 def _move_to_midship(out: dict[str, np.ndarray], entry: SidecarEntry, notices: list[Message]) -> None:
-    """Positions and velocities of the measured point P = (l_x, l_y) taken to midship.
-
-    x0 = x_P - l_x cos psi + l_y sin psi, y0 = y_P - l_x sin psi - l_y cos psi; u = u_P + l_y r, v = v_P - l_x r.
-    """
+    """Positions and velocities of the measured point P = (l_x, l_y) taken to midship. x0 = x_P - l_x cos psi + l_y sin
+    psi, y0 = y_P - l_x sin psi - l_y cos psi; u = u_P + l_y r, v = v_P - l_x r."""
     point = entry.reference_point
     l_x, l_y = point.x, point.y
     if l_x == 0.0 and l_y == 0.0:

@@ -1,5 +1,5 @@
-"""Files as they are: ordinary ones read whole, JSON that is an object, texts written whole or not at all, locks that
-end with the process that holds them (of fcntl on POSIX, of msvcrt on Windows)."""
+"""Files: ordinary ones are read whole, texts are written whole or not at all, JSON is an object, and locks end with the
+process that holds them (of fcntl on POSIX, of msvcrt on Windows)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ except ImportError:  # POSIX
     msvcrt = None  # type: ignore[assignment]
 
 HELD = (BlockingIOError, PermissionError)  # What the operating systems raise where another process has the lock
-LARGEST = 256 * 2**20  # Most bytes of a file that is read; several times as much memory is needed for it
+LARGEST = 256 * 2**20  # Most bytes of a file that is read; several times as much memory is needed. Set by hand.
 
 
 def check_file(path: Path, largest: int = LARGEST) -> None:
@@ -65,10 +65,8 @@ def opened(path: Path) -> BinaryIO:
 
 
 def file_hash(path: Path, largest: int = LARGEST) -> str:
-    """The SHA-256 of the ordinary file ``path``, read in pieces.
-
-    largest: most bytes that it may have. Raises UserError as ``check_file`` does.
-    """
+    """The SHA-256 of the ordinary file ``path``, read in pieces. largest: most bytes that it may have. Raises UserError
+    as ``check_file`` does."""
     check_file(path, largest)
     return lines_and_hash(path)[1]
 
@@ -80,6 +78,7 @@ def lines_and_hash(path: Path) -> tuple[int, str]:
         while piece := stream.read(2**22):
             digest.update(piece)
             new, old, end = new + piece.count(b"\n"), old + piece.count(b"\r"), piece[-1:]
+    # Windows ends a line with both, old Macs with "\r" alone.
     return max(new, old) + (end not in (b"\n", b"\r")), digest.hexdigest()
 
 
@@ -95,7 +94,7 @@ def decoded(content: bytes, where: object) -> str:
 
 def parse_json(text: str) -> Any:
     """The value that ``text`` is as JSON. Raises ValueError where it is none, however deep it is nested."""
-    try:
+    try:  # Python refuses integers of more than 4300 digits, and 20 are more than 64 bits hold
         return json.loads(text, parse_int=lambda digits: int(digits) if len(digits) < 20 else float(digits))
     except RecursionError:
         raise ValueError("nested too deeply") from None
@@ -127,14 +126,12 @@ def replace_text(path: Path, text: str) -> None:
 @contextlib.contextmanager
 def replaced(path: Path) -> Iterator[Path]:
     """A file beside ``path`` to write to, which takes its place at the end. Raises OSError where that is not possible.
-
-    Where the writing fails nothing is left behind, and what processes have left that were killed here is removed.
-    """
+    Where the writing fails nothing is left behind, and what processes have left that were killed here is removed."""
     _remove_leftovers(path)
-    scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
+    scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")  # beside it: only there a rename is atomic
     lock = os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
     try:
-        if fcntl:
+        if fcntl:  # the lock ends with this process, and tells others that the file is no leftover
             fcntl.flock(lock, fcntl.LOCK_EX)
         yield scratch
         if not fcntl:  # Windows renames no open file
@@ -151,10 +148,8 @@ def replaced(path: Path) -> Iterator[Path]:
 @contextlib.contextmanager
 def filled(folder: Path, force: bool) -> Iterator[Path]:
     """A folder beside ``folder`` to write to, whose files come to it at the end: all, or none where the writing fails.
-
     force: files of the same names in a folder that holds some are replaced. Raises UserError where it holds some and
-    ``force`` is false, and where it cannot be written.
-    """
+    ``force`` is false, and where it cannot be written."""
     if folder.exists() and not folder.is_dir():
         raise BadValue(f"--out {folder}: is a file; name a folder")
     if folder.is_dir() and any(folder.iterdir()) and not force:
@@ -163,7 +158,7 @@ def filled(folder: Path, force: bool) -> Iterator[Path]:
     try:
         scratch.mkdir(parents=True)
         yield scratch
-        if folder.is_dir():
+        if folder.is_dir():  # a folder that holds files cannot be replaced in one step
             for path in scratch.iterdir():
                 os.replace(path, folder / path.name)
         else:
@@ -177,37 +172,35 @@ def filled(folder: Path, force: bool) -> Iterator[Path]:
 
 def _remove_leftovers(path: Path) -> None:
     """Remove files of ``replaced`` whose process was killed: no other one holds them."""
-    for left in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
-        if not re.fullmatch(r"[0-9a-f]{8}\.part", left.name[len(path.name) + 2 :]):
+    for leftover in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        if not re.fullmatch(r"[0-9a-f]{8}\.part", leftover.name[len(path.name) + 2 :]):
             continue
         with contextlib.suppress(OSError):
             if not fcntl:
-                left.unlink()  # fails on Windows while it is open
+                leftover.unlink()  # fails on Windows while it is open
                 continue
-            handle = os.open(left, os.O_RDONLY)
+            handle = os.open(leftover, os.O_RDONLY)
             try:
                 fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                left.unlink()
+                leftover.unlink()
             finally:
                 os.close(handle)
 
 
 @contextlib.contextmanager
 def alone(mark: Path) -> Iterator[bool]:
-    """While it lasts, no other process gets True for the file ``mark``, which is made, and removed at the end.
-
-    Yields False where another one has it. A file system that knows no locks keeps nobody out. Raises OSError where
-    the file cannot be made.
-    """
+    """While it lasts, no other process gets True for the file ``mark``, which is made, and removed at the end. Yields
+    False where another one has it. A file system that knows no locks keeps nobody out. Raises OSError where the file
+    cannot be made."""
     while True:
         handle = os.open(mark, os.O_RDWR | os.O_CREAT, 0o666)
         try:
             mine = _taken(handle)
-            there = not mine or _same(handle, mark)
+            valid = not mine or _same(handle, mark)
         except BaseException:
             os.close(handle)
             raise
-        if there:
+        if valid:
             break
         os.close(handle)  # its last owner removed it in between
     try:
@@ -215,7 +208,7 @@ def alone(mark: Path) -> Iterator[bool]:
     finally:
         if mine and fcntl:
             with contextlib.suppress(OSError):
-                mark.unlink()  # while it is ours
+                mark.unlink()  # before the lock ends: afterwards it may be another process's
         os.close(handle)
         if mine and not fcntl:
             with contextlib.suppress(OSError):

@@ -1,7 +1,7 @@
 """Trial files, frames and arrays into ``Trial``: headers, units, signs and reference points (docs/reference/trials.md).
 
-``trials = read_trials(paths)`` takes files and folders, CSV and Parquet. Everything that is converted,
-derived or left out is said in the trial's notices; whatever cannot be read safely is a UserError of one line.
+Everything that is converted, derived or left out is said in the trial's notices; whatever cannot be read safely is a
+UserError of one line.
 """
 
 from __future__ import annotations
@@ -30,21 +30,11 @@ from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.states import STATES
 
-# Header names of the FRT-DS-ESSO records -> canonical names (data set README, "Measurement items").
-FRT_NAMES = {
-    "x_position_mid": "x",
-    "y_position_mid": "y",
-    "psi_hat": "psi",
-    "u_velo": "u",
-    "vm_velo": "v",
-    "r_angvelo": "r",
-    "n_prop": "n",
-    "delta_rudder": "delta",
-    "wind_velo_true": "wind_speed",
-    "wind_dir_true": "wind_direction",
-    "wind_velo_relative_mid": "apparent_wind_speed",
-    "wind_dir_relative_mid": "apparent_wind_direction",
-}
+FRT_NAMES = {  # Header names of the FRT-DS-ESSO records -> canonical names (data set README, "Measurement items").
+    "x_position_mid": "x", "y_position_mid": "y", "psi_hat": "psi", "u_velo": "u", "vm_velo": "v", "r_angvelo": "r",
+    "n_prop": "n", "delta_rudder": "delta", "wind_velo_true": "wind_speed", "wind_dir_true": "wind_direction",
+    "wind_velo_relative_mid": "apparent_wind_speed", "wind_dir_relative_mid": "apparent_wind_direction",
+}  # fmt: skip
 REQUIRED = ("t", "psi", "u", "v", "r", "n")
 # Columns that make a craft without propeller and rudder: it then needs neither n nor delta.
 THRUSTERS = tuple(name for name, (_, unit) in INPUTS.items() if unit == "rps" and name not in PROPELLERS)
@@ -62,7 +52,7 @@ def match_headers(
     """
     parts = [split_header(cell) for cell in header]
     taken: dict[str, tuple[int, str]] = {}
-    for name, wanted in entry.columns.items():
+    for name, wanted in entry.columns.items():  # the sidecar first: it wins over the headers' own names
         index = _find(path, wanted, header, parts)
         taken[name] = (index, parts[index][1])
         notices.append(Message(f"{name} is read from '{header[index]}' (sidecar)", "column_mapped"))
@@ -101,10 +91,8 @@ def _find(path: Path, wanted: str, header: list[str], parts: list[tuple[str, str
     hits = [i for i, cell in enumerate(header) if cell == wanted.strip()]
     hits = hits or [i for i, (name, _) in enumerate(parts) if name == wanted.strip()]
     if len(hits) != 1:
-        problem = "is not in the file" if not hits else "fits several columns"
-        raise Missing(
-            f"{path}: column '{wanted}' named in the sidecar {problem}; headers: {', '.join(header[:MOST_SHOWN])}"
-        )
+        words = f"{'is not in the file' if not hits else 'fits several columns'}; headers: "
+        raise Missing(f"{path}: column '{wanted}' named in the sidecar {words}{', '.join(header[:MOST_SHOWN])}")
     return hits[0]
 
 
@@ -118,33 +106,29 @@ def _unit(path: Path, name: str, cell: str, unit: str, entry: SidecarEntry, noti
         return given
     if not unit:
         units = accepted(name)
-        line = f'units = {{ {name} = "{units[0]}" }}'
-        raise Missing(
-            f"{path}: column '{cell}' has no unit; write '{cell} [{units[0]}]' "
-            f"(accepted: {', '.join(units)}), or add to {line_for(path, '', line)}"
-        )
+        line = line_for(path, "", f'units = {{ {name} = "{units[0]}" }}')
+        words = f"write '{cell} [{units[0]}]' (accepted: {', '.join(units)}), or add to {line}"
+        raise Missing(f"{path}: column '{cell}' has no unit; {words}")
     return unit
 
 
 def lacking(columns: Collection[str]) -> list[str]:
     """Required columns that are not among the canonical ``columns`` of a trial."""
-    without = bool({*THRUSTERS} & {*columns}) and not {"n", *RUDDERS} & {*columns}
-    missing = [name for name in REQUIRED if name not in columns and not (without and name == "n")]
+    thrusters_alone = bool({*THRUSTERS} & {*columns}) and not {"n", *RUDDERS} & {*columns}
+    missing = [name for name in REQUIRED if name not in columns and not (thrusters_alone and name == "n")]
     twins = [c for c in ("delta_port", "delta_starboard") if c not in columns]
-    if twins and "delta" not in columns and not without:
-        missing += ["delta"] if len(twins) == 2 else twins
+    if twins and "delta" not in columns and not thrusters_alone:
+        missing += ["delta"] if len(twins) == 2 else twins  # of two rudders, the one that lacks
     return missing
 
 
 def _require(path: Path, header: list[str], taken: dict[str, tuple[int, str]]) -> None:
     """Raises UserError naming the required columns that are missing and how to map them."""
     if missing := lacking(taken):
-        units = f"{missing[0]} [{accepted(missing[0])[0]}]"
-        line = f'columns = {{ {missing[0]} = "HEADER" }}'
-        raise Missing(
-            f"{path}: missing column {', '.join(missing)}; found: {', '.join(header[:MOST_SHOWN])}. Name it '{units}', "
-            f"or map it: add to {line_for(path, '', line)}"
-        )
+        advice = f"Name it '{missing[0]} [{accepted(missing[0])[0]}]', or map it: add to "
+        advice += line_for(path, "", f'columns = {{ {missing[0]} = "HEADER" }}')
+        headers = ", ".join(header[:MOST_SHOWN])
+        raise Missing(f"{path}: missing column {', '.join(missing)}; found: {headers}. {advice}")
 
 
 SUFFIXES = (".csv", ".parquet")
@@ -152,22 +136,20 @@ LEAST_STEP = 1e-6  # No clock is finer [s]. Set by hand: bounds what is taken fo
 
 
 def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -> list[Trial]:
-    """The trials of several files and folders, in the order given (folders: by name).
-
-    paths: one or several; a folder stands for the .csv and .parquet files in it, or in its sub-folders when it holds
-    none itself; refuse: files whose units the numbers refute. Raises UserError for all that cannot be read.
-    """
+    """The trials of several files and folders, in the order given (folders: by name). paths: one or several; a folder
+    stands for the .csv and .parquet files in it, or in its sub-folders when it holds none itself; refuse: files whose
+    units the numbers refute. Raises UserError for all that cannot be read."""
     if not isinstance(paths, (str, Path, Iterable)):
         raise BadValue(f"trials: {type(paths).__name__} is none: give files or folders")
-    files, found, problems = trial_files(paths), list[Trial](), list[UserError]()
+    files, trials, problems = trial_files(paths), list[Trial](), list[UserError]()
     for file in files:
         try:
-            found.append(read_trial(file, refuse=refuse))
+            trials.append(read_trial(file, refuse=refuse))
         except UserError as error:
             problems.append(error)
     if problems:
         raise together(problems, f"{len(problems)} of {len(files)} files cannot be read")
-    return found
+    return trials
 
 
 def trial_files(paths: Iterable[str | Path] | str | Path) -> list[Path]:
@@ -184,11 +166,9 @@ def trial_files(paths: Iterable[str | Path] | str | Path) -> list[Path]:
 
 
 def read_trial(
-    path: str | Path,
-    settings: SidecarEntry | Mapping[str, Any] | None = None,
-    refuse: bool = True,
+    path: str | Path, settings: SidecarEntry | Mapping[str, Any] | None = None, refuse: bool = True,
     from_rest: bool = False,
-) -> Trial:
+) -> Trial:  # fmt: skip
     """One run in SI units, radians and the frames of this product.
 
     path: CSV or Parquet; settings: what the header leaves unsaid, with the keys of the sidecar (cases/io/sidecar.py);
@@ -208,27 +188,22 @@ def read_trial(
 
 
 def trial_of(
-    table: TrialTable,
-    entry: SidecarEntry,
-    notices: Sequence[Message] = (),
-    refuse: bool = True,
+    table: TrialTable, entry: SidecarEntry, notices: Sequence[Message] = (), refuse: bool = True,
     from_rest: bool = False,
-) -> Trial:
-    """The run in a ``table``; entry: what its header leaves unsaid; notices: that come
-    before its own; refuse, from_rest, UserError: as of ``read_trial``."""
+) -> Trial:  # fmt: skip
+    """The run in a ``table``; entry: what its header leaves unsaid; notices: that come before its own; refuse,
+    from_rest, UserError: as of ``read_trial``."""
     path, notices = table.path, list(notices)
-    labels: dict[str, tuple[str, str]] = {}
+    labels: dict[str, tuple[str, str]] = {}  # canonical name -> header and unit in the file
     raw = _si_columns(table, entry, notices, labels, from_rest)
     columns = _trimmed(path, raw, notices)  # before the clock is judged: cut rows may repeat or lack a time
     _check_time(path, columns["t"], notices)
-    rate = None if "r" in entry.derived else columns["r"]
+    rate = None if "r" in entry.derived else columns["r"]  # one derived from the heading shares its faults
     # A heading is mended before anything is turned by it or taken back in time along it.
     columns["psi"], crossings = through_north(columns["t"], columns["psi"], rate)
     if crossings:
-        words = (
-            f"psi was interpolated straight through 360 at {crossings} crossings of north; mended along the turn rate"
-        )
-        notices.append(Message(words, "heading_mended"))
+        words = f"psi was interpolated straight through 360 at {crossings} crossings of north"
+        notices.append(Message(f"{words}; mended along the turn rate", "heading_mended"))
     try:
         columns = converted(columns, entry, notices)
     except UserError as error:
@@ -266,8 +241,7 @@ APPARENT = ("apparent_wind_speed", "apparent_wind_direction", "psi", "u", "v")  
 def _ancestors(
     columns: Mapping[str, np.ndarray], labels: Mapping[str, tuple[str, str]], entry: SidecarEntry
 ) -> dict[str, tuple[str, ...]]:
-    """What of the ``columns`` was not measured: derived before the file was written, by the sidecar, on reading, or
-    assumed. labels: of those in the file."""
+    """What of the ``columns`` was not measured. labels: of those in the file."""
     new = [name for name in columns if name not in labels]
     on_reading = {name: APPARENT if name in ("wind_speed", "wind_direction") else () for name in new}
     return on_reading | {name: tuple(parts) for name, parts in entry.derived.items() if name in columns}
@@ -275,15 +249,10 @@ def _ancestors(
 
 def _files_of(folder: Path) -> list[Path]:
     """Trial files in a folder (or below it when it holds none). Raises UserError when there are none."""
-    found = _named(folder.iterdir()) or _named(folder.rglob("*"))
-    if not found:
-        raise Missing(f"{folder}: no .csv or .parquet files in this folder")
-    return found
-
-
-def _named(paths: Iterable[Path]) -> list[Path]:
-    """Those of the paths that are named as trial files and are no folders."""
-    return sorted(p for p in paths if p.suffix.lower() in SUFFIXES and not p.is_dir())
+    for paths in (folder.iterdir(), folder.rglob("*")):
+        if files := sorted(p for p in paths if p.suffix.lower() in SUFFIXES and not p.is_dir()):
+            return files
+    raise Missing(f"{folder}: no .csv or .parquet files in this folder")
 
 
 def _si_columns(
@@ -292,14 +261,12 @@ def _si_columns(
     """Canonical columns of the ``table`` in SI and radians, scaled but not yet turned or moved, every row or means of
     rows. labels: to which the header and the unit of each column are added."""
     path = table.path
-    named = {*entry.columns, *(FRT_NAMES.get(name, name) for name, _ in map(split_header, table.header))}
-    at_rest = (
-        [f"{name} [{quantity(name).unit}]" for name in STATES[2:]] if from_rest and not named & {*STATES[2:]} else []
-    )
+    named, moving = {*entry.columns, *map(_quantity, table.header)}, STATES[2:]  # psi, u, v, r
+    at_rest = [f"{name} [{quantity(name).unit}]" for name in moving if from_rest and not named & {*moving}]
     matched = match_headers(path, table.header + at_rest, entry, notices)
     if at_rest:
         notices.append(Message("no states in the file: the ship starts from rest at the origin", "starts_from_rest"))
-        matched = {name: column for name, column in matched.items() if name not in STATES[2:]}
+        matched = {name: column for name, column in matched.items() if name not in moving}
         if "apparent_wind_speed" in matched and "wind_speed" not in matched:
             words = "apparent wind needs psi, u and v to become true wind; give wind_speed, wind_direction"
             raise Missing(f"{path}: {words}")
@@ -311,10 +278,9 @@ def _si_columns(
         if factor != 1.0:
             notices.append(Message(f"{name} converted from {unit} to {quantity(name).unit}", "unit_converted"))
     columns = table.columns(wanted, None if entry.sentinels == [] else entry.sentinels or (), notices)
-    columns |= {name: np.zeros(len(columns["t"])) for name in STATES[2:] if at_rest}
-    absent = [name for name in ("n", "delta") if name not in columns and not {"n", *RUDDERS} & set(matched)]
-    if absent:
-        columns |= {name: np.zeros(len(columns["t"])) for name in absent}
+    columns |= {name: np.zeros(len(columns["t"])) for name in moving if at_rest}
+    if not {"n", *RUDDERS} & set(matched):  # a craft of thrusters
+        columns |= {name: np.zeros(len(columns["t"])) for name in ("n", "delta")}
         notices.append(Message("no propeller and no rudder: n and delta are zero", "no_propeller"))
     return columns
 
@@ -367,9 +333,6 @@ def _kind_from_name(stem: str, notices: list[Message]) -> str:
     return kind
 
 
-_INPUTS = (*INPUTS, "wind_speed", "wind_direction")
-
-
 def read_controls(path: str | Path, actuators: Sequence[str] = ("n", "delta")) -> Trial:
     """Inputs and the first state of a run; a file without psi, u, v, r starts from rest at the origin.
 
@@ -386,22 +349,20 @@ def read_controls(path: str | Path, actuators: Sequence[str] = ("n", "delta")) -
 
 def _without_gaps(trial: Trial, path: Path) -> Trial:
     """From the first complete state on, missing inputs replaced by the last one given."""
-    whole = np.isfinite(trial.states[:, 2:]).all(axis=1)
-    if not whole.any() or len(trial) - int(np.argmax(whole)) < 2:
+    complete = np.isfinite(trial.states[:, 2:]).all(axis=1)
+    if not complete.any() or len(trial) - int(np.argmax(complete)) < 2:
         raise Missing(f"{path}: no row with psi, u, v and r to start from")
-    first, notices = int(np.argmax(whole)), list(trial.notices)
+    first, notices = int(np.argmax(complete)), list(trial.notices)
     if first:
         text = f"the simulation starts at row {first + 1}, the first with a complete state"
         notices.append(Message(text, "late_start"))
     columns = {name: values[first:] for name, values in trial.columns.items()}
-    for name in _INPUTS:
-        if name not in columns:
-            continue
+    for name in [name for name in (*INPUTS, "wind_speed", "wind_direction") if name in columns]:
         good = np.isfinite(columns[name])
         if not good[0]:
             raise Missing(f"{path}: {name} has no value where the simulation starts (row {first + 1})")
         if not good.all():
-            last = np.maximum.accumulate(np.where(good, np.arange(len(good)), 0))
+            last = np.maximum.accumulate(np.where(good, np.arange(len(good)), 0))  # row of the last value given
             columns[name] = columns[name][last]
             text = f"{name}: {int((~good).sum())} missing samples hold the last value"
             notices.append(Message(text, "samples_held"))
@@ -416,18 +377,14 @@ SETTINGS = tuple(name for name in SidecarEntry.model_fields if name not in ("col
 def trial_from_pandas(frame: Any, name: str, units: Mapping[str, str] | None, settings: Mapping[str, Any]) -> Trial:
     """As ``Trial.from_pandas``, with its ``frame``, ``name``, ``units`` and ``settings``. Raises UserError as that."""
     if hasattr(frame, "data_vars"):  # a Dataset of xarray says units of its own
-        units = {
-            **{str(k): v.attrs["units"] for k, v in frame.variables.items() if "units" in v.attrs},
-            **(units or {}),
-        }
-        frame = frame.to_dataframe()
+        of_variables = {str(name): v.attrs["units"] for name, v in frame.variables.items() if "units" in v.attrs}
+        units, frame = of_variables | dict(units or {}), frame.to_dataframe()
     if not hasattr(frame, "columns"):
         raise BadValue(f"{name}: from_pandas takes a DataFrame, not {type(frame).__name__}; see from_arrays")
     header, columns = [str(cell) for cell in frame.columns], [frame[cell].to_numpy() for cell in frame.columns]
-    named = {_quantity(cell) for cell in header}
-    if "t" not in named and (frame.index.name or frame.index.dtype.kind in "mM"):
-        label, kind = str(frame.index.name or "t"), frame.index.dtype.kind
-        header.append("t [s]" if kind in "mM" else label)
+    stamps = frame.index.dtype.kind in "mM"
+    if "t" not in map(_quantity, header) and (frame.index.name or stamps):  # the index is the clock
+        header.append("t [s]" if stamps else str(frame.index.name))
         columns.append(frame.index.to_numpy())
     return _made(header, columns, name, dict(units or {}), settings)
 
@@ -443,17 +400,18 @@ def trial_from_arrays(name: str, given: Mapping[str, Any], units: Mapping[str, s
             raise BadValue(f"{name}: {key} has shape {arrays[key].shape}; a column has one dimension")
         sizes[key] = len(arrays[key])
     if len(set(sizes.values())) > 1:
-        told = ", ".join(f"{key} {size}" for key, size in sizes.items())
-        raise Conflict(f"{name}: columns of different lengths ({told}); a sample has one number of each")
-    _refuse_settings(name, settings)
-    own = {key: quantity(key).unit for key in arrays} | dict(units or {})
-    return _made(list(arrays), list(arrays.values()), name, own, settings)
+        lengths = ", ".join(f"{key} {size}" for key, size in sizes.items())
+        raise Conflict(f"{name}: columns of different lengths ({lengths}); a sample has one number of each")
+    all_units = {key: quantity(key).unit for key in arrays} | dict(units or {})
+    return _made(list(arrays), list(arrays.values()), name, all_units, settings)
 
 
 def _made(
     header: list[str], columns: list[np.ndarray], name: str, units: Mapping[str, str], settings: Mapping[str, Any]
 ) -> Trial:
-    _refuse_settings(name, settings)
+    for key in settings:
+        if key not in SETTINGS:
+            raise UnknownName(f"{name}: {unknown('column or setting', key, [*_USUAL, *SETTINGS])}")
     named = [_quantity(cell) for cell in header]
     for column in units:
         if column not in named:
@@ -472,12 +430,10 @@ def _made(
         raise Missing(f"{name}: missing column {', '.join(missing)}{hint}")
     if not columns or not len(columns[0]):
         raise TooFewData(f"{name}: holds no row")
-    path = Path(name)
-    digest = hashlib.sha256()
-    for cell, values in zip(header, columns, strict=True):
-        digest.update(
-            cell.encode() + (values.tobytes() if values.dtype.kind != "O" else repr(values.tolist()).encode())
-        )
+    path, digest = Path(name), hashlib.sha256()
+    for cell, values in zip(header, columns, strict=True):  # bytes of objects are addresses
+        content = values.tobytes() if values.dtype.kind != "O" else repr(values.tolist()).encode()
+        digest.update(cell.encode() + content)
 
     def read(wanted: Collection[int]) -> Iterator[dict[int, Any]]:
         yield {i: columns[i] for i in wanted}
@@ -489,10 +445,3 @@ def _made(
 def _quantity(cell: str) -> str:
     """The canonical name of a header, or its own words."""
     return FRT_NAMES.get(split_header(cell)[0], split_header(cell)[0])
-
-
-def _refuse_settings(name: str, settings: Mapping[str, Any]) -> None:
-    """Raises UserError for what is neither a column nor a setting of a trial."""
-    for key in settings:
-        if key not in SETTINGS:
-            raise UnknownName(f"{name}: {unknown('column or setting', key, [*_USUAL, *SETTINGS])}")

@@ -48,8 +48,7 @@ from mmg.messages import Message, listed
 from mmg.states import STATES
 
 NAME = "trials.toml"
-# Keys whose tables of a file are merged into those of the default.
-TABLES = ("columns", "units", "sign", "lag", "std", "derived")
+TABLES = ("columns", "units", "sign", "lag", "std", "derived")  # Of a file they are merged into those of the default
 
 
 def _canonical(column: str) -> str:
@@ -98,17 +97,18 @@ Span = Annotated[list[float], AfterValidator(_span)]
 class ReferencePoint(Section):
     """The measured point from midship [m], x forward, y to starboard, and what was measured there."""
 
-    x: float = number("m", 0.0, ge=-600.0, le=600.0)
+    x: float = number("m", 0.0, ge=-600.0, le=600.0)  # no ship is longer
     y: float = number("m", 0.0, ge=-600.0, le=600.0)
     applies_to: Literal["position", "velocity", "both"] = "both"
 
     @model_validator(mode="before")
     @classmethod
     def _pair(cls, value: Any) -> Any:
-        pair = isinstance(value, list | tuple) and len(value) == 2
-        if not pair and not isinstance(value, Mapping | ReferencePoint):
+        if isinstance(value, list | tuple) and len(value) == 2:
+            return dict(zip(("x", "y"), value, strict=True))
+        if not isinstance(value, Mapping | ReferencePoint):
             raise ValueError("reference_point must be { x = 1.2, y = 0.0 } or [1.2, 0.0], in m from midship")
-        return dict(zip(("x", "y"), value, strict=True)) if pair else value
+        return value
 
 
 class SidecarEntry(Section):
@@ -142,10 +142,10 @@ class SidecarEntry(Section):
     @model_validator(mode="after")
     def _no_circle(self) -> SidecarEntry:
         for column in self.derived:
-            above, last = {column}, set[str]()
-            while above != last:
-                last, above = above, above | {a for name in above for a in self.derived.get(name, ())}
-            if any(column in self.derived.get(name, ()) for name in above):
+            ancestors, last = {column}, set[str]()
+            while ancestors != last:
+                last, ancestors = ancestors, ancestors | {a for b in ancestors for a in self.derived.get(b, ())}
+            if any(column in self.derived.get(name, ()) for name in ancestors):
                 raise ValueError(f"derived.{column}: {column} is derived from itself; name the measured columns")
         return self
 
@@ -175,9 +175,9 @@ class Sidecar(Section):
 
     def entry(self, file: Path) -> SidecarEntry:
         """What it says of ``file``, by its name or its stem: that of the default, with that of the file over it."""
-        own = self.files.get(file.name, self.files.get(file.stem, SidecarEntry()))
+        of_file = self.files.get(file.name, self.files.get(file.stem, SidecarEntry()))
         values = (self.default or self.all or SidecarEntry()).model_dump(exclude_unset=True)
-        for key, value in own.model_dump(exclude_unset=True).items():
+        for key, value in of_file.model_dump(exclude_unset=True).items():
             values[key] = {**values.get(key, {}), **value} if key in TABLES else value
         return SidecarEntry(**values)
 
@@ -196,15 +196,13 @@ def read_sidecar(path: Path) -> Sidecar:
 
 def sidecar_entry(trial: Path, notices: list[Message] | None = None) -> SidecarEntry:
     """What ``trials.toml`` beside a ``trial`` file says of it; without one, the defaults. Entries of files that are not
-    there are added to the ``notices``: a part of a folder is none of its mistakes.
-
-    Raises UserError as ``read_sidecar`` does.
-    """
+    there are added to the ``notices``: a part of a folder is none of its mistakes. Raises UserError as ``read_sidecar``
+    does."""
     path = trial.parent / NAME
     if not path.exists():
         return SidecarEntry()
-    sidecar, there = read_sidecar(path), {name for file in trial.parent.iterdir() for name in (file.name, file.stem)}
-    absent = [name for name in sidecar.files if name not in there]
+    sidecar, present = read_sidecar(path), {name for file in trial.parent.iterdir() for name in (file.name, file.stem)}
+    absent = [name for name in sidecar.files if name not in present]
     if absent and notices is not None:
         text = f"{path} says something of files that are not there: {listed(absent)}"
         notices.append(Message(text, "sidecar_file_absent"))

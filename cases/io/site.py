@@ -16,7 +16,7 @@
     depth = 2.0               # m; with a shelf, the depth upon it
 
 An unknown key is an error. The numbers become parameters of the effects: where a line lies is held, a depth is only
-where the search for draught / depth starts.
+where the search for draught over depth starts.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ Side = Literal["greater", "less"]
 class Line(Section):
     """A straight line x = ... or y = ... [m] in the frame of the trials (x north, y east)."""
 
-    x: float | None = number("m in the frame of the trials", None, ge=-1e5, le=1e5)
+    x: float | None = number("m in the frame of the trials", None, ge=-1e5, le=1e5)  # larger: grid coordinates
     y: float | None = number("m in the frame of the trials", None, ge=-1e5, le=1e5)
 
     @model_validator(mode="after")
@@ -79,6 +79,7 @@ class Shelf(Line):
 class Water(Section):
     """Depth [m] of the water, upon the shelf if there is one."""
 
+    # No sea is deeper than 12 km.
     depth: float = Field(description="give it in m, such as depth = 2.0", json_schema_extra={"unit": "m"}, le=12000.0)
 
 
@@ -90,8 +91,7 @@ class SiteFile(Section):
     water: Water | None = None
 
 
-Values = dict[str, dict[str, float]]
-"""Effect -> parameter -> value, SI and radians."""
+Values = dict[str, dict[str, float]]  # Effect -> parameter -> value, SI and radians
 
 
 class Site(NamedTuple):
@@ -121,17 +121,16 @@ def read_site(places: Iterable[Trial | Path | str], ship: Ship, explicit: Path |
     given = [places] if isinstance(places, str | Path) else places
     paths = [place.path if isinstance(place, Trial) else Path(place) for place in given]
     folders = list(dict.fromkeys(_folder(path) for path in paths if path is not None))
-    found = [folder / NAME for folder in folders if (folder / NAME).is_file()]
-    if not found:
+    files = [folder / NAME for folder in folders if (folder / NAME).is_file()]
+    if not files:
         return Site({}, {})
-    sites = [_parsed(path, ship) for path in found]
-    for path, site in zip(found[1:], sites[1:], strict=True):
+    sites = [_parsed(path, ship) for path in files]
+    for path, site in zip(files[1:], sites[1:], strict=True):
         if site != sites[0]:
-            raise Conflict(f"{found[0]} and {path} describe different sites; diagnose the trials of each on their own")
-    bare = [str(folder) for folder in folders if folder / NAME not in found]
-    text = f"{found[0]} is taken to hold for {', '.join(bare)} as well"
-    notices = (Message(text, "site_shared"),) if bare else ()
-    return sites[0]._replace(notices=notices)
+            raise Conflict(f"{files[0]} and {path} describe different sites; diagnose the trials of each on their own")
+    without = [str(folder) for folder in folders if folder / NAME not in files]
+    text = f"{files[0]} is taken to hold for {', '.join(without)} as well"
+    return sites[0]._replace(notices=(Message(text, "site_shared"),) if without else ())
 
 
 def _folder(path: Path) -> Path:
@@ -147,7 +146,7 @@ def _parsed(path: Path, ship: Ship) -> Site:
     held: Values = {}
     start: Values = {}
     lengths: list[tuple[str, str, float | None, str]] = []
-    if content and content.bank:
+    if content and content.bank:  # the effect's bearing points from the water to the bank
         bearing, along = content.bank.towards("less" if content.bank.water_side == "greater" else "greater")
         held["bank"] = {"distance": along, "bearing": bearing}
         lengths.append(("bank", "decay", content.bank.decay, "[bank]"))
@@ -163,7 +162,7 @@ def _parsed(path: Path, ship: Ship) -> Site:
                 problems.append(f"{place} {symbol} = {value:g}: must be from {p.lower:g} to {p.upper:g} m")
     if content and content.water:
         depth, draught = content.water.depth, ship.particulars["d"]
-        least = draught / _parameter(ship, "shallow_water", "d_h").upper
+        least = draught / _parameter(ship, "shallow_water", "d_h").upper  # d_h: draught over depth
         if depth <= least:
             problems.append(f"[water] depth = {depth:g}: must be above {least:.3g} m for a draught of {draught:g} m")
         else:

@@ -58,7 +58,7 @@ class BlockMeans:
         gap = np.concatenate([[True], step > self.count * np.median(step)]) if len(step) else np.ones(1, dtype=bool)
         row = np.arange(len(t))
         begins = np.flatnonzero((row - np.maximum.accumulate(np.where(gap, row, 0))) % self.count == 0)
-        last = begins[-1]
+        last = begins[-1]  # rows of this block may follow in the next piece; copied, as a view holds the whole one
         self._rest = {name: values[last:].copy() for name, values in columns.items()}
         if last:
             self._average({name: values[:last] for name, values in columns.items()}, begins[:-1])
@@ -83,18 +83,18 @@ class BlockMeans:
         for name, values in columns.items():
             good = np.isfinite(values)
             first = np.minimum.reduceat(np.where(good, rows, len(rows)), begins)
-            base = np.append(values, np.nan)[first]
+            base = np.append(values, np.nan)[first]  # the mean is that of differences from it: no digits are lost
             off = np.where(good, values - np.repeat(base, size), 0.0)
             if name in self.periods:
                 off = np.remainder(off + self.periods[name] / 2, self.periods[name]) - self.periods[name] / 2
                 off[~good] = 0.0
-            known = np.add.reduceat(good.astype(int), begins)
+            known = np.add.reduceat(good.astype(int), begins)  # (M,) values in each block
             with np.errstate(invalid="ignore", divide="ignore"):
                 means[name] = base + np.add.reduceat(off, begins) / known
                 if name != "t" and (known < size).any():
                     since = columns["t"] - np.repeat(columns["t"][begins], size)
-                    own = np.add.reduceat(np.where(good, since, 0.0), begins) / known
-                    late[name] = np.nan_to_num(own - np.add.reduceat(since, begins) / size)
+                    mean_since = np.add.reduceat(np.where(good, since, 0.0), begins) / known
+                    late[name] = np.nan_to_num(mean_since - np.add.reduceat(since, begins) / size)
         self._parts.append(means)
         self._late.append((len(begins), late))
 
@@ -107,30 +107,26 @@ def _moved(t: np.ndarray, values: np.ndarray, late: np.ndarray, period: float | 
     at, y = (t + late)[known], values[known]
     if period:
         y = np.unwrap(y, period=period)
-    slope = np.gradient(y, at)
     out = values.copy()
-    out[known] -= slope * late[known]
+    out[known] -= np.gradient(y, at) * late[known]
     return out
 
 
-BLOCK, LONGEST_LINE = 2**21, 2**20
-"""Bytes that are parsed at a time, and most of a line."""
+BLOCK, LONGEST_LINE = 2**21, 2**20  # Bytes that are parsed at a time, and most of a line. Set by hand: bounds memory.
 SEPARATORS = (";", "\t", "|", ",", " ")  # Between cells; " " stands for any blanks
-# How lines of comment begin in raw logs.
-COMMENT = ("#", "%", "//", "!")
+COMMENT = ("#", "%", "//", "!")  # How lines of comment begin in raw logs
 # Cells that hold nothing, in lower case.
 EMPTY = ("", "nan", "null", "none", "na", "n/a", "<na>", "-", "--", "---", "#n/a", "nat")
 WITH_COMMA = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)$"  # A number with a decimal comma
 # A number whose thousands are apart by one of the characters ``mark``, with a ``decimal`` character.
 GROUPED = r"[+-]?[1-9]\d{{0,2}}(?:[{mark}]\d{{3}})+(?:[{decimal}]\d+)?"
-# Characters that some languages write between thousands; they mean nothing else inside a number.
+# Blanks, narrow ones and apostrophes stand between thousands in some languages, and mean nothing else in a number.
 BLANKS = " \u00a0\u202f'\u2019"
 
 
 @dataclass(frozen=True)
 class Text:
-    """Text in a column of numbers: the first ``row`` with any (0 = first below the header), what it holds, and the
-    ``count`` of such cells."""
+    """Text in a column of numbers: the first ``row`` with any, from 0, what it holds, the ``count`` of such cells."""
 
     row: int
     text: str
@@ -171,7 +167,7 @@ def blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
     Text in UTF-16 needs its mark; what is no UTF-8 is taken for Windows-1252. Raises UserError for a line longer than
     LONGEST_LINE, and for what is no text.
     """
-    held, last = b"", False
+    buffer, last = b"", False
     with opened(path) as stream:
         wide = stream.read(2) in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
         stream.seek(0)
@@ -179,16 +175,16 @@ def blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
         while not last:
             piece = source.read(BLOCK)
             piece, last = (piece.encode() if wide else piece), not piece
-            if b"\0" in piece[:4096]:
+            if b"\0" in piece[:4096]:  # in no text of these encodings
                 raise BadValue(f"{path}: is no text; expected a table of text, Parquet, or an Excel file (.xlsx)")
-            end = held.rfind(b"\n") + 1
-            if len(held) - end > LONGEST_LINE:
+            end = buffer.rfind(b"\n") + 1
+            if len(buffer) - end > LONGEST_LINE:
                 raise OutOfRange(f"{path}: a line is longer than {LONGEST_LINE} bytes; it is no table")
             if end and not last:
-                yield as_utf8(held[:end]), False
-                held = held[end:]
-            held += piece.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    yield as_utf8(held.removesuffix(b"\n") + b"\n"), True
+                yield as_utf8(buffer[:end]), False
+                buffer = buffer[end:]
+            buffer += piece.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    yield as_utf8(buffer.removesuffix(b"\n") + b"\n"), True
 
 
 def as_utf8(block: bytes) -> bytes:
@@ -201,7 +197,7 @@ def as_utf8(block: bytes) -> bytes:
     return block
 
 
-def without_comments(block: bytes) -> tuple[bytes, int]:
+def _without_comments(block: bytes) -> tuple[bytes, int]:
     """The lines of a ``block`` that are no comments, and how many are."""
     if not any(mark.encode() in block for mark in COMMENT):
         return block, 0
@@ -213,13 +209,10 @@ def cells_of(text: str, separator: str) -> list[list[str]]:
     if separator == " ":
         return [line.split() for line in text.splitlines() if line.strip()]
     try:
-        return [
-            row
-            for row in csv.reader(io.StringIO(text), delimiter=separator)
-            if len(row) > 1 or any(map(str.strip, row))
-        ]
-    except csv.Error:
+        rows = list(csv.reader(io.StringIO(text), delimiter=separator))
+    except csv.Error:  # such as a field of more than 131072 characters
         return [line.split(separator) for line in text.splitlines() if line.strip()]
+    return [row for row in rows if len(row) > 1 or any(map(str.strip, row))]
 
 
 @dataclass
@@ -250,13 +243,11 @@ class TextTable:
 
     def pieces(self, wanted: Collection[int]) -> Iterator[dict[int, np.ndarray]]:
         """The columns ``wanted``, by number, of one block after another: floats (N,), NaN for gaps, or, where a cell is
-        no number, objects: text without blanks around it, with decimal points, or None.
-
-        Raises UserError for rows with other numbers of cells.
-        """
+        no number, objects: text without blanks around it, with decimal points, or None. Raises UserError for rows with
+        other numbers of cells."""
         skip, line = self.skipped, 1
         for block, last in self.source() if self.source else blocks(self.path):
-            kept, comments = without_comments(block) if self.log else (block, 0)
+            kept, comments = _without_comments(block) if self.log else (block, 0)
             while skip and kept.strip():
                 kept, skip = kept.lstrip().partition(b"\n")[2], skip - 1
             self.comments += comments
@@ -264,9 +255,9 @@ class TextTable:
                 table, odd = self._parsed(kept, wanted)
                 if odd and self.source is None:
                     table = self._by_rows(kept, wanted, block, line, last)
-                found = {i: self._column(table.column(str(i)), i) for i in wanted}
-                self.texts |= {i for i, cells in found.items() if cells.dtype == object}
-                yield found
+                columns = {i: self._column(table.column(str(i)), i) for i in wanted}
+                self.texts |= {i for i, cells in columns.items() if cells.dtype == object}
+                yield columns
                 self.rows += table.num_rows
             line += block.count(b"\n")
 
@@ -283,7 +274,7 @@ class TextTable:
 
         odd: list[Any] = []
         names = [str(i) for i in range(self.width)]
-        if self.separator == " ":
+        if self.separator == " ":  # one blank between cells, none around a row: pyarrow knows no runs of separators
             block = re.sub(rb"(?m)^ | $", b"", re.sub(rb"[^\S\n]+", b" ", block))
         nothing = sorted({form for word in (*EMPTY, "NaN", "NaT") for form in (word, word.upper(), word.capitalize())})
 
@@ -308,7 +299,7 @@ class TextTable:
         try:
             try:
                 return read(numbers=True), len(odd)
-            except pa.ArrowInvalid:
+            except pa.ArrowInvalid:  # text in some column: read again, which only few blocks need
                 return read(numbers=False), len(odd)
         except pa.ArrowInvalid as error:
             raise BadValue(f"{self.path}: not a table ({reason(error)})") from None
@@ -323,13 +314,12 @@ class TextTable:
             rows, wrong, self.cut = rows[:-1], [], True
         if wrong:
             row, lines = rows[wrong[0]], block.decode().split("\n")
-            own = [n for n, words in enumerate(lines) if words.strip() and not (self.log and is_comment(words))]
+            # Lines that hold rows; those of the header, which a first block has as well, stand before them.
+            full = [n for n, words in enumerate(lines) if words.strip() and not (self.log and is_comment(words))]
             mixed = next((s for s in SEPARATORS[:4] if len(row) < width and s.join(row).count(s) >= width - 1), "")
             why = f"cells look separated by {mixed!r} there" if mixed else "correct the line"
-            raise BadValue(
-                f"{self.path}: line {line + own[len(own) - len(rows) + wrong[0]]} has {len(row)} cells, the header "
-                f"{width} ({len(wrong)} such lines); {why}"
-            )
+            words = f"has {len(row)} cells, the header {width} ({len(wrong)} such lines); {why}"
+            raise BadValue(f"{self.path}: line {line + full[len(full) - len(rows) + wrong[0]]} {words}")
         padded = [(row + [""] * width)[:width] for row in rows]
         return pa.table({str(i): pa.array([row[i] for row in padded], pa.string()) for i in wanted})
 
@@ -346,7 +336,7 @@ class TextTable:
                 return np.asarray(column.to_numpy(zero_copy_only=False), dtype=object)
             if i in self.grouped:
                 column = pc.replace_substring_regex(column, rf"(\d)[{self.grouped[i]}]", r"\1")
-            if self.separator != "," or self.decimal == ",":
+            if self.separator != "," or self.decimal == ",":  # else only a quoted cell can hold one
                 column = pc.replace_substring_regex(column, WITH_COMMA, r"\1.\2")
             try:
                 column = pc.cast(column, pa.float64())

@@ -44,11 +44,9 @@ def _plain_words(name: str) -> str:
     return name
 
 
-Name = Annotated[str, AfterValidator(_plain_words)]
-"""The name of a trial or a ship: plain words, since it may become that of a file; or ""."""
+Name = Annotated[str, AfterValidator(_plain_words)]  # Of a trial or a ship, or "": it may become that of a file
 S = TypeVar("S", bound=Section)
-# Kind of an error of pydantic -> what is allowed; a unit follows numbers.
-ALLOWED = {
+ALLOWED = {  # Kind of an error of pydantic -> what is allowed; a unit follows numbers.
     "float_type": "must be a number", "finite_number": "must be a finite number", "string_type": "must be text",
     "bool_type": "must be true or false", "list_type": "must be a list", "dict_type": "must be a table",
     "model_type": "must be a table", "greater_than": "must be above {gt:g}", "less_than": "must be below {lt:g}",
@@ -71,18 +69,16 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
 
 
 def checked(schema: type[S], data: dict[str, Any]) -> tuple[S | None, list[str]]:
-    """The content of ``data`` by a ``schema``, and a sentence for each thing that is wrong with it.
-
-    What is wrong is left out of the content, so that the rest can be checked further; None where nothing is left.
-    """
+    """The content of ``data`` by a ``schema``, and a sentence for each thing that is wrong with it. What is wrong is
+    left out of the content, so that the rest can be checked further; None where nothing is left."""
     problems: list[str] = []
     rest = copy.deepcopy(data)
-    for _ in range(4):  # a value that is left out may make its table incomplete
+    for _ in range(4):  # a value that is left out may make its table incomplete; 4 levels: set by hand
         try:
             return schema.model_validate(rest), problems
         except ValidationError as error:
             errors = error.errors(include_url=False)
-        problems = problems or list(dict.fromkeys(_problem(schema, e) for e in errors))
+        problems = problems or list(dict.fromkeys(_problem(schema, e) for e in errors))  # later ones follow from these
         for e in errors:
             *parents, last = (e["loc"][:-1] if e["type"] == "missing" else e["loc"]) or ("",)
             table: Any = rest
@@ -125,10 +121,10 @@ def _key(name: str) -> str:
 
 
 def _problem(schema: type[Section], error: Any) -> str:
-    names = [str(name) for name in error["loc"] if not re.fullmatch(r"\[.*\]", str(name))]
+    names = [str(name) for name in error["loc"] if not re.fullmatch(r"\[.*\]", str(name))]  # without tags of unions
     section, tables = schema, 0
-    while tables < len(names) and (found := _table(section, names[tables])):
-        section, depth = found
+    while tables < len(names) and (inner := _table(section, names[tables])):
+        section, depth = inner
         tables += depth
     table, keys = names[:tables], ".".join(names[tables:])
     place, kind, value = header(*table) if table else "", error["type"], error["input"]

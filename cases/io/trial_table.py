@@ -21,12 +21,11 @@ from cases.quantities import as_number, quantity
 from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData, Unreadable, UserError, reason
 from mmg.messages import Message, printable
 
-LARGEST_CSV = 8 * 2**30  # Most bytes of a CSV file
+LARGEST_CSV = 8 * 2**30  # Most bytes of a CSV file, which is read in pieces. Set by hand.
+# Most columns of a table, and most rows and cells of one whose rows are not averaged.
 MOST_COLUMNS, MOST_ROWS, MOST_CELLS = 5000, 2_500_000, 30_000_000  # set by hand: it bounds memory, to 240 MB
-"""Most columns of a table, and most rows and cells of one whose rows are not averaged."""
-MOST_UNPACKED = 2 * LARGEST_FILE  # Most bytes of a Parquet file as it would be without compression
-# Most characters of a text in Parquet; a file of a few kB can name a long one millions of times.
-LONGEST_CELL = 400  # set by hand: bounds memory
+MOST_UNPACKED = 2 * LARGEST_FILE  # Most bytes of a Parquet file without its compression. Set by hand: bounds memory.
+LONGEST_CELL = 400  # Most characters of a text in Parquet: a few kB can name a long one millions of times. Set by hand.
 LARGEST = 1e13  # No number of a trial is larger, in any unit. Set by hand: milliseconds since 1970 are below it.
 Wanted = Mapping[str, tuple[int, float]]
 """Canonical name -> number of the column and factor to SI."""
@@ -50,11 +49,9 @@ class TrialTable:
     is_file: bool = True
 
     def numbers(self, wanted: Collection[int], clock: int | None = None) -> dict[int, np.ndarray]:
-        """The columns ``wanted``, by number, as floats (N,), NaN where a cell is empty.
-
-        clock: one that may hold time stamps or durations, which become seconds. Raises UserError on text, on numbers
-        that no trial holds, for no row, and for more than MOST_ROWS or MOST_CELLS.
-        """
+        """The columns ``wanted``, by number, as floats (N,), NaN where a cell is empty. clock: one that may hold time
+        stamps or durations, which become seconds. Raises UserError on text, on numbers that no trial holds, for no row,
+        and for more than MOST_ROWS or MOST_CELLS."""
         if self.rows > MOST_ROWS:
             raise OutOfRange(f"{self.path}: has {self.rows} rows, more than {MOST_ROWS}; divide it")
         if self.rows * len(wanted) > MOST_CELLS:
@@ -66,26 +63,24 @@ class TrialTable:
         return {i: np.concatenate([part[i] for part in parts]) for i in wanted}
 
     def columns(self, wanted: Wanted, sentinels: Sequence[float] | None, notices: list[Message]) -> Columns:
-        """The ``wanted`` columns in SI, every row or means of rows, infinite values and sentinels missing.
-
-        sentinels: further numbers that stand for no value, None where none are looked for; notices: are added to.
-        Raises UserError as ``numbers`` does, for no row, and where the clock of rows that are averaged runs backwards.
-        """
+        """The ``wanted`` columns in SI, every row or means of rows, infinite values and sentinels missing. sentinels:
+        further numbers that stand for no value, None where none are looked for; notices: are added to. Raises UserError
+        as ``numbers`` does, for no row, and where the clock of rows that are averaged runs backwards."""
         count = rows_together(self.rows)
         numbers = list(dict.fromkeys(index for index, _ in wanted.values()))
         pieces = self._floats(numbers, wanted["t"][0]) if count > 1 else iter([self.numbers(numbers, wanted["t"][0])])
         means = BlockMeans(count, {name: period for name in wanted if (period := quantity(name).period)})
         nothing, infinite, last, before, out = Counter[tuple[str, float]](), Counter[str](), -math.inf, 0, Columns()
-        for piece in pieces:
+        for piece in pieces:  # one where rows are not averaged
             out = {name: piece[index] * factor for name, (index, factor) in wanted.items()}
             if sentinels is not None:
-                out, own = masked(out, wanted, sentinels)
-                nothing.update(own)
+                out, counts = masked(out, wanted, sentinels)
+                nothing.update(counts)
             for name, values in out.items():
                 wrong = np.isinf(values)
                 infinite[name] += int(wrong.sum())
                 out[name] = np.where(wrong, np.nan, values) if wrong.any() else values
-            if count > 1:
+            if count > 1:  # rows without a time or any value are in no mean
                 known = [np.isfinite(values) for name, values in out.items() if name != "t"]
                 rows = np.flatnonzero(np.isfinite(out["t"]) & np.any(known, axis=0))
                 check_forward(self.path, np.append(last, out["t"][rows]), before + np.append(-1, rows))
@@ -107,9 +102,8 @@ class TrialTable:
     def _floats(self, wanted: Collection[int], clock: int | None) -> Iterator[dict[int, np.ndarray]]:
         before = 0
         for piece in self.read(wanted):
-            found = {i: self._column(piece[i], i, i == clock, before) for i in wanted}
+            yield {i: self._column(piece[i], i, i == clock, before) for i in wanted}
             before += len(next(iter(piece.values()), ()))
-            yield found
 
     def _column(self, cells: np.ndarray, index: int, clock: bool, before: int) -> np.ndarray:
         """A column as floats; text, and a number that no trial holds, is an error that names row (1 = first below the
@@ -165,7 +159,7 @@ def checked_header(path: Path, header: list[str]) -> list[str]:
     if len(header) > MOST_COLUMNS:
         raise OutOfRange(f"{path}: has {len(header)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
     header = [printable(cell).strip() for cell in header]
-    if any(cell and (not math.isnan(as_number(cell)) and math.isfinite(as_number(cell))) for cell in header):
+    if any(math.isfinite(as_number(cell)) for cell in header):
         raise BadValue(f"{path}: the first line holds numbers, not headers such as 't [s],psi [rad],...'")
     if not any(header):
         raise BadValue(f"{path}: the first line is blank; it must hold the headers")
@@ -181,11 +175,9 @@ def check_forward(path: Path, t: np.ndarray, rows: np.ndarray) -> None:
     bad = np.flatnonzero(np.diff(t) <= 0)
     if len(bad):
         i = int(bad[0])
-        word = "repeats" if t[i + 1] == t[i] else "runs backwards"
-        raise BadValue(
-            f"{path}: time {word} at row {rows[i + 1] + 1}: t = {t[i]:.10g} s, then {t[i + 1]:.10g} s "
-            f"({len(bad)} such rows); sort the rows or remove the doubled ones"
-        )
+        words = f"{'repeats' if t[i + 1] == t[i] else 'runs backwards'} at row {rows[i + 1] + 1}: "
+        words += f"t = {t[i]:.10g} s, then {t[i + 1]:.10g} s ({len(bad)} such rows)"
+        raise BadValue(f"{path}: time {words}; sort the rows or remove the doubled ones")
 
 
 def _texts(chunk: Any) -> np.ndarray:
@@ -225,17 +217,15 @@ def _parquet(path: Path) -> TrialTable:
             text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
             names = [name] if text else []  # each text once, however often the rows name it
             source = pq.ParquetFile(path, read_dictionary=names, page_checksum_verification=True) if text else file
-            found = source.read(columns=[name]).column(0)
-            if len(found) != rows:
-                raise ValueError(f"column '{name}' has {len(found)} values in {rows} rows")
-            if pa.types.is_dictionary(found.type):
-                longest = max((len(str(text)) for chunk in found.chunks for text in chunk.dictionary), default=0)
+            cells = source.read(columns=[name]).column(0)
+            if len(cells) != rows:
+                raise ValueError(f"column '{name}' has {len(cells)} values in {rows} rows")
+            if pa.types.is_dictionary(cells.type):
+                longest = max((len(str(text)) for chunk in cells.chunks for text in chunk.dictionary), default=0)
                 if longest > LONGEST_CELL:
                     raise ValueError(f"column '{name}' holds a text of {longest} characters")
-                return np.concatenate([_texts(chunk) for chunk in found.chunks] or [np.empty(0, dtype=object)])
-            if pa.types.is_decimal(kind):
-                found = found.cast(pa.float64())
-            return np.asarray(found.to_numpy())
+                return np.concatenate([_texts(chunk) for chunk in cells.chunks] or [np.empty(0, dtype=object)])
+            return np.asarray((cells.cast(pa.float64()) if pa.types.is_decimal(kind) else cells).to_numpy())
         except Exception as error:
             raise no_parquet(path, error) from None
 

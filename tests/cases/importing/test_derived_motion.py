@@ -10,19 +10,20 @@ from mmg.errors import TooFewData
 from mmg_ident import simulate
 from tests.support import raw_logs
 
+H = 0.5  # s
+
 
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.02, 0.5, 2.0])
 @pytest.mark.parametrize("with_rate", [False, True])
 def test_the_standard_error_of_a_rate_is_that_of_repeated_noise(noise: float, with_rate: bool) -> None:
-    h, n = 0.5, 800
-    t = np.arange(n) * h
+    t, n = np.arange(800) * H, 800
     path, speed = 60 * np.sin(t / 40) + 1.2 * t, 1.5 * np.cos(t / 40) + 1.2
     squares, claims = [], []
     for seed in range(6):
         rng = np.random.default_rng(seed)
         rate = speed + 0.1 * rng.standard_normal(n) if with_rate else None
-        found = smoothed(h, path + noise * rng.standard_normal(n), rate)
+        found = smoothed(H, path + noise * rng.standard_normal(n), rate)
         squares.append(np.mean((found.rate - speed)[20:-20] ** 2))
         claims.append(found.rate_std)
     ratio = np.sqrt(np.mean(squares)) / np.mean(claims)
@@ -30,13 +31,11 @@ def test_the_standard_error_of_a_rate_is_that_of_repeated_noise(noise: float, wi
 
 
 def test_a_measured_rate_makes_it_better() -> None:
-    h, n = 0.5, 600
-    t = np.arange(n) * h
-    path, speed = 60 * np.sin(t / 40), 1.5 * np.cos(t / 40)
-    rng = np.random.default_rng(0)
-    value = path + 2.0 * rng.standard_normal(n)
-    alone = smoothed(h, value)
-    both = smoothed(h, value, speed + 0.02 * rng.standard_normal(n))
+    t, rng = np.arange(600) * H, np.random.default_rng(0)
+    speed = 1.5 * np.cos(t / 40)
+    value = 60 * np.sin(t / 40) + 2.0 * rng.standard_normal(600)
+    alone = smoothed(H, value)
+    both = smoothed(H, value, speed + 0.02 * rng.standard_normal(600))
     assert np.std((both.rate - speed)[20:-20]) < 0.5 * np.std((alone.rate - speed)[20:-20])
     assert both.rate_std < alone.rate_std
 
@@ -117,19 +116,9 @@ def test_speeds_that_disagree_with_the_positions_widen_the_standard_error() -> N
     truth = raw_logs.run()
     sog, cog = raw_logs.ground(truth)
     columns = {"x": truth["x"], "y": truth["y"], "psi": truth["psi"], "cog": np.radians(cog)}
-    right, wrong = (
-        derived_velocities(truth.t, {**columns, "sog": scale * sog * raw_logs.KNOT}, {}, {"x": 0.05, "y": 0.05}).std[
-            "u"
-        ]
-        for scale in (1.0, 1.05)
-    )
+    speeds, grain = [scale * sog * raw_logs.KNOT for scale in (1.0, 1.05)], {"x": 0.05, "y": 0.05}
+    right, wrong = (derived_velocities(truth.t, {**columns, "sog": speed}, {}, grain).std["u"] for speed in speeds)
     assert wrong > 3 * right
-
-
-def test_a_constant_column_has_a_standard_error() -> None:
-    t = np.arange(0.0, 300.0)
-    found = derived_velocities(t, {"x": 5.0 * t, "y": 0.0 * t, "psi": 0.0 * t})
-    assert min(found.std.values()) > 1e-9
 
 
 def test_velocities_of_an_antenna_become_those_of_midship() -> None:
@@ -158,7 +147,9 @@ def test_values_that_no_sizes_smooth_are_refused_in_a_line(values: dict[int, flo
 
 @pytest.mark.parametrize(("step", "said"), [(2.0, True), (0.01, False)])
 def test_positions_that_are_coarse_against_their_track_are_said(step: float, said: bool) -> None:
+    """And columns that never change have a standard error."""
     t = np.arange(0.0, 100.0)
     columns = {"x": step * np.round(0.5 * t / step), "y": 0.0 * t, "psi": 0.0 * t}
     found = derived_velocities(t, columns, {}, {"x": step, "y": step})
     assert ("coarse_positions" in {m.code for m in found.said}) is said
+    assert min(derived_velocities(t, columns | {"x": 5.0 * t}).std.values()) > 1e-9

@@ -29,13 +29,14 @@ for needed in ("rosbags", "nmea2000", "h5py", "pyproj"):
 TRUTH = raw_logs.run("turning:35")
 ENGINE = {"n": "127488 (source 9) Single Engine or Dual Engine Port speed"}
 UNITS = format_logs.STATES | format_logs.INPUTS
+# Columns by their names or numbers, with the units that the file does not say.
 NAMED = {name: {"from": name, "unit": unit} for name, unit in UNITS.items()}
-"""Columns by their names, with the units that the file does not say."""
 NUMBERED = {name: {"from": i, "unit": unit} for i, (name, unit) in enumerate({"t": "s", **UNITS}.items(), 1)}
 LOCAL = {name: {"from": format_logs.LOCAL_IDS[name], "unit": UNITS[name]} for name in format_logs.LOCAL_IDS}
 Write = Callable[[Path], Path]
 bag, bus, matlab, hdf5 = format_logs.bag, format_logs.bus, format_logs.matlab, format_logs.hdf5
 EXACTLY, DERIVED = False, True
+# Format -> how a log of it is written, columns of the map, and whether u and v are derived.
 FORMATS: dict[str, tuple[Write, dict[str, Any], bool]] = {
     "ROS 1": (lambda d: bag(d / "a.bag", TRUTH, "bag"), {}, EXACTLY),
     "ROS 2": (lambda d: bag(d / "a", TRUTH, "db3"), {}, EXACTLY),
@@ -61,7 +62,6 @@ FORMATS: dict[str, tuple[Write, dict[str, Any], bool]] = {
     "long table": (lambda d: format_logs.long_rows(d / "a.csv", TRUTH), {}, EXACTLY),
     "SIMMAN": (lambda d: format_logs.without_headers(d / "a.dat", TRUTH), NUMBERED, EXACTLY),
 }  # fmt: skip
-"""Format -> how a log of it is written, columns of the map, and whether u and v are derived."""
 
 
 def off(found: Imported, truth: Trial = TRUTH, number: int = 0) -> dict[str, float]:
@@ -81,10 +81,9 @@ def off(found: Imported, truth: Trial = TRUTH, number: int = 0) -> dict[str, flo
     return out
 
 
+# Of what was derived from positions, in the resolution of the bus, or where a row is left out.
 LIMITS = {"x": 0.02, "y": 0.02, "psi": 1e-3, "u": 3e-3, "v": 6e-3, "r": 2e-4, "n": 1e-3, "delta": 1e-4}
-"""Of what was derived from positions, in the resolution of the bus, or where a row is left out."""
-EXACT = {"x": 1e-5, "y": 1e-5, "psi": 1e-6, "u": 1e-6, "v": 1e-6, "r": 1e-6, "n": 1e-6, "delta": 1e-6}
-"""Of what was logged with all digits."""
+EXACT = dict.fromkeys(LIMITS, 1e-6) | {"x": 1e-5, "y": 1e-5}  # Of what was logged with all digits
 
 
 @pytest.mark.slow
@@ -154,18 +153,14 @@ def test_sensors_that_say_the_same_twice_need_no_choice(tmp_path: Path) -> None:
 def test_a_bag_of_several_files_is_read_once(tmp_path: Path) -> None:
     path = format_logs.bag(tmp_path / "a", TRUTH, "mcap")
     assert len(import_logs([tmp_path]).runs) == len(import_logs([path]).runs) == 1
-    alone = Path(shutil.copy(path, tmp_path / "alone.mcap"))
-    assert off(import_logs([alone]))["v"] < 1e-6
+    assert off(import_logs([Path(shutil.copy(path, tmp_path / "alone.mcap"))]))["v"] < 1e-6
 
 
 def test_the_map_says_the_axes_where_frames_do_not(tmp_path: Path) -> None:
     path = format_logs.bag(tmp_path / "a", TRUTH, frames=("ned", "frd"))
     plain = tmp_path / "plain.db3"
-    plain.write_bytes(
-        path.read_bytes()
-        .replace(b"\x04\0\0\0ned\0", b"\x04\0\0\0map\0")
-        .replace(b"\x04\0\0\0frd\0", b"\x04\0\0\0hul\0")
-    )
+    content = path.read_bytes().replace(b"\x04\0\0\0ned\0", b"\x04\0\0\0map\0")
+    plain.write_bytes(content.replace(b"\x04\0\0\0frd\0", b"\x04\0\0\0hul\0"))
     assert off(import_logs([plain], ImportMap(axes="ned")))["psi"] < 1e-6
     assert off(import_logs([plain]))["psi"] > 1.0
 
@@ -186,11 +181,9 @@ def test_revolutions_of_an_engine_are_asked_for(tmp_path: Path) -> None:
 
 
 def test_ships_of_ais_are_told_apart(tmp_path: Path) -> None:
-    said = {"columns": FORMATS["Signal K"][1]}
     path = format_logs.signal_k(tmp_path / "a.jsonl", TRUTH)
-    _, *rest = path.read_text().splitlines()
-    path.write_text("\n".join(rest))
-    found = import_logs([path], validated(ImportMap, said, "map"))
+    path.write_text(path.read_text().partition("\n")[2])
+    found = import_logs([path], validated(ImportMap, {"columns": FORMATS["Signal K"][1]}, "map"))
     assert off(found)["x"] < 0.02
     used = {account.what: account.rows for account in found.runs[0].logs[0].table.accounts}
     assert used["vessels.urn:mrn:imo:mmsi:1"] == 2 * len(TRUTH.t)
@@ -205,42 +198,29 @@ def test_groups_with_the_same_names_are_runs(tmp_path: Path) -> None:
 
 
 def test_a_file_without_headers_names_the_line_of_the_map(tmp_path: Path) -> None:
-    path = format_logs.without_headers(tmp_path / "a.dat", TRUTH)
-    words = refusal(path)
+    words = refusal(format_logs.without_headers(tmp_path / "a.dat", TRUTH))
     assert "0.0, 0.0, 0.0" in words
     assert validated(ImportMap, said_in(words), "map").columns["x"].header == "column 2"
 
 
 @pytest.mark.parametrize(
-    ("module", "name"), [("rosbags.highlevel", "a.mcap"), ("h5py", "a.h5"), ("nmea2000.decoder", "a.log")]
+    ("module", "name"), [("rosbags.highlevel", "MCAP"), ("h5py", "HDF5 groups"), ("nmea2000.decoder", "candump")]
 )
 def test_what_is_not_installed_is_named(
     module: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made = {"a.mcap": DAMAGED["a.mcap"], "a.h5": DAMAGED["a.h5"], "a.log": lambda d: bus(d / "a.log", TRUTH)}
-    path = made[name](tmp_path)
+    path = FORMATS[name][0](tmp_path)
     monkeypatch.setitem(sys.modules, module, None)
     assert "pip install 'mmg-ident[import]'" in refusal(path)
 
 
-DAMAGED: dict[str, Write] = {
-    "a.bag": lambda d: format_logs.bag(d / "a.bag", TRUTH, "bag"),
-    "a.db3": lambda d: format_logs.bag(d / "a", TRUTH, "db3"),
-    "a.mcap": lambda d: format_logs.bag(d / "a", TRUTH, "mcap"),
-    "a.mat": lambda d: format_logs.matlab(d / "a.mat", TRUTH, "vectors"),
-    "a.h5": lambda d: format_logs.hdf5(d / "a.h5", TRUTH, "groups"),
-    "a.json": lambda d: format_logs.iso19848(d / "a.json", TRUTH),
-}
-
-
-@pytest.mark.parametrize("name", DAMAGED)
+@pytest.mark.parametrize("name", ["ROS 1", "ROS 2", "MCAP", "MATLAB vectors", "HDF5 groups", "ISO 19848"])
 @pytest.mark.parametrize("damage", ["cut off", "empty", "other bytes"])
 def test_damaged_files_are_refused_in_one_line(name: str, damage: str, tmp_path: Path) -> None:
-    content = DAMAGED[name](tmp_path).read_bytes()
-    path = tmp_path / f"damaged-{name}"
-    path.write_bytes(
-        {"cut off": content[: len(content) // 2], "empty": b"", "other bytes": bytes(range(256)) * 40}[damage]
-    )
+    good = FORMATS[name][0](tmp_path)
+    content, path = good.read_bytes(), tmp_path / f"damaged{good.suffix}"
+    cut = content[: len(content) // 2]
+    path.write_bytes({"cut off": cut, "empty": b"", "other bytes": bytes(range(256)) * 40}[damage])
     assert str(path) in refusal(path)
 
 

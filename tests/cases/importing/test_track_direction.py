@@ -20,8 +20,7 @@ from tests.support.raw_logs import answers, bridge, table
 
 pytest.importorskip("pyproj", reason="needs the extra import")
 
-HEADING = ("SOG [kn]", "COG [deg]")
-"""Columns without which the heading alone tells."""
+HEADING = ("SOG [kn]", "COG [deg]")  # Columns without which the heading alone tells
 
 
 def without(log: dict[str, object], *headers: str) -> dict[str, object]:
@@ -57,12 +56,9 @@ def test_a_latitude_beyond_the_pole_is_no_lost_satellite(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("origin", "left_out", "signs"),
-    [
-        ((-33.86, 151.2), HEADING, {"latitude"}),
-        ((48.3, -4.4), HEADING, {"longitude"}),
-        ((-33.0, -71.6), (), {"latitude", "longitude"}),
-    ],
-)
+    [((-33.86, 151.2), HEADING, {"latitude"}), ((48.3, -4.4), HEADING, {"longitude"}),
+     ((-33.0, -71.6), (), {"latitude", "longitude"})],
+)  # fmt: skip
 def test_a_hemisphere_that_no_column_holds_is_refused(
     tmp_path: Path, origin: tuple[float, float], left_out: tuple[str, ...], signs: set[str]
 ) -> None:
@@ -74,12 +70,21 @@ def test_a_hemisphere_that_no_column_holds_is_refused(
     assert import_logs([path], first).origin == pytest.approx(origin, abs=1e-3)
 
 
+def local(x: np.ndarray, y: np.ndarray) -> dict[str, object]:
+    """The log of a bridge with these positions [m]."""
+    return without(bridge(raw_logs.run()), "Latitude", "Longitude") | {"x [m]": x, "y [m]": y}
+
+
 def test_x_to_the_east_is_refused_where_velocities_come_from_it(tmp_path: Path) -> None:
-    truth, log = raw_logs.run(), bridge(raw_logs.run())
-    log = without(log, "Latitude", "Longitude") | {"x [m]": truth["y"], "y [m]": truth["x"]}
+    """Logged velocities leave the frame to the check."""
+    truth = raw_logs.run()
+    log = local(truth["y"], truth["x"])
     path = table(tmp_path / "a.csv", log)
     found = import_logs([path], answers(path)[0])
     assert np.allclose(found.runs[0].columns["x"], truth["x"], atol=1e-6)
+    found = import_logs([table(tmp_path / "b.csv", log | {"surge [m/s]": truth["u"], "sway [m/s]": truth["v"]})])
+    findings = check([Trial("a", found.runs[0].columns)])[0].findings
+    assert not found.problems and "swapped_positions" in [f.code for f in findings]
 
 
 @pytest.mark.slow
@@ -93,8 +98,8 @@ def test_x_to_the_east_is_refused_where_velocities_come_from_it(tmp_path: Path) 
 def test_positions_at_another_speed_than_over_ground_are_refused_and_the_line_mends_it(
     tmp_path: Path, scale: float, speed: float, lines: dict[str, dict[str, str]]
 ) -> None:
-    truth, log = raw_logs.run(), bridge(raw_logs.run())
-    log = without(log, "Latitude", "Longitude") | {"x [m]": scale * truth["x"], "y [m]": scale * truth["y"]}
+    truth = raw_logs.run()
+    log = local(scale * truth["x"], scale * truth["y"])
     path = table(tmp_path / "a.csv", {**log, "SOG [kn]": speed * np.asarray(log["SOG [kn]"], dtype=float)})
     said = [{q: c.model_dump(include={"header", "unit"}) for q, c in one.columns.items()} for one in answers(path)]
     chosen = validated(ImportMap, {"columns": lines}, "map")
@@ -105,10 +110,9 @@ def test_positions_at_another_speed_than_over_ground_are_refused_and_the_line_me
 
 
 def test_a_grid_whose_scale_is_not_one_is_noted(tmp_path: Path) -> None:
-    truth, log = raw_logs.run(), bridge(raw_logs.run())
+    truth = raw_logs.run()
     for scale in (1.0, 1.5):
-        moved = without(log, "Latitude", "Longitude") | {"x [m]": scale * truth["x"], "y [m]": scale * truth["y"]}
-        (run,) = import_logs([table(tmp_path / "a.csv", moved)]).runs
+        (run,) = import_logs([table(tmp_path / "a.csv", local(scale * truth["x"], scale * truth["y"]))]).runs
         assert ("scale_doubtful" in [note.code for note in run.notices]) == (scale != 1.0)
 
 
@@ -134,19 +138,6 @@ def test_sound_runs_pass(tmp_path: Path, maneuver: str, left_out: tuple[str, ...
         log[name] = np.asarray(log[name], dtype=float) + rng.normal(0, size, len(truth))
     found = import_logs([table(tmp_path / "a.csv", without(log, *left_out))])
     assert not found.problems, found.problems
-
-
-def test_logged_velocities_leave_the_frame_to_the_check(tmp_path: Path) -> None:
-    truth, log = raw_logs.run(), bridge(raw_logs.run())
-    log = without(log, "Latitude", "Longitude") | {"x [m]": truth["y"], "y [m]": truth["x"]}
-    log |= {"surge [m/s]": truth["u"], "sway [m/s]": truth["v"]}
-    found = import_logs([table(tmp_path / "a.csv", log)])
-    assert not found.problems and "swapped_positions" in [
-        f.code for f in check([Trial("a", found.runs[0].columns)])[0].findings
-    ]
-
-
-GYRO = "run7_gyro.csv"
 
 
 @lru_cache
@@ -196,15 +187,14 @@ def test_clocks_that_do_not_agree_are_named_and_mended_by_the_line(
     (tmp_path / "import.toml").write_text("\n".join([table, *line.split(", ")]) + "\n")
     mended = import_logs(paths, read_map(tmp_path / "import.toml"))
     assert not mended.problems
-    run = mended.runs[0]
-    # the actuators begin last, at 0.3 s
-    inside = (run.columns["t"] > 15) & (run.columns["t"] < run.columns["t"][-1] - 15)
-    psi = np.interp(run.columns["t"] + 0.3, truth.t, truth.psi_unwrapped)
-    off = np.angle(np.exp(1j * (run.columns["psi"] - psi)))[inside]
+    run = mended.runs[0].columns
+    inside = (run["t"] > 15) & (run["t"] < run["t"][-1] - 15)
+    psi = np.interp(run["t"] + 0.3, truth.t, truth.psi_unwrapped)  # the actuators begin last, at 0.3 s
+    off = np.angle(np.exp(1j * (run["psi"] - psi)))[inside]
     assert np.sqrt(np.mean(off**2)) < 0.06  # rad; a few seconds at 0.02 rad/s
 
 
 def test_clocks_that_a_person_keeps_are_kept(tmp_path: Path) -> None:
     paths = logs(tmp_path, long_run("kvlcc2_l7", "zigzag:20/20", 180), 5.0)
-    keep = ImportMap.model_validate({"files": {GYRO: {"clock_offset": 0.0}}})
+    keep = ImportMap.model_validate({"files": {paths[1].name: {"clock_offset": 0.0}}})
     assert not import_logs(paths, keep).problems

@@ -35,12 +35,10 @@ def test_the_sidecar_comes_before_the_day_and_the_day_before_the_folder() -> Non
 
 
 def test_folders_tell_campaigns_only_where_there_are_several() -> None:
+    """And two runs make one comparable."""
     assert names(trial("a/x.csv"), trial("a/y.csv")) == [UNKNOWN, UNKNOWN]
-    assert names(trial("a/x.csv"), trial("b/y.csv")) == ["a", "b"]
-
-
-def test_two_runs_a_campaign_make_it_comparable() -> None:
     found = campaigns_of([trial("a/x.csv"), trial("b/y.csv"), trial("b/z.csv")])
+    assert found.names == ("a", "b") and found.number == (0, 1, 1)
     assert found.comparable == ("b",) and found.runs("a") == 1
 
 
@@ -102,10 +100,8 @@ def test_the_day_is_the_first_date_in_the_name(name: str, day: str) -> None:
     groups = group_trials(trials, "DAY")
     assert groups.by == "day" and groups.names == ("2001-01-01", day) and groups.number == (1, 0)
     assert group_trials(trials, "year").names == ("2001", day[:4])
-    assert {k: [t.name for t in v] for k, v in groups.members(trials).items()} == {
-        "2001-01-01": ["x_2001-01-01"],
-        day: [name],
-    }
+    members = {k: [t.name for t in v] for k, v in groups.members(trials).items()}
+    assert members == {"2001-01-01": ["x_2001-01-01"], day: [name]}
 
 
 def test_the_sidecar_gives_day_and_group_and_wins_over_the_name(tmp_path: Path) -> None:
@@ -132,14 +128,9 @@ def test_folders_are_told_by_what_differs_in_their_paths(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("by", "words"),
-    [
-        ("weather", "--between"),
-        ("day", "no date in the name of second"),
-        ("folder", "first_2020-01-01"),
-        ("group", "first_2020-01-01"),
-        ("kind", "all trials are of one group"),
-    ],
-)
+    [("weather", "--between"), ("day", "no date in the name of second"), ("folder", "first_2020-01-01"),
+     ("group", "first_2020-01-01"), ("kind", "all trials are of one group")],
+)  # fmt: skip
 def test_what_cannot_be_grouped_is_refused_in_one_line(by: str, words: str) -> None:
     trials = [replace(make_trial(name), kind="turning") for name in ("first_2020-01-01", "second")]
     with pytest.raises(UserError) as refused:

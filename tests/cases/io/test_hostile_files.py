@@ -88,16 +88,9 @@ def test_line_ends_of_any_system(good: Path, end: str) -> None:
 
 @pytest.mark.parametrize(
     ("cell", "words"),
-    [
-        ("7" * 130_000, "row 3"),
-        ("x" * 130_000, "row 3"),
-        ("9" * 400, "row 3"),
-        ("1e300", "larger than anything"),
-        ("-1e300", "larger than anything"),
-        ("1_0", "'1_0'"),
-        ("\x1b[2J", "\\x1b[2J"),
-    ],
-)
+    [("7" * 130_000, "row 3"), ("x" * 130_000, "row 3"), ("9" * 400, "row 3"), ("1e300", "larger than anything"),
+     ("-1e300", "larger than anything"), ("1_0", "'1_0'"), ("\x1b[2J", "\\x1b[2J")],
+)  # fmt: skip
 def test_cells_that_are_no_measurement(good: Path, cell: str, words: str) -> None:
     """As the third value of the surge velocity; and in the header."""
     lines = good.read_text().splitlines()
@@ -166,10 +159,8 @@ def test_parquet_is_read_where_its_meaning_is_clear(tmp_path: Path) -> None:
     plain.to_parquet(path)
     expected = read_trial(path).states
     seconds = plain["t [s]"]
-    for t in (
-        pd.to_timedelta(seconds, unit="s"),
-        pd.Timestamp("2026-11-22 13:00") + pd.to_timedelta(seconds, unit="s"),
-    ):
+    passed = pd.to_timedelta(seconds, unit="s")
+    for t in (passed, pd.Timestamp("2026-11-22 13:00") + passed):
         plain.assign(**{"t [s]": t}).to_parquet(path)
         trial = read_trial(path)
         np.testing.assert_allclose(trial.t, seconds, atol=1e-6)
@@ -181,15 +172,10 @@ def test_parquet_is_read_where_its_meaning_is_clear(tmp_path: Path) -> None:
 
 def test_parquet_columns_of_no_clear_meaning_are_named(tmp_path: Path) -> None:
     path, plain = tmp_path / "a.parquet", frame()
-    for values in (
-        pd.to_timedelta(plain["u [m/s]"], unit="s"),
-        pd.Timestamp("2026-11-22") + pd.to_timedelta(plain["u [m/s]"], unit="s"),
-        plain["u [m/s]"] > 0,
-        plain["u [m/s]"].map(lambda v: [v]),
-        plain["u [m/s]"].map(lambda v: {"a": v}),
-        plain["u [m/s]"].map(lambda v: b"1"),
-        plain["u [m/s]"].map(lambda v: "fast"),
-    ):
+    u = plain["u [m/s]"]
+    times = pd.to_timedelta(u, unit="s")
+    cells = [u.map(change) for change in (lambda v: [v], lambda v: {"a": v}, lambda v: b"1", lambda v: "fast")]
+    for values in (times, pd.Timestamp("2026-11-22") + times, u > 0, *cells):
         plain.assign(**{"u [m/s]": values}).to_parquet(path)
         refused(path, "column 'u [m/s]'")
 

@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 
 from cases.io.read import read_trial
+from cases.quantities import UNITS
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from cases.trial_set import TrialSet
@@ -88,11 +89,7 @@ def test_what_is_wrong_is_said_by_the_name_of_the_column(case: str) -> None:
     assert words in str(error.value) and "\n" not in str(error.value)
 
 
-HEADER = {
-    "t": "t [s]", "x": "x [m]", "y": "y [m]", "psi": "psy [deg]", "u": "u [m/s]", "v": "v [m/s]", "r": "r [rad/s]",
-    "n": "n [rps]", "delta": "delta [rad]",
-}  # fmt: skip
-"""With a column whose name is misspelt."""
+HEADER = {name: f"{name} [{UNITS[name]}]" for name in COLUMNS} | {"psi": "psy [deg]"}  # misspelt
 
 
 @pytest.mark.parametrize(
@@ -101,10 +98,7 @@ HEADER = {
         (pd.DataFrame({"t [s]": T}).iloc[:0], "missing column psi"),
         (pd.DataFrame({f"{k} [1]": v for k, v in COLUMNS.items()}), "unknown unit"),
         (pd.DataFrame(COLUMNS), "column 't' has no unit"),
-        (
-            pd.DataFrame({HEADER.get(k, k): v for k, v in COLUMNS.items()}),
-            "missing column psi; is it 'psy [deg]'?",
-        ),
+        (pd.DataFrame({HEADER[k]: v for k, v in COLUMNS.items()}), "missing column psi; is it 'psy [deg]'?"),
         (COLUMNS, "takes a DataFrame"),
     ],
     ids=["empty", "units", "no units", "misspelt", "a dict"],

@@ -37,6 +37,16 @@ def test_a_wrong_data_folder_is_said(tmp_path, monkeypatch):
         splits.data_folder()
 
 
+def test_the_data_lie_beside_the_repository_from_wherever_one_asks(tmp_path, monkeypatch):
+    module = tmp_path / "repository" / "cases" / "io" / "published_splits.py"
+    (tmp_path / "shared" / "data").mkdir(parents=True)
+    module.parent.mkdir(parents=True)
+    monkeypatch.delenv("MMG_DATA", raising=False)
+    monkeypatch.chdir(module.parent)
+    monkeypatch.setattr(splits, "__file__", str(module))
+    assert splits.data_folder() == (tmp_path / "shared" / "data").resolve()
+
+
 @pytest.mark.data
 def test_the_published_table_names_the_same_files(frt):
     text = (frt / "SOURCE_README.md").read_text(encoding="utf-8")

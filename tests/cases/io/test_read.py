@@ -33,22 +33,15 @@ def replaced(path, line, column, text):
     path.write_text("\n".join(",".join(row) for row in rows) + "\n")
 
 
-def test_canonical_csv_is_read_as_it_is(tmp_path):
-    truth = motion_columns(20.0)
-    path = write_csv(tmp_path / "run.csv", truth)
-    trial = read_trial(path)
-    assert trial.name == "run" and trial.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
-    assert trial.notices == ()
-    for name, values in truth.items():
-        np.testing.assert_allclose(trial[name], values, rtol=1e-12, atol=1e-15)
-
-
-def test_parquet_equals_csv(tmp_path):
+def test_canonical_csv_and_parquet_are_read_as_they_are(tmp_path):
     truth = motion_columns(20.0)
     pd.DataFrame({f"{c} [{UNITS[c]}]": v for c, v in truth.items()}).to_parquet(tmp_path / "run.parquet")
-    a, b = read_trial(tmp_path / "run.parquet"), read_trial(write_csv(tmp_path / "run.csv", truth))
-    for name in truth:
-        np.testing.assert_allclose(a[name], b[name], rtol=1e-12, atol=1e-15)
+    for path in (write_csv(tmp_path / "run.csv", truth), tmp_path / "run.parquet"):
+        trial = read_trial(path)
+        assert trial.name == "run" and trial.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+        assert trial.notices == ()
+        for name, values in truth.items():
+            np.testing.assert_allclose(trial[name], values, rtol=1e-12, atol=1e-15)
 
 
 def test_degrees_knots_and_rpm_are_converted_and_said(tmp_path):
@@ -61,32 +54,41 @@ def test_degrees_knots_and_rpm_are_converted_and_said(tmp_path):
     assert len([n for n in trial.notices if "converted" in n]) == 3
 
 
-def test_a_text_in_a_number_is_named_with_row_and_column(tmp_path):
+@pytest.mark.parametrize(
+    ("line", "column", "text", "said"),
+    [(17, 4, "fast", r"row 17, column 'u \[m/s\]': 'fast' is not a number"), (6, 0, "0.4", "repeats at row 6"),
+     (6, 0, "0.2", "runs backwards at row 6"), (151, 0, "3.0", "backwards at row 151: t = 14.9 s, then 3 s"),
+     (151, 4, "1e14", r"row 151, column 'u \[m/s\]': 1e\+14 is larger")],
+)  # fmt: skip
+def test_a_wrong_cell_is_named_with_its_row(tmp_path, monkeypatch, line, column, text, said):
+    """Read at once, in pieces, and in pieces whose rows are averaged."""
     path = write_csv(tmp_path / "run.csv")
-    replaced(path, 17, 4, "fast")
-    text = refused(path, "'fast' is not a number")
-    assert "row 17, column 'u [m/s]'" in text
+    replaced(path, line, column, text)
+    for kept, block in ((10**6, 2**21), (10**6, 2000), (50, 2000)):
+        monkeypatch.setattr("cases.io.text_table.MOST_KEPT", kept)
+        monkeypatch.setattr("cases.io.text_table.BLOCK", block)
+        refused(path, said)
 
 
-def test_a_missing_column_is_named_with_the_headers_found_and_the_mapping(tmp_path):
+def test_a_missing_column_or_unit_is_named_with_the_headers_found_and_the_mapping(tmp_path):
     columns = motion_columns(20.0)
+    refused(write_csv(tmp_path / "unit.csv", headers={"t": "t"}), "column 't' has no unit")
     del columns["r"]
     text = refused(write_csv(tmp_path / "run.csv", columns), "missing column r; found: t ")
     assert "columns = { r =" in text
 
 
-def test_a_missing_unit_is_refused_even_for_time(tmp_path):
-    refused(write_csv(tmp_path / "run.csv", headers={"t": "t"}), "column 't' has no unit")
-
-
-def test_all_nan_one_row_and_empty_files_are_refused(tmp_path):
+def test_all_nan_one_row_empty_files_and_those_without_headers_are_refused(tmp_path):
     columns = motion_columns(20.0)
     nothing = {name: np.full(len(v), np.nan) for name, v in columns.items()}
     refused(write_csv(tmp_path / "nan.csv", nothing), "no row holds a time and a state")
     refused(write_csv(tmp_path / "one.csv", columns, rows=1), "only one usable row")
     refused(write_csv(tmp_path / "none.csv", columns, rows=0), "no rows")
-    (tmp_path / "empty.csv").write_text("")
-    refused(tmp_path / "empty.csv", "the file is empty")
+    header, rows = write_csv(tmp_path / "run.csv").read_text().split("\n", 1)
+    texts = {"the file is empty": "", "numbers, not headers": rows, "first line is blank": f"\n{header}\n{rows}"}
+    for said, text in texts.items():
+        (tmp_path / "text.csv").write_text(text)
+        refused(tmp_path / "text.csv", said)
 
 
 def test_a_required_column_without_numbers_is_refused_an_optional_one_left_out(tmp_path):
@@ -95,13 +97,6 @@ def test_a_required_column_without_numbers_is_refused_an_optional_one_left_out(t
     refused(write_csv(tmp_path / "a.csv", {**columns, "n": empty}), "column n holds no number")
     trial = read_trial(write_csv(tmp_path / "b.csv", {**columns, "wind_speed": empty}))
     assert not trial.has_wind and has_code(trial.notices, "no_wind")
-
-
-@pytest.mark.parametrize(("value", "said"), [("0.4", "repeats at row 6"), ("0.2", "runs backwards at row 6")])
-def test_time_that_does_not_increase_is_named_by_row(tmp_path, value, said):
-    path = write_csv(tmp_path / "run.csv")
-    replaced(path, 6, 0, value)
-    refused(path, said)
 
 
 def test_doubled_headers_and_two_columns_for_one_quantity_are_refused(tmp_path):
@@ -126,11 +121,9 @@ def test_unreadable_files_are_refused(tmp_path):
 
 
 def test_nan_ends_are_cut_and_inner_rows_kept_as_gaps(tmp_path):
-    columns = motion_columns(20.0)
-    for name in columns:
-        columns[name] = columns[name].copy()
-        columns[name][-30:] = np.nan
-        columns[name][:4] = np.nan
+    columns = {name: values.copy() for name, values in motion_columns(20.0).items()}
+    for values in columns.values():
+        values[-30:] = values[:4] = np.nan
     columns["u"][50:60] = np.nan
     trial = read_trial(write_csv(tmp_path / "run.csv", columns))
     assert len(trial) == 200 - 34 and np.isnan(trial["u"]).sum() == 10
@@ -151,11 +144,10 @@ def test_uneven_sampling_and_a_late_clock_are_fine(tmp_path):
 
 def test_twin_rudders_stand_for_delta_and_one_alone_does_not(tmp_path):
     columns = motion_columns(20.0)
-    delta = columns.pop("delta")
-    assert "delta_port" in read_trial(
-        write_csv(tmp_path / "a.csv", {**columns, "delta_port": delta, "delta_starboard": 0.5 * delta})
-    )
-    refused(write_csv(tmp_path / "b.csv", {**columns, "delta_port": delta}), "missing column delta_starboard")
+    columns["delta_port"] = columns.pop("delta")
+    both = {**columns, "delta_starboard": 0.5 * columns["delta_port"]}
+    assert "delta_port" in read_trial(write_csv(tmp_path / "a.csv", both))
+    refused(write_csv(tmp_path / "b.csv", columns), "missing column delta_starboard")
 
 
 def test_unknown_columns_are_ignored_with_a_notice(tmp_path):
@@ -244,22 +236,10 @@ def test_real_records_with_a_wrong_angle_unit_are_refused(frt):
             assert implausible({**trial.columns, column: trial[column] / DEG}), (trial.name, column)
 
 
-def test_a_file_without_headers_or_with_a_blank_first_line_is_refused(tmp_path):
-    lines = write_csv(tmp_path / "run.csv").read_text().split("\n", 1)
-    (tmp_path / "bare.csv").write_text(lines[1])
-    (tmp_path / "blank.csv").write_text("\n" + "\n".join(lines))
-    (tmp_path / "head.csv").write_text(lines[0] + "\n")
-    refusals = {"bare": "numbers, not headers", "blank": "first line is blank", "head": "no rows"}
-    for name, said in refusals.items():
-        with pytest.raises(UserError, match=said):
-            read_trial(tmp_path / f"{name}.csv")
-
-
 def test_a_heading_that_jumps_by_360_is_in_degrees_even_beside_a_rate_in_degrees():
     c = motion_columns()
     psi = np.degrees(c["psi"] + 0.02 * c["t"])
-    columns = {"t": c["t"], "psi": psi % 360.0, "r": np.degrees(c["r"] + 0.02)}
-    assert "360" in implausible(columns)
+    assert "360" in implausible({"t": c["t"], "psi": psi % 360.0, "r": np.degrees(c["r"] + 0.02)})
 
 
 def test_all_that_is_wrong_in_a_folder_is_said(tmp_path: Path) -> None:

@@ -26,18 +26,8 @@ def sidecar(folder, text):
 
 
 def test_a_file_entry_wins_over_the_default_and_tables_are_merged(tmp_path):
-    sidecar(
-        tmp_path,
-        """
-[default]
-kind = "zigzag"
-units = { u = "kn", n = "rpm" }
-[files."a.csv"]
-role = "test"
-kind = "turning"
-units = { n = "rps" }
-""",
-    )
+    text = '[default]\nkind = "zigzag"\nunits = { u = "kn", n = "rpm" }\n'
+    sidecar(tmp_path, f'{text}[files."a.csv"]\nrole = "test"\nkind = "turning"\nunits = {{ n = "rps" }}\n')
     settings = sidecar_entry(tmp_path / "a.csv")
     assert (settings.kind, settings.role) == ("turning", "test")
     assert settings.units == {"u": "kn", "n": "rps"}
@@ -80,15 +70,8 @@ def test_foreign_headers_units_and_rudder_sign_are_converted_and_said(tmp_path):
     truth = motion_columns(20.0)
     stored = {**truth, "u": truth["u"] / (1852 / 3600), "n": truth["n"] * 60, "delta": -truth["delta"]}
     write_csv(tmp_path / "a.csv", stored, {"u": "SOG", "n": "Shaft [rpm]", "t": "time"})
-    sidecar(
-        tmp_path,
-        """
-[all]
-rudder_positive = "port"
-columns = { u = "SOG", n = "Shaft", t = "time" }
-units = { u = "kn", t = "s" }
-""",
-    )
+    text = '[all]\nrudder_positive = "port"\ncolumns = { u = "SOG", n = "Shaft", t = "time" }\n'
+    sidecar(tmp_path, text + 'units = { u = "kn", t = "s" }\n')
     trial = read_trial(tmp_path / "a.csv")
     for name in ("t", "u", "n", "delta"):
         np.testing.assert_allclose(trial[name], truth[name], rtol=1e-12)
@@ -110,18 +93,13 @@ def test_a_reference_point_off_midship_is_moved_to_midship(tmp_path, applies):
         np.testing.assert_allclose(trial[name], truth[name], atol=1e-12)
 
 
-def test_earth_fixed_velocities_are_turned_into_body_axes(tmp_path):
+def test_earth_fixed_velocities_are_turned_into_body_axes_and_a_wind_that_goes_to_round(tmp_path):
     truth = motion_columns(20.0)
     w = (truth["u"] + 1j * truth["v"]) * np.exp(1j * truth["psi"])
     write_csv(tmp_path / "a.csv", {**truth, "u": w.real, "v": w.imag})
-    trial = read_trial(tmp_path / "a.csv", {"velocity_frame": "earth"})
+    trial = read_trial(tmp_path / "a.csv", {"velocity_frame": "earth", "wind_direction": "to"})
     np.testing.assert_allclose(trial["u"], truth["u"], atol=1e-12)
     np.testing.assert_allclose(trial["v"], truth["v"], atol=1e-12)
-
-
-def test_a_wind_that_goes_to_is_turned_round(tmp_path):
-    write_csv(tmp_path / "a.csv")
-    trial = read_trial(tmp_path / "a.csv", {"wind_direction": "to"})
     np.testing.assert_allclose(trial["wind_direction"], 1.0 + np.pi)
 
 
@@ -185,14 +163,9 @@ def site(folder, text):
     return read_site([folder / "a.csv"], SHIP)
 
 
-def distance_to_bank(held, x, y):
-    """m, as the effect has it: positive in the water."""
-    return held["distance"] - x * math.cos(held["bearing"]) - y * math.sin(held["bearing"])
-
-
-def beyond_the_shelf(held, x, y):
-    """m, as the effect has it: positive over the shelf."""
-    return x * math.cos(held["bearing"]) + y * math.sin(held["bearing"]) - held["line"]
+def beyond(held, line, x, y):
+    """m, as the effects have it: how far a place lies beyond a line, in its bearing."""
+    return x * math.cos(held["bearing"]) + y * math.sin(held["bearing"]) - held[line]
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])
@@ -204,8 +177,8 @@ def test_lines_lie_where_the_file_says(tmp_path, axis, side, value):
     for offset in (-3.0, 0.0, 2.0):
         place = (value + offset, 77.0) if axis == "x" else (77.0, value + offset)
         expected = offset if side == "greater" else -offset
-        assert distance_to_bank(held["bank"], *place) == pytest.approx(expected, abs=1e-9)
-        assert beyond_the_shelf(held["shallow_water"], *place) == pytest.approx(expected, abs=1e-9)
+        assert beyond(held["bank"], "distance", *place) == pytest.approx(-expected, abs=1e-9)  # positive on land
+        assert beyond(held["shallow_water"], "line", *place) == pytest.approx(expected, abs=1e-9)  # over the shelf
     assert set(held["bank"]) == {"distance", "bearing"} and set(held["shallow_water"]) == {"line", "bearing"}
 
 
@@ -219,10 +192,8 @@ def test_the_bank_of_the_contract_pulls_towards_it(tmp_path):
     values = SHIP.with_effect("bank", {**held, "suction": 0.03}).parameters_of("bank")
     e = effect("bank")
     at = Setting(**{**dict.fromkeys(Setting.__dataclass_fields__), "p": SHIP.namespace})
-    near, far = (
-        float(ca.DM(e.forces({}, Flow(u=0.5, v=0.0, r=0.0, psi=0.0, x=0.0, y=y), values, at)["bank"].Y))
-        for y in (-5.0, 5.0)
-    )
+    flows = (Flow(u=0.5, v=0.0, r=0.0, psi=0.0, x=0.0, y=y) for y in (-5.0, 5.0))
+    near, far = (float(ca.DM(e.forces({}, flow, values, at)["bank"].Y)) for flow in flows)
     assert near < 10 * far < 0
 
 
