@@ -18,7 +18,8 @@ from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS, rk4_step
 
 
 class PortableIntervals:
-    """What ``mmg.compile.intervals.IntervalKernel`` does, whose methods say what they take and return, N = S + P.
+    """What ``mmg.compile.intervals.IntervalKernel`` does, whose methods say what they take and return; N = S + P, and
+    the Q states from S - Q on act.
 
     whole: as of ``mmg.compile.interval_source.derivatives``.
     """
@@ -32,7 +33,7 @@ class PortableIntervals:
         self._jacobian = ca.Function("jacobian", given[:3], [k, J], {"cse": True})
         if H:
             self._hessian = ca.Function("hessian", given, [ca.triu2symm(H[0])], {"cse": True})
-        self._made: dict[tuple, BatchFunction] = {}
+        self._made: dict[tuple, BatchFunction] = {}  # by kind, number of steps and step
 
     def values(
         self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, given: np.ndarray | None = None
@@ -125,11 +126,13 @@ class PortableIntervals:
             rate, slope, stages = ca.MX(S, 1), ca.MX(S, len(wanted)), []
             total, summed = rate, slope
             for node, weight in zip(NODES, WEIGHTS, strict=True):
+                # argument of the stage, and its slope
                 q, G = (a[-Q:, :] + node * self.h * b[-Q:, :] for a, b in ((z, rate), (Z, slope)))
                 rate, J = self._jacobian(q, _during(c[:, k], node, self._sizes[0]), theta)
-                slope = J[:, :Q] @ G + ca.horzcat(ca.MX(S, S), J[:, Q:])[:, wanted]
+                slope = J[:, :Q] @ G + ca.horzcat(ca.MX(S, S), J[:, Q:])[:, wanted]  # chain rule: dk = f_q dq + f_p
                 total, summed = total + weight * rate, summed + weight * slope
                 stages.append((q, G, J[:, :Q]))
+            # a step that is not there adds nothing
             z, Z = z + exists[k] * self.h * total, Z + exists[k] * self.h * summed
             after.append(Z)
             steps.append(stages)
@@ -155,15 +158,16 @@ class PortableIntervals:
         rows, columns = np.triu_indices(n)
         cost, weight = ca.MX.sym("cost", len(rows), self.K - 1), ca.MX.sym("weight", S)
         at, chosen = np.empty((n, n), dtype=int), ca.DM(len(own), N)
-        at[rows, columns] = at[columns, rows] = np.arange(len(rows))
+        at[rows, columns] = at[columns, rows] = np.arange(len(rows))  # where a pair of variables is among the triangle
         for row, column in enumerate(own):
             chosen[row, S + column] = 1.0
         H, adjoint = ca.MX(N, N), weight
         for k in reversed(range(self.K)):  # adjoints go backwards
             if k < self.K - 1:  # the end itself has no sample: it is a node
                 moved = ca.vertcat(after[k], chosen)
+                # the sample's Hessian, by the chain rule
                 H += moved.T @ (ca.reshape(cost[at.ravel().tolist(), k], n, n) @ moved)
-                adjoint = adjoint + pull[:, k]
+                adjoint = adjoint + pull[:, k]  # the sample pulls on its own state too
             if weighted:
                 bent, adjoint = self._bent(arguments, k, steps[k], adjoint, middle)
                 H += bent
@@ -185,6 +189,7 @@ class PortableIntervals:
             pulled = ca.vertcat(ca.MX(S - Q, 1), J.T @ multipliers[0])
             back, later = back + pulled, h * node * pulled
         if middle:
+            # the midpoint rule for the bending alone
             stages, multipliers = stages[MIDDLE : MIDDLE + 1], [sum(multipliers, ca.MX(S, 1))]
         total = ca.MX(S + self.P, S + self.P)
         for (q, G, _), mu in zip(stages, multipliers, strict=True):

@@ -71,7 +71,7 @@ def test_kernel_and_portable_path_agree(ship: str) -> None:
         *zip(compiled.linearise(start, theta, cost.pull), portable.linearise(start, theta, cost.pull), strict=True),
     ]
     for ours, theirs in (
-        (compiled.quadratics(start, theta, cost), portable.quadratics(start, theta, cost)),
+        tuple(way.hessian(start, theta, cost, by_window=True) for way in (compiled, portable)),
         *((compiled.hessian(*every, middle), portable.hessian(*every, middle)) for middle in (False, True)),
     ):
         pairs += [(getattr(ours, name), getattr(theirs, name)) for name in ("ends", "slope", "rows", "shared")]
