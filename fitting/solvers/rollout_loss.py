@@ -61,12 +61,12 @@ class RolloutLoss:
         Captive tests, priors and the memory of first states are not in it: no network changes them.
         """
         seg, (nodes, p) = problem.segments, problem.split(x)
-        W, C = len(seg.run), seg.controls.shape[1]
-        length = np.bincount(seg.window, seg.steps, W).astype(int)
-        controls = np.zeros((length.max(), C, W))
+        W = len(seg.run)
+        length = np.bincount(seg.window, seg.steps, W).astype(int)  # steps of each window
+        controls = np.zeros((length.max(), seg.controls.shape[1], W))
         targets, weights = np.zeros((2, length.max() + 1, 6, W))
         row = np.zeros(W, dtype=int)
-        for i in np.lexsort((seg.start, seg.window)):
+        for i in np.lexsort((seg.start, seg.window)):  # window by window, in time
             w, n, k = seg.window[i], seg.steps[i], row[seg.window[i]]
             # held beyond the end of the window, so that its rollout stays where ships are
             controls[k:, :, w] = seg.controls[n - 1, :, i]
@@ -81,8 +81,7 @@ class RolloutLoss:
         symbols = problem.prior.constants
         own = [problem.ship.symbols.index(s) for s in symbols]
         starts, values = nodes[first].T.copy(), theta[:, own].T.copy()
-        loss = problem.loss
-        return cls(seg.h, starts, controls, targets, weights, loss, symbols, values, seg.run, seg.began)
+        return cls(seg.h, starts, controls, targets, weights, problem.loss, symbols, values, seg.run, seg.began)
 
     @classmethod
     def of_calibration(cls, found: Calibration, trials: Sequence[Trial] = ()) -> RolloutLoss | None:
@@ -112,17 +111,14 @@ class RolloutLoss:
         """That in the file ``path``. Raises UserError where it cannot be read or is of another version."""
         try:
             with safe_open(path, "np") as file:
-                found, about = {name: file.get_tensor(name) for name in (*_ARRAYS, "tau")}, file.metadata()
+                arrays, about = {name: file.get_tensor(name) for name in (*_ARRAYS, "tau")}, file.metadata()
             if (version := about["schema"]) == str(SCHEMA):
                 words = json.loads(about["words"])
-                cost = Loss(words["cost"], found.pop("tau"))
-                return cls(
-                    words["h"], cost=cost, trials=tuple(words["trials"]), symbols=tuple(words["symbols"]), **found
-                )
+                names = {key: tuple(words[key]) for key in ("trials", "symbols")}
+                return cls(words["h"], cost=Loss(words["cost"], arrays.pop("tau")), **names, **arrays)
         except (OSError, SafetensorError, KeyError, ValueError, TypeError):
-            raise Unreadable(
-                f"{path}: is no loss of a calibration; fit again, or train without --loss calibration"
-            ) from None
+            advice = "fit again, or train without --loss calibration"
+            raise Unreadable(f"{path}: is no loss of a calibration; {advice}") from None
         raise BadValue(f"{path}: is of version {version}, this program reads {SCHEMA}; fit again")
 
 
