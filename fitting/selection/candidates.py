@@ -47,6 +47,7 @@ class StructureCandidate:
     @property
     def counts(self) -> tuple[int, int, int]:
         """Number of generated terms in X, Y and N."""
+        # symbols of generated terms begin with their force
         x, y, n = (sum(symbol[0] == force for symbol in self.ship.monomials) for force in "XYN")
         return x, y, n
 
@@ -96,7 +97,7 @@ def _structures(ship: Ship, rules: Rules) -> list[tuple[str, Structure]]:
     ]
     for order in range(2, rules.order + (2 if rules.order >= HIGHEST else 1)):
         count = len(variables(first.devices))
-        if math.comb(count + order, order) <= WIDEST:
+        if math.comb(count + order, order) <= WIDEST:  # monomials of count variables up to this order
             found.append((f"{FULL}-order{order}", replace(first, order=order, duplicates="identity", moduli="full")))
         if not rules.asymmetric and units_of(first.devices):
             found.append((f"{UNITS}-order{order}", replace(first, order=order, units=True)))

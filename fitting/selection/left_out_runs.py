@@ -29,7 +29,7 @@ def relative_change(before: np.ndarray, after: np.ndarray) -> tuple[float, float
     change = float(b.mean() / a.mean() - 1) if n else float("nan")
     if n < 2:
         return change, float("nan")
-    without = (b.sum() - b) / (a.sum() - a) - 1
+    without = (b.sum() - b) / (a.sum() - a) - 1  # the change without each file
     return change, float(np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum()))
 
 
@@ -49,7 +49,7 @@ def estimates_without(
         slope = info.score[rest].sum(axis=0) + info.prior_score
         held, target = np.zeros(len(info.p), dtype=bool), info.p.copy()
         try:
-            for _ in range(8):
+            for _ in range(8):  # 8: each round adds a bound; set by hand
                 # at the minimum with the held ones where they are: H_ff step = -(slope_f + H_fh moved_h)
                 step, free = np.where(held, target - info.p, 0.0), ~held
                 step[free] = -np.linalg.solve(H[np.ix_(free, free)], slope[free] + H[np.ix_(free, held)] @ step[held])
@@ -61,7 +61,7 @@ def estimates_without(
                 target = np.clip(wanted, lower, upper)
             found[k] = np.clip(wanted, lower, upper)
         except np.linalg.LinAlgError:
-            continue
+            continue  # nothing determines some coefficient: the fold stays NaN
     return found
 
 
@@ -107,6 +107,7 @@ def leave_out(
     window has NaN, one on which the estimate diverges inf. Raises UserError for trials without positions.
     """
     own = coefficients_without(fit, folds, info)
+    # all windows of all runs in one batch
     simulator = ShipsByTrial(fit.ship, own, not fit.problem.kernels.interpreted_because)
     rows = score(simulator, list(trials), sigma).trials
     return np.array([row.window if row.windows > 0 else np.nan for row in rows])

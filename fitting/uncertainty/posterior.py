@@ -95,17 +95,18 @@ class JointDensity:
         self.problem, self.columns, self.rollouts = problem, problem.columns, RolloutLoss.of(problem, x)
         self.power = information_discount(info.of_data(), found.covariance) if power is None else power
         self.covariance = np.linalg.inv(self.power * info.fisher.sum(axis=0) + info.prior_information)
+        # y to coefficients; standard errors
         self._root, self._width = np.linalg.cholesky(self.covariance), np.sqrt(np.diag(self.covariance))
         self.centre = np.clip(problem.split(x)[1], *problem.p_bounds())
         # given the coefficients, first states follow them, and scatter, as the quadratic of their window says
         left = Eliminated.of(seg, Quadratics.of(problem, x), problem.kernels.elimination)
         self._follow = -np.linalg.solve(left.rows[:, :, :S], left.rows[:, :, S:])
         self._scatter = np.linalg.inv(np.swapaxes(np.linalg.cholesky(self.power * left.rows[:, :, :S]), 1, 2))
+        # a window is one interval here
         first, steps = np.unique(seg.node_window, return_index=True)[1], np.bincount(seg.window, seg.steps).astype(int)
         self._memory, self._remembered = problem.memory_weight[first], problem.measured_nodes[first, 6:]
-        kernel = problem.kernels.interval or problem.kernels.portable
-        controls, windows = self.rollouts.controls, np.arange(len(steps))
-        self._shooting = Shooting(kernel, steps, controls, seg.h, self.columns.window, windows)
+        kernel, windows = problem.kernels.interval or problem.kernels.portable, np.arange(len(steps))
+        self._shooting = Shooting(kernel, steps, self.rollouts.controls, seg.h, self.columns.window, windows)
         self.n = problem.P + S * len(steps)
 
     def __call__(self, y: np.ndarray) -> tuple[float, np.ndarray]:
@@ -128,6 +129,7 @@ class JointDensity:
         """
         q, (lower, upper) = self.centre + self._root @ y[: self.problem.P], self.problem.p_bounds()
         below, above = (lower - q) / self._width, (q - upper) / self._width
+        # two softplus: ends never pass a bound
         p = q + self._width * (np.logaddexp(0, below) - np.logaddexp(0, above))
         a, b = (0.5 + 0.5 * np.tanh(0.5 * x) for x in (below, above))  # the logistic function, without overflow
         slope = 1 - a - b
@@ -137,18 +139,18 @@ class JointDensity:
     def _of(self, y: np.ndarray) -> tuple[float, np.ndarray]:
         problem, columns, (p, slope, bent, volume) = self.problem, self.columns, self.within(y)
         P, S, W, scale = problem.P, problem.S, len(self._follow), problem.scale
-        moved = np.broadcast_to((p - self.centre)[columns.each(columns.at, columns.window)], (W, problem.L))
+        shift = np.broadcast_to((p - self.centre)[columns.each(columns.at, columns.window)], (W, problem.L))
         own = y[P:].reshape(W, S)
-        start = self.rollouts.starts.T + scale * (_times(self._follow, moved) + _times(self._scatter, own))
-        kept = start[:, 6:] - self._remembered
+        start = self.rollouts.starts.T + scale * (_times(self._follow, shift) + _times(self._scatter, own))
+        memory = start[:, 6:] - self._remembered
         cost, d_start, d_local = self._data(start, p)
         d_start *= self.power * scale
-        d_start[:, 6:] += self._memory * kept * scale[6:]  # what came before the log has a prior of its own
+        d_start[:, 6:] += self._memory * memory * scale[6:]  # what came before the log has a prior of its own
         d_local = self.power * columns.each(problem.std, columns.window) * d_local
         d_local += _times(np.swapaxes(self._follow, 1, 2), d_start)
-        d_p = columns.vector(columns.total(d_local, columns.window), P) + p
-        value = self.power * cost + 0.5 * float((self._memory * kept**2).sum() + p @ p) - volume
-        if problem.captive:
+        d_p = columns.vector(columns.total(d_local, columns.window), P) + p  # the prior counts whole
+        value = self.power * cost + 0.5 * float((self._memory * memory**2).sum() + p @ p) - volume
+        if problem.captive:  # counts whole, by its stated accuracy
             shared, theta = slice(columns.shared), problem.captive_coefficients(p)
             value += problem.captive.cost(theta)
             d_p[shared] += problem.prior.std[shared] * problem.captive.gradient(theta)
@@ -169,7 +171,7 @@ class JointDensity:
         we = loss.cost.weight(loss.weights, e) * e
         pull, direct = h.slope(points.T, np.moveaxis(we, 1, 2).reshape(-1, 6), every, L)
         pull = np.moveaxis(pull.reshape(rows, W, S), 2, 1)
-        slope = self._shooting.gradient(start.T, theta, pull[1:-1], pull[-1])
+        slope = self._shooting.gradient(start.T, theta, pull[1:-1], pull[-1])  # by the adjoint
         d_local = slope[:, S:] + (direct.reshape(rows, W, L).sum(axis=0) if len(direct) > 1 else 0.0)
         return 0.5 * float(loss.cost.cost(loss.weights, e).sum()), slope[:, :S] + pull[0].T, d_local
 
