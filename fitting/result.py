@@ -127,6 +127,7 @@ class FitResult(FitRecord):
     @property
     def _best_known(self) -> list[tuple[str, CoefficientRow]]:
         """The coefficients, those first of which the data say most beside the prior."""
+        # 2: beyond all shares
         return sorted(self.estimates.items(), key=lambda row: 2.0 if row[1].prior_share is None else row[1].prior_share)
 
     def summary(self) -> str:
@@ -147,8 +148,8 @@ class FitResult(FitRecord):
         lines += [
             f"  {s:<10} {c.value:>11.4g} +- {c.std or 0:.2g} {c.unit} {c.verdict}".rstrip() for s, c in rows[:SUMMED_UP]
         ]
-        left = len(rows) - SUMMED_UP
-        lines += [f"  and {left} others: fit.coefficients"] * (left > 0)
+        if len(rows) > SUMMED_UP:
+            lines.append(f"  and {len(rows) - SUMMED_UP} others: fit.coefficients")
         lines += [textwrap.shorten(f"warning: {words}", 160) for words in self.warnings[:SUMMED_UP]]
         return "\n".join(lines)
 
@@ -203,10 +204,11 @@ class FitResult(FitRecord):
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged ({self.status})"
+        # of a verdict what stands before its reason and its share
         verdicts = Counter(re.split(r"[:(]", row.verdict)[0].strip() for row in self.estimates.values())
-        told = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
+        counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
         warned = f"; {len(self.warnings)} warnings" if self.warnings else ""
-        return f"<FitResult {self.ship.title}: {state}, {len(self.data)} trials; coefficients: {told}{warned}>"
+        return f"<FitResult {self.ship.title}: {state}, {len(self.data)} trials; coefficients: {counts}{warned}>"
 
     def _repr_html_(self) -> str:
         state = "converged" if self.converged else f"NOT CONVERGED ({self.status})"
@@ -240,9 +242,9 @@ class FitResult(FitRecord):
         if not replace:
             run_folder.check_target(target)
         named = self._named(target)
-        pending = (
-            (MessageRow("warning", run_folder.PENDING.code, run_folder.PENDING),) if report and self.objects else ()
-        )
+        # stays in the file if drawing is cut short
+        warning = MessageRow("warning", run_folder.PENDING.code, run_folder.PENDING)
+        pending = (warning,) if report and self.objects else ()
         run_folder.write_whole(target, partial(named._fill, pending=pending, attach=attach), replace)
         if numbers:
             numbers(named)
@@ -270,7 +272,7 @@ class FitResult(FitRecord):
         (scratch / run_folder.START).write_text(dump_ship(self.start, "The ship before calibration."), encoding="utf-8")
         if self.iterate:
             save_file({k: np.ascontiguousarray(v) for k, v in self.iterate.items()}, scratch / run_folder.ITERATE)
-            (scratch / run_folder.ITERATE).chmod(0o644)
+            (scratch / run_folder.ITERATE).chmod(0o644)  # safetensors gives it to its owner alone
         if loss := self.loss:
             loss.save(scratch / run_folder.LOSS)
         if self.objects and self.objects.posterior:
@@ -299,7 +301,7 @@ class FitResult(FitRecord):
             models = objects.before, objects.after
             draw = partial(write_figures, written, self, models, objects.trials, objects.validation)
             with written.making("figures"):
-                if unless_interrupted(lambda: (draw(),)) is None:
+                if unless_interrupted(lambda: (draw(),)) is None:  # a tuple: None of ``draw`` is no interruption
                     written.failures.append(left_out_message(["figures"]))
             done = self._with_figures(written, time.perf_counter() - began)
         with written.making(run_folder.PAGE):
@@ -326,7 +328,7 @@ class FitResult(FitRecord):
         train, held_out = map(TrialSet, apart)
         with suppress(UserError):  # fitted all the same (--unchecked)
             train, held_out = ready(train, held_out)
-        models = Simulator(self.start, self.compiled), Simulator(self.ship, self.compiled)
+        models = Simulator(self.start, self.compiled), Simulator(self.ship, self.compiled)  # before and after
         written = FigureFolder(self.folder / run_folder.FIGURES)
         with written.making("figures"):
             write_figures(written, self, models, train, held_out)
