@@ -105,6 +105,7 @@ class RolloutLoss:
         words = {"h": self.h, "cost": self.cost.name, "trials": self.trials, "symbols": self.symbols}
         about = {"schema": str(SCHEMA), "words": json.dumps(words)}
         save_file(arrays | {"tau": np.ascontiguousarray(self.cost.tau)}, path, about)
+        path.chmod(0o644)  # safetensors gives it to its owner alone
 
     @classmethod
     def load(cls, path: Path) -> RolloutLoss:
