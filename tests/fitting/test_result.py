@@ -64,6 +64,7 @@ def test_what_is_read_is_what_was_written(folder: Path) -> None:
     for name, values in small_result().iterate.items():  # type: ignore[union-attr]
         np.testing.assert_array_equal(result.iterate[name], values)
     assert result.warnings == small_result().warnings and result.calibration is None
+    assert has_code(small_result().notices, "interpreted") == has_code(result.notices, "interpreted")
     assert result.scores["validation"].after.window == small_result().scores["validation"].after.window
 
 
@@ -73,10 +74,6 @@ def test_a_result_saved_again_leaves_the_same_folder(folder: Path, tmp_path: Pat
     assert {p.name for p in (tmp_path / "again").rglob("*")} == {p.name for p in folder.rglob("*")}
     with pytest.raises(TargetExists):
         again.save(tmp_path / "again")
-
-
-def test_a_message_carries_its_code(folder: Path) -> None:
-    assert has_code(small_result().notices, "interpreted") == has_code(read_fit(folder).notices, "interpreted")
 
 
 def spoilt(content: dict, *path: str) -> dict:
@@ -141,6 +138,7 @@ def test_its_folder_holds_the_loss_of_its_trials(folder: Path) -> None:
     assert made.objects and made.loss is not None and read.loss is not None
     assert read.loss.of_trials(made.objects.trials) is not None and read.loss.of_trials(made.objects.validation) is None
     np.testing.assert_array_equal(read.loss.starts, made.loss.starts)
+    assert {path.stat().st_mode & 0o777 for path in folder.glob("*.safetensors")} == {0o644}  # others read them
 
 
 @pytest.mark.slow

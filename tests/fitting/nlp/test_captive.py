@@ -101,9 +101,8 @@ def test_hull_derivatives_are_recovered_and_agree_with_scipy() -> None:
 def test_a_joint_fit_uses_both_and_is_surer() -> None:
     truth = hidden_ship()
     trials = runs()[0][:2]
-    settings = Settings(passes=2)
-    free_running = estimate_coefficients(ESSO, trials, settings)
-    joint = estimate_coefficients(ESSO, trials, settings, captive=points(truth, noise=1.0))
+    tank = points(truth, noise=1.0)
+    free_running, joint = (estimate_coefficients(ESSO, trials, Settings(passes=2), captive=c) for c in (None, tank))
     assert joint.converged
     i = joint.prior.symbols.index("N_v")
     true = (truth.coefficients["N_v"].value - joint.prior.mean[i]) / joint.prior.std[i]
@@ -113,9 +112,9 @@ def test_a_joint_fit_uses_both_and_is_surer() -> None:
 
 @pytest.mark.slow
 def test_captive_points_at_odds_with_the_prior_are_said() -> None:
-    forces, free, prior = prepared(ESSO, points(ESSO))
-    assert against_captive(forces, ESSO.values, free, prior) == []
     tank = points(ESSO)
+    forces, free, prior = prepared(ESSO, tank)
+    assert against_captive(forces, ESSO.values, free, prior) == []
     tank.forces[1] *= -4
     forces, free, prior = prepared(ESSO, tank)
     assert any("Y_v" in w for w in against_captive(forces, ESSO.values, free, prior))
@@ -123,7 +122,7 @@ def test_captive_points_at_odds_with_the_prior_are_said() -> None:
 
 def write(path: Path, header: str, tank: Captive, scale: float = 1.0) -> Path:
     rows = np.vstack([tank.motion, tank.actuators["n"], np.degrees(tank.actuators["delta"]), tank.forces * scale])
-    path.write_text(header + "\n" + "\n".join(",".join(repr(float(v)) for v in row) for row in rows.T) + "\n")
+    np.savetxt(path, rows.T, "%.17g", ",", header=header, comments="")
     return path
 
 
