@@ -74,10 +74,7 @@ class Stretch:
 
 
 def pieces_of(
-    trials: Sequence[Trial],
-    h: float,
-    inputs: Sequence[str] = STANDARD,
-    means: Callable[..., np.ndarray] = step_means,
+    trials: Sequence[Trial], h: float, inputs: Sequence[str] = STANDARD, means: Callable[..., np.ndarray] = step_means
 ) -> list[Stretch]:
     """The gap-free pieces of ``trials`` on grids of step h [s], for a model with these ``inputs``, by run.
 

@@ -264,11 +264,7 @@ def _likeliest(error: np.ndarray, step: float) -> float:
 
 
 def _largest_evidence(
-    grams: Sequence[tuple[np.ndarray, np.ndarray, float]],
-    count: int,
-    groups: np.ndarray,
-    own: np.ndarray,
-    steps: int,
+    grams: Sequence[tuple[np.ndarray, np.ndarray, float]], count: int, groups: np.ndarray, own: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Estimate (P,), precision of each prior (P,) and variance of each channel (3,) by MacKay's fixed point.
 

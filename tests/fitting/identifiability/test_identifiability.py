@@ -84,8 +84,7 @@ def test_straight_runs_excite_no_rudder_and_tell_thrust_and_its_deduction_as_a_p
 
 
 @pytest.mark.parametrize(
-    ("gradient", "words"),
-    [([1.0, 1.0], "the product a b"), ([1.0, -1.0], "the ratio a / b"), ([1.0, 2.0], "a + 2 b")],
+    ("gradient", "words"), [([1.0, 1.0], "the product a b"), ([1.0, -1.0], "the ratio a / b"), ([1.0, 2.0], "a + 2 b")]
 )
 def test_two_coefficients_that_enter_as_one_combination_are_shared(gradient: list[float], words: str) -> None:
     """Information only on a combination of a and b, both 1 with equal priors; c is seen by itself, d not at all."""
