@@ -117,8 +117,7 @@ def calibrate(
     Trials whose sidecar gives them the role test or validate are not trained on. settings: of the solver; options: what
     else is wanted; progress: called at each iteration. Returns the result, whose ``converged`` is False for a solver
     that stopped early; what Ctrl-C left out after the coefficients were solved is named in a warning. Raises UserError
-    for input from which nothing can be identified, for options that contradict each other, and for an interrupted run
-    of other data.
+    for input from which nothing can be identified, contradicting options, an interrupted run of other data.
     """
     began = time.perf_counter()
     settings, options = settings or Settings(), options or FitOptions()

@@ -118,8 +118,7 @@ class Calibration:
 
     @property
     def warnings(self) -> tuple[Message, ...]:
-        """What must be known before the estimates are used, of them as they are now and of the trials; () of a
-        draft."""
+        """What must be known before the estimates are used, of them and of the trials; () of a draft."""
         if self.draft:
             return ()
         p = np.clip(self.problem.split(self.solution.x)[1], *self.problem.p_bounds())
@@ -438,8 +437,7 @@ SHARE = 0.5
 
 
 def averages(ship: Ship) -> bool:
-    """Whether estimates of ``ship`` are averaged with a second one: nothing is free but coefficients and faults of
-    instruments."""
+    """Whether estimates of ``ship`` are averaged with a second one: only coefficients and instruments are free."""
     own = {s.partition(".")[0] for s in ship.free if "." in s}  # "current.x" is of an effect, "Y_v" of the ship
     return all(name in EFFECTS and EFFECTS[name].measures for name in own)
 

@@ -76,8 +76,8 @@ class EffectTest:
 
     p_value: of the likelihood ratio with and without it, in which a random force acts beside the noise of the sensors,
     for this effect alone; p_fit: by the standard errors of the fit (None where they are not known); parameters: symbol
-    -> its estimate with the random force; force_memory_s: correlation time of that; sentence: both in words; in_doubt:
-    they disagree.
+    -> its estimate with the random force; force_memory_s: its correlation time; sentence: both in words; in_doubt:
+    apart.
     """
 
     name: str
@@ -248,9 +248,8 @@ class FitRecord:
 class FitObjects:
     """What stands behind a result and is not stored: figures are drawn from it.
 
-    before, after: simulators of the ship before and after; trials, validation: calibrated on, and held out;
-    next_trial: possible trials and what they would add, None where none were scored; posterior: draws, None where none
-    were asked for.
+    before, after: simulators of the ship before and after; trials, validation: calibrated on, and held out; next_trial:
+    possible trials and what they would add, None: not scored; posterior: draws, None: not asked for.
     """
 
     calibration: Calibration

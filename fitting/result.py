@@ -99,8 +99,7 @@ class FitResult(FitRecord):
 
     @property
     def plot(self) -> FitAxes:
-        """Its figures on axes: ``fit.plot.tracks(ax)``, ``coefficients``, ``correlation``, ``forces``,
-        ``residuals``."""
+        """Its figures: ``fit.plot.tracks(ax)``, ``coefficients``, ``correlation``, ``forces``, ``residuals``."""
         from fitting.report.axes import FitAxes  # late: matplotlib is slow to import
 
         return FitAxes(self, self.start, self.ship, self.objects)
@@ -131,8 +130,7 @@ class FitResult(FitRecord):
         return sorted(self.estimates.items(), key=lambda row: 2.0 if row[1].prior_share is None else row[1].prior_share)
 
     def summary(self) -> str:
-        """What one wants to know first, in lines of text: data, errors, verdicts, the coefficients that the data
-        determine best, warnings."""
+        """What one wants to know first, in lines: data, errors, verdicts, best determined coefficients, warnings."""
         from fitting.prediction.unit_errors import STATE_ERRORS
 
         lines = [repr(self).strip("<>"), f"{self.seconds_used:.0f} s of data; loss {self.settings.loss}"]
@@ -182,8 +180,7 @@ class FitResult(FitRecord):
         method: "laplace", from the normal distribution of ``covariance`` about the estimates: a DataFrame (n, P), draws
         beyond a bound put on it; or "nuts", from the posterior of multiple shooting itself, by the no-U-turn sampler on
         its exact gradient: a ``Posterior`` of n draws or a few more. seed: of the draws. Raises UserError for n < 1, an
-        unknown method, a fit without covariance, and for "nuts" without nutpie or for a result that was read from a
-        folder.
+        unknown method, a fit without covariance, and for "nuts" without nutpie or for a result from a folder.
         """
         if n < 1:
             raise OutOfRange(f"n = {n}: give at least one draw")
@@ -235,8 +232,7 @@ class FitResult(FitRecord):
         numbers: called with the result when all but figures and page is written; report: with figures and page.
 
         Figures are drawn where ``objects`` are known, and copied where the result was read from another folder. They
-        and the page come last: one that fails is a warning. Raises UserError when the folder exists or cannot be
-        written.
+        and the page come last: one that fails is a warning. Raises UserError where it exists or cannot be written.
         """
         target = Path(folder)
         if not replace:

@@ -39,8 +39,7 @@ MOST_PARTNERS = 4  # Partners named at most. Set by hand: a sentence.
 LEAST_GAIN = 0.1  # Part of the variance that knowing one more partner must remove. Set by hand.
 # Absolute posterior correlation from which two coefficients belong to one cluster. Set by hand: it names a class.
 CORRELATED = 0.9
-# Scaled distance [prior standard deviations] from a bound up to which an estimate is at it: solvers end inside. Set by
-# hand.
+# Scaled distance [prior standard deviations] from a bound at which an estimate is at it: solvers end inside. By hand.
 AT_BOUND = 1e-4
 # Kinds of findings in words.
 KINDS = {
@@ -107,9 +106,16 @@ class Identifiability:
 
     @cached_property
     def order(self) -> np.ndarray:
-        """The P coefficients in an order that puts correlated ones beside each other."""
-        known = np.isfinite(self.correlation).all()
-        return order(self.correlation) if known else np.arange(len(self.correlation))
+        """The P coefficients by the leaves of average linkage on 1 - abs(correlation): alike ones are neighbours."""
+        if len(self.correlation) < 3 or not np.isfinite(self.correlation).all():
+            return np.arange(len(self.correlation))
+        from scipy.cluster.hierarchy import leaves_list, linkage  # late: slow to import
+        from scipy.spatial.distance import squareform
+
+        distance = np.clip(1 - np.abs(self.correlation), 0, None)
+        np.fill_diagonal(distance, 0)
+        distance = 0.5 * (distance + distance.T)
+        return np.asarray(leaves_list(linkage(squareform(distance, checks=False), "average", optimal_ordering=True)))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for result.json; counts: of the coefficients of each kind."""
@@ -290,19 +296,6 @@ def clusters(symbols: tuple[str, ...], correlation: np.ndarray) -> tuple[Cluster
     return tuple(sorted(found, key=lambda c: -c.strongest))
 
 
-def order(correlation: np.ndarray) -> np.ndarray:
-    """Coefficients (P,) in the order of the leaves of average linkage on 1 - abs(``correlation``), (P, P)."""
-    if len(correlation) < 3:
-        return np.arange(len(correlation))
-    from scipy.cluster.hierarchy import leaves_list, linkage
-    from scipy.spatial.distance import squareform
-
-    distance = np.clip(1 - np.abs(correlation), 0, None)
-    np.fill_diagonal(distance, 0)
-    distance = 0.5 * (distance + distance.T)
-    return np.asarray(leaves_list(linkage(squareform(distance, checks=False), "average", optimal_ordering=True)))
-
-
 # Ranges outside which a coefficient is no longer physical: it stands in for something that the model lacks. Engineering
 # judgement for merchant ships; public fits of the ESSO OSAKA records leave most of them.
 PHYSICAL: dict[str, tuple[float, float]] = {
@@ -328,8 +321,7 @@ REMEDIES = (
 
 
 def cause(finding: CoefficientFinding, missing: str = "") -> str:
-    """What decided a coefficient, in words, from its ``finding``; missing: what trials that excite it have and these
-    have not."""
+    """What decided a coefficient, in words, from its ``finding``; missing: what in the trials would excite it."""
     names, kind = listed(finding.partners), finding.kind
     if kind == "strained":
         return (

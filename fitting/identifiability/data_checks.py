@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from fitting.nlp.captive import CaptiveForces
 
 # Residuals of a run, as a multiple of those of the median run, from which it is named. Runs of the 3 m model that
-# belong reach 3.3 when they are left out of the fit; one whose rudder has the wrong sign 6 to 18. Set by hand between,
-# as measured.
+# belong reach 3.3 when they are left out of the fit; one whose rudder has the wrong sign 6 to 18. Set by hand between.
 FAR = 4.0
 # Multiple from which a run is judged by a fit without it, as it pulls the joint fit towards itself. Set by hand, well
 # below FAR: lower only costs fits.
@@ -130,7 +129,7 @@ def left_out_residual(problem: Problem, x: np.ndarray, run: int, move: np.ndarra
 
 
 def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """By run of ``problem`` at ``x``: rms residual of each channel (R, 6), NaN where unmeasured; and the mean lag-one
+    """By run of ``problem`` at ``x``: rms residual of each channel (R, 6), NaN where unmeasured; mean lag-one
     autocorrelation (R,)."""
     seg = problem.segments
     e, ei = problem.errors(x)
@@ -147,12 +146,10 @@ def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) -> list[Message]:
-    """A warning on free coefficients of ``ship`` that act only going astern (n < 0 or u < 0), or only ahead, when no
-    trial does.
+    """A warning on free coefficients of ``ship`` that act only astern (n < 0 or u < 0), or ahead, where no trial goes.
 
     They are found by their influence on the accelerations, over the data (``trials``, cut into ``segments``) and over
-    the data with surge velocity, revolutions or both turned round. Raises UserError when they are all that is free of
-    the ship itself.
+    the data with surge velocity, revolutions or both turned round. Raises UserError when no others are.
     """
     ahead, astern = _influence(ship, segments)
     unmoved = [s for s, a, b in zip(ship.free, ahead, astern, strict=True) if b > 0 and a < ASTERN * b]

@@ -58,8 +58,7 @@ class Information:
     def shared(self) -> Information:
         """Information of each run on the shared coefficients, its own constants eliminated under their prior.
 
-        One row per run, or this itself if all coefficients are shared; one row in all if campaigns have constants,
-        which tie their runs together.
+        One row per run, or this itself if all coefficients are shared; one row in all if campaigns have constants.
         """
         if self.owner is None:
             return self
@@ -83,15 +82,15 @@ class Information:
 def information(problem: Problem, x: np.ndarray) -> Information:
     """Information and score of every window of ``problem`` at x (n,), which should satisfy the defects (a solution).
 
-    Defects that are left count to first order; a robust loss counts by its weights. Elements are in units of the
+    Defects that are eliminated count to first order; a robust loss counts by its weights. Elements are in units of the
     problem's scaled coefficients: (W, P, P) and (W, P).
     """
     seg, S, L, columns = problem.segments, problem.S, problem.L, problem.columns
     p, parts = problem.split(x)[1].copy(), Quadratics.of(problem, x)
-    left = Eliminated.of(seg, parts, problem.kernels.elimination)
-    shared = parts.shared + left.shared_by_window(seg)
-    border, slope = left.rows[:, :, S:], left.slope
-    solved = np.linalg.solve(left.rows[:, :, :S], np.concatenate([border, slope[:, :S, None]], axis=2))
+    eliminated = Eliminated.of(seg, parts, problem.kernels.elimination)
+    shared = parts.shared + eliminated.shared_by_window(seg)
+    border, slope = eliminated.rows[:, :, S:], eliminated.slope
+    solved = np.linalg.solve(eliminated.rows[:, :, :S], np.concatenate([border, slope[:, :S, None]], axis=2))
     across = np.swapaxes(border, 1, 2) @ solved
     local = shared - across[:, :, :L]  # Schur complement of the first state, the last one to go
     at = columns.each(columns.at, columns.window)
@@ -123,8 +122,8 @@ class Eliminated:
         S, n = parts.maps.shape[1:]
         if code:
             inside = (parts.inside, parts.inside_slope) if parts.inside.shape[2] == n else None  # else in the nodes
-            found = code.eliminated(seg.chains, parts.nodes, parts.node_slope, parts.maps, parts.off, inside)
-            rows, slope, B, ahead, pull = found
+            given = seg.chains, parts.nodes, parts.node_slope, parts.maps, parts.off, inside
+            rows, slope, B, ahead, pull = code.eliminated(*given)
             return cls(rows, slope, (parts.maps[:, :, S:], B), ahead, pull)
         W, M, L = len(seg.run), len(parts.maps), n - S
         rows, slope = np.zeros((W, S, n)), np.zeros((W, n))
@@ -252,8 +251,8 @@ def _at_nodes(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndar
 
 
 def transitions(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """d end / d (start, p) of the intervals of ``problem`` at x (n,), (M, S, S + L); and what the end is off the next
-    node, (M, S + L)."""
+    """d end / d (start, p) of the intervals of ``problem`` at x (n,), (M, S, S + L); and the end off the next node, (M,
+    S + L)."""
     S, L = problem.S, problem.L
     nodes, _, end, _ = problem.evaluate(x)
     off = np.zeros((problem.M, S + L))

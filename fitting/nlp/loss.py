@@ -29,8 +29,7 @@ OUTLYING = 4.0
 class Loss:
     """Cost of residuals by channel. name: one of LOSSES; tau: (6,) correlation times of residuals [samples].
 
-    Arrays e (residuals) and w (1 / sigma^2, 0 where nothing was measured) have the channels on axis 1: (B, 6) or
-    (K - 1, 6, M).
+    Residuals e and w (1 / sigma^2, 0 where nothing was measured) have the channels on axis 1: (B, 6) or (K - 1, 6, M).
     """
 
     name: str = "gaussian"

@@ -39,9 +39,9 @@ class PortableIntervals:
         self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, given: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """As of ``IntervalKernel``."""
-        held, exist, by_interval = self._held(lanes, theta)
+        inputs, exist, by_interval = self._lane_inputs(lanes, theta)
         z, after = start, []
-        for k, controls in enumerate(held):
+        for k, controls in enumerate(inputs):
 
             def rates(at: np.ndarray, part: float, controls: np.ndarray = controls) -> np.ndarray:
                 return self._rates.at(at[-self.Q :], _during(controls, part, self._sizes[0]), by_interval)[0]
@@ -95,20 +95,18 @@ class PortableIntervals:
             self.K, self.h = K, lanes.h
             name, *rest = kind
             self._made[kind, K, lanes.h] = BatchFunction(getattr(self, f"_{name}")(*rest), None)
-        held, *rest = self._held(lanes, theta)
-        return self._made[kind, K, lanes.h](start, held.reshape(-1, M), *rest, *(a.reshape(-1, M) for a in more))
+        inputs, *rest = self._lane_inputs(lanes, theta)
+        return self._made[kind, K, lanes.h](start, inputs.reshape(-1, M), *rest, *(a.reshape(-1, M) for a in more))
 
-    def _held(self, lanes: Lanes, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Controls (K, C or 2 C, M) of the intervals, which steps exist (K, M) as numbers, and coefficients (all,) or
-        (all, M)."""
+    def _lane_inputs(self, lanes: Lanes, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Controls (K, C or 2 C, M) of the intervals, which steps exist (K, M), and coefficients (all,) or (all, M)."""
         at = lanes.position
         by_interval = theta[0] if len(theta) == 1 else np.ascontiguousarray(theta[lanes.group[at]].T)
         exist = (np.arange(len(lanes.controls))[:, None] < lanes.steps[at]).astype(float)
         return lanes.controls[..., at], exist, by_interval
 
     def _arguments(self, changes: bool = False) -> list[ca.MX]:
-        """Start (S, 1), inputs (C, K) or with their changes (2 C, K), which steps exist (K, 1), and coefficients
-        (all, 1) of one interval."""
+        """Of one interval: start (S, 1), inputs (C or 2 C, K), which steps exist (K, 1), coefficients (all, 1)."""
         C, every = self._sizes
         shapes = {"start": (self.S, 1), "exists": (self.K, 1), "theta": (every, 1)}
         z, exists, theta = (ca.MX.sym(name, *shape) for name, shape in shapes.items())

@@ -95,8 +95,7 @@ def _stated(ship: Ship, symbols: Sequence[str]) -> list[np.ndarray]:
 
 @dataclass(frozen=True)
 class Columns:
-    """The coefficients of a fit by group of intervals: a group is a run or a campaign, or all runs if none has
-    constants of its own.
+    """The coefficients of a fit by group of intervals: a run, a campaign, or all runs if none has constants of its own.
 
     at: (G, L) where those of each group lie in p (P,), the ``shared`` first ones in all groups; window (W,),
     interval (M,), node (B,): group of each; campaigns: whether groups are campaigns.
@@ -128,8 +127,7 @@ class Columns:
 
     @property
     def owner(self) -> np.ndarray | None:
-        """Run that each coefficient belongs to, -1 for shared ones, -2 - c for those of campaign c, (P,); None if all
-        are shared."""
+        """Run of each coefficient (P,), -1 for shared ones, -2 - c for those of campaign c; None if all are shared."""
         if self.at.shape[1] == self.shared:
             return None
         owner = np.full(int(self.at.max()) + 1, -1)
@@ -188,8 +186,7 @@ Own = Sequence[str] | ByCampaign
 
 
 def prior_with(ship: Ship, own: Own, trials: Sequence[str]) -> Prior:
-    """The prior of what is free in ``ship`` and of the constants ``own`` of ``trials`` (names), or of campaigns with
-    what is told of them."""
+    """The prior of what is free in ``ship`` and of ``own``: constants of ``trials`` (names), or told of campaigns."""
     if not isinstance(own, ByCampaign):
         return Prior.of(ship, own, trials)
     prior = Prior.of(ship, own.symbols, own.names, own.number)
@@ -223,8 +220,7 @@ def _effects(symbols: Sequence[str]) -> dict[str, None]:
 
 
 def neutral_values(ship: Ship, symbols: Sequence[str]) -> np.ndarray:
-    """Values of all coefficients of ``ship`` with the effects of the constants ``symbols`` absent, (all,), as in a
-    captive test."""
+    """All coefficients of ``ship`` (all,), effects of the constants ``symbols`` neutral, as in captive tests."""
     off = ship
     for name in _effects(symbols):
         off = off.without_effect(name).with_effect(name)  # put in anew, an effect has its neutral values

@@ -245,8 +245,7 @@ class Problem:
         return np.moveaxis(shaped(pull), 2, 1), shaped(own).sum(axis=0)
 
     def _inside(self, interior: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, Callable]:
-        """Interior states as points (S, m), all coefficients of them, and what shapes values (m, ...) of them as
-        (K - 1, M, ...)."""
+        """Interior states as points (S, m), their coefficients, and what shapes their values as (K - 1, M, ...)."""
         theta, steps = self._theta(p)[1], len(interior)
         theta = theta if theta.ndim == 1 else np.tile(theta, (1, steps))
         points = np.ascontiguousarray(np.moveaxis(interior, 1, 0)).reshape(self.S, -1)
@@ -286,8 +285,7 @@ class Problem:
     def hessian_parts(
         self, x: np.ndarray, factor: float, multipliers: np.ndarray, middle: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The same by blocks: rows of the nodes (B, S, S + L), coefficients (P, P); middle: as of
-        ``Shooting.hessian``."""
+        """By blocks: rows of the nodes (B, S, S + L), coefficients (P, P); middle: as of ``Shooting.hessian``."""
         S, columns = self.S, self.columns
         at_nodes, p, _, _ = self.evaluate(x)
         # defects are scaled, the kernel's ends are not

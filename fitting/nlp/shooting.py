@@ -3,8 +3,7 @@
 An interval integrates K Runge-Kutta steps from its start node with inputs held over each step. For all intervals
 together this gives the end state and the interior states, their sensitivities with respect to the start node and the
 free coefficients, and the Hessian of any weighted sum of them (exact, by adjoints that go back through the stages).
-Where there is a C compiler one kernel of the ship does all of that (mmg/compile/interval_source.py), elsewhere CasADi's
-virtual machine.
+With a C compiler one kernel of the ship does all that (mmg/compile/interval_source.py), else CasADi.
 
 y = h(z, theta): the identity for most ships; lags, lever arms, gains and biases of the effects that enter there.
 """
@@ -187,8 +186,7 @@ class Kernels:
     """Right-hand side, Jacobian and Hessian of a ``model`` for its intervals.
 
     A state has S rows, on the last of which, from ``first`` on, the rates depend. free: positions of the free
-    coefficients among all (P of them); compiled: whether to use a C compiler. ``interpreted_because`` says why there is
-    no compiled kernel.
+    coefficients among all (P of them); compiled: whether to use a C compiler. ``interpreted_because``: why none is.
     """
 
     def __init__(self, model: Model, free: np.ndarray, compiled: bool = True) -> None:

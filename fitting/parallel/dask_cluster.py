@@ -66,8 +66,7 @@ class DaskCluster:
         return future
 
     def explained(self, error: BaseException) -> BaseException:
-        """As of ``Workers``: an ``error`` of a scheduler that is lost, or of a task that ends one worker after another,
-        is one line."""
+        """As of ``Workers``: an ``error`` of a lost scheduler, or of a task that ends all workers, is one line."""
         from distributed import KilledWorker
 
         if isinstance(error, KilledWorker):
@@ -133,8 +132,7 @@ def _greeted(address: str) -> str:
 
 
 def check_scheduler(theirs: str, address: str) -> None:
-    """Raises UserError where ``theirs``, the version of Dask of the scheduler at ``address``, is not that of this
-    process."""
+    """Raises UserError where ``theirs``, the Dask of the scheduler at ``address``, is not that of this process."""
     import distributed
 
     if theirs != distributed.__version__:
@@ -158,14 +156,14 @@ def check_workers(client: Any, address: str) -> None:
         raise ProgramFailed(
             f"--scheduler {address}: no worker within {TIMEOUT:g} s; start one: dask worker {address} --nthreads 1"
         ) from None
-    known = client.get_versions()
-    check_scheduler(known["scheduler"]["packages"]["distributed"], address)
+    reported = client.get_versions()
+    check_scheduler(reported["scheduler"]["packages"]["distributed"], address)
     installed = client.run(importlib.metadata.version, PACKAGE, on_error="return")  # an exception where it is not
     for worker, version in sorted(installed.items()):
         if version != here and (here != NOT_INSTALLED or not isinstance(version, Exception)):
             what = f"has {PACKAGE} {version}" if isinstance(version, str) else f"lacks {PACKAGE}"
             raise Conflict(f"--scheduler {address}: the worker {worker} {what}; install {PACKAGE} {here} there")
-    ours = known["client"]["packages"]["python"].rpartition(".")[0]  # without the patch level: pickles are the same
-    for worker, about in sorted(known["workers"].items()):
+    ours = reported["client"]["packages"]["python"].rpartition(".")[0]  # without the patch level: pickles are the same
+    for worker, about in sorted(reported["workers"].items()):
         if (theirs := about["packages"]["python"]).rpartition(".")[0] != ours:
             raise Conflict(f"--scheduler {address}: {worker} has Python {theirs}, this process another")

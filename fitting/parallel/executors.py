@@ -110,8 +110,7 @@ def executing(workers: Workers) -> Iterator[None]:
 @contextmanager
 def kept_workers(workers: int) -> Iterator[None]:
     """Within this, the processes that ``run_all`` starts serve all its calls: for lists that follow each other closely,
-    such as the generations of a search. ``workers``: of them; nothing changes with one, or where an executor is in
-    force."""
+    such as the generations of a search. ``workers``: of them; with one, or an executor in force, nothing changes."""
     if _WORKERS.get() is not None or workers <= 1:
         yield
         return
@@ -290,8 +289,7 @@ def affordable(count: int) -> int:
 
 
 def free_memory() -> float:
-    """Memory that processes may still take [bytes], the lesser of the machine's and the control group's; infinite where
-    it is not known."""
+    """Memory that processes may still take [bytes], of machine or control group, the lesser; infinite: unknown."""
     limits = [float("inf")]
     with suppress(OSError, ValueError, IndexError):
         rows = dict(line.split(":", 1) for line in MEMINFO.read_text().splitlines() if ":" in line)

@@ -319,8 +319,7 @@ def _in_words(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:
 
 
 def with_values(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:
-    """The ``fit`` with the values that its calibration has by campaign, of these ``campaigns``, in words and numbers;
-    as it is without any."""
+    """The ``fit`` with its values by campaign, of these ``campaigns``, in words and numbers; as it is without any."""
     constants, problem, p = fit.calibration.constants, fit.calibration.problem, fit.calibration.p
     if constants is None or not problem.prior.campaign:
         return fit

@@ -53,8 +53,7 @@ VELOCITIES = slice(3, 6)  # Rows of u, v and r among x, y, psi, u, v, r: the sta
 MARGIN = 1.2  # Factor on the range of the motions of the trials at the extremes. Set by hand.
 # Most combinations of inputs at each of the 27 motions: 1,350 = 27 x 50 (Miyauchi et al. 2023, section 3.1.2).
 INPUTS_EACH = 50
-# Levels of an actuator by its unit: two of the revolutions, five of each of two rudders (UNVERIFIED: lost in
-# conversion).
+# Levels of an actuator by its unit: two of the revolutions, five of each of two rudders (UNVERIFIED).
 LEVELS = {"rps": 2, "rad": 5}
 # Step of the coefficients, by the standard deviations of their priors, of the differences behind derivatives. The root
 # of the rounding of doubles. Set by hand near it.
@@ -137,8 +136,7 @@ def spread_of(trials: Sequence[Trial]) -> np.ndarray:
 class Extremes:
     """Motions and inputs at which a polynomial must not accelerate more than the ship was seen to.
 
-    state: (6, m); controls: (C, m), in the order of the ship's inputs; limit: (3,) of du/dt, dv/dt [m/s^2] and dr/dt
-    [rad/s^2].
+    state: (6, m); controls: (C, m), as the ship's inputs; limit: (3,) of du/dt, dv/dt [m/s^2] and dr/dt [rad/s^2].
     """
 
     state: np.ndarray
@@ -414,8 +412,8 @@ def learn_all(
     runs = {f"{one.name}_seed{seed}": (one, seed) for one in given for seed in numbers}
     if store:
         store.open()
-    found = {name: run for name in runs if store and (run := kept_run(store, name))}
-    missing = [name for name in runs if name not in found]
+    learned = {name: run for name in runs if store and (run := kept_run(store, name))}
+    missing = [name for name in runs if name not in learned]
 
     def keep(run: Learned) -> None:
         if store:
@@ -425,16 +423,16 @@ def learn_all(
 
     task = partial(learn_one, trials=trials, settings=settings)
     done = run_all(task, [runs[name] for name in missing], settings.workers, keep, "models")
-    found |= zip(missing, done, strict=True)
-    best = sorted(found.values(), key=lambda run: run.validation if run.validation >= 0 else float("inf"))
+    learned |= zip(missing, done, strict=True)
+    best = sorted(learned.values(), key=lambda run: run.validation if run.validation >= 0 else float("inf"))
     return {one.name: [run for run in best if run.name == one.name] for one in given}
 
 
 def learn_one(
     run: tuple[StructureCandidate, int], trials: tuple[Sequence[Trial], Sequence[Trial]], settings: Settings
 ) -> Learned:
-    """One ``run``, of a candidate with a seed, on ``trials`` to train on and to validate, by ``settings``: the first
-    seed begins at the regression.
+    """One ``run``, a candidate and a seed, on ``trials`` to train on and to validate; the first begins at the
+    regression. settings: seed, time limit.
 
     The time limit counts from here, compiling and preparing belong to it; a first point is evaluated in any case.
     """
@@ -463,8 +461,8 @@ def learn_one(
 def follow(learning: Learning, p: np.ndarray, limit: float = float("inf")) -> None:
     """The path of the sparsity from strong to weak from ``p`` (P,) on, then the descent without any.
 
-    Notes in ``learning`` the end of each weight, and each step of the descent; ends early where validation grows worse,
-    or at the ``limit`` [s].
+    Notes in ``learning`` the end of each weight, and each step of the descent; ends where validation grows worse, or at
+    the ``limit`` [s].
     """
     problem, worse = learning.objective, 0
     for weight in (*SPARSITIES, 0.0):
@@ -489,8 +487,7 @@ def regression(problem: SubsequenceObjective, trials: Sequence[Trial]) -> np.nda
 
 
 def descent(problem: SubsequenceObjective, p: np.ndarray, most: int) -> Iterator[np.ndarray]:
-    """Points (P,) of at most so many steps that lower the objective of ``problem`` from ``p`` on, until it has
-    converged."""
+    """Points (P,) of at most ``most`` steps that lower the objective of ``problem`` from ``p`` on."""
     value, damping, past = float(problem.values(p[:, None])[0]), 1.0, []
     weight, box = problem.penalties.sparsity * problem.sparse, (problem.lower, problem.upper)
     for _ in range(most):
@@ -520,9 +517,8 @@ def minimise_quadratic(
 ) -> np.ndarray:
     """The point x (P,) that makes g (x - p) + 1/2 (x - p) H (x - p) + sum weight |x| least within ``box``.
 
-    H: (P, P), positive definite; g, p, weight: (P,); p within the box. The value is never above that of p.
-    Accelerated proximal gradients with restarts (Beck & Teboulle 2009; O'Donoghue & Candes 2015) in variables scaled by
-    the diagonal.
+    H: (P, P), positive definite; g, p, weight: (P,); p within the box. The value is never above that of p. Accelerated
+    proximal gradients with restarts (Beck & Teboulle 2009; O'Donoghue & Candes 2015) scaled by the diagonal.
     """
     scale = 1 / np.sqrt(np.diag(H))
     A, b = H * np.outer(scale, scale), scale * g

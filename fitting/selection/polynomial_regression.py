@@ -3,8 +3,7 @@
 The change of u, v, r since the beginning of a short window is the integral of the accelerations, which are linear in
 the coefficients (nearly so in the added masses). The integrals are taken along the measured motion, so no trajectory is
 simulated and nothing can run away: the integral form of equation-error regression (Klein and Morelli 2006, ch. 5).
-Velocities that are logged late (mmg/effects/velocity_filter.py) are put back first, by the lag that the kinematics of
-the trials show.
+Velocities that are logged late (mmg/effects/velocity_filter.py) are put back first, by the lag in the kinematics.
 
 The error of a velocity is white noise of the sensor and the integral of white noise in the acceleration, which stands
 for what the polynomial cannot say: the longer a window lasts, the less its end counts. The ratio of the two is that of

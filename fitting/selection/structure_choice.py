@@ -65,7 +65,7 @@ SMALL = 0.01
 
 @dataclass(frozen=True)
 class Stability:
-    """Of ``sequences`` simulated from rest, how many ``diverged``; the largest speed [m/s] and yaw rate [rad/s] of the
+    """Of ``sequences`` simulated from rest, how many ``diverged``; largest speed [m/s] and yaw rate [rad/s] of the
     others."""
 
     sequences: int

@@ -30,8 +30,8 @@ class Subproblem:
     """Objective and linearised constraints at x, in scaled (state, p).
 
     rows: (B, S, S + L) Hessian rows of the nodes; slope: (B, S) gradient; shared: (P, P) and shared_slope: (P,) of the
-    coefficients; maps: (M, S, S + L) derivative of the end of each interval to (start, p); off: (M, S) what the end is
-    off the next node.
+    coefficients; maps: (M, S, S + L) derivative of the end of each interval to (start, p); off: (M, S) the end off the
+    next node.
     """
 
     rows: np.ndarray
@@ -45,8 +45,7 @@ class Subproblem:
 @dataclass(frozen=True)
 class Step:
     """nodes: (B, S) and p: (P,), steps of the scaled variables; multipliers: (M S,) of the defects there; bound: (P,)
-    multipliers of the bounds, positive at upper ones; decrease: what the quadratic model of the objective changes by,
-    along the slope alone."""
+    multipliers of the bounds, positive at upper ones; decrease: change of the quadratic model along the slope alone."""
 
     nodes: np.ndarray
     p: np.ndarray
@@ -56,8 +55,7 @@ class Step:
 
 
 def gauss_newton(problem: Problem, x: np.ndarray) -> Subproblem:
-    """That of ``problem`` with the Hessian of Gauss and Newton at x (n,): a robust loss counts by its weights, which
-    majorise it."""
+    """That of ``problem`` with the Gauss-Newton Hessian at x (n,): a robust loss by its weights, which majorise it."""
     seg, S, columns = problem.segments, problem.S, problem.columns
     parts, p = Quadratics.of(problem, x, by_window=False), problem.split(x)[1]
     rows, slope = parts.nodes, parts.node_slope[:, :S].copy()
@@ -88,16 +86,18 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     nothing = np.zeros((problem.M, 1, 1)), np.zeros((problem.M, 1))  # samples inside: in the rows of nodes already
     node_slope = np.hstack([sub.slope, np.zeros((problem.B, L))])
     parts = Quadratics(*nothing, sub.rows, node_slope, sub.shared, sub.maps, sub.off)
-    left = Eliminated.of(seg, parts, problem.kernels.elimination)
-    if not (np.isfinite(left.rows).all() and np.isfinite(left.slope).all() and np.isfinite(sub.shared).all()):
+    eliminated = Eliminated.of(seg, parts, problem.kernels.elimination)
+    if not (
+        np.isfinite(eliminated.rows).all() and np.isfinite(eliminated.slope).all() and np.isfinite(sub.shared).all()
+    ):
         return None
-    first = _positive(left.rows[:, :, :S])
-    border = left.rows[:, :, S:]
-    gain = np.linalg.solve(first, np.concatenate([border, left.slope[:, :S, None]], axis=2))
-    local = left.shared_by_group(columns.interval, columns.groups)
+    first = _positive(eliminated.rows[:, :, :S])
+    border = eliminated.rows[:, :, S:]
+    gain = np.linalg.solve(first, np.concatenate([border, eliminated.slope[:, :S, None]], axis=2))
+    local = eliminated.shared_by_group(columns.interval, columns.groups)
     # Schur complement of the first states
     reduced = sub.shared + columns.matrix(local - _by_group(columns, border, gain[:, :, :L]), P)
-    slopes = left.slope[:, S:] - (np.swapaxes(border, 1, 2) @ gain[:, :, L:])[:, :, 0]
+    slopes = eliminated.slope[:, S:] - (np.swapaxes(border, 1, 2) @ gain[:, :, L:])[:, :, 0]
     reduced_slope = sub.shared_slope + columns.vector(columns.total(slopes, columns.window), P)
     (dense,) = _positive(0.5 * (reduced + reduced.T)[None])  # rounding makes it a little lopsided
     lower, upper = problem.p_bounds()
@@ -106,7 +106,9 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     first_state = -(gain[:, :, :L] @ local_dp[:, :, None])[:, :, 0] - gain[:, :, L]
     nodes = carried(problem, sub.maps, sub.off, first_state, local_dp)
     end = np.concatenate([nodes[seg.end], local_dp[seg.window]], axis=1)
-    multipliers = (left.ahead @ end[:, :, None])[:, :, 0] + left.pull  # of a defect: the slope of the cost that follows
+    multipliers = (eliminated.ahead @ end[:, :, None])[
+        :, :, 0
+    ] + eliminated.pull  # of a defect: the slope of the cost that follows
     decrease = float((sub.slope * nodes).sum() + sub.shared_slope @ dp)
     bound = -(dense @ dp + reduced_slope)  # stationarity: slope + multipliers = 0
     bound[(dp > lower - p) & (dp < upper - p)] = 0.0  # rounding, where no bound holds
@@ -254,8 +256,7 @@ def lead(
 
 
 def polished(problem: Problem, led: Lead) -> Lead:
-    """Where the ``problem`` is ``led`` to by one more step, with the exact Hessian: multipliers and gradient balance to
-    second order there."""
+    """Where one exact step more has ``led`` the ``problem``: multipliers and gradient balance to second order there."""
     step = solved(problem, newton(problem, led.x, led.multipliers, middle=False), problem.split(led.x)[1])
     if step is None:
         return led

@@ -26,12 +26,11 @@ from mmg.progress import OnProgress, Progress
 LEFT_OUT = "parts_left_out"
 Value = TypeVar("Value")
 
-# Of this process: whether Ctrl-C is being held (active), has been pressed since (requested), and is raised all the same
-# (breaks).
+# Of this process: whether Ctrl-C is held (active), was pressed since (requested), is raised all the same (breaks).
 INTERRUPTED = SimpleNamespace(active=False, requested=False, breaks=False)
 
-# told: called with "held" and "released" when Ctrl-C begins and ends to be held, with "noted" when it is pressed, with
-# "ending" when it ends all.
+# told: called with "held" and "released" when Ctrl-C begins and ends to be held, "noted" when it is pressed, "ending"
+# when it ends all.
 OBSERVER = SimpleNamespace(told=lambda word: None)
 
 
@@ -45,7 +44,7 @@ class Control:
 
     progress: called at each step, under the name ``task``; seconds: limit of time [s]; end: when it is over, by
     ``time.time``, which processes and machines have in common [s]; iterations: most of a solver; stop: a file that ends
-    it by being there.
+    it.
     """
 
     progress: OnProgress | None = None

@@ -56,8 +56,7 @@ def residual_series(segments: Segments, node_residuals: np.ndarray, interior: np
 def correlation_time(residuals: list[np.ndarray], longest: int) -> float:
     """Integrated autocorrelation time [samples] of one channel from ``residuals`` of windows, (n,) each; at least 1.
 
-    Sums the pooled autocorrelation up to its first value below 0.05 (a self-consistent window, Sokal 1997), or to the
-    lag ``longest``.
+    Sums the pooled autocorrelation up to its first value below 0.05 (Sokal 1997), or to the lag ``longest``.
     """
     products, counts = np.zeros(longest), np.zeros(longest)
     for e in residuals:
@@ -78,10 +77,10 @@ def estimate_noise(
 ) -> ResidualNoise:
     """Noise of each channel from the residuals of a fit over ``segments``.
 
-    node_residuals: (B, 6); interior: (K - 1, 6, M); floor: (6,) smallest rms; robust: without outliers. Where states
-    of a window were derived, their variance is taken off the squares, of which at least STAYS is left. One degree of
-    freedom per window and channel is given to the free initial states. A channel that is nowhere measured keeps rms =
-    floor, tau = 1.
+    node_residuals: (B, 6); interior: (K - 1, 6, M); floor: (6,) smallest rms; robust: without outliers. Where states of
+    a window were derived, their variance is taken off the squares, of which at least STAYS is left. One degree of
+    freedom per window and channel is given to the free initial states. One that is not measured keeps rms = floor, tau
+    = 1.
     """
     windows = residual_series(segments, np.where(segments.node_mask > 0, node_residuals, np.nan), interior)
     rms, tau = np.array(floor, dtype=float), np.ones(6)

@@ -2,8 +2,7 @@
 
 Multiple shooting joins its intervals at the optimum, so that each window is one rollout from its first state. What is
 kept of the problem is what a rollout needs to be weighed as there: first states, inputs, targets, weights, the cost
-with its correlation times, and the values of coefficients that campaigns have for themselves. It lies beside
-``result.json``.
+with its correlation times, and values by campaign. It lies beside ``result.json``.
 """
 
 from __future__ import annotations
@@ -31,11 +30,10 @@ SCHEMA = 1  # Of that file; it grows when an older reader would misread it
 class RolloutLoss:
     """W windows of at most N steps of ``h`` [s], SI: half the sum of the costs of the ``weights`` is the objective.
 
-    starts: (S, W) states at their begin; controls: (N, C, W), held over each step;
-    targets: (N + 1, 6, W) logged columns, the start among them; weights: of the same shape, 1 / sigma^2, 0 where
-    nothing was measured and after the end of a window; cost: of residuals; symbols: the V coefficients that campaigns
-    have for themselves; values: (V, W) of these; run: (W,) number of the trial; began: (W,) its time at the start [s];
-    trials: sha256 of the trials.
+    starts: (S, W) states at their begin; controls: (N, C, W), held over each step; targets: (N + 1, 6, W) logged
+    columns, the start among them; weights: of the same shape, 1 / sigma^2, 0 where nothing was measured and after the
+    end of a window; cost: of residuals; symbols: the V coefficients that campaigns have for themselves; values: (V, W)
+    of these; run: (W,) trial; began: (W,) its time at the start [s]; trials: their sha256.
     """
 
     h: float

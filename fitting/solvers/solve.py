@@ -158,8 +158,7 @@ def by_ipopt(
     of the solver: the solution says so.
 
     control: its limits are IPOPT's, and it is told of every iterate, with the objective and the constraint violation;
-    tolerance: of IPOPT; rough: by ROUGH. Ctrl-C (in the main thread) stops at the next iterate and returns the best one
-    (``interrupts_noted``).
+    tolerance: of IPOPT; rough: by ROUGH. Ctrl-C (in the main thread) stops at the next iterate. Returns the best.
     """
     control = control or Control()
     watch = _Watch(control)
@@ -284,8 +283,7 @@ def same_optimum(objective: float, best: float) -> bool:
 
 
 def solve_damped(problem: Problem, p: np.ndarray, control: Control, tolerance: float) -> Solution:
-    """Solution of ``problem`` from coefficients p (P,) with nodes on the measurements, the coefficients released in
-    steps.
+    """Solution of ``problem`` from coefficients p (P,), released in steps, with nodes on the measurements.
 
     Each rough solve holds them within RADII prior standard deviations of where they came to; the last one is free.
     control, tolerance: as of ``solve``.

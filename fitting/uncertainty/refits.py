@@ -187,8 +187,8 @@ class Profile:
     """Profile of one coefficient in its own unit.
 
     values: held, rising, the estimate among them; increase: of the objective, NaN where the refit failed; dispersion:
-    by which it is divided; lower, upper: where increase / dispersion passes LIMIT, NaN where it does not within the
-    range; failures: sentences.
+    by which it is divided; lower, upper: where increase / dispersion passes LIMIT, NaN where it does not; failures:
+    sentences.
     """
 
     symbol: str
@@ -231,8 +231,7 @@ def profiles(
 ) -> list[Profile]:  # fmt: skip
     """Profiles of the free coefficients ``symbols`` about the solution x (n,) of ``problem``.
 
-    covariance, model: robust and model-based (P, P); workers: processes. Raises ValueError for a symbol that is not
-    free.
+    covariance, model: robust and model-based (P, P); workers: processes. Raises ValueError for what is not free.
     """
     names, (_, p) = list(problem.prior.symbols), problem.split(x)
     lower, upper = problem.p_bounds()

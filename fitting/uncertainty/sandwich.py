@@ -8,8 +8,7 @@ V = H^-1 (J + I) H^-1 (captive tests add theirs, by their stated accuracy).
 Scores at the estimate are too small, as the estimate was fitted to each cluster. Leaving a cluster out changes the
 estimate by (H - I_c)^-1 s_c, and the squares of these changes add up to the jackknife form CR3 of the sandwich (Bell &
 McCaffrey 2002), which errs to the safe side. A variance from few clusters is itself uncertain: it is shrunk towards the
-dispersion that all coefficients share (moderated variances, Smyth 2004) and widened by Student's t at its degrees of
-freedom.
+dispersion that all coefficients share (moderated variances, Smyth 2004) and widened by Student's t.
 """
 
 from __future__ import annotations
