@@ -19,9 +19,11 @@ from cases.quantities import to_si
 from mmg.compile.batch import batch_functions
 from mmg.errors import Missing, OutOfRange, UnknownName
 from mmg.model import Model
+from mmg.motion.flow import PROPELLERS, RUDDERS
 
 FORCES = ("X", "Y", "N")  # surge and sway force [N], yaw moment about midship [N m]: the rows of all (3, M) arrays
 UNITS = {"X": ("N", "kN"), "Y": ("N", "kN"), "N": ("N m", "kN m", "Nm", "kNm")}
+THRUSTERS = ("n_bow", "n_stern")  # At rest where the table has no column for them, as in trials
 FLOOR = 0.03  # Standard deviation of a force when the table gives none, by its rms over the points. Set by hand.
 
 
@@ -44,7 +46,8 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
 
     Columns sigma_X, sigma_Y, sigma_N give standard deviations point by point; ``sigma``, of X, Y [N] and N [N m], is
     for those that the file does not give; without either it is 3 % of the rms of the column. A force may be empty in
-    some rows: it is then not used there. Raises UserError for missing columns, unknown units, empty motion.
+    some rows: it is then not used there. A tunnel thruster without a column is at rest. Raises UserError for missing
+    columns, unknown units, empty motion.
     """
     if not path.exists():
         raise Missing(f"{path}: no such file; --captive takes a table of captive-test points")
@@ -120,8 +123,10 @@ class CaptiveForces:
         """Motion (3, M) and inputs (C, M) of the model: at rest relative to the air, at time 0."""
         # wind that moves with the model; psi = 0, so that axes of the body are those of the earth
         still = {"wind_north": points.motion[0], "wind_east": points.motion[1], "time": np.zeros(len(points))}
-        rows = points.actuators | still
-        controls = [rows.get(name, rows.get(name.split("_")[0])) for name in model.controls]
+        rows = dict.fromkeys(THRUSTERS, np.zeros(len(points))) | points.actuators | still
+        # one column may be that of twins
+        shared = {name: name.split("_")[0] for name in model.controls if name in (*PROPELLERS, *RUDDERS)}
+        controls = [rows.get(name, rows.get(shared.get(name, ""))) for name in model.controls]
         for name, row in zip(model.controls, controls, strict=True):
             if row is None:
                 raise Missing(f"{points.name}: no column {name}, which {model.ship.name} has for an actuator")

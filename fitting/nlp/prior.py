@@ -69,7 +69,8 @@ class Prior:
     def joined(self, ship: Ship, symbols: Sequence[str]) -> Prior:
         """The prior with further coefficients of ``ship`` that all runs share, about their values, the last ones."""
         rows = zip((self.mean, self.std, self.lower, self.upper), _stated(ship, symbols), strict=True)
-        return Prior((*self.symbols, *symbols), *map(np.concatenate, rows))
+        mean, std, lower, upper = map(np.concatenate, rows)
+        return Prior((*self.symbols, *symbols), mean, std, lower, upper)
 
     @classmethod
     def of(

@@ -113,8 +113,8 @@ class RolloutLoss:
                 arrays, about = {name: file.get_tensor(name) for name in (*_ARRAYS, "tau")}, file.metadata()
             if (version := about["schema"]) == str(SCHEMA):
                 words = json.loads(about["words"])
-                names = {key: tuple(words[key]) for key in ("trials", "symbols")}
-                return cls(words["h"], cost=Loss(words["cost"], arrays.pop("tau")), **names, **arrays)
+                cost, symbols = Loss(words["cost"], arrays.pop("tau")), tuple(words["symbols"])
+                return cls(words["h"], cost=cost, trials=tuple(words["trials"]), symbols=symbols, **arrays)
         except (OSError, SafetensorError, KeyError, ValueError, TypeError):
             advice = "fit again, or train without --loss calibration"
             raise Unreadable(f"{path}: is no loss of a calibration; {advice}") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,18 @@ def test_derivatives_agree_with_finite_differences() -> None:
     H = forces.hessian(theta)
     np.testing.assert_allclose(H @ d[free], bent, atol=1e-6 * np.abs(bent).max())
     np.testing.assert_allclose(H, H.T)
+
+
+def test_a_thruster_without_a_column_is_at_rest_and_twin_rudders_follow_one() -> None:
+    ship, n, delta = load_ship("vectwin_3m"), np.full(2, 9.0), np.array([0.2, -0.2])
+    tank = Captive("tank", np.full((3, 2), 0.1), {"n": n, "delta": delta}, np.zeros((3, 2)), np.ones((3, 2)))
+    twins = {"n": n, "delta_port": delta, "delta_starboard": delta}
+    bare, still, pushed = (
+        CaptiveForces(assemble(ship), np.arange(2), replace(tank, actuators=a), compiled=False).residuals(ship.values)
+        for a in (tank.actuators, {**twins, "n_bow": 0 * n}, {**twins, "n_bow": n})
+    )
+    np.testing.assert_array_equal(bare, still)
+    assert (pushed[1:] > still[1:]).all()  # to starboard
 
 
 def test_the_problem_with_captive_points_has_exact_derivatives() -> None:
