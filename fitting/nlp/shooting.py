@@ -141,15 +141,12 @@ class Elimination:
         ``Eliminated`` has, from rows (B, S, n) and slopes (B, n) of the nodes, maps (M, S, n) and off (M, S or more) of
         the intervals, and rows (M, S, n) and slopes (M, n) of the samples inside them, or None."""
         (M, S, n), W = maps.shape, len(chains.first) - 1
-        # names for the arrays: they must live until the call has ended
-        given = [np.ascontiguousarray(a, dtype=float) for a in (nodes, node_slope, *(inside or ()), maps, off)]
+        given = [_contiguous(a) for a in (nodes, node_slope, *(inside or (None, None)), maps, off)]
         shapes = ((W, S, n), (W, n), (M, S, n - S), (M, S, n), (M, S))
         found = tuple(np.empty(shape) for shape in shapes)
-        at = [ctypes.c_void_p(a.ctypes.data) for a in given]
-        at[2:2] = [] if inside else [ctypes.c_void_p(None)] * 2  # C takes them between slopes and maps
-        out = [ctypes.c_void_p(a.ctypes.data) for a in found]
         sizes, row = [ctypes.c_longlong(k) for k in (W, S, n)], ctypes.c_longlong(off.shape[1])
-        if self.library.eliminate(*sizes, *_addresses(chains), *at, row, *out):
+        at = chains.first, chains.number, chains.start, chains.end
+        if self.library.eliminate(*sizes, *_pointers(*at), *_pointers(*given), row, *_pointers(*found)):
             raise MemoryError("no memory for the elimination of nodes")
         return found
 
@@ -159,20 +156,22 @@ class Elimination:
         """Steps (nodes, S) of all nodes from those of the first ones (W, S) and of the coefficients p (W or 1, n - S),
         None for none; maps: (M, S, n), off: (M, S)."""
         (_, S, n), W = maps.shape, len(chains.first) - 1
-        given = [np.ascontiguousarray(a, dtype=float) for a in (maps, off, first)]
-        own = np.ascontiguousarray(p) if p is not None else None
+        given = [_contiguous(a) for a in (maps, off, first, p)]
         steps, sizes = np.zeros((nodes, S)), [ctypes.c_longlong(k) for k in (W, S, n)]
-        row = ctypes.c_longlong(n - S if own is not None and len(own) > 1 else 0)  # 0: all windows read the same row
-        at = [ctypes.c_void_p(a.ctypes.data) for a in given]
-        at += [ctypes.c_void_p(own.ctypes.data if own is not None else None)]
-        self.library.carry(*sizes, *_addresses(chains), *at, row, ctypes.c_void_p(steps.ctypes.data))
+        row = ctypes.c_longlong(n - S if p is not None and len(p) > 1 else 0)  # 0: all windows read the same row
+        at = chains.first, chains.number, chains.start, chains.end
+        self.library.carry(*sizes, *_pointers(*at), *_pointers(*given), row, *_pointers(steps))
         return steps
 
 
-def _addresses(chains: Chains) -> list[object]:
-    """Of the ``chains``, for the C functions."""
-    arrays = (chains.first, chains.number, chains.start, chains.end)
-    return [ctypes.c_void_p(a.ctypes.data) for a in arrays]
+def _contiguous(values: np.ndarray | None) -> np.ndarray | None:
+    """As C reads them; who calls it keeps the copy until the call has ended."""
+    return None if values is None else np.ascontiguousarray(values, dtype=float)
+
+
+def _pointers(*arrays: np.ndarray | None) -> list[ctypes.c_void_p]:
+    """Addresses of ``arrays`` for the C functions, null for None."""
+    return [ctypes.c_void_p(None if a is None else a.ctypes.data) for a in arrays]
 
 
 @cache

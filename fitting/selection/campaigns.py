@@ -256,7 +256,9 @@ def _with_constants(
     scores = leave_out(fit, trials, folds, unit), leave_out(new, trials, folds, unit, info=info)
     if not gains(*scores):
         return replace(same, left_out=scores), widths
-    return _in_words(CampaignFit(new, left_out=scores), campaigns), widths
+    without, own_error = (float(np.nanmean(some)) for some in scores)
+    content = {"left_out": {"without": without, "with": own_error, "error": relative_change(*scores)[1]}}
+    return with_values(CampaignFit(new, content, left_out=scores), campaigns), widths
 
 
 def with_constant(ship: Ship, symbol: str, value: float, width: float) -> Ship:
@@ -307,15 +309,6 @@ def gains(before: np.ndarray, after: np.ndarray) -> bool:
     """Whether scores of runs ``after`` (R,) are lower in the mean than those ``before``."""
     good = np.isfinite(before) & np.isfinite(after)
     return bool(good.any() and after[good].mean() < before[good].mean())
-
-
-def _in_words(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:
-    """The ``fit`` with its values in words and numbers."""
-    assert fit.left_out is not None
-    without, own_error = (float(np.nanmean(some)) for some in fit.left_out)
-    error = relative_change(*fit.left_out)[1]
-    fit = replace(fit, content={"left_out": {"without": without, "with": own_error, "error": error}})
-    return with_values(fit, campaigns)
 
 
 def with_values(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:

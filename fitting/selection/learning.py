@@ -206,7 +206,7 @@ class SubsequenceObjective:
     """
 
     def __init__(self, ship: Ship, train: Sequence[Trial], validate: Sequence[Trial], compiled: bool = True) -> None:
-        self.ship, self.penalties, self.prior = ship, Penalties(), Prior.of(ship)
+        self.ship, self.penalties, self.prior, self.P = ship, Penalties(), Prior.of(ship), len(ship.free)
         self.simulator = Simulator(ship, compiled)
         self.free = np.array([ship.symbols.index(s) for s in self.prior.symbols], dtype=int)
         L = ship.particulars["L"]
@@ -216,11 +216,6 @@ class SubsequenceObjective:
         self.lower, self.upper = self.prior.scaled_bounds
         self.sparse = np.array([s in ship.monomials for s in self.prior.symbols], dtype=float)  # (P,), 1: penalised
         self.evaluations = 0
-
-    @property
-    def P(self) -> int:
-        """Number of unknowns."""
-        return len(self.prior.symbols)
 
     def coefficients(self, p: np.ndarray) -> np.ndarray:
         """All coefficients of the ship, (all,) or (all, K), from scaled free ones ``p``."""

@@ -69,7 +69,8 @@ def refit_rows(calibration: Calibration, replicates: int = 0, profiled: Sequence
 
 def _row(drawn: Replicates, calibration: Calibration) -> dict:
     """What result.json holds of the ``drawn`` replicates of a ``calibration``: of what all runs share."""
-    prior, good, nan = calibration.prior, drawn.good, np.full((2, drawn.p.shape[1]), np.nan)
+    prior, nan = calibration.prior, np.full((2, drawn.p.shape[1]), np.nan)
+    good = drawn.p[np.isfinite(drawn.p).all(axis=1)]  # those that did not fail
     std = good.std(axis=0, ddof=1) if len(good) > 1 else nan[0]
     lower, upper = np.quantile(good, (0.025, 0.975), axis=0) if len(good) else nan
     sizes = np.sqrt(np.diag(calibration.spread.covariance))
@@ -98,11 +99,6 @@ class Replicates:
 
     p: np.ndarray
     failures: tuple[tuple[str, str], ...]
-
-    @property
-    def good(self) -> np.ndarray:
-        """Replicates that did not fail, (n, P)."""
-        return self.p[np.isfinite(self.p).all(axis=1)]
 
 
 def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[Problem, np.ndarray]:
