@@ -193,8 +193,8 @@ def prepared(
     own = per_run.symbols if isinstance(per_run, ByCampaign) else tuple(per_run)
     prior = prior_with(ship, per_run, segments.trials)
     warnings = [*contradictions(prior), *unexcited_astern(ship, trials, segments)]
+    # of the first solve alone [SI]: typical changes over a window, set by hand; 1e-6 [m/s]: no size of zero
     speed, length = np.sqrt((segments.nodes[:, 3:5] ** 2).sum(axis=1).mean()) + 1e-6, ship.particulars["L"]
-    # of the first solve alone [SI], by which the noise is estimated: typical changes over a window. Set by hand
     rough = (length / 3, length / 3, 0.1, 0.1 * speed, 0.1 * speed, 0.1 * speed / length)
     sigma = np.asarray(settings.sigma or rough, dtype=float)
     if sigma.shape != (6,) or not (sigma > 0).all():

@@ -181,7 +181,7 @@ class FitRecord:
     starts: tuple[Start, ...]
     settings: Settings
     versions: dict[str, str]
-    compiled: bool  # else without a C compiler
+    compiled: bool  # else interpreted
     timings_s: dict[str, float]
     data: tuple[TrialRow, ...]
     validation_data: tuple[TrialRow, ...]

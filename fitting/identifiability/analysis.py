@@ -39,7 +39,7 @@ MOST_PARTNERS = 4  # Partners named at most. Set by hand: a sentence.
 LEAST_GAIN = 0.1  # Part of the variance that knowing one more partner must remove. Set by hand.
 # Absolute posterior correlation from which two coefficients belong to one cluster. Set by hand: it names a class.
 CORRELATED = 0.9
-# Scaled distance [prior standard deviations] from a bound at which an estimate is at it: solvers end inside. By hand.
+# Scaled distance [-] from a bound up to which an estimate is at it, as solvers end inside. Set by hand.
 AT_BOUND = 1e-4
 # Kinds of findings in words.
 KINDS = {
@@ -149,7 +149,7 @@ def at_bound(p: float, lower: float, upper: float) -> str:
 def precision(covariance: np.ndarray) -> np.ndarray:
     """Inverse (P, P) of a covariance, symmetric, with its eigenvalues kept positive."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    values = np.maximum(values, 1e-12 * max(values[-1], 1e-300))
+    values = np.maximum(values, 1e-12 * max(values[-1], 1e-300))  # rounding
     return (vectors / values) @ vectors.T
 
 
@@ -183,7 +183,7 @@ def analyse(
     return Identifiability(
         tuple(_finding(i, prior, p, C, alone[i], excited[i], bounds[i]) for i in range(P)),
         clusters(prior.symbols, correlation),
-        float(values[-1] / values[0]) if values[0] > 1e-14 * values[-1] else float("inf"),
+        float(values[-1] / values[0]) if values[0] > 1e-14 * values[-1] else float("inf"),  # else rounding: singular
         float(with_prior[-1] / with_prior[0]),
         correlation,
     )
@@ -225,7 +225,7 @@ def _finding(
         kind = "partly" if share < PARTLY else "prior"
     if kind in ("prior", "silent") and abs(float(p[i])) > STRAINED:
         kind = "strained"
-    if kind == "silent" or (not shared and together > 0.67 * share):
+    if kind == "silent" or (not shared and together > 0.67 * share):  # a third at least is worth a name
         partners, together = [], share
     words = ""
     if len(partners) == 1:
@@ -241,7 +241,7 @@ def _partners(i: int, covariance: np.ndarray) -> tuple[list[int], float]:
     chosen: list[int] = []
     left, C = float(covariance[i, i]), covariance.copy()
     for _ in range(MOST_PARTNERS):
-        spread = np.where(np.diag(C) > 1e-10, np.diag(C), np.inf)
+        spread = np.where(np.diag(C) > 1e-10, np.diag(C), np.inf)  # those chosen are known: no variance left
         gain = C[i] ** 2 / spread  # variance of i that knowing j removes
         gain[[i, *chosen]] = 0.0
         j = int(np.argmax(gain))
@@ -270,7 +270,7 @@ def combination(i: int, j: int, prior: Prior, p: np.ndarray, covariance: np.ndar
     if abs(np.log(abs(slope) + 1e-300)) < ALONG:  # 1e-300: the logarithm of 0
         return f"the ratio {a} / {b}" if slope > 0 else f"the product {a} {b}"
     weight = -float(weak[0] / weak[1])
-    times = "" if abs(abs(weight) - 1) < 0.05 else f"{abs(weight):.2g} "
+    times = "" if abs(abs(weight) - 1) < 0.05 else f"{abs(weight):.2g} "  # one, by two digits
     return f"{prior.symbols[i]} {'+' if weight > 0 else '-'} {times}{prior.symbols[j]}"
 
 

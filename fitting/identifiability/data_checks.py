@@ -233,7 +233,7 @@ def against_captive(forces: CaptiveForces, base: np.ndarray, free: np.ndarray, p
     """
     from fitting.nlp.captive import estimate_from_captive
 
-    alone = estimate_from_captive(forces, base, free, prior.mean, prior.std, ridge=1e-3)
+    alone = estimate_from_captive(forces, base, free, prior.mean, prior.std, ridge=1e-3)  # 1 / sqrt(1e-3) = 30
     spread = np.sqrt(np.clip(np.diag(alone.covariance), 0, None))
     found = [
         (abs(p) / np.sqrt(1 + s**2), symbol, mean, std, mean + std * p)  # variances of prior and points add up

@@ -201,7 +201,7 @@ def estimate_from_captive(
         there = value(p + step)
         if np.isfinite(there) and there <= here:
             p, gain, here, damping = p + step, here - there, there, damping / 10 if damping > 1e-9 else 0.0
-            if gain <= 1e-9 * abs(here) + 1e-14:
+            if gain <= 1e-9 * abs(here) + 1e-14:  # set by hand: messages show four digits
                 converged = True
                 break
         else:

@@ -51,9 +51,8 @@ class Loss:
         """phi of each sample."""
         s = w * e * e
         if self.name == "huber":
-            return (
-                2 * s / (np.sqrt(1 + s / self._over(e, THRESHOLD**2)) + 1)
-            )  # 2a (sqrt(1 + s/a) - 1) without cancellation
+            # 2a (sqrt(1 + s/a) - 1) without cancellation
+            return 2 * s / (np.sqrt(1 + s / self._over(e, THRESHOLD**2)) + 1)
         if self.name == "student":
             return self._over(e, NU + 1) * np.log1p(s / self._over(e, NU))
         return s

@@ -221,7 +221,7 @@ class Kernels:
         # four windows of unequal intervals; 11 fill no whole number of vectors
         rng, M, K, theta = np.random.default_rng(0), 11, 3, self.model.ship.values
         steps, window = np.array([3] * 6 + [2] * 3 + [1] * 2), np.arange(M) // 3
-        both = np.array([theta, theta * 1.01])
+        both = np.array([theta, theta * 1.01])  # two groups, whose coefficients differ
         controls = 0.1 * rng.standard_normal((K, len(self.model.controls), MORE * M))
         start, weight = 0.1 * rng.standard_normal((2, self.S, MORE * M))
         # no sample behind an end

@@ -105,11 +105,9 @@ def _interpolate(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarra
     if good.sum() < 2:
         return np.full(len(at), np.nan)
     result = np.interp(at, t[good], values[good])
-    if not good.all():  # numpy interpolates across what is missing
-        position = np.clip(
-            np.searchsorted(t, at - 1e-9), 0, len(t) - 1
-        )  # 1e-9 [s]: a sample that is hit but for rounding
-        result[~(good[position] & good[np.maximum(position - 1, 0)])] = np.nan
+    if not good.all():  # numpy interpolates across what is missing; 1e-9 [s]: a sample that is hit but for rounding
+        after = np.clip(np.searchsorted(t, at - 1e-9), 0, len(t) - 1)
+        result[~(good[after] & good[np.maximum(after - 1, 0)])] = np.nan
     return result
 
 
@@ -123,7 +121,7 @@ def default_step(trials: Sequence[Trial], length: float) -> float:
     # a ship that hardly moves: Froude number .02
     speed = max(float(np.sqrt(np.nanmean(u2))), 0.02 * reference_speed(length))
     dt = max(t.dt for t in trials)
-    wanted = max(0.05 * length / speed, dt)
+    wanted = max(0.05 * length / speed, dt)  # a twentieth of a length: set by hand
     decade = 10 ** np.floor(np.log10(wanted))
     step = float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))  # nearest by ratio
     samples = max(1, int(np.floor(step / dt + 0.5 - 1e-6)))  # halves go down: more samples are compared

@@ -193,7 +193,7 @@ def acceleration_limits(trials: Sequence[Trial], seconds: float) -> np.ndarray:
 class Penalties:
     """Weights of the objective: ``deviation`` w_D and ``sparsity`` w_1."""
 
-    deviation: float = 0.01
+    deviation: float = 0.01  # set by hand
     sparsity: float = 0.0
 
 
@@ -496,7 +496,7 @@ def descent(problem: SubsequenceObjective, p: np.ndarray, most: int) -> Iterator
         values = problem.values(np.transpose(tried))
         best = int(np.argmin(np.where(np.isfinite(values), values, np.inf)))
         if not values[best] < value:
-            if damping > 1e8:
+            if damping > 1e8:  # the step is rounding
                 return
             damping *= 1e4  # beyond all of FACTORS, whose largest is 1e3
             continue
@@ -529,7 +529,7 @@ def minimise_quadratic(
         free = y - (b + A @ (y - origin)) / largest
         # soft threshold, then the box
         new = np.clip(np.sign(free) * np.maximum(np.abs(free) - lam / largest, 0), low, high)
-        if np.abs(new - x).max() < 1e-5 * np.abs(new).max():
+        if np.abs(new - x).max() < 1e-5 * np.abs(new).max():  # five digits: steps follow; set by hand
             break
         t = 1.0 if (y - new) @ (new - x) > 0 else t  # restart where the momentum points uphill
         later = 0.5 * (1 + np.sqrt(1 + 4 * t * t))

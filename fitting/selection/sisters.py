@@ -58,9 +58,8 @@ class SisterEvidence:
         own = np.array(["." in symbol for symbol in calibration.prior.symbols])  # "gyro.T" is of an effect
         kept, rest = np.flatnonzero(~own), np.flatnonzero(own)
         across = F[np.ix_(kept, rest)]
-        gain = np.linalg.solve(
-            F[np.ix_(rest, rest)] + np.eye(len(rest)), across.T
-        ).T  # Schur complement, prior included
+        # Schur complement, prior included
+        gain = np.linalg.solve(F[np.ix_(rest, rest)] + np.eye(len(rest)), across.T).T
         A = F[np.ix_(kept, kept)] - gain @ across.T
         b = b[kept] - gain @ b[rest]
         dispersion = max(calibration.spread.dispersion, 1.0)
@@ -200,7 +199,7 @@ def _apart(W: np.ndarray, w: np.ndarray, mean: np.ndarray, covariance: np.ndarra
     along = vectors[:, seen].T @ score
     chance = chi2_tail(float((along**2 / values[seen]).sum()), int(seen.sum())) if seen.any() else 1.0
     size = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    each = np.divide(score, size, out=np.zeros_like(score), where=size > 1e-9)
+    each = np.divide(score, size, out=np.zeros_like(score), where=size > 1e-9)  # 1e-9: she says nothing of it
     return each, chance
 
 

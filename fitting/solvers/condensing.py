@@ -106,9 +106,8 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     first_state = -(gain[:, :, :L] @ local_dp[:, :, None])[:, :, 0] - gain[:, :, L]
     nodes = carried(problem, sub.maps, sub.off, first_state, local_dp)
     end = np.concatenate([nodes[seg.end], local_dp[seg.window]], axis=1)
-    multipliers = (eliminated.ahead @ end[:, :, None])[
-        :, :, 0
-    ] + eliminated.pull  # of a defect: the slope of the cost that follows
+    # of a defect: the slope of the cost that follows
+    multipliers = (eliminated.ahead @ end[:, :, None])[:, :, 0] + eliminated.pull
     decrease = float((sub.slope * nodes).sum() + sub.shared_slope @ dp)
     bound = -(dense @ dp + reduced_slope)  # stationarity: slope + multipliers = 0
     bound[(dp > lower - p) & (dp < upper - p)] = 0.0  # rounding, where no bound holds
@@ -145,7 +144,7 @@ def carried(problem: Problem, maps: np.ndarray, off: np.ndarray, first: np.ndarr
 def _positive(blocks: np.ndarray) -> np.ndarray:
     """The symmetric ``blocks`` (m, k, k) with negative eigenvalues turned round."""
     values, vectors = np.linalg.eigh(blocks)
-    least = 1e-8 * np.abs(values).max(axis=1, keepdims=True)
+    least = 1e-8 * np.abs(values).max(axis=1, keepdims=True)  # what is less is rounding
     if (values > least).all():
         return blocks
     values = np.maximum(np.abs(values), least)

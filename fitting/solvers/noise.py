@@ -67,7 +67,7 @@ def correlation_time(residuals: list[np.ndarray], longest: int) -> float:
     if products[0] <= 0:
         return 1.0
     rho = (products / np.maximum(counts, 1)) / (products[0] / counts[0])
-    below = np.flatnonzero(rho < 0.05)
+    below = np.flatnonzero(rho < 0.05)  # what follows is noise of the estimate
     end = int(below[0]) if len(below) else longest
     return float(max(1.0, 1 + 2 * rho[1:end].sum()))
 

@@ -69,7 +69,7 @@ ROUGH = {
 # as usual would lead away from it first.
 CERTIFY = {
     "ipopt.warm_start_init_point": "yes",
-    "ipopt.mu_init": 1e-9,
+    "ipopt.mu_init": 1e-9,  # NEAR is reached, so that the barrier need not fall any more
     "ipopt.warm_start_bound_push": 1e-9,
     "ipopt.warm_start_bound_frac": 1e-9,
     "ipopt.warm_start_mult_bound_push": 1e-9,
@@ -181,7 +181,7 @@ def by_ipopt(
         "ipopt.mumps_pivot_order": 6,  # approximate minimum degree with quasi-dense rows: p borders on all nodes
     }
     if np.isfinite(control.end):
-        settings["ipopt.max_wall_time"] = max(control.left, 1e-3)
+        settings["ipopt.max_wall_time"] = max(control.left, 1e-3)  # IPOPT takes no limit of zero
     first: dict[str, Any] = {"x0": x0}
     if isinstance(x0, Lead):
         settings.update(CERTIFY)
@@ -256,10 +256,8 @@ def solve(
         if led.reached:
             start = polished(problem, led)
         last = by_ipopt(problem, start, control, tolerance, rough)
-    before, seconds = (
-        led.history if led.reached else [],
-        time.perf_counter() - began,
-    )  # steps that led nowhere: left out
+    # steps that led nowhere are left out
+    before, seconds = led.history if led.reached else [], time.perf_counter() - began
     return replace(last, iterations=last.iterations + len(before), seconds=seconds, history=[*before, *last.history])
 
 

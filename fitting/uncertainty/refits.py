@@ -240,7 +240,7 @@ def profiles(
         for sign in (-1, 1):
             # beyond a bound all are on it
             held = np.clip(p[i] + sign * STRIDE * se * np.arange(1, STEPS + 1), lower[i], upper[i])
-            held = held[np.abs(held - p[i]) > 1e-9]
+            held = held[np.abs(held - p[i]) > 1e-9]  # where the estimate is at the bound
             held = held[np.r_[True, np.abs(np.diff(held)) > 1e-9]] if len(held) else held  # one of those
             tasks.append((problem, x, i, held))
     outcomes, found = run_all(refit_along, tasks, workers, name="profiles"), []
