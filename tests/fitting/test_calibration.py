@@ -166,7 +166,7 @@ ROW = {"value": 0.9, "std": 0.1, "unit": "s", "prior_value": 0.3, "prior_std": 0
 
 @pytest.mark.slow
 def test_with_values_by_campaign_the_shared_coefficients_go_on() -> None:
-    result = small_result(100)
+    result = small_result()
     model, own = result.start, np.array([0.5, -0.5])
     iterate = {**result.iterate, "p": np.concatenate([result.iterate["p"], own])}
     values = {day: {"gyro.T": ROW} for day in ("2026-03-02", "2026-03-09")}
@@ -180,7 +180,7 @@ def test_with_values_by_campaign_the_shared_coefficients_go_on() -> None:
 
 @pytest.mark.slow
 def test_a_constant_that_campaigns_took_over_is_no_other_model_and_begins_anew() -> None:
-    result = small_result(100)
+    result = small_result()
     first = next(iter(result.estimates))
     rest = {s: row for s, row in result.estimates.items() if s != first}
     taken = replace(result, estimates=rest, campaigns={"values": {"2026-03-02": {first: ROW}}})

@@ -101,12 +101,17 @@ def test_two_coefficients_that_enter_as_one_combination_are_shared(gradient: lis
     assert all(f.kind == "shared" and len(f.partners) == 2 for f in found.findings)
 
 
-def test_an_estimate_worse_than_its_prior_is_said_to_be() -> None:
+def test_an_estimate_worse_than_its_prior_or_far_from_it_is_said_to_be() -> None:
     data = np.diag([1e3, 5.0])
     inverse = np.linalg.inv(data + np.eye(2))
     found = analyse(prior_of("a", "b"), np.zeros(2), inverse @ (20 * data + np.eye(2)) @ inverse, data)
     assert kinds(found) == {"a": "determined", "b": "prior"}
     assert "prior's" in verdict(found.findings[1])
+    away = np.array([3.0, 0.3])  # one far from its prior is not decided by it
+    found = analyse(prior_of("a", "b", mean=0.0, std=1.0), away, np.diag([0.9, 0.9]), np.diag([0.5, 0.5]))
+    assert kinds(found) == {"a": "strained", "b": "prior"}
+    assert "3.0" in verdict(found.findings[0])
+    assert found.to_dict()["counts"] == {"prior": 1, "strained": 1}
 
 
 def test_shares_and_what_is_left_if_all_others_were_known_are_those_of_the_matrix() -> None:
@@ -268,11 +273,3 @@ def test_a_profile_row_is_drawn_about_its_minimum_in_dispersions() -> None:
     parabola = dict(zip(*drawn.get_lines()[1].get_data(), strict=True))
     assert parabola[1.0] == pytest.approx(2.0)
     assert drawn.get_xlabel() == "Y_v [-]"
-
-
-def test_an_estimate_far_from_its_prior_is_not_decided_by_it() -> None:
-    prior, covariance = prior_of("a", "b", mean=0.0, std=1.0), np.diag([0.9, 0.9])
-    found = analyse(prior, np.array([3.0, 0.3]), covariance, np.diag([0.5, 0.5]))
-    assert kinds(found) == {"a": "strained", "b": "prior"}
-    assert "3.0" in verdict(found.findings[0])
-    assert found.to_dict()["counts"] == {"prior": 1, "strained": 1}

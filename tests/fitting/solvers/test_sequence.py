@@ -112,16 +112,7 @@ def test_a_rough_solve_ends_without_ipopt(monkeypatch: pytest.MonkeyPatch) -> No
     assert rough.objective == pytest.approx(best.objective, rel=3e-3) and rough.violation < 1e-2
 
 
-def test_where_it_does_not_come_to_its_end_ipopt_begins_as_if_it_had_not_been(monkeypatch: pytest.MonkeyPatch) -> None:
-    p = problem()
-    alone = by_ipopt(p, p.start())
-    monkeypatch.setattr(solving, "STEPS", 2)
-    led = solve(p, p.start())
-    np.testing.assert_array_equal(led.x, alone.x)
-    assert (led.iterations, led.history) == (alone.iterations, alone.history)
-
-
-def test_limits_stop_as_without_it() -> None:
+def test_limits_stop_as_without_it_and_ipopt_begins_as_if_it_had_not_been(monkeypatch: pytest.MonkeyPatch) -> None:
     p = problem()
     alone, led = (each(p, p.start(), Control(iterations=3)) for each in (by_ipopt, solve))
     assert led.status == alone.status == "Maximum_Iterations_Exceeded" and "--resume" in led.advice
@@ -129,6 +120,10 @@ def test_limits_stop_as_without_it() -> None:
     np.testing.assert_array_equal(led.x, alone.x)
     late = solve(p, p.start(), Control.within(1e-9))
     assert late.status == "Maximum_WallTime_Exceeded"
+    monkeypatch.setattr(solving, "STEPS", 2)  # where it does not come to its end
+    alone, led = (each(p, p.start()) for each in (by_ipopt, solve))
+    np.testing.assert_array_equal(led.x, alone.x)
+    assert (led.iterations, led.history) == (alone.iterations, alone.history)
 
 
 def test_a_model_that_is_not_finite_gives_no_step_and_is_left_to_ipopt() -> None:
