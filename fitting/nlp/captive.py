@@ -19,7 +19,7 @@ from cases.quantities import to_si
 from mmg.compile.batch import batch_functions
 from mmg.errors import Missing, OutOfRange, UnknownName
 from mmg.model import Model
-from mmg.motion.flow import PROPELLERS, RUDDERS
+from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 
 FORCES = ("X", "Y", "N")  # surge and sway force [N], yaw moment about midship [N m]: the rows of all (3, M) arrays
 UNITS = {"X": ("N", "kN"), "Y": ("N", "kN"), "N": ("N m", "kN m", "Nm", "kNm")}
@@ -63,7 +63,7 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
             if unit not in UNITS[force]:
                 raise UnknownName(f"{path}: column '{header[i]}' needs a unit out of {', '.join(UNITS[force])}")
             factors[name] = i, 1e3 if unit.startswith("k") else 1.0
-        elif name in ("u", "v", "r") or name.startswith(("n", "delta")):
+        elif name in ("u", "v", "r", *INPUTS) or name.startswith(("n", "delta")):  # "n_x" is refused, "remarks" is not
             try:
                 factors[name] = i, to_si(name, unit, f"{path}: column '{header[i]}'")
             except KeyError:
@@ -71,7 +71,7 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
     numbers = table.numbers([i for i, _ in factors.values()])
     columns = {name: numbers[i] * factor for name, (i, factor) in factors.items()}
     motion = np.array([columns[name] for name in ("u", "v", "r")])
-    actuators = {name: values for name, values in columns.items() if name.startswith(("n", "delta"))}
+    actuators = {name: columns[name] for name in columns if name in INPUTS}
     empty = ~np.isfinite(np.vstack([motion, *actuators.values()])).all(axis=0)  # a force may be missing
     if empty.any():
         row = int(np.flatnonzero(empty)[0])

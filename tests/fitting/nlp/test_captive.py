@@ -148,6 +148,11 @@ def test_a_table_is_read_with_its_units(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read.sigma[:, 0], [1.0, 2.0, 3.0])
     rms = np.sqrt((tank.forces**2).mean(axis=1))
     np.testing.assert_allclose(read_captive(tmp_path / "tank.csv").sigma[:, 0], 0.03 * rms)
+    pitched = units.replace("n [rps]", "pitch [rad]").replace("r [rad/s]", "r [rad/s],n [rps]")
+    rows = np.insert(np.loadtxt(tmp_path / "tank.csv", delimiter=",", skiprows=1), 3, 2.0, axis=1)
+    np.savetxt(tmp_path / "pitched.csv", rows, delimiter=",", header=pitched, comments="")
+    actuators = read_captive(tmp_path / "pitched.csv").actuators
+    assert set(actuators) == {"n", "pitch", "delta"} and (actuators["n"] == 2.0).all()
 
 
 @pytest.mark.parametrize(
