@@ -69,15 +69,14 @@ class FitOptions:
     draws from the posterior by the no-U-turn sampler; next_trial: whether trials are named that would determine what is
     left open; per_run: effects of which each run has its own constants ("NAME" or "NAME:parameter=prior");
     per_campaign: instruments that may differ between campaigns, () for the usual ones, ("none",) for none;
-    instruments: as of ``with_instruments``, and with ("none",) suspects of the
-    second estimate are not fitted along; captive: points of captive tests that are fitted too; start: values from which
-    the solver begins, by symbol; hold: these stay, and only what else is free and the noise is estimated; resume: an
-    interrupted run of the same data and ship, from whose iterate to go on; command: what is stored as the command that
-    made the result; name: of the ship and her calibration, "": the ship keeps hers, and the calibration takes that of
-    the run folder; surroundings: whether a current that the second estimator finds is fitted along; prior_mean: how
-    uncertain the mean of the prior is, where other ships told it. estimator: "both" fits the suspects of a ``second``
-    estimator along, where there is one, and takes the mean of both where nothing else is free than coefficients and
-    instruments; "windows" what multiple shooting gives.
+    instruments: as of ``with_instruments``, and with ("none",) suspects of the second estimate are not fitted along;
+    captive: points of captive tests that are fitted too; start: values from which the solver begins, by symbol; hold:
+    these stay, and only what else is free and the noise is estimated; resume: an interrupted run of the same data and
+    ship, from whose iterate to go on; command: stored as what made the result; name: of the ship and her calibration,
+    "": the ship keeps hers, and the calibration takes that of the run folder; surroundings: whether a current that the
+    second estimator finds is fitted along; prior_mean: how uncertain the mean of the prior is, where other ships told
+    it. estimator: "both" fits the suspects of a ``second`` estimator along, where there is one, and takes the mean of
+    both where nothing else is free than coefficients and instruments; "windows" what multiple shooting gives.
     """
 
     bootstrap: int = 0
@@ -119,8 +118,7 @@ def calibrate(
     Trials whose sidecar gives them the role test or validate are not trained on. settings: of the solver; options: what
     else is wanted; progress: called at each iteration. Returns the result, whose ``converged`` is False for a solver
     that stopped early; what Ctrl-C left out after the coefficients were solved is named in a warning. Raises UserError
-    for input from which nothing can be identified, for options that contradict each other, and for an interrupted run
-    of other data.
+    for input from which nothing can be identified, contradicting options, an interrupted run of other data.
     """
     began = time.perf_counter()
     settings, options = settings or Settings(), options or FitOptions()
@@ -128,32 +126,35 @@ def calibrate(
     given, rates = with_own_rates(ship, trials)
     ship = with_instruments(given, options.instruments, trials)
     _check_options(ship, trials, options)
-    made = Made()
-    beside = None
+    made, other = Made(), None
+    # the second estimate comes first: it tells what else is to be free, and how inputs are joined
     if (second := options.second) and options.asks_second(settings):
         frees, along = tuple(options.instruments) != ("none",), options.surroundings
         make_in_turn({"second estimate": lambda: second(given, trials, frees, along)}, made)
-        beside = made.get("second estimate", SecondEstimate("interrupted"))
-        ship, remarks = with_suspects(ship, beside.suspects), [*remarks, *beside.messages]
-        if beside.is_sampled:
+        other = made.get("second estimate", SecondEstimate("interrupted"))
+        ship, remarks = with_suspects(ship, other.suspects), [*remarks, *other.messages]
+        if other.is_sampled:
             trials, validation = trials.sampled, TrialSet.of(validation).sampled
-        options = replace(options, start={**beside.of_suspects(), **options.start})
+        options = replace(options, start={**other.of_suspects(), **options.start})
     fit = _estimated(ship, trials, settings, options, made, progress)
     found = fit.calibration
     if options.prior_mean is not None:
         from fitting.selection.sisters import with_uncertain_mean  # late: only the ships of a fleet have sisters
 
         found = with_uncertain_mean(found, options.prior_mean)
-    if beside and averages(given) and found.converged:
-        found = with_second(found, beside.values)
+    if other and averages(given) and found.converged:
+        found = with_second(found, other.values)
 
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
     sets = {"validation": validation, "training": trials}
-    apart = coefficients_without(found, each_alone(len(trials)))
+    apart = coefficients_without(found, each_alone(len(trials)))  # (R, P): of each run, by the others
+    # of trials that nobody fitted, else of its own, each left out
+    past = (validation, None) if any(t.has_position for t in validation) else (trials, apart)
+    # in this order: the second takes what the first has ``made``
     parts: dict[str, Callable[[], Any]] = {
         "scores": lambda: score_pairs(scores_by_set(before, sets), scores_by_set(after, sets)),
         "worth of what was left out": lambda: worth_of_left_out(after, sets, made["scores"]),
-        "worth of adaptation": lambda: _worth_of_past(after, trials, validation, apart),
+        "worth of adaptation": lambda: adaptation_worth(after, *past),
         "prediction bands": lambda: prediction_bands(found, after, trials, apart),
     }
     if options.next_trial and found.converged and np.isfinite(found.covariance).all():
@@ -165,8 +166,8 @@ def calibrate(
     if options.posterior and found.converged:
         parts["--posterior"] = lambda: sampled_posterior(found, options.posterior, settings.seed)
     make_in_turn(parts, made)
-    told = made.get("next trial"), made.get("--posterior")
-    objects = FitObjects(found, before, after, tuple(trials), tuple(validation), *told)
+    more = made.get("next trial"), made.get("--posterior")
+    objects = FitObjects(found, before, after, tuple(trials), tuple(validation), *more)
     return _result(replace(fit, messages=(*fit.messages, *rates)), made, objects, ship, options, remarks, began)
 
 
@@ -182,40 +183,29 @@ def refit(earlier: FitResult, hold: Mapping[str, float], progress: OnProgress | 
     began, objects, made = time.perf_counter(), earlier.fitted_objects, Made()
     before = objects.calibration
     found = solve_again(before, hold, progress)
-    beside = np.where(np.isin(found.prior.symbols, list(hold)), 0.0, before.p - before.iterate["p"][: len(before.p)])
-    if beside.any():
-        p = np.clip(found.p + beside, *found.prior.scaled_bounds)
-        found = found.with_estimate(p, np.outer(beside, beside))
+    # of the mean from the estimate of multiple shooting, scaled (P,); what is held has none
+    distance = np.where(np.isin(found.prior.symbols, list(hold)), 0.0, before.p - before.iterate["p"][: len(before.p)])
+    if distance.any():
+        p = np.clip(found.p + distance, *found.prior.scaled_bounds)
+        found = found.with_estimate(p, np.outer(distance, distance))
     after = Simulator(found.ship, found.settings.compiled)
     scores = scores_by_set(after, {"validation": objects.validation, "training": objects.trials})
     made["scores"] = {name: ScorePair(earlier.scores[name].before, score) for name, score in scores.items()}
-    made["envelope"], made["tests"] = earlier.envelope, earlier.tests
+    made["envelope"], made["tests"] = earlier.envelope, earlier.tests  # of the same trials
     fit = with_values(CampaignFit(found, earlier.campaigns), TrialSet(objects.trials).campaigns)
-    options = FitOptions(command=earlier.command, name=earlier.ship.name)
+    options = FitOptions(command=earlier.command, name=earlier.ship.name)  # of what ``_result`` reads
     remarks = TrialSet((*objects.trials, *objects.validation)).remarks
-    return _result(
-        fit,
-        made,
-        replace(objects, calibration=found, after=after, posterior=None),
-        earlier.start,
-        options,
-        remarks,
-        began,
-    )
+    objects = replace(objects, calibration=found, after=after, posterior=None)
+    return _result(fit, made, objects, earlier.start, options, remarks, began)
 
 
 def _result(
-    fit: CampaignFit,
-    made: Made,
-    objects: FitObjects,
-    start: Ship,
-    options: FitOptions,
-    remarks: Sequence[Message],
-    began: float,
-) -> FitResult:
+    fit: CampaignFit, made: Made, objects: FitObjects, start: Ship,
+    options: FitOptions, remarks: Sequence[Message], began: float,
+) -> FitResult:  # fmt: skip
     """The result of the ``fit`` of the ship ``start`` and of what is ``made`` of it, with ``remarks`` on the trials."""
     found, trials, validation = objects.calibration, objects.trials, objects.validation
-    content = _content(fit, found, made, trials, validation, options)
+    content = _content(fit, made, objects, options)
     named = marked(found.ship, start, trials, options.name)
     warnings = [*found.warnings, *remarks, *worth_message(made.get("worth of what was left out"))]
     warnings += [*shared_rows(trials, validation), *_of_scores(content["scores"])]
@@ -227,24 +217,18 @@ def _result(
         "warning": warnings,
         "notice": [*found.notices, *fit.messages, *(m for m in drawn if m.code != APART)],
     }
+    rows = [{"level": level, **row} for level, some in said.items() for row in message_rows(dict.fromkeys(some))]
     content |= {
         "ship_name": named.name,
         "mark": vars(named.mark),
-        "messages": [
-            {"level": level, **row} for level, some in said.items() for row in message_rows(dict.fromkeys(some))
-        ],
+        "messages": rows,
         "timings_s": {**content["timings_s"], "wall": time.perf_counter() - began},
     }
     return FitResult(**vars(FitRecord.of(content)), ship=named, start=start, iterate=found.iterate, objects=objects)
 
 
 def _estimated(
-    ship: Ship,
-    trials: TrialSet,
-    settings: Settings,
-    options: FitOptions,
-    made: Made,
-    progress: OnProgress | None,
+    ship: Ship, trials: TrialSet, settings: Settings, options: FitOptions, made: Made, progress: OnProgress | None
 ) -> CampaignFit:
     """The calibration of ``ship``, with values by campaign where they pay; without with constants of runs, or with
     coefficients that are held. What Ctrl-C leaves out is missing in what is ``made``."""
@@ -258,8 +242,8 @@ def _estimated(
         messages = () if "held" in warm else not_asked(trials, options.per_campaign)
         return CampaignFit(found, messages=messages)
     # where values by campaign may take its place, the last solve without them would be thrown away
-    draft = may_keep(model, trials, options.per_campaign) and settings.starts == 1
-    draft = draft and settings.time_limit is None
+    is_plain = settings.starts == 1 and settings.time_limit is None
+    draft = is_plain and may_keep(model, trials, options.per_campaign)
     found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, draft=draft)
     make_in_turn({"values by campaign": lambda: by_campaign(found, trials, options.per_campaign, progress)}, made)
     fit = made.get("values by campaign", CampaignFit(found))
@@ -273,13 +257,15 @@ def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], con
 
     constants: symbols of which each run has its own.
     """
-    where, suspects = earlier.folder, set(suspects_in(ship))  # unknown where it was interrupted before they were
-    if set(earlier.estimates) - suspects != set(ship.free) - _by_campaign(earlier) - suspects:
-        raise Conflict(f"{where}: --resume needs the same --without, --fix and --only as the interrupted run")
-    if {symbol for rows in (earlier.per_run or {}).values() for symbol in rows} != set(constants):
-        raise Conflict(f"{where}: --resume needs the same --per-run as the interrupted run")
-    if sorted(row.sha256 or "" for row in earlier.data) != sorted(t.sha256 for t in trials):
-        raise Conflict(f"{where}: --resume needs the same trial files as the interrupted run")
+    suspects = set(suspects_in(ship))  # unknown where it was interrupted before they were
+    same_free = set(earlier.estimates) - suspects == set(ship.free) - _by_campaign(earlier) - suspects
+    own = {symbol for rows in (earlier.per_run or {}).values() for symbol in rows}
+    same_data = sorted(row.sha256 or "" for row in earlier.data) == sorted(t.sha256 for t in trials)
+    for is_same, what in (
+        (same_free, "--without, --fix and --only"), (own == set(constants), "--per-run"), (same_data, "trial files"),
+    ):  # fmt: skip
+        if not is_same:
+            raise Conflict(f"{earlier.folder}: --resume needs the same {what} as the interrupted run")
 
 
 def iterate_of(earlier: FitResult, model: Ship) -> dict[str, np.ndarray] | None:
@@ -299,24 +285,18 @@ def _by_campaign(earlier: FitResult) -> set[str]:
     return {symbol for row in rows.values() for symbol in row}
 
 
-def _content(
-    fit: CampaignFit,
-    found: Calibration,
-    made: Made,
-    trials: Sequence[Trial],
-    validation: Sequence[Trial],
-    options: FitOptions,
-) -> dict[str, Any]:
-    """What is known of the calibration ``found``, and of the ``fit`` behind it, by attribute of the result."""
+def _content(fit: CampaignFit, made: Made, objects: FitObjects, options: FitOptions) -> dict[str, Any]:
+    """What is known of the ``fit``, its ``objects`` and what is ``made`` of it, by attribute of the result."""
+    found, trials = objects.calibration, objects.trials
     seconds = {name.strip("-").replace(" ", "_"): value for name, value in made.seconds.items()}
-    resumed = options.resume  # the solves of an interrupted run come first
+    resumed = options.resume  # the solves of an interrupted run come first, without those made again
     before = resumed.passes[: int(found.resumption.number[0]) + 1 - len(found.passes)] if resumed else ()
     seconds = {"campaigns": fit.seconds, "identifiability": seconds.get("next_trial", 0.0), **seconds}
     return {
         **solved(found, options.command),
         "passes": (*before, *found.passes),
         "data": data_rows(trials),
-        "validation_data": data_rows(validation),
+        "validation_data": data_rows(objects.validation),
         "coefficients": coefficient_rows(found),
         "correlation": correlation_of(found),
         "scores": made.get("scores", NO_SCORES),
@@ -338,11 +318,9 @@ def _content(
 
 def _of_scores(scores: Mapping[str, ScorePair]) -> list[Message]:
     """Messages on ``scores`` by set of trials: those that are no numbers, or worse than before, or bad."""
-    failed = [message for name, pair in scores.items() for message in pair.failed(name)]
-    worse = [message for name, pair in scores.items() for message in pair.worse(name)]
-    worse += [message for name, pair in scores.items() for message in pair.worse_by_run(name)]
-    worse += [message for name, pair in scores.items() for message in pair.unbeaten(name)]
-    return failed + worse + (scores["training"].undescribed() if "training" in scores else [])
+    kinds = (ScorePair.failed, ScorePair.worse, ScorePair.worse_by_run, ScorePair.unbeaten)  # the gravest first
+    found = [message for kind in kinds for name, pair in scores.items() for message in kind(pair, name)]
+    return found + (scores["training"].undescribed() if "training" in scores else [])
 
 
 def started_from(ship: Ship, values: Mapping[str, float], hold: bool = False) -> dict[str, np.ndarray]:
@@ -350,7 +328,7 @@ def started_from(ship: Ship, values: Mapping[str, float], hold: bool = False) ->
     ``ship``, by symbol, and "held" (P,) to hold them there if ``hold``; the others begin at their prior mean."""
     if not values:
         return {}
-    rows = [ship.coefficients[s] for s in ship.free]
+    rows = [ship.coefficients[s] for s in ship.free]  # value: the prior's mean, as the ship file states it
     warm = {"p": np.array([(values.get(c.symbol, c.value) - c.value) / c.std for c in rows])}
     return warm | ({"held": np.isin(ship.free, list(values))} if hold else {})
 
@@ -375,13 +353,3 @@ def prediction_bands(
     ``apart`` (R, P), as of ``coefficients_without``."""
     known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
     return fit_bands(simulator, trials, draws_of(known, found.ship), apart)
-
-
-def _worth_of_past(
-    simulator: Simulator, trials: Sequence[Trial], validation: Sequence[Trial], apart: np.ndarray
-) -> dict[str, Any] | None:
-    """What the past of a window brings to predictions of ``simulator`` on ``validation`` trials, or where there are
-    none on its own ``trials``, each left out in turn: ``apart``."""
-    if any(t.has_position for t in validation):
-        return adaptation_worth(simulator, validation)
-    return adaptation_worth(simulator, trials, apart)

@@ -56,6 +56,10 @@ if TYPE_CHECKING:
     from fitting.nlp.captive import Captive
 
 
+# Condition number of the covariance [-] beyond which doubles leave its inverse four digits at most. Set by hand.
+SINGULAR = 1e12
+
+
 @dataclass(frozen=True)
 class Calibration:
     """A calibrated ship and how it came about.
@@ -114,8 +118,7 @@ class Calibration:
 
     @property
     def warnings(self) -> tuple[Message, ...]:
-        """What must be known before the estimates are used, of them as they are now and of the trials; () of a
-        draft."""
+        """What must be known before the estimates are used, of them and of the trials; () of a draft."""
         if self.draft:
             return ()
         p = np.clip(self.problem.split(self.solution.x)[1], *self.problem.p_bounds())
@@ -133,9 +136,9 @@ class Calibration:
         covariance = self.covariance + more
         findings = analyse(self.prior, p, covariance, self.information.of_data())
         ship = with_estimates(self.ship, self.prior, p, covariance, findings, self.converged)
-        whole, shared = self.spread.covariance.copy(), slice(len(p))
-        whole[shared, shared] = covariance
-        spread = replace(self.spread, covariance=whole)
+        every, shared = self.spread.covariance.copy(), slice(len(p))
+        every[shared, shared] = covariance
+        spread = replace(self.spread, covariance=every)
         return replace(self, p=p, covariance=covariance, identifiability=findings, spread=spread, ship=ship)
 
     @property
@@ -182,7 +185,7 @@ def prepared(
     """
     _check_inputs(ship, trials)
     step = settings.step or default_step(trials, ship.particulars["L"])
-    window = settings.window or 100.0 * step
+    window = settings.window or 100.0 * step  # 100: set by hand; rows ``windows of`` of benchmarks/ablation.md
     if window < 10 * step:
         raise OutOfRange(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
     refuse_outliers(trials, step)
@@ -190,6 +193,7 @@ def prepared(
     own = per_run.symbols if isinstance(per_run, ByCampaign) else tuple(per_run)
     prior = prior_with(ship, per_run, segments.trials)
     warnings = [*contradictions(prior), *unexcited_astern(ship, trials, segments)]
+    # of the first solve alone [SI]: typical changes over a window, set by hand; 1e-6 [m/s]: no size of zero
     speed, length = np.sqrt((segments.nodes[:, 3:5] ** 2).sum(axis=1).mean()) + 1e-6, ship.particulars["L"]
     rough = (length / 3, length / 3, 0.1, 0.1 * speed, 0.1 * speed, 0.1 * speed / length)
     sigma = np.asarray(settings.sigma or rough, dtype=float)
@@ -218,12 +222,14 @@ def _started(problem: Problem, warm: dict[str, np.ndarray] | None, settings: Set
 
 def _notices(ship: Ship, trials: Sequence[Trial], segments: Segments, interpreted_because: str) -> list[Message]:
     """What was left out, assumed or done more slowly."""
-    found = [*as_messages(segments.dropped, "piece_too_short"), *as_messages(ship.notices, "ship")]
+    notices = [*as_messages(segments.dropped, "piece_too_short"), *as_messages(ship.notices, "ship")]
     if names := ", ".join(t.name for t in trials if not t.has_position):
-        found.append(Message(f"positions cannot be fitted in {names} (no complete x, y columns)", "no_position"))
-    found += assumed(trials, ship.inputs)
-    slow = f"running without compiled code, several times slower: {interpreted_because}"
-    return found + ([Message(slow, "interpreted")] if interpreted_because else [])
+        notices.append(Message(f"positions cannot be fitted in {names} (no complete x, y columns)", "no_position"))
+    notices += assumed(trials, ship.inputs)
+    if interpreted_because:
+        slow = f"running without compiled code, several times slower: {interpreted_because}"
+        notices.append(Message(slow, "interpreted"))
+    return notices
 
 
 @with_one_thread
@@ -247,9 +253,9 @@ def estimate_coefficients(
     of a fit in which they move; captive: points whose forces are fitted too; per_run: coefficients of effects of the
     ship, fixed in it, of which each run, or each campaign, gets its own (``cases.shipfiles.effects.varying_effects``);
     draft: leave out the last solve where rough ones of all windows came before, for a calibration that another may
-    replace; ``finished`` makes it. Returns the calibration, whose ship is without those
-    effects of runs, and has those of campaigns at their mean; a solver that stops early is no error: the best iterate
-    is kept and ``converged`` is False. Raises UserError for input from which nothing can be identified.
+    replace; ``finished`` makes it. Returns the calibration, whose ship is without those effects of runs, and has those
+    of campaigns at their mean; a solver that stops early is no error: the best iterate is kept and ``converged`` is
+    False. Raises UserError for input from which nothing can be identified.
     """
     began, warm, settings = time.perf_counter(), warm or {}, settings or Settings()
     control = Control.within(settings.time_limit, progress, settings.max_iterations)
@@ -259,8 +265,7 @@ def estimate_coefficients(
     prepare = time.perf_counter() - began
     found = estimated(problem, StartingPoint(x, resumed, near), settings, control, per_run, draft, warm.get("held"))
     timings = {**found.timings, "prepare": prepare, "total": prepare + found.timings["total"]}
-    said = tuple(dict.fromkeys(notices))
-    return replace(found, data_warnings=tuple(warnings), notices=said, timings=timings)
+    return replace(found, data_warnings=tuple(warnings), notices=tuple(dict.fromkeys(notices)), timings=timings)
 
 
 @dataclass(frozen=True)
@@ -293,10 +298,11 @@ def estimated(
         here = free.mean + free.std * problem.split(x)[1]
         problem = problem.with_bounds(np.where(held, here, free.lower), np.where(held, here, free.upper))
     solves = solve_with_noise_estimation(problem, x, settings, control, start.resumed, start.near, draft)
-    seconds = time.perf_counter() - began
+    seconds = time.perf_counter() - began  # without further starts
     best, starts = solve_starts(solves.problem, solves.solution, settings, control)
-    statistics = _statistics(solves.problem.with_changes(prior=free), best, per_run)
+    statistics = _statistics(solves.problem.with_changes(prior=free), best, per_run)  # all coefficients move in these
     moves = statistics["spread"].moves
+    # of a copy, whose caches are not kept with the calibration
     outlying = [] if solves.draft else outlying_runs(statistics["problem"].with_changes(), best.x, moves)
     return Calibration(
         **statistics,
@@ -319,13 +325,8 @@ def finished(draft: Calibration, progress: OnProgress | None = None) -> Calibrat
     control = Control.within(draft.settings.time_limit, progress, draft.settings.max_iterations)
     last = estimated(draft.problem, StartingPoint(draft.solution.x, draft.resumption), draft.settings, control)
     timings = {name: seconds + last.timings[name] for name, seconds in draft.timings.items()}
-    return replace(
-        last,
-        passes=(*draft.passes, *last.passes),
-        data_warnings=draft.data_warnings,
-        notices=draft.notices,
-        timings=timings,
-    )
+    passes, warnings = (*draft.passes, *last.passes), draft.data_warnings
+    return replace(last, passes=passes, data_warnings=warnings, notices=draft.notices, timings=timings)
 
 
 @np.errstate(all="ignore")
@@ -345,7 +346,7 @@ def solve_again(found: Calibration, hold: Mapping[str, float], progress: OnProgr
         if not prior.lower[i] <= value <= prior.upper[i]:
             raise OutOfRange(f"{symbol} = {value:g}: must lie between {prior.lower[i]:g} and {prior.upper[i]:g}")
         lower[i] = upper[i] = value
-    held, (nodes, p) = problem.with_bounds(lower, upper), problem.split(found.solution.x)
+    held, (nodes, p) = problem.with_bounds(lower, upper), problem.split(found.solution.x)  # equal bounds hold
     x = held.join(nodes, np.clip(p, *held.p_bounds()))
     s = found.settings
     best = solve(held, x, Control.within(s.time_limit, progress, s.max_iterations).of("refit"), s.tolerance)
@@ -360,7 +361,7 @@ def solve_again(found: Calibration, hold: Mapping[str, float], progress: OnProgr
         passes=(solve_row(held, best),),
         starts=(Start(0, best.objective, best.converged, 0.0),),
         timings={"prepare": 0.0, "solve": seconds, "total": seconds},
-        resumption=replace(found.resumption, x=x, best=best.x),
+        resumption=replace(found.resumption, x=x, best=best.x),  # number and noise of the solve stay
     )
 
 
@@ -372,10 +373,10 @@ def _statistics(problem: Problem, best: Solution, per_run: Own) -> dict[str, Any
     prior = problem.prior
     shared, common = slice(prior.shared), prior.common
     p = np.clip(problem.split(best.x)[1], *problem.p_bounds())
-    found = information(problem, best.x)
-    spread = robust(found)
-    covariance = spread.covariance[shared, shared]
-    findings = analyse(common, p[shared], covariance, found.of_data())
+    info = information(problem, best.x)
+    spread = robust(info)
+    covariance = spread.covariance[shared, shared]  # own constants are not fixed in it: they are marginalised
+    findings = analyse(common, p[shared], covariance, info.of_data())
     names = per_run.names if isinstance(per_run, ByCampaign) else problem.segments.trials
     constants = RunConstants.of(problem.ship, prior, p, spread.covariance, names)
     own_ship = ship_of_all(problem.ship, per_run, constants)
@@ -385,7 +386,7 @@ def _statistics(problem: Problem, best: Solution, per_run: Own) -> dict[str, Any
         "p": p[shared],
         "covariance": covariance,
         "identifiability": findings,
-        "information": found,
+        "information": info,
         "spread": spread,
         "problem": problem.with_changes(),  # without what it has cached
         "constants": constants,
@@ -394,13 +395,17 @@ def _statistics(problem: Problem, best: Solution, per_run: Own) -> dict[str, Any
 
 def _unsure(best: Solution, solved: int, settings: Settings, condition: float) -> list[Message]:
     """Warnings on starts left out and on a covariance that is nearly singular."""
-    left_out = f"only {solved} of {settings.starts} starts were solved before the run was stopped"
-    singular = (
-        f"condition number {condition:.1g}: some combination of coefficients is not determined at all and the "
-        "standard errors are unreliable; add trials that excite it, or fix coefficients (--fix)"
-    )
-    found = [Message(left_out, "starts_left_out")] if best.converged and solved < settings.starts else []
-    return found + ([Message(singular, "ill_conditioned")] if condition > 1e12 else [])
+    messages = []
+    if best.converged and solved < settings.starts:
+        words = f"only {solved} of {settings.starts} starts were solved before the run was stopped"
+        messages.append(Message(words, "starts_left_out"))
+    if condition > SINGULAR:
+        words = (
+            f"condition number {condition:.1g}: some combination of coefficients is not determined at all and the "
+            "standard errors are unreliable; add trials that excite it, or fix coefficients (--fix)"
+        )
+        messages.append(Message(words, "ill_conditioned"))
+    return messages
 
 
 @dataclass(frozen=True)
@@ -424,18 +429,16 @@ class SecondEstimate:
         return {} if isinstance(self.values, str) else {s: self.values[s] for s in self.suspects}
 
 
+# Another estimator: of a ship on trials; then whether suspects that it finds are fitted along, and surroundings too.
 Second = Callable[[Ship, Sequence[Trial], bool, bool], SecondEstimate]
-"""Another estimator: of a ship on trials; then whether the suspects that it finds are fitted along, and surroundings
-among them."""
 # Share [-] of the second estimate: the plain mean of both. Set by hand; the row ``filter alone`` of
 # benchmarks/ablation.md has the other end.
 SHARE = 0.5
 
 
 def averages(ship: Ship) -> bool:
-    """Whether estimates of ``ship`` are averaged with a second one: nothing is free but coefficients and faults of
-    instruments."""
-    own = {s.partition(".")[0] for s in ship.free if "." in s}
+    """Whether estimates of ``ship`` are averaged with a second one: only coefficients and instruments are free."""
+    own = {s.partition(".")[0] for s in ship.free if "." in s}  # "current.x" is of an effect, "Y_v" of the ship
     return all(name in EFFECTS and EFFECTS[name].measures for name in own)
 
 
@@ -452,22 +455,25 @@ def with_second(found: Calibration, second: Mapping[str, float] | str) -> Calibr
         return found
     prior = found.prior
     other = np.array([second.get(s, np.nan) for s in prior.symbols])
-    apart = np.nan_to_num((other - prior.mean) / prior.std - found.p)
+    apart = np.nan_to_num((other - prior.mean) / prior.std - found.p)  # 0 where the second has none
     p = np.clip(found.p + SHARE * apart, *prior.scaled_bounds)
-    ratio = apart / np.sqrt(np.diag(found.covariance))
+    ratio = apart / np.sqrt(np.diag(found.covariance))  # in standard errors of multiple shooting
     farthest = ", ".join(f"{prior.symbols[i]} ({ratio[i]:+.1f})" for i in np.argsort(-np.abs(ratio))[:3])
     reduced = ReducedProblem(found.problem, found.solution.x)
     costs = [
         reduced.value(dict(zip(prior.symbols, (prior.mean + prior.std * at).tolist(), strict=True)))
         for at in (p, found.p + apart)
     ]
-    if not costs[0] < costs[1]:
-        words = "the estimate is that of multiple shooting alone: a Kalman filter finds another, and predictions "
-        return _noted(
-            found, f"{words}between both are worse than by either; they differ most in {farthest} standard errors"
+    if not costs[0] < costs[1]:  # not >=, so that nan counts as worse
+        words = (
+            "the estimate is that of multiple shooting alone: a Kalman filter finds another, and predictions between "
+            f"both are worse than by either; they differ most in {farthest} standard errors"
         )
-    words = "coefficients are the mean of two estimates, by multiple shooting and by a Kalman filter, which differ most"
-    words += f" in {farthest} standard errors of the former; half of that is part of the errors given"
+        return _noted(found, words)
+    words = (
+        "coefficients are the mean of two estimates, by multiple shooting and by a Kalman filter, which differ most in "
+        f"{farthest} standard errors of the former; half of that is part of the errors given"
+    )
     return _noted(found.with_estimate(p, SHARE**2 * np.outer(apart, apart)), words)
 
 

@@ -25,8 +25,10 @@ if TYPE_CHECKING:  # slow to import, and not needed to read a result
     from fitting.design.next_trial import NextTrial
     from fitting.uncertainty.posterior import Posterior
 
-# Keys of result.json whose attribute has another name.
+# Attributes by those keys of result.json that have another name, and the other way round.
 RENAMED = {"ship": "ship_name", "calibration": "mark", "coefficients": "estimates"}
+KEYS = {attribute: key for key, attribute in RENAMED.items()}
+SHOWN = 8  # Faults of a file named at once. Set by hand: a screen.
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,8 @@ class EffectTest:
 
     p_value: of the likelihood ratio with and without it, in which a random force acts beside the noise of the sensors,
     for this effect alone; p_fit: by the standard errors of the fit (None where they are not known); parameters: symbol
-    -> its estimate with the random force; force_memory_s: correlation time of that; sentence: both in words; in_doubt:
-    they disagree.
+    -> its estimate with the random force; force_memory_s: its correlation time; sentence: both in words; in_doubt:
+    apart.
     """
 
     name: str
@@ -174,39 +176,39 @@ class FitRecord:
     status: str
     advice: str
     objective: float | None
-    constraint_violation: float | None
-    condition_number: float | None
-    iterations: int
-    passes: tuple[SolveRow, ...]
+    constraint_violation: float | None  # largest gap between intervals [scaled states]
+    condition_number: float | None  # of the covariance in prior standard deviations [-]
+    iterations: int  # of the last solve
+    passes: tuple[SolveRow, ...]  # in the order in which they were made
     starts: tuple[Start, ...]
     settings: Settings
     versions: dict[str, str]
-    compiled: bool
+    compiled: bool  # else interpreted
     timings_s: dict[str, float]
     data: tuple[TrialRow, ...]
     validation_data: tuple[TrialRow, ...]
     windows: int
     intervals: int
-    seconds_used: float
-    sigma: dict[str, float | None]
-    noise: dict[str, StateNoise]
+    seconds_used: float  # of data in the windows
+    sigma: dict[str, float | None]  # by state, that the last solve assumed [SI]
+    noise: dict[str, StateNoise]  # by state, of its residuals
     estimates: dict[str, CoefficientRow]
-    fixed: tuple[str, ...]
+    fixed: tuple[str, ...]  # symbols
     correlation: Correlation
-    scores: dict[str, ScorePair]
+    scores: dict[str, ScorePair]  # of "validation" and "training" trials, before and after
     identifiability: dict[str, Any]
     messages: tuple[MessageRow, ...]
     figures: tuple[FigureRow, ...] = ()
     mark: dict[str, str] | None = None
     effects: tuple[EffectTest, ...] | None = None
-    per_run: dict[str, dict[str, ConstantRow]] | None = None
+    per_run: dict[str, dict[str, ConstantRow]] | None = None  # run -> symbol -> constant
     uncertainty: dict[str, Any] | None = None
     bootstrap: dict[str, Any] | None = None
     profiles: tuple[dict[str, Any], ...] | None = None
     posterior: dict[str, Any] | None = None
     bands: dict[str, Any] | None = None
     adaptation: dict[str, Any] | None = None
-    random_force: dict[str, float] | None = None
+    random_force: dict[str, float] | None = None  # "X", "Y" [N], "N" [N m], "memory_s"
     envelope: dict[str, list[float]] | None = None
     tests: tuple[MeasuredManeuver, ...] | None = None
     left_out: dict[str, Any] | None = None
@@ -217,6 +219,7 @@ class FitRecord:
     def of(cls, content: Mapping[str, Any]) -> FitRecord:
         """The record of the ``content`` of result.json, plain or typed. Raises pydantic's error for wrong keys."""
         named = {RENAMED.get(str(key), str(key)): value for key, value in content.items()}
+        # through JSON, so that a record in memory is what would be read again; strict: no text for a number
         record: FitRecord = adapter(FitRecord).validate_json(json.dumps(plain(named)), strict=True)
         return record
 
@@ -235,12 +238,11 @@ class FitRecord:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of result.json."""
-        names = {name: key for key, name in RENAMED.items()}
         content: dict[str, Any] = {"kind": "calibration", "schema_version": SCHEMA_VERSION}
-        for field in fields(FitRecord):
+        for field in fields(FitRecord):  # of this class: a FitResult has more
             value = getattr(self, field.name)
             if value is not None or field.name in ("objective", "constraint_violation", "condition_number"):
-                content[names.get(field.name, field.name)] = plain(value)
+                content[KEYS.get(field.name, field.name)] = plain(value)
         texts = {f"{level}s": [str(m) for m in self._messages(level)] for level in ("warning", "notice")}
         return content | {"seed": self.settings.seed, **texts}
 
@@ -249,9 +251,8 @@ class FitRecord:
 class FitObjects:
     """What stands behind a result and is not stored: figures are drawn from it.
 
-    before, after: simulators of the ship before and after; trials, validation: calibrated on, and held out;
-    next_trial: possible trials and what they would add, None where none were scored; posterior: draws, None where none
-    were asked for.
+    before, after: simulators of the ship before and after; trials, validation: calibrated on, and held out; next_trial:
+    possible trials and what they would add, None: not scored; posterior: draws, None: not asked for.
     """
 
     calibration: Calibration
@@ -274,10 +275,9 @@ def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:
     try:
         return FitRecord.of(content)
     except ValidationError as error:
-        names = {name: key for key, name in RENAMED.items()}
         faults = []
         for fault in error.errors():
-            first, *rest = fault["loc"]
-            faults.append(f"{'.'.join(map(str, (names.get(str(first), first), *rest)))}: {fault['msg'].lower()}")
-        more = f"; and {len(faults) - 8} more" if len(faults) > 8 else ""
-        raise BadValue(f"{path}: {'; '.join(faults[:8])}{more}") from None
+            first, *rest = fault["loc"]  # an attribute; in the file it may be called otherwise
+            faults.append(f"{'.'.join(map(str, (KEYS.get(str(first), first), *rest)))}: {fault['msg'].lower()}")
+        more = f"; and {len(faults) - SHOWN} more" if len(faults) > SHOWN else ""
+        raise BadValue(f"{path}: {'; '.join(faults[:SHOWN])}{more}") from None

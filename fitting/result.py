@@ -99,7 +99,7 @@ class FitResult(FitRecord):
 
     @property
     def plot(self) -> FitAxes:
-        """Its figures on axes: ``fit.plot.tracks(ax)``, ``coefficients``, ``correlation``, ``forces``,
+        """Its figures: ``fit.plot.tracks(ax)``, ``coefficients``, ``correlation``, ``forces``,
         ``residuals``."""
         from fitting.report.plots import FitAxes  # late: matplotlib is slow to import
 
@@ -127,11 +127,11 @@ class FitResult(FitRecord):
     @property
     def _best_known(self) -> list[tuple[str, CoefficientRow]]:
         """The coefficients, those first of which the data say most beside the prior."""
+        # 2: beyond all shares
         return sorted(self.estimates.items(), key=lambda row: 2.0 if row[1].prior_share is None else row[1].prior_share)
 
     def summary(self) -> str:
-        """What one wants to know first, in lines of text: data, errors, verdicts, the coefficients that the data
-        determine best, warnings."""
+        """What one wants to know first, in lines: data, errors, verdicts, best determined coefficients, warnings."""
         from fitting.prediction.unit_errors import STATE_ERRORS
 
         lines = [repr(self).strip("<>"), f"{self.seconds_used:.0f} s of data; loss {self.settings.loss}"]
@@ -147,8 +147,8 @@ class FitResult(FitRecord):
         lines += [
             f"  {s:<10} {c.value:>11.4g} +- {c.std or 0:.2g} {c.unit} {c.verdict}".rstrip() for s, c in rows[:SUMMED_UP]
         ]
-        left = len(rows) - SUMMED_UP
-        lines += [f"  and {left} others: fit.coefficients"] * (left > 0)
+        if len(rows) > SUMMED_UP:
+            lines.append(f"  and {len(rows) - SUMMED_UP} others: fit.coefficients")
         lines += [textwrap.shorten(f"warning: {words}", 160) for words in self.warnings[:SUMMED_UP]]
         return "\n".join(lines)
 
@@ -181,8 +181,7 @@ class FitResult(FitRecord):
         method: "laplace", from the normal distribution of ``covariance`` about the estimates: a DataFrame (n, P), draws
         beyond a bound put on it; or "nuts", from the posterior of multiple shooting itself, by the no-U-turn sampler on
         its exact gradient: a ``Posterior`` of n draws or a few more. seed: of the draws. Raises UserError for n < 1, an
-        unknown method, a fit without covariance, and for "nuts" without nutpie or for a result that was read from a
-        folder.
+        unknown method, a fit without covariance, and for "nuts" without nutpie or for a result from a folder.
         """
         if n < 1:
             raise OutOfRange(f"n = {n}: give at least one draw")
@@ -203,10 +202,11 @@ class FitResult(FitRecord):
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged ({self.status})"
+        # of a verdict what stands before its reason and its share
         verdicts = Counter(re.split(r"[:(]", row.verdict)[0].strip() for row in self.estimates.values())
-        told = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
+        counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
         warned = f"; {len(self.warnings)} warnings" if self.warnings else ""
-        return f"<FitResult {self.ship.title}: {state}, {len(self.data)} trials; coefficients: {told}{warned}>"
+        return f"<FitResult {self.ship.title}: {state}, {len(self.data)} trials; coefficients: {counts}{warned}>"
 
     def _repr_html_(self) -> str:
         state = "converged" if self.converged else f"NOT CONVERGED ({self.status})"
@@ -233,16 +233,15 @@ class FitResult(FitRecord):
         numbers: called with the result when all but figures and page is written; report: with figures and page.
 
         Figures are drawn where ``objects`` are known, and copied where the result was read from another folder. They
-        and the page come last: one that fails is a warning. Raises UserError when the folder exists or cannot be
-        written.
+        and the page come last: one that fails is a warning. Raises UserError where it exists or cannot be written.
         """
         target = Path(folder)
         if not replace:
             run_folder.check_target(target)
         named = self._named(target)
-        pending = (
-            (MessageRow("warning", run_folder.PENDING.code, run_folder.PENDING),) if report and self.objects else ()
-        )
+        # stays in the file if drawing is cut short
+        warning = MessageRow("warning", run_folder.PENDING.code, run_folder.PENDING)
+        pending = (warning,) if report and self.objects else ()
         run_folder.write_whole(target, partial(named._fill, pending=pending, attach=attach), replace)
         if numbers:
             numbers(named)
@@ -270,7 +269,7 @@ class FitResult(FitRecord):
         (scratch / run_folder.START).write_text(dump_ship(self.start, "The ship before calibration."), encoding="utf-8")
         if self.iterate:
             save_file({k: np.ascontiguousarray(v) for k, v in self.iterate.items()}, scratch / run_folder.ITERATE)
-            (scratch / run_folder.ITERATE).chmod(0o644)
+            (scratch / run_folder.ITERATE).chmod(0o644)  # safetensors gives it to its owner alone
         if loss := self.loss:
             loss.save(scratch / run_folder.LOSS)
         if self.objects and self.objects.posterior:
@@ -299,7 +298,7 @@ class FitResult(FitRecord):
             models = objects.before, objects.after
             draw = partial(write_figures, written, self, models, objects.trials, objects.validation)
             with written.making("figures"):
-                if unless_interrupted(lambda: (draw(),)) is None:
+                if unless_interrupted(lambda: (draw(),)) is None:  # a tuple: None of ``draw`` is no interruption
                     written.failures.append(left_out_message(["figures"]))
             done = self._with_figures(written, time.perf_counter() - began)
         with written.making(run_folder.PAGE):
@@ -326,7 +325,7 @@ class FitResult(FitRecord):
         train, held_out = map(TrialSet, apart)
         with suppress(UserError):  # fitted all the same (--unchecked)
             train, held_out = ready(train, held_out)
-        models = Simulator(self.start, self.compiled), Simulator(self.ship, self.compiled)
+        models = Simulator(self.start, self.compiled), Simulator(self.ship, self.compiled)  # before and after
         written = FigureFolder(self.folder / run_folder.FIGURES)
         with written.making("figures"):
             write_figures(written, self, models, train, held_out)

@@ -320,16 +320,31 @@ def local_positions(
     return x, y, np.interp(np.arange(len(x)), good, turn) if len(good) else np.zeros(len(x))
 
 
+BAND_S = (32.0, 40.0)  # Latitudes of the UTM band S [deg], which lies in the north (Snyder 1987, USGS PP 1395, p. 62)
+
+
 def globe_positions(northing: np.ndarray, easting: np.ndarray, zone: str, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Latitude and longitude [deg] of UTM ``northing`` and ``easting`` (N,) [m] in a ``zone`` such as "32N". where: for
-    messages. Raises UserError for a zone that is none, and where pyproj is missing."""
+    """Latitude and longitude [deg] of UTM ``northing`` and ``easting`` (N,) [m] in a ``zone`` such as "32N", with the
+    hemisphere or the band. where: for messages. Raises UserError for a zone that is none, for an "S" that may be both,
+    and where pyproj is missing."""
     match = re.fullmatch(r"\s*(\d{1,2})\s*([C-HJ-NP-X]?)\s*", zone.upper())
     if match is None or not 1 <= int(match[1]) <= 60:
         raise BadValue(f"{where}: '{zone}' is no UTM zone; write it as 32N")
-    south = match[2] == "S" or "" < match[2] < "N"  # "S" is taken for south, not for the band of the same letter
-    frame = _projection(where, proj="utm", zone=int(match[1]), south=south)
-    longitude, latitude = frame(easting, northing, inverse=True)
-    return np.asarray(latitude), np.asarray(longitude)
+    number, letter = int(match[1]), match[2]
+    if not letter:  # the convergence of meridians has another sign on the other side of the equator
+        raise BadValue(
+            f"{where}: zone '{zone}' does not say which hemisphere; write {number}N, or its band in the south"
+        )
+    frame = _projection(where, proj="utm", zone=number, south=letter < "N" or letter == "S")
+    longitude, latitude = (np.asarray(x) for x in frame(easting, northing, inverse=True))
+    if letter == "S":
+        north = np.asarray(_projection(where, proj="utm", zone=number)(easting, northing, inverse=True)[1])
+        if BAND_S[0] <= float(np.nanmedian(north)) < BAND_S[1]:
+            words = f"{np.nanmedian(north):.2g} deg north in band S, or {-np.nanmedian(latitude):.2g} deg south"
+            raise BadValue(
+                f"{where}: zone '{zone}' may be {words}; write {number}N, or its band in the south, {number}F"
+            )
+    return latitude, longitude
 
 
 def _projection(where: str, **parameters: Any) -> Any:

@@ -25,25 +25,22 @@ from fitting.solvers.solve import Solution, disagreement
 from mmg.messages import Message
 from mmg.ship import Ship
 
-DETERMINED, PARTLY = 0.1, 0.7  # set by hand: they name a class and change no estimate
-"""Prior's share of the posterior variance below which the data determine a coefficient, or have a say in it."""
-
+# Prior's share of the posterior variance below which the data determine a coefficient.
+DETERMINED = 0.1  # set by hand: it names a class and changes no estimate
+PARTLY = 0.7  # The same below which they have a say in it. Set by hand: a class.
 # Ratio of posterior to prior variance above which correlated residuals made the estimate worse.
 WORSE = 1.2  # set by hand: a class
-
 # Prior standard deviations from the prior beyond which an estimate that the trials hardly tell contradicts it. A share
 # of PARTLY leaves the estimate sqrt(1 - PARTLY) = 0.55 prior standard deviations of chance. Set by hand.
 STRAINED = 2.0
-
 # Information of the data, by the prior's, below which a coefficient is not excited at all. Set by hand: a class.
 SILENT = 0.1
-
-MOST_PARTNERS = 4
-LEAST_GAIN = 0.1  # Partners named at most, and the part of the variance that knowing one more must remove. Set by hand.
-
+MOST_PARTNERS = 4  # Partners named at most. Set by hand: a sentence.
+LEAST_GAIN = 0.1  # Part of the variance that knowing one more partner must remove. Set by hand.
 # Absolute posterior correlation from which two coefficients belong to one cluster. Set by hand: it names a class.
 CORRELATED = 0.9
-
+# Scaled distance [-] from a bound up to which an estimate is at it, as solvers end inside. Set by hand.
+AT_BOUND = 1e-4
 # Kinds of findings in words.
 KINDS = {
     "determined": "determined by the data",
@@ -56,9 +53,9 @@ KINDS = {
     "unknown": "unknown",
 }
 
-ALONG, PAIR = 0.15, 0.8
-"""Tolerance of the logarithmic slope within which a shared pair is called a product or a ratio, and the correlation
-from which their combination is named at all. Set by hand: they word a finding."""
+# Tolerance of the logarithmic slope within which a shared pair is called a product or a ratio. Set by hand: a word.
+ALONG = 0.15
+PAIR = 0.8  # Correlation from which the combination of a pair is named at all. Set by hand: a word.
 
 
 @dataclass(frozen=True)
@@ -109,9 +106,16 @@ class Identifiability:
 
     @cached_property
     def order(self) -> np.ndarray:
-        """The P coefficients in an order that puts correlated ones beside each other."""
-        known = np.isfinite(self.correlation).all()
-        return order(self.correlation) if known else np.arange(len(self.correlation))
+        """The P coefficients by the leaves of average linkage on 1 - abs(correlation): alike ones are neighbours."""
+        if len(self.correlation) < 3 or not np.isfinite(self.correlation).all():
+            return np.arange(len(self.correlation))
+        from scipy.cluster.hierarchy import leaves_list, linkage  # late: slow to import
+        from scipy.spatial.distance import squareform
+
+        distance = np.clip(1 - np.abs(self.correlation), 0, None)
+        np.fill_diagonal(distance, 0)
+        distance = 0.5 * (distance + distance.T)
+        return np.asarray(leaves_list(linkage(squareform(distance, checks=False), "average", optimal_ordering=True)))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for result.json; counts: of the coefficients of each kind."""
@@ -137,15 +141,15 @@ class Identifiability:
 
 def at_bound(p: float, lower: float, upper: float) -> str:
     """ "lower", "upper" or "" for a scaled coefficient ``p`` against its scaled bounds ``lower`` and ``upper``."""
-    if p <= lower + 1e-4:
+    if p <= lower + AT_BOUND:
         return "lower"
-    return "upper" if p >= upper - 1e-4 else ""
+    return "upper" if p >= upper - AT_BOUND else ""
 
 
 def precision(covariance: np.ndarray) -> np.ndarray:
     """Inverse (P, P) of a covariance, symmetric, with its eigenvalues kept positive."""
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    values = np.maximum(values, 1e-12 * max(values[-1], 1e-300))
+    values = np.maximum(values, 1e-12 * max(values[-1], 1e-300))  # rounding
     return (vectors / values) @ vectors.T
 
 
@@ -166,11 +170,10 @@ def analyse(
             for s, bound in zip(prior.symbols, bounds, strict=True)
         )
         return Identifiability(unknown, (), nan, nan, np.full((P, P), nan))
-    data, worth = precision(covariance) - np.eye(P) if information is None else information, 1.0
-    if information is not None:
-        worth = information_discount(data, covariance)
+    data = precision(covariance) - np.eye(P) if information is None else information
+    worth = 1.0 if information is None else information_discount(data, covariance)
     inverse = worth * data + np.eye(P)
-    C = precision(inverse)
+    C = precision(inverse)  # correlations by the model, sizes by the robust covariance (head of this file)
     std, own = np.sqrt(np.diag(covariance)), np.sqrt(np.diag(C))
     correlation = C / np.outer(own, own)
     C = correlation * np.outer(std, std)
@@ -180,7 +183,7 @@ def analyse(
     return Identifiability(
         tuple(_finding(i, prior, p, C, alone[i], excited[i], bounds[i]) for i in range(P)),
         clusters(prior.symbols, correlation),
-        float(values[-1] / values[0]) if values[0] > 1e-14 * values[-1] else float("inf"),
+        float(values[-1] / values[0]) if values[0] > 1e-14 * values[-1] else float("inf"),  # else rounding: singular
         float(with_prior[-1] / with_prior[0]),
         correlation,
     )
@@ -193,12 +196,12 @@ def information_discount(data: np.ndarray, covariance: np.ndarray) -> float:
     1 for the covariance that the noise model implies, more for a cluster-robust one.
     """
     values, vectors = np.linalg.eigh(0.5 * (data + data.T))
-    for least in (10.0, 1.0):
+    for least in (10.0, 1.0):  # by the prior's information
         strong = values > least
         if strong.any():
             value = values[strong]
             variance = np.einsum("ji,jk,ki->i", vectors[:, strong], covariance, vectors[:, strong])
-            dispersion = float(np.median((variance * (value + 1) ** 2 - 1) / value))
+            dispersion = float(np.median((variance * (value + 1) ** 2 - 1) / value))  # solved for D
             return float(np.clip(1 / max(dispersion, 1e-3), 1e-3, 1.0))
     return 1.0
 
@@ -222,7 +225,7 @@ def _finding(
         kind = "partly" if share < PARTLY else "prior"
     if kind in ("prior", "silent") and abs(float(p[i])) > STRAINED:
         kind = "strained"
-    if kind == "silent" or (not shared and together > 0.67 * share):
+    if kind == "silent" or (not shared and together > 0.67 * share):  # a third at least is worth a name
         partners, together = [], share
     words = ""
     if len(partners) == 1:
@@ -238,14 +241,14 @@ def _partners(i: int, covariance: np.ndarray) -> tuple[list[int], float]:
     chosen: list[int] = []
     left, C = float(covariance[i, i]), covariance.copy()
     for _ in range(MOST_PARTNERS):
-        spread = np.where(np.diag(C) > 1e-10, np.diag(C), np.inf)
-        gain = C[i] ** 2 / spread
+        spread = np.where(np.diag(C) > 1e-10, np.diag(C), np.inf)  # those chosen are known: no variance left
+        gain = C[i] ** 2 / spread  # variance of i that knowing j removes
         gain[[i, *chosen]] = 0.0
         j = int(np.argmax(gain))
         if left < DETERMINED or gain[j] < LEAST_GAIN * left:
             break
         chosen.append(j)
-        C = C - np.outer(C[:, j], C[j]) / C[j, j]
+        C = C - np.outer(C[:, j], C[j]) / C[j, j]  # conditioned on j
         left = float(max(C[i, i], 0.0))
     return chosen, left
 
@@ -256,17 +259,18 @@ def combination(i: int, j: int, prior: Prior, p: np.ndarray, covariance: np.ndar
     i, j: their positions in ``prior``; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations.
     Deductions enter as 1 - t, wake fractions as 1 - w, the rudder force increase as 1 + a_H.
     """
+    # the direction that is determined least, in SI
     weak = np.linalg.eigh(covariance[np.ix_([i, j], [i, j])])[1][:, 1] * prior.std[[i, j]]
-    if np.abs(weak).min() < 1e-9 * np.abs(weak).max():
+    if np.abs(weak).min() < 1e-9 * np.abs(weak).max():  # one of both is known: no combination
         return ""
     value = (prior.mean + prior.std * p)[[i, j]]
     factors = [_factor(prior.symbols[k], float(v)) for k, v in zip((i, j), value, strict=True)]
     a, b = (name for name, _ in factors)
-    slope = float(weak[0] * factors[0][1] / (weak[1] * factors[1][1]))
-    if abs(np.log(abs(slope) + 1e-300)) < ALONG:
+    slope = float(weak[0] * factors[0][1] / (weak[1] * factors[1][1]))  # d ln a / d ln b along it
+    if abs(np.log(abs(slope) + 1e-300)) < ALONG:  # 1e-300: the logarithm of 0
         return f"the ratio {a} / {b}" if slope > 0 else f"the product {a} {b}"
     weight = -float(weak[0] / weak[1])
-    times = "" if abs(abs(weight) - 1) < 0.05 else f"{abs(weight):.2g} "
+    times = "" if abs(abs(weight) - 1) < 0.05 else f"{abs(weight):.2g} "  # one, by two digits
     return f"{prior.symbols[i]} {'+' if weight > 0 else '-'} {times}{prior.symbols[j]}"
 
 
@@ -292,19 +296,8 @@ def clusters(symbols: tuple[str, ...], correlation: np.ndarray) -> tuple[Cluster
     return tuple(sorted(found, key=lambda c: -c.strongest))
 
 
-def order(correlation: np.ndarray) -> np.ndarray:
-    """Coefficients (P,) in the order of the leaves of average linkage on 1 - abs(``correlation``), (P, P)."""
-    if len(correlation) < 3:
-        return np.arange(len(correlation))
-    from scipy.cluster.hierarchy import leaves_list, linkage
-    from scipy.spatial.distance import squareform
-
-    distance = np.clip(1 - np.abs(correlation), 0, None)
-    np.fill_diagonal(distance, 0)
-    distance = 0.5 * (distance + distance.T)
-    return np.asarray(leaves_list(linkage(squareform(distance, checks=False), "average", optimal_ordering=True)))
-
-
+# Ranges outside which a coefficient is no longer physical: it stands in for something that the model lacks. Engineering
+# judgement for merchant ships; public fits of the ESSO OSAKA records leave most of them.
 PHYSICAL: dict[str, tuple[float, float]] = {
     "t_P": (0.0, 0.4), "w_P0": (0.0, 0.8), "x_P": (-0.7, -0.3), "t_R": (0.0, 0.6), "a_H": (0.0, 1.0),
     "x_H": (-0.6, -0.3), "epsilon": (0.7, 1.6), "ell_R": (-1.2, -0.5), "gamma_P": (0.2, 0.8), "gamma_N": (0.2, 0.8),
@@ -312,10 +305,6 @@ PHYSICAL: dict[str, tuple[float, float]] = {
     "R_0": (0.0, math.inf), "Y_v": (-math.inf, 0.0), "N_v": (-math.inf, 0.0), "N_r": (-math.inf, 0.0),
     "C_D": (0.0, math.inf), "k_0": (0.0, math.inf),
 }  # fmt: skip
-"""Ranges outside which a coefficient is no longer physical: it stands in for something that the model lacks.
-
-Engineering judgement for merchant ships; public fits of the ESSO OSAKA records leave most of them.
-"""
 ADDED_MASSES = ("m_x", "m_y", "I_J_z")
 # Prior standard deviations within which the estimate of an added mass must lie: 95 % of the prior. Set by hand.
 WITHIN_PRIOR = 2.0
@@ -332,8 +321,7 @@ REMEDIES = (
 
 
 def cause(finding: CoefficientFinding, missing: str = "") -> str:
-    """What decided a coefficient, in words, from its ``finding``; missing: what trials that excite it have and these
-    have not."""
+    """What decided a coefficient, in words, from its ``finding``; missing: what in the trials would excite it."""
     names, kind = listed(finding.partners), finding.kind
     if kind == "strained":
         return (
@@ -386,10 +374,10 @@ def calibrated_ship(
     own, changed = "calibrated by mmg fit", {}
     for symbol, mean, std in zip(prior.symbols, prior.mean.tolist(), prior.std.tolist(), strict=True):
         source = ship.coefficients[symbol].source
-        source = own if own in source or not source else f"{own}; prior: {source}"
+        source = own if own in source or not source else f"{own}; prior: {source}"  # refits do not pile up
         changed[symbol] = ship.coefficients[symbol].with_(prior_value=mean, prior_std=std, source=source)
-    known = replace(ship.with_coefficients(changed), notices=())
-    return with_estimates(known, prior, p, covariance, identifiability, converged)
+    ship = replace(ship.with_coefficients(changed), notices=())  # those of the start were said by the fit
+    return with_estimates(ship, prior, p, covariance, identifiability, converged)
 
 
 def with_estimates(
@@ -416,16 +404,15 @@ def estimate_warnings(problem: Problem, best: Solution, p: np.ndarray, starts: l
 
     problem: as solved; best: the best of its solutions, from ``starts``; p: scaled estimate (P,).
     """
-    found = []
+    prior, found = problem.prior, list[Message]()
     if not best.converged:
         words = f"not converged ({best.status}): {best.advice or 'the best iterate is kept'}"
         found.append(Message(words, "not_converged"))
-    prior = problem.prior
     ends = [at_bound(*scaled) for scaled in zip(p, *prior.scaled_bounds, strict=True)]
     hit = [f"{s} ({end})" for s, end in zip(prior.symbols, ends, strict=True) if end]
     if hit:
         found.append(Message(f"at a bound: {', '.join(hit)}", "at_bound"))
-    away = [s for s, value in zip(prior.symbols, p, strict=True) if abs(value) > 3]
+    away = [s for s, value in zip(prior.symbols, p, strict=True) if abs(value) > 3]  # three by the sentence; by hand
     if away:
         words = f"more than three prior standard deviations from the prior: {', '.join(away)}; {REMEDIES}"
         found.append(Message(words, "far_from_prior"))
@@ -441,7 +428,7 @@ def implausible(prior: Prior, values: dict[str, float]) -> list[Message]:
         if low <= value <= high:
             continue
         limits = f"{low:g} to {high:g}"
-        if math.inf in (-low, high):
+        if math.inf in (-low, high):  # open on one side
             limits = f"at most {high:g}" if math.isfinite(high) else f"at least {low:g}"
         outside.append(f"{symbol} = {value:.3g} is outside its physical range ({limits})")
     for symbol, mean, std in zip(prior.symbols, prior.mean, prior.std, strict=True):

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from fitting.nlp.captive import CaptiveForces
 
 # Residuals of a run, as a multiple of those of the median run, from which it is named. Runs of the 3 m model that
-# belong reach 3.3 when they are left out of the fit; one whose rudder has the wrong sign 6 to 18. Set by hand between,
-# as measured.
+# belong reach 3.3 when they are left out of the fit; one whose rudder has the wrong sign 6 to 18. Set by hand between.
 FAR = 4.0
 # Multiple from which a run is judged by a fit without it, as it pulls the joint fit towards itself. Set by hand, well
 # below FAR: lower only costs fits.
@@ -39,6 +38,9 @@ SCATTER = 10.0
 WHITE = 0.3
 # Share of its effect going astern that a coefficient must have in the trials to count as excited. Set by hand.
 ASTERN = 1e-3
+# Standard deviations of prior and points together from which these contradict each other. Set by hand.
+CONTRADICTED = 5.0
+INFLUENCED = 300  # Most nodes at which influence is calculated. Set by hand: it bounds time.
 # By what surge velocity and revolutions of the data are multiplied to see what acts astern; first as they are.
 TURNED_ROUND = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -0.3), (-1.0, -0.3), (-1.0, 0.3))
 
@@ -66,8 +68,7 @@ def _scatter(trial: Trial, name: str, step: float) -> float:
     if name not in trial.columns:
         return float("nan")
     x = np.unwrap(trial[name]) if name == "psi" else trial[name]
-    x = x[:: max(1, round(step / trial.dt))]
-    second = np.diff(x, 2)
+    second = np.diff(x[:: max(1, round(step / trial.dt))], 2)
     second = second[np.isfinite(second)]
     return float(MAD * np.median(np.abs(second))) if len(second) > 10 else float("nan")
 
@@ -78,14 +79,14 @@ def outlying_runs(problem: Problem, x: np.ndarray, moves: np.ndarray) -> list[Me
     problem, x: the program solved and its solution; moves: (runs, P) change of the scaled coefficients without each
     run, to first order (``sandwich.left_out``), as a run that stands out is judged by a fit without it.
     """
-    size, white = run_residuals(problem, x)
+    size, correlations = run_residuals(problem, x)
     measured = np.isfinite(size).any(axis=1)
     if measured.sum() < 3:
         return []
     far = np.array([_multiple(row, np.delete(size, i, axis=0)) if measured[i] else 0.0 for i, row in enumerate(size)])
-    moved = dict(zip(np.unique(problem.segments.run).tolist(), moves, strict=True))
+    move_of = dict(zip(np.unique(problem.segments.run).tolist(), moves, strict=True))
     for k in np.flatnonzero((far > LOOK) & (far < FAR)).tolist():
-        alone = left_out_residual(problem, x, k, moved[k])
+        alone = left_out_residual(problem, x, k, move_of[k])
         if alone is not None:
             far[k] = max(far[k], _multiple(alone, np.delete(size, k, axis=0)))
     return [
@@ -100,7 +101,7 @@ def outlying_runs(problem: Problem, x: np.ndarray, moves: np.ndarray) -> list[Me
             "loading, or have a wrong unit or sign: leave it out and compare (mmg check, mmg score)",
             "outlying_run",
         )
-        for name, multiple, correlation in zip(problem.segments.trials, far, white, strict=True)
+        for name, multiple, correlation in zip(problem.segments.trials, far, correlations, strict=True)
         if multiple >= FAR
     ]
 
@@ -121,15 +122,14 @@ def left_out_residual(problem: Problem, x: np.ndarray, run: int, move: np.ndarra
     seg = problem.segments
     p = np.clip(problem.split(x)[1] + np.nan_to_num(move), *problem.p_bounds())
     theta, own = problem.prior.mean + problem.prior.std * p, np.arange(problem.P) >= problem.prior.shared
-    alone = problem.with_changes(segments=seg.subset(np.flatnonzero(seg.run == run))).with_bounds(
-        np.where(own, problem.prior.lower, theta), np.where(own, problem.prior.upper, theta)
-    )
-    held = solve(alone, alone.start(p), Control(iterations=60), 1e-3, rough=True)
+    bounds = np.where(own, problem.prior.lower, theta), np.where(own, problem.prior.upper, theta)
+    alone = problem.with_changes(segments=seg.subset(np.flatnonzero(seg.run == run))).with_bounds(*bounds)
+    held = solve(alone, alone.start(p), Control(iterations=60), 1e-3, rough=True)  # 60, 1e-3: set by hand, for a size
     return run_residuals(alone, held.x)[0][run] if np.isfinite(held.objective) else None
 
 
 def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """By run of ``problem`` at ``x``: rms residual of each channel (R, 6), NaN where unmeasured; and the mean lag-one
+    """By run of ``problem`` at ``x``: rms residual of each channel (R, 6), NaN where unmeasured; mean lag-one
     autocorrelation (R,)."""
     seg = problem.segments
     e, ei = problem.errors(x)
@@ -141,17 +141,15 @@ def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarr
     with np.errstate(invalid="ignore", divide="ignore"):
         size = np.sqrt(squares / samples)
         correlation = np.where(squares > 0, lagged / squares, np.nan)
-    white = np.array([np.mean(m[np.isfinite(m)]) if np.isfinite(m).any() else 0.0 for m in correlation])
-    return np.where(samples > 0, size, np.nan), white
+    mean = np.array([np.mean(m[np.isfinite(m)]) if np.isfinite(m).any() else 0.0 for m in correlation])
+    return np.where(samples > 0, size, np.nan), mean
 
 
 def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) -> list[Message]:
-    """A warning on free coefficients of ``ship`` that act only going astern (n < 0 or u < 0), or only ahead, when no
-    trial does.
+    """A warning on free coefficients of ``ship`` that act only astern (n < 0 or u < 0), or ahead, where no trial goes.
 
     They are found by their influence on the accelerations, over the data (``trials``, cut into ``segments``) and over
-    the data with surge velocity, revolutions or both turned round. Raises UserError when they are all that is free of
-    the ship itself.
+    the data with surge velocity, revolutions or both turned round. Raises UserError when no others are.
     """
     ahead, astern = _influence(ship, segments)
     unmoved = [s for s, a, b in zip(ship.free, ahead, astern, strict=True) if b > 0 and a < ASTERN * b]
@@ -173,20 +171,20 @@ def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) ->
     return [Message(f"{text}; the prior decides them: add {wanted}", code)]
 
 
-def _influence(ship: Ship, segments: Segments, most: int = 300) -> tuple[np.ndarray, np.ndarray]:
+def _influence(ship: Ship, segments: Segments) -> tuple[np.ndarray, np.ndarray]:
     """Of each free coefficient: rms change of the scaled accelerations for one prior standard deviation.
 
     Over the data (P,), and the largest one over the data turned round (P,).
     """
     model = assemble(ship)
     free = [ship.symbols.index(s) for s in ship.free]
-    pick = np.unique(np.linspace(0, len(segments.nodes) - 1, most).round().astype(int))
+    pick = np.unique(np.linspace(0, len(segments.nodes) - 1, INFLUENCED).round().astype(int))
     z, c, t = (ca.SX.sym("a", n) for n in (len(model.states), len(model.controls), len(model.symbols)))
-    rates = model.rates(z, c, t)[3:6] * ca.DM([1.0, 1.0, ship.particulars["L"]])
+    rates = model.rates(z, c, t)[3:6] * ca.DM([1.0, 1.0, ship.particulars["L"]])  # r' L: all in m/s^2
     J = ca.jacobian(rates, ca.vertcat(*[t[i] for i in free]))
     squares = ca.Function("influence", [z, c, t], [ca.sum1(ca.densify(J) ** 2)], {"cse": True})
     propellers = [i for i, name in enumerate(ship.inputs) if name == "n" or name.startswith("n_")]
-    states = np.tile(segments.nodes[pick].T[:, None], (1, len(TURNED_ROUND), 1))
+    states = np.tile(segments.nodes[pick].T[:, None], (1, len(TURNED_ROUND), 1))  # (6, ways, nodes)
     controls = np.tile(segments.node_controls[:, pick][:, None], (1, len(TURNED_ROUND), 1))
     surge, turns = np.array(TURNED_ROUND).T[:, :, None]
     states[3] *= surge
@@ -197,8 +195,8 @@ def _influence(ship: Ship, segments: Segments, most: int = 300) -> tuple[np.ndar
     total = total.reshape(len(free), len(TURNED_ROUND), -1)
     points = np.isfinite(total)  # none of them where the model has no value when it is turned round
     mean = np.where(points, total, 0.0).sum(axis=2) / np.maximum(points.sum(axis=2), 1)
-    found = np.sqrt(mean) * Prior.of(ship).std[:, None]
-    return found[:, 0], np.max(found[:, 1:], axis=1)
+    influence = np.sqrt(mean) * Prior.of(ship).std[:, None]  # (P, ways), the data as they are first
+    return influence[:, 0], np.max(influence[:, 1:], axis=1)
 
 
 def contradictions(prior: Prior) -> list[Message]:
@@ -227,22 +225,20 @@ def contradictions(prior: Prior) -> list[Message]:
     ]
 
 
-def against_captive(
-    forces: CaptiveForces, base: np.ndarray, free: np.ndarray, prior: Prior, most: float = 5.0
-) -> list[Message]:
-    """Warnings on coefficients that the captive points alone put ``most`` standard deviations from their prior.
+def against_captive(forces: CaptiveForces, base: np.ndarray, free: np.ndarray, prior: Prior) -> list[Message]:
+    """Warnings on coefficients that the captive points alone put CONTRADICTED standard deviations from their prior.
 
     forces: of the points; base: values of all coefficients (C,), free: positions (P,) of those in ``prior``. The points
     are fitted with the prior 30 times wider; what they leave to that prior is not compared.
     """
     from fitting.nlp.captive import estimate_from_captive
 
-    alone = estimate_from_captive(forces, base, free, prior.mean, prior.std, ridge=1e-3)
+    alone = estimate_from_captive(forces, base, free, prior.mean, prior.std, ridge=1e-3)  # 1 / sqrt(1e-3) = 30
     spread = np.sqrt(np.clip(np.diag(alone.covariance), 0, None))
     found = [
-        (abs(p) / np.sqrt(1 + s**2), symbol, mean, std, mean + std * p)
+        (abs(p) / np.sqrt(1 + s**2), symbol, mean, std, mean + std * p)  # variances of prior and points add up
         for symbol, mean, std, p, s in zip(prior.symbols, prior.mean, prior.std, alone.p, spread, strict=True)
-        if s < 3.0
+        if s < 3.0  # a tenth of the wide prior: the points tell it; set by hand
     ]
     return [
         Message(
@@ -252,5 +248,5 @@ def against_captive(
             "captive_against_prior",
         )
         for far, symbol, mean, std, value in sorted(found, reverse=True)
-        if far > most
+        if far > CONTRADICTED
     ]

@@ -19,9 +19,11 @@ from cases.quantities import to_si
 from mmg.compile.batch import batch_functions
 from mmg.errors import Missing, OutOfRange, UnknownName
 from mmg.model import Model
+from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 
-FORCES = ("X", "Y", "N")
+FORCES = ("X", "Y", "N")  # surge and sway force [N], yaw moment about midship [N m]: the rows of all (3, M) arrays
 UNITS = {"X": ("N", "kN"), "Y": ("N", "kN"), "N": ("N m", "kN m", "Nm", "kNm")}
+THRUSTERS = ("n_bow", "n_stern")  # At rest where the table has no column for them, as in trials
 FLOOR = 0.03  # Standard deviation of a force when the table gives none, by its rms over the points. Set by hand.
 
 
@@ -44,15 +46,15 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
 
     Columns sigma_X, sigma_Y, sigma_N give standard deviations point by point; ``sigma``, of X, Y [N] and N [N m], is
     for those that the file does not give; without either it is 3 % of the rms of the column. A force may be empty in
-    some rows: it is then not used there. Raises UserError for missing columns, unknown units, empty motion.
+    some rows: it is then not used there. A tunnel thruster without a column is at rest. Raises UserError for missing
+    columns, unknown units, empty motion.
     """
     if not path.exists():
         raise Missing(f"{path}: no such file; --captive takes a table of captive-test points")
-    table = trial_table(path)
-    header = table.header
+    header = (table := trial_table(path)).header
     cells = {name: (i, unit) for i, (name, unit) in enumerate(split_header(cell) for cell in header)}
-    found = {"delta" if name.startswith("delta") else name for name in cells}
-    if missing := [name for name in ("u", "v", "r", "n", *FORCES, "delta") if name not in found]:
+    present = {"delta" if name.startswith("delta") else name for name in cells}  # twin rudders: delta_port, ...
+    if missing := [name for name in ("u", "v", "r", "n", *FORCES, "delta") if name not in present]:
         raise Missing(f"{path}: missing column {', '.join(missing)}; found: {', '.join(header)}")
     factors: dict[str, tuple[int, float]] = {}
     for name, (i, unit) in cells.items():
@@ -61,7 +63,7 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
             if unit not in UNITS[force]:
                 raise UnknownName(f"{path}: column '{header[i]}' needs a unit out of {', '.join(UNITS[force])}")
             factors[name] = i, 1e3 if unit.startswith("k") else 1.0
-        elif name in ("u", "v", "r") or name.startswith(("n", "delta")):
+        elif name in ("u", "v", "r", *INPUTS) or name.startswith(("n", "delta")):  # "n_x" is refused, "remarks" is not
             try:
                 factors[name] = i, to_si(name, unit, f"{path}: column '{header[i]}'")
             except KeyError:
@@ -69,8 +71,8 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
     numbers = table.numbers([i for i, _ in factors.values()])
     columns = {name: numbers[i] * factor for name, (i, factor) in factors.items()}
     motion = np.array([columns[name] for name in ("u", "v", "r")])
-    actuators = {name: values for name, values in columns.items() if name.startswith(("n", "delta"))}
-    empty = ~np.isfinite(np.vstack([motion, *actuators.values()])).all(axis=0)
+    actuators = {name: columns[name] for name in columns if name in INPUTS}
+    empty = ~np.isfinite(np.vstack([motion, *actuators.values()])).all(axis=0)  # a force may be missing
     if empty.any():
         row = int(np.flatnonzero(empty)[0])
         raise Missing(f"{path}: row {row + 1} lacks a motion or an actuator ({int(empty.sum())} such rows)")
@@ -80,13 +82,13 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
 
 def _sigma(path: Path, forces: np.ndarray, columns: dict, given: tuple[float, ...] | None) -> np.ndarray:
     """Standard deviations (3, M), infinite where a force is missing."""
-    result, known = np.empty_like(forces), np.isfinite(forces)
+    result, measured = np.empty_like(forces), np.isfinite(forces)
     for i, name in enumerate(FORCES):
-        rms = float(np.sqrt(np.mean(forces[i, known[i]] ** 2))) if known[i].any() else 0.0
+        rms = float(np.sqrt(np.mean(forces[i, measured[i]] ** 2))) if measured[i].any() else 0.0
         result[i] = columns.get(f"sigma_{name}", given[i] if given else FLOOR * rms)
-        if not (result[i, known[i]] > 0).all():
+        if not (result[i, measured[i]] > 0).all():
             raise OutOfRange(f"{path}: the standard deviation of {name} must be positive; give it with --captive-sigma")
-    return np.where(known, result, np.inf)
+    return np.where(measured, result, np.inf)  # a weight of zero: no part in the cost
 
 
 class CaptiveForces:
@@ -100,12 +102,12 @@ class CaptiveForces:
         self._inputs = self._arrays(model, points)
         u, c = ca.SX.sym("motion", 3), ca.SX.sym("controls", len(model.controls))
         theta, mu = ca.SX.sym("theta", len(model.symbols)), ca.SX.sym("mu", 3)
-        state = model.initial(ca.vertcat(0, 0, 0, u), c, theta)
+        state = model.initial(ca.vertcat(0, 0, 0, u), c, theta)  # lags and memory settled
         rows = model.forces(state, c, theta)
         kept = [i for i, role in enumerate(model.roles) if role != "wind"]
-        F = ca.sum1(rows[kept, :]).T
+        F = ca.sum1(rows[kept, :]).T  # without wind, by the head of this file
         x = ca.vertcat(*[theta[int(i)] for i in free])
-        J, H = ca.jacobian(F, x), ca.triu(ca.hessian(ca.dot(mu, F), x)[0])
+        J, H = ca.jacobian(F, x), ca.triu(ca.hessian(ca.dot(mu, F), x)[0])  # H is symmetric: half of it
         self._J_at, self._H_at = (np.array(A.sparsity().get_triplet(), dtype=int) for A in (J, H))
         functions = [
             ca.Function("captive_values", [u, c, theta], [F], {"cse": True}),
@@ -119,9 +121,12 @@ class CaptiveForces:
     @staticmethod
     def _arrays(model: Model, points: Captive) -> tuple[np.ndarray, np.ndarray]:
         """Motion (3, M) and inputs (C, M) of the model: at rest relative to the air, at time 0."""
+        # wind that moves with the model; psi = 0, so that axes of the body are those of the earth
         still = {"wind_north": points.motion[0], "wind_east": points.motion[1], "time": np.zeros(len(points))}
-        rows = points.actuators | still
-        controls = [rows.get(name, rows.get(name.split("_")[0])) for name in model.controls]
+        rows = dict.fromkeys(THRUSTERS, np.zeros(len(points))) | points.actuators | still
+        # one column may be that of twins
+        shared = {name: name.split("_")[0] for name in model.controls if name in (*PROPELLERS, *RUDDERS)}
+        controls = [rows.get(name, rows.get(shared.get(name, ""))) for name in model.controls]
         for name, row in zip(model.controls, controls, strict=True):
             if row is None:
                 raise Missing(f"{points.name}: no column {name}, which {model.ship.name} has for an actuator")
@@ -138,7 +143,7 @@ class CaptiveForces:
     def jacobian(self, theta: np.ndarray) -> np.ndarray:
         """d forces / d free coefficients, (M, 3, P)."""
         J = np.zeros((len(self.points), 3, self.P))
-        J[:, self._J_at[0], self._J_at[1]] = self._call(1, theta).T
+        J[:, self._J_at[0], self._J_at[1]] = self._call(1, theta).T  # the kernel returns nonzeros alone
         return J
 
     def cost(self, theta: np.ndarray) -> float:
@@ -156,7 +161,7 @@ class CaptiveForces:
         """Hessian of ``cost``, (P, P)."""
         H = np.zeros((self.P, self.P))
         H[self._H_at[0], self._H_at[1]] = self._call(2, theta, self.weight * self.residuals(theta)).sum(axis=1)
-        return self.information(theta) + H + np.triu(H, 1).T
+        return self.information(theta) + H + np.triu(H, 1).T  # J'WJ, and second derivatives of the forces by residuals
 
 
 @dataclass(frozen=True)
@@ -192,15 +197,15 @@ def estimate_from_captive(
     here, converged = value(p), False
     for _ in range(200):
         g, H = std * forces.gradient(at(p)) + ridge * p, curvature(p)
-        step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), g)
+        step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), g)  # by the diagonal (Marquardt 1963)
         there = value(p + step)
         if np.isfinite(there) and there <= here:
             p, gain, here, damping = p + step, here - there, there, damping / 10 if damping > 1e-9 else 0.0
-            if gain <= 1e-9 * abs(here) + 1e-14:
+            if gain <= 1e-9 * abs(here) + 1e-14:  # set by hand: messages show four digits
                 converged = True
                 break
         else:
-            damping = max(10 * damping, 1e-4)
-            if damping > 1e10:
+            damping = max(10 * damping, 1e-4)  # from none to a first one
+            if damping > 1e10:  # steps have become rounding
                 break
     return CaptiveEstimate(p, np.linalg.inv(curvature(p)), converged)

@@ -42,7 +42,7 @@ class Information:
     def hessian(self) -> np.ndarray:
         """Gauss-Newton Hessian of the whole objective in p, prior included (P, P)."""
         total = self.fisher.sum(axis=0) + self.prior_information
-        return 0.5 * (total + total.T)
+        return 0.5 * (total + total.T)  # rounding makes it a little lopsided
 
     def by_run(self) -> Information:
         """The windows of each run added up: one row per run."""
@@ -53,13 +53,12 @@ class Information:
     def of_data(self) -> np.ndarray:
         """Information of the data, captive tests among them, on the shared coefficients, without their prior (P, P)."""
         hessian = self.shared().hessian
-        return hessian - np.eye(len(hessian))
+        return hessian - np.eye(len(hessian))  # the prior is the identity in scaled coefficients
 
     def shared(self) -> Information:
         """Information of each run on the shared coefficients, its own constants eliminated under their prior.
 
-        One row per run, or this itself if all coefficients are shared; one row in all if campaigns have constants,
-        which tie their runs together.
+        One row per run, or this itself if all coefficients are shared; one row in all if campaigns have constants.
         """
         if self.owner is None:
             return self
@@ -71,36 +70,34 @@ class Information:
         for k, run in enumerate(runs.run):
             own = np.flatnonzero(self.owner != -1 if together else self.owner == run)
             across = runs.fisher[k][np.ix_(kept, own)]
-            gain = np.linalg.solve(
-                runs.fisher[k][np.ix_(own, own)] + self.prior_information[np.ix_(own, own)], across.T
-            ).T
+            own_hessian = runs.fisher[k][np.ix_(own, own)] + self.prior_information[np.ix_(own, own)]
+            gain = np.linalg.solve(own_hessian, across.T).T  # Schur complement of the run's own constants
             fisher[k] = runs.fisher[k][np.ix_(kept, kept)] - gain @ across.T
             score[k] = runs.score[k][kept] - gain @ (runs.score[k][own] + self.prior_score[own])
         symbols = tuple(self.symbols[i] for i in kept)
-        known = self.prior_information[np.ix_(kept, kept)]
-        return Information(fisher, score, self.p[kept], runs.run, symbols, known, self.prior_score[kept])
+        prior = self.prior_information[np.ix_(kept, kept)]
+        return Information(fisher, score, self.p[kept], runs.run, symbols, prior, self.prior_score[kept])
 
 
 def information(problem: Problem, x: np.ndarray) -> Information:
     """Information and score of every window of ``problem`` at x (n,), which should satisfy the defects (a solution).
 
-    Defects that are left count to first order; a robust loss counts by its weights. Elements are in units of the
+    Defects that are eliminated count to first order; a robust loss counts by its weights. Elements are in units of the
     problem's scaled coefficients: (W, P, P) and (W, P).
     """
     seg, S, L, columns = problem.segments, problem.S, problem.L, problem.columns
     p, parts = problem.split(x)[1].copy(), Quadratics.of(problem, x)
-    left = Eliminated.of(seg, parts, problem.kernels.elimination)
-    shared = parts.shared + left.shared_by_window(seg)
-    solved = np.linalg.solve(
-        left.rows[:, :, :S], np.concatenate([left.rows[:, :, S:], left.slope[:, :S, None]], axis=2)
-    )
-    across = np.swapaxes(left.rows[:, :, S:], 1, 2) @ solved
-    local = shared - across[:, :, :L]
+    eliminated = Eliminated.of(seg, parts, problem.kernels.elimination)
+    shared = parts.shared + eliminated.shared_by_window(seg)
+    border, slope = eliminated.rows[:, :, S:], eliminated.slope
+    solved = np.linalg.solve(eliminated.rows[:, :, :S], np.concatenate([border, slope[:, :S, None]], axis=2))
+    across = np.swapaxes(border, 1, 2) @ solved
+    local = shared - across[:, :, :L]  # Schur complement of the first state, the last one to go
     at = columns.each(columns.at, columns.window)
     fisher, score = np.zeros((len(seg.run), problem.P, problem.P)), np.zeros((len(seg.run), problem.P))
     window = np.arange(len(seg.run))[:, None]
     fisher[window[:, :, None], at[:, :, None], at[:, None, :]] = 0.5 * (local + np.swapaxes(local, 1, 2))  # rounding
-    score[window, at] = left.slope[:, S:] - across[:, :, L]
+    score[window, at] = slope[:, S:] - across[:, :, L]
     return Information(fisher, score, p, seg.run.copy(), problem.prior.symbols, *prior_parts(problem, p), columns.owner)
 
 
@@ -124,9 +121,9 @@ class Eliminated:
         """seg: the windows; parts: their quadratics; code: compiled, None to do it here."""
         S, n = parts.maps.shape[1:]
         if code:
-            inside = (parts.inside, parts.inside_slope) if parts.inside.shape[2] == n else None
-            found = code.eliminated(seg.chains, parts.nodes, parts.node_slope, parts.maps, parts.off, inside)
-            rows, slope, B, ahead, pull = found
+            inside = (parts.inside, parts.inside_slope) if parts.inside.shape[2] == n else None  # else in the nodes
+            given = seg.chains, parts.nodes, parts.node_slope, parts.maps, parts.off, inside
+            rows, slope, B, ahead, pull = code.eliminated(*given)
             return cls(rows, slope, (parts.maps[:, :, S:], B), ahead, pull)
         W, M, L = len(seg.run), len(parts.maps), n - S
         rows, slope = np.zeros((W, S, n)), np.zeros((W, n))
@@ -140,7 +137,7 @@ class Eliminated:
             ahead[i], pull[i] = H, v[:, :S]
             # the slope where the interval ends, not at the node
             v = v + (np.swapaxes(H, 1, 2) @ parts.off[i][:, :S, None])[:, :, 0]
-            through = H[:, :, :S] @ T
+            through = H[:, :, :S] @ T  # half of T'HT, the cost-to-go carried to the interval's start
             B[i] = 0.5 * through[:, :, S:] + H[:, :, S:]  # a half, as A^T B + B^T A counts the quadratic twice
             through[:, :, S:] += H[:, :, S:]  # p acts at the end itself, too, not only through the interval
             turned = np.swapaxes(T, 1, 2)
@@ -172,7 +169,7 @@ class Eliminated:
 def intervals_by_level(seg: Segments) -> list[np.ndarray]:
     """Numbers of the intervals of ``seg``, arrays (m,): the last ones of all windows, those before them, ..."""
     order, first = seg.chains.number, seg.chains.first
-    level = np.arange(len(order)) - np.repeat(first[:-1], np.diff(first))
+    level = np.arange(len(order)) - np.repeat(first[:-1], np.diff(first))  # place of each interval in its chain
     return [order[level == depth] for depth in range(int(level.max()) + 1)]
 
 
@@ -193,6 +190,7 @@ class Quadratics:
 
     @classmethod
     def of(cls, problem: Problem, x: np.ndarray, by_window: bool = True) -> Quadratics:
+        """problem, x (n,): where; by_window: whether the quadratics in p are by window, else by group."""
         nodes, node_slope, at_nodes = _at_nodes(problem, x, by_window)
         inside, inside_slope, shared = _inside(problem, x, by_window)
         return cls(inside, inside_slope, nodes, node_slope, shared + at_nodes, *transitions(problem, x))
@@ -213,16 +211,17 @@ def _inside(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndarra
     """Quadratics of the samples inside each interval: rows (M, S, S + L) and slope (M, S + L) in (start node, p), and
     those in p alone by window (W, L, L) or group (G, L, L)."""
     nodes, p, _, _ = problem.evaluate(x)
-    pull, own = problem.sample_pull(x)
-    cost = problem.sample_cost(x, pull, problem.weights_at(x)[1], 0.0)
-    found = problem.shooting.quadratics(nodes[problem.segments.start].T, problem.coefficients(p), cost, by_window)
-    problem.keep_slopes(x, found.ends, found.slope, own)
+    pull, direct = problem.sample_pull(x)
+    cost = problem.sample_cost(x, pull, problem.weights_at(x)[1], 0.0)  # 0: no curvature of instruments (Gauss-Newton)
+    starts, theta = nodes[problem.segments.start].T, problem.coefficients(p)
+    found = problem.shooting.hessian(starts, theta, cost, by_window=by_window)
+    problem.keep_slopes(x, found.ends, found.slope, direct)  # they come with it: no second sweep for them
     unit = problem.columns.unit(problem.scale, problem.std, problem.columns.interval)
-    own = (problem.columns.each(problem.std, problem.columns.window) if by_window else problem.std)[:, None]
+    std = (problem.columns.each(problem.std, problem.columns.window) if by_window else problem.std)[:, None]
     slope = problem.slopes(x)[1] * unit[:, 0]
     rows = found.rows
-    rows *= problem.scale[:, None] * unit
-    return rows, slope, found.shared * np.swapaxes(own, 1, 2) * own
+    rows *= problem.scale[:, None] * unit  # in place: no copy of (M, S, S + L)
+    return rows, slope, found.shared * np.swapaxes(std, 1, 2) * std
 
 
 def _at_nodes(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -231,8 +230,7 @@ def _at_nodes(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndar
     h, group = problem.kernels.measurement, columns.node
     own, unit = h.own, columns.unit(problem.scale, problem.std, group)[:, 0]
     weight, error = problem.weights_at(x)[0], problem.errors(x)[0]
-    rows, slope = np.zeros((problem.B, S, S + L)), np.zeros((problem.B, S + L))
-    seg = problem.segments
+    rows, slope, seg = np.zeros((problem.B, S, S + L)), np.zeros((problem.B, S + L)), problem.segments
     of, count = (seg.node_window, len(seg.run)) if by_window else (group, columns.groups)
     shared, measured = np.zeros((count, L, L)), np.arange(6)
     if h.identity:
@@ -253,12 +251,11 @@ def _at_nodes(problem: Problem, x: np.ndarray, by_window: bool) -> tuple[np.ndar
 
 
 def transitions(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """d end / d (start, p) of the intervals of ``problem`` at x (n,), (M, S, S + L); and what the end is off the next
-    node, (M, S + L)."""
+    """d end / d (start, p) of the intervals of ``problem`` at x (n,), (M, S, S + L); and the end off the next node, (M,
+    S + L)."""
     S, L = problem.S, problem.L
     nodes, _, end, _ = problem.evaluate(x)
     off = np.zeros((problem.M, S + L))
     off[:, :S] = (end.T - nodes[problem.segments.end]) / problem.scale
     unit = problem.columns.unit(problem.scale, problem.std, problem.columns.interval)
-    T = problem.slopes(x)[0] * (unit / problem.scale[:, None])
-    return T, off
+    return problem.slopes(x)[0] * (unit / problem.scale[:, None]), off

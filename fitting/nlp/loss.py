@@ -21,14 +21,15 @@ from fitting.settings import LOSSES
 THRESHOLD = 1.5
 # Degrees of freedom of ``student``. By Lange et al. (1989); see the row ``student`` of benchmarks/ablation.md.
 NU = 4.0
+# Robust standard deviations from which on a residual says nothing of the noise: 6e-5 of Gaussian ones. Set by hand.
+OUTLYING = 4.0
 
 
 @dataclass(frozen=True)
 class Loss:
     """Cost of residuals by channel. name: one of LOSSES; tau: (6,) correlation times of residuals [samples].
 
-    Arrays e (residuals) and w (1 / sigma^2, 0 where nothing was measured) have the channels on axis 1: (B, 6) or
-    (K - 1, 6, M).
+    Residuals e and w (1 / sigma^2, 0 where nothing was measured) have the channels on axis 1: (B, 6) or (K - 1, 6, M).
     """
 
     name: str = "gaussian"
@@ -50,8 +51,8 @@ class Loss:
         """phi of each sample."""
         s = w * e * e
         if self.name == "huber":
-            a = self._over(e, THRESHOLD**2)
-            return 2 * s / (np.sqrt(1 + s / a) + 1)
+            # 2a (sqrt(1 + s/a) - 1) without cancellation
+            return 2 * s / (np.sqrt(1 + s / self._over(e, THRESHOLD**2)) + 1)
         if self.name == "student":
             return self._over(e, NU + 1) * np.log1p(s / self._over(e, NU))
         return s
@@ -60,7 +61,7 @@ class Loss:
         """W with d(1/2 phi)/de = W e: the weight that a sample has, at most about w."""
         if self.name == "huber":
             return w / np.sqrt(1 + w * e * e / self._over(e, THRESHOLD**2))
-        if self.name == "student":
+        if self.name == "student":  # (a + 1/tau) / a = (NU + 1) / NU: tau cancels
             return w * (NU + 1) / NU / (1 + w * e * e / self._over(e, NU))
         return w
 
@@ -74,12 +75,9 @@ class Loss:
         return w
 
 
-def without_outliers(residuals: list[np.ndarray], most: float = 4.0) -> list[np.ndarray]:
-    """The ``residuals`` of one channel, (n,) each, with those beyond ``most`` robust standard deviations made NaN.
-
-    The robust standard deviation is 1.4826 times the median of |e|.
-    """
+def without_outliers(residuals: list[np.ndarray]) -> list[np.ndarray]:
+    """The ``residuals`` of one channel, (n,) each, with those beyond OUTLYING times 1.4826 median |e| made NaN."""
     everything = np.abs(np.concatenate(residuals)) if residuals else np.zeros(0)
     everything = everything[np.isfinite(everything)]
-    limit = most * MAD * float(np.median(everything)) if len(everything) else 0.0
+    limit = OUTLYING * MAD * float(np.median(everything)) if len(everything) else 0.0
     return [np.where(np.abs(e) > limit, np.nan, e) for e in residuals] if limit > 0 else residuals

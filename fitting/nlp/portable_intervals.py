@@ -18,7 +18,8 @@ from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS, rk4_step
 
 
 class PortableIntervals:
-    """What ``mmg.compile.intervals.IntervalKernel`` does, whose methods say what they take and return, N = S + P.
+    """What ``mmg.compile.intervals.IntervalKernel`` does, whose methods say what they take and return; N = S + P, and
+    the Q states from S - Q on act.
 
     whole: as of ``mmg.compile.interval_source.derivatives``.
     """
@@ -32,15 +33,15 @@ class PortableIntervals:
         self._jacobian = ca.Function("jacobian", given[:3], [k, J], {"cse": True})
         if H:
             self._hessian = ca.Function("hessian", given, [ca.triu2symm(H[0])], {"cse": True})
-        self._made: dict[tuple, BatchFunction] = {}
+        self._made: dict[tuple, BatchFunction] = {}  # by kind, number of steps and step
 
     def values(
         self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, given: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """As of ``IntervalKernel``."""
-        held, exist, by_interval = self._held(lanes, theta)
+        inputs, exist, by_interval = self._lane_inputs(lanes, theta)
         z, after = start, []
-        for k, controls in enumerate(held):
+        for k, controls in enumerate(inputs):
 
             def rates(at: np.ndarray, part: float, controls: np.ndarray = controls) -> np.ndarray:
                 return self._rates.at(at[-self.Q :], _during(controls, part, self._sizes[0]), by_interval)[0]
@@ -94,20 +95,18 @@ class PortableIntervals:
             self.K, self.h = K, lanes.h
             name, *rest = kind
             self._made[kind, K, lanes.h] = BatchFunction(getattr(self, f"_{name}")(*rest), None)
-        held, *rest = self._held(lanes, theta)
-        return self._made[kind, K, lanes.h](start, held.reshape(-1, M), *rest, *(a.reshape(-1, M) for a in more))
+        inputs, *rest = self._lane_inputs(lanes, theta)
+        return self._made[kind, K, lanes.h](start, inputs.reshape(-1, M), *rest, *(a.reshape(-1, M) for a in more))
 
-    def _held(self, lanes: Lanes, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Controls (K, C or 2 C, M) of the intervals, which steps exist (K, M) as numbers, and coefficients (all,) or
-        (all, M)."""
+    def _lane_inputs(self, lanes: Lanes, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Controls (K, C or 2 C, M) of the intervals, which steps exist (K, M), and coefficients (all,) or (all, M)."""
         at = lanes.position
         by_interval = theta[0] if len(theta) == 1 else np.ascontiguousarray(theta[lanes.group[at]].T)
         exist = (np.arange(len(lanes.controls))[:, None] < lanes.steps[at]).astype(float)
         return lanes.controls[..., at], exist, by_interval
 
     def _arguments(self, changes: bool = False) -> list[ca.MX]:
-        """Start (S, 1), inputs (C, K) or with their changes (2 C, K), which steps exist (K, 1), and coefficients
-        (all, 1) of one interval."""
+        """Of one interval: start (S, 1), inputs (C or 2 C, K), which steps exist (K, 1), coefficients (all, 1)."""
         C, every = self._sizes
         shapes = {"start": (self.S, 1), "exists": (self.K, 1), "theta": (every, 1)}
         z, exists, theta = (ca.MX.sym(name, *shape) for name, shape in shapes.items())
@@ -125,11 +124,13 @@ class PortableIntervals:
             rate, slope, stages = ca.MX(S, 1), ca.MX(S, len(wanted)), []
             total, summed = rate, slope
             for node, weight in zip(NODES, WEIGHTS, strict=True):
+                # argument of the stage, and its slope
                 q, G = (a[-Q:, :] + node * self.h * b[-Q:, :] for a, b in ((z, rate), (Z, slope)))
                 rate, J = self._jacobian(q, _during(c[:, k], node, self._sizes[0]), theta)
-                slope = J[:, :Q] @ G + ca.horzcat(ca.MX(S, S), J[:, Q:])[:, wanted]
+                slope = J[:, :Q] @ G + ca.horzcat(ca.MX(S, S), J[:, Q:])[:, wanted]  # chain rule: dk = f_q dq + f_p
                 total, summed = total + weight * rate, summed + weight * slope
                 stages.append((q, G, J[:, :Q]))
+            # a step that is not there adds nothing
             z, Z = z + exists[k] * self.h * total, Z + exists[k] * self.h * summed
             after.append(Z)
             steps.append(stages)
@@ -155,15 +156,16 @@ class PortableIntervals:
         rows, columns = np.triu_indices(n)
         cost, weight = ca.MX.sym("cost", len(rows), self.K - 1), ca.MX.sym("weight", S)
         at, chosen = np.empty((n, n), dtype=int), ca.DM(len(own), N)
-        at[rows, columns] = at[columns, rows] = np.arange(len(rows))
+        at[rows, columns] = at[columns, rows] = np.arange(len(rows))  # where a pair of variables is among the triangle
         for row, column in enumerate(own):
             chosen[row, S + column] = 1.0
         H, adjoint = ca.MX(N, N), weight
         for k in reversed(range(self.K)):  # adjoints go backwards
             if k < self.K - 1:  # the end itself has no sample: it is a node
                 moved = ca.vertcat(after[k], chosen)
+                # the sample's Hessian, by the chain rule
                 H += moved.T @ (ca.reshape(cost[at.ravel().tolist(), k], n, n) @ moved)
-                adjoint = adjoint + pull[:, k]
+                adjoint = adjoint + pull[:, k]  # the sample pulls on its own state too
             if weighted:
                 bent, adjoint = self._bent(arguments, k, steps[k], adjoint, middle)
                 H += bent
@@ -185,6 +187,7 @@ class PortableIntervals:
             pulled = ca.vertcat(ca.MX(S - Q, 1), J.T @ multipliers[0])
             back, later = back + pulled, h * node * pulled
         if middle:
+            # the midpoint rule for the bending alone
             stages, multipliers = stages[MIDDLE : MIDDLE + 1], [sum(multipliers, ca.MX(S, 1))]
         total = ca.MX(S + self.P, S + self.P)
         for (q, G, _), mu in zip(stages, multipliers, strict=True):

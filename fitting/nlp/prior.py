@@ -28,9 +28,8 @@ def group_sums(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
 class Prior:
     """Gaussian prior and bounds of the free coefficients, each of shape (P,).
 
-    constants: coefficients of which each of ``runs`` runs has its own (fitting/nlp/prior.py); they come
-    last, run by run. campaign: (trials,) of which of ``runs`` campaigns each trial is, where the runs of a campaign
-    share its constants; empty: each run has its own.
+    constants: coefficients of which each of ``runs`` runs has its own; they come last, run by run. campaign: (trials,)
+    of which of ``runs`` campaigns each trial is, where the runs of a campaign share its constants; else empty.
     """
 
     symbols: tuple[str, ...]
@@ -69,28 +68,20 @@ class Prior:
 
     def joined(self, ship: Ship, symbols: Sequence[str]) -> Prior:
         """The prior with further coefficients of ``ship`` that all runs share, about their values, the last ones."""
-        mean, std, lower, upper = _stated(ship, symbols)
-        return Prior(
-            (*self.symbols, *symbols),
-            np.concatenate([self.mean, mean]),
-            np.concatenate([self.std, std]),
-            np.concatenate([self.lower, lower]),
-            np.concatenate([self.upper, upper]),
-        )
+        rows = zip((self.mean, self.std, self.lower, self.upper), _stated(ship, symbols), strict=True)
+        mean, std, lower, upper = map(np.concatenate, rows)
+        return Prior((*self.symbols, *symbols), mean, std, lower, upper)
 
     @classmethod
     def of(
-        cls,
-        ship: Ship,
-        constants: Sequence[str] = (),
-        runs: Sequence[str] = (),
-        campaign: Sequence[int] = (),
+        cls, ship: Ship, constants: Sequence[str] = (), runs: Sequence[str] = (), campaign: Sequence[int] = ()
     ) -> Prior:
         """The prior that a ship file states of what is free: value +- std within its bounds.
 
         constants: further coefficients, of which each of ``runs`` has its own, named "current.x@RUN"; campaign: which
         of ``runs``, then names of campaigns, each trial is of.
         """
+        # run by run, as scaled coefficients are ordered
         own = [(f"{symbol}@{run}", symbol) for run in runs for symbol in constants]
         symbols = (*ship.free, *(name for name, _ in own))
         mean, std, lower, upper = _stated(ship, (*ship.free, *(symbol for _, symbol in own)))
@@ -105,8 +96,7 @@ def _stated(ship: Ship, symbols: Sequence[str]) -> list[np.ndarray]:
 
 @dataclass(frozen=True)
 class Columns:
-    """The coefficients of a fit by group of intervals: a group is a run or a campaign, or all runs if none has
-    constants of its own.
+    """The coefficients of a fit by group of intervals: a run, a campaign, or all runs if none has constants of its own.
 
     at: (G, L) where those of each group lie in p (P,), the ``shared`` first ones in all groups; window (W,),
     interval (M,), node (B,): group of each; campaigns: whether groups are campaigns.
@@ -124,9 +114,11 @@ class Columns:
         """Those of a prior, for the intervals of ``segments``."""
         group = segments.run if prior.constants else np.zeros_like(segments.run)
         campaigns = bool(prior.constants and prior.campaign)
+        # from number of the run to that of its campaign
         group = np.asarray(prior.campaign)[group] if campaigns else group
         shared, own = prior.shared, len(prior.constants)
         runs = np.arange(prior.runs if own else 1)
+        # shared coefficients are first in each group, then come the constants of group 0, of group 1, ...
         at = np.hstack([np.tile(np.arange(shared), (len(runs), 1)), shared + own * runs[:, None] + np.arange(own)])
         return cls(at, shared, group, group[segments.window], group[segments.node_window], campaigns)
 
@@ -136,8 +128,7 @@ class Columns:
 
     @property
     def owner(self) -> np.ndarray | None:
-        """Run that each coefficient belongs to, -1 for shared ones, -2 - c for those of campaign c, (P,); None if all
-        are shared."""
+        """Run of each coefficient (P,), -1 for shared ones, -2 - c for those of campaign c; None if all are shared."""
         if self.at.shape[1] == self.shared:
             return None
         owner = np.full(int(self.at.max()) + 1, -1)
@@ -147,7 +138,7 @@ class Columns:
 
     def each(self, values: np.ndarray, group: np.ndarray) -> np.ndarray:
         """Values (G, ...) for points of these groups (m,): (m, ...), or (1, ...) for all of them."""
-        return values if self.groups == 1 else values[group]
+        return values if self.groups == 1 else values[group]  # one row broadcasts, no copy
 
     def points(self, theta: np.ndarray, group: np.ndarray) -> np.ndarray:
         """All coefficients of points: (all, m) from (G, all), or as they are if they are the same for all (all,)."""
@@ -196,21 +187,17 @@ Own = Sequence[str] | ByCampaign
 
 
 def prior_with(ship: Ship, own: Own, trials: Sequence[str]) -> Prior:
-    """The prior of what is free in ``ship`` and of the constants ``own`` of ``trials`` (names) or of campaigns."""
-    if isinstance(own, ByCampaign):
-        return _with_readings(Prior.of(ship, own.symbols, own.names, own.number), own)
-    return Prior.of(ship, own, trials)
-
-
-def _with_readings(prior: Prior, own: ByCampaign) -> Prior:
-    """The ``prior`` with what is told of the constants ``own``: the product of both normal distributions."""
+    """The prior of what is free in ``ship`` and of ``own``: constants of ``trials`` (names), or told of campaigns."""
+    if not isinstance(own, ByCampaign):
+        return Prior.of(ship, own, trials)
+    prior = Prior.of(ship, own.symbols, own.names, own.number)
     mean, std = prior.mean.copy(), prior.std.copy()
-    for symbol, rows in own.told.items():
+    for symbol, rows in own.told.items():  # the product of two normal distributions: precisions add up
         at = prior.shared + len(own.symbols) * np.arange(len(own.names)) + own.symbols.index(symbol)
-        value, error = np.array(rows).T
-        known = std[at] ** -2 + error**-2
-        mean[at] = (mean[at] * std[at] ** -2 + value * error**-2) / known
-        std[at] = known**-0.5
+        value, error = np.array(rows).T  # an infinite error adds nothing
+        precision = std[at] ** -2 + error**-2
+        mean[at] = (mean[at] * std[at] ** -2 + value * error**-2) / precision
+        std[at] = precision**-0.5
     return replace(prior, mean=np.clip(mean, prior.lower, prior.upper), std=std)
 
 
@@ -218,7 +205,9 @@ def ship_of_all(ship: Ship, own: Own, constants: RunConstants | None) -> Ship:
     """What all runs share of ``ship`` with the constants ``own``: without the effects of runs; with those of campaigns
     at their mean, the estimates of each campaign beside it."""
     if not isinstance(own, ByCampaign):
-        return without_constants(ship, own)
+        for name in _effects(own):
+            ship = ship.without_effect(name)
+        return ship
     if constants is None:
         return ship
     values = constants.value.tolist()
@@ -226,19 +215,15 @@ def ship_of_all(ship: Ship, own: Own, constants: RunConstants | None) -> Ship:
     return replace(ship, campaigns=rows)
 
 
-def without_constants(ship: Ship, symbols: Sequence[str]) -> Ship:
-    """The ``ship`` without the effects of the constants ``symbols``, which belong to the runs."""
-    for name in dict.fromkeys(s.split(".")[0] for s in symbols):
-        ship = ship.without_effect(name)
-    return ship
+def _effects(symbols: Sequence[str]) -> dict[str, None]:
+    """Names of the effects that the constants ``symbols`` belong to, each once, in their order."""
+    return dict.fromkeys(s.split(".")[0] for s in symbols)
 
 
 def neutral_values(ship: Ship, symbols: Sequence[str]) -> np.ndarray:
-    """Values of all coefficients of ``ship`` with the effects of the constants ``symbols`` absent, (all,), as in a
-    captive test.
-    """
+    """All coefficients of ``ship`` (all,), effects of the constants ``symbols`` neutral, as in captive tests."""
     off = ship
-    for name in dict.fromkeys(s.split(".")[0] for s in symbols):
+    for name in _effects(symbols):
         off = off.without_effect(name).with_effect(name)  # put in anew, an effect has its neutral values
     return np.array([off.coefficients[s].value for s in ship.symbols])
 

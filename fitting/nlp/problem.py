@@ -10,7 +10,7 @@ equals the next node. (Multiple shooting, Bock & Plitt 1984.)
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -39,25 +39,20 @@ def sparsity_patterns(seg: Segments, S: int, P: int, columns: Columns) -> tuple[
 
     S, P: numbers of states and coefficients. Nodes and intervals border on the ``columns`` of their group.
     """
-    M, B = seg.intervals, len(seg.nodes)
-    n, m = S * B + P, S * M
+    M, B, n = seg.intervals, len(seg.nodes), S * len(seg.nodes) + P
     i, j = np.meshgrid(np.arange(S), np.arange(S), indexing="ij")
     rows = S * np.arange(M)[:, None, None]
     block = (rows + i, S * seg.start[:, None, None] + j)
     ends = (S * np.arange(M)[:, None] + np.arange(S), S * seg.end[:, None] + np.arange(S))
     at = columns.at[columns.interval][:, None, :]
     dense = np.broadcast_arrays(rows + np.arange(S)[:, None], S * B + at)
-    r = np.concatenate([part[0].reshape(-1) for part in (block, ends, dense)])
-    c = np.concatenate([part[1].reshape(-1) for part in (block, ends, dense)])
-    jacobian = _sparsity(r, c, m, n)
+    jacobian = _sparsity((block, ends, dense), S * M, n)
     iu, ju = np.triu_indices(S)
-    own = (S * np.arange(B)[:, None] + iu, S * np.arange(B)[:, None] + ju)
+    own = (S * np.arange(B)[:, None] + iu, S * np.arange(B)[:, None] + ju)  # a node meets no other node, only p
     at = columns.at[columns.node][:, None, :]
     border = np.broadcast_arrays(S * np.arange(B)[:, None, None] + np.arange(S)[:, None], S * B + at)
-    pu, qu = np.triu_indices(P)
-    r = np.concatenate([own[0].reshape(-1), border[0].reshape(-1), S * B + pu])
-    c = np.concatenate([own[1].reshape(-1), border[1].reshape(-1), S * B + qu])
-    return jacobian, _sparsity(r, c, n, n)
+    shared = tuple(S * B + index for index in np.triu_indices(P))
+    return jacobian, _sparsity((own, border, shared), n, n)
 
 
 def upper_triangle(nodes: np.ndarray, shared: np.ndarray) -> np.ndarray:
@@ -69,8 +64,10 @@ def upper_triangle(nodes: np.ndarray, shared: np.ndarray) -> np.ndarray:
     return np.concatenate([part.reshape(-1) for part in parts])
 
 
-def _sparsity(rows: np.ndarray, columns: np.ndarray, n: int, m: int) -> Pattern:
-    """CasADi's compressed-column pattern of distinct triplets and the order that sorts their values into it."""
+def _sparsity(parts: Sequence[Sequence[np.ndarray]], n: int, m: int) -> Pattern:
+    """CasADi's compressed-column pattern (n, m) of distinct places, rows and columns of each of the ``parts``, and the
+    order that sorts their values into it."""
+    rows, columns = (np.concatenate([part[k].reshape(-1) for part in parts]) for k in (0, 1))
     order = np.lexsort((rows, columns))  # by column first: lexsort takes its last key as the first
     counts = np.bincount(columns, minlength=m)
     pointers = np.concatenate([[0], np.cumsum(counts)])
@@ -98,15 +95,15 @@ class Problem:
         self.ship, self.prior, self.segments = ship, prior, segments
         self.loss, self.captive = loss or Loss(), captive
         self.sigma = np.asarray(sigma, dtype=float)
-        # 1e-3: a ship at rest
+        # rms over the nodes [m/s]; 1e-3: no scale of zero for a ship at rest
         speed, length = np.sqrt(np.mean((segments.nodes[:, 3:5] ** 2).sum(axis=1))) + 1e-3, ship.particulars["L"]
         # typical changes over a window: unknowns of order 1 for IPOPT
         scale = np.array([length / 3, length / 3, 0.1, 0.3 * speed, 0.1 * speed, 0.1 * speed / length])
         self.scale = np.concatenate([scale, kernels.model.sizes])
         self.kernels, self.S = kernels, kernels.S
         self.columns = Columns.of(prior, segments)
-        held = (segments.steps, segments.controls, segments.h, self.columns.interval, segments.window)
-        self.shooting = Shooting(kernels.interval or kernels.portable, *held)
+        intervals = (segments.steps, segments.controls, segments.h, self.columns.interval, segments.window)
+        self.shooting = Shooting(kernels.interval or kernels.portable, *intervals)
         self.base, self.std, self.L = ship.values, prior.std[self.columns.at], self.columns.at.shape[1]
         self.B, self.P, self.M = len(segments.nodes), len(prior.mean), segments.intervals
         self.n, self.m = self.S * self.B + self.P, self.S * self.M
@@ -114,7 +111,7 @@ class Problem:
         self.node_weight, self.weight = segments.pinned() / at_nodes, segments.mask / inside
         self.measured_nodes = states_behind(kernels.model, segments.nodes.T, segments.node_controls, self.base).T
         self.memory_weight = np.zeros((self.B, self.S - 6))
-        # at first nodes alone: what came before is not logged
+        # a prior of typical sizes at first nodes alone: what came before is not logged
         self.memory_weight[np.unique(segments.node_window, return_index=True)[1]] = 1 / kernels.model.sizes**2
         # nan equals nothing: no x is cached yet
         self._values_at = self._slopes_at = self._errors_at = np.full(self.n, np.nan)
@@ -142,6 +139,7 @@ class Problem:
 
     def __reduce__(self) -> tuple:
         points, compiled = self.captive.points if self.captive else None, not self.kernels.interpreted_because
+        # compiled code is not pickled
         return Problem.of, (self.ship, self.prior, self.segments, self.sigma, self.loss, points, compiled)
 
     @cached_property
@@ -179,8 +177,8 @@ class Problem:
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of x: the coefficients' own, none for the nodes."""
-        free, (lower, upper) = np.full(self.S * self.B, np.inf), self.p_bounds()
-        return np.concatenate([-free, lower]), np.concatenate([free, upper])
+        infinite, (lower, upper) = np.full(self.S * self.B, np.inf), self.p_bounds()
+        return np.concatenate([-infinite, lower]), np.concatenate([infinite, upper])
 
     def evaluate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Node states (B, S), scaled coefficients, interval ends (S, M) and interior states at x, cached."""
@@ -207,7 +205,9 @@ class Problem:
         e, ei = self.errors(x)
         nodes, p, _, _ = self.evaluate(x)
         memory = self.memory_weight * (nodes[:, 6:] - self.measured_nodes[:, 6:]) ** 2
+        # phi of each sample, before the half
         samples = self.loss.cost(self.node_weight, e).sum() + self.loss.cost(self.weight, ei).sum()
+        # 2: its cost has the half already
         captive = 2 * self.captive.cost(self.captive_coefficients(p)) if self.captive else 0.0
         return 0.5 * float(samples + memory.sum() + captive + p @ p)  # p is in prior standard deviations
 
@@ -238,14 +238,14 @@ class Problem:
         ei = self.errors(x)[1]
         we = self.loss.weight(self.weight, ei) * ei
         if self.kernels.measurement.identity or not len(we):
+            # states beyond the six are not measured
             return np.pad(we, ((0, 0), (0, self.S - 6), (0, 0))), np.zeros((self.M, self.L))
-        z, theta, back = self._inside(interior, p)
+        z, theta, shaped = self._inside(interior, p)
         pull, own = self.kernels.measurement.slope(z.T, np.moveaxis(we, 1, 2).reshape(-1, 6), theta, self.L)
-        return np.moveaxis(back(pull), 2, 1), back(own).sum(axis=0)
+        return np.moveaxis(shaped(pull), 2, 1), shaped(own).sum(axis=0)
 
     def _inside(self, interior: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, Callable]:
-        """Interior states as points (S, m), all coefficients of them, and what shapes values (m, ...) of them as
-        (K - 1, M, ...)."""
+        """Interior states as points (S, m), their coefficients, and what shapes their values as (K - 1, M, ...)."""
         theta, steps = self._theta(p)[1], len(interior)
         theta = theta if theta.ndim == 1 else np.tile(theta, (1, steps))
         points = np.ascontiguousarray(np.moveaxis(interior, 1, 0)).reshape(self.S, -1)
@@ -255,7 +255,7 @@ class Problem:
         (_, slope), S, columns = self.slopes(x), self.S, self.columns
         nodes, p = self.split(x)
         e = self.errors(x)[0]
-        pulled = self.loss.weight(self.node_weight, e) * e
+        pulled = self.loss.weight(self.node_weight, e) * e  # d cost / d column
         d_nodes, direct = self.kernels.measurement.slope(nodes, pulled, self._theta(p)[0], self.L)
         d_theta = columns.total(direct, columns.node) + columns.total(slope[:, S:], columns.interval)
         if self.captive:
@@ -272,7 +272,7 @@ class Problem:
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Nonzeros of d defects / dx in the order of ``patterns``."""
         sensitivity, scale = self.slopes(x)[0], self.scale[:, None]
-        block = sensitivity[:, :, : self.S] * (self.scale / scale)
+        block = sensitivity[:, :, : self.S] * (self.scale / scale)  # d scaled end / d scaled start
         std = self.columns.each(self.std, self.columns.interval)[:, None, :]
         theta = sensitivity[:, :, self.S :] * (std / scale)
         ends = np.full(self.m, -1.0)  # each defect has minus the next node
@@ -285,8 +285,7 @@ class Problem:
     def hessian_parts(
         self, x: np.ndarray, factor: float, multipliers: np.ndarray, middle: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The same by blocks: rows of the nodes (B, S, S + L), coefficients (P, P); middle: as of
-        ``Shooting.hessian``."""
+        """By blocks: rows of the nodes (B, S, S + L), coefficients (P, P); middle: as of ``Shooting.hessian``."""
         S, columns = self.S, self.columns
         at_nodes, p, _, _ = self.evaluate(x)
         # defects are scaled, the kernel's ends are not
@@ -301,11 +300,11 @@ class Problem:
         else:
             pull = self.loss.weight(self.node_weight, e) * e
             H = factor * self.kernels.measurement.curvature(at_nodes, second, pull, self._theta(p)[0])
-            own = self.kernels.measurement.own
+            own = self.kernels.measurement.own  # few coefficients are of instruments: H has their columns alone
             nodes[:, :, np.concatenate([np.arange(S), S + own])] += H[:, :S]
             shared[:, own[:, None], own] += columns.total(H[:, S:, S:], columns.node)
         nodes[:, np.arange(6, S), np.arange(6, S)] += factor * self.memory_weight
-        t = self.std[:, None, :]
+        t = self.std[:, None, :]  # chain rule of p = (theta - mean) / std
         nodes *= self.scale[:, None] * columns.unit(self.scale, self.std, columns.node)
         shared = columns.matrix(shared * (np.swapaxes(t, 1, 2) * t), self.P) + factor * np.eye(self.P)
         return nodes, shared
@@ -332,11 +331,11 @@ class Problem:
         h, (_, p, _, interior) = self.kernels.measurement, self.evaluate(x)
         if h.identity or not len(weight):
             return SampleCost(pull, np.pad(weight, ((0, 0), (0, self.S - 6), (0, 0))))
-        z, theta, back = self._inside(interior, p)
+        z, theta, shaped = self._inside(interior, p)
         flat, ei = np.moveaxis(weight, 1, 2).reshape(-1, 6), self.errors(x)[1]
         we = bending * np.moveaxis(self.loss.weight(self.weight, ei) * ei, 1, 2).reshape(-1, 6)
-        full = self.kernels.measurement.curvature(z.T, flat, we if bending else None, theta)
-        return SampleCost(pull, weight, back(full), h.own)
+        full = h.curvature(z.T, flat, we if bending else None, theta)
+        return SampleCost(pull, weight, shaped(full), h.own)
 
     def weights_at(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """1 / sigma^2 of the samples at the nodes (B, 6) and inside (K - 1, 6, M), reduced by a robust loss."""
@@ -359,5 +358,5 @@ class Problem:
         names = ("ship", "prior", "kernels", "segments", "sigma", "loss", "captive")
         changed = Problem(**{name: getattr(self, name) for name in names} | changes)
         if "patterns" in self.__dict__ and not changes.keys() & {"ship", "prior", "kernels", "segments"}:
-            changed.__dict__["patterns"] = self.patterns
+            changed.__dict__["patterns"] = self.patterns  # they depend on nothing else
         return changed

@@ -3,8 +3,7 @@
 An interval integrates K Runge-Kutta steps from its start node with inputs held over each step. For all intervals
 together this gives the end state and the interior states, their sensitivities with respect to the start node and the
 free coefficients, and the Hessian of any weighted sum of them (exact, by adjoints that go back through the stages).
-Where there is a C compiler one kernel of the ship does all of that (mmg/compile/interval_source.py), elsewhere CasADi's
-virtual machine.
+With a C compiler one kernel of the ship does all that (mmg/compile/interval_source.py), else CasADi.
 
 y = h(z, theta): the identity for most ships; lags, lever arms, gains and biases of the effects that enter there.
 """
@@ -12,7 +11,7 @@ y = h(z, theta): the identity for most ships; lags, lever arms, gains and biases
 from __future__ import annotations
 
 import ctypes
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import TYPE_CHECKING
 
@@ -42,10 +41,6 @@ class Curved:
     rows: np.ndarray
     shared: np.ndarray
 
-    def of_groups(self, group: np.ndarray, groups: int) -> Curved:
-        """The same with the blocks of the coefficients summed by ``group``, one number below ``groups`` for each."""
-        return replace(self, shared=group_sums(group, self.shared, groups))
-
 
 @dataclass
 class SampleCost:
@@ -67,10 +62,9 @@ class SampleCost:
         rows, columns = np.triu_indices(n)
         if self.full is not None:
             return np.ascontiguousarray(np.moveaxis(self.full[:, :, rows, columns], 2, 1))
-        found = np.zeros((steps, len(rows), M))
-        # without instruments the columns are the states: the Hessian is diagonal
-        found[:, rows == columns] = self.weight
-        return found
+        triangles = np.zeros((steps, len(rows), M))
+        triangles[:, rows == columns] = self.weight  # without instruments columns are states: the Hessian is diagonal
+        return triangles
 
 
 class Measurement:
@@ -86,8 +80,8 @@ class Measurement:
             return
         z, theta = ca.SX.sym("z", self.S), ca.SX.sym("theta", len(model.symbols))
         mu, y = ca.SX.sym("mu", 6), model.columns(z, theta)
-        # 1: at all, not only nonlinearly
-        touched = ca.which_depends(y, ca.vertcat(*[theta[int(i)] for i in free]), 1) if len(free) else []
+        coefficients = ca.vertcat(*[theta[int(i)] for i in free])
+        touched = ca.which_depends(y, coefficients, 1) if len(free) else []  # 1: at all, not only nonlinearly
         self.own = np.flatnonzero(touched)
         x = ca.vertcat(z, *[theta[int(free[i])] for i in self.own])
         J, H = ca.densify(ca.jacobian(y, x)), ca.densify(ca.hessian(ca.dot(mu, y), x)[0])
@@ -106,11 +100,6 @@ class Measurement:
         """d y / d (z, own coefficients), (m, 6, S + O)."""
         flat = self._batch[1].at(z, theta)[0]
         return np.ascontiguousarray(flat.T.reshape(-1, self.S + len(self.own), 6).swapaxes(1, 2))
-
-    def hessian(self, z: np.ndarray, theta: np.ndarray, mu: np.ndarray) -> np.ndarray:
-        """Second derivative of mu . y with respect to (z, own coefficients), mu (6, m): (m, S + O, S + O)."""
-        size = self.S + len(self.own)
-        return np.ascontiguousarray(self._batch[2].at(z, theta, mu)[0].T.reshape(-1, size, size))
 
     def slope(self, z: np.ndarray, we: np.ndarray, theta: np.ndarray, free: int) -> tuple[np.ndarray, np.ndarray]:
         """Gradient of 1/2 sum w e^2 with respect to states z (m, S) and, directly, the ``free`` coefficients (m, free).
@@ -131,7 +120,9 @@ class Measurement:
         """
         J = self.jacobian(z.T, theta)
         first = np.swapaxes(J, 1, 2) @ (w[:, :, None] * J)
-        return first if we is None else first + self.hessian(z.T, theta, we.T)
+        if we is None:
+            return first
+        return first + self._batch[2].at(z.T, theta, we.T)[0].T.reshape(first.shape)  # bending of y, by residuals
 
 
 @dataclass(frozen=True)
@@ -150,14 +141,12 @@ class Elimination:
         ``Eliminated`` has, from rows (B, S, n) and slopes (B, n) of the nodes, maps (M, S, n) and off (M, S or more) of
         the intervals, and rows (M, S, n) and slopes (M, n) of the samples inside them, or None."""
         (M, S, n), W = maps.shape, len(chains.first) - 1
-        given = [np.ascontiguousarray(a, dtype=float) for a in (nodes, node_slope, *(inside or ()), maps, off)]
+        given = [_contiguous(a) for a in (nodes, node_slope, *(inside or (None, None)), maps, off)]
         shapes = ((W, S, n), (W, n), (M, S, n - S), (M, S, n), (M, S))
         found = tuple(np.empty(shape) for shape in shapes)
-        at = [ctypes.c_void_p(a.ctypes.data) for a in given]
-        at[2:2] = [] if inside else [ctypes.c_void_p(None)] * 2
-        out = [ctypes.c_void_p(a.ctypes.data) for a in found]
         sizes, row = [ctypes.c_longlong(k) for k in (W, S, n)], ctypes.c_longlong(off.shape[1])
-        if self.library.eliminate(*sizes, *_addresses(chains), *at, row, *out):
+        at = chains.first, chains.number, chains.start, chains.end
+        if self.library.eliminate(*sizes, *_pointers(*at), *_pointers(*given), row, *_pointers(*found)):
             raise MemoryError("no memory for the elimination of nodes")
         return found
 
@@ -167,20 +156,22 @@ class Elimination:
         """Steps (nodes, S) of all nodes from those of the first ones (W, S) and of the coefficients p (W or 1, n - S),
         None for none; maps: (M, S, n), off: (M, S)."""
         (_, S, n), W = maps.shape, len(chains.first) - 1
-        given = [np.ascontiguousarray(a, dtype=float) for a in (maps, off, first)]
-        own = np.ascontiguousarray(p) if p is not None else None
+        given = [_contiguous(a) for a in (maps, off, first, p)]
         steps, sizes = np.zeros((nodes, S)), [ctypes.c_longlong(k) for k in (W, S, n)]
-        row = ctypes.c_longlong(n - S if own is not None and len(own) > 1 else 0)
-        at = [ctypes.c_void_p(a.ctypes.data) for a in given]
-        at += [ctypes.c_void_p(own.ctypes.data if own is not None else None)]
-        self.library.carry(*sizes, *_addresses(chains), *at, row, ctypes.c_void_p(steps.ctypes.data))
+        row = ctypes.c_longlong(n - S if p is not None and len(p) > 1 else 0)  # 0: all windows read the same row
+        at = chains.first, chains.number, chains.start, chains.end
+        self.library.carry(*sizes, *_pointers(*at), *_pointers(*given), row, *_pointers(steps))
         return steps
 
 
-def _addresses(chains: Chains) -> list[object]:
-    """Of the ``chains``, for the C functions."""
-    arrays = (chains.first, chains.number, chains.start, chains.end)
-    return [ctypes.c_void_p(a.ctypes.data) for a in arrays]
+def _contiguous(values: np.ndarray | None) -> np.ndarray | None:
+    """As C reads them; who calls it keeps the copy until the call has ended."""
+    return None if values is None else np.ascontiguousarray(values, dtype=float)
+
+
+def _pointers(*arrays: np.ndarray | None) -> list[ctypes.c_void_p]:
+    """Addresses of ``arrays`` for the C functions, null for None."""
+    return [ctypes.c_void_p(None if a is None else a.ctypes.data) for a in arrays]
 
 
 @cache
@@ -194,8 +185,7 @@ class Kernels:
     """Right-hand side, Jacobian and Hessian of a ``model`` for its intervals.
 
     A state has S rows, on the last of which, from ``first`` on, the rates depend. free: positions of the free
-    coefficients among all (P of them); compiled: whether to use a C compiler. ``interpreted_because`` says why there is
-    no compiled kernel.
+    coefficients among all (P of them); compiled: whether to use a C compiler. ``interpreted_because``: why none is.
     """
 
     def __init__(self, model: Model, free: np.ndarray, compiled: bool = True) -> None:
@@ -203,9 +193,8 @@ class Kernels:
         self.S, self.first = len(model.states), model.first
         q, c = ca.SX.sym("q", self.S - self.first), ca.SX.sym("c", len(model.controls))
         theta = ca.SX.sym("theta", len(model.symbols))
-        rates = ca.cse(
-            model.rates(ca.vertcat(ca.SX.zeros(self.first), q), c, theta)
-        )  # the states before ``first`` do not act
+        # zeros: states before ``first`` do not act
+        rates = ca.cse(model.rates(ca.vertcat(ca.SX.zeros(self.first), q), c, theta))
         self.whole = derivatives(rates, q, c, theta, self.free, second=True)
         self.interval: IntervalKernel | None = None
         self.interpreted_because = "compilation switched off"
@@ -229,9 +218,10 @@ class Kernels:
 
     def _tried(self, kernel: IntervalKernel) -> str:
         """What is wrong with a new ``kernel``, "" for nothing: on a few intervals its numbers are those without it."""
+        # four windows of unequal intervals; 11 fill no whole number of vectors
         rng, M, K, theta = np.random.default_rng(0), 11, 3, self.model.ship.values
         steps, window = np.array([3] * 6 + [2] * 3 + [1] * 2), np.arange(M) // 3
-        both = np.array([theta, theta * 1.01])
+        both = np.array([theta, theta * 1.01])  # two groups, whose coefficients differ
         controls = 0.1 * rng.standard_normal((K, len(self.model.controls), MORE * M))
         start, weight = 0.1 * rng.standard_normal((2, self.S, MORE * M))
         # no sample behind an end
@@ -245,9 +235,9 @@ class Kernels:
         cost, found = SampleCost(pull, curved), []
         for way in (kernel, self.portable):
             shooting = Shooting(way, steps, controls, 0.1, window % 2, window)
-            both_ways = [shooting.quadratics(start, both, cost, by_window) for by_window in (False, True)]
-            both_ways += [shooting.hessian(start, both, cost, weight, middle) for middle in (False, True)]
-            parts = [part for c in both_ways for part in (c.ends, c.slope, c.rows, c.shared)]
+            every = [shooting.hessian(start, both, cost, by_window=by_window) for by_window in (False, True)]
+            every += [shooting.hessian(start, both, cost, weight, middle) for middle in (False, True)]
+            parts = [part for c in every for part in (c.ends, c.slope, c.rows, c.shared)]
             parts += [shooting.gradient(start, both, pull, weight)]
             found.append([*shooting.values(start, both), *shooting.linearise(start, both, pull), *parts])
         wrong = differences(found[0], found[1], 1e-9)  # by rounding
@@ -258,8 +248,7 @@ class Shooting:
     """All intervals of a problem.
 
     kernel: compiled or portable, of the ship; steps: (M,) of each interval; controls: (K, C, M) held over steps of h
-    [s]; group: (M,) which of the coefficients (G, all) each interval has; window: (M,) to which it belongs. theta: all
-    coefficients, (all,) or by group (G, all).
+    [s]; group: (M,) which of the coefficients (G, all) each interval has; window: (M,) to which it belongs.
     """
 
     def __init__(
@@ -276,7 +265,8 @@ class Shooting:
         self._group[window] = group
 
     def values(self, start: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and all coefficients."""
+        """End states (S, M) and interior states (K - 1, S, M) from start states (S, M) and all coefficients ``theta``,
+        (all,) or by group (G, all)."""
         return self.kernel.values(self.lanes, start, np.atleast_2d(theta))
 
     def linearise(self, start: np.ndarray, theta: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -289,14 +279,6 @@ class Shooting:
         own gradients are ``pull`` (K - 1, S, M) and ``weight`` (S, M); start, theta: as of ``values``."""
         return self.kernel.gradient(self.lanes, start, np.atleast_2d(theta), pull, weight)
 
-    def quadratics(self, start: np.ndarray, theta: np.ndarray, cost: SampleCost, by_window: bool = True) -> Curved:
-        """The same, and the Hessian of the ``cost`` to first order in the states; start, theta: as of ``values``.
-
-        by_window: whether the Hessian of the coefficients is by window, else by group."""
-        return (
-            self._curved(start, theta, cost, None, self.lanes.slot) if by_window else self.hessian(start, theta, cost)
-        )
-
     def hessian(
         self,
         start: np.ndarray,
@@ -304,24 +286,18 @@ class Shooting:
         cost: SampleCost,
         weight: np.ndarray | None = None,
         middle: bool = False,
+        by_window: bool = False,
     ) -> Curved:
-        """The same, and the whole Hessian of ``weight`` (S, M) . ends + ``cost``; that of the coefficients by group;
-        start, theta: as of ``values``; weight None: as of ``quadratics``; middle: with second derivatives of the rates
-        once a step, in its middle."""
-        slot, group = self._by_group
-        return self._curved(start, theta, cost, weight, slot, middle).of_groups(group, len(np.atleast_2d(theta)))
+        """As ``linearise``, and the Hessian of ``weight`` (S, M) . ends + ``cost``, by None that of the cost to first
+        order in the states (Gauss-Newton).
 
-    def _curved(
-        self,
-        start: np.ndarray,
-        theta: np.ndarray,
-        cost: SampleCost,
-        weight: np.ndarray | None,
-        slot: np.ndarray,
-        middle: bool = False,
-    ) -> Curved:
-        both, every = (cost.triangles(), cost.own), np.atleast_2d(theta)
-        return Curved(*self.kernel.curve(self.lanes, start, every, cost.pull, both, weight, slot, middle))
+        start, theta: as of ``values``; middle: with second derivatives of the rates once a step, in its middle;
+        by_window: whether the block of the coefficients is by window, else by group."""
+        every, both = np.atleast_2d(theta), (cost.triangles(), cost.own)
+        slot, group = (self.lanes.slot, None) if by_window else self._by_group
+        ends, slope, rows, shared = self.kernel.curve(self.lanes, start, every, cost.pull, both, weight, slot, middle)
+        # a group has a slot in each share of the work
+        return Curved(ends, slope, rows, shared if group is None else group_sums(group, shared, len(every)))
 
     @cached_property
     def _by_group(self) -> tuple[np.ndarray, np.ndarray]:

@@ -74,10 +74,7 @@ class Stretch:
 
 
 def pieces_of(
-    trials: Sequence[Trial],
-    h: float,
-    inputs: Sequence[str] = STANDARD,
-    means: Callable[..., np.ndarray] = step_means,
+    trials: Sequence[Trial], h: float, inputs: Sequence[str] = STANDARD, means: Callable[..., np.ndarray] = step_means
 ) -> list[Stretch]:
     """The gap-free pieces of ``trials`` on grids of step h [s], for a model with these ``inputs``, by run.
 
@@ -86,8 +83,9 @@ def pieces_of(
     result = []
     for run, trial in enumerate(trials):
         states, controls = trial.states, model_inputs(trial, inputs).array
-        # positions may be missing
+        # without x and y, which may be missing
         good = np.flatnonzero(np.isfinite(np.column_stack([states[:, 2:], controls])).all(axis=1))
+        # two samples lost, and two steps; set by hand
         gaps = np.flatnonzero(np.diff(trial.t[good]) > max(2.5 * trial.dt, 2.0 * h)) + 1
         for rows in np.split(good, gaps) if len(good) else []:
             t = trial.t[rows]
@@ -106,11 +104,11 @@ def _interpolate(at: np.ndarray, t: np.ndarray, values: np.ndarray) -> np.ndarra
     good = np.isfinite(values)
     if good.sum() < 2:
         return np.full(len(at), np.nan)
-    out = np.interp(at, t[good], values[good])
-    if not good.all():
-        position = np.clip(np.searchsorted(t, at - 1e-9), 0, len(t) - 1)
-        out[~(good[position] & good[np.maximum(position - 1, 0)])] = np.nan
-    return out
+    result = np.interp(at, t[good], values[good])
+    if not good.all():  # numpy interpolates across what is missing; 1e-9 [s]: a sample that is hit but for rounding
+        after = np.clip(np.searchsorted(t, at - 1e-9), 0, len(t) - 1)
+        result[~(good[after] & good[np.maximum(after - 1, 0)])] = np.nan
+    return result
 
 
 def default_step(trials: Sequence[Trial], length: float) -> float:
@@ -120,11 +118,12 @@ def default_step(trials: Sequence[Trial], length: float) -> float:
     a power of ten, and then to whole samples: states are compared where they were measured, not interpolated.
     """
     u2 = np.concatenate([t["u"] ** 2 + t["v"] ** 2 for t in trials])
+    # a ship that hardly moves: Froude number .02
     speed = max(float(np.sqrt(np.nanmean(u2))), 0.02 * reference_speed(length))
     dt = max(t.dt for t in trials)
-    wanted = max(0.05 * length / speed, dt)
+    wanted = max(0.05 * length / speed, dt)  # a twentieth of a length: set by hand
     decade = 10 ** np.floor(np.log10(wanted))
-    step = float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))
+    step = float(min((c * decade for c in (1, 2, 5, 10)), key=lambda s: abs(np.log(s / wanted))))  # nearest by ratio
     samples = max(1, int(np.floor(step / dt + 0.5 - 1e-6)))  # halves go down: more samples are compared
     return step if abs(step / dt - samples) < 1e-3 else samples * dt  # a round number where it is whole samples
 
@@ -198,11 +197,11 @@ class Segments:
         """Variances of samples at nodes (B, 6) and inside (1, 6, M): ``sigma`` (6,) squared, and where a state was
         derived the variance that its trial states, as often as residuals of the channel are correlated, ``tau`` (6,).
         """
-        own = sigma**2
+        noise = sigma**2
         if self.variance is None:
-            return np.broadcast_to(own, self.nodes.shape), own[None, :, None]
-        more = self.variance * tau
-        return own + more[self.node_window], own[None, :, None] + more[self.window].T[None]
+            return np.broadcast_to(noise, self.nodes.shape), noise[None, :, None]
+        derived = self.variance * tau
+        return noise + derived[self.node_window], noise[None, :, None] + derived[self.window].T[None]
 
     def pinned(self) -> np.ndarray:
         """Node mask (B, 6) in which a channel that a window never measures is pinned at the window's first node."""
@@ -261,6 +260,7 @@ def cut(
             name = trials[piece.run].name
             short[name] = short.get(name, 0.0) + piece.steps * h
             continue
+        # evenly: no short rest
         for part in piece.evenly(max(1, round(piece.steps * h / window))):
             joints = [*range(0, part.steps, K), part.steps]  # the last interval may be shorter
             for s, e in pairwise(joints):

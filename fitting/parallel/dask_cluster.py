@@ -20,10 +20,10 @@ from fitting.report.run_folder import NOT_INSTALLED, versions
 from mmg.errors import Conflict, NotInstalled, ProgramFailed, UserError, reason
 from mmg.progress import LOGGER
 
-PACKAGE = "mmg-ident"
+PACKAGE = "mmg-ident"  # Of which client and workers must have the same version
 TIMEOUT = 10.0  # Seconds within which a scheduler answers and has a worker. Set by hand.
 
-_ALONE = threading.Lock()
+_ALONE = threading.Lock()  # Of this worker, whose threads Dask would use side by side
 
 
 def _alone(function: Callable[[Any], Any], task: Any) -> Any:
@@ -33,7 +33,7 @@ def _alone(function: Callable[[Any], Any], task: Any) -> Any:
     from threadpoolctl import threadpool_limits
 
     with _ALONE, threadpool_limits(1):  # libraries have as many as Dask or the machine gave them
-        if "torch" in sys.modules:
+        if "torch" in sys.modules:  # else it is not wanted, and slow to import
             sys.modules["torch"].set_num_threads(1)
         return function(task)
 
@@ -46,7 +46,7 @@ class DaskCluster:
 
     def __init__(self, client: Any, address: str) -> None:
         self.client, self.address = client, address
-        self.executor = client.get_executor(pure=False)
+        self.executor = client.get_executor(pure=False)  # pure tasks with equal arguments would be done once
 
     @property
     def width(self) -> int:
@@ -66,8 +66,7 @@ class DaskCluster:
         return future
 
     def explained(self, error: BaseException) -> BaseException:
-        """As of ``Workers``: an ``error`` of a scheduler that is lost, or of a task that ends one worker after another,
-        is one line."""
+        """As of ``Workers``: an ``error`` of a lost scheduler, or of a task that ends all workers, is one line."""
         from distributed import KilledWorker
 
         if isinstance(error, KilledWorker):
@@ -120,7 +119,7 @@ def _greeted(address: str) -> str:
     from distributed.core import send_recv
     from distributed.security import Security
 
-    async def said() -> str:
+    async def version() -> str:
         comm = await connect(address, timeout=TIMEOUT, **Security().get_connection_args("client"))
         try:
             return str((await send_recv(comm, op="versions"))["packages"]["distributed"])
@@ -128,12 +127,12 @@ def _greeted(address: str) -> str:
             await comm.close()
 
     with ThreadPoolExecutor(1) as apart:  # a notebook has a loop of its own in this thread
-        return apart.submit(asyncio.run, asyncio.wait_for(said(), TIMEOUT + 2)).result()
+        # 2 s more: connect() says why
+        return apart.submit(asyncio.run, asyncio.wait_for(version(), TIMEOUT + 2)).result()
 
 
 def check_scheduler(theirs: str, address: str) -> None:
-    """Raises UserError where ``theirs``, the version of Dask of the scheduler at ``address``, is not that of this
-    process."""
+    """Raises UserError where ``theirs``, the Dask of the scheduler at ``address``, is not that of this process."""
     import distributed
 
     if theirs != distributed.__version__:
@@ -157,14 +156,14 @@ def check_workers(client: Any, address: str) -> None:
         raise ProgramFailed(
             f"--scheduler {address}: no worker within {TIMEOUT:g} s; start one: dask worker {address} --nthreads 1"
         ) from None
-    known = client.get_versions()
-    check_scheduler(known["scheduler"]["packages"]["distributed"], address)
-    found = client.run(importlib.metadata.version, PACKAGE, on_error="return")
-    for worker, version in sorted(found.items()):
+    reported = client.get_versions()
+    check_scheduler(reported["scheduler"]["packages"]["distributed"], address)
+    installed = client.run(importlib.metadata.version, PACKAGE, on_error="return")  # an exception where it is not
+    for worker, version in sorted(installed.items()):
         if version != here and (here != NOT_INSTALLED or not isinstance(version, Exception)):
             what = f"has {PACKAGE} {version}" if isinstance(version, str) else f"lacks {PACKAGE}"
             raise Conflict(f"--scheduler {address}: the worker {worker} {what}; install {PACKAGE} {here} there")
-    packages = {worker: about["packages"] for worker, about in known["workers"].items()}
-    for worker, about in sorted(packages.items()):
-        if about["python"].rpartition(".")[0] != known["client"]["packages"]["python"].rpartition(".")[0]:
-            raise Conflict(f"--scheduler {address}: {worker} has Python {about['python']}, this process another")
+    ours = reported["client"]["packages"]["python"].rpartition(".")[0]  # without the patch level: pickles are the same
+    for worker, about in sorted(reported["workers"].items()):
+        if (theirs := about["packages"]["python"]).rpartition(".")[0] != ours:
+            raise Conflict(f"--scheduler {address}: {worker} has Python {theirs}, this process another")

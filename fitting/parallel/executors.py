@@ -34,8 +34,8 @@ Value = TypeVar("Value")
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# Tasks handed over for each worker: one that it does, and one that waits there. More would only take memory.
-AHEAD = 2  # set by hand
+# Tasks handed over for each worker: one that it does, and one that waits there. Set by hand: more only take memory.
+AHEAD = 2
 KEPT = 4  # Shared values that a process keeps. Set by hand: it bounds memory.
 PROCESS = 300e6  # Least memory of a process that fits or trains [bytes]: its libraries and a few trials. Set by hand.
 # How many threads numerical libraries start, read by each when it is loaded.
@@ -43,7 +43,7 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 # Of ``mallopt`` (malloc.h) [bytes]: M_TRIM_THRESHOLD, from how much unused memory on some is given back; M_TOP_PAD, how
 # much is asked for beyond what is needed; M_MMAP_THRESHOLD, from which size on an array has pages of its own.
 MALLOPT = {-1: 256 * 2**20, -2: 32 * 2**20, -3: 32 * 2**20}
-MEMINFO, CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
+MEMINFO, CGROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")  # of Linux; no limit is known elsewhere
 
 
 class Workers(Protocol):
@@ -60,6 +60,7 @@ class Workers(Protocol):
         """What to raise for an ``error`` of a task: a UserError where the executor itself failed."""
 
 
+# Not global: a thread has its own.
 _WORKERS: ContextVar[Workers | None] = ContextVar("workers", default=None)
 _LISTENER: ContextVar[OnProgress | None] = ContextVar("listener", default=None)
 
@@ -109,8 +110,7 @@ def executing(workers: Workers) -> Iterator[None]:
 @contextmanager
 def kept_workers(workers: int) -> Iterator[None]:
     """Within this, the processes that ``run_all`` starts serve all its calls: for lists that follow each other closely,
-    such as the generations of a search. ``workers``: of them; nothing changes with one, or where an executor is in
-    force."""
+    such as the generations of a search. ``workers``: of them; with one, or an executor in force, nothing changes."""
     if _WORKERS.get() is not None or workers <= 1:
         yield
         return
@@ -146,6 +146,7 @@ def _handed_over(
     workers: Workers, function: Callable[[Any], Any], tasks: Sequence[Any], finished: Callable[[], None]
 ) -> Iterator[Any]:
     """Outcomes of the ``tasks``, in their order, each as soon as those before it are there."""
+    # done: by number, until those before it are
     waiting, running, done = iter(enumerate(tasks)), dict[Future[Any], int](), dict[int, Any]()
     try:
         for number in range(len(tasks)):
@@ -167,16 +168,13 @@ def _handed_over(
 
 
 class _Processes:
-    """Processes of this machine.
-
-    pool: of them; width: how many.
-    """
+    """Processes of this machine. pool: of them; width: how many."""
 
     def __init__(self, pool: ProcessPoolExecutor, width: int) -> None:
         self.pool, self.width = pool, width
 
     def submit(self, function: Callable[[Any], Any], task: Any) -> Future[Any]:
-        with _held_back():
+        with _held_back():  # the pool starts processes as tasks come
             return self.pool.submit(function, task)
 
     def explained(self, error: BaseException) -> BaseException:
@@ -207,7 +205,7 @@ def _end_with_parent() -> None:
 
     def end_after(parent: Any) -> None:
         parent.join()
-        os._exit(1)
+        os._exit(1)  # from a thread; sys.exit would end that alone
 
     threading.Thread(target=end_after, args=(multiprocessing.parent_process(),), daemon=True).start()
 
@@ -247,9 +245,9 @@ def keep_freed_memory() -> bool:
     a twelfth of the processor time of a fit."""
     try:
         mallopt = ctypes.CDLL(None).mallopt
-    except (AttributeError, OSError, TypeError):
+    except (AttributeError, OSError, TypeError):  # another C library, or (TypeError) Windows
         return False
-    return all([mallopt(name, value) for name, value in MALLOPT.items()])
+    return all([mallopt(name, value) for name, value in MALLOPT.items()])  # a list: all of them are set
 
 
 def with_one_thread(function: Callable[P, R]) -> Callable[P, R]:
@@ -281,7 +279,7 @@ def affordable(count: int) -> int:
     """
     free, need = free_memory(), PROCESS
     with suppress(OSError, ValueError, IndexError):
-        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        pages = int(Path("/proc/self/statm").read_text().split()[1])  # its second number: resident pages (proc(5))
         need = max(need, float(pages * os.sysconf("SC_PAGE_SIZE")))
     fits = max(1, int(min(free / need, count)))
     if fits < count:
@@ -291,12 +289,11 @@ def affordable(count: int) -> int:
 
 
 def free_memory() -> float:
-    """Memory that processes may still take [bytes], the lesser of the machine's and the control group's; infinite where
-    it is not known."""
+    """Memory that processes may still take [bytes], of machine or control group, the lesser; infinite: unknown."""
     limits = [float("inf")]
     with suppress(OSError, ValueError, IndexError):
         rows = dict(line.split(":", 1) for line in MEMINFO.read_text().splitlines() if ":" in line)
-        limits.append(1024.0 * float(rows["MemAvailable"].split()[0]))
+        limits.append(1024.0 * float(rows["MemAvailable"].split()[0]))  # of kB
     with suppress(OSError, ValueError, KeyError):
         limit, used = ((CGROUP / f"memory.{name}").read_text().strip() for name in ("max", "current"))
         rows = dict(line.split() for line in (CGROUP / "memory.stat").read_text().splitlines())
@@ -304,7 +301,7 @@ def free_memory() -> float:
     return max(min(limits), 0.0)
 
 
-_OPENED: OrderedDict[str, Any] = OrderedDict()
+_OPENED: OrderedDict[str, Any] = OrderedDict()  # Values of ``Shared`` by their hash, the oldest first
 
 
 class Shared(Generic[Value]):
@@ -316,7 +313,7 @@ class Shared(Generic[Value]):
 
     def __init__(self, value: Value) -> None:
         self._original: Value | None = value
-        self._data, self._key = b"", ""
+        self._data, self._key = b"", ""  # made when it is first sent: nothing is pickled in a single process
 
     def __getstate__(self) -> dict[str, Any]:
         if not self._key:

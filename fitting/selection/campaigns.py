@@ -40,11 +40,11 @@ from mmg.motion.froude import time_scale
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 
-# Probability by chance, corrected for the number of instruments, below which an instrument differs. Set by hand;
+# Probability by chance, corrected for the number of instruments, below which an instrument differs. Set by hand:
 # left-out runs decide after it.
 LEVEL = 0.05
 # Standard deviations of the values of campaigns that are tried, in the typical size of the constant.
-WIDTHS = np.geomspace(0.02, 12.0, 33)
+WIDTHS = np.geomspace(0.02, 12.0, 33)  # a grid set by hand, 22 % apart
 # Standard deviation of the mean of all campaigns, in the same size: that of an effect that is freed. Set by hand.
 SHARED = 3.0
 # Standard error, by the width, from which the runs of a campaign tell nothing of a constant. Set by hand.
@@ -105,13 +105,12 @@ class RunReadings:
         return np.where(np.isfinite(self.std), 1.0 / np.square(np.nan_to_num(self.std, nan=1.0)), 0.0)
 
     def of_campaigns(self, count: int) -> tuple[tuple[float, float], ...]:
-        """Value and std of each of ``count`` campaigns; std is infinite for one without a reading."""
+        """Value and std of each of ``count`` campaigns, by precision; std is infinite for one without a reading."""
         weight = self.precision()
         total = np.bincount(self.number, weight, count)
         sums = np.bincount(self.number, weight * np.nan_to_num(self.value), count)
-        good = total > 0
-        value = np.where(good, sums / np.where(good, total, 1.0), 0.0)
-        std = np.where(good, 1.0 / np.sqrt(np.where(good, total, 1.0)), np.inf)
+        some = np.where(total > 0, total, 1.0)  # no division by zero
+        value, std = np.where(total > 0, sums / some, 0.0), np.where(total > 0, 1.0 / np.sqrt(some), np.inf)
         return tuple(zip(value.tolist(), std.tolist(), strict=True))
 
 
@@ -129,11 +128,9 @@ def instruments(ship: Ship, wanted: Sequence[str] = ()) -> list[Instrument]:
     return [each for each in rows if each.effect not in ship.effects or not ship.coefficients[each.symbol].fixed]
 
 
-def may_keep(ship: Ship, trials: TrialSet, wanted: tuple[str, ...] = ()) -> bool:
+def may_keep(ship: Ship, trials: TrialSet, wanted: tuple[str, ...]) -> bool:
     """Whether ``by_campaign`` may keep anything for a ``ship`` on ``trials``; wanted, and errors: as there."""
-    if wanted == ("none",) or len(trials.campaigns.comparable) < 2:
-        return False
-    return bool(instruments(ship, wanted))
+    return wanted != ("none",) and len(trials.campaigns.comparable) >= 2 and bool(instruments(ship, wanted))
 
 
 def by_campaign(
@@ -157,32 +154,24 @@ def by_campaign(
     logs = kinematics_of(trials, ship)
     length = float(ship.particulars["L"])
     readings = {each.symbol: r for each in tried if logs and (r := run_readings(logs, each, length, campaigns))}
+    # what the logs do not tell counts as equal, and is corrected for
     chance = holm([readings[each.symbol][1] if each.symbol in readings else 1.0 for each in tried])
+    differing = {each.symbol: readings[each.symbol][0] for each, p in zip(tried, chance, strict=True) if p < LEVEL}
+    made, widths = _with_constants(fit, campaigns, differing, trials, progress) if differing else (same, {})
+    without, own = map(float, map(np.nanmean, made.left_out)) if made.left_out else (math.nan, math.nan)
+    judgement = {"without": without, "own": own, "taken": made.calibration is not fit}
+    nothing = {"without": math.nan, "own": math.nan, "taken": False}
     # of each instrument: probability that it differs by chance, whether the logs tell, and where it was tried the
     # standard deviation between campaigns in typical sizes, and mean squared errors of runs left out
-    nothing = {"width": math.nan, "without": math.nan, "own": math.nan, "taken": False}
     rows: list[dict[str, Any]] = [
-        {"name": each.name, "chance": float(p), "measured": each.symbol in readings, **nothing}
+        {"name": each.name, "chance": float(p), "measured": each.symbol in readings}
+        | {"width": widths.get(each.symbol, math.nan), **(judgement if each.symbol in widths else nothing)}
         for each, p in zip(tried, chance, strict=True)
     ]
-    differing = {each.symbol: readings[each.symbol][0] for each, p in zip(tried, chance, strict=True) if p < LEVEL}
-    made = same
-    if differing:
-        made, widths = _with_constants(fit, campaigns, differing, trials, progress)
-        without, own = map(float, map(np.nanmean, made.left_out)) if made.left_out else (math.nan, math.nan)
-        taken = made.calibration is not fit
-        for row, each in zip(rows, tried, strict=True):
-            if each.symbol in differing:
-                row |= {"width": widths[each.symbol], "without": without, "own": own, "taken": taken}
-    content = {
-        "runs": {name: campaigns.runs(name) for name in campaigns.names},
-        "tried": rows,
-        "values": None,
-        "left_out": None,
-        "sentences": [],
-    }
-    made = replace(made, content=content | (made.content or {}), messages=(*campaigns.messages, *made.messages))
-    return replace(made, seconds=time.perf_counter() - began)
+    runs = {name: campaigns.runs(name) for name in campaigns.names}
+    content = {"runs": runs, "tried": rows, "values": None, "left_out": None, "sentences": []} | (made.content or {})
+    messages, seconds = (*campaigns.messages, *made.messages), time.perf_counter() - began
+    return replace(made, content=content, messages=messages, seconds=seconds)
 
 
 def run_readings(
@@ -192,7 +181,7 @@ def run_readings(
     that it is the same in all and differs by chance; None where too few runs have one. length: of the ship [m]."""
     q = next(q for q in (*TRACK, *TURN) if q.symbol == instrument.reading)
     group = np.array(campaigns.number)
-    size = q.threshold * time_scale(length) ** (2 * q.power)
+    size = q.threshold * time_scale(length) ** (2 * q.power)  # unit of the test: what matters
     value, std = (np.array([getattr(run[q.symbol], name) for run in logs.runs]) / size for name in ("value", "std"))
     good = np.isfinite(value) & np.isfinite(std) & (std > 0) & np.array([not run.faults for run in logs.runs])
     if len(np.unique(group[good])) < 2 or good.sum() <= len(np.unique(group[good])):
@@ -200,6 +189,7 @@ def run_readings(
     test = group_test(value[good] / std[good] ** 2, np.diag(std[good] ** -2.0), group[good], 1)
     if test is None:
         return None
+    # a reading's own error, and the scatter between runs of a campaign
     both = np.where(good, size * np.sqrt(std**2 + test.scatter[0] ** 2), np.nan)
     return RunReadings(np.where(good, size * value, np.nan), both, group), test.p_single
 
@@ -211,14 +201,14 @@ def distribution_of(value: np.ndarray, std: np.ndarray) -> tuple[float, float]:
     The values are N(m, w^2), m N(0, SHARED^2). Of WIDTHS that w is taken which makes the readings most likely (Efron
     and Morris 1973), under the gamma density w exp(-w / SHARED) that keeps off zero (Chung et al. 2013).
     """
-    known = np.isfinite(std)
-    y, noise = value[known], np.diag(std[known] ** 2)
+    told = np.isfinite(std)
+    y, noise = value[told], np.diag(std[told] ** 2)
     best = (-np.inf, 0.0, 0.0)
     for width in WIDTHS:
-        C = noise + width**2 * np.eye(len(y)) + SHARED**2
+        C = noise + width**2 * np.eye(len(y)) + SHARED**2  # the mean, integrated out, is in all of them
         pull = np.linalg.solve(C, y)
         fit = float(-0.5 * np.linalg.slogdet(C)[1] - 0.5 * y @ pull + np.log(width) - width / SHARED)
-        best = max(best, (fit, float(SHARED**2 * pull.sum()), float(width)))
+        best = max(best, (fit, float(SHARED**2 * pull.sum()), float(width)))  # its mean given the readings
     return best[1:]
 
 
@@ -245,7 +235,9 @@ def _with_constants(
         ship = with_constant(ship, symbol, row.neutral + mean * row.typical, widths[symbol] * row.typical)
     prior = prior_with(ship, own, ())
     place = dict(zip(fit.prior.symbols, fit.p, strict=True))
+    # constants begin at their prior mean
     p = np.concatenate([[place[s] for s in ship.free], np.zeros(len(prior.mean) - prior.shared)])
+
     passes = min(fit.settings.passes, 1 if fit.settings.loss == "gaussian" else 2)
     settings = replace(fit.settings, starts=1, passes=passes)
     # one Newton step first: from the estimates without constants the solver may end in another, worse optimum
@@ -264,7 +256,9 @@ def _with_constants(
     scores = leave_out(fit, trials, folds, unit), leave_out(new, trials, folds, unit, info=info)
     if not gains(*scores):
         return replace(same, left_out=scores), widths
-    return _in_words(CampaignFit(new, left_out=scores), campaigns), widths
+    without, own_error = (float(np.nanmean(some)) for some in scores)
+    content = {"left_out": {"without": without, "with": own_error, "error": relative_change(*scores)[1]}}
+    return with_values(CampaignFit(new, content, left_out=scores), campaigns), widths
 
 
 def with_constant(ship: Ship, symbol: str, value: float, width: float) -> Ship:
@@ -317,18 +311,8 @@ def gains(before: np.ndarray, after: np.ndarray) -> bool:
     return bool(good.any() and after[good].mean() < before[good].mean())
 
 
-def _in_words(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:
-    """The ``fit`` with its values in words and numbers."""
-    assert fit.left_out is not None
-    without, own_error = (float(np.nanmean(some)) for some in fit.left_out)
-    error = relative_change(*fit.left_out)[1]
-    fit = replace(fit, content={"left_out": {"without": without, "with": own_error, "error": error}})
-    return with_values(fit, campaigns)
-
-
 def with_values(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:
-    """The ``fit`` with the values that its calibration has by campaign, of these ``campaigns``, in words and numbers;
-    as it is without any."""
+    """The ``fit`` with its values by campaign, of these ``campaigns``, in words and numbers; as it is without any."""
     constants, problem, p = fit.calibration.constants, fit.calibration.problem, fit.calibration.p
     if constants is None or not problem.prior.campaign:
         return fit

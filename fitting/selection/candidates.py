@@ -29,8 +29,7 @@ ON_TOP = 2  # Highest order of polynomials on top of the ship's own forces. Set 
 
 @dataclass(frozen=True)
 class StructureCandidate:
-    """A candidate: its name, the ship to fit, what it is in words, the order of its polynomial (0: none) and its
-    sub-models ("": none)."""
+    """A candidate: its name, ship to fit, what it is in words, order (0: no polynomial), sub-models ("": none)."""
 
     name: str
     ship: Ship
@@ -46,6 +45,7 @@ class StructureCandidate:
     @property
     def counts(self) -> tuple[int, int, int]:
         """Number of generated terms in X, Y and N."""
+        # symbols of generated terms begin with their force
         x, y, n = (sum(symbol[0] == force for symbol in self.ship.monomials) for force in "XYN")
         return x, y, n
 
@@ -60,7 +60,7 @@ def candidates(ship: Ship, rules: Rules | None = None) -> tuple[StructureCandida
         raise Unsupported(f"{ship.name} is a generated model already; give the ship that it was made from")
     if rules.order < 1:
         raise OutOfRange(f"order {rules.order}: must be at least 1")
-    found = []
+    polynomials = []
     for name, structure in _structures(ship, rules):
         may_be_on_top = structure.submodels == "SM-1" and structure.order <= ON_TOP and not structure.units
         for on_top in (False, True)[: 1 + may_be_on_top]:  # of the ship's own forces, which are fixed then
@@ -68,18 +68,18 @@ def candidates(ship: Ship, rules: Rules | None = None) -> tuple[StructureCandida
             made = generated_ship(ship, structure, called, rules.hard, offset=on_top)
             words = structure.words + ", on top of the ship's own forces" * on_top
             label = f"{GIVEN}+{name}" if on_top else name
-            found.append(StructureCandidate(label, made, words, structure.order, structure.submodels))
-    found.sort(key=lambda candidate: (sum(candidate.counts), candidate.name))
+            polynomials.append(StructureCandidate(label, made, words, structure.order, structure.submodels))
+    polynomials.sort(key=lambda candidate: (sum(candidate.counts), candidate.name))
     own = ", ".join(f"{role} {model}" for role, model in ship.components.items())
-    return (StructureCandidate(GIVEN, ship, f"the ship as given: {own}"), *found)
+    return (StructureCandidate(GIVEN, ship, f"the ship as given: {own}"), *polynomials)
 
 
 def candidate(ship: Ship, name: str, rules: Rules | None = None) -> StructureCandidate:
     """The candidate ``name`` among those of ``ship`` by ``rules``. Raises UserError where there is none so named."""
-    known = {one.name: one for one in candidates(ship, rules)}
-    if name not in known:
-        raise UnknownName(f"no candidate '{name}' for {ship.name}; known: {', '.join(known)}")
-    return known[name]
+    by_name = {one.name: one for one in candidates(ship, rules)}
+    if name not in by_name:
+        raise UnknownName(f"no candidate '{name}' for {ship.name}; known: {', '.join(by_name)}")
+    return by_name[name]
 
 
 def _structures(ship: Ship, rules: Rules) -> list[tuple[str, Structure]]:
@@ -95,7 +95,7 @@ def _structures(ship: Ship, rules: Rules) -> list[tuple[str, Structure]]:
     ]
     for order in range(2, rules.order + (2 if rules.order >= HIGHEST else 1)):
         count = len(variables(first.devices))
-        if math.comb(count + order, order) <= WIDEST:
+        if math.comb(count + order, order) <= WIDEST:  # monomials of count variables up to this order
             found.append((f"{FULL}-order{order}", replace(first, order=order, duplicates="identity", moduli="full")))
         if not rules.asymmetric and units_of(first.devices):
             found.append((f"{UNITS}-order{order}", replace(first, order=order, units=True)))

@@ -53,13 +53,12 @@ VELOCITIES = slice(3, 6)  # Rows of u, v and r among x, y, psi, u, v, r: the sta
 MARGIN = 1.2  # Factor on the range of the motions of the trials at the extremes. Set by hand.
 # Most combinations of inputs at each of the 27 motions: 1,350 = 27 x 50 (Miyauchi et al. 2023, section 3.1.2).
 INPUTS_EACH = 50
-# Levels of an actuator by its unit: two of the revolutions, five of each of two rudders (UNVERIFIED: lost in
-# conversion).
+# Levels of an actuator by its unit: two of the revolutions, five of each of two rudders (UNVERIFIED).
 LEVELS = {"rps": 2, "rad": 5}
 # Step of the coefficients, by the standard deviations of their priors, of the differences behind derivatives. The root
 # of the rounding of doubles. Set by hand near it.
 DIFFERENCE = 1e-8
-AT_ONCE = 4000  # Subsequences simulated side by side for these, which bounds the memory it takes
+AT_ONCE = 4000  # Subsequences simulated side by side for these. Set by hand: it bounds memory.
 PERCENTILE = 99.7  # Of the accelerations in the trials, from which on they are limited (Miyauchi et al. 2023).
 
 
@@ -103,7 +102,8 @@ def subsequences(trials: Sequence[Trial], h: float, length: float, inputs: Seque
         for first in range(0, piece.steps if piece.steps >= min(10, N) else 0, N):
             rows = np.arange(first, first + N)
             there = rows < piece.steps
-            rows = np.minimum(rows, piece.steps - 1)
+            rows = np.minimum(rows, piece.steps - 1)  # the last inputs are held: arrays are of one length
+
             starts.append(np.concatenate([[0.0, 0.0], piece.logged[first, 2:]]))
             controls.append(piece.controls[rows])
             measured.append(np.where(there[:, None], piece.logged[rows + 1, VELOCITIES], 0.0))
@@ -136,8 +136,7 @@ def spread_of(trials: Sequence[Trial]) -> np.ndarray:
 class Extremes:
     """Motions and inputs at which a polynomial must not accelerate more than the ship was seen to.
 
-    state: (6, m); controls: (C, m), in the order of the ship's inputs; limit: (3,) of du/dt, dv/dt [m/s^2] and dr/dt
-    [rad/s^2].
+    state: (6, m); controls: (C, m), as the ship's inputs; limit: (3,) of du/dt, dv/dt [m/s^2] and dr/dt [rad/s^2].
     """
 
     state: np.ndarray
@@ -151,6 +150,7 @@ def extremes_of(ship: Ship, trials: Sequence[Trial]) -> Extremes:
     Where there are more than INPUTS_EACH combinations of the actuators' levels, so many of them are drawn.
     """
     low, high = (f(np.concatenate([t["u"] for t in trials])) for f in (np.nanmin, np.nanmax))
+    # astern at least at a tenth of the speed
     motions = [np.array([MARGIN * min(low, -0.1 * high), 0.5 * (low + high), MARGIN * high])]
     for name in ("v", "r"):
         most = MARGIN * max(float(np.nanmax(np.abs(t[name]))) for t in trials)
@@ -162,7 +162,7 @@ def extremes_of(ship: Ship, trials: Sequence[Trial]) -> Extremes:
         levels.append(np.linspace(*edges, LEVELS.get(INPUTS[name][1], 3)))
     each = np.array(list(product(*levels)))
     if len(each) > INPUTS_EACH:
-        rng = np.random.default_rng([29, 0])
+        rng = np.random.default_rng([29, 0])  # the same ones for every ship and run
         each = each[np.sort(rng.choice(len(each), INPUTS_EACH, replace=False))]
     pairs = [(m, c) for m in product(*motions) for c in each]
     state, controls = np.zeros((6, len(pairs))), np.zeros((len(ship.inputs), len(pairs)))
@@ -193,45 +193,29 @@ def acceleration_limits(trials: Sequence[Trial], seconds: float) -> np.ndarray:
 class Penalties:
     """Weights of the objective: ``deviation`` w_D and ``sparsity`` w_1."""
 
-    deviation: float = 0.01
+    deviation: float = 0.01  # set by hand
     sparsity: float = 0.0
 
 
 class SubsequenceObjective:
     """The objective for the free coefficients of ``ship`` on training trials, and its error on validation trials.
 
-    train, validate: trials; penalties: weights; step: of simulation [s], None:
-    ``default_step``; compiled: use a C compiler if there is one. Scaled coefficients p are (P,) or, for K candidates,
-    (P, K); p = 0 are the values of the ship. Raises UserError for trials without motion or without a piece long enough.
+    train, validate: trials; compiled: use a C compiler if there is one. penalties: its weights. Scaled coefficients p
+    are (P,) or, for K candidates, (P, K); p = 0 are the values of the ship. Raises UserError for trials without motion
+    or without a piece long enough.
     """
 
-    def __init__(
-        self,
-        ship: Ship,
-        train: Sequence[Trial],
-        validate: Sequence[Trial],
-        penalties: Penalties | None = None,
-        step: float | None = None,
-        compiled: bool = True,
-    ) -> None:
-        self.ship, self.penalties, self.prior = ship, penalties or Penalties(), Prior.of(ship)
+    def __init__(self, ship: Ship, train: Sequence[Trial], validate: Sequence[Trial], compiled: bool = True) -> None:
+        self.ship, self.penalties, self.prior, self.P = ship, Penalties(), Prior.of(ship), len(ship.free)
         self.simulator = Simulator(ship, compiled)
         self.free = np.array([ship.symbols.index(s) for s in self.prior.symbols], dtype=int)
         L = ship.particulars["L"]
-        self.step, self.length = step or default_step(train, L), LENGTH * time_scale(L)
-        self.sigma = spread_of(train)
-        self.train = subsequences(train, self.step, self.length, ship.inputs)
-        self.validate = subsequences(validate, self.step, self.length, ship.inputs)
+        step, length, self.sigma = default_step(train, L), LENGTH * time_scale(L), spread_of(train)
+        self.train, self.validate = (subsequences(some, step, length, ship.inputs) for some in (train, validate))
         self.extremes = extremes_of(ship, train)
         self.lower, self.upper = self.prior.scaled_bounds
-        own = ship.monomials
-        self.sparse = np.array([s in own for s in self.prior.symbols], dtype=float)
+        self.sparse = np.array([s in ship.monomials for s in self.prior.symbols], dtype=float)  # (P,), 1: penalised
         self.evaluations = 0
-
-    @property
-    def P(self) -> int:
-        """Number of unknowns."""
-        return len(self.prior.symbols)
 
     def coefficients(self, p: np.ndarray) -> np.ndarray:
         """All coefficients of the ship, (all,) or (all, K), from scaled free ones ``p``."""
@@ -273,8 +257,8 @@ class SubsequenceObjective:
         start, controls = np.tile(data.start, K), np.tile(data.controls, (1, 1, K))
         states = self.simulator.run(start, controls, data.h, theta)[1:, VELOCITIES]
         e = (states.reshape(len(states), 3, K, W) - data.measured[:, :, None]) / self.sigma[:, None, None]
-        inside = (np.abs(e) < LIMIT).all(axis=1) | (data.weight == 0)[:, None]
-        return e, np.logical_and.accumulate(inside, axis=0)[:, None]
+        inside = (np.abs(e) < LIMIT).all(axis=1) | (data.weight == 0)[:, None]  # nothing leaves after its end
+        return e, np.logical_and.accumulate(inside, axis=0)[:, None]  # once out, out for good
 
     @np.errstate(all="ignore")
     def _accelerations(self, p: np.ndarray) -> list[np.ndarray]:
@@ -296,25 +280,26 @@ class SubsequenceObjective:
         for first in range(0, P, at_once):
             some = slice(first, first + at_once)
             moved = np.moveaxis(self._errors(near[:, some], data)[0], 2, 3)[counted]
-            J[:, some] = (moved - e[counted][:, None]) / DIFFERENCE
+            J[:, some] = (moved - e[counted][:, None]) / DIFFERENCE  # (errors that count, unknowns)
         n = 3 * data.samples
         gradient, hessian = 2 / n * (e[counted] @ J), 2 / n * (J.T @ J)
         if self.penalties.deviation:
             now, *others = self._accelerations(np.column_stack([p, near]))
-            over = np.abs(now) > 1
+            over = np.abs(now) > 1  # elsewhere D is flat
             A = np.transpose([(one - now)[over] / DIFFERENCE for one in others]) * np.sign(now[over])[:, None]
             share = 2 * self.penalties.deviation / now.size
             gradient, hessian = gradient + share * ((np.abs(now[over]) - 1) @ A), hessian + share * (A.T @ A)
         return gradient, hessian
 
 
-# Weights of the sparsity, from strong to weak.
+# Weights of the sparsity, from strong to weak: half decades from .1 to 1e-5. A grid set by hand.
 SPARSITIES = tuple(float(w) for w in 10.0 ** np.arange(-1.0, -5.1, -0.5))
-WORSE, PATIENCE = 1.5, 3
-"""The path ends where the validation error is so many times its least at so many weights in a row. Set by hand."""
+# The path ends where the validation error is WORSE times its least at PATIENCE weights in a row.
+WORSE = 1.5  # set by hand: it bounds the time
+PATIENCE = 3  # set by hand, with it
 SPREAD = 0.3  # Standard deviation of starts of further seeds about the regression, by those of the priors. Set by hand.
-ON_PATH, LAST = 10, 20
-"""Most steps at each weight of the path, and without any. Set by hand: they bound the time."""
+ON_PATH = 10  # Most steps at each weight of the path. Set by hand: it bounds the time.
+LAST = 20  # Most steps without any weight. Set by hand: it bounds the time.
 # Dampings tried at once, by the last that was best. A grid set by hand.
 FACTORS = np.array([1e-2, 1e-1, 1.0, 10.0, 100.0, 1e3])
 
@@ -405,10 +390,6 @@ def kept_run(store: Store, name: str) -> Learned | None:
     return None
 
 
-SeededRun = tuple[StructureCandidate, int]
-"""One run of a candidate: with this seed."""
-
-
 def learn_all(
     given: Sequence[StructureCandidate],
     trials: tuple[Sequence[Trial], Sequence[Trial]],
@@ -426,8 +407,8 @@ def learn_all(
     runs = {f"{one.name}_seed{seed}": (one, seed) for one in given for seed in numbers}
     if store:
         store.open()
-    found = {name: run for name in runs if store and (run := kept_run(store, name))}
-    missing = [name for name in runs if name not in found]
+    learned = {name: run for name in runs if store and (run := kept_run(store, name))}
+    missing = [name for name in runs if name not in learned]
 
     def keep(run: Learned) -> None:
         if store:
@@ -437,13 +418,16 @@ def learn_all(
 
     task = partial(learn_one, trials=trials, settings=settings)
     done = run_all(task, [runs[name] for name in missing], settings.workers, keep, "models")
-    found |= zip(missing, done, strict=True)
-    best = sorted(found.values(), key=lambda run: run.validation if run.validation >= 0 else float("inf"))
+    learned |= zip(missing, done, strict=True)
+    best = sorted(learned.values(), key=lambda run: run.validation if run.validation >= 0 else float("inf"))
     return {one.name: [run for run in best if run.name == one.name] for one in given}
 
 
-def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], settings: Settings) -> Learned:
-    """One ``run`` on ``trials`` to train on and to validate, by ``settings``: the first seed begins at the regression.
+def learn_one(
+    run: tuple[StructureCandidate, int], trials: tuple[Sequence[Trial], Sequence[Trial]], settings: Settings
+) -> Learned:
+    """One ``run``, a candidate and a seed, on ``trials`` to train on and to validate; the first begins at the
+    regression. settings: seed, time limit.
 
     The time limit counts from here, compiling and preparing belong to it; a first point is evaluated in any case.
     """
@@ -472,8 +456,8 @@ def learn_one(run: SeededRun, trials: tuple[Sequence[Trial], Sequence[Trial]], s
 def follow(learning: Learning, p: np.ndarray, limit: float = float("inf")) -> None:
     """The path of the sparsity from strong to weak from ``p`` (P,) on, then the descent without any.
 
-    Notes in ``learning`` the end of each weight, and each step of the descent; ends early where validation grows worse,
-    or at the ``limit`` [s].
+    Notes in ``learning`` the end of each weight, and each step of the descent; ends where validation grows worse, or at
+    the ``limit`` [s].
     """
     problem, worse = learning.objective, 0
     for weight in (*SPARSITIES, 0.0):
@@ -498,29 +482,28 @@ def regression(problem: SubsequenceObjective, trials: Sequence[Trial]) -> np.nda
 
 
 def descent(problem: SubsequenceObjective, p: np.ndarray, most: int) -> Iterator[np.ndarray]:
-    """Points (P,) of at most so many steps that lower the objective of ``problem`` from ``p`` on, until it has
-    converged."""
+    """Points (P,) of at most ``most`` steps that lower the objective of ``problem`` from ``p`` on."""
     value, damping, past = float(problem.values(p[:, None])[0]), 1.0, []
     weight, box = problem.penalties.sparsity * problem.sparse, (problem.lower, problem.upper)
     for _ in range(most):
         gradient, hessian = problem.quadratic(p)
         diagonal = np.diag(hessian)
-        size = np.maximum(diagonal, 1e-6 * diagonal.max() + 1e-300)
+        size = np.maximum(diagonal, 1e-6 * diagonal.max() + 1e-300)  # what hardly acts is damped too
         tried = []
         for mu in damping * FACTORS:
-            H = hessian + np.diag(1e-3 * mu * size + 1e-9 * diagonal.max())
+            H = hessian + np.diag(1e-3 * mu * size + 1e-9 * diagonal.max())  # by the diagonal (Marquardt 1963)
             tried.append(minimise_quadratic(H, gradient, p, box, weight))
         values = problem.values(np.transpose(tried))
         best = int(np.argmin(np.where(np.isfinite(values), values, np.inf)))
         if not values[best] < value:
-            if damping > 1e8:
+            if damping > 1e8:  # the step is rounding
                 return
-            damping *= 1e4
+            damping *= 1e4  # beyond all of FACTORS, whose largest is 1e3
             continue
         p, value, damping = tried[best], float(values[best]), max(damping * FACTORS[best], 1e-10)
         yield p
         past.append(value)
-        if len(past) > 3 and past[-4] - past[-1] < 1e-4 * past[-1]:
+        if len(past) > 3 and past[-4] - past[-1] < 1e-4 * past[-1]:  # three steps gain next to nothing; set by hand
             return
 
 
@@ -529,9 +512,8 @@ def minimise_quadratic(
 ) -> np.ndarray:
     """The point x (P,) that makes g (x - p) + 1/2 (x - p) H (x - p) + sum weight |x| least within ``box``.
 
-    H: (P, P), positive definite; g, p, weight: (P,); p within the box. The value is never above that of p.
-    Accelerated proximal gradients with restarts (Beck & Teboulle 2009; O'Donoghue & Candes 2015) in variables scaled by
-    the diagonal.
+    H: (P, P), positive definite; g, p, weight: (P,); p within the box. The value is never above that of p. Accelerated
+    proximal gradients with restarts (Beck & Teboulle 2009; O'Donoghue & Candes 2015) scaled by the diagonal.
     """
     scale = 1 / np.sqrt(np.diag(H))
     A, b = H * np.outer(scale, scale), scale * g
@@ -542,14 +524,14 @@ def minimise_quadratic(
         d = x - origin
         return float(b @ d + 0.5 * d @ (A @ d) + lam @ np.abs(x))
 
-    x = y = origin
-    t = 1.0
+    x, y, t = origin, origin, 1.0
     for _ in range(200):
         free = y - (b + A @ (y - origin)) / largest
+        # soft threshold, then the box
         new = np.clip(np.sign(free) * np.maximum(np.abs(free) - lam / largest, 0), low, high)
-        if np.abs(new - x).max() < 1e-5 * np.abs(new).max():
+        if np.abs(new - x).max() < 1e-5 * np.abs(new).max():  # five digits: steps follow; set by hand
             break
-        t = 1.0 if (y - new) @ (new - x) > 0 else t
+        t = 1.0 if (y - new) @ (new - x) > 0 else t  # restart where the momentum points uphill
         later = 0.5 * (1 + np.sqrt(1 + 4 * t * t))
         y, x, t = new + (t - 1) / later * (new - x), new, later
-    return min((x, origin), key=value) * scale
+    return min((x, origin), key=value) * scale  # it may have ended early

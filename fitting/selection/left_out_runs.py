@@ -3,9 +3,8 @@
 The cost of each window, its states eliminated, is a quadratic in the coefficients near the estimate, with a gradient
 and an information of its own (fitting/nlp/fisher_information.py). Without some runs the objective is the sum of the
 others, whose minimum one Newton step finds (the infinitesimal jackknife of White 1982, with the exact remaining
-information as in Beirami et al. 2017). A constant that only the runs left out determine falls back to its prior, as
-it must for a run that was never seen. All windows of all runs are then simulated in one batch, each with the
-coefficients of its fold.
+information as in Beirami et al. 2017). A constant that only the runs left out determine falls back to its prior, as it
+must for a run that was never seen. All windows of all runs are then simulated in one batch.
 """
 
 from __future__ import annotations
@@ -22,14 +21,13 @@ from fitting.prediction.score import score
 
 
 def relative_change(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
-    """mean(after) / mean(before) - 1 over files (R,) that both have, and its jackknife error over files; NaN where
-    there are too few."""
+    """mean(after) / mean(before) - 1 over files (R,) that both have, and its jackknife error; NaN for too few."""
     good = ~(np.isnan(before) | np.isnan(after))
     a, b, n = before[good], after[good], int(good.sum())
     change = float(b.mean() / a.mean() - 1) if n else float("nan")
     if n < 2:
         return change, float("nan")
-    without = (b.sum() - b) / (a.sum() - a) - 1
+    without = (b.sum() - b) / (a.sum() - a) - 1  # the change without each file
     return change, float(np.sqrt((n - 1) / n * ((without - without.mean()) ** 2).sum()))
 
 
@@ -42,27 +40,27 @@ def estimates_without(
     a bound stays there. A fold whose remaining information is not positive is all NaN.
     """
     lower, upper = bounds
-    found = np.full((len(folds), len(info.p)), np.nan)
+    estimates = np.full((len(folds), len(info.p)), np.nan)
     for k, out in enumerate(folds):
         rest = ~np.isin(info.run, list(out))
         H = info.fisher[rest].sum(axis=0) + info.prior_information
         slope = info.score[rest].sum(axis=0) + info.prior_score
-        held, target = np.zeros(len(info.p), dtype=bool), info.p.copy()
+        bound, target = np.zeros(len(info.p), dtype=bool), info.p.copy()
         try:
-            for _ in range(8):
-                # at the minimum with the held ones where they are: H_ff step = -(slope_f + H_fh moved_h)
-                step, free = np.where(held, target - info.p, 0.0), ~held
-                step[free] = -np.linalg.solve(H[np.ix_(free, free)], slope[free] + H[np.ix_(free, held)] @ step[held])
+            for _ in range(8):  # 8: each round adds a bound; set by hand
+                # at the minimum with those at bounds where they are: H_ff step = -(slope_f + H_fb step_b)
+                step, free = np.where(bound, target - info.p, 0.0), ~bound
+                step[free] = -np.linalg.solve(H[np.ix_(free, free)], slope[free] + H[np.ix_(free, bound)] @ step[bound])
                 wanted = info.p + step
                 outside = (wanted < lower) | (wanted > upper)
                 if not outside.any():
                     break
-                held |= outside
+                bound |= outside
                 target = np.clip(wanted, lower, upper)
-            found[k] = np.clip(wanted, lower, upper)
+            estimates[k] = np.clip(wanted, lower, upper)
         except np.linalg.LinAlgError:
-            continue
-    return found
+            continue  # nothing determines some coefficient: the fold stays NaN
+    return estimates
 
 
 def each_alone(count: int) -> list[tuple[int, ...]]:
@@ -107,6 +105,7 @@ def leave_out(
     window has NaN, one on which the estimate diverges inf. Raises UserError for trials without positions.
     """
     own = coefficients_without(fit, folds, info)
+    # all windows of all runs in one batch
     simulator = ShipsByTrial(fit.ship, own, not fit.problem.kernels.interpreted_because)
     rows = score(simulator, list(trials), sigma).trials
     return np.array([row.window if row.windows > 0 else np.nan for row in rows])

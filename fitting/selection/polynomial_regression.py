@@ -3,8 +3,7 @@
 The change of u, v, r since the beginning of a short window is the integral of the accelerations, which are linear in
 the coefficients (nearly so in the added masses). The integrals are taken along the measured motion, so no trajectory is
 simulated and nothing can run away: the integral form of equation-error regression (Klein and Morelli 2006, ch. 5).
-Velocities that are logged late (mmg/effects/velocity_filter.py) are put back first, by the lag that the kinematics of
-the trials show.
+Velocities that are logged late (mmg/effects/velocity_filter.py) are put back first, by the lag in the kinematics.
 
 The error of a velocity is white noise of the sensor and the integral of white noise in the acceleration, which stands
 for what the polynomial cannot say: the longer a window lasts, the less its end counts. The ratio of the two is that of
@@ -34,43 +33,33 @@ from mmg.motion.frames import body_to_earth, earth_to_body
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
+# Symbols, in a ship, of the lag [s] and of whether u and v are late in body axes (1) or in the earth frame (0).
 LAG, AXES = "velocity_filter.tau", "velocity_filter.body_axes"
-"""Symbols, in a ship, of the lag [s] and of whether u and v are late in body axes (1) or in the earth frame (0)."""
-WINDOW, STEP = 20.0, 0.5
-"""Length of a window and sampling step [s of a 3 m model]. Set by hand."""
+WINDOW = 20.0  # Length of a window [s of a 3 m model]. Set by hand.
+STEP = 0.5  # Sampling step [s of a 3 m model]. Set by hand.
 # Grid for the noise of accelerations [m/s by root of s] by that of velocities, of which the likeliest is taken.
 RATIOS = (0.0, 0.1, 0.2, 0.4, 0.7, 1.0, 1.5, 2.5, 4.0, 7.0, 12.0, 20.0, 40.0)  # set by hand
 LEAST_NOISE = 0.3  # Smallest variance of the velocities, by that of the third differences. Set by hand.
 VANISHED = 1e4  # A term whose size came down to a hundredth of its prior, as a precision, is none. Set by hand.
-STEPS, SPARSE_STEPS, ROUNDS = 30, 120, 3  # set by hand
-"""Most steps to the largest evidence with sizes of groups and of single terms; rounds between these and the noise."""
+STEPS = 30  # Most steps to the largest evidence with sizes of groups of terms. Set by hand.
+SPARSE_STEPS = 120  # The same with sizes of single terms, of which most vanish slowly. Set by hand.
+ROUNDS = 3  # Rounds between the sizes of the terms and the noise. Set by hand.
 
 
-def without_lag(piece: Record, lag: float, body_axes: float = 0.0) -> Record:
+def without_lag(piece: Record, lag: float, body_axes: float) -> Record:
     """The ``piece`` with velocities that are not late, without its last ``lag`` seconds; body_axes: of the filter."""
     if lag == 0:
         return piece
     states, psi = piece.states.copy(), np.unwrap(piece.states[:, 2])
-    north, east = _earth(piece, lag, body_axes)
-    states[:, 3], states[:, 4] = earth_to_body(north, east, psi)
-    rows = len(piece.t) - _lost(lag, float(piece.t[1] - piece.t[0]))
+    # read the lag [s] later, in the axes of the filter: the frame turns in the meantime
+    late = body_to_earth(piece.states[:, 3], piece.states[:, 4], (1 - body_axes) * psi)
+    x, y = (np.interp(piece.t + lag, piece.t, component) for component in late)
+    states[:, 3], states[:, 4] = earth_to_body(*body_to_earth(x, y, body_axes * psi), psi)
+    lost = int(np.ceil(lag / float(piece.t[1] - piece.t[0]) - 1e-9))  # samples whose velocity was logged after the end
+    rows = len(piece.t) - lost
     return replace(
         piece, t=piece.t[:rows], states=states[:rows], controls=piece.controls[: rows - 1], good=piece.good[:rows]
     )
-
-
-def _lost(lag: float, step: float) -> int:
-    """Samples at the end whose velocity was logged after it."""
-    return int(np.ceil(lag / step - 1e-9))
-
-
-def _earth(piece: Record, lag: float, body_axes: float) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity north and east (N,) that was logged ``lag`` [s] later, in the axes of the filter."""
-    psi = np.unwrap(piece.states[:, 2])
-    late = body_to_earth(piece.states[:, 3], piece.states[:, 4], (1 - body_axes) * psi)
-    at = piece.t + lag
-    x, y = (np.interp(at, piece.t, component) for component in late)
-    return body_to_earth(x, y, body_axes * psi)
 
 
 @dataclass(frozen=True)
@@ -108,6 +97,7 @@ def increments(ship: Ship, trials: Sequence[Trial]) -> Increments:
         if len(velocity) <= n:
             continue
         value, by = rates.between(piece)
+        # integrals from the piece's beginning on
         value = np.vstack([np.zeros((1, 3)), step * np.cumsum(value, axis=0)])
         by = np.concatenate([np.zeros((1, *by.shape[1:]), by.dtype), step * np.cumsum(by, axis=0)])
         third.append(np.diff(velocity, 3, axis=0))
@@ -123,25 +113,25 @@ def increments(ship: Ship, trials: Sequence[Trial]) -> Increments:
             "some, of which its terms are estimated"
         )
     noise = np.sqrt(np.nanmean(np.vstack(third) ** 2, axis=0) / 20.0)  # (1, -3, 3, -1): sum of squares 20
-    floor = 1e-4 * np.sqrt(np.mean(np.square(change), axis=(0, 1))) + 1e-12
+    floor = 1e-4 * np.sqrt(np.mean(np.square(change), axis=(0, 1))) + 1e-12  # exact data have no noise to divide by
     return Increments(np.array(change), np.array(slope), step, np.maximum(noise, floor), rates.symbols, lag)
 
 
 def _lag(ship: Ship, trials: Sequence[Trial]) -> float:
     """The lag [s] of the velocities of ``trials`` against their positions if it is free in the ``ship``, else hers."""
-    known = ship.coefficients.get(LAG)
-    if known is None or known.fixed:
-        return known.value if known else 0.0
+    coefficient = ship.coefficients.get(LAG)
+    if coefficient is None or coefficient.fixed:
+        return coefficient.value if coefficient else 0.0
     seen = kinematics_of(trials, ship)
     lag = seen.pooled["lag"].value if seen else math.nan
-    return float(np.clip(lag, 0.0, known.upper)) if math.isfinite(lag) else 0.0
+    return float(np.clip(lag, 0.0, coefficient.upper)) if math.isfinite(lag) else 0.0
 
 
 class _Rates:
     """Accelerations of a ship and their derivatives to its free coefficients, along measured motions."""
 
     def __init__(self, ship: Ship) -> None:
-        self.symbols, self._ship, model = tuple(ship.free), ship, assemble(ship)
+        self.symbols, model = tuple(ship.free), assemble(ship)
         self._model, self._theta = model, np.array(ship.values)
         sizes = (len(model.states), len(model.controls), len(model.symbols))
         state, controls, theta = (ca.SX.sym(name, size) for name, size in zip("sct", sizes, strict=True))
@@ -158,10 +148,11 @@ class _Rates:
 
         count, states = len(piece.controls), piece.states.copy()
         states[:, 2] = np.unwrap(states[:, 2])
+
         states[:, 3:6] = savgol_filter(states[:, 3:6], min(7, (count // 2) * 2 - 1), 2, axis=0)
         states[:, :2] = np.nan_to_num(states[:, :2])
         value, slope = np.zeros((count, 3)), np.zeros((count, 3, len(self.symbols)))
-        for rows in (slice(0, -1), slice(1, None)):
+        for rows in (slice(0, -1), slice(1, None)):  # begin and end of each step: the trapezoidal rule
             start = self._model.initial(states[rows].T, piece.controls.T, self._theta)
             found, nonzero = self._function.map(count)(start, piece.controls.T, self._theta)
             value += 0.5 * np.array(found).T
@@ -200,6 +191,7 @@ def regress(ship: Ship, system: Increments, sparse: bool = False) -> Regression:
     own = np.array([s in ship.monomials for s in system.symbols])
     groups = _groups(ship, system.symbols, sparse)
     P = len(std)
+    # in prior standard deviations and in noise
     A, b = system.slope * std / system.noise[:, None], system.change / system.noise
     ratio, precision = np.ones(3), np.ones(P)
     p = np.zeros(P)
@@ -214,11 +206,11 @@ def regress(ship: Ship, system: Increments, sparse: bool = False) -> Regression:
     gone = own & (precision > VANISHED) if sparse else np.zeros(P, dtype=bool)
     H = sum(gram / s for (gram, _, _), s in zip(grams, variance, strict=True)) + np.diag(precision)
     g = sum(right / s for (_, right, _), s in zip(grams, variance, strict=True))
-    left = np.flatnonzero(~gone)
+    kept = np.flatnonzero(~gone)
     p = np.zeros(P)
-    p[left] = within_bounds(H[np.ix_(left, left)], -g[left], ((lower - base) / std)[left], ((upper - base) / std)[left])
+    p[kept] = within_bounds(H[np.ix_(kept, kept)], -g[kept], ((lower - base) / std)[kept], ((upper - base) / std)[kept])
     values = base + std * p
-    values[[s == LAG for s in system.symbols]] = system.lag
+    values[[s == LAG for s in system.symbols]] = system.lag  # by the kinematics: ``without_lag`` took it out
     return Regression(
         {s: float(x) for s, x, out in zip(system.symbols, values, gone, strict=True) if not out},
         {s: float(k) for s, k, mine in zip(system.symbols, std / np.sqrt(precision), own & ~gone, strict=True) if mine},
@@ -241,6 +233,7 @@ def _groups(ship: Ship, symbols: Sequence[str], sparse: bool) -> np.ndarray:
 def _factor(samples: int, ratio: float, step: float) -> np.ndarray:
     """Cholesky factor of the covariance in a window: white noise, that of accelerations by ``ratio``, a free level."""
     k = np.arange(samples)
+    # a random walk by min(k, l); 1e4: the free level
     covariance = np.eye(samples) + ratio**2 * step * np.minimum.outer(k, k) + 1e4
     return np.linalg.cholesky(covariance)
 
@@ -262,18 +255,14 @@ def _likeliest(error: np.ndarray, step: float) -> float:
         factor = _factor(n, ratio, step)
         squares = float((solve_triangular(factor, error.T, lower=True) ** 2).sum())
         count = W * (n - 1)
-        variance = max(squares / count, LEAST_NOISE)
+        variance = max(squares / count, LEAST_NOISE)  # profiled: its likeliest value
         value = -W * np.log(np.diag(factor)).sum() - 0.5 * count * np.log(variance) - 0.5 * squares / variance
         best = max(best, (float(value), ratio))
     return best[1]
 
 
 def _largest_evidence(
-    grams: Sequence[tuple[np.ndarray, np.ndarray, float]],
-    count: int,
-    groups: np.ndarray,
-    own: np.ndarray,
-    steps: int,
+    grams: Sequence[tuple[np.ndarray, np.ndarray, float]], count: int, groups: np.ndarray, own: np.ndarray, steps: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Estimate (P,), precision of each prior (P,) and variance of each channel (3,) by MacKay's fixed point.
 
@@ -290,14 +279,15 @@ def _largest_evidence(
         p[used] = covariance @ g
         for i, (gram, right, total) in enumerate(grams):
             squares = total - 2 * p @ right + p @ gram @ p
+            # coefficients that this channel determines (MacKay 1992)
             determined = float((covariance * gram[np.ix_(used, used)]).sum()) / variance[i]
             variance[i] = max(squares / max(count - determined, 1.0), LEAST_NOISE)
         known, sizes = np.zeros(P), np.zeros(P)
-        known[used] = 1 - precision[used] * np.diag(covariance)
+        known[used] = 1 - precision[used] * np.diag(covariance)  # MacKay's gamma: how far the data determine each
         sizes[used] = p[used] ** 2
         top = groups.max() + 1
         shared = np.bincount(groups, known, top) / np.maximum(np.bincount(groups, sizes, top), 1e-12)
         precision = np.where(own, np.clip(shared[groups], 1e-4, 1e8), 1.0)
-        precision[np.setdiff1d(np.arange(P), used)] = 1e8
-        used = np.flatnonzero(precision < 1e7)
+        precision[np.setdiff1d(np.arange(P), used)] = 1e8  # it stays out
+        used = np.flatnonzero(precision < 1e7)  # a size of 3e-4 of the prior: gone
     return p, precision, variance

@@ -26,9 +26,9 @@ from cases.evidence.tails import chi2_tail
 from fitting.calibration import Calibration
 from mmg.ship import Ship
 
-# Widths that are tried as one for all coefficients, in the scale of the prior; zero is tried too.
+# Widths that are tried as one for all coefficients, in the scale of the prior; zero is tried too. A grid set by hand.
 COMMON = np.geomspace(0.005, 5.0, 61)
-# Least width with which sisters are fitted, and least scale of the half-Cauchy prior: it bounds a division.
+# Least width with which sisters are fitted, and least scale of the half-Cauchy prior. Set by hand: they divide.
 LEAST = 0.02
 
 
@@ -54,10 +54,11 @@ class SisterEvidence:
         """The evidence of the ``calibration``."""
         info = calibration.information.shared()
         F, slope = info.fisher.sum(axis=0), info.score.sum(axis=0)
-        F, b = 0.5 * (F + F.T), F @ info.p - slope
-        own = np.array(["." in symbol for symbol in calibration.prior.symbols])
+        F, b = 0.5 * (F + F.T), F @ info.p - slope  # the slope of the quadratic at 0 instead of at the estimate
+        own = np.array(["." in symbol for symbol in calibration.prior.symbols])  # "gyro.T" is of an effect
         kept, rest = np.flatnonzero(~own), np.flatnonzero(own)
         across = F[np.ix_(kept, rest)]
+        # Schur complement, prior included
         gain = np.linalg.solve(F[np.ix_(rest, rest)] + np.eye(len(rest)), across.T).T
         A = F[np.ix_(kept, kept)] - gain @ across.T
         b = b[kept] - gain @ b[rest]
@@ -89,7 +90,7 @@ class Marginal:
     def of(cls, A: np.ndarray, b: np.ndarray, width: np.ndarray) -> Marginal:
         """From information ``A`` (N, P, P) and ``b`` (N, P) of the ships, at these widths (P,)."""
         P = len(width)
-        inner = np.eye(P) + width[:, None] * A * width
+        inner = np.eye(P) + width[:, None] * A * width  # I + T^1/2 A T^1/2: no width is divided by
         right = np.concatenate([width[:, None] * A, (width * b)[:, :, None]], axis=2)
         solved = np.linalg.solve(inner, right)
         pulled = np.swapaxes(right[:, :, :P], 1, 2)
@@ -98,16 +99,17 @@ class Marginal:
         S, total = np.eye(P) + W.sum(axis=0), w.sum(axis=0)
         mean = np.linalg.solve(S, total)
         value = 0.5 * float(((width * b) * solved[:, :, P]).sum() + total @ mean)
+        # restricted: with the mean integrated out
         value -= 0.5 * float(np.linalg.slogdet(inner)[1].sum() + np.linalg.slogdet(S)[1])
         return cls(width, W, w, S, mean, value)
 
     def slope(self) -> np.ndarray:
         """Derivative (P,) of the log likelihood with respect to the squares of the widths."""
-        left = self.w - self.W @ self.mean
-        known = np.linalg.solve(self.S, np.swapaxes(self.W, 0, 1).reshape(len(self.S), -1))
-        known = np.swapaxes(known.reshape(len(self.S), len(self.W), -1), 0, 1)
-        spent = np.einsum("njj->j", self.W) - np.einsum("njk,nkj->j", self.W, known)
-        return 0.5 * ((left**2).sum(axis=0) - spent)
+        score = self.w - self.W @ self.mean
+        by_mean = np.linalg.solve(self.S, np.swapaxes(self.W, 0, 1).reshape(len(self.S), -1))  # S^-1 W of all ships
+        by_mean = np.swapaxes(by_mean.reshape(len(self.S), len(self.W), -1), 0, 1)
+        spent = np.einsum("njj->j", self.W) - np.einsum("njk,nkj->j", self.W, by_mean)
+        return 0.5 * ((score**2).sum(axis=0) - spent)
 
 
 @dataclass(frozen=True)
@@ -148,13 +150,14 @@ def sister_widths(ships: Sequence[SisterEvidence]) -> SisterWidths:
     common, interval = _common(A, b)
     width = _by_coefficient(A, b, common)
     at = Marginal.of(A, b, width)
-    covariance, known = np.linalg.inv(at.S), np.linalg.inv(at.S - at.W)
-    others = (known @ (at.w.sum(axis=0) - at.w)[:, :, None])[:, :, 0]
-    prior = np.linalg.inv(np.diag(np.maximum(width, 1e-4) ** 2) + known)
+    # of the mean by all, and by all but each ship (N, P, P)
+    covariance, without = np.linalg.inv(at.S), np.linalg.inv(at.S - at.W)
+    others = (without @ (at.w.sum(axis=0) - at.w)[:, :, None])[:, :, 0]
+    prior = np.linalg.inv(np.diag(np.maximum(width, 1e-4) ** 2) + without)  # 1e-4: a width of 0 has no inverse
     posterior = np.linalg.inv(A + prior)
     estimate = (posterior @ (b[:, :, None] + prior @ others[:, :, None]))[:, :, 0]
     std = np.sqrt(np.diagonal(posterior, axis1=1, axis2=2))
-    away, chance = zip(*map(_apart, at.W, at.w, others, known), strict=True)
+    away, chance = zip(*map(_apart, at.W, at.w, others, without), strict=True)
     return SisterWidths(
         first.symbols, first.centre, first.unit, width, common, interval, at.mean, covariance, estimate, std,
         np.array(away), np.array(chance),
@@ -165,7 +168,7 @@ def _common(A: np.ndarray, b: np.ndarray) -> tuple[float, tuple[float, float]]:
     """The most likely width that all coefficients share, and its 90 % interval by the likelihood ratio."""
     tried = np.concatenate([[0.0], COMMON])
     logs = np.array([Marginal.of(A, b, np.full(A.shape[1], width)).log_likelihood for width in tried])
-    inside = tried[logs > logs.max() - 0.5 * 2.7055]
+    inside = tried[logs > logs.max() - 0.5 * 2.7055]  # 90 % quantile of chi-squared, one degree (Wilks 1938)
     return float(tried[int(np.argmax(logs))]), (float(inside.min()), float(inside.max()))
 
 
@@ -186,16 +189,17 @@ def _by_coefficient(A: np.ndarray, b: np.ndarray, common: float) -> np.ndarray:
     return np.sqrt(np.maximum(found.x, 0.0))
 
 
-def _apart(W: np.ndarray, w: np.ndarray, mean: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, float]:
-    """How far a ship is from the ``mean`` (P,) of the others, which has the covariance ``known`` (P, P): by coefficient
-    in standard errors (P,), and the probability of so much over all. W, w: information and slope of her own on it."""
-    score, spread = w - W @ mean, W + W @ known @ W
+def _apart(W: np.ndarray, w: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> tuple[np.ndarray, float]:
+    """How far a ship is from the ``mean`` (P,) of the others, which has this ``covariance`` (P, P): by coefficient in
+    standard errors (P,), and the probability of so much over all. W, w: information and slope of her own on it."""
+    score, spread = w - W @ mean, W + W @ covariance @ W  # the score, and its covariance if she is one of them
     values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
+    # directions on which her trials tell something; set by hand
     seen = values > max(1e-3, 1e-9 * values.max(initial=0.0))
     along = vectors[:, seen].T @ score
     chance = chi2_tail(float((along**2 / values[seen]).sum()), int(seen.sum())) if seen.any() else 1.0
     size = np.sqrt(np.maximum(np.diag(spread), 0.0))
-    each = np.divide(score, size, out=np.zeros_like(score), where=size > 1e-9)
+    each = np.divide(score, size, out=np.zeros_like(score), where=size > 1e-9)  # 1e-9: she says nothing of it
     return each, chance
 
 
@@ -253,5 +257,5 @@ def with_uncertain_mean(calibration: Calibration, mean: UncertainMean) -> Calibr
         return calibration
     at = [calibration.prior.symbols.index(s) for s in mean.symbols]
     unit, shared = calibration.prior.std[at], slice(len(calibration.p))
-    pull = calibration.spread.model[shared, shared][:, at]
+    pull = calibration.spread.model[shared, shared][:, at]  # V P, P being the identity in scaled coefficients
     return calibration.with_estimate(calibration.p, pull @ (mean.covariance / np.outer(unit, unit)) @ pull.T)

@@ -39,9 +39,9 @@ from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-WINDOW, SHORT = 100.0, 30.0
-"""Length of the windows fitted [s of a 3 m model]: of the ship as given, that of the paper's subsequences; of a
-polynomial that is chosen, that of the windows by which it is judged. Set by hand."""
+# Length of the windows fitted [s of a 3 m model] of the ship as given: that of the paper's subsequences.
+WINDOW = 100.0  # set by hand
+SHORT = 30.0  # The same of a polynomial that is chosen: that of the windows by which it is judged. Set by hand.
 # Steps of a shooting interval of a polynomial, half as long as those of others: there are as many. Set by hand.
 INTERVAL = 10
 LARGEST = 1000  # Most unknowns of a candidate that is tried without being named. Set by hand: it bounds the time.
@@ -50,15 +50,14 @@ LARGEST = 1000  # Most unknowns of a candidate that is tried without being named
 LARGEST_CHOSEN = 450
 START = "as given"  # Row of the ship as given, which is not fitted
 NO_LOSS = 1.02  # Factor on the best validation error up to which a model with fewer unknowns is preferred. Set by hand.
-INSTRUMENTS = ("shown",)
+INSTRUMENTS = ("shown",)  # As of ``FitOptions``: what the trials themselves show
 THINNED = "-thinned"  # Ending of the names of candidates
-SEQUENCES, SECONDS = 1000, 400.0
-"""Number of sequences and their length [s of a 3 m model]. Set by hand; the requirement is 7 of Miyauchi et al.
-(2023)."""
-# Largest speed, and yaw rate times L/2, by 0.1 sqrt(g L), that is still a ship in a harbour (Froude number 0.4).
-MOST = 4.0  # set by hand
+SEQUENCES = 1000  # Random harbour sequences, for requirement 7 of Miyauchi et al. (2023). Set by hand.
+SECONDS = 400.0  # Length of each [s of a 3 m model]. Set by hand.
+# Largest speed, and yaw rate times L/2, by 0.1 sqrt(g L), that is still a ship in a harbour (Froude number 0.4). Set by
+# hand.
+MOST = 4.0
 LEAST = 20  # Fewest samples in a sub-model from which anything is fitted. Set by hand.
-
 BEYOND = 1.1  # Factor on the motions of the trials up to which a polynomial is used as it is. Set by hand.
 # Least range of a motion, by sqrt(g L), of the yaw rate by sqrt(g / L). Set by hand: it bounds a division.
 SMALL = 0.01
@@ -66,7 +65,7 @@ SMALL = 0.01
 
 @dataclass(frozen=True)
 class Stability:
-    """Of ``sequences`` simulated from rest, how many ``diverged``; the largest speed [m/s] and yaw rate [rad/s] of the
+    """Of ``sequences`` simulated from rest, how many ``diverged``; largest speed [m/s] and yaw rate [rad/s] of the
     others."""
 
     sequences: int
@@ -88,7 +87,7 @@ def stability(ship: Ship, sequences: int = SEQUENCES, seed: int = 0, compiled: b
     t = runs[0]["t"]
     zero = np.zeros(len(t))
     columns = [[t if name == "time" else run.columns.get(name, zero) for name in names] for run in runs]
-    controls = np.repeat(np.array(columns).transpose(2, 1, 0)[:-1], 2, axis=0)
+    controls = np.repeat(np.array(columns).transpose(2, 1, 0)[:-1], 2, axis=0)  # two steps for each order
     states = simulator.run(np.zeros((6, sequences)), controls, 0.5 * dt, ship.values)
     speed = np.hypot(states[:, 3], states[:, 4]).max(axis=0)
     spin = np.abs(states[:, 5]).max(axis=0)
@@ -134,8 +133,8 @@ class StructureChoice:
         """Content of selection.json, numbers that are not finite as None."""
         keys = ("name", "seed", "objective", "training", "validation", "evaluations", "seconds")
         learned = [{k: getattr(run, k) for k in keys} | {"terms_left_out": len(run.vanished)} for run in self.runs]
-        found = {"chosen": self.chosen, "candidates": self.table, "test": self.test, "stability": self.stability}
-        content: dict[str, Any] = plain(found | ({"learned": learned} if learned else {}))
+        rows = {"chosen": self.chosen, "candidates": self.table, "test": self.test, "stability": self.stability}
+        content: dict[str, Any] = plain(rows | ({"learned": learned} if learned else {}))
         return content
 
 
@@ -199,11 +198,11 @@ def choose_structure(
         elif seeds:
             fitted.append(work.learned(one, runs[one.name][0]))
         else:
-            own = next((f.ship for f in fitted if f.row.name == GIVEN), None)
+            own = next((f.ship for f in fitted if f.row.name == GIVEN), None)  # it is the first of ``able``
             fitted += work.regressed(_based_on(one, own))
     if not fitted:
         raise NoSolution(f"no candidate can be fitted: {'; '.join(row.left_out for row in table[1:4])}")
-    small = [f for f in fitted if f.row.unknowns <= LARGEST_CHOSEN] or fitted
+    small = [f for f in fitted if f.row.unknowns <= LARGEST_CHOSEN] or fitted  # all, where none is small
     best, checked = _stable_best(small, work.settings)
     rows = [checked.get(f.row.name, f.row) for f in fitted]
     options = FitOptions(start=best.values, hold=bool(best.values), instruments=INSTRUMENTS, next_trial=False)
@@ -281,30 +280,30 @@ class _Work:
         """The row of a candidate that became ``ship``, and what it took since ``began``."""
         training, validation = (_window_error(ship, some, self.sigma) for some in (self.train, self.validate))
         seconds = 0.0 if began is None else time.perf_counter() - began
-        found = replace(_row(one, validation=validation, training=training, seconds=seconds), **more)
-        if found.name.startswith(f"{GIVEN}+"):
-            found = replace(found, unknowns=len(self.own | set(one.ship.free)))
-        LOGGER.info(f"{found.name}: {found.unknowns} unknowns, validation {validation:.4g}, training {training:.4g}")
-        return found
+        row = replace(_row(one, validation=validation, training=training, seconds=seconds), **more)
+        if row.name.startswith(f"{GIVEN}+"):  # the ship's own coefficients were estimated for it, too
+            row = replace(row, unknowns=len(self.own | set(one.ship.free)))
+        LOGGER.info(f"{row.name}: {row.unknowns} unknowns, validation {validation:.4g}, training {training:.4g}")
+        return row
 
     def regressed(self, one: StructureCandidate) -> list[_Fitted]:
         """A polynomial by regression: whole, and without the terms that vanish."""
-        found: list[_Fitted] = []
+        fitted: list[_Fitted] = []
         one = replace(one, ship=bounded(with_instruments(one.ship, INSTRUMENTS, self.train), self.train))
         system = None
         for sparse in (False, True):
             began = time.perf_counter()
-            system = system or increments(one.ship, self.train)
+            system = system or increments(one.ship, self.train)  # the same for both; its time counts for the first
             estimate = regress(one.ship, system, sparse)
             ship = estimate.ship(one.ship)
-            if sparse and not 0 < len(ship.monomials) < len(one.ship.monomials):
+            if sparse and not 0 < len(ship.monomials) < len(one.ship.monomials):  # nothing vanished, or all
                 continue
             words = f"{one.words}, without {len(estimate.vanished)} terms that the evidence speaks against"
             named = replace(one, name=one.name + THINNED, words=words) if sparse else one
             start = replace(named, ship=ship)
             model = ship.with_values(estimate.values)
-            found.append(_Fitted(self.row(start, model, began, converged=True), model, start, estimate.values))
-        return found
+            fitted.append(_Fitted(self.row(start, model, began, converged=True), model, start, estimate.values))
+        return fitted
 
     def prepared(self, one: StructureCandidate) -> StructureCandidate:
         """The candidate as it is learned by the objective of the paper: bounded to the motions of the trials."""
@@ -321,11 +320,11 @@ class _Work:
     def shot(self, one: StructureCandidate) -> _Fitted:
         """The ship as given, fitted by multiple shooting."""
         began, start = time.perf_counter(), with_instruments(one.ship, INSTRUMENTS, self.train)
-        found = estimate_coefficients(start, self.train, self.settings_of(one))
+        fit = estimate_coefficients(start, self.train, self.settings_of(one))
         if INTERRUPTED.requested:  # the solver stopped early: no estimate to choose by
             raise KeyboardInterrupt
-        ship = start.with_values({s: found.ship.coefficients[s].value for s in start.free})
-        return _Fitted(self.row(one, ship, began, converged=found.converged), ship, one, {})
+        ship = start.with_values({s: fit.ship.coefficients[s].value for s in start.free})
+        return _Fitted(self.row(one, ship, began, converged=fit.converged), ship, one, {})
 
 
 def _based_on(one: StructureCandidate, calibrated: Ship | None) -> StructureCandidate:
@@ -343,30 +342,28 @@ def _stable_best(fitted: Sequence[_Fitted], settings: Settings) -> tuple[_Fitted
     """
     least = min(f.error for f in fitted)
     if not np.isfinite(least):
-        raise NoSolution(
-            "no candidate predicts the validation trials: all diverge; see mmg check, or give other trials"
-        )
+        words = "no candidate predicts the validation trials: all diverge; see mmg check, or give other trials"
+        raise NoSolution(words)
     near = sorted((f for f in fitted if f.error <= NO_LOSS * least), key=lambda f: f.row.unknowns)
     order = [*near, *sorted((f for f in fitted if f not in near), key=lambda f: f.error)]
     checked: dict[str, Tried] = {}
     for one in order:
-        found = stability(one.ship, SEQUENCES, settings.seed, settings.compiled)
-        checked[one.row.name] = replace(one.row, stable=found.sequences - found.diverged, sequences=found.sequences)
-        if not found.diverged and np.isfinite(one.error):
+        runs = stability(one.ship, SEQUENCES, settings.seed, settings.compiled)  # slow: only until one stays stable
+        checked[one.row.name] = replace(one.row, stable=runs.sequences - runs.diverged, sequences=runs.sequences)
+        if not runs.diverged and np.isfinite(one.error):
             return one, checked
     return max(order, key=lambda f: checked[f.row.name].stable), checked
 
 
 def bounded(ship: Ship, trials: Sequence[Trial]) -> Ship:
     """A generated ``ship`` whose polynomial is bounded to the motions of the ``trials`` (``expansion/series``)."""
-    found = {}
-    L = ship.particulars["L"]
+    limits, L = {}, ship.particulars["L"]
     for name, sign, column in (("u_ahead", 1, "u"), ("u_astern", -1, "u"), ("v_most", 0, "v"), ("r_most", 0, "r")):
         values = np.concatenate([t[column] for t in trials])
         most = np.nanmax(np.abs(values) if sign == 0 else sign * values, initial=0.0)
         least = SMALL * reference_speed(L) / (L if column == "r" else 1.0)
-        found[name] = float(f"{BEYOND * max(most, least):.4g}")
-    return replace(ship, particulars={**ship.particulars, **found})
+        limits[name] = float(f"{BEYOND * max(most, least):.4g}")  # as it is written to the ship file
+    return replace(ship, particulars={**ship.particulars, **limits})
 
 
 def fault(candidate: StructureCandidate, trials: Sequence[Trial]) -> str:

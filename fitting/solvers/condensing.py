@@ -30,8 +30,8 @@ class Subproblem:
     """Objective and linearised constraints at x, in scaled (state, p).
 
     rows: (B, S, S + L) Hessian rows of the nodes; slope: (B, S) gradient; shared: (P, P) and shared_slope: (P,) of the
-    coefficients; maps: (M, S, S + L) derivative of the end of each interval to (start, p); off: (M, S) what the end is
-    off the next node.
+    coefficients; maps: (M, S, S + L) derivative of the end of each interval to (start, p); off: (M, S) the end off the
+    next node.
     """
 
     rows: np.ndarray
@@ -45,8 +45,7 @@ class Subproblem:
 @dataclass(frozen=True)
 class Step:
     """nodes: (B, S) and p: (P,), steps of the scaled variables; multipliers: (M S,) of the defects there; bound: (P,)
-    multipliers of the bounds, positive at upper ones; decrease: what the quadratic model of the objective changes by,
-    along the slope alone."""
+    multipliers of the bounds, positive at upper ones; decrease: change of the quadratic model along the slope alone."""
 
     nodes: np.ndarray
     p: np.ndarray
@@ -56,18 +55,16 @@ class Step:
 
 
 def gauss_newton(problem: Problem, x: np.ndarray) -> Subproblem:
-    """That of ``problem`` with the Hessian of Gauss and Newton at x (n,): a robust loss counts by its weights, which
-    majorise it."""
+    """That of ``problem`` with the Gauss-Newton Hessian at x (n,): a robust loss by its weights, which majorise it."""
     seg, S, columns = problem.segments, problem.S, problem.columns
     parts, p = Quadratics.of(problem, x, by_window=False), problem.split(x)[1]
     rows, slope = parts.nodes, parts.node_slope[:, :S].copy()
     rows[seg.start] += parts.inside  # samples inside an interval depend on its first node and p alone
     slope[seg.start] += parts.inside_slope[:, :S]
-    known, score = prior_parts(problem, p)
+    prior, score = prior_parts(problem, p)
     pulls = columns.total(parts.node_slope[:, S:], columns.node)
     pulls = pulls + columns.total(parts.inside_slope[:, S:], columns.interval)
-    P = problem.P
-    shared, pull = columns.matrix(parts.shared, P) + known, columns.vector(pulls, P) + score
+    shared, pull = columns.matrix(parts.shared, problem.P) + prior, columns.vector(pulls, problem.P) + score
     return Subproblem(rows, slope, shared, pull, parts.maps, parts.off[:, :S])
 
 
@@ -86,39 +83,39 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     """The step that minimises ``sub`` from p (P,) within the bounds of ``problem``; None for numbers not finite."""
     seg, S, L, P, columns = problem.segments, problem.S, problem.L, problem.P, problem.columns
     W, at = len(seg.run), columns.each(columns.at, columns.window)
-    inside, still = np.zeros((problem.M, 1, 1)), np.zeros((problem.M, 1))  # sub.rows hold them by node already
+    nothing = np.zeros((problem.M, 1, 1)), np.zeros((problem.M, 1))  # samples inside: in the rows of nodes already
     node_slope = np.hstack([sub.slope, np.zeros((problem.B, L))])
-    parts = Quadratics(inside, still, sub.rows, node_slope, sub.shared, sub.maps, sub.off)
-    left = Eliminated.of(seg, parts, problem.kernels.elimination)
-    if not (np.isfinite(left.rows).all() and np.isfinite(left.slope).all() and np.isfinite(sub.shared).all()):
+    parts = Quadratics(*nothing, sub.rows, node_slope, sub.shared, sub.maps, sub.off)
+    eliminated = Eliminated.of(seg, parts, problem.kernels.elimination)
+    if not (
+        np.isfinite(eliminated.rows).all() and np.isfinite(eliminated.slope).all() and np.isfinite(sub.shared).all()
+    ):
         return None
-    first = _positive(left.rows[:, :, :S])
-    border = left.rows[:, :, S:]
-    gain = np.linalg.solve(first, np.concatenate([border, left.slope[:, :S, None]], axis=2))
-    whole, whole_slope = sub.shared.copy(), sub.shared_slope.copy()
-    local = left.shared_by_group(columns.interval, columns.groups)
+    first = _positive(eliminated.rows[:, :, :S])
+    border = eliminated.rows[:, :, S:]
+    gain = np.linalg.solve(first, np.concatenate([border, eliminated.slope[:, :S, None]], axis=2))
+    local = eliminated.shared_by_group(columns.interval, columns.groups)
     # Schur complement of the first states
-    whole += columns.matrix(local - _by_group(columns, border, gain[:, :, :L]), P)
-    slopes = left.slope[:, S:] - (np.swapaxes(border, 1, 2) @ gain[:, :, L:])[:, :, 0]
-    whole_slope += columns.vector(columns.total(slopes, columns.window), P)
-    (dense,) = _positive(0.5 * (whole + whole.T)[None])  # rounding makes it a little lopsided
+    reduced = sub.shared + columns.matrix(local - _by_group(columns, border, gain[:, :, :L]), P)
+    slopes = eliminated.slope[:, S:] - (np.swapaxes(border, 1, 2) @ gain[:, :, L:])[:, :, 0]
+    reduced_slope = sub.shared_slope + columns.vector(columns.total(slopes, columns.window), P)
+    (dense,) = _positive(0.5 * (reduced + reduced.T)[None])  # rounding makes it a little lopsided
     lower, upper = problem.p_bounds()
-    dp = within_bounds(dense, whole_slope, lower - p, upper - p)
-    local_dp = dp[at]
-    if len(local_dp) != W:
-        local_dp = np.broadcast_to(local_dp, (W, L))
+    dp = within_bounds(dense, reduced_slope, lower - p, upper - p)
+    local_dp = np.broadcast_to(dp[at], (W, L))  # one row where all windows share all coefficients
     first_state = -(gain[:, :, :L] @ local_dp[:, :, None])[:, :, 0] - gain[:, :, L]
     nodes = carried(problem, sub.maps, sub.off, first_state, local_dp)
     end = np.concatenate([nodes[seg.end], local_dp[seg.window]], axis=1)
-    multipliers = (left.ahead @ end[:, :, None])[:, :, 0] + left.pull  # of a defect: the slope of the cost that follows
+    # of a defect: the slope of the cost that follows
+    multipliers = (eliminated.ahead @ end[:, :, None])[:, :, 0] + eliminated.pull
     decrease = float((sub.slope * nodes).sum() + sub.shared_slope @ dp)
-    bound = -(dense @ dp + whole_slope)
+    bound = -(dense @ dp + reduced_slope)  # stationarity: slope + multipliers = 0
     bound[(dp > lower - p) & (dp < upper - p)] = 0.0  # rounding, where no bound holds
     return Step(nodes, dp, multipliers.reshape(-1), bound, decrease)
 
 
 def _by_group(columns: Columns, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Sums by group (G, L, L) over the windows of left^T right (W, S, L)."""
+    """Sums by group (G, L, L) of left^T right over the windows, both (W, S, L): one product of tall matrices each."""
     total = np.empty((columns.groups, left.shape[2], right.shape[2]))
     for g in range(columns.groups):
         A, B = (f if columns.groups == 1 else f[columns.window == g] for f in (left, right))
@@ -147,7 +144,7 @@ def carried(problem: Problem, maps: np.ndarray, off: np.ndarray, first: np.ndarr
 def _positive(blocks: np.ndarray) -> np.ndarray:
     """The symmetric ``blocks`` (m, k, k) with negative eigenvalues turned round."""
     values, vectors = np.linalg.eigh(blocks)
-    least = 1e-8 * np.abs(values).max(axis=1, keepdims=True)
+    least = 1e-8 * np.abs(values).max(axis=1, keepdims=True)  # what is less is rounding
     if (values > least).all():
         return blocks
     values = np.maximum(np.abs(values), least)
@@ -166,12 +163,12 @@ def within_bounds(H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.nda
     from scipy.optimize import lsq_linear  # late: slow to import, and seldom needed
 
     d = np.clip(d, lower, upper)
-    free = lower < upper
+    free = lower < upper  # SciPy takes no bounds that meet
     if free.any():
         d[free] = 0.0  # what is held pulls on the others
         root, slope = np.linalg.cholesky(H[np.ix_(free, free)]), (g + H @ d)[free]
         bounds, most = (lower[free], upper[free]), CHANGES * len(slope)
-        # its tolerance is by the sum of squares, which may be far larger than what a step gains
+        # H = R R': |R' d + R^-1 g|^2 / 2; tol is by that sum, which may be far larger than what a step gains
         d[free] = lsq_linear(root.T, -np.linalg.solve(root, slope), bounds, "bvls", tol=1e-15, max_iter=most).x
     for bound in (lower, upper):  # what stops at a bound is there but for rounding
         d = np.where(np.isclose(d, bound, rtol=1e-12, atol=1e-12), bound, d)
@@ -183,14 +180,12 @@ def within_bounds(H: np.ndarray, g: np.ndarray, lower: np.ndarray, upper: np.nda
 CHANGES = 10
 CUTS = 10  # Halvings of a step before it counts as failed. 2^-10 of a step gains nothing. Set by hand.
 CORRECTIONS = 3  # Corrections of a trial point towards where the intervals join. Set by hand.
-
-
-# Share of the merit that a step of Gauss and Newton must gain for another one to follow.
-SLOW = 0.03  # set by hand: it decides how a solve gets there, not where
+# Share of the merit that a step of Gauss and Newton must gain for another one to follow. Set by hand: it decides how a
+# solve gets there, not where.
+SLOW = 0.03
 SHORT = 0.25  # Length of a Newton step below which one of Gauss and Newton follows. Set by hand, as SLOW.
 STALLS = 2  # Steps in a row that gain little before a sequence counts as stalled. Set by hand.
-Watch = Callable[[float, float], bool]
-"""Of an iterate: takes the objective and the largest violation, returns whether to stop."""
+Watch = Callable[[float, float], bool]  # Of objective and largest violation of an iterate: whether to stop
 
 
 @dataclass
@@ -226,14 +221,14 @@ def lead(
     """
     x = x.copy()
     x[problem.S * problem.B :] = np.clip(problem.split(x)[1], *problem.p_bounds())
-    found = Lead(x, np.zeros(problem.m), np.zeros(problem.P))
+    led = Lead(x, np.zeros(problem.m), np.zeros(problem.P))
     prices, second, stalls = np.zeros(problem.m), False, 0
-    while len(found.history) < most:
+    while len(led.history) < most:
         f, c = problem.objective(x), np.abs(problem.defects(x))
-        found.history.append((f, float(c.max(initial=0.0))))
-        if at_iterate(*found.history[-1]) or not (np.isfinite(f) and np.isfinite(c).all()):
+        led.history.append((f, float(c.max(initial=0.0))))
+        if at_iterate(*led.history[-1]) or not (np.isfinite(f) and np.isfinite(c).all()):
             break
-        sub = newton(problem, x, found.multipliers) if second else gauss_newton(problem, x)
+        sub = newton(problem, x, led.multipliers) if second else gauss_newton(problem, x)
         step = solved(problem, sub, problem.split(x)[1])
         if step is None:
             break
@@ -247,31 +242,29 @@ def lead(
         if taken is None:
             break
         length, x, reached = taken
-        found.x, found.bound = x, step.bound
-        # as far as the step went
-        found.multipliers = found.multipliers + length * (step.multipliers - found.multipliers)
+        led.x, led.bound = x, step.bound
+        led.multipliers = led.multipliers + length * (step.multipliers - led.multipliers)  # as far as the step went
         # Newton where Gauss-Newton is slow
         second = length >= SHORT if second else length < 1.0 or merit - reached < SLOW * abs(reached)
         stalls = stalls + 1 if merit - reached < stalled * abs(f) else 0
         done = stalls >= STALLS or (length == 1.0 and abs(slope) < tolerance * abs(f))
         if done and float(np.abs(problem.defects(x)).max(initial=0.0)) < feasible:
-            found.reached = True
+            led.reached = True
             break
-    return found
+    return led
 
 
-def polished(problem: Problem, found: Lead) -> Lead:
-    """Where ``found`` of the ``problem`` comes to by one more step, with the exact Hessian: multipliers and gradient
-    balance to second order there."""
-    step = solved(problem, newton(problem, found.x, found.multipliers, middle=False), problem.split(found.x)[1])
+def polished(problem: Problem, led: Lead) -> Lead:
+    """Where one exact step more has ``led`` the ``problem``: multipliers and gradient balance to second order there."""
+    step = solved(problem, newton(problem, led.x, led.multipliers, middle=False), problem.split(led.x)[1])
     if step is None:
-        return found
-    x = found.x + np.concatenate([step.nodes.reshape(-1), step.p])
-    f, c = problem.objective(found.x), problem.defects(found.x)
-    # not <=, so that nan is worse
+        return led
+    x = led.x + np.concatenate([step.nodes.reshape(-1), step.p])
+    f, c = problem.objective(led.x), problem.defects(led.x)
+    # not >, so that nan is worse; 1e-9: rounding
     if not problem.objective(x) <= f + np.abs(step.multipliers) @ np.abs(c) + 1e-9 * (1 + abs(f)):
-        return found
-    return replace(found, x=x, multipliers=step.multipliers, bound=step.bound)
+        return led
+    return replace(led, x=x, multipliers=step.multipliers, bound=step.bound)
 
 
 def _searched(
@@ -283,13 +276,14 @@ def _searched(
     """
     (merit, slope), length = merit_slope, 1.0
     d = np.concatenate([step.nodes.reshape(-1), step.p])
-    still = np.zeros((len(problem.segments.run), problem.S)), np.zeros((len(problem.segments.run), problem.L))
+    W = len(problem.segments.run)
+    still = np.zeros((W, problem.S)), np.zeros((W, problem.L))  # first states and coefficients stay in a correction
     for _ in range(CUTS):
         new = x + length * d
         for again in range(CORRECTIONS):
             c = problem.defects(new)
             reached = problem.objective(new) + float(prices @ np.abs(c))
-            # Armijo (1966), and rounding
+            # decrease of Armijo (1966), or no more than rounding; 1e-4: his constant as usual (Nocedal & Wright 2006)
             if reached <= merit + 1e-4 * length * min(slope, 0.0) + 1e-10 * (1 + abs(merit)):
                 return length, new, reached
             if not np.isfinite(reached) or again == CORRECTIONS - 1:

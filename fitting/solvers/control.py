@@ -26,11 +26,11 @@ from mmg.progress import OnProgress, Progress
 LEFT_OUT = "parts_left_out"
 Value = TypeVar("Value")
 
-# Whether Ctrl-C is being held (active), has been pressed since (requested), and is raised all the same (breaks).
+# Of this process: whether Ctrl-C is held (active), was pressed since (requested), is raised all the same (breaks).
 INTERRUPTED = SimpleNamespace(active=False, requested=False, breaks=False)
 
-# told: called with "held" and "released" when Ctrl-C begins and ends to be held, with "noted" when it is pressed, with
-# "ending" when it ends all.
+# told: called with "held" and "released" when Ctrl-C begins and ends to be held, "noted" when it is pressed, "ending"
+# when it ends all.
 OBSERVER = SimpleNamespace(told=lambda word: None)
 
 
@@ -44,14 +44,14 @@ class Control:
 
     progress: called at each step, under the name ``task``; seconds: limit of time [s]; end: when it is over, by
     ``time.time``, which processes and machines have in common [s]; iterations: most of a solver; stop: a file that ends
-    it by being there.
+    it.
     """
 
     progress: OnProgress | None = None
     task: str = "solve"
     seconds: float = math.inf
     end: float = math.inf
-    iterations: int = 300
+    iterations: int = 300  # as of ``Settings.max_iterations``
     stop: Path | None = None
 
     @classmethod
@@ -110,9 +110,7 @@ def interrupts_noted(on_interrupt: Callable[[], None] | None = None) -> Iterator
     """Within this (in the main thread), Ctrl-C is noted instead of raised, so that a run is still written.
 
     The solver stops at its next iterate; whatever runs outside it is finished, but for what ``unless_interrupted``
-    does. A second Ctrl-C is raised as usual.
-    In a process of ``fitting.parallel``, which holds Ctrl-C back, it is let through while this is active.
-    on_interrupt: called at the first Ctrl-C.
+    does. A second Ctrl-C is raised as usual. on_interrupt: called at the first Ctrl-C.
     """
     if threading.current_thread() is not threading.main_thread() or INTERRUPTED.active:
         yield
@@ -132,7 +130,7 @@ def interrupts_noted(on_interrupt: Callable[[], None] | None = None) -> Iterator
     INTERRUPTED.active, INTERRUPTED.requested, INTERRUPTED.breaks = True, False, False
     previous, held_back = signal.signal(signal.SIGINT, note), False
     OBSERVER.told("held")
-    if hasattr(signal, "pthread_sigmask"):
+    if hasattr(signal, "pthread_sigmask"):  # a process of ``fitting.parallel`` has it blocked, but for this
         held_back = signal.SIGINT in signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     try:
         yield
@@ -201,7 +199,7 @@ def make_in_turn(parts: Mapping[str, Callable[[], Any]], made: Made) -> None:
     for name, part in parts.items():
         began = time.perf_counter()
         value = unless_interrupted(partial(_boxed, part))
-        made.seconds[name] = time.perf_counter() - began
+        made.seconds[name] = time.perf_counter() - began  # also of a part that was left out: ``missing``
         if value is not None:
             made[name] = value[0]
 

@@ -36,7 +36,7 @@ class ResidualNoise:
 
     def counted(self, weight: float) -> tuple[np.ndarray, np.ndarray]:
         """sigma and tau (6,) with which all residuals count with the share ``weight`` of their information."""
-        return self.sigma / np.sqrt(weight), self.tau / weight
+        return self.sigma / np.sqrt(weight), self.tau / weight  # an outlier stays one: rms = sigma / sqrt(tau)
 
 
 def residual_series(segments: Segments, node_residuals: np.ndarray, interior: np.ndarray) -> list[np.ndarray]:
@@ -56,20 +56,18 @@ def residual_series(segments: Segments, node_residuals: np.ndarray, interior: np
 def correlation_time(residuals: list[np.ndarray], longest: int) -> float:
     """Integrated autocorrelation time [samples] of one channel from ``residuals`` of windows, (n,) each; at least 1.
 
-    Sums the pooled autocorrelation up to its first value below 0.05 (a self-consistent window, Sokal 1997), or to the
-    lag ``longest``.
+    Sums the pooled autocorrelation up to its first value below 0.05 (Sokal 1997), or to the lag ``longest``.
     """
     products, counts = np.zeros(longest), np.zeros(longest)
     for e in residuals:
-        e = np.nan_to_num(e)
-        n = len(e)
+        n, e = len(e), np.nan_to_num(e)  # zeros for what is missing: it adds nothing to any product
         lags = np.arange(min(longest, n))
         products[lags] += np.correlate(e, e, "full")[n - 1 :][lags]  # from n - 1 on lags are not negative
         counts[lags] += n - lags
     if products[0] <= 0:
         return 1.0
     rho = (products / np.maximum(counts, 1)) / (products[0] / counts[0])
-    below = np.flatnonzero(rho < 0.05)
+    below = np.flatnonzero(rho < 0.05)  # what follows is noise of the estimate
     end = int(below[0]) if len(below) else longest
     return float(max(1.0, 1 + 2 * rho[1:end].sum()))
 
@@ -79,10 +77,10 @@ def estimate_noise(
 ) -> ResidualNoise:
     """Noise of each channel from the residuals of a fit over ``segments``.
 
-    node_residuals: (B, 6); interior: (K - 1, 6, M); floor: (6,) smallest rms; robust: leave out residuals beyond
-    four robust standard deviations. Where the states of a window were derived, their variance is taken off the squares,
-    of which at least STAYS is left. One degree of freedom per window and channel is given to the free initial states. A
-    channel that is nowhere measured keeps rms = floor, tau = 1.
+    node_residuals: (B, 6); interior: (K - 1, 6, M); floor: (6,) smallest rms; robust: without outliers. Where states of
+    a window were derived, their variance is taken off the squares, of which at least STAYS is left. One degree of
+    freedom per window and channel is given to the free initial states. One that is not measured keeps rms = floor, tau
+    = 1.
     """
     windows = residual_series(segments, np.where(segments.node_mask > 0, node_residuals, np.nan), interior)
     rms, tau = np.array(floor, dtype=float), np.ones(6)
@@ -94,18 +92,16 @@ def estimate_noise(
             continue
         total = sum(float(np.nansum(part**2)) for part in e)
         if segments.variance is not None:
-            derived = [
-                int(np.isfinite(w[:, channel]).sum()) * v
-                for w, v in zip(windows, segments.variance[:, channel], strict=True)
-            ]
-            total = max(total - sum(derived), STAYS * total)
+            each = zip(windows, segments.variance[:, channel], strict=True)
+            derived = sum(int(np.isfinite(w[:, channel]).sum()) * v for w, v in each)
+            total = max(total - derived, STAYS * total)
         # one degree of freedom went into each first state
         rms[channel] = max(np.sqrt(total / (count - len(e))), floor[channel])
         tau[channel] = correlation_time(e, longest=max(2, max(len(part) for part in e) // 2))
     return ResidualNoise(rms, tau)
 
 
-NEVER = 1e300  # A limit that is never wider
+NEVER = 1e300  # Limit [iterations, s] that no other one is wider than: a mark, no size
 # Windows of the first solve: they bring the coefficients near and show the size of residuals. Set by hand.
 FEW_WINDOWS = 12
 TIMES = 3  # Windows of a further solve over those of the one before, until all are there. Set by hand.
@@ -130,16 +126,9 @@ class Resumption:
 
     @classmethod
     def of(
-        cls,
-        number: int,
-        count: int,
-        problem: Problem,
-        x: np.ndarray,
-        best: np.ndarray,
-        status: str,
-        settings: Settings,
+        cls, solve: tuple[int, int], problem: Problem, x: np.ndarray, best: np.ndarray, status: str, settings: Settings
     ) -> Resumption:
-        """That of the solve ``number``, of ``count`` that there are to be, of the whole ``problem`` from x to best,
+        """That of a ``solve``, by its number and how many there are to be, of the whole ``problem`` from x to best,
         (n,) each, which ended with ``status`` by ``settings``."""
         reached = {
             "Maximum_Iterations_Exceeded": (settings.max_iterations, 0.0),
@@ -147,7 +136,7 @@ class Resumption:
         }
         reached |= dict.fromkeys(("Solve_Succeeded", "User_Requested_Stop"), (0.0, 0.0))
         limits, noise = reached.get(status, (NEVER, NEVER)), (problem.sigma, problem.loss.tau)
-        values = ([number], [count], x, best, *noise, limits)
+        values = (*([k] for k in solve), x, best, *noise, limits)
         return cls(*(np.array(value, dtype=float) for value in values))
 
     @classmethod
@@ -202,13 +191,13 @@ class NoiseSolves:
 
 def noise_of(problem: Problem, solution: Solution) -> ResidualNoise:
     """The noise of the residuals of ``problem`` at its ``solution``."""
-    floor = 1e-6 * problem.scale[:6]
+    floor = 1e-6 * problem.scale[:6]  # of exact data, whose residuals are rounding
     return estimate_noise(problem.segments, *problem.errors(solution.x), floor=floor, robust=problem.loss.robust)
 
 
 def _sizes_of_rough(windows: int) -> list[int]:
     """Numbers of windows of the rough solves that come before those of all ``windows``."""
-    sizes = [FEW_WINDOWS] if windows > 1.5 * FEW_WINDOWS else []
+    sizes = [FEW_WINDOWS] if windows > 1.5 * FEW_WINDOWS else []  # 1.5: set by hand
     while sizes and windows > 1.5 * TIMES * sizes[-1]:
         sizes.append(TIMES * sizes[-1])
     return sizes
@@ -221,7 +210,7 @@ def _without_last(
     begins, ``passes`` and ``settings`` as there."""
     status, violation = "Solved_To_Acceptable_Level", float(np.abs(problem.defects(x)).max())
     start = Solution(x, problem.objective(x), violation, status, converged=False, iterations=0, seconds=0.0)
-    last = Resumption.of(number, number + 1, problem, x, x, "User_Requested_Stop", settings)
+    last = Resumption.of((number, number + 1), problem, x, x, "User_Requested_Stop", settings)
     return NoiseSolves(problem, start, noise_of(problem, start), tuple(passes), last, draft=True)
 
 
@@ -251,7 +240,7 @@ def solve_with_noise_estimation(
         number, full, x = resumed.restored(full, settings)
         p, count, problem = full.split(x)[1], max(count, number + 1, int(resumed.count[0])), full
     sizes = _sizes_of_rough(len(full.segments.run)) if count > 1 and not near else []
-    count += 0 if resumed else max(0, len(sizes) - 1)
+    count += 0 if resumed else max(0, len(sizes) - 1)  # the first rough pass is one of ``passes``
     while number < count:
         rough, start = number < count - 1, x
         if draft and not rough and number > 0 and problem.segments is full.segments:
@@ -273,7 +262,7 @@ def solve_with_noise_estimation(
         passes.append(solve_row(problem, solution, restarted))
         p = problem.split(solution.x)[1]
         end = solution.x if problem.segments is full.segments else full.start(p)
-        last = Resumption.of(number, count, full, start, end, solution.status, settings)
+        last = Resumption.of((number, count), full, start, end, solution.status, settings)
         good = solution.converged or (rough and solution.status == "Solved_To_Acceptable_Level")
         if not good or not rough:
             break

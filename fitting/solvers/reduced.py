@@ -23,8 +23,9 @@ from mmg.errors import BadValue, UnknownName
 TOLERANCE = 1e-12
 FEASIBLE = 1e-9  # Largest scaled gap [-] between the end of an interval and the next node there. Set by hand.
 MOST_STEPS = 50  # Steps of that minimisation; a few suffice near the calibration. Set by hand.
-# The same gap up to which states that are not optimal after so many steps still count.
-JOINED = 1e-3  # set by hand: a line search that went too far needs a number, not an exact one
+# The same gap up to which states that are not optimal after so many steps still count. Set by hand: a line search that
+# went too far needs a number, not an exact one.
+JOINED = 1e-3
 
 
 class ReducedProblem:
@@ -57,10 +58,10 @@ class ReducedProblem:
         UserError for an unknown symbol or another number of coefficients.
         """
         problem, x, _ = self._with_best_states(p)
-        value = self.value(p)
+        value = self.value(p)  # of the same states, which are kept
         if not np.isfinite(value):
             return value, np.zeros(len(self.scale))
-        info = information(problem, x)
+        info = information(problem, x)  # envelope theorem: the score at optimal nodes is the gradient
         return value, (info.score.sum(axis=0) + info.prior_score) / self.scale
 
     @with_one_thread
@@ -77,7 +78,7 @@ class ReducedProblem:
         nodes, scaled = problem.split(x)
         weights = (problem.node_weight, problem.weight)
         parts = [
-            (np.sign(e) * np.sqrt(problem.loss.cost(w, e)))[w > 0]
+            (np.sign(e) * np.sqrt(problem.loss.cost(w, e)))[w > 0]  # half its square is half phi
             for w, e in zip(weights, problem.errors(x), strict=True)
         ]
         memory = np.sqrt(problem.memory_weight)
@@ -99,7 +100,7 @@ class ReducedProblem:
         found; always from the states of the calibration, so that ``p`` alone decides the value."""
         wanted = self._vector(p)
         if self._last is None or not np.array_equal(wanted, self._last[0]):
-            held = self._problem.with_bounds(wanted, wanted)
+            held = self._problem.with_bounds(wanted, wanted)  # equal bounds: nodes alone are free
             with np.errstate(all="ignore"):
                 found = lead(held, held.join(self._nodes, held.p_bounds()[0]), TOLERANCE, MOST_STEPS, feasible=FEASIBLE)
             self._last = wanted, held, found
@@ -109,15 +110,12 @@ class ReducedProblem:
         return held, found.x, bool(np.isfinite(value) and gap < JOINED)
 
     def _vector(self, p: Mapping[str, float] | np.ndarray) -> np.ndarray:
-        if not isinstance(p, Mapping):
-            vector = np.array(p, dtype=float)
-            if vector.shape != self.start.shape:
-                raise BadValue(
-                    f"coefficients of shape {vector.shape}: must be {self.start.shape}, in the order of symbols"
-                )
-            return vector
-        if unknown := [s for s in p if s not in self.symbols]:
-            raise UnknownName(f"{', '.join(unknown)}: not free; coefficients of this fit are {', '.join(self.symbols)}")
-        return np.array(
-            [p.get(s, value) for s, value in zip(self.symbols, self.start.tolist(), strict=True)], dtype=float
-        )
+        if isinstance(p, Mapping):
+            if unknown := [s for s in p if s not in self.symbols]:
+                names = ", ".join(self.symbols)
+                raise UnknownName(f"{', '.join(unknown)}: not free; coefficients of this fit are {names}")
+            return np.array([p.get(s, x) for s, x in zip(self.symbols, self.start, strict=True)], dtype=float)
+        vector = np.array(p, dtype=float)
+        if vector.shape != self.start.shape:
+            raise BadValue(f"coefficients of shape {vector.shape}: must be {self.start.shape}, in the order of symbols")
+        return vector

@@ -2,8 +2,7 @@
 
 Multiple shooting joins its intervals at the optimum, so that each window is one rollout from its first state. What is
 kept of the problem is what a rollout needs to be weighed as there: first states, inputs, targets, weights, the cost
-with its correlation times, and the values of coefficients that campaigns have for themselves. It lies beside
-``result.json``.
+with its correlation times, and values by campaign. It lies beside ``result.json``.
 """
 
 from __future__ import annotations
@@ -31,11 +30,10 @@ SCHEMA = 1  # Of that file; it grows when an older reader would misread it
 class RolloutLoss:
     """W windows of at most N steps of ``h`` [s], SI: half the sum of the costs of the ``weights`` is the objective.
 
-    starts: (S, W) states at their begin; controls: (N, C, W), held over each step;
-    targets: (N + 1, 6, W) logged columns, the start among them; weights: of the same shape, 1 / sigma^2, 0 where
-    nothing was measured and after the end of a window; cost: of residuals; symbols: the V coefficients that campaigns
-    have for themselves; values: (V, W) of these; run: (W,) number of the trial; began: (W,) its time at the start [s];
-    trials: sha256 of the trials.
+    starts: (S, W) states at their begin; controls: (N, C, W), held over each step; targets: (N + 1, 6, W) logged
+    columns, the start among them; weights: of the same shape, 1 / sigma^2, 0 where nothing was measured and after the
+    end of a window; cost: of residuals; symbols: the V coefficients that campaigns have for themselves; values: (V, W)
+    of these; run: (W,) trial; began: (W,) its time at the start [s]; trials: their sha256.
     """
 
     h: float
@@ -61,12 +59,12 @@ class RolloutLoss:
         Captive tests, priors and the memory of first states are not in it: no network changes them.
         """
         seg, (nodes, p) = problem.segments, problem.split(x)
-        W, C = len(seg.run), seg.controls.shape[1]
-        length = np.bincount(seg.window, seg.steps, W).astype(int)
-        controls = np.zeros((length.max(), C, W))
+        W = len(seg.run)
+        length = np.bincount(seg.window, seg.steps, W).astype(int)  # steps of each window
+        controls = np.zeros((length.max(), seg.controls.shape[1], W))
         targets, weights = np.zeros((2, length.max() + 1, 6, W))
         row = np.zeros(W, dtype=int)
-        for i in np.lexsort((seg.start, seg.window)):
+        for i in np.lexsort((seg.start, seg.window)):  # window by window, in time
             w, n, k = seg.window[i], seg.steps[i], row[seg.window[i]]
             # held beyond the end of the window, so that its rollout stays where ships are
             controls[k:, :, w] = seg.controls[n - 1, :, i]
@@ -81,8 +79,7 @@ class RolloutLoss:
         symbols = problem.prior.constants
         own = [problem.ship.symbols.index(s) for s in symbols]
         starts, values = nodes[first].T.copy(), theta[:, own].T.copy()
-        loss = problem.loss
-        return cls(seg.h, starts, controls, targets, weights, loss, symbols, values, seg.run, seg.began)
+        return cls(seg.h, starts, controls, targets, weights, problem.loss, symbols, values, seg.run, seg.began)
 
     @classmethod
     def of_calibration(cls, found: Calibration, trials: Sequence[Trial] = ()) -> RolloutLoss | None:
@@ -106,23 +103,21 @@ class RolloutLoss:
         words = {"h": self.h, "cost": self.cost.name, "trials": self.trials, "symbols": self.symbols}
         about = {"schema": str(SCHEMA), "words": json.dumps(words)}
         save_file(arrays | {"tau": np.ascontiguousarray(self.cost.tau)}, path, about)
+        path.chmod(0o644)  # safetensors gives it to its owner alone
 
     @classmethod
     def load(cls, path: Path) -> RolloutLoss:
         """That in the file ``path``. Raises UserError where it cannot be read or is of another version."""
         try:
             with safe_open(path, "np") as file:
-                found, about = {name: file.get_tensor(name) for name in (*_ARRAYS, "tau")}, file.metadata()
+                arrays, about = {name: file.get_tensor(name) for name in (*_ARRAYS, "tau")}, file.metadata()
             if (version := about["schema"]) == str(SCHEMA):
                 words = json.loads(about["words"])
-                cost = Loss(words["cost"], found.pop("tau"))
-                return cls(
-                    words["h"], cost=cost, trials=tuple(words["trials"]), symbols=tuple(words["symbols"]), **found
-                )
+                cost, symbols = Loss(words["cost"], arrays.pop("tau")), tuple(words["symbols"])
+                return cls(words["h"], cost=cost, trials=tuple(words["trials"]), symbols=symbols, **arrays)
         except (OSError, SafetensorError, KeyError, ValueError, TypeError):
-            raise Unreadable(
-                f"{path}: is no loss of a calibration; fit again, or train without --loss calibration"
-            ) from None
+            advice = "fit again, or train without --loss calibration"
+            raise Unreadable(f"{path}: is no loss of a calibration; {advice}") from None
         raise BadValue(f"{path}: is of version {version}, this program reads {SCHEMA}; fit again")
 
 

@@ -41,6 +41,7 @@ class Solution:
     history: list[tuple[float, float]] = field(default_factory=list)
 
 
+# What a status of IPOPT asks of a user.
 ADVICE = {
     "Solve_Succeeded": "",
     "Solved_To_Acceptable_Level": "only IPOPT's looser acceptable tolerance was met; check noise levels and priors",
@@ -54,25 +55,21 @@ ADVICE = {
     "Diverging_Iterates": "the iterates diverge; check units and signs of the trials with mmg check",
 }
 
-
+# IPOPT options for a solve of which only the noise level is wanted: an iterate that is nearly feasible is accepted once
+# the objective has twice changed by less than 3e-4 relative. Set by hand.
 ROUGH = {
-    "ipopt.acceptable_tol": 1e8,
+    "ipopt.acceptable_tol": 1e8,  # never decides, nor does the next one
     "ipopt.acceptable_dual_inf_tol": 1e8,
-    "ipopt.acceptable_constr_viol_tol": 1e-2,
+    "ipopt.acceptable_constr_viol_tol": 1e-2,  # FEASIBLE, in scaled states
     "ipopt.acceptable_compl_inf_tol": 1.0,
     "ipopt.acceptable_iter": 2,
-    "ipopt.acceptable_obj_change_tol": 3e-4,
+    "ipopt.acceptable_obj_change_tol": 3e-4,  # ROUGH_CHANGE
 }
-"""IPOPT options for a solve of which only the noise level is wanted.
-
-An iterate that is nearly feasible is accepted once the objective has twice changed by less than 3e-4 relative.
-"""
-
-
-# IPOPT options for a start that is nearly optimal, with its multipliers.
+# IPOPT options for a start that is nearly optimal, with its multipliers: a barrier and pushes from the bounds as large
+# as usual would lead away from it first.
 CERTIFY = {
     "ipopt.warm_start_init_point": "yes",
-    "ipopt.mu_init": 1e-9,
+    "ipopt.mu_init": 1e-9,  # NEAR is reached, so that the barrier need not fall any more
     "ipopt.warm_start_bound_push": 1e-9,
     "ipopt.warm_start_bound_frac": 1e-9,
     "ipopt.warm_start_mult_bound_push": 1e-9,
@@ -108,8 +105,7 @@ class _Buffered(ca.Callback):
         views = [np.empty(0) if a is None else np.frombuffer(a, dtype=float) for a in arg]
         for target, value in zip(res, self._work(*views), strict=True):
             if target is not None:
-                # CasADi reads its own memory: nothing may be replaced there
-                np.frombuffer(target, dtype=float)[:] = value
+                np.frombuffer(target, dtype=float)[:] = value  # in CasADi's own memory
         return 0
 
 
@@ -129,7 +125,7 @@ class _Watch:
         if self.best is None or rank <= self.best[:2]:
             self.best = (*rank, at["x"].copy())
         self.control.tell(len(self.history) - 1, objective=f, violation=violation)
-        return [float(INTERRUPTED.requested)]
+        return [float(INTERRUPTED.requested)]  # anything but 0 stops IPOPT
 
 
 def _functions(program: Problem, watch: _Watch) -> tuple[Any, dict[str, Any]]:
@@ -139,16 +135,11 @@ def _functions(program: Problem, watch: _Watch) -> tuple[Any, dict[str, Any]]:
     empty, constraint = ca.Sparsity(0, 0), ca.Sparsity.dense(m, 1)
     (jacobian, _), (hessian, _) = program.patterns
     fg = _Buffered("fg", [column], [scalar, constraint], lambda x: [program.objective(x), program.defects(x)])
-    gf = _Buffered("gf", [column, empty], [scalar, row], lambda x, _: [program.objective(x), program.gradient(x)])
-    jg = _Buffered(
-        "jg", [column, empty], [constraint, jacobian], lambda x, _: [program.defects(x), program.jacobian(x)]
-    )
-    hl = _Buffered(
-        "hl",
-        [column, empty, scalar, constraint],
-        [hessian],
-        lambda x, _, factor, multipliers: [program.hessian(x, float(factor[0]), multipliers)],
-    )
+    both = [column, empty]  # x and the parameters of nlpsol, of which there are none
+    gf = _Buffered("gf", both, [scalar, row], lambda x, _: [program.objective(x), program.gradient(x)])
+    jg = _Buffered("jg", both, [constraint, jacobian], lambda x, _: [program.defects(x), program.jacobian(x)])
+    hl = _Buffered("hl", [*both, scalar, constraint], [hessian],
+                   lambda x, _, factor, multipliers: [program.hessian(x, float(factor[0]), multipliers)])  # fmt: skip
     outputs = [ca.nlpsol_out(i) for i in range(ca.nlpsol_n_out())]
     sizes = {"f": scalar, "x": column, "lam_x": column, "g": constraint, "lam_g": constraint}
     seen = [sizes.get(name, empty) for name in outputs]
@@ -167,8 +158,7 @@ def by_ipopt(
     of the solver: the solution says so.
 
     control: its limits are IPOPT's, and it is told of every iterate, with the objective and the constraint violation;
-    tolerance: of IPOPT; rough: by ROUGH. Ctrl-C (in the main thread) stops at the next iterate and returns the best one
-    (``interrupts_noted``).
+    tolerance: of IPOPT; rough: by ROUGH. Ctrl-C (in the main thread) stops at the next iterate. Returns the best.
     """
     control = control or Control()
     watch = _Watch(control)
@@ -177,21 +167,21 @@ def by_ipopt(
     f, g = fg(x)
     settings: dict[str, Any] = {
         **functions,
-        "no_nlp_grad": True,
+        "no_nlp_grad": True,  # fg has no derivatives of its own
         "calc_lam_p": False,
         "print_time": False,
         "error_on_fail": False,
         "show_eval_warnings": False,
         "ipopt.print_level": 0,
-        "ipopt.sb": "yes",
+        "ipopt.sb": "yes",  # no banner
         "ipopt.tol": tolerance,
         "ipopt.max_iter": control.iterations,
-        "ipopt.mu_init": 1e-2,
+        "ipopt.mu_init": 1e-2,  # a tenth of IPOPT's own. Set by hand
         "ipopt.linear_solver": "mumps",
-        "ipopt.mumps_pivot_order": 6,
+        "ipopt.mumps_pivot_order": 6,  # approximate minimum degree with quasi-dense rows: p borders on all nodes
     }
     if np.isfinite(control.end):
-        settings["ipopt.max_wall_time"] = max(control.left, 1e-3)
+        settings["ipopt.max_wall_time"] = max(control.left, 1e-3)  # IPOPT takes no limit of zero
     first: dict[str, Any] = {"x0": x0}
     if isinstance(x0, Lead):
         settings.update(CERTIFY)
@@ -223,12 +213,10 @@ def by_ipopt(
 
 
 STEPS = 30  # Steps of the leading method before IPOPT is left alone. Set by hand: IPOPT decides in any case.
-# Predicted relative change of the objective at which a rough solve ends. Set by hand, with the next two.
+# Relative change of the objective, predicted, or gained by each of two steps, at which a rough solve ends: it is made
+# for the sizes of noise alone. Set by hand, as is that of IPOPT in ROUGH.
 ROUGH_CHANGE = 3e-4
-# Relative gain below which two steps of a rough solve are its last ones: it is made for the sizes of noise alone. Set
-# by hand, as that of IPOPT below.
-ROUGH_GAIN = 3e-4
-FEASIBLE = 1e-2  # Largest violation with which a rough solve may end. Set by hand.
+FEASIBLE = 1e-2  # Largest violation [scaled states] with which a rough solve may end. Set by hand.
 NEAR = 1e-7  # Predicted relative change at which IPOPT takes over. Set by hand: IPOPT certifies what it finds.
 
 
@@ -250,7 +238,7 @@ def solve(
         return control.stops or time.time() > half
 
     with interrupts_noted():
-        change, gain, feasible = (ROUGH_CHANGE, ROUGH_GAIN, FEASIBLE) if rough else (NEAR, 0.0, np.inf)
+        change, gain, feasible = (ROUGH_CHANGE, ROUGH_CHANGE, FEASIBLE) if rough else (NEAR, 0.0, np.inf)
         led = lead(problem, x, change, min(STEPS, control.iterations), at_iterate, gain, feasible)
         if led.reached and rough:
             return Solution(
@@ -268,6 +256,7 @@ def solve(
         if led.reached:
             start = polished(problem, led)
         last = by_ipopt(problem, start, control, tolerance, rough)
+    # steps that led nowhere are left out
     before, seconds = led.history if led.reached else [], time.perf_counter() - began
     return replace(last, iterations=last.iterations + len(before), seconds=seconds, history=[*before, *last.history])
 
@@ -288,12 +277,11 @@ RADII = (0.3, 1.0, 3.0)
 
 def same_optimum(objective: float, best: float) -> bool:
     """Whether a solve ended, by its ``objective``, at the ``best`` optimum found, up to the solver's tolerance."""
-    return objective <= best * (1 + 1e-5) + 1e-6
+    return objective <= best * (1 + 1e-5) + 1e-6  # ten tolerances, as of Settings; set by hand
 
 
 def solve_damped(problem: Problem, p: np.ndarray, control: Control, tolerance: float) -> Solution:
-    """Solution of ``problem`` from coefficients p (P,) with nodes on the measurements, the coefficients released in
-    steps.
+    """Solution of ``problem`` from coefficients p (P,), released in steps, with nodes on the measurements.
 
     Each rough solve holds them within RADII prior standard deviations of where they came to; the last one is free.
     control, tolerance: as of ``solve``.
@@ -331,10 +319,10 @@ def _solve_all(
     for p in points:
         if control.left <= 0:
             break
-        found = _solve_one(problem, control, settings.tolerance, damped, p)
-        if found.status == "User_Requested_Stop":
+        solution = _solve_one(problem, control, settings.tolerance, damped, p)
+        if solution.status == "User_Requested_Stop":
             break  # it counts as left out
-        solutions.append(found)
+        solutions.append(solution)
     return solutions
 
 
@@ -349,6 +337,7 @@ def solve_starts(
     solutions, points, again = [first], [np.zeros(problem.P)], set()
     if first.converged and settings.starts > 1:
         rng = np.random.default_rng(settings.seed)
+        # 0.5 prior standard deviations: set by hand
         points += [rng.normal(scale=0.5, size=problem.P) for _ in range(1, settings.starts)]
         solutions += _solve_all(problem, settings, points[1:], False, control)  # the first is solved already
         lowest = min(s.objective for s in solutions if s.converged)
@@ -368,6 +357,7 @@ def solve_starts(
     starts = []
     for i, s in enumerate(solutions):
         difference = problem.split(s.x)[1] - problem.split(best.x)[1]
+        # three names, and a tenth of a prior: display
         far = [j for j in np.argsort(-np.abs(difference))[:3] if abs(difference[j]) > 0.1]
         elsewhere = not same_optimum(s.objective, best.objective)
         apart = {problem.prior.symbols[j]: float(difference[j]) for j in far} if elsewhere else {}

@@ -13,11 +13,11 @@ import numpy as np
 
 from cases.evidence.tails import f_tail
 
-LEAST, ROUNDS = 0.1, 30
-"""Least standard deviation of a parameter between runs, in typical sizes; most rounds of EM. Set by hand."""
+LEAST = 0.1  # Least standard deviation of a parameter between runs [typical sizes]. Set by hand.
+ROUNDS = 30  # Rounds of expectation-maximisation. Set by hand.
 # Prior standard deviations of a difference between groups, in typical sizes. A grid set by hand.
 SIZES = (0.3, 1.0, 3.0)
-# Information on a difference [typical sizes^-2] below which the trials do not show it: it bounds a division.
+# Information on a difference [typical sizes^-2] below which trials do not show it. Set by hand: it bounds a division.
 SEEN = 1e-3
 FLAT = 1e-6  # Precision of a prior that says nothing. It keeps a matrix regular. Set by hand.
 
@@ -59,7 +59,7 @@ def scatter_between(g: np.ndarray, S: np.ndarray, members: np.ndarray, p: int) -
     for _ in range(ROUNDS):
         # group means are free
         C = np.linalg.inv(info + np.diag(np.concatenate([np.full(q, FLAT), np.tile(std**-2.0, n)])))
-        square = (C @ slope)[q:] ** 2 + np.diag(C)[q:]
+        square = (C @ slope)[q:] ** 2 + np.diag(C)[q:]  # expected square of each run's value off its group
         std = np.maximum(np.sqrt(square.reshape(n, p).mean(axis=0)), LEAST)
     return std
 
@@ -70,7 +70,7 @@ def by_group(g: np.ndarray, S: np.ndarray, members: np.ndarray, std: np.ndarray)
     g: (n p,) slopes and S: (n p, n p) information of the values by run; members: as of ``members_of``.
     """
     precision = np.diag(np.tile(std**-2.0, len(g) // len(std)))
-    take = np.linalg.solve(S + precision, np.column_stack([S, g]))
+    take = np.linalg.solve(S + precision, np.column_stack([S, g]))  # runs' own values, eliminated
     return members.T @ (g - S @ take[:, -1]), members.T @ (S - S @ take[:, :-1]) @ members
 
 
@@ -107,11 +107,12 @@ def group_test(g: np.ndarray, S: np.ndarray, group: np.ndarray, p: int) -> Group
     values, vectors, degrees = values[seen], vectors[:, seen], int(seen.sum())
     along = vectors.T @ score
     statistic = float((along**2 / values).sum())
-    known = np.linalg.pinv(contrasts(*by_group(g, S, members, np.full(p, LEAST)), p)[1], rcond=1e-9)  # without scatter
-    share = 1 - float(np.mean(np.diag(vectors.T @ known @ vectors) * values))
+    without = np.linalg.pinv(contrasts(*by_group(g, S, members, np.full(p, LEAST)), p)[1], rcond=1e-9)  # least scatter
+    share = 1 - float(np.mean(np.diag(vectors.T @ without @ vectors) * values))
     spare = max(len(group) - len(np.unique(group)), 1)
     # all scatter: as many degrees as runs to spare
     p_value = f_tail(statistic / degrees, degrees, spare / max(share, 1e-3) ** 2)
+    # Bayes factor of a normal prior of each size, and their mean
     logs = [0.5 * float((along**2 / (values + a**-2)).sum() - np.log1p(a**2 * values).sum()) for a in SIZES]
     log_bayes = float(np.logaddexp.reduce(logs) - np.log(len(logs)))
     covariance = np.linalg.inv(info + FLAT * np.eye(len(info)))
@@ -120,9 +121,8 @@ def group_test(g: np.ndarray, S: np.ndarray, group: np.ndarray, p: int) -> Group
 
 def holm(p: Sequence[float]) -> np.ndarray:
     """The m probabilities ``p`` corrected for their number (Holm 1979), in the same order, (m,)."""
-    order = np.argsort(p)
+    order, corrected = np.argsort(p), np.empty(len(p))
     # never below a smaller p
     raised = np.maximum.accumulate(np.array(p, dtype=float)[order] * np.arange(len(p), 0, -1))
-    out = np.empty(len(p))
-    out[order] = np.minimum(raised, 1.0)
-    return out
+    corrected[order] = np.minimum(raised, 1.0)
+    return corrected

@@ -6,8 +6,7 @@ adjoint of that gives the exact gradient at four times its cost. No state is eli
 The likelihood is that of the fit, to the power of one over the dispersion of its scores (``information_discount``):
 residuals of a ship are more alike than any noise model says, and draws that took them at their word would lie closer
 together than runs agree (Pace, Salvan & Sartori 2011; Holmes & Walker 2017). The prior counts whole. Sizes of noise
-stay as they were estimated: they stand for as many errors as the correlation time leaves, and are no parameters of that
-likelihood.
+stay as they were estimated: they stand for as many errors as the correlation time leaves.
 """
 
 from __future__ import annotations
@@ -84,8 +83,7 @@ class JointDensity:
     """Minus the logarithm of the posterior density of the coefficients and of the first states of the windows.
 
     Its variables y (n,) are such that its Hessian is about the identity where multiple shooting ended, at 0; the first
-    P make the coefficients. power: of the likelihood; covariance: (P, P) of the Laplace approximation of the
-    coefficients, scaled.
+    P make the coefficients. power: of the likelihood; covariance: (P, P), scaled, of the Laplace approximation.
     """
 
     def __init__(self, found: Calibration, power: float | None = None) -> None:
@@ -95,17 +93,18 @@ class JointDensity:
         self.problem, self.columns, self.rollouts = problem, problem.columns, RolloutLoss.of(problem, x)
         self.power = information_discount(info.of_data(), found.covariance) if power is None else power
         self.covariance = np.linalg.inv(self.power * info.fisher.sum(axis=0) + info.prior_information)
+        # y to coefficients; standard errors
         self._root, self._width = np.linalg.cholesky(self.covariance), np.sqrt(np.diag(self.covariance))
         self.centre = np.clip(problem.split(x)[1], *problem.p_bounds())
         # given the coefficients, first states follow them, and scatter, as the quadratic of their window says
-        left = Eliminated.of(seg, Quadratics.of(problem, x), problem.kernels.elimination)
-        self._follow = -np.linalg.solve(left.rows[:, :, :S], left.rows[:, :, S:])
-        self._scatter = np.linalg.inv(np.swapaxes(np.linalg.cholesky(self.power * left.rows[:, :, :S]), 1, 2))
+        eliminated = Eliminated.of(seg, Quadratics.of(problem, x), problem.kernels.elimination)
+        self._follow = -np.linalg.solve(eliminated.rows[:, :, :S], eliminated.rows[:, :, S:])
+        self._scatter = np.linalg.inv(np.swapaxes(np.linalg.cholesky(self.power * eliminated.rows[:, :, :S]), 1, 2))
+        # a window is one interval here
         first, steps = np.unique(seg.node_window, return_index=True)[1], np.bincount(seg.window, seg.steps).astype(int)
         self._memory, self._remembered = problem.memory_weight[first], problem.measured_nodes[first, 6:]
-        kernel = problem.kernels.interval or problem.kernels.portable
-        controls, windows = self.rollouts.controls, np.arange(len(steps))
-        self._shooting = Shooting(kernel, steps, controls, seg.h, self.columns.window, windows)
+        kernel, windows = problem.kernels.interval or problem.kernels.portable, np.arange(len(steps))
+        self._shooting = Shooting(kernel, steps, self.rollouts.controls, seg.h, self.columns.window, windows)
         self.n = problem.P + S * len(steps)
 
     def __call__(self, y: np.ndarray) -> tuple[float, np.ndarray]:
@@ -121,13 +120,13 @@ class JointDensity:
         return np.clip(prior.mean + prior.std * self.within(y)[0], prior.lower, prior.upper)
 
     def within(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-        """Scaled coefficients (P,), their slope by unbounded ones, and of the sum of its logarithms the slope and the
-        value.
+        """Scaled coefficients (P,), their slope by unbounded ones, slope and value of the sum of its logarithms.
 
         Unbounded ones are bent within a standard error of a bound and straight elsewhere, so that a metric fits both.
         """
         q, (lower, upper) = self.centre + self._root @ y[: self.problem.P], self.problem.p_bounds()
         below, above = (lower - q) / self._width, (q - upper) / self._width
+        # two softplus: ends never pass a bound
         p = q + self._width * (np.logaddexp(0, below) - np.logaddexp(0, above))
         a, b = (0.5 + 0.5 * np.tanh(0.5 * x) for x in (below, above))  # the logistic function, without overflow
         slope = 1 - a - b
@@ -137,18 +136,18 @@ class JointDensity:
     def _of(self, y: np.ndarray) -> tuple[float, np.ndarray]:
         problem, columns, (p, slope, bent, volume) = self.problem, self.columns, self.within(y)
         P, S, W, scale = problem.P, problem.S, len(self._follow), problem.scale
-        moved = np.broadcast_to((p - self.centre)[columns.each(columns.at, columns.window)], (W, problem.L))
+        shift = np.broadcast_to((p - self.centre)[columns.each(columns.at, columns.window)], (W, problem.L))
         own = y[P:].reshape(W, S)
-        start = self.rollouts.starts.T + scale * (_times(self._follow, moved) + _times(self._scatter, own))
-        kept = start[:, 6:] - self._remembered
+        start = self.rollouts.starts.T + scale * (_times(self._follow, shift) + _times(self._scatter, own))
+        memory = start[:, 6:] - self._remembered
         cost, d_start, d_local = self._data(start, p)
         d_start *= self.power * scale
-        d_start[:, 6:] += self._memory * kept * scale[6:]  # what came before the log has a prior of its own
+        d_start[:, 6:] += self._memory * memory * scale[6:]  # what came before the log has a prior of its own
         d_local = self.power * columns.each(problem.std, columns.window) * d_local
         d_local += _times(np.swapaxes(self._follow, 1, 2), d_start)
-        d_p = columns.vector(columns.total(d_local, columns.window), P) + p
-        value = self.power * cost + 0.5 * float((self._memory * kept**2).sum() + p @ p) - volume
-        if problem.captive:
+        d_p = columns.vector(columns.total(d_local, columns.window), P) + p  # the prior counts whole
+        value = self.power * cost + 0.5 * float((self._memory * memory**2).sum() + p @ p) - volume
+        if problem.captive:  # counts whole, by its stated accuracy
             shared, theta = slice(columns.shared), problem.captive_coefficients(p)
             value += problem.captive.cost(theta)
             d_p[shared] += problem.prior.std[shared] * problem.captive.gradient(theta)
@@ -156,8 +155,7 @@ class JointDensity:
         return value, np.concatenate([self._root.T @ (d_p * slope - bent), d_own])
 
     def _data(self, start: np.ndarray, p: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Cost of all samples, and its slopes by the first states (W, S), SI, and by the coefficients of each window
-        (W, L), SI, from both."""
+        """Cost of all samples, and its slopes by first states (W, S) and coefficients of each window (W, L), SI."""
         problem, loss, window = self.problem, self.rollouts, self.columns.window
         (W, S), L, h, theta = start.shape, problem.L, problem.kernels.measurement, problem.coefficients(p)
         end, inside = self._shooting.values(start.T, theta)
@@ -169,7 +167,7 @@ class JointDensity:
         we = loss.cost.weight(loss.weights, e) * e
         pull, direct = h.slope(points.T, np.moveaxis(we, 1, 2).reshape(-1, 6), every, L)
         pull = np.moveaxis(pull.reshape(rows, W, S), 2, 1)
-        slope = self._shooting.gradient(start.T, theta, pull[1:-1], pull[-1])
+        slope = self._shooting.gradient(start.T, theta, pull[1:-1], pull[-1])  # by the adjoint
         d_local = slope[:, S:] + (direct.reshape(rows, W, L).sum(axis=0) if len(direct) > 1 else 0.0)
         return 0.5 * float(loss.cost.cost(loss.weights, e).sum()), slope[:, :S] + pull[0].T, d_local
 
@@ -193,7 +191,7 @@ def needs_nutpie() -> None:
 def sampled_posterior(found: Calibration, n: int, seed: int = 0) -> Posterior:
     """At least ``n`` draws from the posterior of the coefficients of the calibration ``found``, in CHAINS chains.
 
-    seed: of the draws. Raises UserError for n < 1, for a calibration that did not converge or has no covariance, and
+    seed: of the draws. Raises UserError for n < 1, for a calibration that did not converge or has no covariance,
     without nutpie.
     """
     if n < 1:
@@ -208,8 +206,7 @@ def sampled_posterior(found: Calibration, n: int, seed: int = 0) -> Posterior:
 
 
 def draws_of_density(density: JointDensity, symbols: tuple[str, ...], draws: int, seed: int) -> Any:
-    """So many ``draws`` by chain from a ``density``, with its ``coefficients`` by their ``symbols``, as nutpie gives
-    them; seed: of the draws."""
+    """So many ``draws`` by chain from a ``density``, its coefficients by ``symbols``, as of nutpie, by ``seed``."""
     import nutpie
     from nutpie.compiled_pyfunc import from_pyfunc
 

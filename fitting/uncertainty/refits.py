@@ -29,12 +29,12 @@ from fitting.solvers.solve import solve
 from fitting.uncertainty.posterior import needs_nutpie
 from mmg.errors import OutOfRange, UnknownName
 
-REFIT_TOLERANCE, REFIT_ITERATIONS = 1e-4, 100
-"""Of a refit, and its most iterations: a spread needs no more digits. Set by hand."""
+REFIT_TOLERANCE = 1e-4  # Of a refit of the bootstrap: a spread needs no more digits. Set by hand.
+PROFILE_TOLERANCE = 1e-5  # Of one along a profile, whose rises are differences of objectives. Set by hand.
+REFIT_ITERATIONS = 100  # Most of a refit. Set by hand: one that takes more counts as failed.
 CHUNK = 5  # Refits of a task: few, so that workers end together and little is lost with one of them. Set by hand.
 LIMIT = 1.9207  # Half the 95 % quantile of chi-squared with one degree of freedom. (Wilks 1938.)
-# Points on either side of the estimate, one every 0.75 robust standard errors: the last at 3.75. Set by hand.
-STEPS = 5
+STEPS = 5  # Points on either side of the estimate: the last at 3.75 robust standard errors. Set by hand.
 STRIDE = 0.75  # Between these points [robust standard errors]. Set by hand.
 
 
@@ -56,33 +56,34 @@ def refit_rows(calibration: Calibration, replicates: int = 0, profiled: Sequence
 
     Refits are spread over the calibration's workers. What fails is listed, never raised.
     """
-    info, spread = calibration.information, calibration.spread
-    content: dict[str, Any] = {}
-    sizes = np.sqrt(np.diag(spread.covariance))
-    problem, x, workers = calibration.problem, calibration.solution.x, calibration.settings.workers
+    spread, content = calibration.spread, dict[str, Any]()
+    problem, x, settings = calibration.problem, calibration.solution.x, calibration.settings
     if replicates:
         began = time.perf_counter()
-        full = bootstrap(info, replicates, calibration.settings.seed, problem, x, workers)
-        content["bootstrap"] = _drawn(full, calibration, sizes) | {"seconds": time.perf_counter() - began}
+        drawn = bootstrap(calibration.information, replicates, settings.seed, problem, x, settings.workers)
+        content["bootstrap"] = _row(drawn, calibration) | {"seconds": time.perf_counter() - began}
     if profiled:
-        content["profiles"] = profiles(problem, x, profiled, spread.covariance, spread.model, workers)
+        content["profiles"] = profiles(problem, x, profiled, spread.covariance, spread.model, settings.workers)
     return content
 
 
-def _drawn(found: Replicates, calibration: Calibration, sizes: np.ndarray) -> dict:
-    prior, shape = calibration.prior, (2, found.p.shape[1])
-    std = found.good.std(axis=0, ddof=1) if len(found.good) > 1 else np.full(shape[1], np.nan)
-    interval = np.quantile(found.good, (0.025, 0.975), axis=0) if len(found.good) else np.full(shape, np.nan)
+def _row(drawn: Replicates, calibration: Calibration) -> dict:
+    """What result.json holds of the ``drawn`` replicates of a ``calibration``: of what all runs share."""
+    prior, nan = calibration.prior, np.full((2, drawn.p.shape[1]), np.nan)
+    good = drawn.p[np.isfinite(drawn.p).all(axis=1)]  # those that did not fail
+    std = good.std(axis=0, ddof=1) if len(good) > 1 else nan[0]
+    lower, upper = np.quantile(good, (0.025, 0.975), axis=0) if len(good) else nan
+    sizes = np.sqrt(np.diag(calibration.spread.covariance))
     return {
         "method": "refit",
-        "replicates": len(found.p),
-        "failed": [{"replicate": label, "reason": why} for label, why in found.failures],
+        "replicates": len(drawn.p),
+        "failed": [{"replicate": label, "reason": why} for label, why in drawn.failures],
         "coefficients": {
             s: {
                 "std": float(std[i] * prior.std[i]),
                 "std_over_robust": float(std[i] / sizes[i]),
-                "lower": float(prior.mean[i] + prior.std[i] * interval[0, i]),
-                "upper": float(prior.mean[i] + prior.std[i] * interval[1, i]),
+                "lower": float(prior.mean[i] + prior.std[i] * lower[i]),
+                "upper": float(prior.mean[i] + prior.std[i] * upper[i]),
             }
             for i, s in enumerate(prior.symbols)
         },
@@ -99,11 +100,6 @@ class Replicates:
     p: np.ndarray
     failures: tuple[tuple[str, str], ...]
 
-    @property
-    def good(self) -> np.ndarray:
-        """Replicates that did not fail, (n, P)."""
-        return self.p[np.isfinite(self.p).all(axis=1)]
-
 
 def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[Problem, np.ndarray]:
     """The ``problem`` in which window w counts ``counts[w]`` times (W,), the prior's centre moved by ``shift`` (P,).
@@ -118,10 +114,10 @@ def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
     times, kept_nodes, kept_at = counts[kept].astype(float), np.isin(seg.node_window, kept), np.isin(seg.window, kept)
     node_weight, weight = problem.weights_at(x)
     at_nodes, inside = times[part.segments.node_window], times[part.segments.window]
-    part.scale = problem.scale
+    part.scale = problem.scale  # that of the runs left would be another
     part.measured_nodes = problem.measured_nodes[kept_nodes]
     part.node_weight = node_weight[kept_nodes] * at_nodes[:, None]
-    part.memory_weight = part.memory_weight * at_nodes[:, None]
+    part.memory_weight = part.memory_weight * at_nodes[:, None]  # a window that counts twice begins twice
     part.weight = weight[:, :, kept_at] * inside
     return part, kept_nodes
 
@@ -157,7 +153,7 @@ def drawn_runs(run: np.ndarray, replicates: int, rng: np.random.Generator) -> np
     """How often each window counts when its ``run`` (W,) is drawn with replacement by ``rng``, (replicates, W)."""
     runs, position = np.unique(run, return_inverse=True)
     drawn = rng.multinomial(len(runs), np.full(len(runs), 1 / len(runs)), size=replicates)
-    return drawn[:, position]
+    return drawn[:, position]  # windows of a run go together
 
 
 def bootstrap(
@@ -174,7 +170,7 @@ def bootstrap(
     counts = drawn_runs(clusters, replicates, rng)
     # a centre outside the bounds is no prior of this ship
     shifts = np.clip(rng.standard_normal((replicates, len(info.p))), *problem.p_bounds())
-    parts = -(-replicates // CHUNK) if width(workers) > 1 else 1
+    parts = -(-replicates // CHUNK) if width(workers) > 1 else 1  # rounded up
     shared = Shared((problem, x))
     tasks = [(shared, counts[i], shifts[i]) for i in np.array_split(np.arange(replicates), parts)]
     outcomes = [outcome for part in run_all(refit, tasks, workers, name="bootstrap, parts") for outcome in part]
@@ -187,8 +183,8 @@ class Profile:
     """Profile of one coefficient in its own unit.
 
     values: held, rising, the estimate among them; increase: of the objective, NaN where the refit failed; dispersion:
-    by which it is divided; lower, upper: where increase / dispersion passes LIMIT, NaN where it does not within the
-    range; failures: sentences.
+    by which it is divided; lower, upper: where increase / dispersion passes LIMIT, NaN where it does not; failures:
+    sentences.
     """
 
     symbol: str
@@ -215,8 +211,8 @@ def refit_along(side: tuple[Problem, np.ndarray, int, np.ndarray]) -> list[tuple
             nodes, p = held.split(x)
             with np.errstate(all="ignore"):
                 start = held.join(nodes, np.clip(p, *held.p_bounds()))
-                s = solve(held, start, Control(iterations=REFIT_ITERATIONS), 1e-5)
-        except Exception as error:
+                s = solve(held, start, Control(iterations=REFIT_ITERATIONS), PROFILE_TOLERANCE)
+        except Exception as error:  # a point that breaks is a result, not the end of the others
             found.append((np.nan, f"{type(error).__name__}: {error}"))
             continue
         good = s.converged or s.status == "Solved_To_Acceptable_Level"
@@ -231,8 +227,7 @@ def profiles(
 ) -> list[Profile]:  # fmt: skip
     """Profiles of the free coefficients ``symbols`` about the solution x (n,) of ``problem``.
 
-    covariance, model: robust and model-based (P, P); workers: processes. Raises ValueError for a symbol that is not
-    free.
+    covariance, model: robust and model-based (P, P); workers: processes. Raises ValueError for what is not free.
     """
     names, (_, p) = list(problem.prior.symbols), problem.split(x)
     lower, upper = problem.p_bounds()
@@ -243,9 +238,10 @@ def profiles(
         i = names.index(symbol)
         se = np.sqrt(covariance[i, i]) if np.isfinite(covariance[i, i]) else 1.0
         for sign in (-1, 1):
+            # beyond a bound all are on it
             held = np.clip(p[i] + sign * STRIDE * se * np.arange(1, STEPS + 1), lower[i], upper[i])
-            held = held[np.abs(held - p[i]) > 1e-9]
-            held = held[np.r_[True, np.abs(np.diff(held)) > 1e-9]] if len(held) else held
+            held = held[np.abs(held - p[i]) > 1e-9]  # where the estimate is at the bound
+            held = held[np.r_[True, np.abs(np.diff(held)) > 1e-9]] if len(held) else held  # one of those
             tasks.append((problem, x, i, held))
     outcomes, found = run_all(refit_along, tasks, workers, name="profiles"), []
     for k, symbol in enumerate(symbols):
@@ -284,5 +280,5 @@ def _crossing(at: np.ndarray, rise: np.ndarray) -> float:
     if not len(beyond):
         return np.nan
     k = beyond[0]
-    share = (np.sqrt(LIMIT) - root[k - 1]) / (root[k] - root[k - 1])
+    share = (np.sqrt(LIMIT) - root[k - 1]) / (root[k] - root[k - 1])  # k > 0: the rise is 0 at the estimate
     return float(at[k - 1] + share * (at[k] - at[k - 1]))

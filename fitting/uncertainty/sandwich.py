@@ -8,8 +8,7 @@ V = H^-1 (J + I) H^-1 (captive tests add theirs, by their stated accuracy).
 Scores at the estimate are too small, as the estimate was fitted to each cluster. Leaving a cluster out changes the
 estimate by (H - I_c)^-1 s_c, and the squares of these changes add up to the jackknife form CR3 of the sandwich (Bell &
 McCaffrey 2002), which errs to the safe side. A variance from few clusters is itself uncertain: it is shrunk towards the
-dispersion that all coefficients share (moderated variances, Smyth 2004) and widened by Student's t at its degrees of
-freedom.
+dispersion that all coefficients share (moderated variances, Smyth 2004) and widened by Student's t.
 """
 
 from __future__ import annotations
@@ -56,7 +55,8 @@ def changes_without_each(info: Information) -> np.ndarray:
 def _clusters(info: Information, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Moves without each cluster, the variance they add up to (P,), and its degrees of freedom (P,)."""
     moves = changes_without_each(info)
-    expected = np.einsum("ij,wjk,ki->wi", inverse, info.fisher, inverse, optimize=True)
+    expected = np.einsum("ij,wjk,ki->wi", inverse, info.fisher, inverse, optimize=True)  # share of each in the variance
+    # equal shares: as many as clusters (Satterthwaite 1946)
     freedom = expected.sum(axis=0) ** 2 / np.maximum((expected**2).sum(axis=0), 1e-300)
     return moves, (moves**2).sum(axis=0), np.clip(freedom, 1.0, len(moves))
 
@@ -68,8 +68,7 @@ def robust(info: Information) -> Robust:
     is returned with one degree of freedom. A constant of one run has no other runs to be compared with: its
     clusters are windows alone, and leaving its run out counts as no move.
     """
-    P, windows, by_run = len(info.p), len(info.run), info.by_run()
-    H = info.hessian
+    P, windows, by_run, H = len(info.p), len(info.run), info.by_run(), info.hessian
     clusters = (windows, len(by_run.run))
     if not (np.isfinite(H).all() and np.isfinite(info.score).all()):
         bad = np.full((P, P), np.nan)
@@ -78,6 +77,7 @@ def robust(info: Information) -> Robust:
     model = 0.5 * (inverse + inverse.T)
     if windows < 2:
         return Robust(model, model, np.ones(P), 1.0, clusters, np.zeros((1, P)))
+    # what the data alone would add by the model: V I V
     by_model = np.diag(model @ (H - info.prior_information) @ model)
     moves_w, observed, freedom = _clusters(info, model)
     moves_r = np.zeros((1, P))
@@ -91,20 +91,22 @@ def robust(info: Information) -> Robust:
         weight = np.where(shared, freedom_r / (freedom_r + RUNS_NEEDED), 0.0)
         observed = weight * observed_r + (1 - weight) * observed
         freedom = weight * freedom_r + (1 - weight) * freedom
-        mean = weight[shared].mean()
+        mean = weight[shared].mean()  # one for the matrix, which must stay positive
         total = mean * moves_r.T @ moves_r + (1 - mean) * total
     excited = np.diag(model) < ABSORBED
     dispersion = max(1.0, float((observed[excited] / by_model[excited]).mean())) if excited.any() else 1.0
     own = np.where(excited, freedom, 0.0)  # what the prior decides shows no variance of its own
-    variance = (SHARED_FREEDOM * dispersion * by_model + own * observed) / (SHARED_FREEDOM + own)
-    known = SHARED_FREEDOM + own
-    variance = np.where(known < ENOUGH, np.maximum(variance, by_model), variance)  # few clusters may agree by chance
+    total_freedom = SHARED_FREEDOM + own
+    variance = (SHARED_FREEDOM * dispersion * by_model + own * observed) / total_freedom  # moderated (Smyth 2004)
+    # few clusters may agree by chance
+    variance = np.where(total_freedom < ENOUGH, np.maximum(variance, by_model), variance)
     from scipy.special import stdtrit  # late: slow to import
 
-    variance *= (stdtrit(known, 0.975) / NORMAL) ** 2  # so that normal intervals are as wide as Student's
+    variance *= (stdtrit(total_freedom, 0.975) / NORMAL) ** 2  # so that normal intervals are as wide as Student's
     share = SHARED_FREEDOM / (SHARED_FREEDOM + freedom.mean())
+    # correlations by the same mixture; sizes are the variances above
     matrix = (1 - share) * total + share * dispersion * model @ (H - info.prior_information) @ model
     size = np.sqrt(np.maximum(variance, 0.0) / np.maximum(np.diag(matrix), 1e-300))
     noise = np.where(by_model[:, None] * by_model > 0, matrix * np.outer(size, size), 0.0)
     covariance = noise + model @ info.prior_information @ model  # the prior's part does not come from the residuals
-    return Robust(0.5 * (covariance + covariance.T), model, known, dispersion, clusters, moves_r)
+    return Robust(0.5 * (covariance + covariance.T), model, total_freedom, dispersion, clusters, moves_r)

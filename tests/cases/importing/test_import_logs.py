@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cases.importing.assembled_run import globe_positions
 from cases.importing.import_logs import Imported, import_logs, write_import
 from cases.importing.import_map import POINT, ImportMap, read_map
 from cases.inputs import STANDARD, is_sampled, model_inputs
@@ -56,6 +57,16 @@ def check_errors(found: Imported, truth: Trial, late: float = 0.0) -> None:
 
 def codes(found: Imported) -> set[str]:
     return {getattr(m, "code", "") for m in found.runs[0].notices}
+
+
+@pytest.mark.parametrize(
+    ("zone", "place"), [("56S", (-33.857, 151.215)), ("32N", (58.9, 10.4)), ("54T", (41.5, 140.0))]
+)
+def test_a_zone_names_its_hemisphere(zone: str, place: tuple[float, float]) -> None:
+    pyproj = pytest.importorskip("pyproj", reason="needs the extra import")
+    east, north = pyproj.Proj(proj="utm", zone=int(zone[:2]), south=place[0] < 0, ellps="WGS84")(place[1], place[0])
+    found = globe_positions(np.array([north]), np.array([east]), zone, "log")
+    assert [float(x[0]) for x in found] == pytest.approx(place, abs=1e-8)
 
 
 def test_semicolons_decimal_commas_knots_and_the_globe(tmp_path: Path) -> None:

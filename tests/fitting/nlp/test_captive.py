@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,18 @@ def test_derivatives_agree_with_finite_differences() -> None:
     np.testing.assert_allclose(H, H.T)
 
 
+def test_a_thruster_without_a_column_is_at_rest_and_twin_rudders_follow_one() -> None:
+    ship, n, delta = load_ship("vectwin_3m"), np.full(2, 9.0), np.array([0.2, -0.2])
+    tank = Captive("tank", np.full((3, 2), 0.1), {"n": n, "delta": delta}, np.zeros((3, 2)), np.ones((3, 2)))
+    twins = {"n": n, "delta_port": delta, "delta_starboard": delta}
+    bare, still, pushed = (
+        CaptiveForces(assemble(ship), np.arange(2), replace(tank, actuators=a), compiled=False).residuals(ship.values)
+        for a in (tank.actuators, {**twins, "n_bow": 0 * n}, {**twins, "n_bow": n})
+    )
+    np.testing.assert_array_equal(bare, still)
+    assert (pushed[1:] > still[1:]).all()  # to starboard
+
+
 def test_the_problem_with_captive_points_has_exact_derivatives() -> None:
     p = problem(5)
     p = p.with_changes(captive=prepared(ESSO, points(hidden_ship()))[0])
@@ -101,9 +114,8 @@ def test_hull_derivatives_are_recovered_and_agree_with_scipy() -> None:
 def test_a_joint_fit_uses_both_and_is_surer() -> None:
     truth = hidden_ship()
     trials = runs()[0][:2]
-    settings = Settings(passes=2)
-    free_running = estimate_coefficients(ESSO, trials, settings)
-    joint = estimate_coefficients(ESSO, trials, settings, captive=points(truth, noise=1.0))
+    tank = points(truth, noise=1.0)
+    free_running, joint = (estimate_coefficients(ESSO, trials, Settings(passes=2), captive=c) for c in (None, tank))
     assert joint.converged
     i = joint.prior.symbols.index("N_v")
     true = (truth.coefficients["N_v"].value - joint.prior.mean[i]) / joint.prior.std[i]
@@ -113,9 +125,9 @@ def test_a_joint_fit_uses_both_and_is_surer() -> None:
 
 @pytest.mark.slow
 def test_captive_points_at_odds_with_the_prior_are_said() -> None:
-    forces, free, prior = prepared(ESSO, points(ESSO))
-    assert against_captive(forces, ESSO.values, free, prior) == []
     tank = points(ESSO)
+    forces, free, prior = prepared(ESSO, tank)
+    assert against_captive(forces, ESSO.values, free, prior) == []
     tank.forces[1] *= -4
     forces, free, prior = prepared(ESSO, tank)
     assert any("Y_v" in w for w in against_captive(forces, ESSO.values, free, prior))
@@ -123,7 +135,7 @@ def test_captive_points_at_odds_with_the_prior_are_said() -> None:
 
 def write(path: Path, header: str, tank: Captive, scale: float = 1.0) -> Path:
     rows = np.vstack([tank.motion, tank.actuators["n"], np.degrees(tank.actuators["delta"]), tank.forces * scale])
-    path.write_text(header + "\n" + "\n".join(",".join(repr(float(v)) for v in row) for row in rows.T) + "\n")
+    np.savetxt(path, rows.T, "%.17g", ",", header=header, comments="")
     return path
 
 
@@ -136,6 +148,11 @@ def test_a_table_is_read_with_its_units(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read.sigma[:, 0], [1.0, 2.0, 3.0])
     rms = np.sqrt((tank.forces**2).mean(axis=1))
     np.testing.assert_allclose(read_captive(tmp_path / "tank.csv").sigma[:, 0], 0.03 * rms)
+    pitched = units.replace("n [rps]", "pitch [rad]").replace("r [rad/s]", "r [rad/s],n [rps]")
+    rows = np.insert(np.loadtxt(tmp_path / "tank.csv", delimiter=",", skiprows=1), 3, 2.0, axis=1)
+    np.savetxt(tmp_path / "pitched.csv", rows, delimiter=",", header=pitched, comments="")
+    actuators = read_captive(tmp_path / "pitched.csv").actuators
+    assert set(actuators) == {"n", "pitch", "delta"} and (actuators["n"] == 2.0).all()
 
 
 @pytest.mark.parametrize(

@@ -25,9 +25,8 @@ from mmg.ship import Ship
 from tests.support.synthetic_runs import SIGMA, assert_exact_derivatives
 
 ESSO = load_ship("esso_osaka_3m")
+# Manoeuvre, heading [rad] and mean wind [m/s] of the runs that an effect is looked for in
 RUNS = (("zigzag:20/20", 0.0, 0.6), ("turning:-35", 1.5, 1.2), ("random:3", 3.0, 0.9), ("berthing", 4.5, 1.5))
-"""Manoeuvre, heading [rad] and mean wind [m/s] of the runs that an effect is looked for in."""
-
 SWITCHED_ON = {
     "bank": "bank:suction=0.3,moment=0.05,distance=6,decay=3",
     "shallow_water": "shallow_water:d_h=0.5",
@@ -35,8 +34,6 @@ SWITCHED_ON = {
     "gyro": "gyro:share=-0.02,T=0.6",
     "current": "current:x=0.03,y=-0.02,x_rate=-0.0002",
 }
-QUICK = ("current", "wind_force", "bank", "hull_memory", "rudder_lag", "control_delay", "antenna_offset", "gyro")
-"""One of each kind for the default run: of place and time, of an input's record, with a state, of an instrument."""
 FREED = {"bank": "bank:distance=6,decay=3", "current": "current:x_rate", "gyro": "gyro:T"}
 
 
@@ -52,8 +49,7 @@ def trials(ship: Ship, runs: tuple = RUNS, duration: float = 70.0, dt: float = 0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow)
-                                  for name in sorted(EFFECTS)])  # fmt: skip
+@pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_a_fit_with_the_effect_freed_recovers_its_parameters(name: str) -> None:
     """Within 4 standard errors, or 4 % of a typical size where the grid of 1 s and the all-pass delay set the limit."""
     truth = with_effects(ESSO, [SWITCHED_ON.get(name, name)])

@@ -32,8 +32,8 @@ def test_nodes_are_eliminated_as_in_numpy(kind: str) -> None:
     assert elimination(True) is not None
     ours, theirs = (Eliminated.of(p.segments, parts, elimination(way)) for way in (True, False))
     pairs = [(getattr(ours, name), getattr(theirs, name)) for name in ("rows", "slope", "ahead", "pull")]
-    pairs += [(e.shared_by_window(p.segments), f.shared_by_window(p.segments)) for e, f in ((ours, theirs),)]
-    pairs += [tuple(e.shared_by_group(columns.interval, columns.groups) for e in (ours, theirs))]
+    pairs.append(tuple(e.shared_by_window(p.segments) for e in (ours, theirs)))
+    pairs.append(tuple(e.shared_by_group(columns.interval, columns.groups) for e in (ours, theirs)))
     for one, other in pairs:
         assert np.abs(other).max() > 0
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12 * np.abs(other).max())

@@ -75,8 +75,9 @@ def test_the_score_is_the_slope_of_the_profiled_cost_of_a_window(kind: str) -> N
 
 
 def test_runs_are_sums_of_windows() -> None:
-    found = information(*(lambda p, s: (p, s.x))(*solved("plain")))
-    runs_ = found.by_run()
-    np.testing.assert_allclose(runs_.score.sum(axis=0), found.score.sum(axis=0))
-    np.testing.assert_allclose(runs_.hessian, found.hessian)
-    assert len(runs_.run) == len(np.unique(found.run))
+    p, s = solved("plain")
+    found = information(p, s.x)
+    by_run = found.by_run()
+    np.testing.assert_allclose(by_run.score.sum(axis=0), found.score.sum(axis=0))
+    np.testing.assert_allclose(by_run.hessian, found.hessian)
+    assert len(by_run.run) == len(np.unique(found.run))

@@ -31,6 +31,7 @@ from mmg.model import assemble
 from mmg.ship import Ship
 from mmg_ident.commands.main import main
 from tests.fitting.nlp.test_captive import points
+from tests.fitting.nlp.test_shooting import somewhere
 from tests.support.synthetic_runs import SIGMA, assert_exact_derivatives
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -78,10 +79,6 @@ def small(K: int, captive: bool = False) -> Problem:
     return Problem(ship, prior, kernel, few, SIGMA, captive=forces)
 
 
-def somewhere(p: Problem) -> np.ndarray:
-    return p.start() + 0.05 * np.random.default_rng(0).normal(size=p.n)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("K", "captive"), [(1, False), (7, True)])
 def test_derivatives_are_exact(K: int, captive: bool) -> None:
@@ -104,8 +101,9 @@ def test_a_constant_of_one_run_moves_that_run_only() -> None:
 def test_captive_tests_know_no_constants_of_runs() -> None:
     p = small(7, True)
     still = ESSO.with_values({s: hidden().coefficients[s].value for s in FREE})
-    scaled = (np.array([still.coefficients[s].value if s in FREE else 0.0 for s in p.prior.local[: p.prior.shared]])
-              - p.prior.mean[: p.prior.shared]) / p.prior.std[: p.prior.shared]  # fmt: skip
+    common = p.prior.common
+    values = np.array([still.coefficients[s].value if s in FREE else 0.0 for s in common.symbols])
+    scaled = (values - common.mean) / common.std
     assert p.captive is not None
     assert p.captive.cost(p.captive_coefficients(np.r_[scaled, np.full(6, 2.0)])) == pytest.approx(0, abs=1e-12)
 
@@ -162,13 +160,9 @@ def test_each_run_gets_its_current_and_the_shared_coefficients_do_not_bend() -> 
     n = len(FREE)
     assert own.prior.symbols == own.ship.free and own.covariance.shape == own.covariance_model.shape == (n, n)
     assert len(own.iterate["p"]) == n + 6 and len(own.p) == n
-
-
-@pytest.mark.slow
-def test_leaving_a_run_out_says_nothing_about_its_own_constants() -> None:
-    spread, owner = fitted(True).spread, fitted(True).information.owner  # type: ignore[union-attr]
-    assert spread is not None and owner is not None
-    assert (spread.moves[np.arange(3)[:, None] == owner] == 0).all() and spread.moves[:, owner < 0].any()
+    moves, owner = own.spread.moves, own.information.owner
+    assert owner is not None and moves[:, owner < 0].any()
+    assert (moves[np.arange(3)[:, None] == owner] == 0).all()  # a run left out says nothing of its own constants
 
 
 @pytest.mark.slow
@@ -205,6 +199,8 @@ def test_which_parameters_become_constants() -> None:
         e for e in EFFECTS if varies(e)
     }
     assert not any(varies(e) for e in ("rudder_lag", "velocity_filter", "rudder_stall"))
+    with pytest.raises(BadValue):  # she has no wind
+        varying_effects(load_ship("kvlcc2_l7"), ["wind_sensor_bias"])
 
 
 @pytest.fixture(scope="module")
@@ -265,8 +261,3 @@ def test_bad_input_is_refused_in_one_line(
     assert main(command(folder, "bad", *more)) == 2
     error = capsys.readouterr().err.strip()
     assert said in error and "\n" not in error and not (folder / "bad").exists()
-
-
-def test_an_effect_that_the_ship_cannot_have_is_refused() -> None:
-    with pytest.raises(BadValue):
-        varying_effects(load_ship("kvlcc2_l7"), ["wind_sensor_bias"])

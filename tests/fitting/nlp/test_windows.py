@@ -19,18 +19,14 @@ def test_step_means_integrate_held_samples_exactly() -> None:
     assert means[:, 0] == pytest.approx([0.4 * 1 + 0.6 * 2, 0.7 * 4 + 0.3 * 8])
 
 
-def test_every_measured_grid_sample_is_used_once() -> None:
+def test_every_measured_grid_sample_is_used_once_and_intervals_chain_within_a_window() -> None:
     seg = cut([make_trial()], 1.0, 50.0, 7)
     windows = len(seg.run)
     samples = seg.node_mask[:, 0].sum() + seg.mask[:, 0].sum()
     assert samples == seg.steps.sum() + windows  # N steps of a window have N + 1 samples
     assert (np.diff(seg.steps) <= 0).all()
     assert seg.steps.sum() * seg.h == pytest.approx(seg.duration)
-
-
-def test_intervals_chain_within_a_window() -> None:
-    seg = cut([make_trial()], 1.0, 50.0, 7)
-    for w in range(len(seg.run)):
+    for w in range(windows):
         mine = np.flatnonzero(seg.window == w)
         order = mine[np.argsort(seg.start[mine])]
         assert (seg.end[order[:-1]] == seg.start[order[1:]]).all()
@@ -44,12 +40,9 @@ def test_a_gap_splits_a_run_and_nothing_is_invented_across_it() -> None:
     parts = pieces_of([trial], 1.0)
     assert len(parts) == 2
     assert parts[0].t[-1] <= columns["t"][999] and parts[1].t[0] >= columns["t"][1200]
-
-
-def test_nan_rows_split_a_run_like_a_gap() -> None:
-    columns = {k: v.copy() for k, v in motion_columns().items()}
-    columns["u"][1000:1100] = np.nan
-    assert len(pieces_of([Trial("nan", columns)], 1.0)) == 2
+    empty = columns["u"].copy()
+    empty[1000:1100] = np.nan  # rows without a number split a run as well
+    assert len(pieces_of([Trial("nan", {**columns, "u": empty})], 1.0)) == 2
 
 
 def test_missing_positions_stay_missing_and_pin_the_start() -> None:
@@ -68,8 +61,7 @@ def test_a_clock_that_does_not_start_at_zero_changes_nothing() -> None:
 
 def test_uneven_sampling_gives_the_same_grid_within_interpolation() -> None:
     columns = motion_columns()
-    rng = np.random.default_rng(1)
-    keep = rng.random(len(columns["t"])) < 0.7
+    keep = np.random.default_rng(1).random(len(columns["t"])) < 0.7
     keep[0] = True
     trial = Trial("uneven", {k: v[keep] for k, v in columns.items()})
     a, b = pieces_of([make_trial()], 1.0)[0], pieces_of([trial], 1.0)[0]
@@ -77,10 +69,13 @@ def test_uneven_sampling_gives_the_same_grid_within_interpolation() -> None:
     np.testing.assert_allclose(a.logged[:count, :2], b.logged[:count, :2], atol=2e-3)
 
 
-def test_a_record_that_is_too_short_is_refused_in_one_line() -> None:
-    columns = {k: v[:20] for k, v in motion_columns().items()}
+def test_a_record_that_is_too_short_and_twin_rudders_are_refused_with_a_reason() -> None:
+    columns = motion_columns()
     with pytest.raises(TooFewData):
-        cut([Trial("short", columns)], 1.0, 50.0, 5)
+        cut([Trial("short", {k: v[:20] for k, v in columns.items()})], 1.0, 50.0, 5)
+    del columns["delta"]
+    with pytest.raises(Missing):
+        cut([Trial("twin", {**columns, "delta_port": columns["n"], "delta_starboard": columns["n"]})], 1.0, 50.0, 5)
 
 
 def test_the_default_step_follows_froude_scaling() -> None:
@@ -97,9 +92,3 @@ def test_a_subset_of_windows_keeps_their_data() -> None:
     same = np.flatnonzero(seg.window == 3)
     np.testing.assert_array_equal(part.nodes[part.start[one]], seg.nodes[seg.start[same]])
     np.testing.assert_array_equal(part.controls[:, :, one], seg.controls[:, :, same])
-
-
-def test_twin_rudders_are_refused_with_a_reason() -> None:
-    columns = {k: v for k, v in motion_columns().items() if k != "delta"}
-    with pytest.raises(Missing):
-        cut([Trial("twin", {**columns, "delta_port": columns["n"], "delta_starboard": columns["n"]})], 1.0, 50.0, 5)

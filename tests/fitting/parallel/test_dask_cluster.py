@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -22,6 +24,7 @@ from mmg_ident.commands.main import main
 from tests.support.dask_processes import fails, noted, root_of, scheduler, worker
 
 pytest.importorskip("distributed", reason="Dask is not installed: pip install 'mmg-ident[dask]'")
+LIST = ("select", "esso_osaka_3m", "--list", "--scheduler")
 
 
 @pytest.fixture(scope="module")
@@ -56,11 +59,8 @@ def test_an_exception_of_a_task_is_raised_here_and_the_cluster_goes_on(address: 
 
 
 @pytest.mark.slow
-def test_a_verb_hands_its_tasks_to_the_scheduler(
-    address: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code = main(["select", "esso_osaka_3m", "--list", "--scheduler", address])
-    assert code == 0 and f"of {address}" in capsys.readouterr().err
+def test_a_verb_hands_its_tasks_to_the_scheduler(address: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*LIST, address]) == 0 and f"of {address}" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -108,9 +108,8 @@ def test_an_absent_scheduler_and_one_without_workers_are_one_line(
 ) -> None:
     monkeypatch.setattr(module, "TIMEOUT", 1.0)
     for wrong in ("tcp://127.0.0.1:1", "nothing", "foo://x:1"):
-        assert main(["select", "esso_osaka_3m", "--list", "--scheduler", wrong]) == 2
-        err = capsys.readouterr().err.strip().splitlines()
-        assert str(wrong) in err[-1], err
+        assert main([*LIST, wrong]) == 2
+        assert wrong in capsys.readouterr().err.strip().splitlines()[-1]
     with scheduler(tmp_path) as (at, _), pytest.raises(UserError, match="1 s"):
         dask_cluster(at).__enter__()
 
@@ -147,10 +146,8 @@ def test_other_versions_are_one_line(changed: dict, words: str, monkeypatch: pyt
 def test_without_dask_a_line_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    import sys
-
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert main(["select", "esso_osaka_3m", "--list", "--scheduler", "tcp://127.0.0.1:1", "--json"]) == 2
+    assert main([*LIST, "tcp://127.0.0.1:1", "--json"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "--scheduler" in line and "mmg-ident[dask]" in line and line.endswith("[not_installed]")
 
@@ -158,8 +155,6 @@ def test_without_dask_a_line_says_what_to_install(
 @pytest.mark.longest
 @pytest.mark.slow
 def test_something_else_that_listens_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    import socket
-
     monkeypatch.setattr(module, "TIMEOUT", 0.3)
     with socket.create_server(("127.0.0.1", 0)) as silent:  # takes the connection and says nothing
         at = f"tcp://127.0.0.1:{silent.getsockname()[1]}"

@@ -25,4 +25,6 @@ def harbour(count: int = 3, seconds: float = 220.0) -> tuple[Trial, ...]:
 def problem(name: str = "sm1-order1", penalties: Penalties | None = None) -> SubsequenceObjective:
     """The objective of the candidate ``name``: two runs to train on, one to validate."""
     runs = harbour()
-    return SubsequenceObjective(candidate(ESSO, name).ship, runs[:2], runs[2:], penalties, step=1.0)
+    one = SubsequenceObjective(candidate(ESSO, name).ship, runs[:2], runs[2:])
+    one.penalties = penalties or one.penalties
+    return one

@@ -28,7 +28,7 @@ def plain_error(one: SubsequenceObjective, p: np.ndarray) -> float:
     ship = one.ship_at(p)
     model, total, count = assemble(ship), 0.0, 0
     for trial in harbour()[:2]:
-        N = round(one.length / one.step)
+        N, h = len(one.train.controls), one.train.h
         rows = np.column_stack([trial[name] for name in ("u", "v", "r")])
         actuators = np.column_stack([trial[name] for name in ship.actuators])
         for first in range(0, len(trial) - 1, N):
@@ -36,7 +36,7 @@ def plain_error(one: SubsequenceObjective, p: np.ndarray) -> float:
             for k in range(first, min(first + N, len(trial) - 1)):
                 c = np.array([*actuators[k], 0.0, 0.0])
                 with np.errstate(all="ignore"):
-                    z = rk4_step(lambda s, at, c=c: np.array(model.rates(s, c, ship.values)).reshape(-1), z, one.step)
+                    z = rk4_step(lambda s, at, c=c: np.array(model.rates(s, c, ship.values)).reshape(-1), z, h)
                     e = (z[3:] - rows[k + 1]) / one.sigma
                 out = out or not (np.abs(e) < LIMIT).all()
                 total += 3 * LIMIT**2 if out else float(e @ e)

@@ -41,14 +41,10 @@ def test_the_step_is_the_minimum_of_quadratic_and_moduli_in_the_box(seed: int) -
         return float(g @ d + 0.5 * d @ H @ d + weight @ (z[:n] + z[n:]))
 
     x = minimise_quadratic(H, g, p, (-np.ones(n), np.ones(n)), weight)
-    least = minimize(
-        split,
-        np.concatenate([np.maximum(p, 0), np.maximum(-p, 0)]),
-        bounds=[(0, 1)] * 2 * n,
-        method="L-BFGS-B",
-        options={"maxiter": 10**5, "maxfun": 10**7, "ftol": 1e-15, "gtol": 1e-10},
-    )
-    assert split(np.concatenate([np.maximum(x, 0), np.maximum(-x, 0)])) <= least.fun + 1e-6 * abs(least.fun)
+    start, found = (np.concatenate([np.maximum(at, 0), np.maximum(-at, 0)]) for at in (p, x))
+    options = {"maxiter": 10**5, "maxfun": 10**7, "ftol": 1e-15, "gtol": 1e-10}
+    least = minimize(split, start, bounds=[(0, 1)] * 2 * n, method="L-BFGS-B", options=options)
+    assert split(found) <= least.fun + 1e-6 * abs(least.fun)
     assert np.abs(x).max() <= 1
 
 
@@ -95,9 +91,8 @@ def test_the_learning_keeps_the_best_on_validation_and_writes_its_curve(
     assert one.validate is not None and len(validation) > 3
     assert one.errors(learning.p[:, None], one.validate)[0] == pytest.approx(min(validation))
     assert [s.evaluations for s in learning.lessons] == sorted(s.evaluations for s in learning.lessons)
-    write_learning(
-        [Learned("sm1-order1", 0, {}, (), 0.0, 0.0, 0.0, 0.0, 0, tuple(learning.lessons))], tmp_path / "learning.csv"
-    )
+    learned = Learned("sm1-order1", 0, {}, (), 0.0, 0.0, 0.0, 0.0, 0, tuple(learning.lessons))
+    write_learning([learned], tmp_path / "learning.csv")
     lines = (tmp_path / "learning.csv").read_text().splitlines()
     assert len(lines) == 1 + len(validation)
     assert lines[0].split(",")[-1] == "validation" and lines[-1].startswith("sm1-order1,0,")

@@ -97,44 +97,42 @@ def test_velocities_that_were_not_measured_are_left_out_and_none_is_one_line() -
 @pytest.mark.slow
 def test_held_coefficients_stay_where_the_solver_starts_and_still_have_errors() -> None:
     start, values = found(True).ship(EMPTY), found(True).values
-    fit = estimate_coefficients(
-        start, runs()[:1], Settings(window=30.0, passes=1), warm=started_from(start, values, hold=True)
-    )
+    warm = started_from(start, values, hold=True)
+    fit = estimate_coefficients(start, runs()[:1], Settings(window=30.0, passes=1), warm=warm)
     assert fit.converged
     for symbol, value in values.items():
         row = fit.ship.coefficients[symbol]
-        assert (
-            row.value == pytest.approx(value, rel=1e-6, abs=1e-9) and 0 < row.std <= start.coefficients[symbol].std
-        ), symbol
+        assert row.value == pytest.approx(value, rel=1e-6, abs=1e-9), symbol
+        assert 0 < row.std <= start.coefficients[symbol].std, symbol
+
+
+def filtered(**values: float) -> Ship:
+    """The polynomial with a velocity filter whose lag is free."""
+    late = EMPTY.with_effect("velocity_filter", values)
+    return late.with_coefficients({"velocity_filter.tau": late.coefficients["velocity_filter.tau"].with_(fixed=False)})
 
 
 @pytest.mark.slow
 def test_late_velocities_are_found_by_the_positions_and_put_right() -> None:
-    late = EMPTY.with_effect("velocity_filter")
-    late = late.with_coefficients({"velocity_filter.tau": late.coefficients["velocity_filter.tau"].with_(fixed=False)})
-    here = increments(late, runs())
-    assert here.lag <= 0.15
+    late = filtered()
+    assert increments(late, runs()).lag <= 0.15
     moved = [replace(run, columns={**run.columns, **_late(run, 1.5)}) for run in runs()]
     there = increments(late, moved)
     assert there.lag == pytest.approx(1.5, abs=0.15)
-    assert regress(late, there).values["velocity_filter.tau"] == there.lag
-    value = regress(late, there).values["X_n_absn_1"]
-    assert value == pytest.approx(TRUE["X_n_absn_1"], rel=0.25)
+    values = regress(late, there).values
+    assert values["velocity_filter.tau"] == there.lag
+    assert values["X_n_absn_1"] == pytest.approx(TRUE["X_n_absn_1"], rel=0.25)
 
 
 def test_velocities_that_are_late_in_body_axes_are_put_right_in_them() -> None:
-    late = EMPTY.with_effect("velocity_filter", {"body_axes": 1.0})
-    late = late.with_coefficients({"velocity_filter.tau": late.coefficients["velocity_filter.tau"].with_(fixed=False)})
-    moved = [
-        replace(run, columns={**run.columns, **{x: np.interp(run.t - 1.5, run.t, run[x]) for x in "uv"}})
-        for run in runs()
-    ]
-    assert increments(late, moved).lag == pytest.approx(1.5, abs=0.3)
+    columns = [{x: np.interp(run.t - 1.5, run.t, run[x]) for x in "uv"} for run in runs()]
+    moved = [replace(run, columns={**run.columns, **late}) for run, late in zip(runs(), columns, strict=True)]
+    assert increments(filtered(body_axes=1.0), moved).lag == pytest.approx(1.5, abs=0.3)
 
 
 def _late(run: Trial, lag: float) -> dict[str, np.ndarray]:
     """Columns u and v whose earth-fixed vector is late."""
     psi = np.unwrap(run["psi"])
-    north, east = (run["u"] * np.cos(psi) - run["v"] * np.sin(psi)), (run["u"] * np.sin(psi) + run["v"] * np.cos(psi))
-    north, east = np.interp(run.t - lag, run.t, north), np.interp(run.t - lag, run.t, east)
-    return {"u": north * np.cos(psi) + east * np.sin(psi), "v": east * np.cos(psi) - north * np.sin(psi)}
+    over_ground = (run["u"] + 1j * run["v"]) * np.exp(1j * psi)  # north + j east
+    body = np.interp(run.t - lag, run.t, over_ground) * np.exp(-1j * psi)
+    return {"u": body.real, "v": body.imag}

@@ -33,20 +33,13 @@ def ahead_only() -> Trial:
     return Trial("ahead", {**run.columns, "u": np.abs(run["u"]) + 0.01})
 
 
-def test_trials_without_astern_motion_do_not_determine_sm4() -> None:
-    one = candidate(ESSO, "sm4-order1")
+def test_a_candidate_that_needs_astern_motion_or_more_samples_is_refused_with_counts() -> None:
     assert not fault(candidate(ESSO, "sm1-order1"), [ahead_only()])
-    told = fault(one, [ahead_only()])
+    told = fault(candidate(ESSO, "sm4-order1"), [ahead_only()])
     assert "sm4-order1 (SM-4)" in told and "of 201" in told
-
-
-def test_more_unknowns_than_samples_are_refused_with_both_counts() -> None:
     told = fault(candidate(ESSO, "sm2-order3"), harbour(1, 200.0))
     assert "223 unknowns" in told and "only 201 samples" in told
-
-
-def test_a_named_candidate_that_cannot_be_determined_is_an_error() -> None:
-    runs = harbour(2, 200.0)
+    runs = harbour(2, 200.0)  # and one that was named is an error
     with pytest.raises(UserError, match=r"'astern' \(0 .*201"):
         choose_structure(ESSO, [candidate(ESSO, "sm2-order1")], ([ahead_only()], runs[1:], ()), named=True)
     with pytest.raises(UserError, match=r"\b1 .*\b0 "):
@@ -79,8 +72,7 @@ def test_a_physical_ship_is_stable_and_one_that_pushes_itself_is_not() -> None:
 def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(tmp_path: Path) -> None:
     """From a ship whose coefficients are off, the polynomial learns from trials; the table has all that was tried."""
     runs = harbour(4, 200.0)
-    wrong = ESSO.with_values({"Y_v": -0.2, "N_v": -0.08, "t_P": 0.4, "C_D": 0.6}).with_effect("velocity_filter")
-    wrong = wrong.without_effect("velocity_filter")
+    wrong = ESSO.with_values({"Y_v": -0.2, "N_v": -0.08, "t_P": 0.4, "C_D": 0.6})
     given = [candidate(wrong, name, Rules(order=2)) for name in ("sm1-order1", "sm1-order2")]
     choice = choose_structure(wrong, given, (runs[:2], runs[2:3], runs[3:]), Settings(passes=1, compiled=False))
     rows = {row.name: row for row in choice.table}
@@ -147,12 +139,10 @@ def test_candidates_go_from_few_terms_to_many_and_a_generated_ship_has_none() ->
 # mmg select --objective paper: a run folder like any other, with learning curves; wrong options in one line
 @pytest.fixture
 def files(tmp_path: Path) -> list[str]:
-    found = []
-    for number, run in enumerate(harbour()):
-        path = tmp_path / f"h{number}.csv"
+    paths = [tmp_path / f"h{number}.csv" for number in range(3)]
+    for path, run in zip(paths, harbour(), strict=True):
         write_trial(run, path)
-        found.append(str(path))
-    return found
+    return [str(path) for path in paths]
 
 
 @pytest.mark.longest
@@ -170,7 +160,6 @@ def test_a_chosen_polynomial_has_a_run_folder_with_its_learning_curves(
     assert {(row["name"], row["seed"]) for row in rows} == {("sm1-order1", 0), ("sm1-order1", 1)}
     lines = (out / "learning.csv").read_text().splitlines()
     assert len(lines) > 5 and lines[0].startswith("candidate,seed,evaluations,seconds,objective")
-    assert (out / "learning.csv").stat().st_size > 100
     chosen = load_ship(out)
     assert content["chosen"] == "sm1-order1"
     best = min(rows, key=lambda row: row["validation"])
@@ -186,23 +175,16 @@ def test_a_chosen_polynomial_has_a_run_folder_with_its_learning_curves(
         (["--seeds", "2"], "--seeds"),
         (["--objective", "paper", "--seeds", "0"], "--seeds"),
         (["--workers", "0"], "--workers 0"),
+        (["--objective", "paper", "--only", "sm4-order3"], "unknowns, but the trials hold only 221 samples"),
     ],
 )
 def test_wrong_options_are_one_line(
     options: list[str], told: str, tmp_path: Path, files: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["select", "esso_osaka_3m", *files, "--out", str(tmp_path / "run"), *options]) == 2
+    line = ["select", "esso_osaka_3m", files[0], "--validate", files[2], "--out", str(tmp_path / "run"), *options]
+    assert main(line) == 2
     assert told in capsys.readouterr().err
     assert not list(tmp_path.glob("run*"))
-
-
-def test_a_candidate_that_needs_more_samples_or_astern_motion_is_refused_with_counts(
-    tmp_path: Path, files: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
-    wanted = ["--objective", "paper", "--only", "sm4-order3", "--out", str(tmp_path / "run")]
-    assert main(["select", "esso_osaka_3m", files[0], "--validate", files[2], *wanted]) == 2
-    error = capsys.readouterr().err
-    assert "unknowns" in error and "221 samples" in error
 
 
 # An interrupted choice goes on: finished parts are taken from the run folder, those of another one refused
@@ -226,6 +208,8 @@ def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
     again = stored(tmp_path, True, **wanted)
     again.open()
     assert repr(kept_run(again, "one")) == repr(part)
+    assert kept_run(again, "two") is None
+    again.save("two", {})  # a broken part is made again
     assert kept_run(again, "two") is None
 
 
@@ -263,10 +247,3 @@ def test_a_learned_run_survives_its_file_to_the_last_digit(tmp_path: Path, monke
     one = learn_all([candidate(ESSO, "sm1-order1")], (runs[:2], runs[2:]), Settings(), store=store)["sm1-order1"][0]
     assert kept_run(store, "sm1-order1_seed0") == one
     assert one.lessons and one.values.keys() == set(candidate(ESSO, "sm1-order1").ship.free)
-
-
-def test_a_broken_part_is_made_again(tmp_path: Path) -> None:
-    store = stored(tmp_path)
-    store.open()
-    store.save("one", {})
-    assert kept_run(store, "one") is None

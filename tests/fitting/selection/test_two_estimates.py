@@ -37,11 +37,10 @@ def test_estimates_meet_halfway_and_half_their_difference_is_uncertain() -> None
     mean = with_second(found, other)
     moved = np.array([0.15 if s != "N_r" else 0.0 for s in prior.symbols])
     np.testing.assert_allclose(mean.p - found.p, moved, atol=1e-9)
-    for s, m in zip(prior.symbols, moved, strict=True):
+    for s, m in zip(prior.symbols, moved * prior.std, strict=True):
         before, after = found.ship.coefficients[s], mean.ship.coefficients[s]
-        assert after.value == pytest.approx(before.value + m * prior.std[prior.symbols.index(s)])
-        unit = prior.std[prior.symbols.index(s)]
-        assert after.std == pytest.approx(np.hypot(before.std, m * unit), rel=1e-6)
+        assert after.value == pytest.approx(before.value + m)
+        assert after.std == pytest.approx(np.hypot(before.std, m), rel=1e-6)
     np.testing.assert_allclose(mean.covariance, found.covariance + np.outer(moved, moved), atol=1e-9)
     shared = slice(len(prior.symbols))
     np.testing.assert_array_equal(mean.spread.covariance[shared, shared], mean.covariance)
@@ -95,27 +94,23 @@ def test_what_no_longer_holds_of_the_mean_is_no_longer_said() -> None:
 
 @pytest.mark.slow
 def test_a_mean_stays_within_the_bounds() -> None:
-    found = calibration()
-    far = {s: float(v) for s, v in zip(found.prior.symbols, found.prior.upper + 50 * found.prior.std, strict=True)}
-    finite = np.isfinite(found.prior.upper)
-    assert finite.any()
-    mean = with_second(found, far)
-    for i in np.flatnonzero(finite):
-        assert mean.ship.coefficients[found.prior.symbols[i]].value <= found.prior.upper[i] + 1e-12
+    prior = calibration().prior
+    mean = with_second(calibration(), dict(zip(prior.symbols, prior.upper + 50 * prior.std, strict=True)))
+    values = np.array([mean.ship.coefficients[s].value for s in prior.symbols])
+    assert np.isfinite(prior.upper).any() and (values <= prior.upper + 1e-12).all()
 
 
 def test_a_mean_that_is_worse_than_the_second_estimate_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """As between two minima: the objective of the problem is replaced by one that has its ridge halfway."""
     found = calibration()
-    prior, end = found.prior, found.p[found.prior.symbols.index("N_r")]
-    other = {"N_r": prior.mean[prior.symbols.index("N_r")] + (end + 1.0) * prior.std[prior.symbols.index("N_r")]}
+    prior, i = found.prior, found.prior.symbols.index("N_r")
+    other = {"N_r": prior.mean[i] + (found.p[i] + 1.0) * prior.std[i]}
 
     def ridge(_: ReducedProblem, p: Mapping[str, float]) -> float:
-        i = prior.symbols.index("N_r")
-        way = (p["N_r"] - prior.mean[i]) / prior.std[i] - end
+        way = (p["N_r"] - prior.mean[i]) / prior.std[i] - found.p[i]
         return way * (1 - way)
 
-    assert with_second(found, other).p[prior.symbols.index("N_r")] == pytest.approx(end + 0.5)
+    assert with_second(found, other).p[i] == pytest.approx(found.p[i] + 0.5)
     monkeypatch.setattr(ReducedProblem, "value", ridge)
     alone = with_second(found, other)
     np.testing.assert_array_equal(alone.p, found.p)
@@ -144,15 +139,9 @@ def test_estimates_of_coefficients_and_instruments_alone_are_averaged() -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [
-        {"estimator": "windows"},
-        {"bootstrap": 3},
-        {"profile": ("X_0F",)},
-        {"per_run": ("current",)},
-        {"hold": True},
-        {"captive": object()},
-    ],
-)
+    [{"estimator": "windows"}, {"bootstrap": 3}, {"profile": ("X_0F",)}, {"per_run": ("current",)}, {"hold": True},
+     {"captive": object()}],
+)  # fmt: skip
 def test_it_is_not_asked_where_more_is_fitted_or_less(options: dict[str, object]) -> None:
     assert FitOptions().asks_second(Settings()) and not FitOptions().asks_second(Settings(time_limit=9.0))
     assert not FitOptions(**options).asks_second(Settings())  # type: ignore[arg-type]

@@ -32,8 +32,7 @@ def tight() -> Problem:
 
 def held() -> Problem:
     p = problem()
-    still = np.arange(p.P) < 5
-    here = p.prior.mean
+    still, here = np.arange(p.P) < 5, p.prior.mean
     return p.with_bounds(np.where(still, here, p.prior.lower), np.where(still, here, p.prior.upper))
 
 
@@ -51,21 +50,21 @@ PROBLEMS: dict[str, Callable[[], Problem]] = {
 }
 
 
+def unbalanced(p: Problem, at: Lead) -> float:
+    """Largest slope of the Lagrangian where the sequence ended."""
+    slope = p.gradient(at.x) + matrix(p.patterns[0][0], p.jacobian(at.x)).T @ at.multipliers
+    slope[p.S * p.B :] += at.bound
+    return float(np.abs(slope).max())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["crowded", "runs", "tight", "student"])
 def test_one_exact_step_balances_gradient_and_multipliers(kind: str) -> None:
     p = PROBLEMS[kind]()
     found = lead(p, p.start(), 1e-7, 60)
-    assert found.reached
-
-    def unbalanced(at: Lead) -> float:
-        slope = p.gradient(at.x) + matrix(p.patterns[0][0], p.jacobian(at.x)).T @ at.multipliers
-        slope[p.S * p.B :] += at.bound
-        return float(np.abs(slope).max())
-
     last = polished(p, found)
     left = 0.4 if kind == "tight" else 0.05  # many bounds: the Hessian is made positive across them
-    assert unbalanced(last) < max(left * unbalanced(found), 1e-7)
+    assert found.reached and unbalanced(p, last) < max(left * unbalanced(p, found), 1e-7)
     assert np.abs(p.defects(last.x)).max() < 1e-6
 
 
@@ -74,10 +73,7 @@ def test_one_exact_step_balances_gradient_and_multipliers(kind: str) -> None:
 def test_it_ends_at_a_point_that_is_optimal(kind: str) -> None:
     p = PROBLEMS[kind]()
     found = lead(p, p.start(), 1e-9, 60)
-    assert found.reached
-    slope = p.gradient(found.x) + matrix(p.patterns[0][0], p.jacobian(found.x)).T @ found.multipliers
-    slope[p.S * p.B :] += found.bound
-    assert np.abs(slope).max() < 1e-3 * np.abs(p.gradient(found.x)).max()
+    assert found.reached and unbalanced(p, found) < 1e-3 * np.abs(p.gradient(found.x)).max()
     assert np.abs(p.defects(found.x)).max() < 1e-5
     at, (lower, upper) = p.split(found.x)[1], p.p_bounds()
     assert (at >= lower).all() and (at <= upper).all()
@@ -116,16 +112,7 @@ def test_a_rough_solve_ends_without_ipopt(monkeypatch: pytest.MonkeyPatch) -> No
     assert rough.objective == pytest.approx(best.objective, rel=3e-3) and rough.violation < 1e-2
 
 
-def test_where_it_does_not_come_to_its_end_ipopt_begins_as_if_it_had_not_been(monkeypatch: pytest.MonkeyPatch) -> None:
-    p = problem()
-    alone = by_ipopt(p, p.start())
-    monkeypatch.setattr(solving, "STEPS", 2)
-    led = solve(p, p.start())
-    np.testing.assert_array_equal(led.x, alone.x)
-    assert (led.iterations, led.history) == (alone.iterations, alone.history)
-
-
-def test_limits_stop_as_without_it() -> None:
+def test_limits_stop_as_without_it_and_ipopt_begins_as_if_it_had_not_been(monkeypatch: pytest.MonkeyPatch) -> None:
     p = problem()
     alone, led = (each(p, p.start(), Control(iterations=3)) for each in (by_ipopt, solve))
     assert led.status == alone.status == "Maximum_Iterations_Exceeded" and "--resume" in led.advice
@@ -133,13 +120,18 @@ def test_limits_stop_as_without_it() -> None:
     np.testing.assert_array_equal(led.x, alone.x)
     late = solve(p, p.start(), Control.within(1e-9))
     assert late.status == "Maximum_WallTime_Exceeded"
+    monkeypatch.setattr(solving, "STEPS", 2)  # where it does not come to its end
+    alone, led = (each(p, p.start()) for each in (by_ipopt, solve))
+    np.testing.assert_array_equal(led.x, alone.x)
+    assert (led.iterations, led.history) == (alone.iterations, alone.history)
 
 
-def test_a_model_that_is_not_finite_is_left_to_ipopt() -> None:
-    q = problem()
-    x = q.start()
+def test_a_model_that_is_not_finite_gives_no_step_and_is_left_to_ipopt() -> None:
+    p = problem()
+    sub, x = gauss_newton(p, p.start()), p.start()
+    assert solved(p, replace(sub, shared=sub.shared * np.nan), np.zeros(p.P)) is None
     x[0] = np.nan
-    broken = lead(q, x, 1e-7, 40)
+    broken = lead(p, x, 1e-7, 40)
     assert not broken.reached and len(broken.history) == 1
 
 
@@ -154,16 +146,12 @@ def test_each_iterate_is_told_and_can_stop_it() -> None:
     assert not found.reached and found.history == seen and len(seen) == 3
 
 
-def test_steps_that_gain_little_end_it_where_that_is_asked_for() -> None:
+def test_steps_that_gain_little_end_it_where_that_is_asked_for_and_intervals_join() -> None:
     p = problem()
     whole, early = lead(p, p.start(), 1e-12, 60), lead(p, p.start(), 1e-12, 60, stalled=1e-2)
     assert early.reached and len(early.history) < len(whole.history)
     assert early.history == whole.history[: len(early.history)]
     assert p.objective(early.x) == pytest.approx(p.objective(whole.x), rel=0.05)
-
-
-def test_it_does_not_stall_where_intervals_do_not_join() -> None:
-    p = problem()
     early = lead(p, p.start(), 1e-12, 60, stalled=1e9)
     assert early.reached and np.abs(p.defects(early.x)).max() > 1e-6
     joined = lead(p, p.start(), 1e-12, 60, stalled=1e9, feasible=1e-6)
@@ -211,8 +199,7 @@ def test_the_exact_step_solves_the_whole_system(kind: str) -> None:
 @pytest.mark.parametrize("kind", list(CONDENSED))
 def test_both_subproblems_have_the_gradient_and_the_linearised_defects_of_the_problem(kind: str) -> None:
     p = CONDENSED[kind]()
-    rng = np.random.default_rng(1)
-    x = p.start(0.1 * rng.normal(size=p.P))
+    x = p.start(0.1 * np.random.default_rng(1).normal(size=p.P))
     one, other = gauss_newton(p, x), newton(p, x, np.zeros(p.m))
     for sub in (one, other):
         gradient = np.concatenate([sub.slope.reshape(-1), sub.shared_slope])
@@ -224,12 +211,6 @@ def test_both_subproblems_have_the_gradient_and_the_linearised_defects_of_the_pr
     d = np.concatenate([step.nodes.reshape(-1), step.p])
     linear = matrix(p.patterns[0][0], p.jacobian(x)) @ d + p.defects(x)
     np.testing.assert_allclose(linear, 0, atol=1e-8 * np.abs(p.defects(x)).max())
-
-
-def test_numbers_that_are_not_finite_give_no_step() -> None:
-    p = problem()
-    sub = gauss_newton(p, p.start())
-    assert solved(p, replace(sub, shared=sub.shared * np.nan), np.zeros(p.P)) is None
 
 
 def pulls(H: np.ndarray, g: np.ndarray, d: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
