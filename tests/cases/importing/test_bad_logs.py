@@ -38,6 +38,12 @@ def lines(count: int = 60, **at: dict[str, str]) -> list[str]:
     return [line(i, **at.get(f"row{i}", {})) for i in range(count)]
 
 
+def in_zone(path: Path, zone: str, northing: float) -> Path:
+    """A log of eastings and northings [m] in a UTM ``zone``."""
+    made = [f"{raw_logs.stamp(i)};{northing + i};{4e5 + i};{zone};1;700;2" for i in range(60)]
+    return rows(path, "time;northing [m];easting [m];zone;heading [deg];rpm;rudder [deg]", made)
+
+
 CASES: list[tuple[str, Callable[[Path], Path], str]] = [
     ("empty", lambda p: rows(p, "", []), "is empty"),
     ("only a header", lambda p: rows(p, HEADER, []), "below a header|no separator"),
@@ -80,9 +86,8 @@ CASES: list[tuple[str, Callable[[Path], Path], str]] = [
      "several ships"),
     ("zones", lambda p: rows(p, "time;northing [m];easting [m];zone;heading [deg];rpm;rudder [deg]",
       [f"{raw_logs.stamp(i)};{5e6 + i};{4e5 + i};{32 + i // 40}N;1;700;2" for i in range(60)]), "several UTM zones"),
-    *((words, lambda p, zone=zone, first=first: rows(p, "time;northing [m];easting [m];zone;heading [deg];rpm;rudder [deg]",
-        [f"{raw_logs.stamp(i)};{first + i};{4e5 + i};{zone};1;700;2" for i in range(60)]), words)
-      for zone, first, words in (("54", 5e6, "which hemisphere"), ("54S", 3.9e6, "35 deg north in band S, or 55 deg south"))),
+    ("hemisphere", lambda p: in_zone(p, "54", 5e6), "which hemisphere"),
+    ("band or south", lambda p: in_zone(p, "54S", 3.9e6), "35 deg north in band S, or 55 deg south"),
     ("jump of zones", lambda p: rows(p, "time;northing [m];easting [m];heading [deg];rpm;rudder [deg]",
       [f"{raw_logs.stamp(i)};{5e6 + i};{4e5 + i + 4e5 * (i >= 40)};1;700;2" for i in range(80)]), "two UTM zones"),
 ]  # fmt: skip
