@@ -10,6 +10,7 @@ from typer import Option
 from mmg.messages import message_rows
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
+from mmg_ident.settings import names_of
 
 
 def _formats(incomplete: str) -> list[str]:
@@ -55,9 +56,9 @@ def export(
     from delivery.product import product_of
 
     with cli.working("reading"):
-        product = product_of(model, force, cli.names_of(without))
-    given = {"platforms": cli.names_of(platforms), "coefficients": cli.names_of(coefficients)}
-    options = {name: names for name, names in given.items() if names}
+        product = product_of(model, force, names_of(without))
+    given = {"platforms": names_of(platforms), "coefficients": names_of(coefficients)}
+    options = {name: names for name, names in given.items() if names}  # a format refuses options that it does not have
     with cli.working(f"exporting {product.ship.name}"):
         said = write(product, format, out, force, **options)
     if json:
