@@ -180,7 +180,7 @@ def plan(
     )
     if start is not None and len(start) != 3:
         raise BadValue("start: give x, y [m] and heading [deg]")
-    place = None if start is None else (start[0], start[1], math.radians(start[2]))
+    place = None if start is None else (start[0], start[1], math.radians(start[2]))  # x, y [m], psi [rad]
     wish = Wish(area=area, seconds=time, start=place, rudder_limit=math.radians(rudder_limit), **values)
     result: Any = load_run(run) if isinstance(run, (str, Path)) else run
     content = content_of(result)
@@ -194,6 +194,7 @@ def parted_trials(trials: Trials, validate: Trials = (), test: Trials = ()) -> t
     """``trials`` to fit on, to choose by (``validate``) and to ``test`` on: as given, else by their role, else the last
     quarter chooses; and a sentence on what chooses, "" where it was given. Raises UserError where nothing is left."""
     given = TrialSet.of(trials)
+    # what is named goes before roles of a sidecar, and these before the rule of the last quarter
     judges = list(TrialSet.of(validate)) or [t for t in given if t.role == "validate"]
     tests = list(TrialSet.of(test)) or [t for t in given if t.role == "test"]
     train, words = [t for t in given if t.role not in ("validate", "test")], ""
@@ -266,7 +267,7 @@ def comparison_study(
         given = fractions.split(",") if isinstance(fractions, str) else fractions
         shares = sorted({float(part) for part in given}, reverse=True)
     except (TypeError, ValueError):
-        shares = []
+        shares = []  # refused below, as shares outside (0, 1] are
     if not shares or not all(0 < share <= 1 for share in shares):
         raise OutOfRange(f"--fractions {fractions}: give shares above 0 and up to 1, separated by commas")
     kinds = (True, False)[: 1 + bool(values.pop("no_random", False))]  # with runs of random manoeuvres, and without
@@ -292,6 +293,7 @@ def _positioned(given: Trials, option: str) -> list[Trial]:
     """Trials, files, folders and names of splits, as trials with positions."""
     from cases.io.published_splits import SPLITS, find
 
+    # one trial or path is not looped over: a text is a sequence too
     several = [given] if isinstance(given, (str, Path)) or not isinstance(given, Sequence) else list(given)
     trials: list[Trial] = []
     for one in several:

@@ -68,7 +68,7 @@ def compare(
     from residual.papers.comparison import comparison_dict, tables_text
     from residual.papers.comparison_figures import write_figures
 
-    if resume and not out:
+    if resume and not out:  # without a folder nothing was kept
         raise Conflict("--resume needs the --out of the interrupted comparison")
     if out and not (resume and out.exists()):
         check_target(out)
@@ -86,7 +86,7 @@ def compare(
         "--train": hashes_of_trials(study.train),
         "--test": hashes_of_trials(study.test),
     }
-    store = Store(out / "entries", about, resume and out.exists()) if out else None
+    store = Store(out / "entries", about, resume and out.exists()) if out else None  # entries as they finish
     try:
         with reserved(out) if out else nullcontext():
             comparison = compared(study, store, cli.progress())
@@ -106,7 +106,7 @@ def compare(
             missing = {"level": "warning", **message_rows([PENDING])[0]}  # if it ends here
             write_json(folder / RESULT, content | {"figures": [], "messages": [*content["messages"], missing]})
 
-        write_whole(out, fill, replace=True)
+        write_whole(out, fill, replace=True)  # before the figures: whole though one of them fails
         written = FigureFolder(out)
         write_figures(written, comparison)
         content["figures"] = [row["file"] for row in written.rows]

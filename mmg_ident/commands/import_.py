@@ -46,7 +46,7 @@ def import_(
 
     chosen = import_map(
         map, rudder_positive=rudder_positive, wind_direction=wind_direction, velocity_frame=velocity_frame,
-        zone_hours=zone_hours, separate=separate or None,
+        zone_hours=zone_hours, separate=separate or None,  # None: as the map says
     )  # fmt: skip
     logged, chosen = imported(logs, chosen, ask=not json)
     with cli.working("writing trials"):
@@ -85,7 +85,7 @@ def _answered(imported: Imported, chosen: ImportMap, before: set[tuple[Path, str
     asked ``before``. What several files leave open alike is asked once."""
     from mmg_ident.studies import changed_map
 
-    together: dict[tuple[str, tuple[str, ...]], list[Question]] = {}
+    together: dict[tuple[str, tuple[str, ...]], list[Question]] = {}  # by words and answers, of whatever file
     for question in imported.questions:
         if (question.file, question.words) not in before:
             together.setdefault((question.words, tuple(question.choices)), []).append(question)
@@ -153,7 +153,7 @@ def _print(imported: Imported, files: list[Path], checks: list[Any]) -> None:
         rows.append((file.name, sources, str(len(t)), f"{t[-1]:.0f}", report.verdict))
     cli.print_table(("trial", "from", "rows|n", "s|n", "verdict of check"), rows)
     cli.print_table(("column", "used as", "because"), _account(imported))
-    said: dict[str, list[str]] = {}
+    said: dict[str, list[str]] = {}  # sentence -> names of the runs that share it
     for run, report in zip(imported.runs, checks, strict=True):
         wrong = [f"[check] {finding.text}" for finding in report.findings if finding.level == "contradictory"]
         for sentence in [*map(str, run.notices), *wrong]:
@@ -166,7 +166,7 @@ def _print(imported: Imported, files: list[Path], checks: list[Any]) -> None:
 def _account(imported: Imported) -> list[tuple[str, str, str]]:
     """A row for each column of the logs, once for all logs that share it."""
     rows = [row for run in imported.runs for log in run.logs for row in log.accounts]
-    said = ((row.what, ", ".join(row.used_as) or "not used", row.why) for row in rows)
+    read = ((row.what, ", ".join(row.used_as) or "not used", row.why) for row in rows)
     derived = ((name, "derived from " + (", ".join(of) or "nothing: assumed"), "") for run in imported.runs
                for name, of in run.ancestors.items())  # fmt: skip
-    return list(dict.fromkeys([*said, *derived]))
+    return list(dict.fromkeys([*read, *derived]))  # each once, in the order of the logs

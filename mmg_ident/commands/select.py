@@ -64,7 +64,7 @@ def select(
     from mmg.components.expansion.structure import term_list
     from mmg_ident.studies import SELECTION, parted_trials
 
-    if sum([list_, terms is not None, write is not None, bool(trials)]) != 1:
+    if sum([list_, terms is not None, write is not None, bool(trials)]) != 1:  # one thing at a time
         raise Conflict("give trials to fit on, or one of --list, --terms NAME and --write NAME")
     if (write is None and not trials) != (out is None):
         raise Conflict("--out belongs to trials (a run folder) and to --write NAME (a ship file); both need it")
@@ -91,7 +91,7 @@ def select(
         else:
             cli.print_table(("candidate", "unknowns|n", "X|n", "Y|n", "N|n", "model"), rows)
         return 0
-    one = candidate(model, str(write if terms is None else terms), rules)
+    one = candidate(model, str(write if terms is None else terms), rules)  # one of both is given here
     cli.say_notes(one.ship.notices)
     if out is not None:
         with writing(out):
@@ -178,7 +178,7 @@ def _print(choice: StructureChoice, out: Path) -> None:
 
     rows = []
     for row in choice.table:
-        diverged = f"{row.sequences - row.stable}/{row.sequences}" if row.sequences else "-"
+        diverged = f"{row.sequences - row.stable}/{row.sequences}" if row.sequences else "-"  # of random sequences
         numbers = (in_words(row.validation), in_words(row.training), diverged) if not row.left_out else ("", "", "")
         note = row.left_out or "*" * (row.name == choice.chosen)
         rows.append((row.name, str(row.unknowns), *numbers, note))

@@ -99,13 +99,14 @@ def simulate(
         with cli.working(f"simulating {plan.name} {scatter} times"):
             figures_drawn, run, drawn = maneuver_scatter(model, plan, content_on(Path(ship)), scatter, seed, dt)
         if plot is not None:
-            if run is None or drawn is None:
+            if run is None or drawn is None:  # figures alone were drawn, no tracks
                 raise Conflict("--plot draws the tracks of a calibration's turning, zigzag, crash-stop or coasting")
             title = f"{model.title}: {plan.name}, {scatter} draws"
             maneuver_figure((run,), title, {run.name: drawn.shown}).savefig(plot)
         if out is not None:
             tracks = figures_drawn.tracks()
             if out.suffix.lower() == ".parquet":
+                # checksums: a byte that a disk changes would else read as another number
                 tracks.to_parquet(out, index=False, engine="pyarrow", write_page_checksum=True)
             else:
                 tracks.to_csv(out, index=False)
@@ -127,6 +128,7 @@ def simulate(
     if noise and out is None:
         cli.say("note: --noise changes nothing without --out: it belongs to the trial file, not to the summary")
     if out is not None:
+        # the file alone: figures and summary are those of the motion
         noisy = add_noise(trial, SensorNoise.for_length(model.particulars["L"]), seed) if noise else trial
         write_trial(noisy, out)
     summary |= {"seed": seed, "noise": noise, "wind": wind}
@@ -222,7 +224,7 @@ def _print(summary: dict[str, Any], figures: dict[str, float], ship: Ship) -> No
     print(f"  greatest turn rate  {math.degrees(summary['greatest_turn_rate_rad_s']):.3f} deg/s")
     for name, value in figures.items():
         unit, factor, form = _unit(figure_unit(name), ship.particulars["L"])
-        metres = f"{value:.2f} m = " if unit == "L" else ""
+        metres = f"{value:.2f} m = " if unit == "L" else ""  # both, as the limits of IMO are in L
         print(f"  {name.replace('_', ' ')}  {metres}{factor * value:{form}} {unit}")
         if row := summary.get("members", {}).get(name):
             mean, std, *ends = (f"{factor * row[key]:{form}}" for key in ("mean", "std", "lowest", "highest"))

@@ -53,7 +53,7 @@ def start(
     before = steps.check_folder(out, mark, known if answers else None)
     if resume and before is None:
         raise Missing(f"--out {out}: nothing to resume there")
-    ask = not (yes or json) and sys.stdin.isatty() and sys.stderr.isatty()
+    ask = not (yes or json) and sys.stdin.isatty() and sys.stderr.isatty()  # with --json nobody reads a question
     if before is None:
         steps.write_mark(out, mark)
     if not (out / steps.TRIALS).is_dir():
@@ -78,7 +78,7 @@ def start(
     cli.refuse_no_score(result.warnings, out / steps.RUN)
     steps.write_answers(started, mark, cli.command_line(), result.ship)  # again, with what her trials showed
     with cli.working("simulating the standard manoeuvres"):
-        known_of = delivered(result.to_dict(), result.ship)
+        known_of = delivered(result.to_dict(), result.ship)  # once: for the page and for what is printed
         write_report([out / steps.RUN], out / steps.RUN / "report.html", known=[known_of])
     if result.converged and not (out / steps.FMU).exists():
         with cli.working("exporting the FMU"):
@@ -118,6 +118,7 @@ def _begin(
     from mmg_ident import start as steps
 
     place = folder / steps.TRIALS
+    # of a file of answers those count as given that differ from what is assumed
     asked = [name for name, value in known.given.items() if given and value != getattr(steps.Answers(), name)]
     if ask:
         first = steps.starting_ship(ship, particulars, known.draught)
