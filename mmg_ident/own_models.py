@@ -146,7 +146,7 @@ def _rows(argument: str, given: Any, kind: type[R], made: Callable[[Any], R], fo
 
 def _check_range(argument: str, row: Coefficient | Parameter, value: float, size: float) -> None:
     """Raises UserError for numbers of a row that contradict each other."""
-    numbers = (value, size, row.lower, row.upper)  # bounds may be infinite
+    numbers: tuple[Any, ...] = (value, size, row.lower, row.upper)  # bounds may be infinite
     if not all(isinstance(x, (int, float)) and not math.isnan(x) for x in numbers) or not math.isfinite(value):
         raise BadValue(f"{argument}: {row.symbol}: value, size and bounds must be numbers, not {numbers}")
     if not row.lower <= value <= row.upper:
