@@ -328,8 +328,8 @@ def score(
         raise OutOfRange(f"window = {window:g}: must be 0 or a positive number of seconds")
     origin = "the scored trials" if sigma is None else "the caller"
     # what is no number becomes nan, which is not positive
-    given = None if sigma is None else np.array([x if isinstance(x, Real) else np.nan for x in sigma], dtype=float)
-    if given is not None and not (given.shape == (6,) and (given > 0).all()):
+    sigmas = None if sigma is None else np.array([x if isinstance(x, Real) else np.nan for x in sigma], dtype=float)
+    if sigmas is not None and not (sigmas.shape == (6,) and (sigmas > 0).all()):
         raise OutOfRange("sigma: give six positive numbers, of x, y [m], psi [rad], u, v [m/s], r [rad/s]")
     if adapt is not None and not 0 <= adapt < math.inf:
         raise OutOfRange(f"adapt = {adapt:g}: must be 0 or a positive number of seconds")
@@ -338,7 +338,7 @@ def score(
     if window is None:
         window = window_for(runs, particulars.get("L")) if runs else 0.0
     box = fit_grey_box(fitted, simulator.inputs, particulars, window) if fitted else None
-    return scored(simulator, runs, given, origin, method, adapt=adapt, units=window, baseline=box)
+    return scored(simulator, runs, sigmas, origin, method, adapt=adapt, units=window, baseline=box)
 
 
 @keywords()
@@ -400,17 +400,17 @@ def predict(
         else:
             windows, notes = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=bands)
         outside = outside_share(simulator, run, windows) if isinstance(simulator, Simulator) else None
-        made = Prediction(run, tuple(windows), (), outside, seconds)
+        prediction = Prediction(run, tuple(windows), (), outside, seconds)
         notes = [*notes, *assumed([run], simulator.inputs), *(campaigns_taken(ship, [run]) if ship else ())]
         if not run.has_position:
             notes.append(Message(f"{run.name}: no measured position; each window starts at x = y = 0", "no_position"))
-        if made.diverged:
-            words = f"{run.name}: {made.diverged} of {len(windows)} windows diverge; their last rows are nan"
+        if prediction.diverged:
+            words = f"{run.name}: {prediction.diverged} of {len(windows)} windows diverge; their last rows are nan"
             notes.append(Message(words, "diverged"))
         if outside:
             words = f"{run.name}: {outside:.1%} of the rows lie outside the network's training range"
             notes.append(Message(words, "outside_training"))
-        results.append(replace(made, notes=tuple(notes)))
+        results.append(replace(prediction, notes=tuple(notes)))
     if not any(p.windows for p in results):
         why = "; ".join(note for p in results for note in p.notes) or "the trials are shorter than --window"
         raise TooFewData(f"no window could be predicted; {why}")
@@ -483,14 +483,14 @@ def diagnose(
     without = listed(values.pop("without", ()))
     options = replace(options or DiagnosisOptions(), **checked_settings(DiagnosisOptions, values))
     check_settings(options)
-    runs, held = ready(trials, test, unchecked=unchecked)
+    runs, tests = ready(trials, test, unchecked=unchecked)
     calibrated_on: Any = model if isinstance(model, (str, Path)) else getattr(model, "folder", None)
     objects = getattr(model, "objects", None)
     # a result that was not saved has no folder: its trials say what is no news, unless they are those to be diagnosed
     if calibrated_on is None and objects is not None and not any(a is b for a in objects.trials for b in runs):
         calibrated_on = objects.trials
     place, ship = Path(site) if isinstance(site, str) else site, reduced_ship(ship_of(model), without)
-    result = pipeline.diagnose(ship, runs, held, place, options, calibrated_on, progress)
+    result = pipeline.diagnose(ship, runs, tests, place, options, calibrated_on, progress)
     return result.told_by(content_of(model))
 
 
@@ -520,8 +520,8 @@ def gap(
         settings = TrainSettings(**{name: chosen[name] for name in ("seeds", "seed") if name in chosen})
         check_settings(settings)
         options = GapOptions(settings, chosen.get("seed", 0), chosen.get("workers", 1))
-    runs, held = ready(trials, test, unchecked=unchecked)
-    return compare_models(model, runs, held, options, progress, calibrate)
+    runs, tests = ready(trials, test, unchecked=unchecked)
+    return compare_models(model, runs, tests, options, progress, calibrate)
 
 
 @keywords()

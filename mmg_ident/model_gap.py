@@ -94,12 +94,12 @@ def compare_models(
     o = options or GapOptions()
     needs_torch("mmg gap")
     chosen, by_role = TrialSet.of(trials).training(tests)
-    held, shared = independent_tests(chosen, tests)
-    if not held:
+    tested, shared = independent_tests(chosen, tests)
+    if not tested:
         raise Missing("no test trials: name at least one that takes no part (--test)")
     given = model if isinstance(model, Ship) else load_ship(model)
     ships: dict[str, Ship] = {}
-    fitted = [trial.name for trial in held if trial.sha256 in _calibrated_on(model)]
+    fitted = [trial.name for trial in tested if trial.sha256 in _calibrated_on(model)]
     remarks = [*by_role, *(Message(str(words), "shared_rows") for words in shared)]
     if fitted:
         words = (
@@ -124,14 +124,14 @@ def compare_models(
 
     learn(LEARNED, model if source is None else base, base)
     check_time()
-    diagnosis = _diagnosed(base, refitted, chosen, held, o, progress)
+    diagnosis = _diagnosed(base, refitted, chosen, tested, o, progress)
     effects = tuple(e.name for e in diagnosis.effects)
     if effects:
         check_time()
         learn(BOTH, diagnosis.ship, diagnosis.ship)
     # the floor is that of the test trials; one of left-out runs would be of other errors
     budget = diagnosis.budget if diagnosis.budget is not None and diagnosis.budget.by == TESTS else None
-    rows, run = _lines(ships, trainings, (diagnosis, budget), [*chosen, *held], held, o)
+    rows, run = _lines(ships, trainings, (diagnosis, budget), [*chosen, *tested], tested, o)
     if source is None:  # no folder of ours holds the refitted ship: she was given
         rows = [replace(r, ship="") if r.name == REFITTED else r for r in rows]
     seconds = window_length(refitted)
@@ -149,7 +149,7 @@ def compare_models(
         witness=witness,
         learned=channels,
         warnings=(*remarks, *floor),
-        about={**about(given, chosen, held, o), "command": o.command},
+        about={**about(given, chosen, tested, o), "command": o.command},
     )
     if o.folder is not None and o.report and diagnosis.data is not None:  # none of one that was read from its folder
         diagnosis.save(o.folder / FOLDERS[NAMED], replace=True, gap=gap)
@@ -176,9 +176,9 @@ def _lines(
     # the ship of the diagnosis is of the campaigns of the trials: all ships are looked at alike
     ships = {name: ship_in(ship, trials)[0] for name, ship in ships.items()}
     rows, run = compared(ships, held, seconds, budget, o.seed)
-    kept = {name: result.decision.kept for name, result in trainings.items() if result.decision is not None}
+    recommended = {name: result.decision.kept for name, result in trainings.items() if result.decision is not None}
     places = FOLDERS if o.folder else {}
-    return [replace(r, kept=kept.get(r.name), ship=places.get(r.name, "")) for r in rows], run
+    return [replace(r, kept=recommended.get(r.name), ship=places.get(r.name, "")) for r in rows], run
 
 
 def _refitted(
@@ -231,8 +231,8 @@ def _trained(
     if is_run and read_result(Path(given))["kind"] == "training":
         return read_training(given)
     place = o.folder and o.folder / FOLDERS[name]
-    if place is not None and (place / RESULT).exists() and (made := read_training(place)).complete:
-        return made
+    if place is not None and (place / RESULT).exists() and (earlier := read_training(place)).complete:
+        return earlier
     LOGGER.info("training a residual on the ship %s", "with the named effects" if name == BOTH else "as calibrated")
     settings = replace(o.settings or TrainSettings(), workers=o.workers)
     ship = base if isinstance(base, Ship) else load_ship(base) if isinstance(base, (str, Path)) else base.ship

@@ -208,7 +208,7 @@ def _read(
     c = SimpleNamespace(**{r.symbol: ca.SX.sym(r.symbol) for r in rows})
     model = OwnForce(function, name="", role=role, origin="")
     try:
-        made = model.force(flow, p, c, Smooth.for_length(LENGTH))  # type: ignore[arg-type]
+        forces = model.force(flow, p, c, Smooth.for_length(LENGTH))  # type: ignore[arg-type]
     except AttributeError as error:  # its obj tells p and c from attributes of the user's own objects
         if error.obj is c:
             raise Missing(f"coefficients: {where} reads c.{error.name}, which is none of them") from None
@@ -220,11 +220,11 @@ def _read(
         raise
     except Exception as error:
         raise _failed(where, error) from None
-    if role == "propeller" and made.slipstream is None:
+    if role == "propeller" and forces.slipstream is None:
         words = "mi.Force(X, Y, N, mi.Slipstream(one_minus_w, u_P, loading, ahead)), of which the rudder lives"
         raise BadValue(f"function: {where} must return {words}")
     # an input that is read but drops out, as in 0 * n, is none that a ship must have
-    used = {x.name() for x in ca.symvar(ca.SX(ca.vertcat(made.X, made.Y, made.N)))}
+    used = {x.name() for x in ca.symvar(ca.SX(ca.vertcat(forces.X, forces.Y, forces.N)))}
     return tuple(name for name in PARTICULARS if name in read), tuple(name for name in INPUTS if name in used)
 
 

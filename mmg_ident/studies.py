@@ -81,8 +81,8 @@ def import_logs(
     from cases.importing.import_logs import write_import
 
     chosen = import_map(map, separate=separate, **conventions)
-    given = [Path(log) for log in ([logs] if isinstance(logs, (str, Path)) else logs)]
-    files = write_import(complete(read_logs(given, chosen)), chosen, Path(out), force)
+    paths = [Path(log) for log in ([logs] if isinstance(logs, (str, Path)) else logs)]
+    files = write_import(complete(read_logs(paths, chosen)), chosen, Path(out), force)
     return TrialSet(tuple(read_trials(files)))
 
 
@@ -193,11 +193,11 @@ def plan(
 def parted_trials(trials: Trials, validate: Trials = (), test: Trials = ()) -> tuple[TrialSet, TrialSet, TrialSet, str]:
     """``trials`` to fit on, to choose by (``validate``) and to ``test`` on: as given, else by their role, else the last
     quarter chooses; and a sentence on what chooses, "" where it was given. Raises UserError where nothing is left."""
-    given = TrialSet.of(trials)
+    all_trials = TrialSet.of(trials)
     # what is named goes before roles of a sidecar, and these before the rule of the last quarter
-    judges = list(TrialSet.of(validate)) or [t for t in given if t.role == "validate"]
-    tests = list(TrialSet.of(test)) or [t for t in given if t.role == "test"]
-    train, words = [t for t in given if t.role not in ("validate", "test")], ""
+    judges = list(TrialSet.of(validate)) or [t for t in all_trials if t.role == "validate"]
+    tests = list(TrialSet.of(test)) or [t for t in all_trials if t.role == "test"]
+    train, words = [t for t in all_trials if t.role not in ("validate", "test")], ""
     if not judges:
         count = max(1, len(train) // 4)
         if len(train) < 2:

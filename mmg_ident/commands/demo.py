@@ -89,14 +89,14 @@ def demo(
     gain = f"{diagnosis.held_out.reduction:.0%} smaller" if diagnosis.held_out else "not known"
     cli.say(f"10 score     with what is named the error on {len(second[1])} held-out trials is {gain}")
     third = campaign(folder / "third", seed + 2000, FOULING, every=2)
-    kept = _trained(folder, "third", "third_residual", third, seed)
-    cli.say(f"11 train     on trials with a fouled hull ({FOULING}) a network is {_decision(kept)}")
-    cli.say(f"12 so        {moral(declined, kept)}")
+    fouled = _trained(folder, "third", "third_residual", third, seed)
+    cli.say(f"11 train     on trials with a fouled hull ({FOULING}) a network is {_decision(fouled)}")
+    cli.say(f"12 so        {moral(declined, fouled)}")
     if json:
         scores, answer = fit.to_dict()["scores"], diagnosis.to_dict()
         content = {"folder": str(folder), "converged": fit.converged, "scores": scores, **truth}
         content |= {"diagnosis": {key: answer[key] for key in ANSWER}}
-        cli.print_json(content | {"residual": _decided(declined), "third_residual": _decided(kept)})
+        cli.print_json(content | {"residual": _decided(declined), "third_residual": _decided(fouled)})
     return 0 if fit.converged else 1
 
 
@@ -109,10 +109,10 @@ def campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> Sets:
     from cases.simulation.demo_trials import demo_trials
     from cases.simulation.simulate import write_trial
 
-    for role, made in zip(("train", "held_out"), demo_trials(seed, effects=effects, every=every), strict=True):
+    for role, trials in zip(("train", "held_out"), demo_trials(seed, effects=effects, every=every), strict=True):
         (folder / role).mkdir(parents=True)
         (folder / role / "trials.toml").write_text('[default]\ninputs = "held"  # as simulations log them\n')
-        for trial in made:
+        for trial in trials:
             write_trial(trial, folder / role / f"{trial.name}.csv")
     return read_trials([folder / "train"]), read_trials([folder / "held_out"])
 

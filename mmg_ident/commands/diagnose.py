@@ -72,8 +72,8 @@ def diagnose(
     options = DiagnosisOptions(**settings, command=cli.command_line())
     train, tests = ready(trials, test or (), unchecked=unchecked)
     train, tests = (some.said_campaign(campaign, ship) for some in (train, tests))
-    begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
-    store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
+    is_unfinished = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
+    store = diagnosis_store(out, ship, train, tests, options, run, resume and is_unfinished)
     if store.resume and not store.folder.is_dir() and any(out.iterdir()):
         raise Missing(f"{out}: holds no interrupted run to resume; choose another --out")
     try:

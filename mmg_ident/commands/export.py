@@ -57,12 +57,13 @@ def export(
 
     with cli.working("reading"):
         product = product_of(model, force, names_of(without))
-    given = {"platforms": names_of(platforms), "coefficients": names_of(coefficients)}
-    options = {name: names for name, names in given.items() if names}  # a format refuses options that it does not have
+    selections = {"platforms": names_of(platforms), "coefficients": names_of(coefficients)}
+    # a format refuses options that it does not have
+    options = {name: names for name, names in selections.items() if names}
     with cli.working(f"exporting {product.ship.name}"):
-        said = write(product, format, out, force, **options)
+        messages = write(product, format, out, force, **options)
     if json:
-        cli.print_json({"format": format, "out": str(out), **product.about(), "notes": message_rows(said)})
+        cli.print_json({"format": format, "out": str(out), **product.about(), "notes": message_rows(messages)})
         return
-    cli.say_notes((*product.caveats, *said))
+    cli.say_notes((*product.caveats, *messages))
     cli.say(f"written: {out}")

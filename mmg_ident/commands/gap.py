@@ -57,23 +57,23 @@ def gap(
     elif (out / "gap.json").exists():
         cli.say(f"{out} has finished already; nothing to resume")
         return 0
-    train, held = ready(trials, test or (), unchecked=unchecked)
+    train, tests = ready(trials, test or (), unchecked=unchecked)
     ship = load_ship(run)
     needs_torch("mmg gap")  # after all that can be refused without it, which takes seconds to import
     from residual.settings import TrainSettings
 
     settings = TrainSettings(seeds=seeds, seed=seed)
     options = GapOptions(settings, seed, workers, out, not no_report, cli.command_line())
-    store = Store(out / "parts", about(ship, train, held, options), resume and out.exists())
+    store = Store(out / "parts", about(ship, train, tests, options), resume and out.exists())
     store.open()  # refuses to go on with parts of other trials or settings
     try:
         with Control.within(time_limit, cli.progress()).in_force():
-            comparison = gap_of(run, train, held, options, cli.progress())
+            comparison = gap_of(run, train, tests, options, cli.progress())
     except (KeyboardInterrupt, UserError) as stop:
         # a part that is finished stays for --resume; a run that has none leaves nothing behind
-        kept = any(path.is_dir() and path != store.folder for path in out.iterdir())
-        if isinstance(stop, UserError) or not kept:
-            if not kept:
+        has_parts = any(path.is_dir() and path != store.folder for path in out.iterdir())
+        if isinstance(stop, UserError) or not has_parts:
+            if not has_parts:
                 store.discard()
             raise
         cli.say(f"mmg: interrupted; what was finished is in {out}: {cli.RESUMED}")

@@ -153,12 +153,12 @@ def _print(imported: Imported, files: list[Path], checks: list[Any]) -> None:
         rows.append((file.name, sources, str(len(t)), f"{t[-1]:.0f}", report.verdict))
     cli.print_table(("trial", "from", "rows|n", "s|n", "verdict of check"), rows)
     cli.print_table(("column", "used as", "because"), _account(imported))
-    said: dict[str, list[str]] = {}  # sentence -> names of the runs that share it
+    shared: dict[str, list[str]] = {}  # sentence -> names of the runs that share it
     for run, report in zip(imported.runs, checks, strict=True):
         wrong = [f"[check] {finding.text}" for finding in report.findings if finding.level == "contradictory"]
         for sentence in [*map(str, run.notices), *wrong]:
-            said.setdefault(sentence, []).append(run.name)
-    for sentence, names in said.items():
+            shared.setdefault(sentence, []).append(run.name)
+    for sentence, names in shared.items():
         whose = "" if len(names) == len(imported.runs) else f"{', '.join(names)}: "
         cli.print_wrapped("  ", f"{whose}{sentence}")
 

@@ -42,8 +42,8 @@ def report(
     with cli.working("writing the report"):
         write_report(folders, target, targets[1] if pdf else None, full_load_draught, imo)
     if json:
-        made = {"report": str(target), "pdf": str(targets[1]) if pdf else None}
-        cli.print_json(made | {"runs": [str(folder) for folder in folders]})
+        written = {"report": str(target), "pdf": str(targets[1]) if pdf else None}
+        cli.print_json(written | {"runs": [str(folder) for folder in folders]})
     else:
         for path in targets:
             cli.say(f"report: {path}")

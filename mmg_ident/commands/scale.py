@@ -63,5 +63,5 @@ def _print(result: FitResult) -> None:
     changed = [row for row in account["coefficients"] if row["changed"]]
     rows += [(r["symbol"], f"{r['model']:.4g}", f"{r['ship']:.4g}", f"{r['ship_std']:.2g}") for r in changed]
     cli.print_table(("", "model|n", "ship|n", "std|n"), rows)
-    if kept := [row["symbol"] for row in account["coefficients"] if not row["changed"]]:
-        print(f"kept, with wider errors: {', '.join(kept)}")
+    if unchanged := [row["symbol"] for row in account["coefficients"] if not row["changed"]]:
+        print(f"kept, with wider errors: {', '.join(unchanged)}")

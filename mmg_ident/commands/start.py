@@ -101,9 +101,9 @@ def _import(logs: list[Path], folder: Path, ask: bool) -> None:
         folder.parent.mkdir(parents=True, exist_ok=True)
         steps.copy_trials(logs, folder)
         return
-    found, chosen = imported(logs, ImportMap(), ask)
+    logged, chosen = imported(logs, ImportMap(), ask)
     with cli.working("writing trials"):
-        files = write_import(found, chosen, folder)
+        files = write_import(logged, chosen, folder)
     cli.say(f"imported: {len(files)} runs, {folder}")
 
 
@@ -157,8 +157,8 @@ def _print(result: FitResult, known: Delivered, started: StartedRun, out: Path) 
     for message in result.messages:
         if message.code == "suspect":
             cli.print_wrapped("! ", message.text)
-    said = {"use her for": screen.good, "not for": screen.bad, "by rule of thumb": screen.rules}
-    for title, sentences in said.items():
+    sections = {"use her for": screen.good, "not for": screen.bad, "by rule of thumb": screen.rules}
+    for title, sentences in sections.items():
         if sentences:
             cli.print_wrapped(f"{title}: ", "; ".join(sentences))
     for name, words in steps.measured_particulars(result.ship).items():

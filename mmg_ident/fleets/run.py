@@ -117,9 +117,9 @@ def run_fleet(
     tasks = [replace(t, sisters=groups.get(t.ship.sisters)) for t in tasks if t.ship.name not in failures]
     failures |= _do(finish_ship, tasks, DONE, workers, progress)
     # read back from the parts: rows of this run and of an earlier one come the same way
-    kept = {task.ship.name: part[0] for task in tasks if (part := task.kept(DONE))}
-    rows = [kept[s.name]["row"] if s.name in kept else failed_row(s, failures.get(s.name, "")) for s in plan.ships]
-    timing = {name: words["timing"] for name, words in kept.items()}
+    parts = {task.ship.name: part[0] for task in tasks if (part := task.kept(DONE))}
+    rows = [parts[s.name]["row"] if s.name in parts else failed_row(s, failures.get(s.name, "")) for s in plan.ships]
+    timing = {name: words["timing"] for name, words in parts.items()}
     return Fleet(plan.options.name, tuple(rows), tuple(groups.values()), timing, time.perf_counter() - began, command)
 
 
