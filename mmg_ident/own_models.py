@@ -275,7 +275,7 @@ def _evaluate(model: Own, components: dict[str, str], where: str) -> None:
         return
     motions = []  # rates of x, y, psi, u, v, r and the six columns (12, 1), without the effect and with it at neutral
     for each in (bare, ship):
-        simulator, controls = Simulator(each, compiled=False), np.full((len(each.inputs), 1), 0.3)
+        simulator, controls = Simulator(each, compiled=False), np.full((len(each.inputs), 1), 0.3)  # all inputs act
         state = simulator.start(MOVING, controls)
         motions.append(np.vstack([simulator.rates(state, controls)[:6], simulator.columns(state)]))
     if not np.allclose(motions[0], motions[1], rtol=1e-9, atol=1e-12):  # set by hand: rounding, far below any effect

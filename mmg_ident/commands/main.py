@@ -90,10 +90,9 @@ from typer.core import TyperGroup
 
 from mmg_ident import shadowing_mmg
 
-# Verbs that need more memory than the least [bytes]; with less the libraries they use neither end nor answer Ctrl-C.
-# Set by hand, from runs below ulimit -v.
+# Verbs that need more memory than the least; with less the libraries they use neither end nor answer Ctrl-C.
 HEAVY = ("start", "demo", "fit", "fleet", "months", "train", "compare", "diagnose", "gap", "select")
-LEAST_MEMORY = 1.5 * 2**30
+LEAST_MEMORY = 1.5 * 2**30  # [bytes], set by hand from runs below ulimit -v
 # Options that take several values after one name: ``--validate a.csv b.csv``.
 MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials", "--baseline")
 
