@@ -60,7 +60,6 @@ if TYPE_CHECKING:
     from residual.result import TrainResult
     from residual.settings import BlackBoxSettings, TrainSettings
 
-_STUDIES = ("compare", "fleet", "imo", "import_logs", "months", "plan", "select", "view")
 # Public name -> the module it is taken from, and behind a colon its name there; else it is in ``mmg_ident.api``.
 _HOMES = {
     "BlackBoxSettings": "residual.settings", "CheckReport": "cases.checks.report",
@@ -75,7 +74,8 @@ _HOMES = {
     "delivery.export:export_ship", "export_ship": "delivery.export", "force": "mmg_ident.own_models",
     "load_ship": "cases.shipfiles.ship_file", "new_ship": "cases.shipfiles.new_ship", "read_trials": "cases.io.read",
     "report": "mmg_ident.api:write_report", "scale": "delivery.full_scale.result",
-    **dict.fromkeys(_STUDIES, "mmg_ident.studies"),
+    **{name: "mmg_ident.studies" for name in ("compare", "fleet", "imo", "import_logs", "months", "plan", "select",
+    "view")},
 }  # fmt: skip
 
 __all__ = [
@@ -113,7 +113,7 @@ def __getattr__(name: str) -> Any:
         raise ImportError(in_the_way)
     home, _, there = _HOMES.get(name, "mmg_ident.api").partition(":")
     value = getattr(import_module(home), there or name)
-    globals()[name] = value
+    globals()[name] = value  # from now on found without this function
     return value
 
 

@@ -7,24 +7,39 @@ stretches, and is refused where its data refute what it says (``check``); unchec
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import numpy as np
+
+from cases.inputs import assumed
+from cases.io.campaigns import campaigns_taken, ship_of_campaign
+from cases.shipfiles.effects import with_effects, without_suspects
+from cases.shipfiles.model_changes import reduced_ship
+from cases.shipfiles.network_file import is_black_box
+from cases.shipfiles.ship_file import load_ship
+from cases.trial import Trial
+from cases.trial_set import TrialSet, ready
 from diagnosis.inputs import DiagnosisOptions
+from fitting.report.run_folder import START, content_on, read_result
 from fitting.settings import Settings
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName, Unsupported, needs_torch
+from mmg.messages import Message, html_table
+from mmg.progress import OnProgress, Progress
+from mmg.rollout import Simulator
+from mmg.ship import Ship
 from mmg_ident.settings import check_settings, checked_settings, keywords, listed, refuse_gone, taken
 from residual.settings import BlackBoxSettings, TrainSettings
 
+# What a single verb needs is imported in its function: solvers, figures and torch take a second or more to load.
 if TYPE_CHECKING:
-    import numpy as np
     import pandas as pd
 
     from cases.checks.report import CheckReport
-    from cases.trial import Trial
-    from cases.trial_set import TrialSet
     from diagnosis.result import Diagnosis
     from diagnosis.validation.gap import Gap
     from fitting.calibrate import FitOptions
@@ -32,10 +47,6 @@ if TYPE_CHECKING:
     from fitting.prediction.predict import Forecaster, Window
     from fitting.prediction.score import Score
     from fitting.result import FitResult
-    from mmg.messages import Message
-    from mmg.progress import OnProgress
-    from mmg.rollout import Simulator
-    from mmg.ship import Ship
     from mmg_ident.model_gap import GapOptions
     from residual.result import TrainResult
 
@@ -61,17 +72,14 @@ class Prediction:
     @property
     def diverged(self) -> int:
         """Number of windows whose prediction ends in numbers that are not finite."""
-        import numpy as np
-
+        # states of a prediction that diverges stay nan from there on, so that the last row tells
         return sum(not np.isfinite(w.states[-1]).all() for w in self.windows)
 
     @property
     def table(self) -> np.ndarray:
         """Rows window, t, x, y, psi, u, v, r in SI units, (N, 8), or with six standard deviations, (N, 14)."""
-        import numpy as np
-
         parts = []
-        for w in self.windows:
+        for w in self.windows:  # w.first and w.last are rows of the trial, both within the window
             columns = [np.full(len(w.states), float(w.number)), self.trial.t[w.first : w.last + 1], w.states]
             parts.append(np.column_stack(columns if w.std is None else [*columns, w.std]))
         return np.vstack(parts) if parts else np.empty((0, 8))
@@ -87,31 +95,17 @@ class Prediction:
         from fitting.prediction.predict import HEADER, STD_HEADER
 
         rows = self.table
-        names = (HEADER + (STD_HEADER if rows.shape[1] > 8 else "")).split(",")
+        names = (HEADER + (STD_HEADER if rows.shape[1] > 8 else "")).split(",")  # more than window, t and six states
         return pd.DataFrame(rows, columns=names).astype({"window": int})
 
     def _repr_html_(self) -> str:
-        from mmg.messages import html_table
-
         last = [(w.number, *self.trial.t[[w.first, w.last]].tolist(), *w.states[-1].tolist()) for w in self.windows]
         header = ("window", "from [s]", "to [s]", "x [m]", "y [m]", "psi [rad]", "u [m/s]", "v [m/s]", "r [rad/s]")
         return html_table(f"{self.trial.name}: predicted states at the end of each window", header, last)
 
 
-def ready_trials(*sets: Trials, unchecked: bool = False) -> tuple[TrialSet, ...]:
-    """The ``sets`` of trials without their broken stretches, paths read; ``unchecked``: as they are. Raises UserError
-    for contradictory ones."""
-    from cases.trial_set import ready
-
-    return ready(*sets, unchecked=unchecked)
-
-
 def ship_of(model: Any) -> Ship:
     """The ship of a ``model``. Raises UserError for what is none."""
-    from cases.shipfiles.ship_file import load_ship
-    from mmg.errors import BadValue
-    from mmg.ship import Ship
-
     if isinstance(model, (str, Path)):
         return load_ship(model)
     ship = model if isinstance(model, Ship) else getattr(model, "ship", None)
@@ -125,19 +119,13 @@ def predictor(model: Model) -> Simulator | Forecaster:
 
     Raises UserError where there is neither.
     """
-    from cases.shipfiles.network_file import is_black_box
-    from cases.shipfiles.ship_file import load_ship
-    from fitting.report.run_folder import START
-    from mmg.errors import needs_torch
-    from mmg.rollout import Simulator
-
     if isinstance(model, (str, Path)) and is_black_box(model):
         needs_torch("a black box")
         from residual.papers.black_box import load_box
 
-        start = Path(model) / START
+        start = Path(model) / START  # of the ship it stands for it takes inputs and length
         return load_box(model, load_ship(start) if start.exists() else None)
-    if isinstance(model, Simulator) or hasattr(model, "forecast"):
+    if isinstance(model, Simulator) or hasattr(model, "forecast"):  # all that the protocol Forecaster asks for
         return model  # type: ignore[return-value]
     box = getattr(model, "black_box", None)
     return box if box is not None else Simulator(ship_of(model))
@@ -145,8 +133,6 @@ def predictor(model: Model) -> Simulator | Forecaster:
 
 def content_of(model: Model) -> dict[str, Any]:
     """What is known of ``model`` beside its ship, as in result.json; empty for a bare ship."""
-    from fitting.report.run_folder import content_on
-
     if isinstance(model, (str, Path)):
         return content_on(Path(model))
     return model.to_dict() if hasattr(model, "to_dict") else {}
@@ -158,8 +144,6 @@ def check(trials: Trials) -> list[CheckReport]:
 
     Returns a report per trial, with its verdict and findings. Raises UserError for a file that cannot be read.
     """
-    from cases.trial_set import TrialSet
-
     return list(TrialSet.of(trials).reports)
 
 
@@ -185,27 +169,21 @@ def simulate(
     sampled_helm: orders are given at samples only; of all: campaign: whose instruments log the run. Returns the run.
     Raises UserError for what cannot be simulated.
     """
-    import math
-
     from cases.criteria.standard_runs import simulated_trial
     from cases.inputs import given_inputs
-    from cases.io.campaigns import ship_of_campaign
     from cases.maneuvers.definitions import parse_maneuver
-    from cases.shipfiles.effects import with_effects
     from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed
-    from cases.trial import Trial
-    from mmg.errors import Conflict
 
-    campaign = values.pop("campaign", None)
-    model = with_effects(ship_of_campaign(ship_of(ship), campaign), listed(effects))
-    if isinstance(maneuver, str) and (own := harbour_seed(maneuver, seed)) is not None:
-        maneuver = harbour_inputs(model, values.pop("duration", None), own, values.pop("dt", None))
+    model = with_effects(ship_of_campaign(ship_of(ship), values.pop("campaign", None)), listed(effects))
+    # random harbour manoeuvres are inputs over time, not orders that answer the motion: they are followed as a trial is
+    if isinstance(maneuver, str) and (harbour := harbour_seed(maneuver, seed)) is not None:
+        maneuver = harbour_inputs(model, values.pop("duration", None), harbour, values.pop("dt", None))
     if isinstance(maneuver, str):
         orders, dt = taken(values, "n speed rudder_rate duration"), values.pop("dt", None)
         sampled = values.pop("sampled_helm", False)
         _refuse(values, f"{maneuver} takes duration, dt, n, speed, rudder_rate and sampled_helm")
         if "rudder_rate" in orders:
-            orders["rudder_rate"] = math.radians(orders["rudder_rate"])
+            orders["rudder_rate"] = math.radians(orders["rudder_rate"])  # a person gives deg/s
         plan = parse_maneuver(maneuver, model, seed=seed, sampled=sampled, **orders)
         return simulated_trial(model, plan, None, wind, noise, seed, dt)
     if {"duration", "dt"} & set(values):
@@ -214,7 +192,7 @@ def simulate(
         _refuse(values, f"the inputs are those of {maneuver.name}")
     else:
         start = values.pop("x0", None)
-        maneuver = given_inputs(model, maneuver, values, start)
+        maneuver = given_inputs(model, maneuver, values, start)  # refuses what is left in values and is no input
     return simulated_trial(model, None, maneuver, wind, noise, seed)
 
 
@@ -226,8 +204,6 @@ def simulate_many(
     ships: models, or a frame with a row per draw and a column per coefficient (``FitResult.sample``) of the ``ship``;
     maneuver, values: as for ``simulate``. Returns the runs. Raises UserError as that does.
     """
-    from mmg.errors import Missing
-
     if isinstance(ships, Sequence):
         return [simulate(each, maneuver, **values) for each in ships]
     if ship is None:
@@ -239,8 +215,6 @@ def simulate_many(
 
 def _refuse(values: Mapping[str, Any], why: str) -> None:
     """Raises UserError for the first of the keyword arguments that nothing takes."""
-    from mmg.errors import UnknownName
-
     for name in values:
         raise UnknownName(f"{name}: is no keyword here; {why}")
 
@@ -272,8 +246,6 @@ def calibrate(
     speak for, which are fitted along. Raises UserError for input from which nothing can be identified, and for values
     outside their limits.
     """
-    from cases.shipfiles.effects import without_suspects
-    from cases.shipfiles.model_changes import reduced_ship
     from fitting import calibrate as pipeline
     from fitting.solvers.control import unless_interrupted
 
@@ -287,13 +259,13 @@ def calibrate(
     for name in {"measurement", "per_run", "per_campaign", "profile"} & set(chosen):
         chosen["instruments" if name == "measurement" else name] = listed(chosen.pop(name))
     settings = replace(settings or Settings(), **checked_settings(Settings, values))
-    check_settings(settings)
+    check_settings(settings)  # once more: a Settings made by hand was not checked when it was made
     each = (listed(changes.get(name, ())) for name in ("without", "with_", "fix", "only"))
     start = reduced_ship(without_suspects(ship_of(ship)), *each)  # suspects of a calibration before are asked anew
     options = replace(options or pipeline.FitOptions(), second=_second_estimate, **chosen)
-    runs, held_out = ready_trials(trials, validate, unchecked=unchecked)
+    runs, held_out = ready(trials, validate, unchecked=unchecked)
     result = pipeline.calibrate(start, runs, held_out, settings, options, progress)
-    if start.effects:
+    if start.effects:  # by the likelihood of a diagnosis, which lies above the floor of the calibration
         from diagnosis.for_calibration import with_effect_tests
 
         tested = unless_interrupted(lambda: with_effect_tests(result, start))
@@ -313,7 +285,6 @@ def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnP
     """
     from fitting.calibrate import refit as solved_again
     from fitting.result import FitResult
-    from mmg.errors import BadValue
 
     if not isinstance(fit, FitResult):
         raise BadValue(f"fit: {type(fit).__name__} is no result of calibrate")
@@ -347,30 +318,27 @@ def score(
     integration, "rk4" or "euler"; unchecked: score contradictory trials and broken stretches too. Returns the scores,
     pooled and by trial; lower is better. Raises UserError for trials without positions.
     """
-    import numpy as np
-
     from fitting.prediction.baselines import fit_grey_box
     from fitting.prediction.score import score as scored
     from fitting.prediction.unit_errors import window_for
-    from mmg.errors import OutOfRange, UnknownName
-    from mmg.rollout import Simulator
 
     if method not in ("rk4", "euler"):
         raise UnknownName(f"method {method!r}: unknown; use rk4 or euler")
-    if window is not None and not 0 <= window < float("inf"):
+    if window is not None and not 0 <= window < math.inf:
         raise OutOfRange(f"window = {window:g}: must be 0 or a positive number of seconds")
     origin = "the scored trials" if sigma is None else "the caller"
-    given = None if sigma is None else np.array([x if isinstance(x, Real) else np.nan for x in sigma], dtype=float)
-    if given is not None and not (given.shape == (6,) and (given > 0).all()):
+    # what is no number becomes nan, which is not positive
+    sigmas = None if sigma is None else np.array([x if isinstance(x, Real) else np.nan for x in sigma], dtype=float)
+    if sigmas is not None and not (sigmas.shape == (6,) and (sigmas > 0).all()):
         raise OutOfRange("sigma: give six positive numbers, of x, y [m], psi [rad], u, v [m/s], r [rad/s]")
-    if adapt is not None and not 0 <= adapt < float("inf"):
+    if adapt is not None and not 0 <= adapt < math.inf:
         raise OutOfRange(f"adapt = {adapt:g}: must be 0 or a positive number of seconds")
-    (runs, fitted), simulator = ready_trials(trials, baseline, unchecked=unchecked), predictor(model)
+    (runs, fitted), simulator = ready(trials, baseline, unchecked=unchecked), predictor(model)
     particulars = simulator.ship.particulars if isinstance(simulator, Simulator) else {}
     if window is None:
         window = window_for(runs, particulars.get("L")) if runs else 0.0
     box = fit_grey_box(fitted, simulator.inputs, particulars, window) if fitted else None
-    return scored(simulator, runs, given, origin, method, adapt=adapt, units=window, baseline=box)
+    return scored(simulator, runs, sigmas, origin, method, adapt=adapt, units=window, baseline=box)
 
 
 @keywords()
@@ -395,24 +363,17 @@ def predict(
     result that knows them, or those of the particles. Raises UserError where no window can be predicted, and for a
     black box or ``members`` with ``adapt``.
     """
-    from cases.inputs import assumed
-    from cases.io.campaigns import campaigns_taken
-    from cases.trial_set import TrialSet
     from fitting.prediction.bands import bands_of
     from fitting.prediction.predict import outside_share
     from fitting.prediction.predict import predict as windows_of
     from fitting.prediction.score import past_to_use
     from fitting.prediction.stretches import Adaptation
-    from mmg.errors import Conflict, OutOfRange, TooFewData, Unsupported, needs_torch
-    from mmg.messages import Message
-    from mmg.progress import Progress
-    from mmg.rollout import Simulator
 
-    if adapt is not None and not (0 <= adapt < float("inf")):
+    if adapt is not None and not (0 <= adapt < math.inf):
         raise OutOfRange("--adapt must be 0 or a positive number of seconds")
-    if not window >= 0 or (stride is not None and not stride > 0):
+    if not window >= 0 or (stride is not None and not stride > 0):  # so written that nan is refused too
         raise OutOfRange("--window must be 0 or positive and --stride positive")
-    step = stride or (window if window > 0 else 1.0)
+    step = stride or (window if window > 0 else 1.0)  # a whole run is one window, whatever the stride
     simulator = predictor(model)
     ship = simulator.ship if isinstance(simulator, Simulator) else None
     if adapt and not ship:
@@ -425,30 +386,31 @@ def predict(
     content = content_of(model) if ship else {}
     bands, seconds = bands_of(content, ship) if ship else None, past_to_use(content, adapt)[0]
     past = Adaptation.of(ship, seconds) if seconds and ship else None
+    # a shorter window at the end is kept only where windows do not overlap: else its rows are predicted twice
     results, runs, short = [], TrialSet.of(trials), window <= 0 or step >= window
-    ready_trials(runs, unchecked=unchecked)
+    ready(runs, unchecked=unchecked)  # to refuse contradictory ones alone: rows of broken stretches are predicted too
     for number, run in enumerate(runs):
         if progress:
             progress(Progress("predicting", number, len(runs)))
         if members:
             from residual.papers.ensemble import predict_members
 
-            whole: Any = ship or simulator
-            found, notes = predict_members(whole, run, window, step, short, members)
+            hybrid: Any = ship or simulator  # a black box is its own ensemble
+            windows, notes = predict_members(hybrid, run, window, step, short, members)
         else:
-            found, notes = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=bands)
-        outside = outside_share(simulator, run, found) if isinstance(simulator, Simulator) else None
-        made = Prediction(run, tuple(found), (), outside, seconds)
+            windows, notes = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=bands)
+        outside = outside_share(simulator, run, windows) if isinstance(simulator, Simulator) else None
+        prediction = Prediction(run, tuple(windows), (), outside, seconds)
         notes = [*notes, *assumed([run], simulator.inputs), *(campaigns_taken(ship, [run]) if ship else ())]
         if not run.has_position:
             notes.append(Message(f"{run.name}: no measured position; each window starts at x = y = 0", "no_position"))
-        if made.diverged:
-            words = f"{run.name}: {made.diverged} of {len(found)} windows diverge; their last rows are nan"
+        if prediction.diverged:
+            words = f"{run.name}: {prediction.diverged} of {len(windows)} windows diverge; their last rows are nan"
             notes.append(Message(words, "diverged"))
         if outside:
             words = f"{run.name}: {outside:.1%} of the rows lie outside the network's training range"
             notes.append(Message(words, "outside_training"))
-        results.append(replace(made, notes=tuple(notes)))
+        results.append(replace(prediction, notes=tuple(notes)))
     if not any(p.windows for p in results):
         why = "; ".join(note for p in results for note in p.notes) or "the trials are shorter than --window"
         raise TooFewData(f"no window could be predicted; {why}")
@@ -472,14 +434,12 @@ def train(
     to judge by; settings: ``TrainSettings``, or ``BlackBoxSettings`` for a black box; keep: "better" or "always", which
     ship is recommended; progress: called after each epoch or seed; unchecked: take contradictory trials and broken
     stretches too; values: settings that differ, by name, such as seeds=3, and model="fnn", "rnn" or "rnn-window" for a
-    black box. network=module: a residual of your own, a torch.nn.Sequential of Linear layers with Tanh between them
+    black box. network=module: a residual of your custom, a torch.nn.Sequential of Linear layers with Tanh between them
     from ``ship.features`` (M, F), over their scales, to scaled accelerations (M, 3); it starts with its weights, but
     for the last layer, at zero. loss may be a function of the errors (N, 6, M) of x, y, psi, u, v, r over their noise,
     of N rows in M windows, 0 where not measured, to a tensor of one number. Returns the result with both ships. Raises
     UserError where there is too little to train on, and for a network or loss that cannot be.
     """
-    from mmg.errors import Conflict, needs_torch
-
     kind, network = values.pop("model", None), values.pop("network", None)
     loss = values.pop("loss") if callable(values.get("loss")) else None
     if settings is None and kind not in (None, "hybrid"):
@@ -487,15 +447,15 @@ def train(
     settings = settings or TrainSettings()
     settings = replace(settings, **checked_settings(type(settings), values))
     check_settings(settings)
-    own = network is not None or loss is not None
-    if own and (isinstance(settings, BlackBoxSettings) or (loss is not None and settings.loss != "state")):
+    custom = network is not None or loss is not None
+    if custom and (isinstance(settings, BlackBoxSettings) or (loss is not None and settings.loss != "state")):
         raise Conflict("network, loss: belong to a residual on a ship; leave out the black box and settings.loss")
     needs_torch("mi.train")
     from residual import pipeline
     from residual.hybrid import own_kind
 
-    what = own_kind(ship_of(run), network, loss, settings.seed) if own else None
-    runs, held_out = ready_trials(trials, validate, unchecked=unchecked)
+    what = own_kind(ship_of(run), network, loss, settings.seed) if custom else None
+    runs, held_out = ready(trials, validate, unchecked=unchecked)
     return pipeline.train(run, runs, held_out, settings, keep, progress, kind=what)  # type: ignore[arg-type]
 
 
@@ -518,20 +478,20 @@ def diagnose(
     a run folder or a result of ``calibrate``, what it was calibrated on is taken into account. Returns the diagnosis.
     Raises UserError for input from which nothing can be concluded.
     """
-    from cases.shipfiles.model_changes import reduced_ship
     from diagnosis import diagnose as pipeline
 
     without = listed(values.pop("without", ()))
     options = replace(options or DiagnosisOptions(), **checked_settings(DiagnosisOptions, values))
     check_settings(options)
-    runs, held = ready_trials(trials, test, unchecked=unchecked)
-    known: Any = model if isinstance(model, (str, Path)) else getattr(model, "folder", None)
+    runs, tests = ready(trials, test, unchecked=unchecked)
+    calibrated_on: Any = model if isinstance(model, (str, Path)) else getattr(model, "folder", None)
     objects = getattr(model, "objects", None)
-    if known is None and objects is not None and not any(a is b for a in objects.trials for b in runs):
-        known = objects.trials
-    place = Path(site) if isinstance(site, str) else site
-    found = pipeline.diagnose(reduced_ship(ship_of(model), without), runs, held, place, options, known, progress)
-    return found.told_by(content_of(model))
+    # a result that was not saved has no folder: its trials say what is no news, unless they are those to be diagnosed
+    if calibrated_on is None and objects is not None and not any(a is b for a in objects.trials for b in runs):
+        calibrated_on = objects.trials
+    place, ship = Path(site) if isinstance(site, str) else site, reduced_ship(ship_of(model), without)
+    result = pipeline.diagnose(ship, runs, tests, place, options, calibrated_on, progress)
+    return result.told_by(content_of(model))
 
 
 @keywords(also="seeds# seed# workers#")
@@ -560,8 +520,8 @@ def gap(
         settings = TrainSettings(**{name: chosen[name] for name in ("seeds", "seed") if name in chosen})
         check_settings(settings)
         options = GapOptions(settings, chosen.get("seed", 0), chosen.get("workers", 1))
-    runs, held = ready_trials(trials, test, unchecked=unchecked)
-    return compare_models(model, runs, held, options, progress, calibrate)
+    runs, tests = ready(trials, test, unchecked=unchecked)
+    return compare_models(model, runs, tests, options, progress, calibrate)
 
 
 @keywords()
@@ -570,9 +530,6 @@ def load_run(folder: str | Path) -> FitResult | TrainResult | Diagnosis:
 
     Raises UserError where the folder is none of these, or was changed so that it cannot be read.
     """
-    from fitting.report.run_folder import read_result
-    from mmg.errors import BadValue
-
     kind = read_result(Path(folder))["kind"]
     if kind == "calibration":
         from fitting.result import read_fit
@@ -601,11 +558,10 @@ def write_report(
     figures are simulated. Raises UserError for a folder of another kind, an unwritable file, and a missing WeasyPrint.
     """
     from fitting.report.page import needs_weasyprint, write_pdf
-    from fitting.report.run_folder import read_result
 
     folders = [Path(run) for run in ([runs] if isinstance(runs, (str, Path)) else runs)]
     if pdf is not None:
-        needs_weasyprint()
+        needs_weasyprint()  # before the page is made, which takes longer
     if read_result(folders[0])["kind"] == "training":
         from residual.result import write_report as write_trainings
 

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from residual.result import TrainResult
     from residual.settings import TrainSettings
 
-PARTS = ("refitted", "hybrid", "diagnosis", "both")  # Folders of the parts
+FOLDERS = {REFITTED: "refitted", LEARNED: "hybrid", NAMED: "diagnosis", BOTH: "both"}  # Line -> folder of its part
 
 
 @dataclass(frozen=True)
@@ -94,15 +94,17 @@ def compare_models(
     o = options or GapOptions()
     needs_torch("mmg gap")
     chosen, by_role = TrialSet.of(trials).training(tests)
-    held, shared = independent_tests(chosen, tests)
-    if not held:
+    tested, shared = independent_tests(chosen, tests)
+    if not tested:
         raise Missing("no test trials: name at least one that takes no part (--test)")
     given = model if isinstance(model, Ship) else load_ship(model)
     ships: dict[str, Ship] = {}
-    seen = [trial.name for trial in held if trial.sha256 in _calibrated_on(model)]
+    fitted = [trial.name for trial in tested if trial.sha256 in _calibrated_on(model)]
     remarks = [*by_role, *(Message(str(words), "shared_rows") for words in shared)]
-    if seen:
-        words = f"{', '.join(seen)}: the ship was calibrated on it, so its errors are not of a trial that took no part"
+    if fitted:
+        words = (
+            f"{', '.join(fitted)}: the ship was calibrated on it, so its errors are not of a trial that took no part"
+        )
         remarks.append(Message(words, "calibrated_on"))
     refitted, source = _refitted(model, given.without_network(), chosen, o, progress, calibrate)
     if source is None:
@@ -110,8 +112,8 @@ def compare_models(
     else:
         ships[GIVEN] = given.without_network()
     ships[REFITTED] = refitted
-    base = source if source is not None else model
-    check_time()
+    base = source if source is not None else model  # what training and diagnosis know the calibration by
+    check_time()  # between the parts: each that is finished is kept, so that --resume loses none
     trainings: dict[str, TrainResult] = {}
 
     def learn(name: str, run: Any, on: Any) -> None:
@@ -122,68 +124,61 @@ def compare_models(
 
     learn(LEARNED, model if source is None else base, base)
     check_time()
-    found = _diagnosed(base, refitted, chosen, held, o, progress)
-    effects = tuple(e.name for e in found.effects)
+    diagnosis = _diagnosed(base, refitted, chosen, tested, o, progress)
+    effects = tuple(e.name for e in diagnosis.effects)
     if effects:
         check_time()
-        learn(BOTH, found.ship, found.ship)
-    rows, run = _lines(ships, trainings, found, [*chosen, *held], held, o)
-    if source is None:
+        learn(BOTH, diagnosis.ship, diagnosis.ship)
+    # the floor is that of the test trials; one of left-out runs would be of other errors
+    budget = diagnosis.budget if diagnosis.budget is not None and diagnosis.budget.by == TESTS else None
+    rows, run = _lines(ships, trainings, (diagnosis, budget), [*chosen, *tested], tested, o)
+    if source is None:  # no folder of ours holds the refitted ship: she was given
         rows = [replace(r, ship="") if r.name == REFITTED else r for r in rows]
-    seconds, known = window_length(refitted), _budget(found)
+    seconds = window_length(refitted)
     hybrid = trainings[LEARNED].hybrid if LEARNED in trainings else None
-    witness, channels = witnessed(hybrid, found.ship, effects, chosen) if hybrid is not None else ((), {})
-    floor = [] if known is not None else [Message("no floor: the diagnosis has none of these trials", "no_floor")]
+    witness, channels = witnessed(hybrid, diagnosis.ship, effects, chosen) if hybrid is not None else ((), {})
+    floor = [] if budget is not None else [Message("no floor: the diagnosis has none of these trials", "no_floor")]
     gap = Gap(
-        sentence=sentence_of(rows, effects, found.verdict, seconds),
+        sentence=sentence_of(rows, effects, diagnosis.verdict, seconds),
         rows=tuple(rows),
         seconds=seconds,
         windows=len(run),
         runs=len(set(run.tolist())),
-        verdict=found.verdict,
+        verdict=diagnosis.verdict,
         effects=effects,
         witness=witness,
         learned=channels,
         warnings=(*remarks, *floor),
-        about={**about(given, chosen, held, o), "command": o.command},
+        about={**about(given, chosen, tested, o), "command": o.command},
     )
-    if o.folder is not None and o.report and found.data is not None:
-        found.save(o.folder / "diagnosis", replace=True, gap=gap)
+    if o.folder is not None and o.report and diagnosis.data is not None:  # none of one that was read from its folder
+        diagnosis.save(o.folder / FOLDERS[NAMED], replace=True, gap=gap)
     return gap
-
-
-def _budget(found: Diagnosis) -> Budget | None:
-    """That of the test trials, None where there is none of these."""
-    return found.budget if found.budget is not None and found.budget.by == TESTS else None
 
 
 def _lines(
     ships: dict[str, Ship],
     trainings: dict[str, TrainResult],
-    found: Diagnosis,
+    diagnosed: tuple[Diagnosis, Budget | None],
     trials: Sequence[Trial],
     held: Sequence[Trial],
     o: GapOptions,
 ) -> tuple[list[GapRow], np.ndarray]:
-    """The lines of the ``ships``, and of those that the ``trainings`` and the diagnosis ``found`` make, on the ``held``
-    of all ``trials``; and the number of the trial of each window."""
+    """The lines of the ``ships``, and of those that the ``trainings`` and the diagnosis make, on the ``held`` of all
+    ``trials``, with the floor of its budget; and the number of the trial of each window (W,)."""
+    diagnosis, budget = diagnosed
     hybrids = {name: result.hybrid for name, result in trainings.items()}
-    named = found.ship if found.effects else None
+    named = diagnosis.ship if diagnosis.effects else None
     for name, ship in ((LEARNED, hybrids.get(LEARNED)), (NAMED, named), (BOTH, hybrids.get(BOTH))):
         if ship is not None:
             ships[name] = ship
     seconds = window_length(ships[REFITTED])
-    # found.ship is of the campaigns of the trials: all ships are looked at alike
+    # the ship of the diagnosis is of the campaigns of the trials: all ships are looked at alike
     ships = {name: ship_in(ship, trials)[0] for name, ship in ships.items()}
-    rows, run = compared(ships, held, seconds, _budget(found), o.seed)
-    kept = {name: result.decision.kept for name, result in trainings.items() if result.decision is not None}
-    places = {REFITTED: "refitted", LEARNED: "hybrid", NAMED: "diagnosis", BOTH: "both"} if o.folder else {}
-    return [replace(r, kept=kept.get(r.name), ship=places.get(r.name, "")) for r in rows], run
-
-
-def _kept(folder: Path | None, name: str) -> Path | None:
-    """The place of a part, None where nothing is kept."""
-    return None if folder is None else folder / name
+    rows, run = compared(ships, held, seconds, budget, o.seed)
+    recommended = {name: result.decision.kept for name, result in trainings.items() if result.decision is not None}
+    places = FOLDERS if o.folder else {}
+    return [replace(r, kept=recommended.get(r.name), ship=places.get(r.name, "")) for r in rows], run
 
 
 def _refitted(
@@ -202,10 +197,9 @@ def _refitted(
     from fitting.calibrate import FitOptions
     from fitting.result import read_fit
 
-    place = _kept(o.folder, "refitted")
+    place = o.folder and o.folder / FOLDERS[REFITTED]
     if place is not None and (place / RESULT).exists():
-        found = read_fit(place)
-        return found.ship, place
+        return read_fit(place).ship, place
     if calibrate is None:
         raise Missing(f"{ship.name}: was not calibrated on these trials; calibrate her first")
     LOGGER.info("calibrating the ship")
@@ -236,15 +230,16 @@ def _trained(
     is_run = isinstance(given, (str, Path)) and (Path(given) / RESULT).exists()
     if is_run and read_result(Path(given))["kind"] == "training":
         return read_training(given)
-    place = _kept(o.folder, {LEARNED: "hybrid", BOTH: "both"}[name])
-    if place is not None and (place / RESULT).exists() and (made := read_training(place)).complete:
-        return made
+    place = o.folder and o.folder / FOLDERS[name]
+    if place is not None and (place / RESULT).exists() and (earlier := read_training(place)).complete:
+        return earlier
     LOGGER.info("training a residual on the ship %s", "with the named effects" if name == BOTH else "as calibrated")
     settings = replace(o.settings or TrainSettings(), workers=o.workers)
     ship = base if isinstance(base, Ship) else load_ship(base) if isinstance(base, (str, Path)) else base.ship
+    # a residual is learned on the ship without the one that she may have
     store = training_store(place, ship.without_network(), trials, (), settings, place.exists()) if place else None
     result = replace(train(base, trials, (), settings, progress=progress, store=store), command=o.command)
-    if result.interrupted:
+    if result.interrupted:  # Ctrl-C ends a training with the best weights so far, but no comparison is made of these
         raise KeyboardInterrupt
     if place is not None:
         result.save(place, replace=True, report=False)
@@ -257,13 +252,13 @@ def _diagnosed(
     """The diagnosis of the refitted ``ship`` of the run ``base``."""
     from diagnosis.diagnose import diagnose
 
-    place = _kept(o.folder, "diagnosis")
+    place = o.folder and o.folder / FOLDERS[NAMED]
     if place is not None and (place / RESULT).exists():
         return read_diagnosis(place)
     LOGGER.info("diagnosing the ship")
-    known = base if isinstance(base, (str, Path)) else None
+    calibrated_on = base if isinstance(base, (str, Path)) else None
     options = DiagnosisOptions(seed=o.seed, workers=o.workers, command=o.command)
-    found = diagnose(ship, trials, tests, None, options, known, progress)
+    diagnosis = diagnose(ship, trials, tests, None, options, calibrated_on, progress)
     if place is not None:
-        found.save(place, report=False)
-    return found
+        diagnosis.save(place, report=False)  # the page comes with the comparison, which it shows
+    return diagnosis

@@ -101,9 +101,9 @@ def effect(
     rows = _parameters(parameters)
 
     def registered(function: F) -> F:
-        own = _name(name, function)
+        title = _name(name, function)
         stated = {"enters": enters, "rows": rows, "needs": tuple(needs), "surroundings": surroundings}
-        _try(OwnEffect(function, name=own, origin=origin_of(function), **stated), {}, f"effect {own}")
+        _try(OwnEffect(function, name=title, origin=origin_of(function), **stated), {}, f"effect {title}")
         return function
 
     return registered
@@ -135,7 +135,7 @@ def _rows(argument: str, given: Any, kind: type[R], made: Callable[[Any], R], fo
     rows: list[R] = []
     for row in given:
         if not isinstance(row, kind):
-            if not isinstance(row, (tuple, list)) or len(row) != 7:
+            if not isinstance(row, (tuple, list)) or len(row) != 7:  # as many cells as either form names
                 raise BadValue(f"{argument}: {row!r}: must be a mi.{kind.__name__} or ({form})")
             row = made(tuple(row))
         if _word(argument, row.symbol) in [other.symbol for other in rows]:
@@ -144,14 +144,10 @@ def _rows(argument: str, given: Any, kind: type[R], made: Callable[[Any], R], fo
     return tuple(rows)
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not math.isnan(value)
-
-
 def _check_range(argument: str, row: Coefficient | Parameter, value: float, size: float) -> None:
     """Raises UserError for numbers of a row that contradict each other."""
-    numbers = (value, size, row.lower, row.upper)
-    if not all(map(_is_number, numbers)) or not math.isfinite(value):
+    numbers: tuple[Any, ...] = (value, size, row.lower, row.upper)  # bounds may be infinite
+    if not all(isinstance(x, (int, float)) and not math.isnan(x) for x in numbers) or not math.isfinite(value):
         raise BadValue(f"{argument}: {row.symbol}: value, size and bounds must be numbers, not {numbers}")
     if not row.lower <= value <= row.upper:
         raise OutOfRange(f"{argument}: {row.symbol} = {value:g}: outside its bounds [{row.lower:g}, {row.upper:g}]")
@@ -166,6 +162,7 @@ def _coefficients(given: Iterable[Row], source: str) -> tuple[Coefficient, ...]:
     for row in rows:
         if row.symbol in [mass.symbol for mass in INERTIA]:
             raise Conflict(f"coefficients: {row.symbol} is an added mass, which every ship has; rename it")
+        # a fixed one needs no standard deviation: 1 in its place passes
         _check_range("coefficients", row, row.value, row.std or float(row.fixed))
         if row.std < 0 or row.prime not in ("", "mmg"):
             raise BadValue(f"coefficients: {row.symbol}: std must not be negative, and prime '' or 'mmg'")
@@ -187,7 +184,7 @@ class NotedParticulars(SimpleNamespace):
     """Particulars by attribute, which notes those that are read."""
 
     def __getattribute__(self, key: str) -> Any:
-        if not key.startswith("__"):
+        if not key.startswith("__"):  # vars(self) below reads __dict__, and would be noted without end
             vars(self)["read"][key] = True
         return super().__getattribute__(key)
 
@@ -204,36 +201,30 @@ def _read(
     Raises UserError where it reads what is neither a particular nor a coefficient, fails, or returns no force.
     """
     symbols = {f.name: ca.SX.sym(f.name) for f in fields(Flow) if f.name != "slipstream"}
-    stream = (
-        Slipstream(*(ca.SX.sym(name) for name in ("one_minus_w", "u_P", "loading", "ahead")))
-        if role == "rudder"
-        else None
-    )
-    flow, read = Flow(**symbols, slipstream=stream), dict[str, bool]()
-    p, c = (
-        NotedParticulars(read=read, **_trial_particulars(PARTICULARS)),
-        SimpleNamespace(**{r.symbol: ca.SX.sym(r.symbol) for r in rows}),
-    )
+    # only a rudder lies behind a propeller: another role that reads the slipstream finds None, and fails here
+    stream = [ca.SX.sym(name) for name in ("one_minus_w", "u_P", "loading", "ahead")] if role == "rudder" else None
+    flow, read = Flow(**symbols, slipstream=Slipstream(*stream) if stream else None), dict[str, bool]()
+    p = NotedParticulars(read=read, **_trial_particulars(PARTICULARS))
+    c = SimpleNamespace(**{r.symbol: ca.SX.sym(r.symbol) for r in rows})
     model = OwnForce(function, name="", role=role, origin="")
     try:
-        made = model.force(flow, p, c, Smooth.for_length(LENGTH))  # type: ignore[arg-type]
-    except AttributeError as error:
+        forces = model.force(flow, p, c, Smooth.for_length(LENGTH))  # type: ignore[arg-type]
+    except AttributeError as error:  # its obj tells p and c from attributes of the user's own objects
         if error.obj is c:
             raise Missing(f"coefficients: {where} reads c.{error.name}, which is none of them") from None
         if error.obj is p:
-            near = _nearest(error.name, PARTICULARS)
-            raise UnknownName(
-                f"function: {where} reads p.{error.name}, which is no particular of ships{near}"
-            ) from None
+            words = f"reads p.{error.name}, which is no particular of ships{_nearest(error.name, PARTICULARS)}"
+            raise UnknownName(f"function: {where} {words}") from None
         raise _failed(where, error) from None
     except UserError:
         raise
     except Exception as error:
         raise _failed(where, error) from None
-    if role == "propeller" and made.slipstream is None:
+    if role == "propeller" and forces.slipstream is None:
         words = "mi.Force(X, Y, N, mi.Slipstream(one_minus_w, u_P, loading, ahead)), of which the rudder lives"
         raise BadValue(f"function: {where} must return {words}")
-    used = {x.name() for x in ca.symvar(ca.SX(ca.vertcat(made.X, made.Y, made.N)))}
+    # an input that is read but drops out, as in 0 * n, is none that a ship must have
+    used = {x.name() for x in ca.symvar(ca.SX(ca.vertcat(forces.X, forces.Y, forces.N)))}
     return tuple(name for name in PARTICULARS if name in read), tuple(name for name in INPUTS if name in used)
 
 
@@ -245,7 +236,7 @@ def _failed(where: str, error: Exception) -> UserError:
 def _try(model: Own, components: dict[str, str], where: str) -> None:
     """Registers a ``model`` and evaluates a ship with it; takes it back and raises UserError where that fails."""
     before = dict(model.names)
-    model.register()
+    model.register()  # a ship is assembled of names alone, so that it can be tried only where its name is known
     try:
         _evaluate(model, components, where)
     except Exception as error:
@@ -267,23 +258,25 @@ def _evaluate(model: Own, components: dict[str, str], where: str) -> None:
     particulars = _trial_particulars(required_particulars(chosen))
     bare = Ship("trial", particulars, chosen, coefficient_table(chosen, particulars))
     ship = bare if components else bare.with_effect(model.name)
-    whole = assemble(ship)
-    x = ca.SX.sym("x", len(whole.states) + len(whole.controls) + len(whole.symbols))
-    z, c, theta = ca.vertsplit(x, [0, len(whole.states), len(whole.states) + len(whole.controls), x.numel()])
-    y = ca.vertcat(whole.rates(z, c, theta), whole.columns(z, theta))
-    J = ca.densify(ca.jacobian(y, x))
+    system = assemble(ship)
+    S, C = len(system.states), len(system.controls)
+    x = ca.SX.sym("x", S + C + len(system.symbols))
+    z, c, theta = ca.vertsplit(x, [0, S, S + C, x.numel()])
+    y = ca.vertcat(system.rates(z, c, theta), system.columns(z, theta))
+    J = ca.densify(ca.jacobian(y, x))  # dense: numpy reads structural zeros as 0
+    # second derivatives by the first six columns of J, those of x, y, psi, u, v, r, where roots and moduli have kinks
     f = ca.Function("f", [x], [ca.densify(y), J, ca.densify(ca.jacobian(ca.vec(J[:, :6]), z))], {"cse": True})
-    at_rest = np.concatenate([np.zeros(x.numel() - len(ship.values)), ship.values])
+    at_rest = np.concatenate([np.zeros(x.numel() - len(ship.values)), ship.values])  # states and inputs all zero
     for part, words in zip(f(at_rest), ("motion", "first derivative", "second derivative"), strict=True):
         if not np.isfinite(np.array(part)).all():
             advice = "keep roots, quotients and moduli smooth: s.root, s.divide, s.absolute"
             raise BadValue(f"function: {where}: the {words} of a ship with it is no number at rest; {advice}")
     if components:
         return
-    found = []
+    motions = []  # rates of x, y, psi, u, v, r and the six columns (12, 1), without the effect and with it at neutral
     for each in (bare, ship):
-        simulator, controls = Simulator(each, compiled=False), np.full((len(each.inputs), 1), 0.3)
+        simulator, controls = Simulator(each, compiled=False), np.full((len(each.inputs), 1), 0.3)  # all inputs act
         state = simulator.start(MOVING, controls)
-        found.append(np.vstack([simulator.rates(state, controls)[:6], simulator.columns(state)]))
-    if not np.allclose(found[0], found[1], rtol=1e-9, atol=1e-12):
+        motions.append(np.vstack([simulator.rates(state, controls)[:6], simulator.columns(state)]))
+    if not np.allclose(motions[0], motions[1], rtol=1e-9, atol=1e-12):  # set by hand: rounding, far below any effect
         raise BadValue(f"parameters: {where} changes the motion or its columns at their neutral values")

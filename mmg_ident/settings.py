@@ -36,7 +36,7 @@ GONE: dict[str | tuple[str, str], str] = {
     **{("per_campaign", name): f"--per-campaign {name}: is gone: {_INSTRUMENTS}" for name in _NOT_BY_CAMPAIGN.split()},
 }
 
-LIMITS = ("gt", "ge", "lt", "le")
+LIMITS = ("gt", "ge", "lt", "le")  # Keys of ``metadata`` that pydantic knows by the same names
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -63,7 +63,7 @@ def schema_of(kind: type) -> type[Section]:
     for name, field in settings_of(kind).items():
         limits = {limit: field.metadata[limit] for limit in LIMITS if limit in field.metadata}
         hint = Literal[field.metadata["choices"]] if "choices" in field.metadata else hints[name]
-        strict = None if "tuple" not in str(hint) else False  # TOML knows lists only
+        strict = None if "tuple" not in str(hint) else False  # TOML knows lists only, which strictly are no tuples
         keys[name] = (hint, Key(field.default, strict=strict, **limits))
     return create_model(kind.__name__, __base__=Section, **keys)  # type: ignore[call-overload, no-any-return]
 
@@ -90,18 +90,18 @@ def given_settings(kind: type, line: Mapping[str, Any], file: Path | None) -> di
     """
     from cases.io.toml_file import checked, read_toml
 
-    known = settings_of(kind)
+    fields_of = settings_of(kind)
     values = checked_settings(kind, read_toml(file), str(file)) if file else {}
     _, problems = checked(schema_of(kind), dict(line))
-    if problems:
+    if problems:  # "name = value: ..." of a file becomes "--name value: ..." of the line
         name, _, rest = problems[0].strip().partition(" = ")
-        raise BadValue(f"{option_of(known[name])} {rest}" if name in known else problems[0])
+        raise BadValue(f"{option_of(fields_of[name])} {rest}" if name in fields_of else problems[0])
     return values | dict(line)
 
 
-def refuse_gone(values: Mapping[str, Any] | Iterable[tuple[str, Any]]) -> None:
+def refuse_gone(values: Mapping[str, Any]) -> None:
     """Raises UserError for the first of the ``values`` by name that is gone."""
-    for name, value in dict(values).items():
+    for name, value in values.items():
         sentence = GONE.get(name) or (GONE.get((name, value)) if isinstance(value, str) else None)
         if sentence:
             raise UnknownName(sentence)
@@ -111,7 +111,7 @@ def refuse_gone_options(arguments: list[str]) -> None:
     """Raises UserError for the first option of the command line ``arguments`` that is gone."""
     for i, argument in enumerate(arguments):
         option, _, value = argument.partition("=")
-        if option.startswith("--"):
+        if option.startswith("--"):  # --name=value, or the value is the next argument
             following = value or (arguments[i + 1] if i + 1 < len(arguments) else "")
             refuse_gone({option[2:].replace("-", "_"): following})
 
@@ -128,24 +128,24 @@ def keywords(*kinds: type, also: str = "", others: bool = False) -> Callable[[F]
 
     def shown(function: F) -> F:
         signature = inspect.signature(function)
-        own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        written = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
         more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind or Any)
                 for name, kind in names.items() if name not in signature.parameters]  # fmt: skip
-        whole = signature.replace(parameters=[*own, *more])
+        full = signature.replace(parameters=[*written, *more])
 
         @functools.wraps(function)
         def called(*given: Any, **values: Any) -> Any:
             from cases.io.toml_file import unknown
 
-            for name in values:
-                if name not in whole.parameters and name not in GONE and not others:
-                    raise UnknownName(f"{function.__name__}: {unknown('keyword', name, whole.parameters)}")
-            for name, value in [*zip(whole.parameters, given, strict=False), *values.items()]:
-                if name in whole.parameters:
-                    _check_kind(name, str(whole.parameters[name].annotation), value)
+            for name in values:  # those that are gone are refused with their own sentence, by the function
+                if name not in full.parameters and name not in GONE and not others:
+                    raise UnknownName(f"{function.__name__}: {unknown('keyword', name, full.parameters)}")
+            for name, value in [*zip(full.parameters, given, strict=False), *values.items()]:
+                if name in full.parameters:
+                    _check_kind(name, str(full.parameters[name].annotation), value)
             return function(*given, **values)
 
-        called.__signature__ = whole  # type: ignore[attr-defined]
+        called.__signature__ = full  # type: ignore[attr-defined]
         return called  # type: ignore[return-value]
 
     return shown
@@ -153,30 +153,32 @@ def keywords(*kinds: type, also: str = "", others: bool = False) -> Callable[[F]
 
 def _check_kind(name: str, annotation: str, value: Any) -> None:
     """Raises UserError where the argument ``name``, by its ``annotation`` a number, a path or settings, is none."""
-    kind, _, rest = annotation.partition(" | ")
+    kind, _, rest = annotation.partition(" | ")  # annotations are texts here (from __future__ import annotations)
     if value is None and annotation.endswith("None"):
         return
     if kind in ("float", "int") and rest in ("", "None") and not isinstance(value, Real):
         raise BadValue(f"{name} = {value!r}: is no number")
     several = "Sequence" in rest and isinstance(value, Iterable)
-    if (
-        annotation.startswith("str | Path")
-        and "Any" not in annotation
-        and not (isinstance(value, (str, Path)) or several)
-    ):
+    is_path = annotation.startswith("str | Path") and "Any" not in annotation
+    if is_path and not (isinstance(value, (str, Path)) or several):
         raise BadValue(f"{name}: {type(value).__name__} is no path")
+    # by the name of the class, which is not loaded where only its name is needed
     if kind.endswith(("Settings", "Options")) and kind not in [c.__name__ for c in type(value).__mro__]:
-        raise BadValue(
-            f"{name}: {type(value).__name__} is no {kind}; give mmg_ident.{kind}(...), or its values by name"
-        )
+        words = f"{type(value).__name__} is no {kind}; give mmg_ident.{kind}(...), or its values by name"
+        raise BadValue(f"{name}: {words}")
 
 
 def taken(values: dict[str, Any], names: str) -> dict[str, Any]:
     """Those of the keyword arguments ``values`` whose ``names``, separated by spaces, are given, removed from there."""
-    found = {name: values.pop(name) for name in names.split() if name in values}
-    return {name: value for name, value in found.items() if value is not None}
+    given = {name: values.pop(name) for name in names.split() if name in values}
+    return {name: value for name, value in given.items() if value is not None}  # None: as if it were not given
 
 
 def listed(value: Any) -> tuple[str, ...]:
     """Names whose ``value`` is one text or several."""
     return (value,) if isinstance(value, str) else tuple(value)
+
+
+def names_of(value: str | Iterable[str] | None) -> list[str]:
+    """Names whose ``value`` is one text with commas between them, or several such texts; None: none."""
+    return [name.strip() for text in listed(value or ()) for name in text.split(",") if name.strip()]

@@ -34,10 +34,8 @@ from mmg.errors import Conflict, Missing, TargetExists, UserError, name_fault, w
 from mmg.progress import OnProgress
 from mmg.ship import Ship
 
-ANSWERS, TRIALS, RUN, FMU = "answers.toml", "trials", "run", "ship.fmu"
-"""What the folder holds."""
-TOML_HEAD = """What mmg start was told and what it found. The answers can be given to another call with --answers.
-"""
+ANSWERS, TRIALS, RUN, FMU = "answers.toml", "trials", "run", "ship.fmu"  # What the folder holds
+TOML_HEAD = "What mmg start was told and what it found. The answers can be given to another call with --answers."
 
 
 class Answers(Section):
@@ -58,6 +56,7 @@ class Answers(Section):
     @field_validator("antenna")
     @classmethod
     def _pair(cls, value: Any) -> Any:
+        # 600 m: longer than any ship, so that a place on the globe or in millimetres is refused
         if value != "unknown" and (len(value) != 2 or max(map(abs, value)) > 600):
             raise ValueError('antenna must be "unknown" or two numbers [m] ahead and to starboard of midship, to 600')
         return value
@@ -65,7 +64,7 @@ class Answers(Section):
     @field_validator("depth", "rudder_rate")
     @classmethod
     def _positive(cls, value: Any) -> Any:
-        if not isinstance(value, str) and not 0 < value < 12_000:
+        if not isinstance(value, str) and not 0 < value < 12_000:  # [m], deeper than any sea
             raise ValueError("must be a positive number (depth [m], rudder_rate [deg/s])")
         return value
 
@@ -78,15 +77,6 @@ class Answers(Section):
     def is_asked(self) -> bool:
         """Whether these are the answers of a folder, not only its mark."""
         return "asked" in self.record
-
-
-@dataclass(frozen=True)
-class TrialQuestion:
-    """A question to a person: the field of the answers, its words, and what an empty line stands for."""
-
-    name: str
-    words: str
-    default: str
 
 
 @dataclass(frozen=True)
@@ -134,15 +124,15 @@ def copy_trials(logs: Sequence[Path], folder: Path) -> None:
     files = trial_files(logs)
     parents = list(dict.fromkeys(path.parent for path in files))
     names = [parent.name or "trials" for parent in parents]
-    if len(set(names)) < len(names):
+    if len(set(names)) < len(names):  # day1/a and day2/a: their files may share names
         names = [f"{number}_{name}" for number, name in enumerate(names, 1)]
-    scratch = folder.with_name(f".{folder.name}")
+    scratch = folder.with_name(f".{folder.name}")  # renamed when whole: a folder of trials is one that can be fitted
     shutil.rmtree(scratch, ignore_errors=True)
     for parent, name in zip(parents, names, strict=True):
         place = scratch if len(parents) == 1 else scratch / name
         place.mkdir(parents=True, exist_ok=True)
-        beside = [parent / SIDECAR, parent / SITE]
-        for path in [*(p for p in files if p.parent == parent), *(p for p in beside if p.is_file())]:
+        sidecars = [parent / SIDECAR, parent / SITE]
+        for path in [*(p for p in files if p.parent == parent), *(p for p in sidecars if p.is_file())]:
             shutil.copy2(path, place / path.name)
     scratch.rename(folder)
 
@@ -182,41 +172,43 @@ def take_back(folder: Path) -> None:
         folder.rmdir()
 
 
-def questions(ship: Ship, trials: Sequence[Trial], by_particulars: bool, antenna_known: bool) -> list[TrialQuestion]:
-    """What data do not answer, at most five.
+def questions(
+    ship: Ship, trials: Sequence[Trial], by_particulars: bool, antenna_known: bool
+) -> list[tuple[str, str, str]]:
+    """What data do not answer, at most five: field of the answers, words, and what an empty line stands for.
 
     by_particulars: the ``ship`` is from main particulars; trials: of which the rudder's rate is looked for;
     antenna_known: a sidecar says where the antenna is.
     """
-    found = []
+    asked = []
     if not antenna_known:
         words = "Where is the antenna: metres ahead and to starboard of midship, such as '-42 0'?"
-        found.append(TrialQuestion("antenna", words, "unknown"))
-    if by_particulars:
-        found.append(TrialQuestion("draught", "Draught at the trials [m]?", f"{ship.particulars['d']:g}"))
-    found.append(TrialQuestion("depth", "Depth of the water [m]?", "deep"))
-    found.append(TrialQuestion("current", "Is a current likely: steady, 'per run'?", "unknown"))
+        asked.append(("antenna", words, "unknown"))
+    if by_particulars:  # that of a ship file stands there
+        asked.append(("draught", "Draught at the trials [m]?", f"{ship.particulars['d']:g}"))
+    asked.append(("depth", "Depth of the water [m]?", "deep"))
+    asked.append(("current", "Is a current likely: steady, 'per run'?", "unknown"))
     if rate := measured_particulars(with_own_rates(ship, trials)[0]).get("rudder_rate"):
-        found.append(TrialQuestion("rudder_rate", f"Rudder rate {rate}: use it, or a number [deg/s]?", "measured"))
-    return found
+        asked.append(("rudder_rate", f"Rudder rate {rate}: use it, or a number [deg/s]?", "measured"))
+    return asked
 
 
 def measured_particulars(ship: Ship) -> dict[str, str]:
     """Particulars of the ``ship`` that trials showed: name -> value and where it was measured."""
-    found = {}
+    measured = {}
     for name, source in ship.sources.items():
         if source.startswith(MEASURED):
             value = ship.particulars[name]
-            angle = name in ("rudder_rate", "neutral_rudder")
-            unit = "deg/s" if name == "rudder_rate" else "deg" if angle else PARTICULARS[name][1]
-            found[name] = f"{math.degrees(value) if angle else value:.3g} {unit}, {source}"
-    return found
+            is_angle = name in ("rudder_rate", "neutral_rudder")  # stored in rad and rad/s, as all particulars
+            unit = "deg/s" if name == "rudder_rate" else "deg" if is_angle else PARTICULARS[name][1]
+            measured[name] = f"{math.degrees(value) if is_angle else value:.3g} {unit}, {source}"
+    return measured
 
 
 def answered(known: Answers, name: str, text: str) -> Answers:
     """The ``known`` answers with that of a ``name``, as a person typed the ``text``. Raises UserError for another
     text."""
-    words = text.strip().strip("'\"")
+    words = text.strip().strip("'\"")  # the questions show answers in quotes, which people type too
     value: Any = words
     if name == "antenna" and words != "unknown":
         value = [_number(word, text) for word in words.replace(",", " ").split()]
@@ -232,33 +224,37 @@ def _number(word: str, text: str) -> float:
         raise Conflict(f"'{text}' is none of the answers") from None
 
 
+AGROUND = (
+    1.1  # Depth of water in draughts up to which no ship sails. Set by hand: a tenth of her draught below the keel.
+)
+
+
 def with_answers(ship: Ship, answers: Answers) -> Ship:
     """The ``ship`` in water of the depth of the ``answers``, with a rudder of their rate and a current that is fitted.
     Raises UserError for water in which she is aground."""
     if not isinstance(answers.rudder_rate, str):
+        # without a source it counts as stated, which the fit does not measure again
         particulars = {**ship.particulars, "rudder_rate": math.radians(answers.rudder_rate)}
         sources = {name: source for name, source in ship.sources.items() if name != "rudder_rate"}
         ship = replace(ship, particulars=particulars, sources=sources)
     if not isinstance(answers.depth, str) and "shallow_water" not in ship.effects:
-        if answers.depth <= 1.1 * ship.particulars["d"]:
+        if answers.depth <= AGROUND * ship.particulars["d"]:
             raise Conflict(f"depth {answers.depth:g} m: a ship of {ship.particulars['d']:g} m draught is aground there")
         ship = ship.with_effect("shallow_water", {"d_h": ship.particulars["d"] / answers.depth})
-        ship = ship.with_coefficients(
-            {s: c.with_(fixed=True) for s, c in ship.coefficients.items() if s.startswith("shallow_water.")}
-        )
+        # fixed, as the depth is known: the trials are not asked for it
+        shallow = {s: c.with_(fixed=True) for s, c in ship.coefficients.items() if s.startswith("shallow_water.")}
+        ship = ship.with_coefficients(shallow)
     return freeing_effects(ship, ["current"]) if answers.current == "steady" else ship
 
 
 def write_sidecars(folder: Path, keys: Mapping[str, Any]) -> None:
     """Sets ``keys`` of the default of each trials.toml below a ``folder`` of trials, which is made where it lacks."""
-    import tomlkit
+    import tomlkit  # keeps comments and order of a file that a person wrote
 
     for place in dict.fromkeys(path.parent for path in trial_files([folder])):
         path = place / SIDECAR
         document = tomlkit.parse(path.read_text(encoding="utf-8")) if path.exists() else tomlkit.document()
-        default = document.setdefault("all" if "all" in document else "default", tomlkit.table())
-        for name, value in keys.items():
-            default[name] = value
+        document.setdefault("all" if "all" in document else "default", tomlkit.table()).update(keys)
         replace_text(path, tomlkit.dumps(document))
 
 
@@ -287,8 +283,7 @@ def _write(folder: Path, answers: Answers, record: dict[str, Any]) -> None:
     import tomlkit
 
     document = tomlkit.document()
-    for line in TOML_HEAD.splitlines():
-        document.add(tomlkit.comment(line))
+    document.add(tomlkit.comment(TOML_HEAD))
     for name, value in answers.given.items():
         if value is not None:
             document.add(name, value)
@@ -305,14 +300,6 @@ def write_depth(folder: Path, depth: float) -> None:
             replace_text(place / SITE, f"[water]\ndepth = {depth:g}\n")
 
 
-def exported(folder: Path) -> None:
-    """Writes the FMU of the run in a ``folder``."""
-    from delivery.export import export
-    from delivery.product import product_of
-
-    export(product_of(folder / RUN), "fmu", folder / FMU)
-
-
 def fitted(started: StartedRun, command: str, progress: OnProgress | None = None) -> FitResult:
     """The calibration in the folder of a ``started`` run, made, resumed or read.
 
@@ -325,10 +312,11 @@ def fitted(started: StartedRun, command: str, progress: OnProgress | None = None
     earlier = read_fit(run) if (run / "result.json").exists() else None
     if earlier and earlier.converged:
         return earlier
-    own = ("current",) if started.answers.current == "per run" else ()
+    per_run = ("current",) if started.answers.current == "per run" else ()
     name = started.folder.resolve().name
-    options = FitOptions(command=command, name="" if name_fault(name) else name, resume=earlier, per_run=own)
+    options = FitOptions(command=command, name="" if name_fault(name) else name, resume=earlier, per_run=per_run)
     result = calibrate(earlier.start if earlier else started.ship, started.trials, (), None, options, progress)
+    # the trials told how their inputs were logged: figures and another call read them so
     if any(m.code == "suspect" and 'inputs = "sampled"' in m.text for m in result.messages):
         write_sidecars(started.folder / TRIALS, {"inputs": "sampled"})
     # the page comes with the standard manoeuvres

@@ -9,21 +9,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cases.io.read import read_trials
+from cases.io.toml_file import validated
+from cases.shipfiles.model_changes import with_instruments
+from cases.shipfiles.new_ship import is_starting_ship
+from cases.trial import Trial
+from cases.trial_set import TrialSet, ready
 from fitting.settings import Rules, Settings, Wish
-from mmg_ident.api import content_of, ready_trials, ship_of
-from mmg_ident.settings import checked_settings, keywords, listed, taken
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName, needs_torch, together
+from mmg.messages import Message
+from mmg.progress import OnProgress
+from mmg_ident.api import content_of, load_run, ship_of
+from mmg_ident.settings import checked_settings, keywords, listed, names_of, settings_of, taken
 
 if TYPE_CHECKING:
     from cases.importing.import_logs import Imported
     from cases.importing.import_map import ImportMap
-    from cases.trial import Trial
-    from cases.trial_set import TrialSet
     from diagnosis.groups.months import MonthStudy
     from fitting.design.planned_trial import PlannedTrial
     from fitting.prediction.figure_intervals import JudgedFigures
     from fitting.result import FitResult
     from fitting.selection.structure_choice import StructureChoice
-    from mmg.progress import OnProgress
     from mmg_ident.api import Model, Trials
     from mmg_ident.fleets.rows import Fleet
     from residual.papers.comparison import Comparison, Study
@@ -41,22 +47,17 @@ def import_map(file: str | Path | None = None, **changes: Any) -> ImportMap:
 def changed_map(chosen: ImportMap, changes: dict[str, Any]) -> ImportMap:
     """The map ``chosen`` with ``changes``, other values of some keys. Raises UserError for a value that is none."""
     from cases.importing.import_map import ImportMap
-    from cases.io.toml_file import validated
 
     if not changes:
         return chosen
-    content = chosen.model_dump(exclude_unset=True, by_alias=True)
+    content = chosen.model_dump(exclude_unset=True, by_alias=True)  # as its file: what was not said stays open
     return validated(ImportMap, {**content, **changes}, "options")
 
 
 def complete(imported: Imported) -> Imported:
     """The runs that were ``imported``, where nothing is open. Raises UserError with all that is."""
-    from mmg.errors import BadValue, together
-
-    if imported.problems:
-        raise together(
-            [BadValue(text) for text in imported.problems], f"{len(imported.problems)} problems; nothing is written"
-        )
+    if faults := [BadValue(text) for text in imported.problems]:
+        raise together(faults, f"{len(faults)} problems; nothing is written")
     return imported
 
 
@@ -78,26 +79,20 @@ def import_logs(
     """
     from cases.importing.import_logs import import_logs as read_logs
     from cases.importing.import_logs import write_import
-    from cases.io.read import read_trials
-    from cases.trial_set import TrialSet
 
     chosen = import_map(map, separate=separate, **conventions)
-    given = [Path(log) for log in ([logs] if isinstance(logs, (str, Path)) else logs)]
-    files = write_import(complete(read_logs(given, chosen)), chosen, Path(out), force)
+    paths = [Path(log) for log in ([logs] if isinstance(logs, (str, Path)) else logs)]
+    files = write_import(complete(read_logs(paths, chosen)), chosen, Path(out), force)
     return TrialSet(tuple(read_trials(files)))
 
 
+# Keywords of ``imo`` for measured trials, and for a ship that is simulated
 MEASURED, SIMULATED = "length kind correct current", "speed rudder_rate maneuver scatter seed workers"
-"""Keywords of ``imo`` for measured trials, and for a ship that is simulated."""
 
 
 @keywords(also="length# kind correct current speed# rudder_rate# maneuver scatter# seed# workers#")
 def imo(
-    model: Model,
-    trials: Trials = (),
-    scale: float | None = None,
-    unchecked: bool = False,
-    **values: Any,
+    model: Model, trials: Trials = (), scale: float | None = None, unchecked: bool = False, **values: Any
 ) -> JudgedFigures:
     """Judge a ship by IMO MSC.137(76), as ``mmg imo`` does: simulated, or by measured ``trials`` of her.
 
@@ -111,7 +106,6 @@ def imo(
     """
     from cases.criteria.imo import WaterVelocity, imo_figures, imo_figures_of_trials
     from fitting.prediction.figure_intervals import JudgedFigures
-    from mmg.errors import BadValue, Conflict, OutOfRange
 
     ship, measured, simulated = ship_of(model), taken(values, MEASURED), taken(values, SIMULATED)
     if isinstance(trials, (str, Path)) or len(trials):
@@ -124,8 +118,9 @@ def imo(
             except (TypeError, ValueError):
                 raise BadValue("current: give its speed [m/s] and the direction it goes to [deg]") from None
             towards = math.radians(towards)
+            # north and east [m/s]: a current is named by where it goes to, a wind by where it comes from
             water = WaterVelocity(speed * math.cos(towards), speed * math.sin(towards), 0.0, "as given")
-        (runs,) = ready_trials(trials, unchecked=unchecked)
+        (runs,) = ready(trials, unchecked=unchecked)
         length, kind = measured.get("length"), measured.get("kind", "")
         if length is not None and not 0 < length < math.inf:
             raise OutOfRange(f"length = {length:g}: must be a positive number of metres")
@@ -134,34 +129,31 @@ def imo(
         raise Conflict(f"{next(iter(measured))}: belongs to measured trials; give trials")
     rate, speed = simulated.pop("rudder_rate", None), simulated.pop("speed", None)
     rate = None if rate is None else math.radians(rate)
-    found = imo_figures(ship, speed, rate, listed(simulated.pop("maneuver", ())), scale)
-    return drawn_figures(found, ship, content_of(model), rate, **simulated)
+    figures = imo_figures(ship, speed, rate, listed(simulated.pop("maneuver", ())), scale)
+    return drawn_figures(figures, ship, content_of(model), rate, **simulated)
 
 
 def drawn_figures(
-    found: Any, ship: Any, content: dict[str, Any], rudder_rate: float | None = None, scatter: int | None = None,
+    figures: Any, ship: Any, content: dict[str, Any], rudder_rate: float | None = None, scatter: int | None = None,
     seed: int = 0, workers: int = 1,
 ) -> JudgedFigures:  # fmt: skip
-    """The figures that were ``found`` of a simulated ``ship`` with 90 % intervals, where a covariance is known or draws
-    are asked for.
+    """The ``figures`` of a simulated ``ship`` with 90 % intervals, where a covariance is known or draws are asked for.
 
     content: of her result.json; rudder_rate [rad/s]; scatter: draws, 0: none; seed, workers: of them. Raises UserError
     for a number of draws that makes no sense.
     """
-    from cases.shipfiles.new_ship import is_starting_ship
     from fitting.prediction.bands import correlation_in
     from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, with_intervals
-    from mmg.messages import Message
 
-    known = correlation_in(content) is not None or (not content and is_starting_ship(ship))
+    has_covariance = correlation_in(content) is not None or (not content and is_starting_ship(ship))
     # a library ship has no intervals unless draws are asked for: her priors are those of a regression
-    count = scatter if scatter is not None else DRAWS * known
+    count = scatter if scatter is not None else DRAWS * has_covariance
     if count:
-        return with_intervals(found, ship, content, count, seed, rudder_rate, workers)
+        return with_intervals(figures, ship, content, count, seed, rudder_rate, workers)
     if content and scatter is None:
         words = f"no 90 % intervals: the run of {ship.name} holds no covariance; fit again, or give --scatter for its "
-        found = replace(found, notices=(*found.notices, Message(words + "priors", "no_covariance")))
-    return JudgedFigures.of(found)
+        figures = replace(figures, notices=(*figures.notices, Message(words + "priors", "no_covariance")))
+    return JudgedFigures.of(figures)
 
 
 @keywords(Wish)
@@ -182,15 +174,13 @@ def plan(
     ``write`` makes the file for an autopilot. Raises UserError for an area that the ship does not fit into.
     """
     from fitting.design.planned_trial import plan_trial
-    from mmg.errors import BadValue
-    from mmg_ident.api import load_run
 
     values = checked_settings(
         Wish, {n: listed(v) if n in ("coefficients", "figures") else v for n, v in values.items()}
     )
     if start is not None and len(start) != 3:
         raise BadValue("start: give x, y [m] and heading [deg]")
-    place = None if start is None else (start[0], start[1], math.radians(start[2]))
+    place = None if start is None else (start[0], start[1], math.radians(start[2]))  # x, y [m], psi [rad]
     wish = Wish(area=area, seconds=time, start=place, rudder_limit=math.radians(rudder_limit), **values)
     result: Any = load_run(run) if isinstance(run, (str, Path)) else run
     content = content_of(result)
@@ -203,20 +193,22 @@ def plan(
 def parted_trials(trials: Trials, validate: Trials = (), test: Trials = ()) -> tuple[TrialSet, TrialSet, TrialSet, str]:
     """``trials`` to fit on, to choose by (``validate``) and to ``test`` on: as given, else by their role, else the last
     quarter chooses; and a sentence on what chooses, "" where it was given. Raises UserError where nothing is left."""
-    from cases.trial_set import TrialSet
-    from mmg.errors import TooFewData
-
-    given = TrialSet.of(trials)
-    held = list(TrialSet.of(validate)) or [t for t in given if t.role == "validate"]
-    last = list(TrialSet.of(test)) or [t for t in given if t.role == "test"]
-    train, words = [t for t in given if t.role not in ("validate", "test")], ""
-    if not held:
+    all_trials = TrialSet.of(trials)
+    # what is named goes before roles of a sidecar, and these before the rule of the last quarter
+    judges = list(TrialSet.of(validate)) or [t for t in all_trials if t.role == "validate"]
+    tests = list(TrialSet.of(test)) or [t for t in all_trials if t.role == "test"]
+    train, words = [t for t in all_trials if t.role not in ("validate", "test")], ""
+    if not judges:
         count = max(1, len(train) // 4)
         if len(train) < 2:
             raise TooFewData(f"{len(train)} trial to fit on and none to choose by: give more, or some with --validate")
-        train, held = train[:-count], train[-count:]
-        words = f"no --validate: the choice is by {', '.join(t.name for t in held)}, which no fit sees"
-    return TrialSet(tuple(train)), TrialSet(tuple(held)), TrialSet(tuple(last)), words
+        train, judges = train[:-count], train[-count:]
+        words = f"no --validate: the choice is by {', '.join(t.name for t in judges)}, which no fit sees"
+    return TrialSet(tuple(train)), TrialSet(tuple(judges)), TrialSet(tuple(tests)), words
+
+
+# Settings of each fit of ``select`` unless others are given: limit [s] and solves. Set by hand: many models are fitted.
+SELECTION: dict[str, Any] = {"time_limit": 300.0, "passes": 2}
 
 
 @keywords(Settings, Rules, also="objective seeds")
@@ -241,21 +233,18 @@ def select(
     """
     from fitting.selection.candidates import candidate, candidates
     from fitting.selection.structure_choice import choose_structure
-    from mmg.errors import UnknownName
-    from mmg_ident.settings import settings_of
 
     objective = values.pop("objective", "regression")
     if objective not in ("regression", "paper"):
         raise UnknownName(f"--objective {objective}: must be regression or paper")
-    seeds = values.pop("seeds", 1) if objective == "paper" else 0
-    made = {name: values.pop(name) for name in settings_of(Rules) if name in values}
-    rules = Rules(**checked_settings(Rules, made))
-    settings = Settings(**{"time_limit": 300.0, "passes": 2, **checked_settings(Settings, values)})
+    seeds = values.pop("seeds", 1) if objective == "paper" else 0  # runs of the paper's objective, 0: by regression
+    rules = Rules(**checked_settings(Rules, {name: values.pop(name) for name in settings_of(Rules) if name in values}))
+    settings = Settings(**(SELECTION | checked_settings(Settings, values)))
     *sets, _ = parted_trials(trials, validate, test)
-    first, second, third = ready_trials(*sets, unchecked=unchecked)
+    train, judges, tests = ready(*sets, unchecked=unchecked)
     model, names = ship_of(ship), listed(only)
     tried = [candidate(model, name, rules) for name in names] if names else list(candidates(model, rules))
-    return choose_structure(model, tried, (first, second, third), settings, bool(names), progress, seeds)
+    return choose_structure(model, tried, (train, judges, tests), settings, bool(names), progress, seeds)
 
 
 def comparison_study(
@@ -265,25 +254,23 @@ def comparison_study(
     """What ``compare`` is asked for: ``train``, ``test``, ``ship``, ``models``, ``fractions``, ``unchecked`` and
     ``values`` are its own, and ``paper`` one of these. Raises UserError for what is unknown, and where nothing is left
     to train on."""
-    from cases.shipfiles.model_changes import with_instruments
-    from mmg.errors import Missing, OutOfRange, UnknownName
     from residual.papers.comparison import MODELS, PAPERS, TYPES, Study, Subset, paper_models
 
     if paper and paper not in PAPERS:
         raise UnknownName(f"--paper {paper}: unknown; choose one of {', '.join(PAPERS)}")
-    known = ("captive", *TYPES) if paper else MODELS
-    names = known if models is None else tuple(dict.fromkeys(_by_commas(models)))
-    strange = [name for name in names if name not in known]
+    choices = ("captive", *TYPES) if paper else MODELS
+    names = choices if models is None else tuple(dict.fromkeys(names_of(models)))
+    strange = [name for name in names if name not in choices]
     if strange or not names:
-        raise UnknownName(f"--models {models}: unknown {', '.join(strange)}; choose from {', '.join(known)}")
+        raise UnknownName(f"--models {models}: unknown {', '.join(strange)}; choose from {', '.join(choices)}")
     try:
         given = fractions.split(",") if isinstance(fractions, str) else fractions
         shares = sorted({float(part) for part in given}, reverse=True)
     except (TypeError, ValueError):
-        shares = []
+        shares = []  # refused below, as shares outside (0, 1] are
     if not shares or not all(0 < share <= 1 for share in shares):
         raise OutOfRange(f"--fractions {fractions}: give shares above 0 and up to 1, separated by commas")
-    kinds = (True, False)[: 1 + bool(values.pop("no_random", False))]
+    kinds = (True, False)[: 1 + bool(values.pop("no_random", False))]  # with runs of random manoeuvres, and without
     tests = _positioned(test or ["development-holdout"], "--test")
     # by name and by content: splits of the same records share names, copies share bytes
     tested = {t.name for t in tests} | {t.sha256 for t in tests if t.sha256}
@@ -291,37 +278,31 @@ def comparison_study(
     trained_on = [t for t in _positioned(train or usual, "--train") if not {t.name, t.sha256} & tested]
     if not trained_on:
         raise Missing("--train: nothing is left to train on besides the test trials")
-    first, second = ready_trials(trained_on, tests, unchecked=unchecked)
-    captive, instruments = ship_of(ship).without_network(), _by_commas(values.pop("measurement", "shown"))
+    train_set, test_set = ready(trained_on, tests, unchecked=unchecked)
+    captive, instruments = ship_of(ship).without_network(), tuple(names_of(values.pop("measurement", "shown")))
     with_instruments(captive, instruments)  # freed later; what is wrong with them is said now
     subsets = tuple(Subset(share, random) for random in kinds for share in shares)
-    study = Study(captive, first.trials, second.trials, names, subsets, instruments=instruments, **values)
+    study = Study(captive, train_set.trials, test_set.trials, names, subsets, instruments=instruments, **values)
     if not paper:
         return study
-    own = [name for name in names if name in TYPES]
-    return replace(study, paper=paper_models(study.train, own, study.epochs, seeds=study.seeds, seed=study.seed))
-
-
-def _by_commas(value: str | Sequence[str]) -> tuple[str, ...]:
-    """Names that are given as one text, with commas between them, or as several."""
-    return tuple(name.strip() for text in listed(value) for name in text.split(",") if name.strip())
+    types = [name for name in names if name in TYPES]
+    return replace(study, paper=paper_models(study.train, types, study.epochs, seeds=study.seeds, seed=study.seed))
 
 
 def _positioned(given: Trials, option: str) -> list[Trial]:
     """Trials, files, folders and names of splits, as trials with positions."""
     from cases.io.published_splits import SPLITS, find
-    from cases.trial_set import TrialSet
-    from mmg.errors import Missing
 
+    # one trial or path is not looped over: a text is a sequence too
     several = [given] if isinstance(given, (str, Path)) or not isinstance(given, Sequence) else list(given)
-    found: list[Trial] = []
+    trials: list[Trial] = []
     for one in several:
         split = SPLITS.get(one.lower()) if isinstance(one, str) else None
-        found += TrialSet.of(find(split) if split else one)
-    without = [t.name for t in found if not t.has_position]
+        trials += TrialSet.of(find(split) if split else one)
+    without = [t.name for t in trials if not t.has_position]
     if without:
         raise Missing(f"{option}: {', '.join(without)}: no position columns x [m], y [m], which the metrics need")
-    return found
+    return trials
 
 
 @keywords(also="measurement no_random paper seeds# seed# epochs# step# workers# time_limit#")
@@ -343,9 +324,7 @@ def compare(
     paper="wakita2022", seeds, seed, epochs, step [s], workers, time_limit [s]. Returns the entries, scored. Raises
     UserError for what is unknown, and without torch.
     """
-    from mmg.errors import needs_torch
-
-    needs_torch("mi.compare")
+    needs_torch("mi.compare")  # before the import below, whose error would name no remedy
     from residual.papers.comparison import compare as compared
 
     return compared(comparison_study(train, test, ship, models, fractions, unchecked, **values), None, progress)

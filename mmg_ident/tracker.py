@@ -141,11 +141,11 @@ class Tracker:
         self.inputs: tuple[str, ...] = (*ship.actuators, *WIND)
         self._longest = LONGEST * time_scale(ship.particulars["L"])
         random = RandomStates.of(ship, self.noise, stds)
-        order = np.argsort([ship.symbols.index(s) for s in random.names])
+        order = np.argsort([ship.symbols.index(s) for s in random.names])  # the equations have them as the ship does
         self._names, self._sizes, self._memories = random.names, random.sizes[order], random.memories[order]
         self._random = tuple(random.names[i] for i in order)
         self.equations: Equations = Equations(ship, self._random, compiled)
-        places = np.argsort(order)
+        places = np.argsort(order)  # back: State shows them in the order of their names
         self._means = self.equations.values[places]
         self._shown = np.eye(len(places) + self.equations.S)[self.equations.S + places]
         self._t: float | None = None
@@ -177,19 +177,21 @@ class Tracker:
         if not t > self._t:
             raise OutOfRange(f"t: {t:g} s is not after the last sample at {self._t:g} s; samples must come in order")
         z, P = self._ahead(self._z, self._P, self._held, self._t, t)
-        good = np.flatnonzero(np.isfinite(logged))
+        good = np.flatnonzero(np.isfinite(logged))  # columns that this sample has
         expected, H = self.equations.logged(z)
-        error = logged - expected
-        error[2] = math.remainder(error[2], math.tau)
+        error = logged - expected  # innovation (6,)
+        error[2] = math.remainder(error[2], math.tau)  # of psi in (-pi, pi]: logged headings may be wrapped
         error, Z = error[good], H[good]
-        alike = max(1.0, self.noise.interval / (t - self._t))
+        # samples that come faster than their errors change tell no more together than one in ``interval`` does
+        inflation = max(1.0, self.noise.interval / (t - self._t))
         PZ = P @ Z.T
-        F = Z @ PZ
-        F.flat[:: len(good) + 1] += alike * self.noise.sensors[good] ** 2
-        solved = np.linalg.solve(F, np.column_stack([PZ.T, error]))
+        F = Z @ PZ  # covariance of the innovation, Z P Z' + R, where R is diagonal
+        F.flat[:: len(good) + 1] += inflation * self.noise.sensors[good] ** 2
+        solved = np.linalg.solve(F, np.column_stack([PZ.T, error]))  # one factorisation for gain and innovation
         change, P = PZ @ solved[:, -1], P - PZ @ solved[:, :-1]
-        if not np.isfinite(change).all():
+        if not np.isfinite(change).all():  # before anything is stored: a refused sample leaves the state as it was
             raise NoSolution(f"measured: the model runs away before {t:g} s; begin anew with another Tracker")
+        # symmetric again, as rounding would add up over many samples
         self._t, self._z, self._P, self._held = t, z + change, 0.5 * (P + P.T), held
         return self._state(*self.equations.logged(self._z), float(error @ solved[:, -1]), len(good))
 
@@ -214,21 +216,22 @@ class Tracker:
             z, P = self._ahead(z, P, row, now, then)
             rows.append(self._logged(z, P))
         states, variances = (np.array(part) for part in zip(*rows, strict=True))
-        return Forecast(times, states, np.sqrt(variances + self.noise.sensors**2))
+        return Forecast(times, states, np.sqrt(variances + self.noise.sensors**2))  # of what would be logged
 
     def _start(self, t: float, logged: np.ndarray, held: np.ndarray) -> None:
         """The state at the first sample: what is not measured is 0 and as good as unknown."""
-        known, model = np.isfinite(logged), self.equations.model
-        if not known[2]:
+        measured, model = np.isfinite(logged), self.equations.model
+        if not measured[2]:
             raise Missing("measured: the first sample needs psi [rad], about which all else turns")
-        tried = np.where(known, logged, 0.0)[:, None] + np.column_stack([np.zeros(6), DIFFERENCE * np.eye(6)])
-        z = states_behind(model, tried, np.repeat(self._timed(held, 0.0)[:, None], 7, axis=1), self.ship.values)
-        std = np.where(known, self.noise.sensors, FIRST * state_scale(self.ship.particulars["L"]))
+        # columns (6, 7): as logged, and each moved by a step, for the derivatives of the states by what is logged
+        columns = np.where(measured, logged, 0.0)[:, None] + np.column_stack([np.zeros(6), DIFFERENCE * np.eye(6)])
+        z = states_behind(model, columns, np.repeat(np.append(held, 0.0)[:, None], 7, axis=1), self.ship.values)
+        std = np.where(measured, self.noise.sensors, FIRST * state_scale(self.ship.particulars["L"]))
         slope = (z[:, 1:] - z[:, :1]) / DIFFERENCE * std
         S, n = len(z), len(z) + len(self._random)
         P, random = np.zeros((n, n)), np.arange(S, n)
         P[:S, :S], P[random, random] = slope @ slope.T, self._sizes**2
-        P[np.arange(6, S), np.arange(6, S)] += (SETTLED * model.sizes) ** 2
+        P[np.arange(6, S), np.arange(6, S)] += (SETTLED * model.sizes) ** 2  # lags need not have settled
         self._began, self._t, self._held = t, t, held
         self._z, self._P = np.concatenate([z[:, 0], np.zeros(n - S)]), P
 
@@ -236,24 +239,24 @@ class Tracker:
         self, z: np.ndarray, P: np.ndarray, held: np.ndarray, now: float, then: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """States and covariance at the time ``then`` under the inputs ``held`` from the time ``now`` on."""
-        count = max(1, math.ceil((then - now) / self._longest - 1e-9))
+        count = max(1, math.ceil((then - now) / self._longest - 1e-9))  # 1e-9: rounding of an exact multiple
         h = (then - now) / count
-        left = np.exp(-h / self._memories)
-        S = len(z) - len(left)
+        decay = np.exp(-h / self._memories)  # of a random state of first order over a step; 1 of a constant
+        S = len(z) - len(decay)
         random = np.arange(S, len(z))
-        A = np.zeros_like(P)
-        A[random, random] = left
+        A = np.zeros_like(P)  # transition (n, n): that of the states by all, that of the random ones by themselves
+        A[random, random] = decay
         for k in range(count):
-            end, A[:S] = self.equations.step(z, self._timed(held, now + k * h - self._began), h)
-            z = np.concatenate([end, left * z[S:]])
+            end, A[:S] = self.equations.step(z, np.append(held, now + k * h - self._began), h)
+            z = np.concatenate([end, decay * z[S:]])
             P = A @ P @ A.T
-            P[random, random] += self._sizes**2 * (1 - left**2)
+            P[random, random] += self._sizes**2 * (1 - decay**2)  # so that their variance at rest stays sizes**2
         return z, P
 
     def _logged(self, z: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Logged columns (6,) and their variances."""
         y, H = self.equations.logged(z)
-        return y, ((H @ P) * H).sum(axis=1)
+        return y, ((H @ P) * H).sum(axis=1)  # the diagonal of H P H' alone
 
     def _state(self, logged: np.ndarray, H: np.ndarray, nis: float, compared: int) -> State:
         """The state now: ``logged`` columns (6,) with their derivatives H (6, n), and the random states."""
@@ -267,13 +270,9 @@ class Tracker:
         if not np.isfinite(row).all():
             names = ", ".join(n for n, value in zip(self.inputs, row, strict=True) if not math.isfinite(value))
             raise BadValue(f"controls: {names} is no finite number; give the last known value")
-        speed, direction = row[-2:]
+        speed, direction = row[-2:]  # that it comes from: the air moves the other way, to the north and east
         row[-2:] = -speed * math.cos(direction), -speed * math.sin(direction)
         return row
-
-    def _timed(self, held: np.ndarray, seconds: float) -> np.ndarray:
-        """All inputs of the model: ``held`` and the ``seconds`` since the first sample."""
-        return np.append(held, seconds)
 
     def _ahead_controls(self, given: Any, seconds: float) -> list[np.ndarray]:
         """Inputs over each part of the next ``seconds``."""
@@ -281,7 +280,7 @@ class Tracker:
         if given is None:
             return [self._held] * count
         if callable(given):
-            middles = seconds * (np.arange(count) + 0.5) / count
+            middles = seconds * (np.arange(count) + 0.5) / count  # a part holds the value in its middle
             return [self._controls(given(float(middle))) for middle in middles]
         if isinstance(given, Mapping):
             try:
@@ -312,25 +311,27 @@ class Equations:
         self.values: np.ndarray = self._theta[self._at]
         sizes = {"q": self.S, "c": len(self.model.controls), "h": 1, "theta": len(ship.symbols)}
         q, c, h, theta = (ca.SX.sym(name, size) for name, size in sizes.items())
-        whole = derivatives(ca.cse(h * self.model.rates(q, c, theta)), q, ca.vertcat(c, h), theta, self._at, False)
+        # increments h * rates with h as a further input: the kernel below steps by 1
+        increments = derivatives(ca.cse(h * self.model.rates(q, c, theta)), q, ca.vertcat(c, h), theta, self._at, False)
         y = self.model.columns(q, theta)
         slope = ca.densify(ca.jacobian(y, ca.vertcat(q, *[theta[int(i)] for i in self._at])))
         logged = ca.Function("logged", [q, theta], [ca.densify(y), slope], {"cse": True})
         what, one = f"the filter of {ship.name}", np.zeros(1, dtype=int)
-        self._lanes = Lanes.of(one + 1, np.zeros((1, whole.numel_in(1), 1)), 1.0, one, one)
+        self._lanes = Lanes.of(one + 1, np.zeros((1, increments.numel_in(1), 1)), 1.0, one, one)  # one run, one step
         wanted = np.arange(self.S), np.arange(self.S + len(random))
-        kernel = IntervalKernel.of(whole, partial(step_faults, whole), what)[0] if compiled else None
+        kernel = IntervalKernel.of(increments, partial(step_faults, increments), what)[0] if compiled else None
         self.is_compiled: bool = kernel is not None
         if kernel is not None:
             self._step = kernel.repeated(self._lanes, self._theta[None], wanted)
         else:
-            ways, pull = PortableIntervals(whole), np.zeros((0, self.S, 1))
-            self._step = lambda z, theta: ways.linearise(self._lanes, z, theta, pull, wanted)[:2]
+            portable, pull = PortableIntervals(increments), np.zeros((0, self.S, 1))
+            self._step = lambda z, theta: portable.linearise(self._lanes, z, theta, pull, wanted)[:2]
         self._columns = batch_functions([logged], self.is_compiled, what)[0][0]
+        # without instruments the logged columns are the first six states: no code is called for them
         self._plain = None if self.model.measured else np.eye(6, self.S + len(random))
 
     def _coefficients(self, z: np.ndarray) -> np.ndarray:
-        theta = self._theta
+        theta = self._theta  # in place: a copy a sample is not needed, as nobody keeps it
         theta[self._at] = self.values + z[self.S :]
         return theta
 
@@ -357,7 +358,7 @@ def _row(argument: str, given: Row, names: Sequence[str], needed: Sequence[str])
         for name in given:
             if name not in names:
                 raise UnknownName(f"{argument}: {unknown('name', str(name), names)}")
-        lacking = [n for n in needed if n not in given] if needed is not names else []
+        lacking = [n for n in needed if n not in given] if needed is not names else []  # of measured none is needed
         if lacking:
             raise Missing(f"{argument}: {', '.join(lacking)} is missing, which the ship's model needs")
         given = [given.get(name, math.nan if needed is names else 0.0) for name in names]

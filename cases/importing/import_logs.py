@@ -167,7 +167,10 @@ def _origin(logs: Sequence[Log], chosen: ImportMap) -> tuple[float, float] | Non
         if {"latitude", "longitude"} <= set(log.columns):
             place = log.columns["latitude"], log.columns["longitude"]
         elif log.zone and {"x", "y"} <= set(log.columns):
-            place = globe_positions(log.columns["x"], log.columns["y"], log.zone, log.name)
+            try:
+                place = globe_positions(log.columns["x"], log.columns["y"], log.zone, log.name)
+            except UserError:  # of the zone, which the run of this log is refused for
+                continue
         else:
             continue
         good = np.flatnonzero(np.isfinite(place[0]) & np.isfinite(place[1]))

@@ -40,7 +40,7 @@ def check(
     from cases.shipfiles.ship_file import load_ship
 
     model = load_ship(ship) if ship else None
-    found, files = [], []
+    read, files = [], []
     unreadable: dict[Path, UserError] = {}
     for path in trials:
         try:
@@ -49,18 +49,18 @@ def check(
             unreadable[path] = error
     for path in cli.each(list(dict.fromkeys(files)), "reading"):
         try:
-            found.append(read_trial(path, refuse=False))
+            read.append(read_trial(path, refuse=False))  # what a fit would refuse is a finding here
         except UserError as error:
             unreadable[path] = error
-    if not found:
+    if not read:
         raise together([*unreadable.values()], f"{len(unreadable)} files cannot be read")
-    with cli.working(f"checking {len(found)} trials"):
-        reports = check_trials(found)
+    with cli.working(f"checking {len(read)} trials"):
+        reports = check_trials(read)
         seconds, sentences = pooled(reports, model)
         doubts: list[str] = []
         if model:
-            doubts += doubtful_revolutions(model, found)
-            for trial in found:  # what the ship assumes of it or ignores, or why she cannot have made it
+            doubts += doubtful_revolutions(model, read)
+            for trial in read:  # what the ship assumes of it or ignores, or why she cannot have made it
                 try:
                     doubts += model_inputs(trial, model.inputs).notices
                 except UserError as error:
@@ -70,7 +70,7 @@ def check(
         of_all = {"group_seconds": dict(seconds), "sentences": list(sentences)}
         cli.print_json(_document(reports, unreadable) | {"pooled": of_all})
     else:
-        every = every or len(reports) == 1
+        every = every or len(reports) == 1  # a table of what files share says less of one
         _print(reports, every, unreadable)
         if len(reports) > 1 or model:
             print("\nAll files together")
@@ -79,7 +79,7 @@ def check(
         if not every:
             print("\nEvery sentence on every file: --all")
     if unreadable:
-        many = f"{len(unreadable)} of {len(found) + len(unreadable)} files cannot be read"
+        many = f"{len(unreadable)} of {len(read) + len(unreadable)} files cannot be read"
         raise together([*unreadable.values()], many)
 
 
@@ -94,11 +94,10 @@ def _document(reports: list[CheckReport], unreadable: Mapping[Path, UserError]) 
         finding = {"topic": "reading", "level": "contradictory", "code": "unreadable", "text": str(error)}
         head = {"name": path.stem, "path": str(path), "verdict": "contradictory"}
         files.append({**head, "findings": [finding], "numbers": {}})
-    folders: dict[str, list[str]] = {}
+    folders: dict[str, list[str]] = {}  # folder -> verdicts of its files
     for row in files:
         folders.setdefault(str(Path(row["path"]).parent), []).append(row["verdict"])
-    worst = {path: min(verdicts, key=ORDER.index) for path, verdicts in folders.items()}
-    rows = [{"path": path, "verdict": worst[path], "files": len(verdicts)} for path, verdicts in folders.items()]
+    rows = [{"path": p, "verdict": min(v, key=ORDER.index), "files": len(v)} for p, v in folders.items()]
     return {"files": files, "folders": rows}
 
 
@@ -114,7 +113,7 @@ def _print(reports: list[CheckReport], every: bool, unreadable: Mapping[Path, Us
             for finding in sorted(report.findings, key=lambda f: f.level == "info"):
                 cli.print_wrapped(marks[finding.level], finding.text)
         return
-    shared: dict[tuple[str, str], list[str]] = {}
+    shared: dict[tuple[str, str], list[str]] = {}  # level and text -> names of the files that share it
     for report in reports:
         for finding in report.findings:
             if finding.level != "info" or finding.code in ("broken_stretch", "not_checked"):
@@ -127,7 +126,7 @@ def _print(reports: list[CheckReport], every: bool, unreadable: Mapping[Path, Us
 def _cells(report: CheckReport) -> list[str]:
     """Rows, duration, step, lags, wind ratio and range of revolutions of one file as short text."""
     sampling, excitation = report.numbers["sampling"], report.numbers["excitation"]
-    late = report.numbers["kinematics"]["lag_s"]
+    late = report.numbers["kinematics"]["lag_s"]  # [s], None where trials without positions or headings do not tell
     velocities = late["u, v"] if late["x, y"] is None else -late["x, y"]  # over ground, turned by the present heading
     lags = (velocities, late["r"])
     revolutions = excitation.get("n_range_rps", (None, None))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
+from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from typer import Option
 
@@ -11,9 +13,6 @@ from mmg.errors import Conflict, NoSolution, UserError, needs_torch
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 from residual.settings import TrainSettings
-
-if TYPE_CHECKING:
-    pass
 
 
 @o.options(
@@ -54,9 +53,6 @@ def compare(
 
     Example: mmg compare --train train-tzrb --seeds 5 --fractions 0.1,0.3,1 --no-random --workers 2 --out comparison
     """
-    import shutil
-    from contextlib import nullcontext
-
     from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
     from fitting.report.run_folder import PENDING, RESULT, check_target, reserved, write_json, write_whole
     from mmg.messages import message_rows
@@ -71,7 +67,7 @@ def compare(
     from residual.papers.comparison import compare as compared
     from residual.papers.comparison import comparison_dict, tables_text, write_figures
 
-    if resume and not out:
+    if resume and not out:  # without a folder nothing was kept
         raise Conflict("--resume needs the --out of the interrupted comparison")
     if out and not (resume and out.exists()):
         check_target(out)
@@ -79,7 +75,7 @@ def compare(
         train or (), test or (), ship, models, fractions, unchecked,
         measurement=measurement, no_random=no_random, paper=paper, **settings,
     )  # fmt: skip
-    about = {
+    about = {  # by the option that a person would have to give as before, where one differs on --resume
         "--seeds": [study.seeds, study.seed],
         "--models": list(study.models),
         "settings": {"epochs": study.epochs, "step": study.step, "instruments": list(study.instruments)},
@@ -89,40 +85,38 @@ def compare(
         "--train": hashes_of_trials(study.train),
         "--test": hashes_of_trials(study.test),
     }
-    store = Store(out / "entries", about, resume and out.exists()) if out else None
+    store = Store(out / "entries", about, resume and out.exists()) if out else None  # entries as they finish
     try:
         with reserved(out) if out else nullcontext():
-            found = compared(study, store, cli.progress())
+            comparison = compared(study, store, cli.progress())
+        if not any(e.score for e in comparison.entries):
+            reasons = dict.fromkeys(e.status for e in comparison.entries)
+            raise NoSolution(f"nothing could be compared: {'; '.join(reasons)}")
     except UserError:
         if store:
             store.discard()
         raise
-    content = comparison_dict(found, cli.command_line())
-    if not any(e.score for e in found.entries):
-        reasons = dict.fromkeys(e.status for e in found.entries)
-        if store:
-            store.discard()
-        raise NoSolution(f"nothing could be compared: {'; '.join(reasons)}")
+    content = comparison_dict(comparison, cli.command_line())
     if out and store:
 
         def fill(folder: Path) -> None:
-            shutil.copytree(store.folder, folder / store.folder.name)
-            (folder / "tables.md").write_text(tables_text(found), encoding="utf-8")
+            shutil.copytree(store.folder, folder / store.folder.name)  # entries, for another --resume
+            (folder / "tables.md").write_text(tables_text(comparison), encoding="utf-8")
             missing = {"level": "warning", **message_rows([PENDING])[0]}  # if it ends here
             write_json(folder / RESULT, content | {"figures": [], "messages": [*content["messages"], missing]})
 
-        write_whole(out, fill, replace=True)
+        write_whole(out, fill, replace=True)  # before the figures: whole though one of them fails
         written = FigureFolder(out)
-        write_figures(written, found)
+        write_figures(written, comparison)
         content["figures"] = [row["file"] for row in written.rows]
         with written.making(RESULT):
             write_json(out / RESULT, content)
     if json:
         cli.print_json(content)
     else:
-        print(tables_text(found), end="")
+        print(tables_text(comparison), end="")
     if out:
         cli.say(f"comparison: {out} (tables.md, result.json, figures)")
-    if found.interrupted and out:
-        cli.say(f"not everything was done: {cli.RESUMED}")
-    return 130 if found.interrupted else 0
+        if comparison.interrupted:
+            cli.say(f"not everything was done: {cli.RESUMED}")
+    return 130 if comparison.interrupted else 0

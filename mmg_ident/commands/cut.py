@@ -38,7 +38,7 @@ def cut(
     cli.positive("--length", length)
     if length is None and ship is not None:
         length = load_ship(ship).particulars["L"]
-    files, found, refused = trial_files(logs), [], []
+    files, parts, refused = trial_files(logs), [], []
     for file in cli.each(files, "reading"):
         try:
             record = read_trial(file)
@@ -46,17 +46,17 @@ def cut(
             raw = f"; of a raw log: mmg import {file} --out trials, then mmg cut trials" if file.is_file() else ""
             raise type(error)(f"{error}{raw}") from None
         try:
-            found += cut_record(record, length, rest, f"{record.name}_" if len(files) > 1 else "")
-        except Missing as error:
+            parts += cut_record(record, length, rest, f"{record.name}_" if len(files) > 1 else "")
+        except Missing as error:  # a record without a manoeuvre: the others are cut
             refused.append(str(error))
-    if not found:
+    if not parts:
         raise Missing("; ".join(refused))
     with cli.working("writing trials"), filled(out, force) as folder:
-        write_cut(found, folder)
+        write_cut(parts, folder)
+    rows = [part.to_dict() for part in parts]
     if json:
-        cli.print_json({"out": str(out), "trials": [part.to_dict() for part in found], "left_out": refused})
+        cli.print_json({"out": str(out), "trials": rows, "left_out": refused})
         return
-    rows = [part.to_dict() for part in found]
     cells = [
         [r["file"], r["kind"], r["order"], *(f"{r[k]:.1f}" for k in ("begin_s", "order_s", "end_s"))] for r in rows
     ]

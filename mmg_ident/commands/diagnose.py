@@ -11,15 +11,14 @@ from diagnosis.inputs import DiagnosisOptions
 from mmg.errors import Missing, UserError
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
+from mmg_ident.settings import names_of
 
 if TYPE_CHECKING:
     from diagnosis.result import Diagnosis
 
 
 @o.options(
-    DiagnosisOptions,
-    Model="without site campaign between",
-    Solver="step learn seed time_limit workers scheduler",
+    DiagnosisOptions, Model="without site campaign between", Solver="step learn seed time_limit workers scheduler"
 )
 def diagnose(
     run: o.Run,
@@ -49,9 +48,8 @@ def diagnose(
     With --between day the trials of each day are a group, and every effect, instrument and coefficient is tested for
     another value in one of them: what has changed since last year?
 
-    Trainings are kept as they finish: after Ctrl-C the same command with --resume
-    goes on from there. So it does after --time-limit, which ends in one line where there is no verdict yet, and else
-    leaves out what comes after it.
+    Trainings are kept as they finish: after Ctrl-C the same command with --resume goes on from there. So it does after
+    --time-limit, which ends in one line where there is no verdict yet, and else leaves out what comes after it.
 
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
@@ -59,6 +57,7 @@ def diagnose(
 
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
+    from cases.trial_set import ready
     from diagnosis import diagnose as pipeline
     from diagnosis.inputs import diagnosis_store
     from diagnosis.result import is_complete
@@ -69,19 +68,21 @@ def diagnose(
     elif is_complete(out):
         cli.say(f"{out} has finished already; nothing to resume")
         return 0
-    ship = reduced_ship(load_ship(run), cli.names_of(without))
+    ship = reduced_ship(load_ship(run), names_of(without))
     options = DiagnosisOptions(**settings, command=cli.command_line())
-    train, tests = cli.read_ready(trials, test, unchecked=unchecked)
+    train, tests = ready(trials, test or (), unchecked=unchecked)
     train, tests = (some.said_campaign(campaign, ship) for some in (train, tests))
-    begun = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
-    store = diagnosis_store(out, ship, train, tests, options, run, resume and begun)
+    is_unfinished = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
+    store = diagnosis_store(out, ship, train, tests, options, run, resume and is_unfinished)
     if store.resume and not store.folder.is_dir() and any(out.iterdir()):
         raise Missing(f"{out}: holds no interrupted run to resume; choose another --out")
     try:
         with reserved(out):
-            found = pipeline.diagnose(ship, train, tests, site, replace(options, store=store), run, cli.progress())
+            options = replace(options, store=store)
+            diagnosis = pipeline.diagnose(ship, train, tests, site, options, run, cli.progress())
             cli.end_progress()
-            found.save(out, replace=resume or store.folder.is_dir(), report=not no_report)
+            # the folder is there already where parts of this run were kept in it
+            diagnosis.save(out, replace=resume or store.folder.is_dir(), report=not no_report)
     except (KeyboardInterrupt, UserError) as stop:
         # parts that are finished stay for --resume; a run that has none leaves nothing behind
         if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.has_parts):
@@ -91,10 +92,13 @@ def diagnose(
         cli.say(f"mmg: interrupted; what was finished is in {out}: {cli.RESUMED}")
         return 130
     if json:
-        cli.print_json(found.to_dict())
+        cli.print_json(diagnosis.to_dict())
     else:
-        _summary(found, out)
+        _summary(diagnosis, out)
     return 0
+
+
+SHOWN = 8  # Candidates in the table, best first. Set by hand: with what stands around it one screen of a terminal.
 
 
 def _summary(diagnosis: Diagnosis, out: Path) -> None:
@@ -102,16 +106,15 @@ def _summary(diagnosis: Diagnosis, out: Path) -> None:
     for line in diagnosis.warnings:
         cli.say(f"warning: {line}")
     rows = []
-    for c in diagnosis.candidates[:8]:
+    for c in diagnosis.candidates[:SHOWN]:
         gain = "" if c.delta_bic is None else f"{c.delta_bic:.1f}"
         numbers = (f"{c.score:.1f}", f"{c.p_value:.1g}", gain, f"{c.absorbed_share:.0%}")
+        # trials that do not excite an effect say nothing of it: a small score would read as evidence against it
         rows.append((c.name, *(numbers if c.excited else ("not excited", "", "", ""))))
     cli.print_table(("effect", "score|n", "p|n", "gain in BIC|n", "absorbed|n"), rows, f"verdict: {diagnosis.verdict}")
     lines = [diagnosis.sentence, diagnosis.learned.sentence if diagnosis.learned else ""]
-    lines += [
-        *(f"sensors: {line}" for line in diagnosis.kinematics),
-        f"next: {diagnosis.next_test}" if diagnosis.next_test else "",
-    ]
+    lines += [f"sensors: {line}" for line in diagnosis.kinematics]
+    lines += [f"next: {diagnosis.next_test}"] if diagnosis.next_test else []
     lines += [diagnosis.between.sentence, *diagnosis.between.warnings] if diagnosis.between else []
     for line in filter(None, lines):
         print(line)

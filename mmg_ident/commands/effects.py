@@ -27,17 +27,11 @@ def effects(
     if name is not None and name not in EFFECTS:
         raise UnknownName(f"unknown effect '{name}'; known: {', '.join(sorted(EFFECTS))}")
     model = load_ship(ship)
-    chosen = [name] if name else sorted(EFFECTS)
     rows: list[dict[str, Any]] = [
-        {
-            "name": key,
-            "enters": EFFECTS[key].enters,
-            "needs": list(EFFECTS[key].needs),
-            "physics": EFFECTS[key].summary,
-            "parameters": [vars(p) for p in parameters(model, key)],
-        }
-        for key in chosen
-    ]
+        {"name": key, "enters": EFFECTS[key].enters, "needs": list(EFFECTS[key].needs),
+         "physics": EFFECTS[key].summary, "parameters": [vars(p) for p in parameters(model, key)]}
+        for key in ([name] if name else sorted(EFFECTS))
+    ]  # fmt: skip
     if json:
         cli.print_json({"ship": model.name, "effects": rows})
         return

@@ -10,6 +10,7 @@ from typer import Option
 from mmg.messages import message_rows
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
+from mmg_ident.settings import names_of
 
 
 def _formats(incomplete: str) -> list[str]:
@@ -55,13 +56,14 @@ def export(
     from delivery.product import product_of
 
     with cli.working("reading"):
-        product = product_of(model, force, cli.names_of(without))
-    given = {"platforms": cli.names_of(platforms), "coefficients": cli.names_of(coefficients)}
-    options = {name: names for name, names in given.items() if names}
+        product = product_of(model, force, names_of(without))
+    selections = {"platforms": names_of(platforms), "coefficients": names_of(coefficients)}
+    # a format refuses options that it does not have
+    options = {name: names for name, names in selections.items() if names}
     with cli.working(f"exporting {product.ship.name}"):
-        said = write(product, format, out, force, **options)
+        messages = write(product, format, out, force, **options)
     if json:
-        cli.print_json({"format": format, "out": str(out), **product.about(), "notes": message_rows(said)})
+        cli.print_json({"format": format, "out": str(out), **product.about(), "notes": message_rows(messages)})
         return
-    cli.say_notes((*product.caveats, *said))
+    cli.say_notes((*product.caveats, *messages))
     cli.say(f"written: {out}")

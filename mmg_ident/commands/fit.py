@@ -12,6 +12,7 @@ from mmg.errors import BadValue, Conflict, Missing, OutOfRange, name_fault
 from mmg.messages import has_code
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
+from mmg_ident.settings import names_of
 
 if TYPE_CHECKING:
     from fitting.result import FitResult
@@ -64,6 +65,7 @@ def fit(
 
     from cases.shipfiles.model_changes import reduced_ship
     from cases.shipfiles.ship_file import load_ship
+    from cases.trial_set import ready
     from fitting.calibrate import FitOptions
     from fitting.report.run_folder import check_target, reserved
     from fitting.result import read_fit
@@ -81,8 +83,8 @@ def fit(
     captive_std = cli.numbers_of(captive_sigma, 3, "--captive-sigma") if captive_sigma else None
     if captive_std and min(captive_std) <= 0:
         raise OutOfRange(f"--captive-sigma {captive_sigma}: X, Y [N] and N [N m] must be positive")
-    if name_fault(name):
-        raise BadValue(f"--name {name!r}: {name_fault(name)}")
+    if fault := name_fault(name):
+        raise BadValue(f"--name {name!r}: {fault}")
     earlier = read_fit(out) if resume and out.exists() else None
     if earlier and earlier.iterate is None and not earlier.converged:
         raise Missing(f"{out}: no iterate to resume from; start again without --resume")
@@ -91,26 +93,28 @@ def fit(
         return 0
     if not earlier:
         check_target(out)
+    # a resumed run begins at the ship that the interrupted one began at: its priors are hers, not of the iterate
     start = earlier.start if earlier else load_ship(ship)
-    start = reduced_ship(start, cli.names_of(without), with_ or (), cli.names_of(fix), cli.names_of(only))
-    train, held_out = cli.read_ready(trials, validate, unchecked=unchecked)
+    # --with is split by nobody: the parameters of an effect have commas of their own
+    start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
+    train, held_out = ready(trials, validate or (), unchecked=unchecked)
     points = None
     if captive:
-        # read here, as few fits have captive tests
-        from fitting.nlp.captive import read_captive
+        from fitting.nlp.captive import read_captive  # here, as few fits have captive tests
 
         points = read_captive(captive, captive_std)
     options = FitOptions(
         bootstrap=bootstrap,
-        profile=tuple(cli.names_of(profile)),
+        profile=tuple(names_of(profile)),
         posterior=posterior,
         next_trial=next_trial,
         per_run=tuple(per_run or ()),
-        per_campaign=tuple(cli.names_of(per_campaign)),
-        instruments=tuple(cli.names_of([measurement])),
+        per_campaign=tuple(names_of(per_campaign)),
+        instruments=tuple(names_of(measurement)),
         captive=points,
         resume=earlier,
         command=cli.command_line(),
+        # without --name a resumed run keeps the name it was given; one that is still her start's was given none
         name=name or (earlier.ship.name if earlier and earlier.ship.name != earlier.start.name else ""),
         estimator=estimator,
     )
@@ -122,6 +126,7 @@ def fit(
         reserved(out),
     ):
         result = calibrate(start, train, held_out, Settings(**settings), options, cli.progress())
+        # [s]: the calibration is handed trials and cannot time their reading
         timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
         result = replace(result, timings_s=timings)
         earlier_warnings = result.warnings
@@ -135,7 +140,7 @@ def fit(
             cli.say(f"run folder: {out} (ship.toml, result.json{'' if no_report else ', report.html'})")
     # a failure though the folder is whole: a script that goes on with a ship that diverges would not notice
     cli.refuse_no_score(result.warnings, out)
-    if has_code(result.warnings, LEFT_OUT):
+    if has_code(result.warnings, LEFT_OUT):  # Ctrl-C after the solve: coefficients are whole, parts of the rest lack
         return 130
     return 0 if result.converged else 130 if result.status == "User_Requested_Stop" else 1
 
@@ -147,11 +152,11 @@ def _summary(result: FitResult) -> None:
     words = "converged" if result.converged else "NOT CONVERGED"
     constants = result.calibration.constants if result.calibration else None
     whose = "campaigns" if result.campaigns and result.campaigns["values"] else "runs"
-    own = f" and {len(constants.p)} constants of {whose}" if constants else ""
+    of_runs = f" and {len(constants.p)} constants of {whose}" if constants else ""
     cli.say(
         f"{words} ({result.status}) after {sum(p.iterations for p in result.passes)} iterations "
         f"in {result.timings_s['total']:.1f} s; objective {result.objective or float('nan'):.6g}; "
-        f"{len(result.estimates)} free coefficients{own}, {result.seconds_used:.0f} s of data, "
+        f"{len(result.estimates)} free coefficients{of_runs}, {result.seconds_used:.0f} s of data, "
         f"seed {result.settings.seed}"
     )
     cli.say_remarks(result)

@@ -38,41 +38,42 @@ def fleet(
     out = plan.with_suffix("") if out is None else out
     if not (resume and out.exists()):
         check_target(out)
+    # an empty folder is what a run leaves that was killed at once
     elif not (out / PARTS).is_dir() and (not out.is_dir() or any(out.iterdir())):
         raise Missing(f"{out}: holds no run of mmg fleet to resume; choose another --out")
-    given = read_plan(plan)
+    checked = read_plan(plan)
     try:
         with reserved(out):
-            found = run_fleet(given, out, workers, cli.command_line(), cli.progress())
+            result = run_fleet(checked, out, workers, cli.command_line(), cli.progress())
             cli.end_progress()
-            write_tables(found, out)
-            write_page(found, out)
+            write_tables(result, out)
+            write_page(result, out)
     except KeyboardInterrupt:
         cli.say(f"mmg: interrupted; what was finished is in {out}: {cli.RESUMED}")
         return 130
     if json:
-        cli.print_json(found)
+        cli.print_json(result)
     else:
-        _summary(found, out)
-    return 1 if found.failed else 0
+        _summary(result, out)
+    return 1 if result.failed else 0
 
 
-def _summary(found: Fleet, out: Path) -> None:
+def _summary(fleet: Fleet, out: Path) -> None:
     """A few lines for a person."""
     rows = []
-    for row in found.rows:
+    for row in fleet.rows:
         score = row["scores"].get("held_out") or row["scores"].get("training") or {}
-        pair = list(score.get("window", {}).values())
+        pair = list(score.get("window", {}).values())  # mean squared errors of 30 s windows, before and after
         errors = " -> ".join(f"{error:.3g}" for error in pair if None not in pair)
         verdict = ", ".join(e["name"] for e in row["effects"]) or row["verdict"]
         drifted = ", ".join(f"{d['name']} ({d['campaign']})" for d in row["drifted"])
         counts = (str(len(row["instruments"])), str(len(row["moved"])))
         rows.append((row["name"], row["status"], errors, verdict, drifted, *counts))
     heads = ("ship", "status", "held out|n", "diagnosis", "drifted", "instruments|n", "moved|n")
-    cli.print_table(heads, rows, f"{found.name}: {len(found.rows)} ships")
-    for row in (row for row in found.rows if row["status"] != "done"):
+    cli.print_table(heads, rows, f"{fleet.name}: {len(fleet.rows)} ships")
+    for row in (row for row in fleet.rows if row["status"] != "done"):
         cli.say(f"{row['name']}: {row['status']}: {row['reason']}")
-    for group in found.groups:
+    for group in fleet.groups:
         width, (low, high) = group.widths.common, group.widths.common_90
         words = f"{width:.2g} of the prior's standard deviation (90 %: {low:.2g} to {high:.2g})"
         cli.say(f"sisters {group.name}: coefficients differ by {words}")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Option
 
+from mmg.errors import UserError, needs_torch
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -42,12 +43,12 @@ def gap(
     Example: mmg gap runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
     from cases.shipfiles.ship_file import load_ship
+    from cases.trial_set import ready
     from diagnosis.report.page import gap_figure
     from fitting.report.parts import Store
     from fitting.report.plot_style import png_of
     from fitting.report.run_folder import check_target, write_json
     from fitting.solvers.control import Control
-    from mmg.errors import UserError, needs_torch
     from mmg_ident.api import gap as gap_of
     from mmg_ident.model_gap import GapOptions, about
 
@@ -56,44 +57,45 @@ def gap(
     elif (out / "gap.json").exists():
         cli.say(f"{out} has finished already; nothing to resume")
         return 0
-    train, held = cli.read_ready(trials, test, unchecked=unchecked)
+    train, tests = ready(trials, test or (), unchecked=unchecked)
     ship = load_ship(run)
     needs_torch("mmg gap")  # after all that can be refused without it, which takes seconds to import
     from residual.settings import TrainSettings
 
     settings = TrainSettings(seeds=seeds, seed=seed)
     options = GapOptions(settings, seed, workers, out, not no_report, cli.command_line())
-    store = Store(out / "parts", about(ship, train, held, options), resume and out.exists())
-    store.open()
+    store = Store(out / "parts", about(ship, train, tests, options), resume and out.exists())
+    store.open()  # refuses to go on with parts of other trials or settings
     try:
         with Control.within(time_limit, cli.progress()).in_force():
-            found = gap_of(run, train, held, options, cli.progress())
+            comparison = gap_of(run, train, tests, options, cli.progress())
     except (KeyboardInterrupt, UserError) as stop:
-        kept = any(path.is_dir() and path != store.folder for path in out.iterdir())
-        if isinstance(stop, UserError) or not kept:
-            if not kept:
+        # a part that is finished stays for --resume; a run that has none leaves nothing behind
+        has_parts = any(path.is_dir() and path != store.folder for path in out.iterdir())
+        if isinstance(stop, UserError) or not has_parts:
+            if not has_parts:
                 store.discard()
             raise
         cli.say(f"mmg: interrupted; what was finished is in {out}: {cli.RESUMED}")
         return 130
     cli.end_progress()
     if not no_report:
-        (out / "gap.png").write_bytes(png_of(lambda: gap_figure(found)))
-    write_json(out / "gap.json", found.to_dict())
+        (out / "gap.png").write_bytes(png_of(lambda: gap_figure(comparison)))
+    write_json(out / "gap.json", comparison.to_dict())  # last: that it is there says that the run has finished
     if json:
-        cli.print_json(found.to_dict())
+        cli.print_json(comparison.to_dict())
     else:
-        _print(found, out)
+        _print(comparison, out)
     return 0
 
 
-def _print(found: Gap, out: Path) -> None:
+def _print(comparison: Gap, out: Path) -> None:
     """The table and the sentence."""
-    for line in found.warnings:
+    for line in comparison.warnings:
         cli.say(str(line))
-    cli.print_table(*found.table)
-    print(found.sentence)
-    for one in [one for one in found.witness if any(one.share.values())]:
+    cli.print_table(*comparison.table)
+    print(comparison.sentence)
+    for one in [one for one in comparison.witness if any(one.share.values())]:
         shares = ", ".join(f"{100 * share:.0f} % of {name}" for name, share in one.share.items())
         print(f"{one.effect} explains of what the network has learned: {shares}")
     cli.say(f"comparison: {out} (gap.json, gap.png; refitted, hybrid, diagnosis, both)")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -57,6 +58,7 @@ def imo(
     from cases.criteria.imo import WaterVelocity, imo_figures, imo_figures_of_trials
     from cases.criteria.measured_maneuvers import KINDS
     from cases.shipfiles.ship_file import load_ship
+    from cases.trial_set import ready
     from fitting.prediction.figure_intervals import JudgedFigures
     from mmg_ident.api import content_of
     from mmg_ident.studies import drawn_figures
@@ -81,9 +83,9 @@ def imo(
         rate = None if rudder_rate is None else math.radians(rudder_rate)
         simulated = load_ship(models[0])
         with cli.working(f"simulating the manoeuvres of {simulated.name}"):
-            found = imo_figures(simulated, speed, rate, maneuver or [], scale)
+            figures = imo_figures(simulated, speed, rate, maneuver or [], scale)
         with cli.working("simulating ships that the trials allow"):
-            judged = drawn_figures(found, simulated, content_of(models[0]), rate, scatter, seed, workers)
+            judged = drawn_figures(figures, simulated, content_of(models[0]), rate, scatter, seed, workers)
     else:
         cli.refuse_given(
             {"--scatter": scatter, "--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None},
@@ -96,9 +98,9 @@ def imo(
         if current is not None:
             speed, towards = cli.numbers_of(current, 2, "--current SPEED:TOWARDS", ":")
             cli.positive("--current SPEED:TOWARDS", speed, or_zero=True)
-            angle = math.radians(towards)
+            angle = math.radians(towards)  # north and east [m/s]: a current is named by where it goes to
             water = WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")
-        (trials,) = cli.read_ready(files, unchecked=unchecked)
+        (trials,) = ready(files, unchecked=unchecked)
         judged = JudgedFigures.of(imo_figures_of_trials(trials, model, length, kind, scale, water))
     _write(plot, out, judged)
     if json:
@@ -111,8 +113,6 @@ def imo(
 
 def _write(plot: Path | None, out: Path | None, assessment: JudgedFigures) -> None:
     """The figure, and the folder with table, figure and simulated runs."""
-    from functools import partial
-
     from cases.simulation.simulate import write_trial
     from fitting.report.plot_maneuvers import maneuver_figure
     from fitting.report.plot_style import FigureFolder
@@ -126,20 +126,22 @@ def _write(plot: Path | None, out: Path | None, assessment: JudgedFigures) -> No
             out.mkdir(parents=True, exist_ok=True)
             write_json(out / "imo.json", assessment.to_dict())
             for run in assessment.runs:
-                if not run.measured:
+                if not run.measured:  # a measured run lies where the user has it
                     write_trial(run.trial, out / f"{run.trial.name}.csv")
             FigureFolder(out).write("imo", draw, assessment.heading, "")
 
 
 def _print(assessment: JudgedFigures) -> None:
     print(assessment.heading)
-    known, corrected, drawn = (
+    # columns that no row fills are left out
+    published, corrected, drawn = (
         any(getattr(row, name) is not None for row in assessment.rows)
         for name in ("reference", "measured", "interval_90")
     )
     heads = ["run", "figure", *(("measured|n", "corrected|n") if corrected else ("value|n",))]
-    heads += ["90 % interval|n", "of one trial|n"] * drawn + ["limit|n"] + ["reference|n"] * known + ["meets|n"] * drawn
-    remarks: dict[str, int] = {}
+    heads += ["90 % interval|n", "of one trial|n"] * drawn + ["limit|n"]
+    heads += ["reference|n"] * published + ["meets|n"] * drawn
+    remarks: dict[str, int] = {}  # Reason or remark of a row -> its number below the table
     rows: list[list[str]] = []
     last = ""
     for row in assessment.rows:
@@ -150,7 +152,7 @@ def _print(assessment: JudgedFigures) -> None:
         values = [_number(row.measured, row.unit)] * corrected + [_number(row.value, row.unit)]
         intervals = [_interval(row.interval_90, row.unit), _interval(row.interval_90_trial, row.unit)] * drawn
         cells = ["" if row.run == last else row.run, figure, *values, *intervals, _number(row.limit, row.unit)]
-        cells += [_number(row.reference, row.unit)] if known else []
+        cells += [_number(row.reference, row.unit)] * published
         cells += ["" if row.probability is None else f"{100 * row.probability:.0f} %"] * drawn
         rows.append([*cells, row.verdict + mark])
         last = row.run
@@ -164,8 +166,8 @@ def _print(assessment: JudgedFigures) -> None:
 
 
 def _interval(ends: Sequence[float] | None, unit: str) -> str:
-    digits = 1 if unit == "deg" else 2
-    return " .. ".join(f"{end:.{digits}f}" if end < float("inf") else "never" for end in ends or ())
+    digits = 1 if unit == "deg" else 2  # an end is infinite where draws never come to the event
+    return " .. ".join(f"{end:.{digits}f}" if end < math.inf else "never" for end in ends or ())
 
 
 def _number(value: float | None, unit: str) -> str:

@@ -46,17 +46,17 @@ def import_(
 
     chosen = import_map(
         map, rudder_positive=rudder_positive, wind_direction=wind_direction, velocity_frame=velocity_frame,
-        zone_hours=zone_hours, separate=separate or None,
+        zone_hours=zone_hours, separate=separate or None,  # None: as the map says
     )  # fmt: skip
-    found, chosen = imported(logs, chosen, ask=not json)
+    logged, chosen = imported(logs, chosen, ask=not json)
     with cli.working("writing trials"):
-        files = write_import(found, chosen, out, force)
-    checks = check(read_trials(files))
+        files = write_import(logged, chosen, out, force)
+    checks = check(read_trials(files))  # of the files as written, as any other command will read them
     if json:
-        rows = [_row(r, f, c) for r, f, c in zip(found.runs, files, checks, strict=True)]
-        cli.print_json({"out": str(out), "origin": found.origin, "runs": rows})
+        rows = [_row(r, f, c) for r, f, c in zip(logged.runs, files, checks, strict=True)]
+        cli.print_json({"out": str(out), "origin": logged.origin, "runs": rows})
     else:
-        _print(found, files, checks)
+        _print(logged, files, checks)
         cli.say(f"next: mmg check {out}, then mmg fit SHIP {out} --out runs/first")
 
 
@@ -69,15 +69,15 @@ def imported(logs: list[Path], chosen: ImportMap, ask: bool) -> tuple[Imported, 
     from cases.importing.import_logs import import_logs
     from mmg_ident.studies import complete
 
-    found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
+    logged = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
     asked: set[tuple[Path, str]] = set()
     while ask and sys.stdin.isatty() and sys.stderr.isatty():
-        answered = _answered(found, chosen, asked)
+        answered = _answered(logged, chosen, asked)
         if answered is chosen:
             break
         chosen = answered  # an answer may leave a unit open
-        found = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
-    return complete(found), chosen
+        logged = import_logs(logs, chosen, lambda files: cli.each(files, "reading"))
+    return complete(logged), chosen
 
 
 def _answered(imported: Imported, chosen: ImportMap, before: set[tuple[Path, str]]) -> ImportMap:
@@ -85,7 +85,7 @@ def _answered(imported: Imported, chosen: ImportMap, before: set[tuple[Path, str
     asked ``before``. What several files leave open alike is asked once."""
     from mmg_ident.studies import changed_map
 
-    together: dict[tuple[str, tuple[str, ...]], list[Question]] = {}
+    together: dict[tuple[str, tuple[str, ...]], list[Question]] = {}  # by words and answers, of whatever file
     for question in imported.questions:
         if (question.file, question.words) not in before:
             together.setdefault((question.words, tuple(question.choices)), []).append(question)
@@ -96,7 +96,7 @@ def _answered(imported: Imported, chosen: ImportMap, before: set[tuple[Path, str
         answer = _choice(choices)
         if point := _point(answer):
             chosen = changed_map(chosen, {"reference_point": list(point)})
-        elif not names[0]:
+        elif not names[0]:  # of all files
             chosen = changed_map(chosen, dict(questions[0].choices[answer]))
         else:
             for name, question in zip(names, questions, strict=True):
@@ -124,6 +124,7 @@ def _point(answer: str) -> tuple[float, float] | None:
     from cases.quantities import as_number
 
     numbers = [as_number(word) for word in answer.replace(",", " ").split()]
+    # to 600 m, longer than any ship; as_number gives nan for a word, which is not within it
     return (numbers[0], numbers[1]) if len(numbers) == 2 and all(abs(n) <= 600 for n in numbers) else None
 
 
@@ -152,13 +153,12 @@ def _print(imported: Imported, files: list[Path], checks: list[Any]) -> None:
         rows.append((file.name, sources, str(len(t)), f"{t[-1]:.0f}", report.verdict))
     cli.print_table(("trial", "from", "rows|n", "s|n", "verdict of check"), rows)
     cli.print_table(("column", "used as", "because"), _account(imported))
-    said: dict[str, list[str]] = {}
+    shared: dict[str, list[str]] = {}  # sentence -> names of the runs that share it
     for run, report in zip(imported.runs, checks, strict=True):
-        words = [*map(str, run.notices)]
-        words += [f"[check] {finding.text}" for finding in report.findings if finding.level == "contradictory"]
-        for sentence in words:
-            said.setdefault(sentence, []).append(run.name)
-    for sentence, names in said.items():
+        wrong = [f"[check] {finding.text}" for finding in report.findings if finding.level == "contradictory"]
+        for sentence in [*map(str, run.notices), *wrong]:
+            shared.setdefault(sentence, []).append(run.name)
+    for sentence, names in shared.items():
         whose = "" if len(names) == len(imported.runs) else f"{', '.join(names)}: "
         cli.print_wrapped("  ", f"{whose}{sentence}")
 
@@ -166,7 +166,7 @@ def _print(imported: Imported, files: list[Path], checks: list[Any]) -> None:
 def _account(imported: Imported) -> list[tuple[str, str, str]]:
     """A row for each column of the logs, once for all logs that share it."""
     rows = [row for run in imported.runs for log in run.logs for row in log.accounts]
-    said = ((row.what, ", ".join(row.used_as) or "not used", row.why) for row in rows)
+    read = ((row.what, ", ".join(row.used_as) or "not used", row.why) for row in rows)
     derived = ((name, "derived from " + (", ".join(of) or "nothing: assumed"), "") for run in imported.runs
                for name, of in run.ancestors.items())  # fmt: skip
-    return list(dict.fromkeys([*said, *derived]))
+    return list(dict.fromkeys([*read, *derived]))  # each once, in the order of the logs

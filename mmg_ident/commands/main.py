@@ -22,10 +22,9 @@ from typing import Annotated, Any
 
 from mmg_ident.commands.watcher import tell, watch
 
+# before numpy is loaded, which reads these once; here, as workers of a pool read this module too
 for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[_name] = "1"  # sums of several threads differ in their last bits from those of one
-
-
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # none is used, and to look for them takes time
 gc.set_threshold(50_000, 10, 3)  # here and in the processes that read this module: few of so many objects are garbage
 
@@ -36,7 +35,7 @@ def _stopped(*_: Any) -> None:
     os._exit(130)
 
 
-interruptions: list[int] = []
+interruptions: list[int] = []  # an entry for each Ctrl-C while a verb runs
 
 
 def note_interruption(*given: Any) -> None:
@@ -45,7 +44,7 @@ def note_interruption(*given: Any) -> None:
     given: signal and frame. Raises KeyboardInterrupt.
     """
     interruptions.append(1)
-    tell("ending")
+    tell("ending")  # first: if the exception is lost in a library, the watcher still ends the process
     signal.default_int_handler(*given)
 
 
@@ -66,7 +65,7 @@ def _raised_again(found: Any) -> None:
         sys.__unraisablehook__(found)
 
 
-_usual = signal.getsignal(signal.SIGINT)
+_usual = signal.getsignal(signal.SIGINT)  # SIG_IGN where a shell started the command in the background
 
 
 def answer_signals() -> None:
@@ -82,6 +81,7 @@ def answer_signals() -> None:
     watch()
 
 
+# before typer is imported, which takes a while; not where another program, whose signals are its own, imports this
 if __name__ == "__main__" or sys.argv[0].endswith(("mmg", "mmg-ident")):
     answer_signals()
 
@@ -90,12 +90,9 @@ from typer.core import TyperGroup
 
 from mmg_ident import shadowing_mmg
 
-HEAVY, LEAST_MEMORY = (
-    ("start", "demo", "fit", "fleet", "months", "train", "compare", "diagnose", "gap", "select"),
-    1.5 * 2**30,
-)
-"""Verbs that need more memory than this [bytes]; with less the libraries they use neither end nor answer Ctrl-C. Set by
-hand, from runs below ulimit -v."""
+# Verbs that need more memory than the least; with less the libraries they use neither end nor answer Ctrl-C.
+HEAVY = ("start", "demo", "fit", "fleet", "months", "train", "compare", "diagnose", "gap", "select")
+LEAST_MEMORY = 1.5 * 2**30  # [bytes], set by hand from runs below ulimit -v
 # Options that take several values after one name: ``--validate a.csv b.csv``.
 MANY = ("--validate", "--train", "--test", "--sigma-from", "--new", "--trials", "--baseline")
 
@@ -109,7 +106,7 @@ def _interruptible(verb: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(verb)
     def run_verb(*given: Any, **options: Any) -> Any:
-        if signal.getsignal(signal.SIGINT) is _stopped:
+        if signal.getsignal(signal.SIGINT) is _stopped:  # from here on something may have been written
             signal.signal(signal.SIGINT, _usual if _usual is signal.SIG_IGN else note_interruption)
         from mmg_ident.commands.output import narration, progress
 
@@ -186,7 +183,7 @@ class _Verbs(TyperGroup):
 
         name = f"{cmd_name}_" if keyword.iskeyword(cmd_name) else cmd_name
         verb = getattr(import_module(f"mmg_ident.commands.{name}"), name)
-        one = typer.Typer(**_PLAIN)
+        one = typer.Typer(**_PLAIN)  # typer makes a command only of a program: one of this verb alone
         one.command(cmd_name, cls=Verb)(_interruptible(verb))
         return typer.main.get_command(one)
 
@@ -215,25 +212,26 @@ def expand(arguments: list[str]) -> list[str]:
     One without a value ends the line, so that the missing value is what is complained about.
     """
     result: list[str] = []
-    current, waiting = None, False
+    option, has_value = None, True  # the option of MANY whose values are being read, and whether one has come
     for argument in arguments:
-        if argument.startswith("-") and argument != "-" and not (current and re.match(r"-[\d.]", argument)):
-            if waiting:
+        # "-" is a file, "-3.5" the value of an option: neither is a new option
+        if argument.startswith("-") and argument != "-" and not (option and re.match(r"-[\d.]", argument)):
+            if not has_value:
                 break
-            current = argument if argument in MANY else None
-            waiting = current is not None
-            result += [] if waiting else [argument]
-        elif current:
-            result += [current, argument]
-            waiting = False
+            option = argument if argument in MANY else None
+            has_value = option is None
+            result += [argument] if has_value else []
+        elif option:
+            result += [option, argument]
+            has_value = True
         else:
             result.append(argument)
-    return [*result, current] if waiting and current else result
+    return result if has_value or not option else [*result, option]
 
 
 def _check_memory(arguments: list[str]) -> None:
     """Raises UserError where the memory that the process may use is too little for the verb."""
-    if not set(arguments[:1]) & set(HEAVY) or importlib.util.find_spec("resource") is None:
+    if not set(arguments[:1]) & set(HEAVY) or importlib.util.find_spec("resource") is None:  # Windows has no limit
         return
     import resource
 
@@ -255,19 +253,19 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and not stream.encoding.lower().startswith("utf"):  # cp1252, say
-            stream.reconfigure(errors="backslashreplace")
+            stream.reconfigure(errors="backslashreplace")  # a name that the console lacks must not end the command
     from fitting.solvers.control import OBSERVER
     from mmg.errors import UserError
     from mmg.messages import printable
     from mmg_ident.settings import refuse_gone_options
 
-    OBSERVER.told = tell
+    OBSERVER.told = tell  # the floor of the solvers knows no commands: it is told whom to tell
     try:
         given = expand(sys.argv[1:] if arguments is None else arguments) or ["--help"]
         refuse_gone_options(given)
         _check_memory(given)
         outcome = app(given, standalone_mode=False)
-        sys.stdout.flush()
+        sys.stdout.flush()  # here, so that a full disk or a closed pipe is met below and not at the interpreter's end
         return outcome if isinstance(outcome, int) else 0
     except UserError as error:
         from mmg_ident.commands.output import say_fault
@@ -277,8 +275,8 @@ def main(arguments: list[str] | None = None) -> int:
     except (KeyboardInterrupt, EOFError, typer.Abort):
         print("mmg: interrupted; nothing was written", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        sys.stderr.close()
+    except BrokenPipeError:  # the reader, such as head, has all that it wanted
+        sys.stderr.close()  # or Python complains of the pipe at its end
         return 0
     except MemoryError:
         print("mmg: memory does not suffice; close other programs, or give less at once", file=sys.stderr)
@@ -293,7 +291,7 @@ def main(arguments: list[str] | None = None) -> int:
         if hasattr(error, "format_message"):  # a usage error of the command line
             print(f"mmg: {' '.join(error.format_message().split()).rstrip('.')}; see mmg --help", file=sys.stderr)
             return 2
-        if interruptions:
+        if interruptions:  # an import that is broken off ends in an error of its own
             print("mmg: interrupted", file=sys.stderr)
             return 130
         raise
@@ -314,7 +312,7 @@ def run() -> None:
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(OSError, ValueError):
                 stream.flush()
-        patience = time.monotonic() + 0.5
+        patience = time.monotonic() + 0.5  # [s] set by hand: within the two seconds of an answer
         for thread in threading.enumerate():  # those that see processes of a pool end still hold its queues
             if thread is not threading.current_thread():
                 thread.join(max(patience - time.monotonic(), 0.0))

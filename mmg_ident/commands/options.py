@@ -15,8 +15,8 @@ import typer.core
 from typer import Argument, Option
 
 from mmg.errors import UnknownName
-from mmg_ident.commands.output import names_of, numbers_of, ship_names
-from mmg_ident.settings import given_settings, option_of, settings_of
+from mmg_ident.commands.output import numbers_of, ship_names
+from mmg_ident.settings import given_settings, names_of, option_of, settings_of
 
 Ship = Annotated[
     str, Argument(help="Library ship (mmg ships), ship file or run folder.", metavar="SHIP", autocompletion=ship_names)
@@ -39,8 +39,7 @@ Json = Annotated[bool, Option("--json", help="Print the result as JSON on stdout
 Seed = Annotated[int, Option(help="Seed of all random numbers.")]
 Workers = Annotated[int, Option(min=1, help="Processes over which tasks are spread.")]
 Scheduler = Annotated[str | None, Option(help="Dask scheduler that does the tasks: tcp://host:8786.")]
-Given = dict[str, Any]
-"""Settings of a verb by name: those on the command line, and those in the file of --settings."""
+Given = dict[str, Any]  # Settings of a verb by name: those on the command line, and those in the file of --settings
 
 T = TypeVar("T")
 
@@ -54,7 +53,7 @@ VALUES = {"int": "N", "float": "NUMBER", "path": "PATH", "str": "TEXT", "text": 
 def _panelled(parameter: inspect.Parameter, panel: str) -> inspect.Parameter:
     """The ``parameter`` of a verb with its option in a ``panel``."""
     kind, info = get_args(parameter.annotation)
-    info = copy.copy(info)
+    info = copy.copy(info)  # options above are shared by several verbs
     info.rich_help_panel = panel
     return parameter.replace(annotation=Annotated[kind, info])
 
@@ -65,7 +64,7 @@ def _generated(kind: type, name: str) -> inspect.Parameter:
     hint = get_type_hints(kind)[name]
     plain = next((t for t in (bool, int, float, str) if hint in (t, t | None)), str)  # tuples as text: 1,2,3
     flag = option_of(field)
-    names = [f"{flag}/--no-{flag[2:]}" if plain is bool else flag]
+    names = [f"{flag}/--no-{flag[2:]}" if plain is bool else flag]  # both, to turn off what the file turns on
     words = str(field.metadata["help"])
     if plain is not bool and field.default not in (None, "", ()) and "default" not in words:
         words = _with_default(words, field.default)
@@ -78,7 +77,7 @@ def _from_text(field: Field[Any], value: Any) -> Any:
     """The ``value`` of a ``field`` that the command line gives, of which lists are text."""
     if "count" in field.metadata:
         return numbers_of(value, field.metadata["count"], option_of(field))
-    return tuple(names_of([value])) if field.default == () else value
+    return tuple(names_of(value)) if field.default == () else value
 
 
 def made(kind: type[T], settings: Given, **more: Any) -> T:
@@ -93,13 +92,13 @@ def options(*kinds: type, file: bool = True, **panels: str) -> Callable[[Callabl
     (``made``); file: whether --settings takes the other fields of the first one; panels: title -> names of arguments,
     separated by spaces.
     """
-    kind_of = {name: kind for kind in kinds for name in settings_of(kind)}
+    kind_of = {name: kind for kind in kinds for name in settings_of(kind)}  # of a name in two kinds the last one
 
     def decorated(verb: Callable[..., Any]) -> Callable[..., Any]:
         panel_of = {name: title for title, names in panels.items() for name in names.split()}
-        signature = inspect.signature(verb, eval_str=True)
-        kept = {name: p for name, p in signature.parameters.items() if name != "settings"}
-        generated = {name: _generated(kind_of[name], name) for name in panel_of if name not in kept}
+        signature = inspect.signature(verb, eval_str=True)  # annotations are texts, of which typer needs the objects
+        written = {name: p for name, p in signature.parameters.items() if name != "settings"}
+        generated = {name: _generated(kind_of[name], name) for name in panel_of if name not in written}
         if kinds and file:
             rest = ", ".join(name for name in settings_of(kinds[0]) if name not in generated)
             words = "TOML file of settings by name" + (f": the options below, and {rest}." if rest else ".")
@@ -107,23 +106,25 @@ def options(*kinds: type, file: bool = True, **panels: str) -> Callable[[Callabl
             generated["settings"] = inspect.Parameter(
                 "settings", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option
             )
-        both = {**kept, **generated}
-        named = {n: p for n, p in both.items() if n not in panel_of}
-        named |= {n: _panelled(both[n], panel) for n, panel in panel_of.items()}
+        both = {**written, **generated}
+        parameters = {n: p for n, p in both.items() if n not in panel_of}  # in no panel: first, under "Options"
+        parameters |= {n: _panelled(both[n], panel) for n, panel in panel_of.items()}
 
         @functools.wraps(verb)
         def run(*given: Any, **values: Any) -> Any:
+            # None: not on the command line, so that a file of --settings or the default counts
             line = {name: value for name in generated if (value := values.pop(name, None)) is not None}
-            path, found = line.pop("settings", None), dict[str, Any]()
+            path, settings = line.pop("settings", None), dict[str, Any]()
             for kind in kinds:
-                own = {name: _from_text(field, line[name]) for name, field in settings_of(kind).items() if name in line}
-                found |= given_settings(kind, own, path if kind is kinds[0] else None)
-            return verb(*given, **values, **({"settings": found} if kinds else {}))
+                fields = {name: _from_text(f, line[name]) for name, f in settings_of(kind).items() if name in line}
+                settings |= given_settings(kind, fields, path if kind is kinds[0] else None)
+            return verb(*given, **values, **({"settings": settings} if kinds else {}))
 
-        shown = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in named.values()]
+        # typer reads signature and annotations; by keyword only, as the panels change the order
+        shown = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in parameters.values()]
         run.__signature__ = signature.replace(parameters=shown)  # type: ignore[attr-defined]
         run.settings = kinds[0] if kinds else None  # type: ignore[attr-defined]
-        run.__annotations__ = {name: p.annotation for name, p in named.items()}
+        run.__annotations__ = {name: p.annotation for name, p in parameters.items()}
         return run
 
     return decorated
@@ -135,10 +136,10 @@ class Verb(typer.core.TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         try:
             return list(super().parse_args(ctx, args))
-        except Exception as error:
+        except Exception as error:  # a usage error is known by its attributes, as in ``main``
             option, kind = getattr(error, "option_name", ""), getattr(self.callback, "settings", None)
             name = option.removeprefix("--").removeprefix("no-").replace("-", "_")
-            if kind and name in settings_of(kind):
+            if kind and name in settings_of(kind):  # an option of an earlier version
                 raise UnknownName(f"{option} is a key of the file of --settings now: {name} = ...") from None
             raise
 
@@ -153,10 +154,9 @@ class Verb(typer.core.TyperCommand):
             if row := _row(parameter, ctx):
                 panel = getattr(parameter, "rich_help_panel", None) or GENERAL
                 panels.setdefault("Arguments" if parameter.param_type_name == "argument" else panel, []).append(row)
-        arguments = panels.pop("Arguments", [])
+        first = {"Arguments": panels.pop("Arguments")} if "Arguments" in panels else {}
         if sum(map(len, panels.values())) <= MOST:
             panels = {GENERAL: [row for rows in panels.values() for row in rows]}
-        first = {"Arguments": arguments} if arguments else {}
         for title, rows in {**first, GENERAL: panels.pop(GENERAL, []), **panels}.items():
             with formatter.section(title):
                 formatter.write_dl(rows, col_max=26)
@@ -170,7 +170,7 @@ def _row(parameter: Any, ctx: Any) -> tuple[str, str] | None:
     if parameter.name == "help" or record is None:
         return None
     words, name = parameter.help or "", parameter.opts[0]
-    if parameter.is_flag:
+    if parameter.is_flag:  # one of --x/--no-x is enough: the one that changes the default
         opposite = parameter.secondary_opts and parameter.default in (True, None) and parameter.show_default
         return (parameter.secondary_opts[0] if opposite else name), words
     value = re.sub(r"^.*--\S+ ", "", record[0]).strip("<>").replace("FLOAT", "float").replace("INTEGER", "int")

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from mmg.errors import BadValue, Conflict, Missing, NoSolution, OutOfRange, TargetExists, UserError
 
 if TYPE_CHECKING:
-    from cases.trial_set import TrialSet
     from fitting.prediction.score import ScorePair
     from fitting.prediction.unit_errors import UnitErrors
     from fitting.result import FitResult
@@ -53,7 +52,7 @@ def table_lines(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> list[s
     """The lines of a table of ``rows``; columns: as of ``print_table``."""
     heads = [head.removesuffix("|n") for head in columns]
     cells = [heads, *rows]
-    widths = [max(len(row[i]) for row in cells) for i in range(len(heads))]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = []
     for row in cells:
         parts = zip(row, columns, widths, strict=True)
@@ -64,12 +63,12 @@ def table_lines(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> list[s
 def say_fault(error: UserError, for_machines: bool = False) -> None:
     """Say the ``error`` in one line, and before it the problems of several files as a table; for_machines: all in the
     line, with the code of the kind of fault."""
-    if for_machines or not error.problems:
+    if for_machines or not error.problems:  # whitespace in the message, line ends of a file's cell say, is one blank
         print(f"mmg: {' '.join(str(error).split())}{f' [{error.code}]' * for_machines}", file=sys.stderr)
         return
     rows = [("file", "place", "problem", "what to do"), *map(parts_of, error.problems)]
     widths = [min(24, max(len(row[i]) for row in rows)) for i in (0, 1)]  # long names are wrapped as the sentences are
-    widths += [(_width() - sum(widths) - 6) // 2] * 2
+    widths += [(_width() - sum(widths) - 6) // 2] * 2  # problem and advice share what three gaps of two blanks leave
     for row in rows:
         cells = [textwrap.wrap(cell, width) or [""] for cell, width in zip(row, widths, strict=True)]
         for line in zip_longest(*cells, fillvalue=""):
@@ -81,6 +80,7 @@ def say_fault(error: UserError, for_machines: bool = False) -> None:
 def parts_of(problem: str) -> tuple[str, str, str, str]:
     """File, place in it, fault and advice of a ``problem``, which says them in this order (``mmg.errors.UserError``);
     "" for what it leaves out."""
+    # a file by its ending, a place by the word that it begins with, advice behind the first semicolon or full stop
     file, rest = match.groups() if (match := re.match(r"(\S.*?\.\w+): (.*)", problem)) else ("", problem)
     place, rest = match.groups() if (match := re.match(r"((?:row|column|line|\[)[^:]*): (.*)", rest)) else ("", rest)
     fault, *advice = re.split(r"[;.] ", rest, maxsplit=1)
@@ -102,7 +102,7 @@ def print_json(data: Any) -> None:
     from fitting.report.run_folder import plain
 
     end_progress()
-    print(json.dumps(plain(data), indent=2))
+    print(json.dumps(plain(data), indent=2))  # plain: no nan, which JSON does not have
 
 
 def say_remarks(result: FitResult | TrainResult) -> None:
@@ -152,14 +152,14 @@ def _unit_lines(before: UnitErrors, after: UnitErrors, what: str) -> list[str]:
     heads, columns = [], []
     for key, seconds in after.seconds.items():
         first, last = before.pooled.after.get(key), after.pooled.after.get(key)
-        kept = after.persistence.pooled.after.get(key) if after.persistence else None
-        if first and last and kept:
-            ratio = ratios(last, kept)
+        persistence = after.persistence.pooled.after.get(key) if after.persistence else None
+        if first and last and persistence:
+            ratio = ratios(last, persistence)
             heads += [f"{seconds:.3g} s: before|n", "after|n", "ratio|n"]
             columns += [[f"{getattr(one, state):.3g}" for state in STATE_ERRORS] for one in (first, last)]
             columns.append([f"{ratio[state]:.2f}" for state, _ in STATE_ERRORS.values()])
     labels = [f"{state} [{unit}]" for state, unit in STATE_ERRORS.values()]
-    length = "one ship length and " if len(columns) > 3 else ""
+    length = "one ship length and " if len(columns) > 3 else ""  # three columns for each time
     title = f"{what}: rms errors after {length}{after.window_s:g} s; ratio to keeping the velocities"
     return [title, *table_lines(["", *heads], zip(labels, *columns, strict=True))]
 
@@ -173,7 +173,7 @@ def refuse_target(option: str, path: Path | None, force: bool, endings: Sequence
         return
     if endings and path.suffix.lower() not in endings:
         raise BadValue(f"{option} {path}: the name must end in {' or '.join(endings)}")
-    if path.exists() and (path.is_dir() or not force):
+    if path.exists() and (path.is_dir() or not force):  # a folder is not replaced by a file, whoever forces it
         raise TargetExists(f"{option} {path}: exists already; choose another name or add --force")
     if not path.parent.is_dir():
         raise Missing(f"{option} {path}: there is no folder {path.parent}")
@@ -186,16 +186,6 @@ def refuse_given(options: Mapping[str, object], why: str) -> None:
             raise Conflict(f"{option} {why}")
 
 
-def read_ready(*sets: Sequence[str | Path] | None, unchecked: bool) -> tuple[TrialSet, ...]:
-    """The trials of each of the ``sets`` of files as they may be fitted and judged (``cases.trial_set.ready``).
-
-    unchecked: take them as they are. Raises UserError for files that cannot be read, and for contradictory ones.
-    """
-    from cases.trial_set import ready
-
-    return ready(*(some or () for some in sets), unchecked=unchecked)
-
-
 class _ToStderr(logging.Handler):
     """Prints the sentences of long work, each on a line of its own."""
 
@@ -203,8 +193,8 @@ class _ToStderr(logging.Handler):
         say(record.getMessage())
 
 
+# Whether the verb that runs was asked for JSON
 _for_machines: ContextVar[bool] = ContextVar("for_machines", default=False)
-"""Whether the verb that runs was asked for JSON."""
 
 
 @contextmanager
@@ -232,6 +222,7 @@ def progress() -> OnProgress | None:
 
 def _show(event: Progress) -> None:
     values = "  ".join(f"{name} {value:.5g}" for name, value in event.values.items())
+    # \r: to the begin of the line; \033[K: clears what a longer line before left behind its end
     sys.stderr.write(f"\r{event.task}: {event.step:3d}{f' of {event.of}' if event.of else ''}  {values} \033[K")
     sys.stderr.flush()
 
@@ -286,20 +277,15 @@ def is_model(argument: str) -> bool:
     from cases.shipfiles.ship_file import library
 
     path = Path(argument)
-    if path.is_dir():
+    if path.is_dir():  # a folder of trials has neither
         return (path / "ship.toml").exists() or is_black_box(path)
-    return argument in library() or path.suffix.lower() in (".toml", ".json")
+    return argument in library() or path.suffix.lower() in (".toml", ".json")  # no trial file ends so
 
 
 def positive(option: str, value: float | None, or_zero: bool = False) -> None:
     """Raises UserError unless the ``value`` of ``option`` is None or a positive number, or ``or_zero``."""
     if value is not None and not (math.isfinite(value) and (value > 0 or (or_zero and value == 0))):
         raise OutOfRange(f"{option} {value:g}: must be {'0 or ' * or_zero}a positive number")
-
-
-def names_of(text: Iterable[str] | None) -> list[str]:
-    """Names in ``text``, repeated and comma-separated option values."""
-    return [name.strip() for part in text or [] for name in part.split(",") if name.strip()]
 
 
 def numbers_of(text: str, count: int, what: str, mark: str = ",") -> tuple[float, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Argument, Option
 
@@ -40,11 +40,8 @@ def plan(
     from mmg_ident import studies
 
     cli.refuse_target("--out", out, force, (".csv",))
-    cli.refuse_target("--out", out.with_suffix(".png"), force)
-    place = None
-    if start is not None:
-        x, y, heading = cli.numbers_of(start, 3, "--start x:y:heading", ":")
-        place = (x, y, heading)
+    cli.refuse_target("--out", out.with_suffix(".png"), force)  # the map, beside it
+    place: Any = None if start is None else cli.numbers_of(start, 3, "--start x:y:heading", ":")
     with cli.working("planning"):
         planned = studies.plan(run, area, time, place, rudder_limit, cli.progress(), **settings)
     with writing(out):
@@ -52,7 +49,7 @@ def plan(
         plan_map(planned).savefig(out.with_suffix(".png"), dpi=120)
     try:
         keep_plan(planned, run, out)
-    except OSError as error:
+    except OSError as error:  # a run that cannot be written can be planned from all the same
         cli.say(f"note: the report of {run} will not show this plan: {error.strerror or error}")
     content = planned.to_dict()
     if json:

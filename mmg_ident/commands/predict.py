@@ -65,28 +65,29 @@ def predict(
     existing = [str(path) for path in files.values() if path.exists()]
     if existing and not force:
         raise TargetExists(f"{existing[0]}: exists already; choose another --out or add --force")
-    (sound,) = ready(runs, unchecked=unchecked)
+    (sound,) = ready(runs, unchecked=unchecked)  # says which rows no score would count; all rows are predicted
     ship = None if is_black_box(model) else load_ship(model)
     title = ship.title if ship else model
     if campaign is not None:
         runs = runs.said_campaign(campaign, ship or load_ship(model))
-    found = api.predict(model, runs, window, stride, adapt, cli.progress(), unchecked, members)
-    if all(p.diverged == len(p.windows) for p in found):
+    predictions = api.predict(model, runs, window, stride, adapt, cli.progress(), unchecked, members)
+    if all(p.diverged == len(p.windows) for p in predictions):
         raise NoSolution(f"{model}: every window diverges; nothing is written (see mmg check, and mmg score)")
     notes: list[str] = [*past_to_use(api.content_of(model), 0.0 if members else adapt)[1]]
     notes += [note for note in sound.remarks if has_code([note], DOUBT)]
-    for p, kept in zip(found, sound, strict=True):
-        left_out = inside(kept, spans_left_out(kept))
-        if begun := [str(w.number) for w in p.windows if left_out[w.first]]:
-            words = f"{kept.name}: window(s) {', '.join(begun)} begin in a broken stretch (mmg check)"
+    for p, trial in zip(predictions, sound, strict=True):
+        left_out = inside(trial, spans_left_out(trial))  # rows (N,)
+        if numbers := [str(w.number) for w in p.windows if left_out[w.first]]:
+            words = f"{trial.name}: window(s) {', '.join(numbers)} begin in a broken stretch (mmg check)"
             notes.append(f"{words}, from a state that is not to be believed")
+    # campaigns once for all trials, where each prediction has a note of its own
     notes += campaigns_taken(ship, runs) if ship else []
-    notes += [note for p in found for note in p.notes if not (has_code([note], TAKEN) or has_code([note], MEAN))]
-    write_tables({files[p.trial.name]: p.table for p in found})
+    notes += [note for p in predictions for note in p.notes if not (has_code([note], TAKEN) or has_code([note], MEAN))]
+    write_tables({files[p.trial.name]: p.table for p in predictions})
     cli.say_notes(notes)
-    counts, past = {p.trial.name: len(p.windows) for p in found}, found[0].past_s
+    counts, past = {p.trial.name: len(p.windows) for p in predictions}, predictions[0].past_s
     if json:
-        outside = {p.trial.name: p.outside for p in found if p.outside is not None}
+        outside = {p.trial.name: p.outside for p in predictions if p.outside is not None}
         content: dict[str, Any] = {"title": title, "files": {n: str(p) for n, p in files.items()}, "windows": counts}
         content |= {"past_s": past, "notes": notes}
         cli.print_json(content | ({"outside_envelope": outside} if outside else {}))

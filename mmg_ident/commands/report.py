@@ -30,20 +30,20 @@ def report(
     target = out or (folders[0] / "report.html" if len(folders) == 1 else Path("report.html"))
     targets = [target, *([target.with_suffix(".pdf")] if pdf else [])]
     # pages of the runs themselves are made anew; any other file is somebody's
-    own = {(folder / "report.html").absolute().with_suffix(s) for folder in folders for s in (".html", ".pdf")}
+    of_runs = {(folder / "report.html").absolute().with_suffix(s) for folder in folders for s in (".html", ".pdf")}
     if pdf and target.suffix.lower() == ".pdf":
         raise Conflict(f"{target}: is the name of the HTML file; --pdf writes one beside it, with the ending .pdf")
     for path in targets:
         if path.is_dir():
             raise BadValue(f"{path}: is a folder; name the HTML file to write with --out")
-        if path.exists() and path.absolute() not in own:
+        if path.exists() and path.absolute() not in of_runs:
             raise TargetExists(f"{path}: already exists; choose another --out")
     cli.positive("--full-load-draught", full_load_draught)
     with cli.working("writing the report"):
         write_report(folders, target, targets[1] if pdf else None, full_load_draught, imo)
     if json:
-        made = {"report": str(target), "pdf": str(targets[1]) if pdf else None}
-        cli.print_json(made | {"runs": [str(folder) for folder in folders]})
+        written = {"report": str(target), "pdf": str(targets[1]) if pdf else None}
+        cli.print_json(written | {"runs": [str(folder) for folder in folders]})
     else:
         for path in targets:
             cli.say(f"report: {path}")

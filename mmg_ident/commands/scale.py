@@ -52,16 +52,16 @@ def scale(
 
 def _print(result: FitResult) -> None:
     """What changed, as a table on stdout."""
-    account: dict[str, Any] = result.scaling or {}
+    account: dict[str, Any] = result.scaling or {}  # there in each result of mmg scale
     model = account["model"]
     print(f"{result.ship_name}: {model['ship']} of {model['length_m']:g} m at the scale {account['scale']:.6g}")
     points, rows = account["self_propulsion"], []
     for key, words in (("speed_m_s", "speed [m/s]"), ("n", "revolutions [1/s]"), ("C_Th", "propeller loading C_Th")):
         pair = [points[side][key] for side in ("model", "ship")]
-        if None not in pair:
+        if None not in pair:  # None: what a model does not give
             rows.append((words, *(f"{value:.4g}" for value in pair), ""))
     changed = [row for row in account["coefficients"] if row["changed"]]
     rows += [(r["symbol"], f"{r['model']:.4g}", f"{r['ship']:.4g}", f"{r['ship_std']:.2g}") for r in changed]
     cli.print_table(("", "model|n", "ship|n", "std|n"), rows)
-    if kept := [row["symbol"] for row in account["coefficients"] if not row["changed"]]:
-        print(f"kept, with wider errors: {', '.join(kept)}")
+    if unchanged := [row["symbol"] for row in account["coefficients"] if not row["changed"]]:
+        print(f"kept, with wider errors: {', '.join(unchanged)}")

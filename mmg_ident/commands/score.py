@@ -58,7 +58,7 @@ def score(
 
     from cases.io.campaigns import campaigns_taken
     from cases.shipfiles.ship_file import load_ship
-    from cases.trial_set import TrialSet, shared_rows
+    from cases.trial_set import TrialSet, ready, shared_rows
     from fitting.prediction.baselines import fit_grey_box
     from fitting.prediction.score import past_to_use, pooled_sigma
     from fitting.prediction.score import score as scored
@@ -80,7 +80,7 @@ def score(
     cli.positive("--window", window, or_zero=True)
     if sigma and sigma_from:
         raise Conflict("--sigma and --sigma-from exclude each other")
-    trials, others, fitted = cli.read_ready(files, sigma_from, baseline, unchecked=unchecked)
+    trials, others, fitted = ready(files, sigma_from or (), baseline or (), unchecked=unchecked)
     loaded = {name: predictor(name) for name in models}
     ships = {name: model.ship for name, model in loaded.items() if isinstance(model, Simulator)}
     if sigma:
@@ -94,10 +94,11 @@ def score(
     else:
         values, origin = pooled_sigma(trials), "the scored trials"
     if campaign is not None:
-        knowing = [ship for ship in ships.values() if ship.campaigns] or list(ships.values())
-        if not knowing:
+        # one that has none is asked only where all have none, for her own error
+        with_campaigns = [ship for ship in ships.values() if ship.campaigns] or list(ships.values())
+        if not with_campaigns:
             raise UnknownName(f"--campaign {campaign}: no model named knows campaigns")
-        trials = trials.said_campaign(campaign, knowing[0])
+        trials = trials.said_campaign(campaign, with_campaigns[0])
     # by the first ship: one window for all models, or their errors in units would not compare
     particulars = next((ship.particulars for ship in ships.values()), {})
     window = window or window_for(trials, particulars.get("L"))
@@ -106,16 +107,17 @@ def score(
     scores = {}
     past = max(past_to_use(content_of(name), adapt)[0] for name in models)
     for name, simulator in cli.each(list(loaded.items()), "scoring"):
-        for used in (None, past) if past and name in ships else (None,):
+        for used in (None, past) if past and name in ships else (None,):  # a black box has no disturbance to estimate
             label = f"{name} --adapt {past:g}" if used else name
             scores[label] = scored(simulator, trials, values, origin, method, used, window, box)
-    taken = dict.fromkeys(message for ship in ships.values() for message in campaigns_taken(ship, trials))
-    remarks = (*taken, *shared_rows(fitted, trials), *TrialSet.of(trials).remarks)
+    campaigns = dict.fromkeys(message for ship in ships.values() for message in campaigns_taken(ship, trials))
+    remarks = (*campaigns, *shared_rows(fitted, trials), *TrialSet.of(trials).remarks)
     scores = {name: replace(s, notes=(*remarks, *s.notes)) for name, s in scores.items()}
     if json:
-        found = {"metric": METRIC, "method": method, "past_s": past, "worse": _worse_than_first(scores)}
-        found["defeats"] = _defeats(scores)
-        cli.print_json({"titles": {name: ship.title for name, ship in ships.items()}, "models": scores, **found})
+        titles = {name: ship.title for name, ship in ships.items()}
+        how = {"metric": METRIC, "method": method, "past_s": past}
+        judged = {"worse": _worse_than_first(scores), "defeats": _defeats(scores)}
+        cli.print_json({"titles": titles, "models": scores, **how, **judged})
     else:
         for name, ship in ships.items():
             if ship.mark:
@@ -141,8 +143,7 @@ METRIC = {
 
 def _defeats(scores: Mapping[str, Score]) -> list[str]:
     """A line for each of the ``scores`` of models, by name, that does not beat what any model must."""
-    known = {Path(name).name: s.units for name, s in scores.items() if s.units}
-    return [f"{name} is {words}" for name, units in known.items() for words in units.defeats()]
+    return [f"{Path(name).name} is {words}" for name, s in scores.items() if s.units for words in s.units.defeats()]
 
 
 def _print(scores: Mapping[str, Score]) -> None:
@@ -176,13 +177,13 @@ def _print(scores: Mapping[str, Score]) -> None:
         print(line)
 
 
-def _cell(found: Score | TrialScore) -> str:
+def _cell(score: Score | TrialScore) -> str:
     """Both metrics of one trial or of all."""
     from fitting.prediction.score import NOTHING, in_words
 
-    if math.isnan(found.paper) and math.isnan(found.window):
+    if math.isnan(score.paper) and math.isnan(score.window):  # no window of either length is without a gap
         return NOTHING
-    return f"{in_words(found.paper)} | {in_words(found.window)}"
+    return f"{in_words(score.paper)} | {in_words(score.window)}"
 
 
 def _print_units(units: Mapping[str, UnitErrors]) -> None:
@@ -194,21 +195,21 @@ def _print_units(units: Mapping[str, UnitErrors]) -> None:
     first = max(units.values(), key=lambda errors: len(errors.seconds))  # of a black box no ship length is known
     every = {REFERENCES[name]: errors for name, errors in first.references.items()} | dict(units)
     for key, seconds in first.seconds.items():
-        told = {name: errors.pooled.after.get(key) for name, errors in every.items()}
+        errors_of = {name: errors.pooled.after.get(key) for name, errors in every.items()}
         rows = [("", *(unit for _, unit in STATE_ERRORS.values()))]
-        for name, errors in told.items():
+        for name, errors in errors_of.items():
             rows.append((name, *_numbers(errors)))
             for rival in [] if name in REFERENCES.values() else REFERENCES.values():
-                if errors and (other := told.get(rival)):
+                if errors and (other := errors_of.get(rival)):  # below 1: better than what any model must beat
                     rows.append((f"  / {rival}", *(f"{ratio:.2f}" for ratio in ratios(errors, other).values())))
         times = " (one ship length)" if key == SHIP_LENGTH else ""
         cli.print_table(("rms errors", *heads), rows, f"\nafter {seconds:.3g} s{times}")
     rows = [("", *(unit for _, unit in STATE_ERRORS.values()), "%")]
-    for i, run in enumerate([*first.runs, first.pooled]):
+    for i, run in enumerate([*first.runs, first.pooled]):  # all models are scored on the same runs, in this order
         rows.append((run.name if run.windows else f"{run.name}: {NOTHING}", *[""] * 6))
         for name, scored in every.items() if run.windows else ():
-            own = [*scored.runs, scored.pooled][i]
-            rows.append((f"  {name}", *_numbers(own), f"{100 * own.share_of_change:.1f}" if own.scored else ""))
+            row = [*scored.runs, scored.pooled][i]
+            rows.append((f"  {name}", *_numbers(row), f"{100 * row.share_of_change:.1f}" if row.scored else ""))
     times = f", {first.ship_times:.1f} L/U" if first.ship_times else ""
     title = f"\nover {first.window_s:g} s windows{times} (share: of what the states change by)"
     cli.print_table(("rms errors", *heads, "share|n"), rows, title)
@@ -234,8 +235,9 @@ def _print_maneuvers(units: Mapping[str, UnitErrors]) -> None:
         for maneuver in run.maneuvers:
             rows.append((f"{run.name}, {maneuver.title}", *[""] * (1 + len(units))))
             for figure in maneuver.figures:
-                found = [figures.get((maneuver.title, figure.figure)) for figures in by_model]
-                cells = [f"{f.predicted:.3g} ({f.error:+.3g})" if f else "-" for f in found]
+                # a model that does not come to the event has no such figure
+                predicted = [figures.get((maneuver.title, figure.figure)) for figures in by_model]
+                cells = [f"{f.predicted:.3g} ({f.error:+.3g})" if f else "-" for f in predicted]
                 what = f"  {figure.figure.replace('_', ' ')} [{figure.unit}]"
                 rows.append((what, f"{figure.measured:.3g}", *cells))
     if rows:
@@ -251,9 +253,9 @@ def _worse_than_first(scores: Mapping[str, Score]) -> list[str]:
     first, *others = scores
     lines = []
     for other in others:
-        found, alike = scores[other], next(n for n, s in scores.items() if s.past_s == scores[other].past_s)
+        score, alike = scores[other], next(n for n, s in scores.items() if s.past_s == scores[other].past_s)
         name = first if alike == other else alike
-        if runs := ScorePair(scores[name], found).worse_runs:
-            words = f"worse than {Path(name).name} on {len(runs)} of {len(found.trials)} runs: {'; '.join(runs)}"
+        if runs := ScorePair(scores[name], score).worse_runs:
+            words = f"worse than {Path(name).name} on {len(runs)} of {len(score.trials)} runs: {'; '.join(runs)}"
             lines.append(f"{Path(other).name}: {words}")
     return lines

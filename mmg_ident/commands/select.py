@@ -11,6 +11,7 @@ from fitting.settings import Rules, Settings
 from mmg.errors import Conflict, UnknownName, UserError, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
+from mmg_ident.settings import names_of
 
 if TYPE_CHECKING:
     from cases.trial_set import TrialSet
@@ -61,37 +62,36 @@ def select(
     from cases.trial_set import ready
     from fitting.selection.candidates import candidate, candidates
     from mmg.components.expansion.structure import term_list
-    from mmg_ident.studies import parted_trials
+    from mmg_ident.studies import SELECTION, parted_trials
 
-    if sum([list_, terms is not None, write is not None, bool(trials)]) != 1:
+    if sum([list_, terms is not None, write is not None, bool(trials)]) != 1:  # one thing at a time
         raise Conflict("give trials to fit on, or one of --list, --terms NAME and --write NAME")
     if (write is None and not trials) != (out is None):
         raise Conflict("--out belongs to trials (a run folder) and to --write NAME (a ship file); both need it")
     cli.refuse_target("--out", None if trials else out, force)
     model, rules = load_ship(ship), o.made(Rules, settings)
     if trials and out is not None:
-        chosen = o.made(Settings, {"time_limit": 300.0, "passes": 2, **settings})
+        chosen = o.made(Settings, SELECTION | settings)
         if objective not in ("regression", "paper"):
             raise UnknownName(f"--objective {objective}: must be regression or paper")
         if seeds is not None and objective != "paper":
             raise Conflict("--seeds belongs to --objective paper; add it or leave it out")
-        runs = (seeds or 1) if objective == "paper" else 0
-        *sets, words = parted_trials(trials, validate or (), test or ())
+        runs = (seeds or 1) if objective == "paper" else 0  # of the paper's objective, 0: by regression
+        *parts, words = parted_trials(trials, validate or (), test or ())
         if words:
             cli.say(f"note: {words}")
-        train, held, last = ready(*sets, unchecked=unchecked)
-        return _choose(
-            model, rules, (train, held, last), cli.names_of(only), chosen, runs, resume, not no_report, out, json
-        )
+        train, judges, tests = ready(*parts, unchecked=unchecked)
+        sets = (train, judges, tests)
+        return _choose(model, rules, sets, names_of(only), chosen, runs, resume, not no_report, out, json)
     if list_:
-        found = candidates(model, rules)
-        rows = [(c.name, str(c.unknowns), *map(str, c.counts), c.words) for c in found]
+        generated = candidates(model, rules)
+        rows = [(c.name, str(c.unknowns), *map(str, c.counts), c.words) for c in generated]
         if json:
-            cli.print_json({"ship": model.name, "candidates": [_row(c) for c in found]})
+            cli.print_json({"ship": model.name, "candidates": [_row(c) for c in generated]})
         else:
             cli.print_table(("candidate", "unknowns|n", "X|n", "Y|n", "N|n", "model"), rows)
         return 0
-    one = candidate(model, str(write if terms is None else terms), rules)
+    one = candidate(model, str(write if terms is None else terms), rules)  # one of both is given here
     cli.say_notes(one.ship.notices)
     if out is not None:
         with writing(out):
@@ -127,13 +127,14 @@ def _choose(
     from fitting.selection.structure_choice import choose_structure
 
     # both files, as result.json alone is also that of a fit
-    there = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
-    if there and PENDING not in {message.text for message in read_fit(out).messages}:
+    is_written = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
+    if is_written and PENDING not in {message.text for message in read_fit(out).messages}:
         cli.say(f"{out} has finished already; nothing to resume")
         return 0
     if not (resume and out.exists()):
         check_target(out)
     tried = [candidate(model, name, rules) for name in only] if only else list(candidates(model, rules))
+    # what a resumed run must have alike: fits of other trials or rules are no part of this choice
     about = {
         "ship": hash_of_ship(model),
         "trials": [hashes_of_trials(some) for some in sets],
@@ -147,19 +148,19 @@ def _choose(
         try:
             choice = choose_structure(model, tried, sets, settings, bool(only), cli.progress(), seeds, store)
         except (KeyboardInterrupt, UserError) as error:
-            store.discard()
+            store.discard()  # keeps finished fits
             if store.has_parts and isinstance(error, KeyboardInterrupt):
                 cli.say(f"finished fits are kept in {store.folder}: {cli.RESUMED}")
             raise
         result = replace(choice.result, command=cli.command_line()).save(
-            out, replace=out.exists(), attach=lambda folder: _beside(choice, store.folder, folder), report=report
+            out, replace=out.exists(), attach=lambda folder: _write_study(choice, store.folder, folder), report=report
         )
         choice = replace(choice, result=result)
-    cli.print_json(choice.to_dict() | {"out": str(out)}) if json else _tell(choice, out)
+    cli.print_json(choice.to_dict() | {"out": str(out)}) if json else _print(choice, out)
     return 0 if choice.result.converged else 1
 
 
-def _beside(choice: StructureChoice, learned: Path, folder: Path) -> None:
+def _write_study(choice: StructureChoice, learned: Path, folder: Path) -> None:
     """What belongs to a choice beside the run: all candidates, learning curves, finished runs of the paper's."""
     import shutil
 
@@ -172,12 +173,12 @@ def _beside(choice: StructureChoice, learned: Path, folder: Path) -> None:
         shutil.copytree(learned, folder / learned.name)
 
 
-def _tell(choice: StructureChoice, out: Path) -> None:
+def _print(choice: StructureChoice, out: Path) -> None:
     from fitting.prediction.score import in_words
 
     rows = []
     for row in choice.table:
-        diverged = f"{row.sequences - row.stable}/{row.sequences}" if row.sequences else "-"
+        diverged = f"{row.sequences - row.stable}/{row.sequences}" if row.sequences else "-"  # of random sequences
         numbers = (in_words(row.validation), in_words(row.training), diverged) if not row.left_out else ("", "", "")
         note = row.left_out or "*" * (row.name == choice.chosen)
         rows.append((row.name, str(row.unknowns), *numbers, note))

@@ -53,10 +53,11 @@ def ships(
         ship = new_ship(called, parse_particulars(new), hull) if new else load_ship(str(name))
         for notice in ship.notices if new else ():
             cli.say(f"{'warning' if has_code([notice], 'unusual_particular') else 'note'}: {notice}")
+        text = dump_ship(ship, _HEAD if new else "")
         if out is not None:
             cli.refuse_target("--out", out, force)
             with writing(out):
-                replace_text(out, dump_ship(ship, _HEAD if new else ""))
+                replace_text(out, text)
             cli.say(f"{ship.name}: {len(ship.coefficients)} coefficients, written to {out}")
         elif json:  # the tables of a ship file
             words = {"name": ship.name, "description": ship.description, "reference": ship.reference}
@@ -64,21 +65,21 @@ def ships(
             content = {"ship": words | dict(ship.particulars), "model": dict(ship.components), "coefficients": rows}
             cli.print_json(content)
         else:
-            sys.stdout.write(dump_ship(ship, _HEAD if new else ""))
+            sys.stdout.write(text)  # as the file: no line end of print behind it
         return
     if out is not None:
         raise Missing("--out needs a ship to write: name one, or describe it with --new")
-    known = {key: load_ship(key) for key in library()}
+    ships_of = {key: load_ship(key) for key in library()}
     if json:
-        listed = [
+        summaries = [
             {"name": key, "description": ship.description, "L": ship.particulars["L"],
              "model": dict(ship.components), "coefficients": len(ship.coefficients)}
-            for key, ship in known.items()
+            for key, ship in ships_of.items()
         ]  # fmt: skip
-        cli.print_json({"ships": listed})
+        cli.print_json({"ships": summaries})
         return
     table = []
-    for key, ship in known.items():
+    for key, ship in ships_of.items():
         models = ", ".join(f"{role} {model}" for role, model in ship.components.items())
         table.append((key, f"{ship.particulars['L']:g}", str(len(ship.coefficients)), models))
     cli.print_table(("name", "L [m]|n", "coefficients|n", "models"), table)

@@ -77,9 +77,10 @@ def simulate(
         cli.refuse_given({**orders, "--duration": duration, "--dt": dt}, words)
     model = with_effects(ship_of_campaign(load_ship(ship), campaign), effect or [])
     source: Any = controls
-    if maneuver is not None and (own := harbour_seed(maneuver, seed)) is not None:
+    # random harbour manoeuvres are inputs over time, which are followed as those of a file are
+    if maneuver is not None and (harbour := harbour_seed(maneuver, seed)) is not None:
         cli.refuse_given(orders, f"is not for {maneuver}, which starts at rest with actuators at their own rates")
-        maneuver, source = None, harbour_inputs(model, duration, own, dt)
+        maneuver, source = None, harbour_inputs(model, duration, harbour, dt)
     plan = None
     if maneuver is not None:
         rate = None if rudder_rate is None else math.radians(rudder_rate)
@@ -96,24 +97,25 @@ def simulate(
         if plan is None:
             raise Conflict("--scatter is a standard manoeuvre, not random inputs; leave it out")
         with cli.working(f"simulating {plan.name} {scatter} times"):
-            found, run, drawn = maneuver_scatter(model, plan, content_on(Path(ship)), scatter, seed, dt)
+            figures_drawn, run, drawn = maneuver_scatter(model, plan, content_on(Path(ship)), scatter, seed, dt)
         if plot is not None:
-            if run is None or drawn is None:
+            if run is None or drawn is None:  # figures alone were drawn, no tracks
                 raise Conflict("--plot draws the tracks of a calibration's turning, zigzag, crash-stop or coasting")
             title = f"{model.title}: {plan.name}, {scatter} draws"
             maneuver_figure((run,), title, {run.name: drawn.shown}).savefig(plot)
         if out is not None:
-            tracks = found.tracks()
+            tracks = figures_drawn.tracks()
             if out.suffix.lower() == ".parquet":
+                # checksums: a byte that a disk changes would else read as another number
                 tracks.to_parquet(out, index=False, engine="pyarrow", write_page_checksum=True)
             else:
                 tracks.to_csv(out, index=False)
         for path in filter(None, (plot, out)):
             cli.say(f"written: {path}")
         if json:
-            cli.print_json(found.to_dict() | {"title": model.title, "out": None if out is None else str(out)})
+            cli.print_json(figures_drawn.to_dict() | {"title": model.title, "out": None if out is None else str(out)})
         else:
-            _print_scatter(found, model, single=run is not None)
+            _print_scatter(figures_drawn, model, single=run is not None)
         return
     if plot is not None:
         raise Conflict("--plot belongs to --scatter; mmg imo --plot draws the manoeuvres of the standard")
@@ -126,30 +128,33 @@ def simulate(
     if noise and out is None:
         cli.say("note: --noise changes nothing without --out: it belongs to the trial file, not to the summary")
     if out is not None:
+        # the file alone: figures and summary are those of the motion
         noisy = add_noise(trial, SensorNoise.for_length(model.particulars["L"]), seed) if noise else trial
         write_trial(noisy, out)
     summary |= {"seed": seed, "noise": noise, "wind": wind}
     if members and plan:
         with cli.working(f"simulating {len(model.members)} members"):
             trials = [simulated_trial(member, plan, None, wind, seed=seed, dt=dt) for member in model.members]
-        summary["members"] = _spread([figures_of(own, plan) for own in trials])
+        summary["members"] = _spread([figures_of(run, plan) for run in trials])
     summary["effects"] = {name: vars(model.parameters_of(name)) for name in model.effects}
     summary["out"] = None if out is None else str(out)
     cli.print_json(summary) if json else _print(summary, figures, model)
 
 
-def _print_scatter(found: ManeuverScatter, ship: Ship, single: bool) -> None:
+def _print_scatter(figures: ManeuverScatter, ship: Ship, single: bool) -> None:
     """The figures of draws as a table; single: of one trial each, too."""
-    cli.say_notes(found.notices)
-    title = f"{ship.title}: {found.maneuver.name}, {found.count} draws of {len(found.coefficients)} coefficients"
+    cli.say_notes(figures.notices)
+    title = f"{ship.title}: {figures.maneuver.name}, {figures.count} draws of {len(figures.coefficients)} coefficients"
     rows = []
-    for row in found.rows:
+    for row in figures.rows:
         unit, factor, form = _unit(row.unit, ship.particulars["L"])
 
+        # factor and form as defaults: a closure would take those of the last row
         def shown(*values: float | None, factor: float = factor, form: str = form) -> str:
             return " .. ".join("-" if x is None or math.isnan(x) else f"{factor * x:{form}}" for x in values)
 
         limit = "" if row.probability is None else f"<= {shown(row.limit)}: {100 * row.probability:.0f} %"
+        # of the draws that come to the event of the figure
         share = "" if row.share == 1 else f"({100 * row.share:.0f} % of the draws)"
         cells = [f"{row.figure.replace('_', ' ')} [{unit}]", shown(row.value), shown(row.median)]
         cells += [shown(*row.interval_90), *[shown(*row.interval_90_trial or ())] * single]
@@ -165,14 +170,14 @@ def _unit(unit: str, length: float) -> tuple[str, float, str]:
     return {**shown, "rad/s": ("deg/s", math.degrees(1.0), ".3f")}.get(unit, (unit or "-", 1.0, ".3f"))
 
 
-def _summary(ship: Ship, trial: Trial, run: str, found: dict[str, float]) -> dict[str, Any]:
+def _summary(ship: Ship, trial: Trial, run: str, values: dict[str, float]) -> dict[str, Any]:
     """What is printed: SI units, named in the keys; lengths of the figures also in ship lengths."""
     from cases.criteria.figures import figure_unit
 
     states, L = trial.states, ship.particulars["L"]
     names = ("x_m", "y_m", "psi_rad", "u_m_s", "v_m_s", "r_rad_s")
-    figures = {f"{key}_{figure_unit(key).replace('/', '_')}".rstrip("_"): value for key, value in found.items()}
-    lengths = {f"{name[:-2]}_L": value / L for name, value in figures.items() if name.endswith("_m")}
+    figures = {f"{key}_{figure_unit(key).replace('/', '_')}".rstrip("_"): value for key, value in values.items()}
+    lengths = {f"{name[:-2]}_L": value / L for name, value in figures.items() if name.endswith("_m")}  # IMO counts in L
     return {
         "ship": ship.name,
         "title": ship.title,
@@ -189,8 +194,10 @@ def _summary(ship: Ship, trial: Trial, run: str, found: dict[str, float]) -> dic
 
 def _spread(each: list[dict[str, float]]) -> dict[str, dict[str, float]]:
     """Mean, standard deviation and ends of each figure over the members of an ensemble that reach it."""
-    rows = {name: [own[name] for own in each if name in own] for name in dict.fromkeys(n for own in each for n in own)}
-    return {
+    rows: dict[str, list[float]] = {}
+    for name, value in (item for figures in each for item in figures.items()):
+        rows.setdefault(name, []).append(value)
+    return {  # of the population: the members are all there are
         name: {"mean": statistics.fmean(v), "std": statistics.pstdev(v), "lowest": min(v), "highest": max(v)}
         | {"count": len(v)}
         for name, v in rows.items()
@@ -217,7 +224,7 @@ def _print(summary: dict[str, Any], figures: dict[str, float], ship: Ship) -> No
     print(f"  greatest turn rate  {math.degrees(summary['greatest_turn_rate_rad_s']):.3f} deg/s")
     for name, value in figures.items():
         unit, factor, form = _unit(figure_unit(name), ship.particulars["L"])
-        metres = f"{value:.2f} m = " if unit == "L" else ""
+        metres = f"{value:.2f} m = " if unit == "L" else ""  # both, as the limits of IMO are in L
         print(f"  {name.replace('_', ' ')}  {metres}{factor * value:{form}} {unit}")
         if row := summary.get("members", {}).get(name):
             mean, std, *ends = (f"{factor * row[key]:{form}}" for key in ("mean", "std", "lowest", "highest"))

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
+from mmg.errors import Missing, UserError
+from mmg.messages import has_code
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -35,11 +37,10 @@ def start(
     rate. The same call again goes on where one ended.
     """
     from cases.trial_set import ready
+    from delivery.export import export_ship
     from fitting.report.use import delivered
     from fitting.result import write_report
     from fitting.solvers.control import LEFT_OUT, interrupts_noted
-    from mmg.errors import Missing, UserError
-    from mmg.messages import has_code
     from mmg_ident import start as steps
 
     known = steps.read_answers(answers) if answers else steps.Answers()
@@ -47,11 +48,12 @@ def start(
     missing = next((path for path in logs if not path.exists()), None)
     if missing is not None:
         raise Missing(f"{missing}: no such file or folder")
+    # by the ship without the draught that a person answers: the same call again has asked for none yet
     mark = steps.digest(logs, steps.starting_ship(ship, particulars))
     before = steps.check_folder(out, mark, known if answers else None)
     if resume and before is None:
         raise Missing(f"--out {out}: nothing to resume there")
-    ask = not (yes or json) and sys.stdin.isatty() and sys.stderr.isatty()
+    ask = not (yes or json) and sys.stdin.isatty() and sys.stderr.isatty()  # with --json nobody reads a question
     if before is None:
         steps.write_mark(out, mark)
     if not (out / steps.TRIALS).is_dir():
@@ -60,28 +62,27 @@ def start(
         except UserError:
             steps.take_back(out)
             raise
-    if before is not None and before.is_asked:
+    if before is not None and before.is_asked:  # else the folder has only its mark: the import was stopped
         known, asked = before, tuple(before.record["asked"])
     else:
         known, asked = _begin(out, ship, particulars, known, answers is not None, ask)
-    whole = steps.with_answers(steps.starting_ship(ship, particulars, known.draught), known)
+    start_ship = steps.with_answers(steps.starting_ship(ship, particulars, known.draught), known)
     (trials,) = ready([out / steps.TRIALS])
-    started = steps.StartedRun(out, whole, tuple(trials.sound), known, asked)
+    started = steps.StartedRun(out, start_ship, tuple(trials.sound), known, asked)
     if before is None or not before.is_asked:
         steps.write_answers(started, mark, cli.command_line())
-    words = "interrupted: stopping at the next iterate; the same call goes on"
-    with interrupts_noted(lambda: cli.say(words)):
+    with interrupts_noted(lambda: cli.say("interrupted: stopping at the next iterate; the same call goes on")):
         result = steps.fitted(started, cli.command_line(), cli.progress())
     if has_code(result.warnings, LEFT_OUT) or result.status == "User_Requested_Stop":
         return 130
     cli.refuse_no_score(result.warnings, out / steps.RUN)
-    steps.write_answers(started, mark, cli.command_line(), result.ship)
+    steps.write_answers(started, mark, cli.command_line(), result.ship)  # again, with what her trials showed
     with cli.working("simulating the standard manoeuvres"):
-        known_of = delivered(result.to_dict(), result.ship)
+        known_of = delivered(result.to_dict(), result.ship)  # once: for the page and for what is printed
         write_report([out / steps.RUN], out / steps.RUN / "report.html", known=[known_of])
     if result.converged and not (out / steps.FMU).exists():
         with cli.working("exporting the FMU"):
-            steps.exported(out)
+            export_ship(out / steps.RUN, "fmu", out / steps.FMU)
     if json:
         cli.print_json(_content(result, known_of, out))
     else:
@@ -100,9 +101,9 @@ def _import(logs: list[Path], folder: Path, ask: bool) -> None:
         folder.parent.mkdir(parents=True, exist_ok=True)
         steps.copy_trials(logs, folder)
         return
-    found, chosen = imported(logs, ImportMap(), ask)
+    logged, chosen = imported(logs, ImportMap(), ask)
     with cli.working("writing trials"):
-        files = write_import(found, chosen, folder)
+        files = write_import(logged, chosen, folder)
     cli.say(f"imported: {len(files)} runs, {folder}")
 
 
@@ -114,20 +115,20 @@ def _begin(
     import typer
 
     from cases.io.read import read_trials
-    from mmg.errors import UserError
     from mmg_ident import start as steps
 
     place = folder / steps.TRIALS
+    # of a file of answers those count as given that differ from what is assumed
     asked = [name for name, value in known.given.items() if given and value != getattr(steps.Answers(), name)]
     if ask:
         first = steps.starting_ship(ship, particulars, known.draught)
         is_known = steps.antenna_is_known(place)
-        for question in steps.questions(first, read_trials([place]), particulars is not None, is_known):
-            while question.name not in asked:
-                text = str(typer.prompt(question.words, default=question.default, err=True))
+        for name, words, default in steps.questions(first, read_trials([place]), particulars is not None, is_known):
+            while name not in asked:  # until an answer can be read
+                text = str(typer.prompt(words, default=default, err=True))
                 try:
-                    known = steps.answered(known, question.name, text)
-                    asked.append(question.name)
+                    known = steps.answered(known, name, text)
+                    asked.append(name)
                 except UserError as error:
                     cli.say(f"  {error}")
     if not isinstance(known.antenna, str):
@@ -156,8 +157,8 @@ def _print(result: FitResult, known: Delivered, started: StartedRun, out: Path) 
     for message in result.messages:
         if message.code == "suspect":
             cli.print_wrapped("! ", message.text)
-    said = {"use her for": screen.good, "not for": screen.bad, "by rule of thumb": screen.rules}
-    for title, sentences in said.items():
+    sections = {"use her for": screen.good, "not for": screen.bad, "by rule of thumb": screen.rules}
+    for title, sentences in sections.items():
         if sentences:
             cli.print_wrapped(f"{title}: ", "; ".join(sentences))
     for name, words in steps.measured_particulars(result.ship).items():
@@ -174,6 +175,7 @@ def _content(result: FitResult, known: Delivered, out: Path) -> dict[str, Any]:
 
     rows = known.form.rows if known.form else ()
     figures = [
+        # a row has two sides or one, which is then of neither
         {"manoeuvre": row.group, "figure": row.name, "unit": row.unit, "side": name, "verdict": side.verdict,
          "tested": side.tested and side.tested.value, "model": side.model and side.model.value,
          "interval_90": side.model and side.model.interval}

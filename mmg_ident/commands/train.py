@@ -18,13 +18,8 @@ if TYPE_CHECKING:
 
 _MODELS = ("hybrid", *KINDS)
 # Settings that only some models take.
-_ONLY = {
-    "layers": ("fnn",),
-    "zero": ("fnn",),
-    "memory": ("rnn", "rnn-window"),
-    "initial": KINDS,
-    "symmetric": ("hybrid",),
-}
+_ONLY = {"layers": ("fnn",), "zero": ("fnn",), "memory": ("rnn", "rnn-window"), "initial": KINDS,
+         "symmetric": ("hybrid",)}  # fmt: skip
 
 
 @o.options(
@@ -59,6 +54,7 @@ def train(
     Example: mmg train runs/first trials/*.csv --validate held_out.csv --workers 2 --out runs/hybrid
     """
     from cases.shipfiles.ship_file import load_ship
+    from cases.trial_set import ready
     from fitting.report.run_folder import RESULT, check_target, reserved
     from residual.result import CALIBRATED, read_training
 
@@ -67,8 +63,8 @@ def train(
         raise UnknownName(f"--keep {keep}: unknown; choose one of {', '.join(KEEP)}")
     if not (resume and out.exists()):
         check_target(out)
-    chosen, held_out = cli.read_ready(trials, validate, unchecked=unchecked)
-    start, trained_on = load_ship(run), chosen.training()[0]
+    chosen, held_out = ready(trials, validate or (), unchecked=unchecked)
+    start, trained_on = load_ship(run), chosen.training()[0]  # without those whose role keeps them out
     needs_torch("mmg train")  # after all that can be refused without it, which takes seconds to import
     if resume and (out / RESULT).exists() and read_training(out).complete:
         cli.say(f"{out} has finished already; nothing to resume")
@@ -81,9 +77,10 @@ def train(
         with reserved(out):
             result = trained(run, chosen, held_out, chosen_settings, keep, cli.progress(), store)
             result = replace(result, command=cli.command_line())
+            # the folder is there already: the store keeps each seed in it as it finishes
             result.save(out, replace=True, report=not no_report)
     except KeyboardInterrupt:
-        if not store.folder.is_dir():
+        if not store.folder.is_dir():  # nothing was begun that could be resumed
             raise
         cli.say(f"mmg: interrupted; what was finished is in {store.folder}: {cli.RESUMED}")
         return 130

@@ -28,14 +28,14 @@ def view(
     from delivery.view.page import LENGTHS, gather, write_view
 
     folders = list({folder.absolute(): folder for folder in runs}.values())
-    target = out or (folders[0] / "view.html" if len(folders) == 1 else Path("view.html"))
+    target = out or (folders[0] / "view.html" if len(folders) == 1 else Path("view.html"))  # of one run in its folder
     cli.refuse_target("--out", out, force)
     if out is None and target.is_dir():
         raise BadValue(f"{target}: is a folder; name the HTML file to write with --out")
     campaign = gather(folders, trials or (), diagnosis)
     cli.say_notes(campaign.notes)
     with cli.working("writing the page"):
-        size = write_view(campaign, target, tuple(dict.fromkeys(window or LENGTHS)))
+        size = write_view(campaign, target, tuple(dict.fromkeys(window or LENGTHS)))  # each length once
     if json:
         trials_shown, labels = ([s.trial.name for s in campaign.trials], [model.label for model in campaign.models])
         folder = campaign.diagnosis.folder if campaign.diagnosis else None

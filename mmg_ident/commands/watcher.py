@@ -13,9 +13,9 @@ import select
 import signal
 import time
 
-ANSWER, END = 1.5, 3.0  # set by hand: half a second less, and a second more, than the rule
-"""Seconds within which a signal is answered, and within which a command that has nothing to keep must have ended: by
-the rule that Ctrl-C is answered within two seconds."""
+# Seconds within which a signal is answered, and within which a command that has nothing to keep must have ended. Set by
+# hand: half a second less, and a second more, than the two seconds of the rule for Ctrl-C.
+ANSWER, END = 1.5, 3.0
 # What the first process tells, as a byte that no signal has.
 WORDS = {"held": 200, "released": 201, "noted": 202, "ending": 203}
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -28,7 +28,7 @@ _ENDED = b"mmg: interrupted; ended, as a library did not answer; nothing was wri
 class _Pipe:
     """The end of the pipe that the first process writes to; none before ``watch``."""
 
-    end: int | None = None
+    end: int | None = None  # descriptor, None where nobody watches
 
 
 def watch() -> None:
@@ -46,13 +46,13 @@ def watch() -> None:
     if child == 0:
         status = 0
         try:
-            os.close(write)
+            os.close(write)  # or the read end would never see that the first process has gone
             _attend(read, first)
         except BaseException:
             status = 1
-        os._exit(status)
+        os._exit(status)  # never back into the program of the first process
     os.close(read)
-    os.set_blocking(write, False)
+    os.set_blocking(write, False)  # the interpreter asks for it: a handler in C must not wait for a full pipe
     _Pipe.end = write
     signal.set_wakeup_fd(write, warn_on_full_buffer=False)
 
@@ -68,7 +68,7 @@ def tell(word: str) -> None:
 
 def _attend(pipe: int, first: int) -> None:
     """Read the ``pipe`` until the process ``first`` has ended."""
-    for number in SIGNALS:
+    for number in SIGNALS:  # a terminal sends Ctrl-C to all its processes
         signal.signal(number, signal.SIG_IGN)
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)
@@ -77,22 +77,22 @@ def _attend(pipe: int, first: int) -> None:
     due: float | None = None  # when something must be said or done
     while True:
         if select.select([pipe], [], [], None if due is None else max(due - time.monotonic(), 0.0))[0]:
-            if not (data := os.read(pipe, 64)):
+            if not (data := os.read(pipe, 64)):  # the first process has ended
                 return
             for byte in data:
                 if byte in (WORDS["held"], WORDS["released"]):
                     held, pressed = byte == WORDS["held"], 0
-                elif byte == WORDS["noted"] and pressed < 2:
+                elif byte == WORDS["noted"] and pressed < 2:  # a second Ctrl-C means: at once
                     due = None  # it has said so itself
                 elif byte == WORDS["ending"]:
                     ending = True
                 elif byte in SIGNALS:
                     pressed, ending, began = pressed + 1, False, time.monotonic()
                     due = began + ANSWER
-        elif held and pressed < 2:
+        elif held and pressed < 2:  # something would be lost: it is asked once more
             os.write(2, _WAITS)
             due = None
-        elif ending and time.monotonic() < began + END - 0.1:
+        elif ending and time.monotonic() < began + END - 0.1:  # Python is on its way out; time until END is left
             os.write(2, _ENDS)
             due = began + END
         else:

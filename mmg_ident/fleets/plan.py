@@ -104,8 +104,8 @@ def read_plan(path: str | Path) -> FleetPlan:
         problems += [f"{header('ships', name)} {sentence}" for sentence in wrong]
     problems += _shared_files(ships)
     problems += _sister_problems(content, {s.name: s for s in ships})
-    count = f"{len(problems)} problems: " if len(problems) > 1 else ""
     if problems:
+        count = f"{len(problems)} problems: " if len(problems) > 1 else ""
         raise BadValue(f"{path}: {count}{'; '.join(dict.fromkeys(problems))}")
     return FleetPlan(content.fleet, tuple(ships), {k: tuple(v) for k, v in content.sisters.items()})
 
@@ -121,15 +121,15 @@ def _noted(problems: list[str]) -> Iterator[None]:
 
 def _name_problems(names: Iterable[str]) -> list[str]:
     """What is wrong with the ``names`` of ships, which become those of folders."""
-    found = []
-    seen: dict[str, str] = {}
+    problems = []
+    first: dict[str, str] = {}  # by the key of a file: file systems take names as equal that differ in case or accents
     for name in names:
         fault = name_fault(name) or ("must not begin with a dot" if name.startswith(".") else "")
-        found += [f"{header('ships', name)}: the name {fault}"] if fault or not name.strip() else []
-        other = seen.setdefault(file_key(name), name)
+        problems += [f"{header('ships', name)}: the name {fault}"] if fault or not name.strip() else []
+        other = first.setdefault(file_key(name), name)
         if other != name:
-            found.append(f"{header('ships', name)} and {header('ships', other)} would be one folder: rename one")
-    return found
+            problems.append(f"{header('ships', name)} and {header('ships', other)} would be one folder: rename one")
+    return problems
 
 
 def _planned(
@@ -140,8 +140,8 @@ def _planned(
     with _noted(problems):
         start = _start(name, table, fleet, root)
     trials: dict[Path, str] = {}
-    lists = [("", table.trials), *table.campaigns.items()]
-    for campaign, texts in lists:
+    # a file of a campaign may also be among the trials without one, so that trials = ["all/*.csv"] can stand there
+    for campaign, texts in [("", table.trials), *table.campaigns.items()]:
         for file in _files_of(texts, root, problems):
             other = trials.get(file, "")
             if other and other != campaign:
@@ -167,11 +167,11 @@ def _start(name: str, table: ShipTable, fleet: FleetTable, root: Path) -> Ship:
     if table.particulars is not None:
         try:
             ship = new_ship(name, table.particulars)
-        except UserError as error:
+        except UserError as error:  # in the words of a plan, not of the option of mmg ships
             raise type(error)(str(error).replace("--new: ", "particulars: ")) from None
     else:
-        beside = root / str(table.ship)
-        ship = load_ship(beside if beside.exists() else str(table.ship))
+        path = root / str(table.ship)
+        ship = load_ship(path if path.exists() else str(table.ship))  # else one of the library
     without = fleet.without if table.without is None else table.without
     effects = fleet.effects if table.effects is None else table.effects
     start = reduced_ship(ship.without_network(), without, effects)
@@ -181,45 +181,45 @@ def _start(name: str, table: ShipTable, fleet: FleetTable, root: Path) -> Ship:
 
 def _shared_files(ships: Iterable[PlannedShip]) -> list[str]:
     """Files that two ships of the plan have, by path or by content, and copies among those of one ship."""
-    first: dict[str, tuple[str, Path]] = {}
-    found = []
+    first: dict[str, tuple[str, Path]] = {}  # SHA-256 -> the ship and file that have it first
+    problems = []
     for ship in ships:
         for file, digest in ship.hashes.items():
             owner, other = first.setdefault(digest, (ship.name, file))
-            if other == file and owner == ship.name:
-                continue
-            names = f"{file.name} of {ship.name} and {other.name} of {owner}"
-            found.append(f"{names} are the same file; leave it out of one of them")
-    return found
+            if (owner, other) != (ship.name, file):
+                names = f"{file.name} of {ship.name} and {other.name} of {owner}"
+                problems.append(f"{names} are the same file; leave it out of one of them")
+    return problems
 
 
 def _sister_problems(content: PlanFile, ships: Mapping[str, PlannedShip]) -> list[str]:
     """What is wrong with the groups of sisters."""
-    found = []
-    owner: dict[str, str] = {}
+    problems = []
+    group_of: dict[str, str] = {}
     for group, names in content.sisters.items():
         place = f"[sisters] {group}"
         unknown = [name for name in names if name not in content.ships]
-        found += [f"{place}: {', '.join(unknown)}: no such ship in the plan"] if unknown else []
+        problems += [f"{place}: {', '.join(unknown)}: no such ship in the plan"] if unknown else []
         twice = sorted({name for name in names if names.count(name) > 1})
-        twice += [name for name in dict.fromkeys(names) if owner.setdefault(name, group) != group]
-        found += [f"{place}: {', '.join(twice)}: listed twice among the sisters"] if twice else []
+        twice += [name for name in dict.fromkeys(names) if group_of.setdefault(name, group) != group]
+        problems += [f"{place}: {', '.join(twice)}: listed twice among the sisters"] if twice else []
         if len(set(names)) < 2:
-            found.append(f"{place}: sisters are two ships at least")
-        known = [ships[name] for name in names if name in ships]
-        for one in known[1:]:
-            if one.start.components != known[0].start.components or one.start.free != known[0].start.free:
-                found.append(f"{place}: {one.name} has another model than {known[0].name}; sisters share that")
-    return found
+            problems.append(f"{place}: sisters are two ships at least")
+        sisters = [ships[name] for name in names if name in ships]
+        # the prior that sisters share is one of the same coefficients
+        for one in sisters[1:]:
+            if one.start.components != sisters[0].start.components or one.start.free != sisters[0].start.free:
+                problems.append(f"{place}: {one.name} has another model than {sisters[0].name}; sisters share that")
+    return problems
 
 
 def _files_of(texts: Iterable[str], root: Path, problems: list[str]) -> list[Path]:
     """Files that paths, folders and patterns stand for, each once; problems: to which what is wrong is added."""
-    found: list[Path] = []
+    files: list[Path] = []
     for text in dict.fromkeys(texts):
         with _noted(problems):
-            found += _matching(text, root)
-    return list(dict.fromkeys(found))
+            files += _matching(text, root)
+    return list(dict.fromkeys(files))
 
 
 def _matching(text: str, root: Path) -> list[Path]:
@@ -227,7 +227,7 @@ def _matching(text: str, root: Path) -> list[Path]:
     if not text.strip():
         raise Missing("an empty path")
     path = root / Path(text).expanduser()
-    if path.exists() or not glob.has_magic(text):
+    if path.exists() or not glob.has_magic(text):  # a file whose name has [ ] in it is that file, not a pattern
         if not path.exists():
             raise Missing(f"{text}: no such file or folder")
         if path.is_file() and path.suffix.lower() not in SUFFIXES:

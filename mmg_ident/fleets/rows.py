@@ -31,19 +31,19 @@ if TYPE_CHECKING:
     from fitting.selection.sisters import SisterWidths
     from mmg_ident.fleets.plan import PlannedShip
 
-SHIPS, DIAGNOSIS = "ships", "diagnosis"
-"""Folder of the run folders in that of a fleet, and that of a diagnosis in a run folder."""
-ALIKE, CHANCE = 2.0, 0.01
-"""Log Bayes factors within which two names of a difference are alike; chance below which it is one. Set by hand."""
-MOVED, SURE = 1.0, 2.576
-"""A coefficient has moved against its start by so many standard deviations of that, and of its own (99 %
-of a normal distribution). The first is set by hand."""
+SHIPS, DIAGNOSIS = "ships", "diagnosis"  # Folder of the run folders in that of a fleet, of a diagnosis in a run folder
+ALIKE = 2.0  # Log Bayes factors within which two names of a difference between campaigns are alike. Set by hand.
+CHANCE = 0.01  # Chance below which a difference between campaigns is one. Set by hand.
+MOVED = 1.0  # Standard deviations of its start from which a coefficient is said to have moved. Set by hand.
+SURE = 2.576  # And of its own: the two-sided 99 % quantile of a normal distribution
+SAME = 0.05  # Width, in standard deviations of the prior, below which sisters do not differ. Set by hand.
 APART = 3.0  # Standard errors from the mean of her sisters from which a coefficient is said to differ. Set by hand.
 SETS = {"held_out": "validation", "training": "training"}  # Sets of trials in a row, and in a calibration
+# Keys of a row whose values the table holds as texts: lists of names, and words
 LISTS = ("campaigns", "moved", "moved_against_sisters", "instruments", "warnings")
 TEXTS = ("name", "sisters", "status", "reason", "start", "loss", "verdict", "sentence")
 # What a diagnosis and sisters add to a row, without them.
-TOLD: dict[str, Any] = {
+EMPTY: dict[str, Any] = {
     "verdict": "", "sentence": "", "effects": [], "compared": [], "between": "", "between_sentence": "", "drifted": [],
     "surroundings": [], "reduction": None, "p_alike": None, "widths_from_mean": None, "moved_against_sisters": [],
     "diagnosis_failed": "",
@@ -61,7 +61,7 @@ class SisterGroup:
     @property
     def mean(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean of the coefficients over the sisters and its standard error, (P,) each, in their own units."""
-        w = self.widths
+        w = self.widths  # scaled: a coefficient is centre + unit * x, with the standard deviation of its prior as unit
         return w.centre + w.unit * w.mean, w.unit * np.sqrt(np.diag(w.mean_covariance))
 
     def to_dict(self) -> dict[str, Any]:
@@ -117,7 +117,7 @@ class Fleet:
 def _row(ship: PlannedShip, **values: Any) -> dict[str, Any]:
     """The row of a ``ship`` with these ``values``."""
     head = {"name": ship.name, "sisters": ship.sisters, "start": ship.start.title}
-    return {**TOLD, **head, "length": ship.start.particulars["L"], **values}
+    return {**EMPTY, **head, "length": ship.start.particulars["L"], **values}
 
 
 def failed_row(ship: PlannedShip, reason: str) -> dict[str, Any]:
@@ -180,13 +180,13 @@ def _coefficients(ship: PlannedShip, result: FitResult) -> dict[str, dict[str, A
 
 def _scores(pair: ScorePair) -> dict[str, Any]:
     """Both metrics before and after, and errors in units after."""
-    found: dict[str, Any] = {
+    errors: dict[str, Any] = {
         name: {"before": getattr(pair.before, name), "after": getattr(pair.after, name)} for name in ("window", "paper")
     }
     if units := pair.after.units:
-        errors = units.pooled
-        found |= {"window_s": units.window_s, "position_m": errors.position_m, "heading_deg": errors.heading_deg}
-    return found
+        pooled = units.pooled
+        errors |= {"window_s": units.window_s, "position_m": pooled.position_m, "heading_deg": pooled.heading_deg}
+    return errors
 
 
 def _among_sisters(row: Mapping[str, Any], group: SisterGroup, alone: Mapping[str, Any]) -> dict[str, Any]:
@@ -195,13 +195,13 @@ def _among_sisters(row: Mapping[str, Any], group: SisterGroup, alone: Mapping[st
     mean, width = group.mean[0], w.unit * w.width
     coefficients, scores = dict(row["coefficients"]), dict(row["scores"])
     for i, s in enumerate(w.symbols):
-        own = {"alone": alone["coefficients"][s]["value"], "alone_std": alone["coefficients"][s]["std"]}
+        by_itself = {"alone": alone["coefficients"][s]["value"], "alone_std": alone["coefficients"][s]["std"]}
         others = {"sister_mean": mean[i], "sister_width": width[i], "from_others": w.from_others[k, i]}
-        coefficients[s] = coefficients[s] | own | others
+        coefficients[s] = coefficients[s] | by_itself | others
     for key, name in SETS.items():
         if key in scores and name in alone["scores"]:
             scores[key] = scores[key] | {"alone": alone["scores"][name]["after"]["window"]}
-    away = dict(zip(w.symbols, np.abs(w.from_others[k]), strict=True))
+    away = dict(zip(w.symbols, np.abs(w.from_others[k]), strict=True))  # from the mean of the others, standard errors
     return {
         "coefficients": coefficients,
         "scores": scores,
@@ -232,6 +232,7 @@ def _diagnosed(row: Mapping[str, Any], diagnosis: Diagnosis) -> dict[str, Any]:
         "effects": [{"name": e.name, "p_value": e.p_value, "text": _sizes(e.parameters)} for e in diagnosis.effects],
         "compared": list(between.groups) if between else [],
         "between": between.verdict if between else "",
+        # the groups that a fleet compares are campaigns, which the diagnosis does not know
         "between_sentence": between.sentence.replace("groups by group", "campaigns") if between and unnamed else "",
         "drifted": drifted,
         "surroundings": surroundings,
@@ -247,7 +248,7 @@ def one_of_several(between: Between) -> list[dict[str, Any]]:
     if between.verdict != "unknown" or not between.candidates:
         return []
     best = between.candidates[0]
-    least = max(ALIKE, best.log_bayes - ALIKE)
+    least = max(ALIKE, best.log_bayes - ALIKE)  # nearly as likely as the best, and more so than no difference
     alike = [d for d in between.candidates if d.p_value < CHANCE and d.log_bayes > least]
     if not any(d.nature == "ship" for d in alike):
         return []
@@ -282,6 +283,7 @@ def ship_table(fleet: Fleet) -> pd.DataFrame:
                 pair = score.get(metric, {})
                 out |= {f"{name}_{metric}_{when}": pair.get(when) for when in ("before", "after")}
             out |= {f"{name}_{key}": score.get(key) for key in ("position_m", "heading_deg")}
+        # nan for None: a column of numbers and None would be one of objects in Parquet
         numbers = {key: math.nan if value is None else float(value) for key, value in out.items() if key not in TEXTS}
         words = {key: "; ".join(row[key]) for key in LISTS}
         words["drifted"] = "; ".join(d["text"] for d in row["drifted"])
@@ -316,7 +318,7 @@ def write_tables(fleet: Fleet, folder: Path) -> None:
         write_json(folder / "fleet.json", fleet)
 
 
-PAGE = "fleet.html"
+PAGE = "fleet.html"  # In the folder of the fleet
 SHOWN = 12  # Coefficients in the table of a group of sisters, and in what moved. Set by hand.
 # Probability below which a ship does not seem to be drawn from the distribution of her sisters. Set by hand.
 SISTERLY = 0.01
@@ -363,15 +365,15 @@ def _group(group: SisterGroup) -> dict[str, Any]:
     """A group of sisters as the page shows it: coefficients by width, widest first, and each sister's distance."""
     w = group.widths
     mean, error = group.mean
-    values, errors = w.centre + w.unit * w.estimate, w.unit * w.std
-    used = (w.estimate - w.mean) / w.used_width
-    far = [sorted(range(len(w.symbols)), key=lambda i: -abs(row[i]))[:3] for row in used]
+    values, errors = w.centre + w.unit * w.estimate, w.unit * w.std  # (N, P) of N sisters
+    distance = (w.estimate - w.mean) / w.used_width  # of each from the mean, in widths
+    far = [sorted(range(len(w.symbols)), key=lambda i: -abs(row[i]))[:3] for row in distance]  # the three farthest
     return {
         "name": group.name,
         "ships": group.ships,
         "common": w.common,
         "common_90": w.common_90,
-        "alike": int((w.width < 0.05).sum()),
+        "alike": int((w.width < SAME).sum()),
         "count": len(w.symbols),
         "rows": [
             {"symbol": w.symbols[i], "mean": plus_minus(mean[i], error[i]), "width": w.unit[i] * w.width[i],
@@ -380,9 +382,9 @@ def _group(group: SisterGroup) -> dict[str, Any]:
             for i in np.argsort(-w.width)[:SHOWN] if w.width[i] > 0
         ],
         "sisters": [
-            {"name": name, "rms": float(np.sqrt(np.mean(used[k] ** 2))), "p": w.p_alike[k],
+            {"name": name, "rms": float(np.sqrt(np.mean(distance[k] ** 2))), "p": w.p_alike[k],
              "strange": w.p_alike[k] < SISTERLY,
-             "far": ", ".join(f"{w.symbols[i]} {used[k, i]:+.1f}".replace("-", "−") for i in far[k])}
+             "far": ", ".join(f"{w.symbols[i]} {distance[k, i]:+.1f}".replace("-", "−") for i in far[k])}
             for k, name in enumerate(group.ships)
         ],
     }  # fmt: skip

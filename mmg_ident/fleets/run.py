@@ -22,6 +22,7 @@ from cases.checks.report import CONTRADICTORY
 from cases.io.files import file_hash
 from cases.io.read import read_trials
 from cases.io.sidecar import NAME as SIDECAR
+from cases.io.site import NAME as SITE
 from cases.shipfiles.ship_file import dump_ship
 from cases.trial import Trial
 from cases.trial_set import TrialSet, ready
@@ -43,10 +44,8 @@ from mmg_ident.api import calibrate
 from mmg_ident.fleets.plan import FleetPlan, FleetTable, PlannedShip
 from mmg_ident.fleets.rows import DIAGNOSIS, SHIPS, Fleet, SisterGroup, failed_row, ship_row
 
-PARTS = "parts"
-ALONE, DONE = "alone", "done"
-"""Stages: sisters by their own trials, and every ship."""
-SITE = "site.toml"
+PARTS = "parts"  # Folder of finished parts in that of a fleet
+ALONE, DONE = "alone", "done"  # Stages: sisters by their own trials, and every ship
 COARSER = 2.0  # Step of the diagnosis of a fleet, in that of ``mmg diagnose``: it costs half the time. Set by hand.
 
 
@@ -67,8 +66,8 @@ class FleetTask:
 
     def kept(self, stage: str) -> tuple[dict[str, Any], dict[str, np.ndarray]] | None:
         """Words and arrays of a part that was finished from the same, None where there is none."""
-        found = self.store(stage).load(self.ship.name)
-        return found if found and found[0].get("key") == self.key else None
+        part = self.store(stage).load(self.ship.name)
+        return part if part and part[0].get("key") == self.key else None  # else the plan or a file has changed
 
     @property
     def sister(self) -> SisterStart | None:
@@ -90,7 +89,7 @@ class FleetTask:
             "trials": [[file.name, label, ship.hashes[file]] for file, label in ship.trials.items()],
             "held_out": [[file.name, ship.hashes[file]] for file in ship.held_out],
             "beside": [file_hash(path) for path in sidecars],
-            "options": self.options.model_dump(exclude={"name"}),
+            "options": self.options.model_dump(exclude={"name"}),  # of the fleet, on which nothing depends
             "sisters": group and (group.ships, vars(group.widths)),
             "version": versions()["mmg-ident"],
         }
@@ -117,9 +116,10 @@ def run_fleet(
     groups = _groups(plan, [task for task in alone if task.ship.name not in failures])
     tasks = [replace(t, sisters=groups.get(t.ship.sisters)) for t in tasks if t.ship.name not in failures]
     failures |= _do(finish_ship, tasks, DONE, workers, progress)
-    kept = {task.ship.name: found[0] for task in tasks if (found := task.kept(DONE))}
-    rows = [kept[s.name]["row"] if s.name in kept else failed_row(s, failures.get(s.name, "")) for s in plan.ships]
-    timing = {name: words["timing"] for name, words in kept.items()}
+    # read back from the parts: rows of this run and of an earlier one come the same way
+    parts = {task.ship.name: part[0] for task in tasks if (part := task.kept(DONE))}
+    rows = [parts[s.name]["row"] if s.name in parts else failed_row(s, failures.get(s.name, "")) for s in plan.ships]
+    timing = {name: words["timing"] for name, words in parts.items()}
     return Fleet(plan.options.name, tuple(rows), tuple(groups.values()), timing, time.perf_counter() - began, command)
 
 
@@ -156,8 +156,8 @@ def _groups(plan: FleetPlan, tasks: Sequence[FleetTask]) -> dict[str, SisterGrou
     for name in plan.sisters:
         evidence: dict[str, sisters.SisterEvidence] = {}
         for task in tasks:
-            if task.ship.sisters == name and (found := task.kept(ALONE)):
-                words, arrays = found
+            if task.ship.sisters == name and (part := task.kept(ALONE)):
+                words, arrays = part
                 evidence[task.ship.name] = sisters.SisterEvidence(tuple(words["symbols"]), **arrays)
         if len(evidence) > 1:
             groups[name] = SisterGroup(name, tuple(evidence), sisters.sister_widths(list(evidence.values())))
@@ -175,7 +175,7 @@ def _reported(work: Callable[[FleetTask], None]) -> Callable[[FleetTask], tuple[
             work(task)
         except UserError as error:
             return task.ship.name, " ".join(str(error).split())
-        except Exception as error:
+        except Exception as error:  # of a library: its message, which may be a page, is cut for the table
             return task.ship.name, f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
         return task.ship.name, ""
 
@@ -190,15 +190,16 @@ def fit_alone(task: FleetTask) -> None:
     result = _calibrated(task, *trials_of(task)[:2])
     if not result.converged or result.calibration is None:
         raise NotCalibrated(f"not converged ({result.status}): {result.advice or 'see mmg fit'}")
-    found = sisters.SisterEvidence.of(result.calibration)
+    evidence = sisters.SisterEvidence.of(result.calibration)
     words = {
         "key": task.key,
-        "symbols": list(found.symbols),
+        "symbols": list(evidence.symbols),
         "coefficients": plain(result.estimates),
         "scores": plain(result.scores),
         "wall_s": time.perf_counter() - began,
     }
-    task.store(ALONE).save(task.ship.name, words, {name: getattr(found, name) for name in ("A", "b", "centre", "unit")})
+    arrays = {name: getattr(evidence, name) for name in ("A", "b", "centre", "unit")}
+    task.store(ALONE).save(task.ship.name, words, arrays)
 
 
 @_reported
@@ -214,10 +215,11 @@ def finish_ship(task: FleetTask) -> None:
     row = ship_row(task.ship, result, diagnosis, left_out, task.sisters, alone[0] if alone else None)
     timing = {**({ALONE: alone[0]["wall_s"]} if alone else {}), DONE: time.perf_counter() - began}
     words = {"key": task.key, "row": row | {"diagnosis_failed": failed}, "timing": timing}
-    task.store(DONE).save(task.ship.name, words)
+    task.store(DONE).save(task.ship.name, words)  # last: what is stored here is not done again
 
 
 def _calibrated(task: FleetTask, train: Sequence[Trial], held_out: Sequence[Trial]) -> FitResult:
+    """The calibration of a ship; a sister begins at what all fits say of her, under the prior that the group shares."""
     o, sister, start = task.options, task.sister, task.ship.start
     settings = Settings(seed=o.seed, time_limit=o.time_limit, compiled=o.compiled, loss=o.loss)
     options = FitOptions(next_trial=False, instruments=tuple(o.measurement), command=task.command, name=task.ship.name)
@@ -233,7 +235,7 @@ def _diagnosed(
     """The diagnosis of a calibrated ship, written into her run ``folder``, or why there is none."""
     if not task.options.diagnose or not result.converged:
         return None, "" if result.converged else "not diagnosed: the calibration has not converged"
-    several = len({trial.meta.get("group") for trial in train}) > 1
+    several = len({trial.meta.get("group") for trial in train}) > 1  # campaigns, between which she may have drifted
     step = task.options.diagnosis_step or COARSER * default_step(train, result.ship.particulars["L"])
     options = DiagnosisOptions(
         step, task.options.seed, learn=False, command=task.command, between="group" if several else None
@@ -241,12 +243,12 @@ def _diagnosed(
     try:
         sister = task.sister
         ship = sisters.with_whole_prior(result.ship, sister.mean) if sister else result.ship
-        found = diagnosing.diagnose(ship, train, held_out, None, options, folder)
-    except (UserError, np.linalg.LinAlgError) as error:
+        diagnosis = diagnosing.diagnose(ship, train, held_out, None, options, folder)
+    except (UserError, np.linalg.LinAlgError) as error:  # the calibration stands without it
         return None, f"not diagnosed: {error}"
     target = folder / DIAGNOSIS
-    found.save(target, replace=target.exists())
-    return found, ""
+    diagnosis.save(target, replace=target.exists())
+    return diagnosis, ""
 
 
 def trials_of(task: FleetTask) -> tuple[list[Trial], list[Trial], list[str]]:
@@ -265,13 +267,14 @@ def trials_of(task: FleetTask) -> tuple[list[Trial], list[Trial], list[str]]:
             if report.verdict == CONTRADICTORY:
                 refuted[report.path] = next(f.text for f in report.findings if f.level == CONTRADICTORY)
         left_out = [f"{Path(path).name} is left out: {text}" for path, text in refuted.items()]
+        # of many ships' files a few may be wrong: they are left out, where mmg fit would refuse all
         train, held_out = ([t for t in some if str(t.path or "") not in refuted] for some in (train, held_out))
         if not train:
             raise Conflict(f"mmg check calls all trials contradictory: {left_out[0]}")
     fitted, judged = ready(train, held_out, unchecked=task.options.unchecked)
-    names = fitted.campaigns
+    campaigns = fitted.campaigns  # as the calibration splits them; the diagnosis compares the same groups
     grouped = [
-        replace(trial, meta={**trial.meta, "group": names.names[number]})
-        for trial, number in zip(fitted, names.number, strict=True)
+        replace(trial, meta={**trial.meta, "group": campaigns.names[number]})
+        for trial, number in zip(fitted, campaigns.number, strict=True)
     ]
     return grouped, list(judged), left_out

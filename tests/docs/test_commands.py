@@ -21,7 +21,7 @@ from mmg.components import catalogue
 from mmg.effects import EFFECTS
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import VERBS, main
-from tests.docs.pages import PAGES, ROOT, Command, arguments, blocks, commands, make_workspace, missing
+from tests.docs.pages import PAGES, ROOT, arguments, blocks, commands, make_workspace, missing
 from tests.support.figures import unrendered
 
 LONGEST = (
@@ -44,10 +44,10 @@ OWN_TRIALS = ("effects.md",)
 """Pages that make the trials that they use."""
 
 
-def run_page(path: Path, folder: Path, chosen: list[Command], capsys: pytest.CaptureFixture[str]) -> None:
-    """Run the ``chosen`` commands of a page in the working ``folder``; each must work and print what it says."""
+def run_page(path: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Run the commands of a page in the working ``folder``; each must work and print what it says."""
     make_workspace(folder, path.name not in OWN_TRIALS)
-    for command in chosen:
+    for command in commands(path):
         words = arguments(command)
         if words[0] in PUBLIC_DATA:
             continue
@@ -60,22 +60,12 @@ def run_page(path: Path, folder: Path, chosen: list[Command], capsys: pytest.Cap
 
 
 @pytest.mark.slow
-def test_the_first_commands_of_the_readme_work(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    first = commands(ROOT / "README.md")[1:4]  # mmg start does all of them
-    assert [c.words[0] for c in first] == ["import", "check", "ships"]
-    run_page(ROOT / "README.md", tmp_path, first, capsys)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("path", by_length(p for p in PAGES if commands(p)))
 def test_the_commands_of_a_page_work_and_print_what_it_shows(
     path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    run_page(path, tmp_path, commands(path), capsys)
+    run_page(path, tmp_path, capsys)
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda p: p.name)
@@ -162,19 +152,10 @@ NOTEBOOKS = [path for path in PAGES if cells(path)]
 
 
 def test_the_notebooks_are_known() -> None:
-    names = {path.stem for path in NOTEBOOKS}
-    assert names == {
-        "tutorial",
-        "own_ship",
-        "own_force",
-        "mpc",
-        "actuators",
-        "dataframe",
-        "controller",
-        "tracker",
-        "own_network",
+    assert {path.stem for path in NOTEBOOKS} == {
+        "tutorial", "own_ship", "own_force", "mpc", "actuators", "dataframe", "controller", "tracker", "own_network",
         "gallery",
-    }
+    }  # fmt: skip
 
 
 @pytest.mark.slow

@@ -45,9 +45,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def loaded_after(code: str) -> list[str]:
     """Heavy modules in memory after ``code`` in a new process."""
-    code += f"\nimport sys; print([name for name in {HEAVY} if name in sys.modules])"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True)
+    done = in_python("-c", f"{code}\nimport sys; print([name for name in {HEAVY} if name in sys.modules])")
     assert done.returncode == 0, done.stderr
     return list(ast.literal_eval(done.stdout.splitlines()[-1]))
 
@@ -153,15 +151,6 @@ def test_a_simulated_run_is_a_trial(folder: Path) -> None:
     assert np.allclose(again["delta"], turn["delta"]) and not np.allclose(again["r"], turn["r"])
     noisy = mmg_ident.simulate("esso_osaka_3m", "turning:35", duration=30.0, noise=True, effects=["current:x=0.1"])
     assert noisy["x"][-1] > turn["x"][-1]
-    with pytest.raises(mmg_ident.UserError):
-        mmg_ident.simulate("esso_osaka_3m", turn, duration=3.0)
-
-
-@pytest.mark.slow
-def test_reports_and_checks_are_functions_too(folder: Path, tmp_path: Path) -> None:
-    mmg_ident.write_report(folder / "run", tmp_path / "page.html", imo=False)
-    assert "<html" in (tmp_path / "page.html").read_text()
-    assert {r.verdict for r in mmg_ident.check(folder / "train")} <= {"ok", "doubtful", "warnings"}
 
 
 def test_a_folder_that_is_no_run_is_refused_in_one_line(tmp_path: Path) -> None:
@@ -175,20 +164,20 @@ def test_a_folder_that_is_no_run_is_refused_in_one_line(tmp_path: Path) -> None:
 # Another package named mmg is met with one clear line; ours is found wherever it is installed
 
 
-def run(code: list[str], folder: Path, first: Path) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(first), str(ROOT)])}
-    return subprocess.run([sys.executable, *code], cwd=folder, env=environment, capture_output=True, text=True)
-
-
-def test_our_own_package_is_not_in_the_way() -> None:
-    assert shadowing_mmg() == ""
+def in_python(
+    *words: str, folder: Path = ROOT, first: str = "", **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """What a new Python with these words in a ``folder`` ended with; first: in its path before the repository."""
+    more = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (first, str(ROOT))))}
+    return subprocess.run([sys.executable, *words], cwd=folder, env=more, capture_output=True, text=True, check=False)
 
 
 def test_another_mmg_before_ours_stops_every_command_in_one_line(tmp_path: Path) -> None:
+    assert shadowing_mmg() == ""
     other = tmp_path / "site" / "mmg"
     other.mkdir(parents=True)
     (other / "__init__.py").write_text("raise SystemExit('the other package was executed')\n")
-    done = run(["-m", "mmg_ident", "ships"], tmp_path, tmp_path / "site")
+    done = in_python("-m", "mmg_ident", "ships", folder=tmp_path, first=str(tmp_path / "site"))
     assert done.returncode == 2 and done.stdout == ""
     (line,) = done.stderr.strip().splitlines()
     assert line.startswith("mmg: ") and str(other) in line
@@ -225,11 +214,12 @@ assert {{row["num_threads"] for row in threadpool_info()}} == {{2}}
         ]
     ),
 )
-def test_one_thread_from_python(module: str, entry: str, inner: str, arguments: str) -> None:
+def test_one_thread_from_python(
+    module: str, entry: str, inner: str, arguments: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if module.startswith("residual"):
         pytest.importorskip("torch")
-    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-    environment = {k: v for k, v in os.environ.items() if k not in names} | {"PYTHONPATH": str(ROOT)}
-    code = CODE.format(module=module, entry=entry, inner=inner, arguments=arguments)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=False)
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        monkeypatch.delenv(name, raising=False)
+    done = in_python("-c", CODE.format(module=module, entry=entry, inner=inner, arguments=arguments))
     assert done.returncode == 0, done.stderr[-600:]

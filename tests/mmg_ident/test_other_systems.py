@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cases.io.read import read_trials
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
@@ -48,13 +49,6 @@ print(json.dumps(codes), file=open("codes.json", "w"))
 """
 
 
-def as_windows(folder: Path, *words: str) -> subprocess.CompletedProcess[bytes]:
-    """What Python with these words in the ``folder`` ended with, without what Windows does not have."""
-    with started_as_windows(folder, *words) as process:
-        said, complained = process.communicate()
-    return subprocess.CompletedProcess(words, process.returncode, said, complained)
-
-
 def started_as_windows(folder: Path, *words: str) -> subprocess.Popen[bytes]:
     """Python with these words in the ``folder``, without what Windows does not have."""
     here = os.pathsep.join([str(ROOT / "tests/support/as_windows"), str(ROOT)])
@@ -63,6 +57,13 @@ def started_as_windows(folder: Path, *words: str) -> subprocess.Popen[bytes]:
     environment = {**os.environ, "PYTHONPATH": here, "PYTHONUTF8": "0", "TMPDIR": str(drive), "MPLBACKEND": "agg"}
     pipe = subprocess.PIPE
     return subprocess.Popen([sys.executable, *words], cwd=folder, env=environment, stdout=pipe, stderr=pipe)
+
+
+def as_windows(folder: Path, *words: str) -> subprocess.CompletedProcess[bytes]:
+    """What it ended with."""
+    with started_as_windows(folder, *words) as process:
+        outputs = process.communicate()
+    return subprocess.CompletedProcess(words, process.returncode, *outputs)
 
 
 @pytest.fixture(scope="module")
@@ -168,16 +169,13 @@ def test_two_processes_do_not_work_on_one_folder_without_posix(tmp_path: Path) -
 # Names
 
 
-@pytest.mark.parametrize("name", ["CON", "nul", "Aux", "COM1", "lpt9", "con.first", "PRN .x"])
-def test_names_of_devices_are_refused_everywhere(name: str) -> None:
-    """On Windows a file NUL.csv is no file: what is written to it is lost."""
-    with pytest.raises(UserError, match="device"):
+def test_names_of_devices_are_refused_everywhere() -> None:
+    """On Windows a file NUL.csv is no file: what is written to it is lost. What only begins so is a name."""
+    for name in ("CON", "nul", "Aux", "COM1", "lpt9", "con.first", "PRN .x"):
+        with pytest.raises(UserError, match="device"):
+            check_name(name, "trial")
+    for name in ("console", "nullity", "COM10", "auxiliary 3", "my CON"):
         check_name(name, "trial")
-
-
-@pytest.mark.parametrize("name", ["console", "nullity", "COM10", "auxiliary 3", "my CON"])
-def test_names_that_only_begin_so_are_names(name: str) -> None:
-    check_name(name, "trial")
 
 
 @pytest.mark.parametrize("name", ["10:30", "why?", "a*b", 'say "x"', "a|b", "<new>"])
@@ -206,8 +204,6 @@ def test_names_that_are_one_file_on_windows_or_macos_are_not_overwritten(
 
 @pytest.mark.slow
 def test_line_ends_of_windows_change_no_value(folder: Path, tmp_path: Path) -> None:
-    from cases.io.read import read_trials
-
     (ours,) = read_trials([folder / "trials"])
     file = tmp_path / ours.path.name if ours.path else tmp_path
     file.write_bytes((folder / "trials" / file.name).read_bytes().replace(b"\r\n", b"\n"))

@@ -316,78 +316,66 @@ def test_without_cloudpickle_a_model_of_a_notebook_is_refused_in_one_line(monkey
 
 
 GOOD: dict[str, Any] = {"role": "hull", "coefficients": [DRAG]}
+EFFECT: dict[str, Any] = {"enters": "force", "parameters": [LIFT]}
 
 
 def fails(*_: Any) -> Any:
     raise ZeroDivisionError("by zero")
 
 
+WRONG_COEFFICIENTS: list[Any] = [
+    [], [DRAG, DRAG], [DRAG.with_(value=0.2)], [DRAG.with_(std=math.nan)], [DRAG.with_(symbol="X uu")],
+    [DRAG.with_(symbol="m_x"), DRAG], [DRAG, DRAG.with_(symbol="k_0")], [("X_uu", 0.02, 0.01)],
+    [DRAG.with_(prime="bis")], 3,
+]  # fmt: skip
+WRONG_PARAMETERS: list[Any] = [
+    [], [LIFT, LIFT], [("size", 0.0, 0.0, -1.0, 1.0, "", "")], [("size", 3.0, 1.0, -1.0, 1.0, "", "")]
+]  # fmt: skip
+WRONG_FORCES: list[tuple[dict[str, Any], Any, str]] = [
+    ({"role": "hul"}, drag, "role"),
+    ({"role": "expansion"}, drag, "role"),
+    *(({"coefficients": rows}, drag, "coefficients") for rows in WRONG_COEFFICIENTS),
+    *(({"name": name}, drag, "name") for name in ("unified", "../x", "a.b")),
+    ({}, 3, "function"),
+    ({}, lambda flow, p, c: (0.0, 0.0, 0.0), "function"),
+    ({}, lambda flow, p, c, s: (flow.u, flow.v), "2 values"),
+    ({}, lambda flow, p, c, s: flow.u, "1 values"),
+    ({}, lambda flow, p, c, s: None, "NoneType"),
+    ({}, lambda flow, p, c, s: (flow.u, "v", 0.0), "str"),
+    ({}, lambda flow, p, c, s: (ca.vertcat(flow.u, flow.v), 0.0, 0.0), "X"),
+    ({}, lambda flow, p, c, s: (math.sin(flow.u), 0.0, 0.0), "function"),
+    ({}, lambda flow, p, c, s: (p.Lpp * flow.u, 0.0, 0.0), "p.Lpp"),
+    ({}, lambda flow, p, c, s: (flow.speed, 0.0, 0.0), "speed"),
+    ({}, lambda flow, p, c, s: (ca.sqrt(flow.u**2 + flow.v**2), 0.0, 0.0), "at rest"),
+    ({}, lambda flow, p, c, s: (flow.v / flow.u, 0.0, 0.0), "at rest"),
+    ({}, fails, "ZeroDivisionError"),
+    ({"role": "propeller"}, drag, "Slipstream"),
+]
+WRONG_EFFECTS: list[tuple[dict[str, Any], Any, str]] = [
+    ({"enters": "forces"}, lift, "enters"),
+    *(({"parameters": rows}, lift, "parameters") for rows in WRONG_PARAMETERS),
+    ({"needs": ["sail"]}, lift, "needs"),
+    ({"name": "current"}, lift, "name"),
+    ({}, lambda parts, flow, e, at: (flow.u, 0.0), "2 values"),
+    ({}, lambda parts, flow, e, at: (flow.u, 0.0, 0.0), "neutral"),
+    ({}, lambda parts, flow, e, at: (e.length * flow.u, 0.0, 0.0), "function"),
+    ({}, lambda parts, flow, e, at: (e.size * ca.sqrt(flow.u), 0.0, 0.0), "at rest"),
+    ({"enters": "inflow"}, lambda flow, e: (e.size, 0.0), "function"),
+]
+
+
 @pytest.mark.parametrize(
-    ("changed", "function", "word"),
-    [
-        ({"role": "hul"}, drag, "role"),
-        ({"role": "expansion"}, drag, "role"),
-        ({"coefficients": []}, drag, "coefficients"),
-        ({"coefficients": [DRAG, DRAG]}, drag, "coefficients"),
-        ({"coefficients": [DRAG.with_(value=0.2)]}, drag, "coefficients"),
-        ({"coefficients": [DRAG.with_(std=math.nan)]}, drag, "coefficients"),
-        ({"coefficients": [DRAG.with_(symbol="X uu")]}, drag, "coefficients"),
-        ({"coefficients": [DRAG.with_(symbol="m_x"), DRAG]}, drag, "coefficients"),
-        ({"coefficients": [DRAG, DRAG.with_(symbol="k_0")]}, drag, "coefficients"),
-        ({"coefficients": [("X_uu", 0.02, 0.01)]}, drag, "coefficients"),
-        ({"coefficients": [DRAG.with_(prime="bis")]}, drag, "coefficients"),
-        ({"coefficients": 3}, drag, "coefficients"),
-        ({"name": "unified"}, drag, "name"),
-        ({"name": "../x"}, drag, "name"),
-        ({"name": "a.b"}, drag, "name"),
-        ({}, 3, "function"),
-        ({}, lambda flow, p, c: (0.0, 0.0, 0.0), "function"),
-        ({}, lambda flow, p, c, s: (flow.u, flow.v), "2 values"),
-        ({}, lambda flow, p, c, s: flow.u, "1 values"),
-        ({}, lambda flow, p, c, s: None, "NoneType"),
-        ({}, lambda flow, p, c, s: (flow.u, "v", 0.0), "str"),
-        ({}, lambda flow, p, c, s: (ca.vertcat(flow.u, flow.v), 0.0, 0.0), "X"),
-        ({}, lambda flow, p, c, s: (math.sin(flow.u), 0.0, 0.0), "function"),
-        ({}, lambda flow, p, c, s: (p.Lpp * flow.u, 0.0, 0.0), "p.Lpp"),
-        ({}, lambda flow, p, c, s: (flow.speed, 0.0, 0.0), "speed"),
-        ({}, lambda flow, p, c, s: (ca.sqrt(flow.u**2 + flow.v**2), 0.0, 0.0), "at rest"),
-        ({}, lambda flow, p, c, s: (flow.v / flow.u, 0.0, 0.0), "at rest"),
-        ({}, fails, "ZeroDivisionError"),
-        ({"role": "propeller"}, drag, "Slipstream"),
-    ],
+    ("decorator", "given", "changed", "function", "word"),
+    [*((mi.force, GOOD, *row) for row in WRONG_FORCES), *((mi.effect, EFFECT, *row) for row in WRONG_EFFECTS)],
 )
-def test_a_force_model_that_cannot_be_is_refused(changed: dict[str, Any], function: Any, word: str) -> None:
-    before = {role: set(models) for role, models in MODELS.items()}
-    if callable(function) and "name" not in changed:
-        changed = {**changed, "name": "mine"}
+def test_a_force_model_or_effect_that_cannot_be_is_refused(
+    decorator: Any, given: dict[str, Any], changed: dict[str, Any], function: Any, word: str
+) -> None:
+    before = {role: set(models) for role, models in MODELS.items()}, set(EFFECTS)
     with pytest.raises(mi.UserError) as caught:
-        mi.force(**{**GOOD, **changed})(function)
+        decorator(**{**given, "name": "mine", **changed})(function)
     assert word in str(caught.value) and "\n" not in str(caught.value)
-    assert {role: set(models) for role, models in MODELS.items()} == before
-
-
-@pytest.mark.parametrize(
-    ("changed", "function", "word"),
-    [
-        ({"enters": "forces"}, lift, "enters"),
-        ({"parameters": []}, lift, "parameters"),
-        ({"parameters": [LIFT, LIFT]}, lift, "parameters"),
-        ({"parameters": [("size", 0.0, 0.0, -1.0, 1.0, "", "")]}, lift, "parameters"),
-        ({"parameters": [("size", 3.0, 1.0, -1.0, 1.0, "", "")]}, lift, "parameters"),
-        ({"needs": ["sail"]}, lift, "needs"),
-        ({"name": "current"}, lift, "name"),
-        ({}, lambda parts, flow, e, at: (flow.u, 0.0), "2 values"),
-        ({}, lambda parts, flow, e, at: (flow.u, 0.0, 0.0), "neutral"),
-        ({}, lambda parts, flow, e, at: (e.length * flow.u, 0.0, 0.0), "function"),
-        ({}, lambda parts, flow, e, at: (e.size * ca.sqrt(flow.u), 0.0, 0.0), "at rest"),
-        ({"enters": "inflow"}, lambda flow, e: (e.size, 0.0), "function"),
-    ],
-)
-def test_an_effect_that_cannot_be_is_refused(changed: dict[str, Any], function: Any, word: str) -> None:
-    before = set(EFFECTS)
-    with pytest.raises(mi.UserError) as caught:
-        mi.effect(**{"enters": "force", "parameters": [LIFT], "name": "mine", **changed})(function)
-    assert word in str(caught.value) and "\n" not in str(caught.value) and set(EFFECTS) == before
+    assert ({role: set(models) for role, models in MODELS.items()}, set(EFFECTS)) == before
 
 
 def test_the_name_of_another_function_is_taken() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,11 +22,9 @@ from mmg.ship import Ship
 from mmg_ident.tracker import State, Tracker
 from tests.support.hybrids import lacking
 
-SHIPS = {"esso_osaka_3m": (10.0, 0.4), "kvlcc2_full": (1.6, 7.0)}
-"""Ship -> revolutions [1/s] and approach speed [m/s]."""
+SHIPS = {"esso_osaka_3m": (10.0, 0.4), "kvlcc2_full": (1.6, 7.0)}  # Ship -> revolutions [1/s], approach speed [m/s]
 STEPS, RUNS = 240, 8
-CHANCE = 4.0
-"""Standard deviations of a mean of chi-square numbers within which it lies but for 1 time in 16,000."""
+CHANCE = 4.0  # Standard deviations of a mean of chi-square numbers within which it lies but for 1 time in 16,000
 
 
 def noise_of(ship: Ship) -> Noise:
@@ -134,25 +133,21 @@ def test_forecasts_hold_what_comes_in_their_band() -> None:
     assert np.square(own).mean() < 0.8 * np.square(plain).mean()
 
 
-@pytest.fixture(scope="module")
-def pair() -> tuple[Tracker, Tracker]:
-    """Two trackers after the same samples at irregular times, some missing and with a gap: compiled, and in numpy."""
+@pytest.mark.slow
+def test_it_is_that_of_numpy() -> None:
+    """After the same samples at irregular times, some missing and with a gap."""
     ship = lagging("esso_osaka_3m")
-    truth, trackers = Truth(ship, 0.4, 10.0, noise_of(ship), 60, 1), []
-    for compiled in (True, False):
-        trackers.append(Tracker(ship, {"X_0F": 0.002, "velocity_filter.tau": 0.2}, compiled=compiled))
+    truth, forecasts = Truth(ship, 0.4, 10.0, noise_of(ship), 60, 1), []
+    for is_compiled in (True, False):
+        tracker = Tracker(ship, {"X_0F": 0.002, "velocity_filter.tau": 0.2}, compiled=is_compiled)
         for k in (0, 1, 2, 4, 7, 8, 30, 31, 60):
             logged = truth.logged[k, :, 0].copy()
             logged[k % 6] = np.nan
             logged[2] = truth.logged[k, 2, 0]
-            trackers[-1].update(truth.t[k] + 0.01 * (k % 3), logged, truth.controls[k, :2, 0])
-    return trackers[0], trackers[1]
-
-
-@pytest.mark.slow
-def test_it_is_that_of_numpy(pair: tuple[Tracker, Tracker]) -> None:
-    compiled, portable = (t.forecast(5.0) for t in pair)
-    assert not pair[1].is_compiled
+            tracker.update(truth.t[k] + 0.01 * (k % 3), logged, truth.controls[k, :2, 0])
+        forecasts.append(tracker.forecast(5.0))
+    compiled, portable = forecasts
+    assert not tracker.is_compiled
     assert np.allclose(compiled.states, portable.states, rtol=1e-9, atol=1e-12)
     assert np.allclose(compiled.std, portable.std, rtol=1e-9)
 
@@ -192,10 +187,10 @@ def pushed(ship: Ship, seconds: int, **values: float) -> Trial:
     return Trial("pushed", {"t": t, **columns, "n": inputs[:, 0], "delta": delta})
 
 
-def after(tracker: Tracker, trial: Trial, end: int | None = None) -> State:
+def after(tracker: Tracker, trial: Trial) -> State:
     """The last state of a ``tracker`` fed a ``trial`` by name."""
     names = [n for n in tracker.inputs if n in trial]
-    for k in range(len(trial))[:end]:
+    for k in range(len(trial)):
         state = tracker.update(trial.t[k], trial.states[k], {n: trial[n][k] for n in names})
     return state
 
@@ -238,7 +233,7 @@ def test_many_samples_of_shared_errors_tell_what_few_tell() -> None:
 
 
 @pytest.mark.slow
-def test_what_is_missing_makes_it_less_sure_and_nothing_else(pair: tuple[Tracker, Tracker]) -> None:
+def test_what_is_missing_makes_it_less_sure_and_nothing_else() -> None:
     ship = load_ship("esso_osaka_3m")
     run = pushed(ship, 60)
     blind = Tracker(ship)
@@ -325,7 +320,7 @@ def test_what_cannot_be_tracked_or_forecast_is_refused() -> None:
         (lambda: Tracker(ship, ["tow.X"]), "coefficients:", Conflict),
         (lambda: Tracker(ship, {"N_r": -1.0}), "coefficients:", Missing),
         (lambda: Tracker(ship, {"N_r": "wide"}), "coefficients:", BadValue),  # type: ignore[dict-item]
-        (lambda: Tracker(BlackBox()), "model:", Unsupported),  # type: ignore[arg-type]
+        (lambda: Tracker(SimpleNamespace(forecast=None)), "model:", Unsupported),  # type: ignore[arg-type]
     ]
     for call, begin, kind in refused:
         with pytest.raises(kind) as caught:
@@ -340,13 +335,3 @@ def test_what_cannot_be_tracked_or_forecast_is_refused() -> None:
         with pytest.raises(UserError) as caught:
             tracker.forecast(seconds, controls)  # type: ignore[arg-type]
         assert str(caught.value).startswith(begin)
-
-
-class BlackBox:
-    """What forecasts without being a ship."""
-
-    inputs = ("n", "delta", "wind_north", "wind_east")
-
-    def forecast(self, stretches: Any) -> np.ndarray:
-        """Nothing."""
-        return np.zeros((0, 6, 0))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import os
 import select
@@ -130,11 +129,6 @@ class Browser:
         )
         x, y = self.value(script)
         return float(x), float(y)
-
-    def picture(self, path: Path, whole: bool = False) -> None:
-        """Write what the window shows, or the ``whole`` page, to ``path`` as PNG."""
-        found = self.send("Page.captureScreenshot", format="png", captureBeyondViewport=whole)
-        path.write_bytes(base64.b64decode(found["data"]))
 
 
 @contextmanager

@@ -87,10 +87,10 @@ PROGRAM = "import sys; from mmg_ident.commands.main import main; sys.exit(main(s
 ROOT = Path(__file__).parents[2]
 
 
-def talk(arguments: list[str], answers: list[str], folder: Path, quiet: float = 120.0) -> tuple[int, str, list[str]]:
+def talk(arguments: list[str], answers: list[str], folder: Path) -> tuple[int, str, list[str]]:
     """Exit code, what ``mmg`` with these ``arguments`` shows in ``folder``, and the answers that it did not ask for.
 
-    An answer is typed when the shown text ends with a colon; ``quiet``: seconds without a word after which it is ended.
+    An answer is typed when the shown text ends with a colon. It is ended after two minutes without a word.
     """
     import pty
 
@@ -100,7 +100,7 @@ def talk(arguments: list[str], answers: list[str], folder: Path, quiet: float = 
         os.environ.update(PYTHONPATH=str(ROOT), OMP_NUM_THREADS="1", TERM="xterm", COLUMNS="120")
         os.execv(sys.executable, [sys.executable, "-c", PROGRAM, *arguments])
     shown, left, last = b"", list(answers), time.monotonic()
-    while time.monotonic() - last < quiet:
+    while time.monotonic() - last < 120.0:
         ready, _, _ = select.select([terminal], [], [], 0.3)
         if ready:
             try:

@@ -88,7 +88,7 @@ def input_rows(ship: Ship, trial: Trial) -> tuple[list[str], np.ndarray]:
 class RunningFmu:
     """An instance of an FMU in FMPy, addressed by names."""
 
-    def __init__(self, path: Path, folder: str, version: int, name: str) -> None:
+    def __init__(self, path: Path, folder: str, version: int) -> None:
         import fmpy
         from fmpy.fmi2 import FMU2Slave
         from fmpy.fmi3 import FMU3Slave
@@ -97,7 +97,7 @@ class RunningFmu:
         self.references = {v.name: v.valueReference for v in known.modelVariables}
         kind, token = (FMU2Slave, known.guid) if version == 2 else (FMU3Slave, known.instantiationToken)
         identifier = known.coSimulation.modelIdentifier
-        self.fmu: Any = kind(guid=token, unzipDirectory=folder, modelIdentifier=identifier, instanceName=name)
+        self.fmu: Any = kind(guid=token, unzipDirectory=folder, modelIdentifier=identifier, instanceName="ship")
         self.fmu.instantiate()
         self.two = version == 2
 
@@ -137,11 +137,11 @@ class RunningFmu:
 
 
 @contextmanager
-def running(path: Path, version: int, name: str = "ship") -> Iterator[RunningFmu]:
+def running(path: Path, version: int) -> Iterator[RunningFmu]:
     """An instance of the FMU ``path``, freed at the end."""
     fmpy = pytest.importorskip("fmpy")
     folder = fmpy.extract(str(path))
-    instance = RunningFmu(path, folder, version, name)
+    instance = RunningFmu(path, folder, version)
     try:
         yield instance
     finally:

@@ -154,7 +154,7 @@ def _canboat(now: str, pgn: int, source: int, fields: Mapping[str, Any]) -> dict
     return {"timestamp": f"{now[:23]}Z", "prio": 2, "src": source, "dst": 255, "pgn": pgn, "fields": shown}
 
 
-def signal_k(path: Path, trial: Trial, other: bool = True) -> Path:
+def signal_k(path: Path, trial: Trial) -> Path:
     """Deltas of Signal K: the own ship's in SI, and those of another ship's AIS."""
     lat, lon = globe(trial)
     sog, cog = ground(trial)
@@ -172,9 +172,8 @@ def signal_k(path: Path, trial: Trial, other: bool = True) -> Path:
         values = [{"path": name, "value": value} for name, value in said.items()]
         update = {"$source": "n2k.1", "timestamp": stamp(t).replace("+00:00", "Z"), "values": values}
         lines.append({"context": lines[0]["self"], "updates": [update]})
-        if other:
-            far = {"path": "navigation.position", "value": {"latitude": 1.0, "longitude": 2.0}}
-            lines.append({"context": "vessels.urn:mrn:imo:mmsi:1", "updates": [{**update, "values": [far]}]})
+        far = {"path": "navigation.position", "value": {"latitude": 1.0, "longitude": 2.0}}
+        lines.append({"context": "vessels.urn:mrn:imo:mmsi:1", "updates": [{**update, "values": [far]}]})
     path.write_text("\n".join(map(json.dumps, lines)), encoding="utf-8")
     return path
 

@@ -53,7 +53,7 @@ def ground(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
     return np.hypot(north, east) / KNOT, np.degrees(np.arctan2(east, north)) % 360
 
 
-def semicolons(path: Path, trial: Trial, begin: datetime.datetime = BEGIN) -> Path:
+def semicolons(path: Path, trial: Trial) -> Path:
     """Semicolons, decimal commas, ISO times, positions on the globe, knots, degrees, rpm, rudder positive to port."""
     lat, lon = globe(trial)
     sog, cog = ground(trial)
@@ -64,7 +64,7 @@ def semicolons(path: Path, trial: Trial, begin: datetime.datetime = BEGIN) -> Pa
     columns = (lat, lon, sog, cog, np.degrees(trial["psi"]) % 360, 60 * trial["n"], -np.degrees(trial["delta"]))
     for i, t in enumerate(trial.t):
         cells = [f"{c[i]:.8f}".replace(".", ",") for c in columns]
-        lines.append(";".join([stamp(t, begin), *cells, "good"]))
+        lines.append(";".join([stamp(t), *cells, "good"]))
     path.write_text("\r\n".join(lines) + "\r\n", encoding="cp1252")
     return path
 

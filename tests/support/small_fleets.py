@@ -16,14 +16,11 @@ from cases.trial import Trial
 from mmg.ship import Ship
 
 FREE = ("Y_v", "Y_r", "N_v", "N_r")
-SHORT = ("zigzag:20/20", "turning:35", "zigzag:-10/10")
 
 
 def small_ship() -> Ship:
     """The 3 m tanker with the coefficients FREE alone, and without a wind model."""
-    ship = reduced_ship(load_ship("esso_osaka_3m"), ["wind"])
-    free = [s for s in FREE if s in ship.coefficients]
-    return ship.fixing([s for s in ship.symbols if s not in free])
+    return reduced_ship(load_ship("esso_osaka_3m"), ["wind"], only=FREE)
 
 
 def sister_of(ship: Ship, changes: Mapping[str, float]) -> Ship:
@@ -34,15 +31,12 @@ def sister_of(ship: Ship, changes: Mapping[str, float]) -> Ship:
     return replace(ship, coefficients=rows)
 
 
-def write_runs(
-    truth: Ship, folder: Path, maneuvers: Sequence[str] = SHORT, seed: int = 0, effects: Sequence[str] = ()
-) -> None:
-    """Noisy runs of ``maneuvers`` of the ship ``truth`` with ``effects``, as files in ``folder``."""
+def write_runs(truth: Ship, folder: Path, seed: int) -> None:
+    """Noisy runs of the ship ``truth``, as files in ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
-    ship = with_effects(truth, effects)
-    for k, words in enumerate(maneuvers):
-        plan = parse_maneuver(words, ship, duration=60.0)
-        trial = simulated_trial(ship, plan, None, None, True, 100 * seed + k, 0.5)
+    for k, words in enumerate(("zigzag:20/20", "turning:35", "zigzag:-10/10")):
+        plan = parse_maneuver(words, truth, duration=60.0)
+        trial = simulated_trial(truth, plan, None, None, True, 100 * seed + k, 0.5)
         write_trial(trial, folder / f"{k}_{words.replace(':', '_').replace('/', '_')}.csv")
 
 
@@ -53,12 +47,11 @@ def write_start(folder: Path) -> Path:
     return path
 
 
-def write_plan(folder: Path, ships: Mapping[str, str], head: str = "diagnose = false", tail: str = "") -> Path:
-    """A plan in ``folder``: ``ships`` by name with the lines of their tables, [fleet] with the lines ``head``, and
-    ``tail`` at its end."""
+def write_plan(folder: Path, ships: Mapping[str, str], tail: str = "") -> Path:
+    """A plan in ``folder`` without diagnoses: ``ships`` by name with the lines of their tables, ``tail`` at its end."""
     tables = "\n".join(f"[ships.{name}]\n{lines}\n" for name, lines in ships.items())
     path = folder / "plan.toml"
-    path.write_text(f"[fleet]\n{head}\n\n{tables}\n{tail}\n", encoding="utf-8")
+    path.write_text(f"[fleet]\ndiagnose = false\n\n{tables}\n{tail}\n", encoding="utf-8")
     return path
 
 

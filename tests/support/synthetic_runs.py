@@ -35,11 +35,11 @@ def coarse_runs() -> tuple[tuple[Trial, ...], tuple[Trial, ...]]:
 
 
 @lru_cache(maxsize=4)
-def kernel(free: tuple[str, ...] | None = None, compiled: bool = True):  # type: ignore[no-untyped-def]
+def kernel(free: tuple[str, ...] | None = None):  # type: ignore[no-untyped-def]
     """Derivative kernels of ESSO OSAKA for these free coefficients (default: all that are free)."""
     ship = load_ship("esso_osaka_3m")
     chosen = free or ship.free
-    return Kernels(assemble(ship), np.array([ship.symbols.index(s) for s in chosen]), compiled)
+    return Kernels(assemble(ship), np.array([ship.symbols.index(s) for s in chosen]), True)
 
 
 def problem(K: int = 5, window: float = 40.0, trials: tuple[Trial, ...] | None = None) -> Problem:

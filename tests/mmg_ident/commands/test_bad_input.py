@@ -60,7 +60,8 @@ BAD = {
     "fit esso_osaka_3m trials": [
         "--window -3", "--fix Z_z | Z_z", "--without sails", "--sigma 1,2", "--loss absolute", "--run-weight 0",
         "--run-weight 0.5 --sigma 1,1,1,1,1,1 | --sigma", "--captive nowhere.csv | nowhere", "--captive-sigma 1,1,1",
-        "--no-such-option", "--name ../x | --name", "--name a/b | --name", "--out taken", "--out nothing.csv/run |",
+        "--no-such-option", "--validate --out new | --validate",
+        "--name ../x | --name", "--name a/b | --name", "--out taken", "--out nothing.csv/run |",
     ],
     "fit": [
         "nobody trials", "unknown.toml trials | Y_vvvv", "reversed.toml trials | below", "broken.toml trials | TOML",
@@ -77,6 +78,7 @@ BAD = {
     ],
     "compare": ["--train nowhere --test short.csv | nowhere", "--train short.csv --test short.csv |"],
     "train": ["esso_osaka_3m short.csv | 10 s", "nobody trials"],
+    "gap few.toml trials": [" | test", "--test missing.csv | missing.csv"],
     "diagnose few.toml trials": [
         "--without sails", "--without hull", "--step 0", "--workers 0", "--site no_site.toml | no_site",
         "--site few.toml | section", "--between weather", "--between day", "--between folder | group",

@@ -57,8 +57,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def content(folder: Path) -> dict[str, Any]:
     """What ``mmg diagnose`` prints of it; the folder is ``run``."""
-    where = ("--test", folder / "test", "--between", "KIND", "--out", folder / "run")
-    return shown("diagnose", folder / "ship.toml", folder / "train", *where, *OPTIONS)
+    return diagnosed(folder, "--test", folder / "test", "--between", "KIND", "--out", folder / "run")
+
+
+def diagnosed(folder: Path, *options: object, trials: Path | None = None) -> dict[str, Any]:
+    """What ``mmg diagnose`` prints of the ship in a ``folder`` and ``trials``, default those in it."""
+    return shown("diagnose", folder / "ship.toml", trials or folder / "train", *options, *OPTIONS)
 
 
 @pytest.mark.slow
@@ -73,7 +77,9 @@ def test_the_effect_is_named_with_its_size(content: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
-def test_groups_are_compared_where_that_is_asked(content: dict[str, Any]) -> None:
+def test_trials_that_show_all_that_is_needed_are_not_warned_of_and_groups_are_compared(content: dict[str, Any]) -> None:
+    codes = {row["code"] for row in content["messages"]}
+    assert not codes & {"no_positions", "no_wind", "one_kind", "not_calibrated", "shared_rows", "no_tests"}
     between = content["between"]
     assert between["by"] == "kind" and list(between["groups"]) == ["random", "turning", "zigzag"]
     assert between["verdict"] == "none" and between["differences"] == []
@@ -135,12 +141,6 @@ def test_the_ship_of_the_folder_has_what_was_named_and_can_be_used_again(folder:
     assert scores[str(folder / "run")]["window"] < scores[str(folder / "ship.toml")]["window"]
 
 
-@pytest.mark.slow
-def test_trials_that_show_all_that_is_needed_are_not_warned_of(content: dict[str, Any]) -> None:
-    codes = {row["code"] for row in content["messages"]}
-    assert not codes & {"no_positions", "no_wind", "one_kind", "not_calibrated", "shared_rows", "no_tests"}
-
-
 def bare(trial: Trial, *names: str) -> Trial:
     return replace(trial, columns={k: v for k, v in trial.columns.items() if k not in names})
 
@@ -167,9 +167,8 @@ def poor(folder: Path) -> Path:
 
 @pytest.mark.slow
 def test_what_poor_trials_cannot_say_is_said_and_the_rest_is_concluded(poor: Path) -> None:
-    where = ("--test", poor / "test", "--out", poor / "run")
     with unrendered():
-        content = shown("diagnose", poor / "ship.toml", poor / "train", *where, *OPTIONS)
+        content = diagnosed(poor, "--test", poor / "test", "--out", poor / "run")
     said = content["warnings"]
     rows = [(row["code"], row["text"]) for row in content["messages"]]
     for code, words in (
@@ -188,11 +187,10 @@ def test_what_poor_trials_cannot_say_is_said_and_the_rest_is_concluded(poor: Pat
 @pytest.mark.slow
 def test_without_test_trials_and_without_any_wind_it_still_concludes(folder: Path, poor: Path) -> None:
     """One run, no wind, and no test trial left."""
-    where = ("--test", poor / "test" / "again.csv", "--out", poor / "one")
-    trial = read_trial(poor / "train" / "zigzag_a.csv")
-    write_trial(bare(trial, "wind_speed", "wind_direction"), poor / "calm.csv")
+    trial, calm = read_trial(poor / "train" / "zigzag_a.csv"), poor / "calm.csv"
+    write_trial(bare(trial, "wind_speed", "wind_direction"), calm)
     with unrendered():
-        content = shown("diagnose", folder / "ship.toml", poor / "calm.csv", *where, *OPTIONS)
+        content = diagnosed(folder, "--test", poor / "test" / "again.csv", "--out", poor / "one", trials=calm)
     assert {"no_test_left", "no_tests"} <= {row["code"] for row in content["messages"]}
     assert content["held_out"] is None
     assert set(content["not_screened"]) == {"bank", "wind_force", "wind_sensor_bias"}
@@ -231,13 +229,13 @@ def test_what_comes_after_the_verdict_is_left_out_at_the_limit_and_made_by_resum
     def late(*_: object) -> None:
         raise OutOfTimeError("the time limit of 1 s was reached")
 
-    given = ["diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run", *OPTIONS]
+    out = ("--out", tmp_path / "run")
     with unrendered(), monkeypatch.context() as patched:
         patched.setattr("diagnosis.diagnose.next_test", late)
-        first = shown(*given, "--time-limit", "600")
+        first = diagnosed(folder, *out, "--time-limit", "600")
         assert "out_of_time" in {row["code"] for row in first["messages"]} and not is_complete(tmp_path / "run")
     with unrendered():
-        again = shown(*given, "--resume")
+        again = diagnosed(folder, *out, "--resume")
     assert again["verdict"] == first["verdict"] and is_complete(tmp_path / "run")
     assert "out_of_time" not in {row["code"] for row in again["messages"]}
 
@@ -246,25 +244,18 @@ def test_what_comes_after_the_verdict_is_left_out_at_the_limit_and_made_by_resum
 def test_records_without_noise_and_tests_that_are_too_short_are_concluded_from_with_a_caveat(
     folder: Path, tmp_path: Path
 ) -> None:
-    for role, maneuver, seconds in (
-        ("train", "zigzag:20/20", 40.0),
-        ("train", "turning:25", 40.0),
-        ("test", "random:3", 8.0),
-    ):
+    for role, kind, order, seconds in (
+        ("train", "zigzag", "20/20", 40.0), ("train", "turning", "25", 40.0), ("test", "random", "3", 8.0)
+    ):  # fmt: skip
         (tmp_path / role).mkdir(exist_ok=True)
-        write_trial(simulate(FEW, maneuver, duration=seconds), tmp_path / role / f"{maneuver.partition(':')[0]}.csv")
+        write_trial(simulate(FEW, f"{kind}:{order}", duration=seconds), tmp_path / role / f"{kind}.csv")
     where = ("--test", tmp_path / "test", "--out", tmp_path / "run")
     with unrendered():
-        content = shown("diagnose", folder / "ship.toml", tmp_path / "train", *where, *OPTIONS)
+        content = diagnosed(folder, *where, trials=tmp_path / "train")
     said = {row["code"]: row["text"] for row in content["messages"]}
     assert {"no_noise", "tests_too_short"} <= set(said) and "no_tests" not in said
     assert content["verdict"] in ("none", "named", "unknown") and content["held_out"] is None
     assert "NaN" not in (tmp_path / "run" / "diagnosis.json").read_text()
-
-
-def made(monkeypatch: pytest.MonkeyPatch, verdict: str) -> None:
-    """The command answers with a diagnosis made by hand."""
-    monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *arguments, **more: case(verdict))
 
 
 @pytest.mark.slow
@@ -272,11 +263,11 @@ def made(monkeypatch: pytest.MonkeyPatch, verdict: str) -> None:
 def test_a_person_is_told_the_verdict_the_ranking_and_the_warnings(
     verdict: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    made(monkeypatch, verdict)
+    """Of a diagnosis made by hand."""
+    monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *arguments, **more: case(verdict))
     capsys.readouterr()
-    where = ["--out", str(tmp_path / "run"), "--no-learn"]
     with unrendered():
-        assert main(["diagnose", str(folder / "ship.toml"), str(folder / "train"), *where]) == 0
+        assert main(["diagnose", *map(str, (folder / "ship.toml", folder / "train", "--out", tmp_path / "run"))]) == 0
     out, err = capsys.readouterr()
     assert f"verdict: {verdict}" in out
     assert "current" in out and "0.7" in out
@@ -292,8 +283,7 @@ def test_nothing_is_left_when_writing_fails(
     def full(*arguments: object) -> None:
         raise UserError("the disk is full")
 
-    made(monkeypatch, "none")
+    monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *arguments, **more: case("none"))
     monkeypatch.setattr("diagnosis.result.write_json", full)
-    where = ("--out", tmp_path / "run", "--no-learn")
-    refused(capsys, "diagnose", folder / "ship.toml", folder / "train", *where)
+    refused(capsys, "diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run")
     assert not list(tmp_path.iterdir())

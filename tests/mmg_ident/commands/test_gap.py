@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -12,6 +12,7 @@ import mmg_ident
 from cases.shipfiles.ship_file import dump_ship
 from cases.simulation.simulate import write_trial
 from mmg_ident.commands.main import main
+from mmg_ident.model_gap import GapOptions
 from residual import settings as residual_settings
 from tests.support.diagnosis_cases import FEW, RUNS, pushed_trials
 
@@ -39,15 +40,17 @@ def compared(files: dict[str, list[str]], tmp_path_factory: pytest.TempPathFacto
     out = tmp_path_factory.mktemp("out") / "gap"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(residual_settings.TrainSettings.__init__, "__defaults__", short_trainings())
-        given = ["gap", *files["ship"], *files["train"], "--test", *files["test"], "--out", str(out), "--seeds", "1"]
-        assert main([*given, "--no-report"]) == 0
+        assert main(gap(files, out)) == 0
     return out
+
+
+def gap(files: dict[str, list[str]], out: Path, seeds: str = "1") -> list[str]:
+    more = ["--out", str(out), "--no-report", "--seeds", seeds]
+    return ["gap", *files["ship"], *files["train"], "--test", *files["test"], *more]
 
 
 def short_trainings() -> tuple[object, ...]:
     """The defaults of the settings of a training with two epochs."""
-    from dataclasses import fields
-
     return tuple(2 if f.name == "epochs" else f.default for f in fields(residual_settings.TrainSettings))
 
 
@@ -70,19 +73,16 @@ def test_another_call_goes_on_with_the_parts_that_are_there(
     before = {name: (compared / name / "result.json").stat().st_mtime_ns for name in PARTS}
     earlier = json.loads((compared / "gap.json").read_text())
     (compared / "gap.json").unlink()
-    given = ["gap", *files["ship"], *files["train"], "--test", *files["test"], "--out", str(compared), "--seeds", "1"]
-    assert main([*given, "--resume", "--no-report"]) == 0
+    assert main([*gap(files, compared), "--resume"]) == 0
     after = {name: (compared / name / "result.json").stat().st_mtime_ns for name in PARTS}
     assert after == before and json.loads((compared / "gap.json").read_text())["rows"] == earlier["rows"]
     (compared / "gap.json").unlink()
-    assert main([*given[:-1], "2", "--resume", "--no-report"]) == 2  # other settings than the run has
+    assert main([*gap(files, compared, "2"), "--resume"]) == 2  # other settings than the run has
 
 
 @pytest.mark.longest
 @pytest.mark.slow
 def test_a_calibration_of_the_same_trials_is_not_made_again(compared: Path, files: dict[str, list[str]]) -> None:
-    from mmg_ident.model_gap import GapOptions
-
     options = GapOptions(residual_settings.TrainSettings(seeds=1, epochs=2))
     found = mmg_ident.gap(compared / "refitted", files["train"], files["test"], options)
     assert found.row("as given") is None and found.row("refitted") is not None
@@ -92,16 +92,3 @@ def test_a_calibration_of_the_same_trials_is_not_made_again(compared: Path, file
     few = mmg_ident.gap(compared / "refitted", files["train"][:2], files["train"][2:], options)
     codes = {m.code for m in few.warnings}
     assert few.row("as given") is not None and "calibrated_on" in codes and "not_refitted" not in codes
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("tests", "text"), [([], "test"), (["missing.csv"], "missing.csv")], ids=["no test trials", "no such file"]
-)
-def test_bad_input_is_one_line_and_leaves_nothing(
-    tests: Sequence[str], text: str, files: dict[str, list[str]], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    out = tmp_path / "new"
-    more = ["--test", *tests] if tests else []
-    assert main(["gap", *files["ship"], *files["train"], *more, "--out", str(out)]) == 2
-    assert text in capsys.readouterr().err.strip().splitlines()[-1] and not out.exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import subprocess
@@ -122,20 +123,11 @@ def test_a_shell_completes_verbs_ships_options_and_formats() -> None:
     assert {"c", "casadi"} <= set(completed("export", "esso_osaka_3m", "--format", "c"))
 
 
-class Terminal:
-    """A stderr that is a terminal, and what was written to it."""
-
-    def __init__(self) -> None:
-        self.text = ""
+class Terminal(io.StringIO):
+    """A stderr that is a terminal."""
 
     def isatty(self) -> bool:
         return True
-
-    def write(self, text: str) -> None:
-        self.text += text
-
-    def flush(self) -> None:
-        pass
 
 
 @pytest.fixture
@@ -149,8 +141,8 @@ def test_progress_is_one_line_that_is_cleared(terminal: Terminal) -> None:
     assert list(each([5, 6], "reading")) == [5, 6]
     with working("exporting"):
         pass
-    assert "reading:   1 of 2" in terminal.text and "exporting ..." in terminal.text
-    assert "\n" not in terminal.text and terminal.text.endswith("\r\033[K")
+    text = terminal.getvalue()
+    assert "reading:   1 of 2" in text and "exporting ..." in text and "\n" not in text and text.endswith("\r\033[K")
 
 
 def test_progress_is_quiet_for_machines_and_without_a_terminal(
@@ -160,9 +152,9 @@ def test_progress_is_quiet_for_machines_and_without_a_terminal(
         assert progress() is None and list(each([1], "reading")) == [1]
         with working("exporting"):
             pass
-    assert terminal.text == "" and progress() is not None
+    assert progress() is not None
     monkeypatch.setattr(terminal, "isatty", lambda: False)
-    assert progress() is None and list(each([1], "reading")) == [1] and terminal.text == ""
+    assert progress() is None and list(each([1], "reading")) == [1] and terminal.getvalue() == ""
 
 
 @pytest.mark.parametrize(
@@ -183,8 +175,8 @@ def test_long_verbs_show_progress_on_a_terminal_and_none_with_json(
     monkeypatch.chdir(tmp_path)
     ship = load_ship("esso_osaka_3m")
     write_trial(simulate(ship, parse_maneuver("zigzag:20/20", ship, duration=40.0), 0.5), tmp_path / "run.csv")
-    assert main(words) == 0 and "\r" in terminal.text
-    terminal.text = ""
+    assert main(words) == 0 and "\r" in terminal.getvalue()
+    terminal.truncate(0)
     assert main([*words, "--json"]) == 0
-    assert "\r" not in terminal.text and "\033" not in terminal.text
+    assert "\r" not in terminal.getvalue() and "\033" not in terminal.getvalue()
     assert output.progress() is not None

@@ -54,14 +54,12 @@ VERBS = {
     "compare": ["--ship", "RUN", "--train", "TRIALS/run0.csv", "--test", "TRIALS/run1.csv", "--models", "captive"],
     "fit": ["RUN", "TRIALS", "--only", "X_0F", "--measurement", "none", "--no-next-trial", "--out", "OUT"],
     "select": ["RUN", "--list"],
+    "diagnose": ["RUN", "TRIALS", "--out", "OUT"],
 }
 
 
-SLOW = ("fit", "train")
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [pytest.param(v, marks=pytest.mark.slow) if v in SLOW else v for v in VERBS])
+@pytest.mark.parametrize("name", VERBS)
 def test_every_verb_takes_a_hybrid(name: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     places = {"RUN": str(folder / "run"), "TRIALS": str(folder / "trials"), "OUT": str(tmp_path / "out")}
     words = VERBS[name]
@@ -91,15 +89,9 @@ def test_a_prediction_by_members_has_no_past(folder: Path) -> None:
     trial = folder / "trials" / "run0.csv"
     (found,) = mi.predict(folder / "run", trial, members="ts-infinity")
     assert found.past_s == 0.0 and found.table.shape[1] == 14 and {m.code for m in found.notes} >= {"spread_of_members"}
-    with pytest.raises(mi.UserError):
-        mi.predict(folder / "run", trial, adapt=30.0, members="ts-infinity")
-    with pytest.raises(mi.UserError):
-        mi.predict(folder / "fit", trial, members="ts-infinity")
-
-
-@pytest.mark.slow
-def test_a_hybrid_is_diagnosed(folder: Path, tmp_path: Path) -> None:
-    assert main(["diagnose", str(folder / "run"), str(folder / "trials"), "--out", str(tmp_path / "diagnosis")]) == 0
+    for run, past in (("run", {"adapt": 30.0}), ("fit", {})):
+        with pytest.raises(mi.UserError):
+            mi.predict(folder / run, trial, members="ts-infinity", **past)
 
 
 @pytest.mark.slow

@@ -27,20 +27,20 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def run(log: Path) -> Path:
-    out = log.parent / "run"
-    shown("months", log, *OPTIONS, out)
-    return out
-
-
 @pytest.mark.slow
-def test_a_change_is_named_and_dated(run: Path) -> None:
+def test_a_change_is_named_and_dated_in_a_folder_with_ship_windows_and_page(log: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shown("months", log, *OPTIONS, run)
     content = json.loads((run / "months.json").read_text())
     first = content["changes"][0]
     assert first["name"] == "fouling.share" and first["kind"] == "step"
     assert abs(24 * first["begin_day"] - CHANGED) < 0.3 and first["size"] == pytest.approx(0.4, rel=0.3)
     assert len(content["log"]["left_out"]) == 1 and "day=05" in content["log"]["left_out"][0]
+    windows = pd.read_parquet(run / "windows.parquet")
+    assert len(windows) == content["cut"]["windows"] > 200 and windows["u"].median() < 0.05
+    page = (run / "months.html").read_text()
+    assert "fouling.share" in page and "day=05" in page and page.count("data:image/png") == 1
+    assert (run / "ship.toml").exists()
 
 
 @pytest.mark.slow
@@ -54,16 +54,6 @@ def test_the_size_of_a_lag_is_that_of_the_gyro(tmp_path: Path) -> None:
     first = shown("months", tmp_path / "log", *OPTIONS, tmp_path / "run")["changes"][0]
     assert (first["name"], first["kind"]) == ("gyro.T", "step") and abs(24 * first["begin_day"] - CHANGED) < 0.2
     assert first["size"] == pytest.approx(late, rel=0.15)
-
-
-@pytest.mark.slow
-def test_the_folder_holds_ship_windows_and_page(run: Path) -> None:
-    windows = pd.read_parquet(run / "windows.parquet")
-    content = json.loads((run / "months.json").read_text())
-    assert len(windows) == content["cut"]["windows"] > 200 and windows["u"].median() < 0.05
-    page = (run / "months.html").read_text()
-    assert "fouling.share" in page and "day=05" in page and page.count("data:image/png") == 1
-    assert (run / "ship.toml").exists()
 
 
 @pytest.mark.slow

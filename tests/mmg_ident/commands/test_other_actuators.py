@@ -25,36 +25,32 @@ pytestmark = pytest.mark.usefixtures("blank_figures")
 PODS = AZIMUTH.replace("y_az = 0.0", "y_az = 0.1\nx_az_2 = -1.4\ny_az_2 = -0.1")
 
 
-def screw_trial() -> Trial:
+@pytest.fixture(scope="module")
+def trial() -> Trial:
     """A zigzag of the ESSO OSAKA, steered by her rudder."""
     return coarse_runs()[0][0]
 
 
 @pytest.mark.parametrize("verb", ["score", "predict", "fit", "train", "diagnose", "simulate", "imo"])
 def test_a_ship_none_of_whose_propulsors_is_in_the_file_is_refused(
-    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    verb: str, trial: Trial, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ship, file, out = tmp_path / "pods.toml", tmp_path / "run.csv", tmp_path / "out"
     ship.write_text(PODS, encoding="utf-8")
-    write_trial(screw_trial(), file)
-    judge = tmp_path / "judge.csv"
-    write_trial(coarse_runs()[1][0], judge)
-    words = [str(ship), str(file), "--out", str(out)]
-    own = {
-        "score": words[:2],
-        "simulate": [str(ship), "--controls", str(file), "--out", str(tmp_path / "out.csv")],
-        "imo": [str(file), "--ship", str(ship)],
-        "select": [*words, "--validate", str(judge)],
+    write_trial(trial, file)
+    words: dict[str, list[object]] = {
+        "score": [ship, file],
+        "simulate": [ship, "--controls", file, "--out", tmp_path / "out.csv"],
+        "imo": [file, "--ship", ship],
     }
-    assert main([verb, *own.get(verb, words)]) == 2
+    assert main([verb, *map(str, words.get(verb, [ship, file, "--out", out]))]) == 2
     line = capsys.readouterr().err.strip().splitlines()[-1]
     assert "n_azimuth" in line and "n, delta" in line and not out.exists()
 
 
 def test_a_run_without_a_window_has_nothing_to_score_and_tables_are_whole(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    trial: Trial, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    trial = screw_trial()
     gaps = np.where(np.arange(len(trial)) % 20 == 7, np.nan, trial["u"])
     write_trial(trial, tmp_path / "whole.csv")
     write_trial(trial.with_columns(u=gaps), tmp_path / "gaps.csv")
@@ -68,26 +64,23 @@ def test_a_run_without_a_window_has_nothing_to_score_and_tables_are_whole(
 
 
 @pytest.mark.parametrize("idle", ["n", "delta"])
-def test_a_propeller_or_rudder_that_moves_and_that_nobody_uses_is_refused(idle: str) -> None:
-    trial = screw_trial()
+def test_a_propeller_or_rudder_that_moves_and_that_nobody_uses_is_refused(idle: str, trial: Trial) -> None:
     still = {name: np.zeros(len(trial)) for name in ("n", "delta") if name != idle}
     pods = {"n_azimuth": np.full(len(trial), 5.0), "azimuth": np.zeros(len(trial))}
     with pytest.raises(UserError, match=f"{idle} reaches"):
         mi.score(parse_ship(PODS), [trial.with_columns(**still, **pods)])
 
 
-def test_rudders_that_another_column_stands_for_are_used() -> None:
+def test_rudders_that_another_column_stands_for_are_used(trial: Trial) -> None:
     twin = ("n", "delta_port", "delta_starboard", "wind_north", "wind_east")
-    trial = screw_trial()
     assert {note.code for note in model_inputs(trial, twin).notices} == {"stand_in"}
     own = trial.with_columns(delta_port=trial["delta"], delta_starboard=trial["delta"])
     model_inputs(own, twin)
     assert {note.code for note in model_inputs(own).notices} == {"input_ignored"}
 
 
-def test_every_function_says_what_a_fit_says_of_the_inputs() -> None:
+def test_every_function_says_what_a_fit_says_of_the_inputs(trial: Trial) -> None:
     ship = load_ship("esso_osaka_3m")
-    trial = screw_trial()
     calm = {name: values for name, values in trial.columns.items() if not name.startswith("wind")}
     trial = replace(trial, columns={**calm, "pitch": np.full(len(trial), 0.3)})
     wanted = {note.code for note in assumed([trial], ship.inputs)}
@@ -128,9 +121,8 @@ def test_every_command_on_trials_refuses_what_is_contradictory_and_goes_on_when_
 
 @pytest.mark.slow
 def test_a_ship_that_diverges_has_no_scores_and_no_predictions(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    trial: Trial, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    trial = coarse_runs()[0][0]
     write_trial(trial, tmp_path / "run.csv")
     ship = load_ship("esso_osaka_3m").with_values({"X_0F": 2.0, "Y_v": 3.0, "N_r": 1.0})
     (tmp_path / "bad.toml").write_text(dump_ship(ship))

@@ -53,20 +53,17 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def breaks_down(*given: object) -> None:
-    """In place of a fit that takes long: a diagnosis then says that nothing can be said."""
-    raise BrokenModelError("it explodes")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("out", ["declined", "always"])
 def test_a_training_has_what_its_calibration_knows_of_predictions(root: Path, out: str) -> None:
     before, after = read_result(root / "run"), read_result(root / out)
     assert {key: after.get(key) for key in KNOWN} == {key: before[key] for key in KNOWN}
     assert after["recommended"] == ("hybrid" if out == "always" else "calibrated")
+    # decided and scored without a past, which is said
+    assert after["decision"]["past_s"] == 0.0
+    assert {part["past_s"] for pair in after["scores"].values() for part in pair.values()} == {0.0}
     saved = root / f"{out} saved"
-    if not saved.exists():
-        read_training(root / out).save(saved)
+    read_training(root / out).save(saved)
     assert {key: read_result(saved).get(key) for key in KNOWN} == {key: before[key] for key in KNOWN}
 
 
@@ -97,16 +94,13 @@ def test_score_compares_models_with_as_much_past(root: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_a_training_decided_by_is_said(root: Path) -> None:
-    content = read_result(root / "declined")
-    assert content["decision"]["past_s"] == 0.0
-    assert {part["past_s"] for pair in content["scores"].values() for part in pair.values()} == {0.0}
-
-
-@pytest.mark.slow
 def test_a_diagnosis_has_what_the_calibration_knows_of_predictions(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def breaks_down(*given: object) -> None:
+        """In place of a fit that takes long: a diagnosis then says that nothing can be said."""
+        raise BrokenModelError("it explodes")
+
     monkeypatch.setattr(diagnosis, "prepare_with_sensors", breaks_down)
     found: Sequence[Diagnosis] = [
         mmg_ident.diagnose(model, list(runs(True)))

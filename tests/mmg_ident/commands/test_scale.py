@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import mmg_ident
-from cases.simulation.simulate import write_trial
 from fitting.result import read_fit
 from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
@@ -41,7 +40,8 @@ def test_the_folder_says_what_changed_and_what_is_assumed(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_folder_is_read_back_and_its_model_with_it(folder: Path) -> None:
+def test_the_folder_is_read_back_and_its_model_with_it_and_exported(folder: Path, tmp_path: Path) -> None:
+    assert main(["export", str(folder / "ship"), "--format", "toml", "--out", str(tmp_path / "ship.toml")]) == 0
     ship, model = read_fit(folder / "ship"), read_fit(folder / "model")
     assert ship.model is not None
     assert ship.model.ship.values == pytest.approx(model.ship.values)
@@ -65,14 +65,10 @@ def test_scaling_twice_is_scaling_once(folder: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_ship_is_predicted_and_exported(folder: Path, tmp_path: Path) -> None:
-    run = str(folder / "ship")
+def test_the_ship_is_predicted_with_bands(folder: Path) -> None:
     trial = mmg_ident.simulate(folder / "ship", "turning:20", dt=2.0, duration=600.0)
-    write_trial(trial, tmp_path / "turn.csv")
-    window = ["--window", "300", "--out", str(tmp_path / "p.csv")]
-    assert main(["predict", run, str(tmp_path / "turn.csv"), *window]) == 0
-    assert "x_std [m]" in (tmp_path / "p.csv").read_text().splitlines()[0]
-    assert main(["export", run, "--format", "toml", "--out", str(tmp_path / "ship.toml")]) == 0
+    (found,) = mmg_ident.predict(folder / "ship", trial, window=300.0)
+    assert "x_std [m]" in found.to_pandas()
 
 
 @pytest.mark.longest

@@ -37,23 +37,19 @@ def test_zigzag_prints_overshoots_and_other_runs_no_figures() -> None:
     assert shown(*ESSO, "--maneuver", "straight")["figures"] == {}
 
 
-def test_written_trial_is_read_back_and_followed_by_controls(tmp_path: Path) -> None:
+def test_written_trial_is_read_back_and_followed_by_controls_into_a_file_that_is_replaced(tmp_path: Path) -> None:
     path, again = tmp_path / "zigzag.csv", tmp_path / "again.parquet"
     mmg(*ESSO, "--maneuver", "zigzag:10/10", "--wind", "1:45:gusty", "--duration", "60", "--out", path)
     trial = read_trial(path)
     assert trial.duration == pytest.approx(60) and trial.has_wind
-    mmg(*ESSO, "--controls", path, "--out", again)
+    again.write_text("old")
+    mmg(*ESSO, "--controls", path, "--out", again, "--force")
     np.testing.assert_allclose(read_trial(again).states, trial.states, atol=1e-9)
 
 
 def test_noise_is_added_to_the_file_and_follows_the_seed(tmp_path: Path) -> None:
     runs = []
-    for name, options in (
-        ("a", ["--noise"]),
-        ("b", ["--noise"]),
-        ("c", []),
-        ("d", ["--noise", "--seed", "5"]),
-    ):
+    for name, options in enumerate((["--noise"], ["--noise"], [], ["--noise", "--seed", "5"])):
         mmg(*ESSO, "--maneuver", "straight", *options, "--out", tmp_path / f"{name}.csv")
         runs.append(read_trial(tmp_path / f"{name}.csv"))
     np.testing.assert_array_equal(runs[0]["u"], runs[1]["u"])
@@ -76,13 +72,6 @@ def test_inputs_that_the_model_does_not_have_are_said_to_be_ignored(tmp_path: Pa
     for ship, count in (("mariner", 1), ("vectwin_3m", 0), ("esso_osaka_3m", 0)):
         told = shown("simulate", ship, "--controls", str(file))["notices"]
         assert sum(notice.startswith("inputs: n: ") for notice in told) == count
-
-
-def test_force_replaces_an_existing_file(tmp_path: Path) -> None:
-    path = tmp_path / "run.csv"
-    path.write_text("old")
-    mmg(*ESSO, "--maneuver", "straight", "--duration", "5", "--out", path, "--force")
-    assert len(read_trial(path)) == 51
 
 
 def test_ships_lists_the_library_and_prints_a_ship_that_parses_to_itself(capsys: pytest.CaptureFixture[str]) -> None:
@@ -122,24 +111,24 @@ def test_the_list_has_the_counts_of_the_paper(capsys: pytest.CaptureFixture[str]
     wanted = {"sm2-order2": 133, "sm3-order2": 193, "sm4-order2": 253, "sm2-order3": 413, "sm3-order3": 613}
     assert wanted.items() <= counts.items()
     assert rows["mmg"]["unknowns"] == len(load_ship("vectwin_3m").free)
-    assert main(["select", "vectwin_3m", "--list", "--order", "2"]) == 0
+    mmg("select", "vectwin_3m", "--list", "--order", "2")
     text = capsys.readouterr().out
     assert "sm2-order2" in text and "order3" not in text
 
 
 def test_terms_are_printed_with_their_monomials(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["select", "esso_osaka_3m", "--terms", "quadrants-order1"]) == 0
-    text = capsys.readouterr().out
-    assert "X: 12 terms" in text
+    mmg("select", "esso_osaka_3m", "--terms", "quadrants-order1")
+    assert "X: 12 terms" in capsys.readouterr().out
     found = shown("select", "esso_osaka_3m", "--terms", "quadrants-order1")
     assert len(found["terms"]) == 36 and found["unknowns"] == 49
 
 
 def test_a_candidate_is_written_as_a_ship_file_that_is_read(tmp_path: Path) -> None:
     out = tmp_path / "hybrid.toml"
-    assert main(["select", "kvlcc2_full", "--write", "sm2-order2", "--out", str(out)]) == 0
+    words = ["select", "kvlcc2_full", "--write", "sm2-order2", "--out", str(out)]
+    mmg(*words)
     ship = load_ship(out)
     assert ship.components == {"expansion": "smooth_submodels"} and len(ship.monomials) == 74
-    assert main(["select", "kvlcc2_full", "--write", "sm2-order2", "--out", str(out)]) == 2
-    assert main(["select", "kvlcc2_full", "--write", "sm2-order2", "--hard", "--out", str(out), "--force"]) == 0
+    assert main(words) == 2
+    mmg(*words, "--hard", "--force")
     assert load_ship(out).components == {"expansion": "hard_submodels"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from delivery.fmi import binaries
 from fitting.report import imo_form
 from mmg_ident import start as steps
 from mmg_ident.commands.main import main
+from tests.support.commands import refused
 from tests.support.diagnosis_cases import FEW, pushed_trials
 
 RUNS = (("zigzag:20/20", 60.0), ("turning:35", 60.0), ("random:11", 60.0))
@@ -97,41 +98,26 @@ def test_a_second_call_makes_only_what_is_missing(
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (["--particulars", SIZES], "one of them"),
-        (["--answers", "ANSWERS"], "depht"),
-        (["--answers", "AGROUND"], "aground"),
-        (["--out", "FULL"], "holds no answers.toml"),
-        (["--out", "THEIRS"], "holds no answers.toml"),
-        (["--out", "OTHER"], "other logs or another ship"),
+        (f"--particulars {SIZES}", "one of them"), ("--answers answers.toml", "depht"),
+        ("--answers aground.toml", "aground"), ("--out full", "holds no answers.toml"),
+        ("--out theirs", "holds no answers.toml"), ("--out started", "other logs or another ship"), ("log.csv", ""),
     ],
-)
+)  # fmt: skip
 def test_bad_input_is_one_line_and_leaves_nothing(
-    change: Sequence[str], text: str, logs: Path, ship: Path, started: Path, tmp_path: Path,
+    change: str, text: str, logs: Path, ship: Path, started: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
-    wrong, full = tmp_path / "answers.toml", tmp_path / "full"
-    wrong.write_text("depht = 20.0\n")
-    full.mkdir()
-    (full / "mine.txt").write_text("mine")
-    aground, theirs = tmp_path / "aground.toml", tmp_path / "theirs"
-    aground.write_text("depth = 0.1\n")
-    (theirs / "trials").mkdir(parents=True)
-    places = {"ANSWERS": str(wrong), "AGROUND": str(aground), "FULL": str(full), "THEIRS": str(theirs)}
-    places |= {"OTHER": str(started)}
-    given = ["start", str(logs), "--ship", str(ship), "--out", str(tmp_path / "new"), "--yes"]
-    given += [places.get(word, word) for word in change]
-    if "OTHER" in change:
-        given[3] = "esso_osaka_3m"
-    assert main(given) == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert text in said[-1] and not (tmp_path / "new").exists()
-
-
-@pytest.mark.slow
-def test_a_log_that_cannot_be_read_leaves_nothing(ship: Path, tmp_path: Path) -> None:
-    log = tmp_path / "log.csv"
-    log.write_text("no,log\nat,all\n")
-    assert main(["start", str(log), "--ship", str(ship), "--out", str(tmp_path / "new"), "--yes"]) == 2
+    monkeypatch.chdir(tmp_path)
+    files = {"answers.toml": "depht = 20.0\n", "aground.toml": "depth = 0.1\n", "full/mine.txt": "mine",
+             "theirs/trials/a.csv": "", "log.csv": "no,log\nat,all\n"}  # fmt: skip
+    for name, content in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(content)
+    (tmp_path / "started").symlink_to(started)
+    log = change if change == "log.csv" else logs
+    words = ["start", log, "--ship", "esso_osaka_3m" if "started" in change else ship, "--yes"]
+    more = [word for word in change.split() if word != log]
+    assert text in refused(capsys, *words, *([] if "--out" in more else ["--out", "new"]), *more)
     assert not (tmp_path / "new").exists()
 
 

@@ -31,6 +31,16 @@ from tests.support import hybrids
 from tests.support.commands import interrupted, refused, shown
 
 QUICK = ["--seeds", "2", "--epochs", "12", "--width", "8", "--rate", "1e-2", "--penalty", "0.001", "--step", "1"]
+LONG = [*QUICK[:2], "--epochs", "3000", "--step", "1"]
+
+
+def training(folder: Path, out: Path, *more: str) -> list[str]:
+    return ["train", "esso_osaka_3m", str(folder / "trials"), *more, "--out", str(out)]
+
+
+def judged(folder: Path, out: Path) -> list[str]:
+    """The training of the fixture ``folder``, into ``out``."""
+    return training(folder, out, "--validate", str(folder / "held_out.csv"), *QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -41,8 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for trial in hybrids.trials(hybrids.lacking(), 3, 400):
         write_trial(trial, folder / "trials" / f"{trial.name}.csv")
     write_trial(hybrids.trials(hybrids.lacking(), 1, 300, seed=7)[0], folder / "held_out.csv")
-    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), "--validate", str(folder / "held_out.csv"), *QUICK]
-    assert main([*arguments, "--out", str(folder / "run")]) == 0
+    assert main(judged(folder, folder / "run")) == 0
     return folder
 
 
@@ -60,8 +69,9 @@ def test_the_run_folder_tells_how_it_came_about(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_hybrid_is_a_ship(folder: Path) -> None:
-    ship = load_ship(folder / "run")
+def test_a_hybrid_is_a_ship_with_the_calibrated_one_beside_it(folder: Path) -> None:
+    ship, calibrated = load_ship(folder / "run"), load_ship(folder / "run" / "calibrated")
+    assert calibrated.network is None and ship.without_network().coefficients == calibrated.coefficients
     assert ship.network is not None and len(ship.network.members) == 2
     bound = read_result(folder / "run")["bound"]
     np.testing.assert_allclose([bound[a] for a in ("du", "dv", "dr")], ship.network.bound)
@@ -94,26 +104,21 @@ def declined(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "trials").mkdir()
     for trial in hybrids.trials(hybrids.ship(), 3, 300):
         write_trial(trial, folder / "trials" / f"{trial.name}.csv")
-    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK[:3], "2", "--step", "1"]
-    assert main([*arguments, "--out", str(folder / "run")]) == 0
-    assert main([*arguments, "--keep", "always", "--out", str(folder / "always")]) == 0
+    for out, keep in (("run", "better"), ("always", "always")):
+        assert main(training(folder, folder / out, *QUICK[:3], "2", "--step", "1", "--keep", keep)) == 0
     return folder
 
 
 @pytest.mark.slow
-def test_a_declined_residual_is_not_recommended_and_can_still_be_used(
-    folder: Path, declined: Path, tmp_path: Path
-) -> None:
+def test_a_declined_residual_is_not_recommended_and_can_still_be_used(folder: Path, declined: Path) -> None:
     run = declined / "run"
     content = read_result(run)
     assert not content["kept"]
     assert (content["recommended"], content["other"]) == ("calibrated", "hybrid")
     assert not (run / "network.safetensors").exists() and load_ship(run).network is None
     assert load_ship(run / "hybrid").network is not None
-    trial, out = str(folder / "held_out.csv"), str(tmp_path / "out.csv")
-    assert len({m["window"] for m in shown("score", run, run / "hybrid", trial)["models"].values()}) == 2
-    assert main(["predict", str(run / "hybrid"), trial, "--out", out]) == 0
-    assert main(["simulate", str(run / "hybrid"), "--maneuver", "turning:20"]) == 0
+    models = shown("score", run, run / "hybrid", folder / "held_out.csv")["models"]
+    assert len({m["window"] for m in models.values()}) == 2
     assert "<code>hybrid/</code>" in (run / "report.html").read_text()
 
 
@@ -127,20 +132,12 @@ def test_always_recommends_the_hybrid_and_says_that_the_decision_declines_it(dec
     assert [m["code"] for m in content["messages"] if m["level"] == "notice"] == ["kept_always", "no_wind"]
 
 
-@pytest.mark.slow
-def test_a_kept_residual_leaves_the_calibrated_ship_beside_it(folder: Path) -> None:
-    ship = load_ship(folder / "run" / "calibrated")
-    assert ship.network is None and load_ship(folder / "run").without_network().coefficients == ship.coefficients
-
-
 KEYS = {
     "kind", "schema_version", "created", "command", "ship", "model", "settings", "seed", "seeds", "versions",
     "timings_s", "data", "validation_data", "per_seed", "sigma", "envelope", "outside", "scores", "figures", "warnings",
     "notices", "messages",
 }  # fmt: skip
-OF_A_HYBRID = {
-    "kept", "recommended", "other", "decision", "bound", "output_scale", "residual_size", "calibration"
-}  # fmt: skip
+OF_A_HYBRID = {"kept", "recommended", "other", "decision", "bound", "output_scale", "residual_size", "calibration"}
 
 
 @pytest.mark.slow
@@ -155,8 +152,8 @@ def test_the_keys_of_result_json_are_these(folder: Path, tmp_path: Path) -> None
         "kept", "words", "improvement", "spread", "restarts", "restarts_spread", "runs_error",
         "reason", "lowest", "highest", "groups", "past_s",
     }  # fmt: skip
-    box = ["train", "esso_osaka_3m", str(folder / "trials"), "--model", "fnn", "--seeds", "1", "--epochs", "2"]
-    assert main([*box, "--step", "1", "--out", str(tmp_path / "box")]) == 0
+    box = ("--model", "fnn", "--seeds", "1", "--epochs", "2", "--step", "1")
+    assert main(training(folder, tmp_path / "box", *box)) == 0
     assert set(read_result(tmp_path / "box")) == KEYS | {"beside"}
     again = read_training(tmp_path / "box")
     assert again.to_dict() == read_result(tmp_path / "box") and again.black_box is not None
@@ -192,9 +189,8 @@ def test_the_command_and_the_function_leave_the_same_folder(folder: Path, tmp_pa
 
 @pytest.mark.slow
 def test_ctrl_c_keeps_the_best_weights_so_far(folder: Path, tmp_path: Path) -> None:
-    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK[:2], "--epochs", "3000", "--step", "1"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "mmg_ident.commands.main", *arguments, "--out", str(tmp_path / "run")],
+        [sys.executable, "-m", "mmg_ident.commands.main", *training(folder, tmp_path / "run", *LONG)],
         stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[3], start_new_session=True,
     )  # fmt: skip
     assert process.stderr is not None and process.stderr.readline()
@@ -211,9 +207,7 @@ def test_ctrl_c_keeps_the_best_weights_so_far(folder: Path, tmp_path: Path) -> N
 def test_ctrl_c_in_the_first_seconds_leaves_no_process_and_no_traceback(
     wait: float, folder: Path, tmp_path: Path
 ) -> None:
-    out = tmp_path / "run"
-    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK[:2], "--epochs", "3000", "--step", "1"]
-    code, words, left = interrupted([*arguments, "--workers", "2", "--out", str(out)], wait)
+    code, words, left = interrupted(training(folder, tmp_path / "run", *LONG, "--workers", "2"), wait)
     assert code == 130 and "interrupted" in words and not left
     assert "Traceback" not in words and "resource_tracker" not in words
 
@@ -223,8 +217,7 @@ def resumable(folder: Path, tmp_path: Path) -> tuple[Path, list[str]]:
     out = tmp_path / "run"
     shutil.copytree(folder / "run" / "training", out / "training")
     (out / "training" / "seed_1.json").unlink()
-    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), "--validate", str(folder / "held_out.csv"), *QUICK]
-    return out, [*arguments, "--out", str(out), "--resume"]
+    return out, [*judged(folder, out), "--resume"]
 
 
 @pytest.mark.slow
@@ -264,11 +257,9 @@ def test_resume_of_something_else_is_one_line(
 def test_a_folder_without_a_training_is_not_resumed(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "notes.txt").write_text("mine")  # empty: what a run leaves that was killed at once
-    refused(capsys, "train", "esso_osaka_3m", folder / "trials", "--out", tmp_path / "other", "--resume")
-    left = tmp_path / "other"
-    assert (left / "notes.txt").read_text() == "mine" and not (left / "result.json").exists()
+    (tmp_path / "notes.txt").write_text("mine")  # empty: what a run leaves that was killed at once
+    refused(capsys, *training(folder, tmp_path, "--resume"))
+    assert (tmp_path / "notes.txt").read_text() == "mine" and not (tmp_path / "result.json").exists()
 
 
 @pytest.mark.slow
@@ -276,7 +267,7 @@ def test_a_time_limit_leaves_a_folder_to_resume(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "run"
-    arguments = ["train", "esso_osaka_3m", str(folder / "trials"), *QUICK, "--out", str(out)]
+    arguments = training(folder, out, *QUICK)
     assert main([*arguments, "--time-limit", "0.01"]) == 0
     assert "--resume" in capsys.readouterr().err
     assert {row["status"] for row in read_result(out)["per_seed"]} == {"stopped"}
@@ -285,7 +276,7 @@ def test_a_time_limit_leaves_a_folder_to_resume(
 
 
 @pytest.mark.slow
-def test_the_report_says_what_was_decided_and_can_be_made_again(folder: Path, tmp_path: Path) -> None:
+def test_the_report_says_what_was_decided_can_be_made_again_and_needs_no_figure(folder: Path) -> None:
     page = folder / "run" / "report.html"
     text = page.read_text()
     assert text.index("seed 1") > text.index("<table")
@@ -294,6 +285,10 @@ def test_the_report_says_what_was_decided_and_can_be_made_again(folder: Path, tm
     assert text.count("data:image/png;base64,") == 2
     page.unlink()
     assert main(["report", str(folder / "run"), "--no-imo"]) == 0 and page.read_text() == text
+    # trials without positions show no growth of the error, and a figure that failed is none
+    content = {**read_result(folder / "run"), "figures": []}
+    bare = page_of([("run", folder / "run", content, load_ship(folder / "run"))])
+    assert "<figure>" not in bare and "data:image" not in bare
 
 
 @pytest.mark.slow
@@ -321,12 +316,4 @@ def test_a_torch_that_cannot_be_imported_is_one_line(
     for name in [n for n in sys.modules if n.split(".")[0] in ("torch", "residual")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setattr(builtins, "__import__", without)
-    refused(capsys, "train", "esso_osaka_3m", folder / "held_out.csv", "--out", tmp_path / "run")
-
-
-@pytest.mark.slow
-def test_the_report_needs_no_figure(folder: Path) -> None:
-    """Trials without positions show no growth of the error, and a figure that failed is none."""
-    content = {**read_result(folder / "run"), "figures": []}
-    page = page_of([("run", folder / "run", content, load_ship(folder / "run"))])
-    assert "<figure>" not in page and "data:image" not in page
+    refused(capsys, *training(folder, tmp_path / "run"))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
@@ -17,6 +16,7 @@ from mmg_ident.fleets import run as fleet_run
 from mmg_ident.fleets.plan import read_plan
 from mmg_ident.fleets.rows import one_of_several
 from mmg_ident.fleets.run import fit_alone
+from tests.support.commands import refused, shown
 from tests.support.dask_processes import scheduler, worker
 from tests.support.small_fleets import sister_of, small_ship, write_plan, write_runs, write_start
 
@@ -38,10 +38,14 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_plan(folder, ships, tail='[sisters]\nbarges = ["anna", "berta"]')
 
 
+def fleet(plan: Path, out: Path, *more: str) -> int:
+    return main(["fleet", str(plan), "--out", str(out), *more])
+
+
 @pytest.fixture(scope="module")
 def out(plan: Path) -> Path:
     folder = plan.parent / "out"
-    assert main(["fleet", str(plan), "--out", str(folder)]) == 1  # one ship fails
+    assert fleet(plan, folder) == 1  # one ship fails
     return folder
 
 
@@ -63,12 +67,9 @@ def test_a_ship_that_fails_is_said_and_the_others_are_done(out: Path) -> None:
 
 
 @pytest.mark.slow
-def test_each_ship_is_a_run_folder_that_other_commands_read(
-    out: Path, plan: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_each_ship_is_a_run_folder_that_other_commands_read(out: Path, plan: Path) -> None:
     run = out / "ships" / "berta"
-    assert main(["score", str(run), str(plan.parent / "berta" / "2_zigzag_-10_10.csv"), "--json"]) == 0
-    scored = json.loads(capsys.readouterr().out)
+    scored = shown("score", run, plan.parent / "berta" / "2_zigzag_-10_10.csv")
     table = pd.read_parquet(out / "fleet.parquet")
     assert f"{table.loc['berta', 'held_out_window_after']:.6g}"[:6] in json.dumps(scored)
     result = json.loads((run / "result.json").read_text())
@@ -83,7 +84,7 @@ def test_a_finished_run_is_not_done_again_and_a_lost_part_is(out: Path, plan: Pa
     shutil.copytree(out, again)
     made = (again / "ships" / "anna" / "result.json").stat().st_mtime_ns
     (again / "parts" / "done" / "berta.json").unlink()
-    assert main(["fleet", str(plan), "--out", str(again), "--resume"]) == 1
+    assert fleet(plan, again, "--resume") == 1
     assert (again / "ships" / "anna" / "result.json").stat().st_mtime_ns == made
     same(out, again)
 
@@ -103,31 +104,31 @@ def test_ctrl_c_leaves_a_folder_that_resume_continues_with_the_same_values(
     folder = tmp_path / "run"
     with monkeypatch.context() as patched:
         patched.setattr(fleet_run, "fit_alone", interrupted)
-        assert main(["fleet", str(plan), "--out", str(folder)]) == 130
+        assert fleet(plan, folder) == 130
     assert not (folder / "fleet.html").exists() and (folder / "parts" / "alone" / "anna.json").exists()
-    assert main(["fleet", str(plan), "--out", str(folder)]) == 2
-    assert main(["fleet", str(plan), "--out", str(folder), "--resume"]) == 1
+    assert fleet(plan, folder) == 2
+    assert fleet(plan, folder, "--resume") == 1
     same(out, folder)
 
 
 @pytest.mark.longest
 @pytest.mark.slow
 def test_processes_give_the_same_as_one(out: Path, plan: Path, tmp_path: Path) -> None:
-    assert main(["fleet", str(plan), "--out", str(tmp_path / "run"), "--workers", "2"]) == 1
+    assert fleet(plan, tmp_path / "run", "--workers", "2") == 1
     same(out, tmp_path / "run")
 
 
 @pytest.mark.slow
 def test_a_folder_of_something_else_is_not_resumed(plan: Path, tmp_path: Path) -> None:
     (tmp_path / "note.txt").write_text("mine")
-    assert main(["fleet", str(plan), "--out", str(tmp_path), "--resume"]) == 2
+    assert fleet(plan, tmp_path, "--resume") == 2
 
 
 @pytest.mark.slow
 def test_workers_of_a_cluster_give_the_same(out: Path, plan: Path, tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     with scheduler(tmp_path) as (address, _), worker(address, tmp_path, "one"), worker(address, tmp_path, "two"):
-        assert main(["fleet", str(plan), "--out", str(tmp_path / "run"), "--scheduler", address]) == 1
+        assert fleet(plan, tmp_path / "run", "--scheduler", address) == 1
     same(out, tmp_path / "run")
 
 
@@ -135,32 +136,30 @@ def test_workers_of_a_cluster_give_the_same(out: Path, plan: Path, tmp_path: Pat
 ROWS = "t [s],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad]\n0,0,1,0,0,1,{0}\n1,0,1,0,0,1,{0}\n"
 
 
-def file(path: Path, number: int) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(ROWS.format(number), encoding="utf-8")
+def files(folder: Path, *names: str) -> None:
+    """Trial files of other contents in the ``folder``."""
+    for number, name in enumerate(names):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(ROWS.format(number), encoding="utf-8")
 
 
 def test_ships_and_files_that_do_not_exist_are_named_at_once(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    file(tmp_path / "a.csv", 0)
+    files(tmp_path, "a.csv")
     ships = {
         "anna": 'ship = "no_such_ship"\ntrials = ["a.csv", "gone.csv"]',
         "berta": 'ship = "esso_osaka_3m"\ntrials = ["none/*.csv"]\nheld_out = ["away"]',
         "clara": 'trials = ["a.csv"]\ntrails = ["b.csv"]',
     }
     plan = write_plan(tmp_path, ships, tail='[sisters]\nsome = ["anna", "dora"]')
-    assert main(["fleet", str(plan), "--out", str(tmp_path / "out")]) == 2
-    line = capsys.readouterr().err.strip()
-    assert "\n" not in line and not (tmp_path / "out").exists()
-    for words in ("no_such_ship", "gone.csv", "none/*.csv", "away", "dora", "trails", "ships.clara] give ship"):
-        assert words in line
-    assert "7 problems" in line
+    line = refused(capsys, "fleet", plan, "--out", tmp_path / "out")
+    named = ("no_such_ship", "gone.csv", "none/*.csv", "away", "dora", "trails", "ships.clara] give ship", "7 problems")
+    assert [words for words in named if words not in line] == [] and not (tmp_path / "out").exists()
 
 
 def test_a_file_of_two_ships_or_two_lists_is_refused(tmp_path: Path) -> None:
-    for number, name in enumerate(("a", "b", "c")):
-        file(tmp_path / f"{name}.csv", number)
+    files(tmp_path, "a.csv", "b.csv", "c.csv")
     (tmp_path / "copy.csv").write_bytes((tmp_path / "b.csv").read_bytes())
     ships = {
         "anna": 'ship = "esso_osaka_3m"\ntrials = ["a.csv", "c.csv"]\nheld_out = ["c.csv"]',
@@ -174,8 +173,7 @@ def test_a_file_of_two_ships_or_two_lists_is_refused(tmp_path: Path) -> None:
 
 
 def test_names_that_would_be_one_folder_and_sisters_of_other_models_are_refused(tmp_path: Path) -> None:
-    for number in range(3):
-        file(tmp_path / f"{number}.csv", number)
+    files(tmp_path, "0.csv", "1.csv", "2.csv")
     ships = {
         "anna": 'ship = "esso_osaka_3m"\ntrials = ["0.csv"]',
         "Anna": 'ship = "esso_osaka_3m"\ntrials = ["1.csv"]',
@@ -186,15 +184,12 @@ def test_names_that_would_be_one_folder_and_sisters_of_other_models_are_refused(
 
 
 def test_a_plan_lists_campaigns_patterns_and_particulars(tmp_path: Path) -> None:
-    for number, name in enumerate(("x/1", "x/2", "y/3", "z/4")):
-        file(tmp_path / f"{name}.csv", number)
+    files(tmp_path, "x/1.csv", "x/2.csv", "y/3.csv", "z/4.csv", "../elsewhere/5.csv")
     ships = {
         "anna": 'ship = "esso_osaka_3m"\nheld_out = ["z"]\n[ships.anna.campaigns]\nold = ["x"]\nnew = ["y/*.csv"]',
         "berta": "particulars = { L = 161, B = 23.2, d = 7.5, C_b = 0.59 }\ntrials = []\n"
         '[ships.berta.campaigns]\none = ["../elsewhere/*.csv"]',
     }
-    elsewhere = tmp_path.parent / "elsewhere"
-    file(elsewhere / "5.csv", 5)
     plan = read_plan(write_plan(tmp_path, ships))
     anna, berta = plan.ships
     assert list(anna.trials.values()) == ["old", "old", "new"] and [p.name for p in anna.held_out] == ["4.csv"]
@@ -203,10 +198,9 @@ def test_a_plan_lists_campaigns_patterns_and_particulars(tmp_path: Path) -> None
 
 
 def test_an_empty_plan_says_what_to_write(tmp_path: Path) -> None:
-    plan = tmp_path / "plan.toml"
-    plan.write_text("", encoding="utf-8")
+    (tmp_path / "plan.toml").write_text("", encoding="utf-8")
     with pytest.raises(UserError, match=r"\[ships\]"):
-        read_plan(plan)
+        read_plan(tmp_path / "plan.toml")
 
 
 # What a row says of differences between campaigns: those named, and those with several names
@@ -216,21 +210,15 @@ def candidate(name: str, nature: str, log_bayes: float, p_value: float = 1e-6) -
     return GroupDifference(name, nature, "dynamics", "new", parameters, 30.0, 1, p_value, log_bayes)
 
 
-def between(verdict: str, *candidates: GroupDifference) -> Between:
-    return Between("group", {"old": ("a",), "new": ("b",)}, verdict, "", (), candidates, False)
+def names(verdict: str, *candidates: GroupDifference) -> list[str]:
+    found = Between("group", {"old": ("a",), "new": ("b",)}, verdict, "", (), candidates, False)
+    return [row["name"] for row in one_of_several(found)]
 
 
-def names(*given: Any) -> list[str]:
-    return [row["name"] for row in one_of_several(between(*given))]
-
-
-def test_names_that_explain_a_difference_equally_well_are_all_said() -> None:
+def test_names_that_explain_a_difference_equally_well_are_said_but_not_chance_instruments_and_what_is_named() -> None:
     rows = (candidate("fouling", "ship", 20.0), candidate("tow", "surroundings", 19.0), candidate("X_vr", "ship", 0.8))
     (name,) = names("unknown", *rows)
     assert "fouling" in name and "tow" in name
-
-
-def test_nothing_is_said_of_chance_instruments_and_what_is_named_already() -> None:
     assert names("named", candidate("fouling", "ship", 20.0)) == []
     assert names("unknown", candidate("fouling", "ship", 20.0, 0.2)) == []
     assert names("unknown", candidate("gyro", "instrument", 20.0), candidate("fouling", "ship", 15.0)) == []
