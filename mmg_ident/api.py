@@ -32,7 +32,7 @@ from mmg.messages import Message, html_table
 from mmg.progress import OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg_ident.settings import check_settings, checked_settings, keywords, listed, refuse_gone, taken
+from mmg_ident.settings import check_settings, checked_settings, keywords, listed, names_of, refuse_gone, taken
 from residual.settings import BlackBoxSettings, TrainSettings
 
 # What a single verb needs is imported in its function: solvers, figures and torch take a second or more to load.
@@ -256,12 +256,15 @@ def calibrate(
         from fitting.nlp.captive import read_captive
 
         chosen["captive"] = read_captive(Path(captive), captive_sigma)
-    for name in {"measurement", "per_run", "per_campaign", "profile"} & set(chosen):
-        chosen["instruments" if name == "measurement" else name] = listed(chosen.pop(name))
+    for name in {"measurement", "per_campaign", "profile"} & set(chosen):
+        chosen["instruments" if name == "measurement" else name] = tuple(names_of(chosen.pop(name)))
+    chosen |= {"per_run": listed(chosen["per_run"])} if "per_run" in chosen else {}
     settings = replace(settings or Settings(), **checked_settings(Settings, values))
     check_settings(settings)  # once more: a Settings made by hand was not checked when it was made
-    each = (listed(changes.get(name, ())) for name in ("without", "with_", "fix", "only"))
-    start = reduced_ship(without_suspects(ship_of(ship)), *each)  # suspects of a calibration before are asked anew
+    without, fix, only = (names_of(changes.get(name)) for name in ("without", "fix", "only"))
+    effects = listed(changes.get("with_", ()))  # commas are of the parameters of an effect
+    # suspects of a calibration before are asked anew
+    start = reduced_ship(without_suspects(ship_of(ship)), without, effects, fix, only)
     options = replace(options or pipeline.FitOptions(), second=_second_estimate, **chosen)
     runs, held_out = ready(trials, validate, unchecked=unchecked)
     result = pipeline.calibrate(start, runs, held_out, settings, options, progress)
@@ -352,7 +355,8 @@ def predict(
     unchecked: bool = False,
     members: str = "",
 ) -> list[Prediction]:
-    """Predict open-loop windows of ``trials``, each started from the measured state, as ``mmg predict`` does.
+    """Predict open-loop windows of ``trials``, each started from the measured state, as ``mmg predict`` does with its
+    own default window, of 100 s.
 
     window: length [s], 0: the whole run; stride: between starts [s], None: the window; adapt: seconds before each
     window (never the window itself) from which the disturbance of the run is estimated, 0: none, None: those that pay,
@@ -480,7 +484,7 @@ def diagnose(
     """
     from diagnosis import diagnose as pipeline
 
-    without = listed(values.pop("without", ()))
+    without = names_of(values.pop("without", ()))
     options = replace(options or DiagnosisOptions(), **checked_settings(DiagnosisOptions, values))
     check_settings(options)
     runs, tests = ready(trials, test, unchecked=unchecked)
@@ -516,6 +520,8 @@ def gap(
 
     chosen = taken(values, "seeds seed workers")
     _refuse(values, "gap takes seeds, seed and workers")
+    if chosen and options is not None:
+        raise Conflict(f"{next(iter(chosen))}: is a field of options; give it there alone")
     if chosen:
         settings = TrainSettings(**{name: chosen[name] for name in ("seeds", "seed") if name in chosen})
         check_settings(settings)

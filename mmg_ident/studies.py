@@ -242,7 +242,7 @@ def select(
     settings = Settings(**(SELECTION | checked_settings(Settings, values)))
     *sets, _ = parted_trials(trials, validate, test)
     train, judges, tests = ready(*sets, unchecked=unchecked)
-    model, names = ship_of(ship), listed(only)
+    model, names = ship_of(ship), names_of(only)
     tried = [candidate(model, name, rules) for name in names] if names else list(candidates(model, rules))
     return choose_structure(model, tried, (train, judges, tests), settings, bool(names), progress, seeds)
 

@@ -31,10 +31,10 @@ from mmg.errors import UserError
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
-# Standard deviation of a repeated test's figure, by it, and the number of tests that this is worth beside those at
-# hand: R of twelve ships of ``benchmarks.yards`` (seeds 401 to 404) is 1 to 4 % off the truth.
+# Standard deviation of a repeated test's figure, by it, before tests tell it: R of twelve ships of ``benchmarks.yards``
+# (seeds 401 to 404) is 1 to 4 % off the truth.
 SCATTER = 0.04
-WORTH = 2
+WORTH = 2  # Tests that this counts for. Set by hand: with more, intervals are too narrow where tests scatter by 12 %.
 OTHER_SPEED = 0.1  # Share by which speeds differ from which on a figure is another one. Set by hand.
 LEAST_TURNING, SLACK = math.radians(33.0), math.radians(2.0)  # Of a turning test; of the angles of a zigzag [rad]
 FIGURES = ("advance", "transfer", "tactical_diameter", "overshoot_1", "overshoot_2", "initial_turning_track")

@@ -137,6 +137,7 @@ mi.read_trials(3)
 mi.check(3)
 mi.check(FRAME)
 mi.refit(SHIP)
+mi.gap(SHIP, train, test=held, options=mi.GapOptions(), seeds=2)
 mi.Trial.from_pandas(FRAME)
 mi.Trial.from_pandas(3)
 mi.Trial.from_pandas(pd.DataFrame())
@@ -183,3 +184,10 @@ def test_what_makes_no_sense_is_a_user_error(call: str, tmp_path: Path, monkeypa
     with pytest.raises(mi.UserError) as found:
         eval(call, {**names, "t": train[0], "fit": small_result()})
     assert "\n" not in str(found.value) and not any(tmp_path.iterdir())
+
+
+def test_names_with_commas_between_them_are_several_as_in_the_commands() -> None:
+    train, _ = coarse_runs()
+    with pytest.raises(mi.UserError) as found:
+        mi.calibrate(SHIP, train, only="N_r,N_rr,nowhere")
+    assert "nowhere" in str(found.value) and "N_r,N_rr" not in str(found.value)
