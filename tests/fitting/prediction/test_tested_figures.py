@@ -89,7 +89,9 @@ def test_figures_without_a_test_grow_by_the_ratio_alone() -> None:
     told = weighed({("turning:35", "advance"): [(0.2, 0.0)]}, draws)
     own, other = (np.log(told.of(run, draws[run], 0)["advance"]) for run in draws)
     assert told.birge == pytest.approx(0.2 / math.hypot(0.02, SCATTER), rel=0.05)
-    assert np.median(own) == pytest.approx(0.2, abs=0.03) and np.median(other) == pytest.approx(0.0, abs=0.03)
+    weight = 1 / (1 + (SCATTER / (told.birge * 0.02)) ** 2)
+    assert np.median(own) == pytest.approx(0.2 * weight, abs=0.01) and weight > 0.8
+    assert np.median(other) == pytest.approx(0.0, abs=0.01)
     assert other.std() == pytest.approx(told.birge * 0.02, rel=0.1) and own.std() < other.std()
     never = {"turning:35": {"advance": np.array([1.0, np.nan, 1.1])}}  # a figure that some draws do not reach
     assert weighed({("turning:35", "advance"): [(0.2, 0.0)]}, never) == WeighedFigures()
@@ -112,7 +114,7 @@ def test_tests_correct_a_model_of_another_form(monkeypatch: pytest.MonkeyPatch) 
     assert len(rows_) == 6 and judged.notices[-1].code != "" and judged.by_model
     off = np.array([(row.value, alone[row.run, row.figure].value, truth[row.run, row.figure]) for row in rows_])
     error, before = (np.sqrt(np.mean((off[:, k] / off[:, 2] - 1) ** 2)) for k in (0, 1))
-    assert before > 0.05 and error < 0.5 * before
+    assert before > 0.05 and error < 0.7 * before
     for row in rows_:
         assert row.by_model == alone[row.run, row.figure].value
     at_another_speed = [{**one, "speed": 2 * one["speed"]} for one in tests]
