@@ -322,7 +322,7 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
         else:
             of.unknown.append(header)
     if {"psi", "heading_magnetic"} <= set(mapped):
-        for name in {"heading_magnetic", "variation"} & set(mapped):
+        for name in sorted({"heading_magnetic", "variation"} & set(mapped)):
             of.account[mapped.pop(name).header] = ((), f"the true heading '{mapped['psi'].header}' is used")
     if "t" not in mapped and "t_part" in mapped:  # "milliseconds" without others are the clock itself
         mapped["t"] = mapped.pop("t_part").model_copy(update={"unit": "ms"})

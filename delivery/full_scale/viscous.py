@@ -191,7 +191,7 @@ def doubts(ship: Ship, values: Mapping[str, float], scaled: Mapping[str, float],
                 words = "0.05 of the form factor, and half the allowances"
             doubt_of[symbol] = Doubt(change.resistance_std(abs(values[symbol])), words)
     published = "0.03, and a quarter of the change (ITTC's 0.32 for KVLCC2 against the published 0.35)"
-    for symbol in {"w_P0", "a_0"} & scaled.keys():
+    for symbol in sorted({"w_P0", "a_0"} & scaled.keys()):
         # independent: how well a wake is known, and how far the method carries it
         std = math.hypot(0.03 * change.fading, 0.25 * (scaled[symbol] - values[symbol]))
         doubt_of[symbol] = Doubt(std, published)
