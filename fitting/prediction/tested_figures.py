@@ -45,9 +45,9 @@ class MeasuredManeuver:
     """A standard manoeuvre among the trials: what was measured, of midship and through the water.
 
     maneuver: as ordered ("turning:-35"); trial: name; speed [m/s] of the approach; rudder, heading [rad], as of
-    ``Execute``; wind: mean, its direction from ahead at the order [m/s, rad], 0 where none is known; figures: SI and
-    rad; reading: by what each changes within a sampling interval, in which the rudder may have begun to move at any
-    time.
+    ``Execute``; wind: mean, its direction from ahead at the order [m/s, rad], 0 where none is known; n: revolutions of
+    the approach [1/s], None where none are known; figures: SI and rad; reading: by what each changes within a sampling
+    interval, in which the rudder may have begun to move at any time.
     """
 
     maneuver: str
@@ -56,6 +56,7 @@ class MeasuredManeuver:
     rudder: float
     heading: float
     wind: tuple[float, float]
+    n: float | None
     figures: dict[str, float]
     reading: dict[str, float]
 
@@ -77,7 +78,7 @@ class MeasuredManeuver:
             if self.kind == "turning:35"
             else f"zigzag:{degrees:g}/{math.degrees(self.heading):g}"
         )
-        plan = parse_maneuver(text, ship, speed=self.speed)
+        plan = parse_maneuver(text, ship, speed=self.speed, n=self.n if "n" in ship.actuators else None)
         air = Wind(*self.wind) if ship.feels_wind and self.wind[0] > 0 else None
         return figures_of(simulate(ship, plan, STEP * time_scale(ship.particulars["L"]), air), plan)
 
@@ -100,9 +101,12 @@ def measured_maneuvers(ship: Ship, trials: Iterable[Trial]) -> tuple[MeasuredMan
                 run = in_still_water(run, WaterVelocity(north.value, east.value, 0.0, "of the ship"))
             air = mean_wind(run) if run.trial.has_wind else None
             wind = (air.speed, air.direction) if air else (0.0, 0.0)
+            n = revolutions(run)
             figures = {key: run.figures[key] for key in FIGURES if run.figures.get(key, 0.0) > 0}
             reading = {key: reading_error(run, key) for key in figures}
-            found.append(MeasuredManeuver(name, trial.name, run.speed, run.rudder, run.heading, wind, figures, reading))
+            found.append(
+                MeasuredManeuver(name, trial.name, run.speed, run.rudder, run.heading, wind, n, figures, reading)
+            )
     return tuple(found)
 
 
@@ -131,10 +135,18 @@ def standard_run(run: Run) -> str | None:
     return "crash-stop" if run.kind == "crash-stop" else None
 
 
+def revolutions(run: Run) -> float | None:
+    """Mean revolutions [1/s] of a measured ``run`` before its order, None where none are known."""
+    rows = run.trial.t - run.trial.t[0] <= run.order_time
+    before = np.asarray(run.trial.columns.get("n", np.full(len(run.trial), math.nan)))[rows]
+    return float(np.nanmean(before)) if np.isfinite(before).any() else None
+
+
 def reading_error(run: Run, figure: str) -> float:
     """By what a ``figure`` of a measured ``run`` changes within a sampling interval of it, SI and rad."""
     if "overshoot" in figure:
-        return run.trial.dt * float(np.nanmax(np.abs(run.trial["r"])))
+        t, psi = run.trial.t, run.trial.psi_unwrapped  # of the heading: not every log has a turn rate
+        return run.trial.dt * float(np.nanmax(np.abs(np.gradient(psi, t)), initial=0.0))
     return run.trial.dt * run.speed if math.isfinite(run.speed) else 0.0
 
 
