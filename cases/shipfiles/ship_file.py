@@ -204,8 +204,8 @@ def _lacking(ship: Ship, name: str) -> str:
         return f"effect {name} is gone: leave it out; random forces are told from the ship by mmg diagnose"
     if name not in EFFECTS:
         return unknown("effect", name, sorted(EFFECTS))
-    missing = [role for role in EFFECTS[name].needs if role not in ship.components]
-    return f"effect {name} needs a {missing[0]} model, which {ship.name or 'the ship'} lacks" if missing else ""
+    lacking = EFFECTS[name].lacking(ship.components)
+    return f"effect {name} needs {lacking}, which {ship.name or 'the ship'} lacks" if lacking else ""
 
 
 def _models(components: dict[str, str]) -> str:

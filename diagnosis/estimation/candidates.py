@@ -125,9 +125,8 @@ def ship_with_all_effects(
     for name in EFFECTS:  # not items(): the file of an effect is read when it is looked up
         if name in ship.effects or (names is not None and name not in names):
             continue
-        missing = [role for role in EFFECTS[name].needs if role not in ship.components]
-        if missing:
-            left_out[name] = f"the ship has no {' or '.join(missing)} model"
+        if lacking := EFFECTS[name].lacking(ship.components):
+            left_out[name] = f"the ship lacks {lacking}"
             continue
         if name in ("wind_force", "wind_sensor_bias") and not has_wind:
             left_out[name] = "no trial has wind columns"

@@ -110,6 +110,11 @@ class Effect(ABC):
         """Whether it belongs to the instruments: it enters in ``columns`` alone."""
         return self.enters == "measurement"
 
+    def lacking(self, components: Mapping[str, str]) -> str:
+        """What a ship of these force models, by role, lacks for it, in words with their article; "" for nothing."""
+        role = next((role for role in self.needs if role not in components), "")
+        return f"a {role} model" if role else ""
+
     @abstractmethod
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         """Parameters for a ship of these particulars and force models."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import SimpleNamespace
 
 from mmg.components.catalogue import module
@@ -22,9 +23,14 @@ class Fouling(Effect):
         lost = REPORTED / (1 + REPORTED)  # by a ship that was calibrated as foul as any and is clean now
         return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", words, reported=REPORTED, least=0.0, lost=lost),)
 
+    def lacking(self, components: Mapping[str, str]) -> str:
+        # such a hull's X in straight motion is resistance less thrust: zero at the service speed
+        inside = "hull" in components and "propeller" in getattr(module("hull", components["hull"]), "HOLDS", ())
+        return "a resistance apart from the propeller's thrust" if inside else super().lacking(components)
+
     def forces(self, parts: Parts, flow: Flow, e: SimpleNamespace, at: Setting) -> Parts:
         hull = module("hull", at.components["hull"])
-        # straight motion at the same u; delta counts in hulls that hold the rudder, such as Abkowitz's
+        # straight motion at the same u; delta counts in hulls that hold the rudder
         resistance = hull.force(flow.with_(v=0.0, r=0.0, delta=0.0), at.p, at.c, at.s).X
         old = parts["hull"]
         return {**parts, "hull": Force(old.X + e.share * resistance, old.Y, old.N)}

@@ -33,6 +33,7 @@ from mmg.motion.smooth import Smoothing
 
 PARTICULARS = ("L", "d", "rho", "m", "x_G", "U_0")
 INPUTS = ("delta",)
+HOLDS = ("propeller", "rudder")  # Roles whose forces are inside the polynomial
 
 LARGEST_DRIFT = polynomial.LARGEST_DRIFT
 SOURCE = "Mariner, Chislett & Stroem-Tejsen (1965) Hy-5, as published in MSS; single lineage"

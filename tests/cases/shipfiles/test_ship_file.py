@@ -300,7 +300,7 @@ WRITERS = {"toml": dump_whole_ship, "json": dump_ship_json}
 
 def hybrid(name: str) -> Ship:
     """A ship with an effect, a verdict and a network of three members, of whose ranges some are not known."""
-    ship = load_ship(name).with_effect("fouling", {"share": 0.1})
+    ship = load_ship(name).with_effect("draft", {"share": 0.1})
     first = ship.symbols[0]
     known = ship.coefficients[first].with_(verdict="decided by the trials", prior_value=1 / 3, prior_std=0.1, std=1e-17)
     network = random_network(ship, members=3)

@@ -54,7 +54,7 @@ def bare(name: str) -> Model:
 
 
 def usable(ship: Ship) -> list[str]:
-    return [name for name, e in EFFECTS.items() if all(role in ship.components for role in e.needs)]
+    return [name for name, e in EFFECTS.items() if not e.lacking(ship.components)]
 
 
 def test_the_library_has_the_effects_of_the_contract() -> None:
@@ -250,6 +250,13 @@ def test_an_effect_of_a_fit_is_free_and_held_as_asked() -> None:
 def test_effects_that_make_no_sense_are_refused(text: str, words: str) -> None:
     with pytest.raises(UserError, match=words):
         parse_effect(text, ESSO, "--effect")
+
+
+def test_a_resistance_that_grows_is_apart_from_the_thrust() -> None:
+    mariner = load_ship("mariner")
+    assert "fouling" not in usable(mariner) and "shallow_water" in usable(mariner) and "fouling" in usable(ESSO)
+    with pytest.raises(UserError, match="fouling needs a resistance apart"):
+        with_effects(mariner, ["fouling:share=0.2"])
 
 
 def test_an_effect_needs_what_it_changes() -> None:
