@@ -169,7 +169,8 @@ def _all(pattern: str, cells: Sequence[str]) -> bool:
 
 
 def _decimal_of(columns: Sequence[Sequence[str]]) -> str:
-    """The character before parts of a whole that numbers show which can have no other meaning; "" where none does."""
+    """The character before parts of a whole that numbers show which can have no other meaning; "" where none does, or
+    as many columns show one as the other."""
     count = Counter[str]()
     for column in columns:
         for mark, other in ((".", ","), (",", ".")):
@@ -177,7 +178,8 @@ def _decimal_of(columns: Sequence[Sequence[str]]) -> str:
             plain = _all(rf"[+-]?\d*[{mark}]\d+([eE][+-]?\d+)?", marked)
             if marked and plain and not _all(GROUPED.format(mark=mark, decimal=other), marked):
                 count[mark] += 1
-    return count.most_common(1)[0][0] if count else ""
+    point, comma = count["."], count[","]
+    return "" if point == comma else "." if point > comma else ","
 
 
 def _thousands(header: str, unit: str, column: Sequence[str], mark: str) -> bool | None:

@@ -81,7 +81,7 @@ def harbour_inputs(
     if not (math.isfinite(dt) and 0 < dt <= seconds and math.isfinite(seconds)):
         raise OutOfRange(f"random inputs of {seconds:g} s in steps of {dt:g} s: the step must be positive and fit in")
     t = np.round(dt * np.arange(math.floor(seconds / dt + 1e-9) + 1), 9)
-    limits, columns = Limits.for_length(L), {"t": t}
+    limits, columns = Limits.for_ship(ship), {"t": t}
     both = np.random.default_rng([17, seed])
     shortest, longest = (time_scale(L) * x for x in PHASES)
     changes = np.cumsum(both.uniform(shortest, longest, math.ceil(seconds / shortest) + 1))

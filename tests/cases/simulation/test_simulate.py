@@ -183,7 +183,7 @@ def test_every_actuator_moves_within_its_range_and_rate_and_by_itself(ship: Ship
         values = trial[name]
         assert low <= values.min() < values.max() <= high
         assert values.max() - values.min() > 0.8 * (high - low)
-        rate = Limits.for_length(ship.particulars["L"])
+        rate = Limits.for_ship(ship)
         most = rate.rudder_rate if INPUTS[name][1] == "rad" else rate.propeller_rate
         assert np.abs(np.diff(values)).max() <= most * (trial["t"][1] - trial["t"][0]) + 1e-9
     others = [i for i, name in enumerate(ranges_of(ship)) if not (ship is VECTWIN and name.startswith("delta"))]
