@@ -19,8 +19,8 @@ import contextlib
 import io
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -29,7 +29,7 @@ import numpy as np
 from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
 from benchmarks.measured import done
 from benchmarks.record import Figure, parser_of, report
-from cases.criteria.imo import Row, imo_figures
+from cases.criteria.imo import imo_figures
 from cases.criteria.standard_runs import measured_runs, simulated_trial
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import with_effects
@@ -129,16 +129,12 @@ def of_library(name: str, seed: int) -> Yard:
 
 @dataclass(frozen=True)
 class Judgement:
-    """Of a yard: whether each figure lies in its interval, the widths of these by the value, errors of the values, and
-    the same by the model alone, without what its tests say; what of the hidden was named and what that was not
-    there."""
+    """Of a yard: whether each figure lies in its interval, the widths of these by the value, errors of the values; what
+    of the hidden was named and what that was not there."""
 
     inside: tuple[bool, ...]
     width: tuple[float, ...]
     error: tuple[float, ...]
-    inside_by_model: tuple[bool, ...]
-    width_by_model: tuple[float, ...]
-    error_by_model: tuple[float, ...]
     named: tuple[bool, ...]
     false: tuple[bool, ...]
 
@@ -159,32 +155,21 @@ def judged(kind: str, seed: int) -> Judgement:
         fit = read_fit(out / "run")
         found = with_intervals(imo_figures(fit.ship), fit.ship, fit.to_dict(), DRAWS, seed)
     rows = []
-    for row, alone in zip(found.rows, found.by_model, strict=True):
+    for row in found.rows:
         wanted = JUDGED.get(row.run.split(":")[0], ())
         value = yard.truth.get(row.run, {}).get(row.figure) if row.figure in wanted else None
         if value is not None and row.interval_90 is not None and row.value:
             size = value / (DEG if row.unit == "deg" else yard.particulars["L"])
-            rows.append((*against(row, size), *against(alone, size)))
+            low, high = row.interval_90
+            rows.append((low <= size <= high, (high - low) / row.value, row.value / size - 1))
     said = {word: any(f"for {name} (" in text for text in suspects) for name, word in SUSPECTS.items()}
     others = any(f"for {name} (" in text for text in suspects for name in ("heading_bias", "log_scale"))
     named = tuple(said[word] for word, there in yard.hidden.items() if there)
     false = (*(said[word] for word, there in yard.hidden.items() if not there), others)
-    inside, width, error, inside_by_model, width_by_model, error_by_model = zip(*rows, strict=True)
+    inside, width, error = zip(*rows, strict=True)
     print(f"{kind} {seed}: {sum(inside)} of {len(inside)} inside, median width {np.median(width):.0%}, "
-          f"rms error {rms(error):.1%}, named {named}, false {false}", flush=True)  # fmt: skip
-    return Judgement(inside, width, error, inside_by_model, width_by_model, error_by_model, named, false)
-
-
-def against(row: Row, size: float) -> tuple[bool, float, float]:
-    """Whether the interval of a ``row`` holds the true ``size``, its width by the value, and the error of that."""
-    low, high = row.interval_90 or (math.nan, math.nan)
-    value = row.value or math.nan
-    return low <= size <= high, (high - low) / value, value / size - 1
-
-
-def rms(values: Sequence[float]) -> float:
-    """Root mean square of ``values``."""
-    return float(np.sqrt(np.mean(np.square(values))))
+          f"rms error {np.sqrt(np.mean(np.square(error))):.1%}, named {named}, false {false}", flush=True)  # fmt: skip
+    return Judgement(inside, width, error, named, false)
 
 
 def main() -> None:
@@ -195,18 +180,11 @@ def main() -> None:
     given = parser.parse_args()
     tasks = [((kind, seed), (kind, seed)) for kind in YARDS for seed in range(FIRST, FIRST + given.seeds)]
     found = [one for _, one in done(judged, tasks, given.workers)]
-    joined = {field.name: [x for one in found for x in getattr(one, field.name)] for field in fields(Judgement)}
+    joined = {k: [x for one in found for x in getattr(one, k)] for k in ("inside", "width", "named", "false")}
     inside, named, false = joined["inside"], joined["named"], joined["false"]
     words, width = "of new ships of three generators after mmg start --yes", float(np.median(joined["width"]))
-    alone, count, of = "by the model alone", sum(joined["inside_by_model"]), len(inside)
-    error, error_alone = rms(joined["error"]), rms(joined["error_by_model"])
-    width_alone = float(np.median(joined["width_by_model"]))
     figures = {
-        "yard_error": Figure(f"rms error of IMO figures {words}", error, "%"),
-        "yard_error_by_model": Figure(f"rms error of IMO figures {alone}, {words}", error_alone, "%"),
-        "yard_inside_by_model": Figure(f"true IMO figures inside their 90 % interval {alone}, {words}", count, of=of),
-        "yard_width_by_model": Figure(f"median width of those intervals {alone}, {words}", width_alone, "%"),
-        "yard_inside": Figure(f"true IMO figures inside their 90 % interval, {words}", sum(inside), of=of),
+        "yard_inside": Figure(f"true IMO figures inside their 90 % interval, {words}", sum(inside), of=len(inside)),
         "yard_width": Figure(f"median width of those intervals by the figure, {words}", width, "%"),
         "yard_named": Figure(f"hidden antennas and currents said, {words}", sum(named), of=len(named)),
         "yard_false": Figure(f"suspects said that were not there, {words}", sum(false), of=len(false)),

@@ -39,7 +39,6 @@ from fitting.prediction.score import (
     worth_message,
     worth_of_left_out,
 )
-from fitting.prediction.tested_figures import measured_maneuvers
 from fitting.record import FitObjects, FitRecord
 from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved, uncertainty_rows
 from fitting.report.run_folder import data_rows, plain
@@ -191,7 +190,7 @@ def refit(earlier: FitResult, hold: Mapping[str, float], progress: OnProgress | 
     after = Simulator(found.ship, found.settings.compiled)
     scores = scores_by_set(after, {"validation": objects.validation, "training": objects.trials})
     made["scores"] = {name: ScorePair(earlier.scores[name].before, score) for name, score in scores.items()}
-    made["envelope"], made["tests"] = earlier.envelope, earlier.tests  # of the same trials
+    made["envelope"] = earlier.envelope  # of the same trials
     fit = with_values(CampaignFit(found, earlier.campaigns), TrialSet(objects.trials).campaigns)
     options = FitOptions(command=earlier.command, name=earlier.ship.name)  # of what ``_result`` reads
     remarks = TrialSet((*objects.trials, *objects.validation)).remarks
@@ -305,7 +304,6 @@ def _content(fit: CampaignFit, made: Made, objects: FitObjects, options: FitOpti
         "adaptation": made.get("worth of adaptation"),
         "random_force": made["second estimate"].random_force if "second estimate" in made else None,
         "envelope": made["envelope"] if "envelope" in made else trial_envelope(found.ship, trials),
-        "tests": made["tests"] if "tests" in made else measured_maneuvers(found.ship, trials),
         "left_out": made.get("worth of what was left out"),
         "campaigns": fit.content,
         **uncertainty_rows(found),

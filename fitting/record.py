@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 from cases.trial import Trial
 from fitting.prediction.score import ScorePair
-from fitting.prediction.tested_figures import MeasuredManeuver
 from fitting.report.run_folder import SCHEMA_VERSION, adapter, plain
 from fitting.settings import Settings, Start
 from mmg.errors import BadValue
@@ -160,7 +159,6 @@ class FitRecord:
 
     envelope: quantity -> range (lowest, highest) that the training trials held, SI (``fitting.report.use``);
     estimates: the free coefficients by symbol (key "coefficients");
-    tests: standard manoeuvres among the training trials (``fitting.prediction.tested_figures``);
     mark: name, date, hash of the data, and the ship that it began from (``mmg.ship.CalibrationMark``);
     posterior: what draws from it say (``fitting.uncertainty.posterior``);
     left_out: what stretches left out of the trials were worth (``fitting.prediction.score``);
@@ -210,7 +208,6 @@ class FitRecord:
     adaptation: dict[str, Any] | None = None
     random_force: dict[str, float] | None = None  # "X", "Y" [N], "N" [N m], "memory_s"
     envelope: dict[str, list[float]] | None = None
-    tests: tuple[MeasuredManeuver, ...] | None = None
     left_out: dict[str, Any] | None = None
     campaigns: dict[str, Any] | None = None
     scaling: dict[str, Any] | None = None

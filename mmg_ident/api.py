@@ -258,7 +258,8 @@ def calibrate(
         chosen["captive"] = read_captive(Path(captive), captive_sigma)
     for name in {"measurement", "per_campaign", "profile"} & set(chosen):
         chosen["instruments" if name == "measurement" else name] = tuple(names_of(chosen.pop(name)))
-    chosen |= {"per_run": listed(chosen["per_run"])} if "per_run" in chosen else {}
+    if "per_run" in chosen:
+        chosen["per_run"] = listed(chosen["per_run"])
     settings = replace(settings or Settings(), **checked_settings(Settings, values))
     check_settings(settings)  # once more: a Settings made by hand was not checked when it was made
     without, fix, only = (names_of(changes.get(name)) for name in ("without", "fix", "only"))

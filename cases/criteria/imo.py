@@ -145,30 +145,17 @@ class _Model:
     drift: tuple[float, float]
 
 
-def mean_wind(run: Run) -> Wind | None:
-    """The mean wind of a measured ``run`` from its order on, its direction from ahead at the order; None where none is
-    recorded."""
+def _modelled(run: Run, ship: Ship) -> _Model:
+    """Raises UserError where the run has no wind, or the model does not reach what was measured."""
     trial = run.trial
     t = trial.t - trial.t[0]
     rows = (t >= run.order_time) & (t <= run.end + 1e-9) & np.isfinite(trial.wind_vector).all(axis=1)
     if not trial.has_wind or not rows.any():
-        return None
-    north, east = -trial.wind_vector[rows].mean(axis=0)
-    # a simulated run begins on heading north
-    return Wind(math.hypot(north, east), math.atan2(east, north) - heading_at_order(run))
-
-
-def heading_at_order(run: Run) -> float:
-    """Heading of a measured ``run`` at its order [rad]."""
-    trial, good = run.trial, np.isfinite(run.trial["psi"])
-    return float(np.interp(run.order_time, (trial.t - trial.t[0])[good], trial.psi_unwrapped[good]))
-
-
-def _modelled(run: Run, ship: Ship) -> _Model:
-    """Raises UserError where the run has no wind, or the model does not reach what was measured."""
-    wind, heading = mean_wind(run), heading_at_order(run)
-    if wind is None:
         raise Missing("no wind is recorded")
+    north, east = -trial.wind_vector[rows].mean(axis=0)
+    good = np.isfinite(trial["psi"])
+    heading = float(np.interp(run.order_time, t[good], trial.psi_unwrapped[good]))
+    wind = Wind(math.hypot(north, east), math.atan2(east, north) - heading)  # a simulated run begins on heading north
     calm, _ = calm_and_deep(ship)
     degrees = math.degrees(run.rudder)
     order = {"turning": f":{degrees:g}", "zigzag": f":{degrees:g}/{math.degrees(run.heading):g}"}
@@ -260,8 +247,7 @@ class Row:
     (fitting/prediction/figure_intervals.py), None where none were drawn: median, which is the value
     then, and interval_90 (5 and 95 % quantiles) of the ship's figure, infinite where more draws than that never reach
     it; interval_90_trial: of a single trial of hers; probability of meeting the limit; reached: share of the draws that
-    reach the figure; extrapolated: whether the manoeuvre leaves what the trials held; by_model: the median by the model
-    alone, where tests of standard manoeuvres among her trials have a say (fitting/prediction/tested_figures.py).
+    reach the figure; extrapolated: whether the manoeuvre leaves what the trials held.
     """
 
     ability: str
@@ -280,7 +266,6 @@ class Row:
     probability: float | None = None
     reached: float | None = None
     extrapolated: bool | None = None
-    by_model: float | None = None
 
 
 def first_overshoot_limit(ratio: float) -> float:

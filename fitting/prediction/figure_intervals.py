@@ -28,7 +28,6 @@ from fitting.parallel import Shared, run_all
 from fitting.prediction.band_calibration import student_factor
 from fitting.prediction.bands import Bands, acceleration_sizes, bands_of, correlation_in
 from fitting.prediction.envelope import HeldMotion, outside_of, outside_words, ranges_of, untried
-from fitting.prediction.tested_figures import FIGURES, MeasuredManeuver, WeighedFigures, weighed_figures
 from mmg.effects import EFFECTS
 from mmg.errors import OutOfRange
 from mmg.messages import Message
@@ -95,13 +94,6 @@ class FigureScatter:
         chance = None if limit is None else float((ships <= limit).mean())
         return {"median": middle, "interval_90": (low, high), "interval_90_trial": ends, "probability": chance}
 
-    def weighed(self, name: str, tests: WeighedFigures, seed: int) -> FigureScatter:
-        """The scatter of the manoeuvre of this ``name`` with what ``tests`` say; seed: of the draws of these."""
-        ship = tests.of(name, self.ship, seed)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            trial = {key: x * ship[key] / self.ship[key] if key in FIGURES else x for key, x in self.trial.items()}
-        return replace(self, ship=ship, trial=trial)
-
     def share(self, figure: str) -> float:
         """Share of the draws that reach a ``figure``."""
         return float(np.isfinite(self.ship.get(figure, NOWHERE)).mean())
@@ -114,13 +106,9 @@ class FigureScatter:
 
 @dataclass(frozen=True, repr=False)
 class JudgedFigures(Assessment):
-    """An assessment with intervals in its rows.
+    """An assessment with intervals in its rows, and the scatter behind them by the name of the manoeuvre, empty where
+    there are no draws."""
 
-    scatter: the draws of the model by the name of the manoeuvre, empty where there are none; by_model: rows by the
-    model alone, where tests of the manoeuvres have a say in ``rows``.
-    """
-
-    by_model: tuple[Row, ...] = field(default=(), repr=False)
     scatter: Mapping[str, FigureScatter] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -175,34 +163,13 @@ def with_intervals(
         if one.lost:
             words = f"{run.name}: {one.lost} of {count} drawn ships run away, and count as never reaching a figure"
             notices.append(Message(words, "diverging_draws"))
-    by_model = tuple(
+    rows = tuple(
         judged_row(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in assessment.rows
     )
-    weighed = _weighed(calm, content, judged, scatter)
-    rows = by_model
-    if weighed.tests:
-        told = {name: one.weighed(name, weighed, seed) for name, one in scatter.items()}
-        rows = tuple(
-            replace(judged_row(row, runs[row.run], told[row.run]), by_model=model.value)
-            if row.run in told and row.figure in FIGURES
-            else model
-            for row, model in zip(assessment.rows, by_model, strict=True)
-        )
-        notices.append(Message(weighed.words, "weighed_by_tests"))
     priors = [run.name for run in judged if untried(run.kind, scatter[run.name].outside or ())]
     basis = _basis(rows, scatter, priors, bool(content))
-    changed: dict[str, Any] = {"rows": rows, "by_model": by_model, "notices": tuple(notices), "basis": basis}
-    return JudgedFigures(**{**vars(assessment), **changed, "scatter": scatter})
-
-
-def _weighed(
-    calm: Ship, content: Mapping[str, Any], judged: Sequence[Run], scatter: Mapping[str, FigureScatter]
-) -> WeighedFigures:
-    """What the tests among the trials of a calibration say of the ``judged`` manoeuvres of her ship, without her
-    surroundings, beside the draws of the model."""
-    tests = [MeasuredManeuver.of(row) for row in content.get("tests") or ()]
-    draws = {run.name: scatter[run.name].ship for run in judged if run.kind not in STOPS}
-    return weighed_figures(calm, tests, draws, {run.name: run.speed for run in judged})
+    changed: dict[str, Any] = {"rows": rows, "notices": tuple(notices), "basis": basis, "scatter": scatter}
+    return JudgedFigures(**{**vars(assessment), **changed})
 
 
 def _basis(
@@ -369,9 +336,6 @@ def maneuver_scatter(
         for row in scatter.rows
     )  # fmt: skip
     notices = (*scatter.notices, *drawn.notice(plan.name, plan.kind))
-    if any(test["maneuver"] == plan.name for test in content.get("tests") or ()):
-        words = f"by the model alone: mmg imo gives the figures of {plan.name} with what its test among the trials says"
-        notices = (*notices, Message(words, "by_model_alone"))
     kept = np.isfinite(trials.states).all(axis=(0, 1))
     trials = replace(trials, states=trials.states[:, :, kept], inputs=trials.inputs[:, :, kept], last=trials.last[kept])
     return replace(scatter, rows=rows, notices=notices, values=drawn.ship, trials=trials), run, drawn

@@ -127,18 +127,16 @@ def _hanging(names: Sequence[str], form: ImoForm) -> str:
 
 def _form_table(form: ImoForm) -> tuple[tuple[tuple[str, tuple[str, ...]], ...], list[tuple[str, ...]], str]:
     """Groups of columns, rows and note of the table of tested and model's figures."""
-    model = ("ship [90 %]" if form.intervals else "model", SIDES)
+    model = ("model [90 %]" if form.intervals else "model", SIDES)
     rows = []
     for row in form.rows:
         sides = [*row.sides, None][:2]  # a stop has one
         tested = [_tested(side, row) for side in sides] if form.tested else []
-        modelled = [side.model.words(row.unit) if side and side.model else "" for side in sides]
+        modelled = [side.model.words(row.unit, of_trial=True) if side and side.model else "" for side in sides]
         name = f"{row.group.split(',')[0]}: {row.name.lower().removesuffix(' angle')} [{row.unit}]"
         rows.append((name, *tested, *modelled))
-    note = f"{OUTSIDE.strip()} lies outside of the interval of a single trial by the model alone. " * bool(
-        form.contradiction
-    )
-    note += "Ship: in calm air and still water, by the model and by tests of the same manoeuvre. " * form.intervals
+    note = f"{OUTSIDE.strip()} lies outside of the interval. " * bool(form.contradiction)
+    note += "90 % of single trials of ships that the trials allow. " * form.intervals
     return (("tested", SIDES), model) if form.tested else (model,), rows, note + "L: ship lengths."
 
 

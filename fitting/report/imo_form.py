@@ -23,7 +23,6 @@ from cases.maneuvers.definitions import Limits
 from cases.trial import Trial
 from fitting.prediction.bands import correlation_in
 from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, with_intervals
-from fitting.prediction.tested_figures import of_midship, reading_error, standard_run
 from fitting.report.plot_maneuvers import maneuver_figure
 from fitting.report.plot_style import figure_entry, png_of
 from mmg.errors import Conflict, OutOfRange, UserError
@@ -81,18 +80,20 @@ OTHER_SPEED, COARSE = 0.1, math.radians(1.0)
 class FormValue:
     """A figure in the unit of the form, the median of its draws where there are any. interval: 90 %, its upper end
     infinite where more than 5 % of the draws never reach the figure, None where no covariance is known; count: of runs
-    behind it; reading: by what the figure of a test changes within a sampling interval, in which its rudder may have
-    begun to move at any time."""
+    behind it; of_trial: 90 % interval of a single trial, as interval; reading: by what the figure of a test changes
+    within a sampling interval, in which its rudder may have begun to move at any time."""
 
     value: float
     interval: tuple[float, float] | None = None
     count: int = 1
+    of_trial: tuple[float, ...] | None = None
     reading: float = 0.0
 
-    def words(self, unit: str) -> str:
-        """The value in ``unit`` with its interval, to the figures that the form asks for."""
-        digits = 1 if unit == "deg" else 2
-        words, ends = f"{self.value:.{digits}f}", self.interval
+    def words(self, unit: str, of_trial: bool = False) -> str:
+        """The value in ``unit`` with its interval, that of a single trial where wanted and known, to the figures that
+        the form asks for."""
+        digits = 1 if unit == "deg" else 2  # ship lengths
+        words, ends = f"{self.value:.{digits}f}", (of_trial and self.of_trial) or self.interval
         if ends:
             high = f"{ends[1]:.{digits}f}" if math.isfinite(ends[1]) else "never"
             words += f" [{ends[0]:.{digits}f}, {high}]"
@@ -101,24 +102,22 @@ class FormValue:
 
 @dataclass(frozen=True)
 class FormSide:
-    """A figure on one side: tested, of the ship by model and tests, corrected to full load; each None where it is not
-    known. verdict: of the corrected value, else the tested, else the model's; of_trial: 90 % interval of a single trial
-    by the model alone, its upper end infinite where more than 5 % of the draws never reach the figure."""
+    """A figure on one side: tested, of the model, corrected to full load; each None where it is not known. verdict: of
+    the corrected value, else the tested, else the model's."""
 
     tested: FormValue | None
     model: FormValue | None
     corrected: FormValue | None
     verdict: str
-    of_trial: tuple[float, ...] | None = None
 
     @property
     def contradicts(self) -> bool | None:
         """Whether the interval of a single trial excludes the tested figure by more than it can be read to; None where
         either is not known."""
-        if not self.tested or not self.of_trial:
+        ends = self.model and (self.model.of_trial or self.model.interval)
+        if not self.tested or not ends:
             return None
-        value, reading = self.tested.value, self.tested.reading
-        return not self.of_trial[0] - reading <= value <= self.of_trial[1] + reading
+        return not ends[0] - self.tested.reading <= self.tested.value <= ends[1] + self.tested.reading
 
 
 @dataclass(frozen=True)
@@ -190,7 +189,6 @@ def imo_form(
         remarks.append(f"{words}, as mmg imo draws them; a test's own scatter comes on top")
     remarks.append(_of_correction(full_load, bool(tested)))
     by_name = {(row.run, row.figure): row for row in model.rows}
-    by_model = {(row.run, row.figure): row for row in model.by_model or model.rows}
     rows = []
     for group, text, figures in FORM:
         sides = (text,) if text == "crash-stop" else (text.replace(":", ":-"), text)
@@ -198,7 +196,7 @@ def imo_form(
             judged = [by_name.get((side, figure)) for side in sides]
             first = next((row for row in judged if row is not None), None)
             cells = tuple(
-                _side(row, by_model.get((side, figure)), tested.get((side, figure)), factors.get((side, figure)))
+                _side(row, tested.get((side, figure)), factors.get((side, figure)))
                 for side, row in zip(sides, judged, strict=True)
             )
             unit, limit = (first.unit, first.limit) if first else ("L", None)
@@ -253,13 +251,11 @@ def _of_correction(full_load: float | None, tested: bool) -> str:
     )
 
 
-def _side(row: imo.Row | None, alone: imo.Row | None, tested: FormValue | None, factor: np.ndarray | None) -> FormSide:
-    """One side from the ``row`` of model and tests, that of the model ``alone``, the tested value, and F / B of the
-    ship and of the draws."""
+def _side(row: imo.Row | None, tested: FormValue | None, factor: np.ndarray | None) -> FormSide:
+    """One side from the model's ``row``, the tested value, and F / B of the ship and of the draws."""
     model = corrected = None
     if row is not None and row.value is not None:
-        model = FormValue(row.value, row.interval_90)
-    of_trial = (alone.interval_90_trial or alone.interval_90) if alone else None
+        model = FormValue(row.value, row.interval_90, of_trial=row.interval_90_trial)
     if tested is not None and factor is not None:
         draws = tested.value * factor[1:][np.isfinite(factor[1:])]
         corrected = FormValue(tested.value * float(factor[0]), None, tested.count)
@@ -270,12 +266,13 @@ def _side(row: imo.Row | None, alone: imo.Row | None, tested: FormValue | None, 
         return FormSide(tested, model, corrected, imo.OPEN)
     judged, verdict, limit = corrected or tested or model, row.verdict, row.limit
     # a figure of the model that no trial supports is not judged, but a tested one is
-    if judged is not None and limit is not None and (verdict in (imo.PASS, imo.FAIL) or row.probability is not None):
-        if judged is not model:
-            verdict = imo.PASS if judged.value <= limit else imo.FAIL
-        if verdict in (imo.PASS, imo.FAIL) and judged.interval and judged.interval[0] <= limit < judged.interval[1]:
-            verdict += ", within the interval"
-    return FormSide(tested, model, corrected, verdict, of_trial)
+    if judged is None or limit is None or not (verdict in (imo.PASS, imo.FAIL) or row.probability is not None):
+        return FormSide(tested, model, corrected, verdict)
+    if judged is not model:
+        verdict = imo.PASS if judged.value <= limit else imo.FAIL
+    if verdict in (imo.PASS, imo.FAIL) and judged.interval and judged.interval[0] <= limit < judged.interval[1]:
+        verdict += ", within the interval"
+    return FormSide(tested, model, corrected, verdict)
 
 
 def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> dict[tuple[str, str], FormValue]:
@@ -291,13 +288,13 @@ def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> d
     east, north = (ship.coefficients.get(f"current.{axis}") for axis in ("y", "x"))
     values: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for run in measured.runs:
-        if (kind := standard_run(run)) is None:
+        if (kind := _standard_run(run)) is None:
             continue
         if east and north:
             run = imo.in_still_water(run, imo.WaterVelocity(north.value, east.value, 0.0, "of the ship"))
         for row in imo.assess(run):
             if row.value is not None:
-                values.setdefault((kind, row.figure), []).append((row.value, _reading(run, row)))
+                values.setdefault((kind, row.figure), []).append((row.value, _reading(run, row.unit)))
     if not values:
         remarks.append("tested: no trial is a standard manoeuvre (35° turn, 10/10 or 20/20 zig-zag, crash stop)")
     else:
@@ -312,9 +309,37 @@ def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> d
 TAKEN_OFF = {"current": "current", "antenna_offset": "lever arm of the antenna"}
 
 
-def _reading(run: Run, row: imo.Row) -> float:
-    """By what the figure of a ``row`` changes within a sampling interval of the measured ``run``, in its unit."""
-    return reading_error(run, row.figure) * (math.degrees(1.0) if row.unit == "deg" else 1 / run.length)
+def of_midship(ship: Ship, trial: Trial) -> Trial:
+    """The ``trial`` with positions and velocities of midship, by the antenna of the ``ship``; as it is where she has
+    none or it has no positions."""
+    if "antenna_offset" not in ship.effects or not trial.has_position:
+        return trial
+    x, y, alone_x, alone_y = (
+        c.value if (c := ship.coefficients.get(f"antenna_offset.{name}")) else 0.0
+        for name in ("x", "y", "alone_x", "alone_y")
+    )
+    # x0 + i y0 and u + i v: positions lie off by the lever arm turned with psi, velocities by r times it
+    place = trial["x"] + 1j * trial["y"] - complex(x + alone_x, y + alone_y) * np.exp(1j * trial["psi"])
+    speed = trial["u"] + 1j * trial["v"] - 1j * trial["r"] * complex(x, y)
+    return trial.with_columns(x=place.real, y=place.imag, u=speed.real, v=speed.imag)
+
+
+def _reading(run: Run, unit: str) -> float:
+    """By what a figure in ``unit`` of a measured ``run`` changes within a sampling interval of it."""
+    if unit == "deg":
+        return run.trial.dt * math.degrees(float(np.nanmax(np.abs(run.trial["r"]))))
+    return run.trial.dt * run.speed / run.length if math.isfinite(run.speed) else 0.0
+
+
+def _standard_run(run: Run) -> str | None:
+    """The manoeuvre of the form that a measured ``run`` is, None for none."""
+    rudder, heading, side = math.degrees(run.rudder), math.degrees(run.heading), "-" if run.rudder < 0 else ""
+    if run.kind == "turning" and abs(rudder) >= 33:  # 35 deg or hard over, to 2 deg as below. Set by hand.
+        return f"turning:{side}35"
+    for angle in (10, 20):
+        if run.kind == "zigzag" and abs(abs(rudder) - angle) <= 2 and abs(heading - angle) <= 2:
+            return f"zigzag:{side}{angle}/{angle}"
+    return "crash-stop" if run.kind == "crash-stop" else None
 
 
 def _loaded(ship: Ship, full_load: float) -> Ship:

@@ -24,7 +24,7 @@ KEYS = {
     "constraint_violation", "condition_number", "iterations", "passes", "starts", "settings", "seed", "versions",
     "compiled", "timings_s", "data", "validation_data", "windows", "intervals", "seconds_used", "sigma", "noise",
     "coefficients", "fixed", "correlation", "scores", "identifiability", "warnings", "notices", "messages", "figures",
-    "uncertainty", "bands", "adaptation", "calibration", "envelope", "tests",
+    "uncertainty", "bands", "adaptation", "calibration", "envelope",
 }  # fmt: skip
 """Keys of result.json of a fit with held-out trials; "per_run", "campaigns", "bootstrap" and "profiles" come where
 there are any."""
