@@ -27,7 +27,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import priors_of_effects, set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
-from diagnosis.hypotheses.forward_selection import Selection, select_effects
+from diagnosis.hypotheses.forward_selection import ODDS, Selection, select_effects
 from diagnosis.hypotheses.refit import SearchProblem, gained, refit
 from diagnosis.inputs import diagnosable_trials
 from diagnosis.prepare import (
@@ -81,16 +81,16 @@ def second_estimate(
     The values are the most likely ones with random forces, gusts and sensor noise of estimated sizes, as predictions of
     the next sample tell; faults of instruments that the kinematics of the trials show are in the model. Priors are the
     values and standard deviations of the ship, as in a calibration. Suspects are selected as a diagnosis selects
-    effects, beside coefficients and random forces, with odds of more than 20 to 1; frees: whether they are fitted along
-    from then on, surroundings only where that is wanted too and all trials are of one campaign. A message says of each
-    its size and what it moves, or why there is no estimate.
+    effects, beside coefficients and random forces: with odds of more than 20 to 1 and more evidence than for a free
+    force. frees: whether they are fitted along from then on, surroundings only where that is wanted too and all trials
+    are of one campaign. A message says of each its size and what it moves, or why there is no estimate.
     """
     own = {s.partition(".")[0] for s in ship.free if "." in s}
     try:
         full, kept, few = _for_filter(_as_stated(ship), trials)
         ready, few = _prepared(full, kept, few)
         mine = tuple(c for c in ready.problem.candidates if c.effect not in own)
-        found = select_effects(replace(ready.problem, candidates=mine), ready.null)
+        found = _standing(select_effects(replace(ready.problem, candidates=mine), ready.null), ready)
         rows = [(k, c) for k, c in enumerate(found.effects) if c.effect not in BESIDE]
         read = _of_reading(ready.reading, frees)
         # instruments stay from day to day, surroundings do not: one current of several days is none
@@ -107,6 +107,20 @@ def second_estimate(
     force = dict(zip("XYN", final.noise.force.tolist(), strict=True)) | {"memory_s": float(final.noise.tau)}
     values = {s: final.value(s) for s in free.symbols if "." not in s or s in symbols}
     return SecondEstimate(values, symbols, frees and bool(read), messages, force)
+
+
+def _standing(found: Selection, ready: Prepared) -> Selection:
+    """What stands of the selection ``found`` beside a free force, as in a verdict: a hull whose form is not that of the
+    ship looks a little like an antenna or a compass that is off, and more like a force without a name. All stands at a
+    fit that has not come to its optimum, as at a bend of the model: slopes there say nothing of a free force."""
+    if not found.effects or found.final.gain > ODDS:
+        return found
+    from diagnosis.hypotheses.unnamed import unnamed_forms  # late: most campaigns have no suspect
+    from diagnosis.judgement.verdict import standing
+
+    p = ready.problem
+    left = unnamed_forms(p.steps, p.data, found.final).evidence - p.expected_unnamed
+    return found.first(standing(found.evidence, left))
 
 
 def _prepared(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tuple[Prepared, Sequence[Trial]]:

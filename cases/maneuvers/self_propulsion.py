@@ -133,6 +133,7 @@ class Shaft:
         """Revolutions (M,) [1/s]."""
         return self.share * self.engine.n_mcr
 
+    @np.errstate(over="ignore", invalid="ignore")  # of a drawn ship that runs away
     def moved(self, order: float, u: np.ndarray, dt: float) -> tuple[Shaft, np.ndarray]:
         """The shafts after ``dt`` [s] under an ``order`` [1/s] at speeds u (M,) [m/s], and mean revolutions (M,) on the
         way. An order that is the approach's is held by the governor."""

@@ -103,10 +103,9 @@ class Selection:
         found = (s.best for s in self.searches[: len(self.effects)])
         return tuple(best.evidence for best in found if best is not None)
 
-    @property
-    def without_last(self) -> Selection:
-        """The selection without the effect found last."""
-        return replace(self, effects=self.effects[:-1], final=self.fits[-2])
+    def first(self, count: int) -> Selection:
+        """The selection with the first ``count`` of the effects alone."""
+        return replace(self, effects=self.effects[:count], final=self.fits[count])
 
     @property
     def fits(self) -> tuple[Estimate, ...]:

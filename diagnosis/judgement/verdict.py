@@ -53,13 +53,20 @@ def verdict_of(
 
     What does not look random counts as left. Instruments are selected alike, but make no verdict.
     """
-    count = len(named)
-    while count and left(len(named)) > named[count - 1]:
-        count -= 1
+    count = standing(named, left(len(named))) if named else 0
     instruments = list(measures[:count]) or [False] * count
     if not all(instruments):
         return "named", count, left(count) > 0 or not is_random
     return ("unknown" if left(count) > ODDS or not is_random else "none"), count, False
+
+
+def standing(named: Sequence[float], left: float) -> int:
+    """Line 3 of ``verdict_of``: how many of the effects selected stand; named: evidence for each beside those before
+    it; left: for a free force beside all, in log units."""
+    count = len(named)
+    while count and left > named[count - 1]:
+        count -= 1
+    return count
 
 
 @dataclass(frozen=True)
@@ -101,9 +108,7 @@ def judged_search(
     verdict, count, is_left = verdict_of(found.evidence, left, measures, not reasons)
     if verdict != "unknown" and (doubt := another_ship(found.fits[count], full.ship, verdict == "named")):
         verdict, count, is_left, reasons = "unknown", 0, False, [*reasons, doubt]
-    forms = free(count)
-    while len(found.effects) > count:
-        found = found.without_last
+    found, forms = found.first(count), free(count)
     return JudgedSearch(found, forms, verdict, is_left, (*reasons, *_acts_like(full, found)))
 
 

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 import mmg_ident
+from benchmarks.yards import of_library
 from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.new_ship import new_ship
 from cases.trial import Trial
 from diagnosis import for_calibration
 from diagnosis.estimation.candidates import find
@@ -149,6 +151,16 @@ def test_a_usual_suspect_that_is_there_is_fitted_along_and_nothing_else(hidden: 
     assert {s.partition(".")[0] for s in found.suspects} == ({name} if name else set())
     assert len(found.messages) == bool(name)
     assert set(found.values) == {*FEW.free, *found.suspects}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [303, 304])
+def test_a_hull_of_another_form_is_no_antenna_and_hides_no_current(seed: int) -> None:
+    """Of 303 a free force has an evidence of 3e5 by slopes at a bend of the model; of 304 an antenna 9 m aft, that is
+    not there, has 17, and a free force 54."""
+    yard = of_library("mariner", seed)
+    found = second_estimate(new_ship("cargo", dict(yard.particulars)), yard.trials)
+    assert found.suspects == ("current.x", "current.y")
 
 
 CURRENT = {"x": 0.02, "y": 0.01}

@@ -91,7 +91,7 @@ def test_selection_goes_on_while_the_evidence_is_enough(searches: list[Search]) 
     assert [c.label for c in found.effects] == ["a", "b"] and len(found.searches) == 3
     assert found.evidence == pytest.approx((1.1 * ODDS, 1.05 * ODDS))
     assert len(found.fits) == 3 and found.fits[0] is searches[0].before
-    one = found.without_last
+    one = found.first(1)
     assert [c.label for c in one.effects] == ["a"] and one.fits == found.fits[:2] and one.final is found.fits[1]
 
 
