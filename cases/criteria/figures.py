@@ -17,7 +17,8 @@ from cases.criteria.measured_maneuvers import held_stretches
 from cases.inputs import integral
 from cases.trial import Trial
 
-_UNITS = {"time": "s", "overshoot": "rad", "width": "rad", "drift": "rad", "rate": "rad/s", "height": "rad/s"}
+_UNITS = {"time": "s", "overshoot": "rad", "width": "rad", "drift": "rad", "rate": "rad/s", "height": "rad/s",
+          "heading": "rad", "rudder": "rad"}  # fmt: skip
 
 
 def figure_unit(name: str) -> str:
@@ -212,6 +213,13 @@ def pull_out_figures(run: Since) -> dict[str, float]:
         return {}
     first, last = float(rates[0]), float(rates[-1])
     return {"steady_rate": first, "residual_rate": last, "residual_share": last / first}
+
+
+def heading_figures(run: Since, heading: float) -> dict[str, float]:
+    """Root mean squares of the error of the heading and of the rudder [rad] of a controller that was ordered a change
+    of ``heading`` [rad], over a run from the order on (Wakita et al. 2025, section 5.4)."""
+    mean = [integral(run.t, x**2)[-1] / run.t[-1] for x in (run.change - heading, run.delta)]
+    return dict(zip(("rms_heading_error", "rms_rudder"), np.sqrt(mean).tolist(), strict=True))
 
 
 # A rudder of a spiral or pull-out is held while it stays this near to its angle [rad]; the turn rate is steady in this

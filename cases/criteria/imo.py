@@ -476,7 +476,8 @@ def imo_figures(
     calm, left_out = calm_and_deep(ship)
     V, origin = approach_speed(calm, speed)
     for text in maneuvers:
-        if "order_time" not in parse_maneuver(text, calm, speed=V, rudder_rate=rudder_rate).parameters:
+        plan = parse_maneuver(text, calm, speed=V, rudder_rate=rudder_rate)
+        if "order_time" not in plan.parameters or plan.kind == "heading":
             kinds = "turning, zigzag, spiral, pull-out, crash-stop, coasting"
             raise UnknownName(f"manoeuvre '{text}' has no order to judge; use {kinds}")
     runs, missed = [], {}

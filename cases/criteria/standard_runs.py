@@ -146,8 +146,10 @@ def check_completeness(trial: Trial, maneuver: Maneuver) -> tuple[Message, ...]:
         if missed:
             words = f"{name}: the run ends before {events[missed[0]]}, {run.t[-1]:.4g} s after the order: "
             words += f"{makes if maneuver.kind in STOPS else turned}; give --duration, or other orders"
-    elif trial.duration >= maneuver.duration * (1 - 1e-6) - p["window"] and not (
-        np.ptp(steady) <= p["tolerance"] * 1.001 and run.t[-1] >= p["window"]
+    elif (
+        "window" in p
+        and trial.duration >= maneuver.duration * (1 - 1e-6) - p["window"]
+        and not (np.ptp(steady) <= p["tolerance"] * 1.001 and run.t[-1] >= p["window"])
     ):
         words = (
             f"{name}: at rudder {math.degrees(run.delta[-1]):.3g} deg the turn rate is not yet steady, "
@@ -184,6 +186,8 @@ def _figures(run: read.Since, plan: Maneuver, steady: bool) -> dict[str, float]:
         ten = math.isclose(abs(p["rudder"]), math.radians(10), rel_tol=1e-6)  # of the initial turning ability
         figures = read.zigzag_figures(run, p["rudder"], p["heading"])
         return figures | (read.initial_turning_figures(run, p["rudder"]) if ten else {})
+    if plan.kind == "heading":
+        return read.heading_figures(run, p["heading"])
     return _one_order(run, plan.kind, p.get("rudder", 0.0), p.get("least", 0.0), steady)
 
 

@@ -41,6 +41,7 @@ Orders = Callable[[float, np.ndarray], "tuple[float, float] | None"]
 FULL_TURN = 3 * math.pi  # Change of heading after which a turning test ends [rad]: 540 degrees (IMO MSC/Circ.1053)
 # Slack in comparisons of times [s] and angles [rad], so that 0.1 + 0.2 is not later than 0.3.
 TINY = 1e-9  # set by hand: above rounding, below any order
+MOST_RUDDER = math.radians(35)  # That a heading controller orders [rad]: that of a turning test (IMO MSC.137(76))
 
 
 def constant(n: float) -> Orders:
@@ -166,6 +167,22 @@ class StepOrders(FromLead):
             self.rates.popleft()
         values = [rate for _, rate in self.rates]
         return max(values) - min(values) <= self.tolerance
+
+
+@dataclass
+class HeadingControl(FromLead):
+    """The heading held ``change`` [rad] to starboard of that at the order, by the rudder K_P (psi_d - psi) - K_D r
+    within MOST_RUDDER (Wakita et al. 2025, Eq. 32). proportional: K_P; derivative: K_D [s]."""
+
+    change: float
+    proportional: float
+    derivative: float
+
+    def ordered(self, t: float, state: np.ndarray) -> tuple[float, float] | None:
+        assert self.origin is not None
+        error = self.origin + self.change - float(state[2])
+        rudder = self.proportional * error - self.derivative * float(state[5])
+        return self.n, min(max(rudder, -MOST_RUDDER), MOST_RUDDER)
 
 
 def spiral_angles(largest: float, step: float) -> tuple[float, ...]:
@@ -337,8 +354,8 @@ def _ramp(position: float, order: float, rate: float, dt: float) -> tuple[float,
 
 # What ``parse_maneuver`` understands; a negative angle begins to port.
 FORMS = (
-    "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, crash-stop:0.6, coasting, spiral:15/5, pull-out:20, random, "
-    "random:SEED, straight, berthing, acceleration"
+    "turning:35, zigzag:20/20, zigzag:-10/10, crash-stop, crash-stop:0.6, coasting, spiral:15/5, pull-out:20, "
+    "heading:20/1.5/4, random, random:SEED, straight, berthing, acceleration"
 )
 STOPS = ("crash-stop", "coasting")  # Manoeuvres in which the engine is stopped or reversed
 # Of the messages on the engine and the resistance that are assumed of a ship that is stopped.
@@ -578,6 +595,15 @@ def _pull_out(s: _Setup) -> Maneuver:
 MOST_DIGITS = 15  # Of a seed: more would be lost where it is kept as a number. A double has 15.95 (IEEE 754, 2019).
 
 
+def _heading(s: _Setup) -> Maneuver:
+    words = s.argument.split("/")
+    change, *gains = [as_number(word) for word in words] if len(words) == 3 else [math.nan] * 3
+    if not (abs(change) <= 180 and all(0 <= gain < math.inf for gain in gains)):
+        raise s.refused("write change of heading [deg] / K_P / K_D [s], such as heading:20/1.5/4 or heading:0/1/2")
+    control = partial(HeadingControl, s.base.n, s.lead, math.radians(change), *gains)
+    return s.maneuver(200.0, control, order_time=s.lead, heading=math.radians(change))
+
+
 def _random(s: _Setup) -> Maneuver:
     if s.argument and not (s.argument.isdecimal() and len(s.argument) <= MOST_DIGITS):
         raise s.refused(f"the seed must be a whole number of at most {MOST_DIGITS} digits, such as random:7")
@@ -598,6 +624,7 @@ _BUILDERS: dict[str, Callable[[_Setup], Maneuver]] = {
     "coasting": _coasting,
     "spiral": _spiral,
     "pull-out": _pull_out,
+    "heading": _heading,
     "random": _random,
     "straight": lambda s: s.maneuver(100.0),
     "berthing": _berthing,

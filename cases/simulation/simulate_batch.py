@@ -17,6 +17,7 @@ from cases.maneuvers.definitions import (
     FULL_TURN,
     TINY,
     FromLead,
+    HeadingControl,
     Limits,
     Maneuver,
     Orders,
@@ -264,8 +265,8 @@ def simulate_batch(
     sampling [s], divided into steps of at most 0.5 s of a 3 m model. held: inputs are held at their means over each
     sample, as a logged trial has them, and ``cases.simulation.simulate.simulate`` gives the same motion; else they move
     within the sample (a zigzag is always held). A control delay acts as in the model, by its approximation. A run that
-    diverges is not noticed here: look at its states. Raises UserError for a step that makes no sense and for spiral and
-    pull-out, whose orders wait for a steady turn. maneuver: what is ordered.
+    diverges is not noticed here: look at its states. Raises UserError for a step that makes no sense and for spiral,
+    pull-out and heading, whose orders follow from the motion. maneuver: what is ordered.
     """
     simulator = ship if isinstance(ship, Simulator) else Simulator(ship)
     ship, batch = simulator.ship, _Batch.of(simulator, maneuver, coefficients, dt)
@@ -298,7 +299,7 @@ def simulate_pushed(
 
     simulator: of the ship; maneuver, dt: as for ``simulate_batch``. With accelerations of zero it is that with
     held inputs, but ends when all runs have been through half a turn, two overshoots, or lost their headway, and each
-    zigzag stands still once it has been read. Raises UserError for spiral and pull-out.
+    zigzag stands still once it has been read. Raises UserError as ``simulate_batch``.
     """
     return _side_by_side(_Batch.of(simulator, maneuver, coefficients, dt), push)
 
@@ -328,8 +329,8 @@ class _Batch:
         if not (math.isfinite(dt) and 0 < dt <= maneuver.duration):
             longest = f"no longer than the manoeuvre ({maneuver.duration:g} s)"
             raise OutOfRange(f"dt = {dt:g} s must be positive and {longest}")
-        if isinstance(orders, StepOrders):
-            raise Unsupported(f"{maneuver.name}: its orders wait for a steady turn; simulate one ship at a time")
+        if isinstance(orders, StepOrders | HeadingControl):
+            raise Unsupported(f"{maneuver.name}: its orders follow from the motion; simulate one ship at a time")
         theta = coefficient_array(ship, coefficients)
         if maneuver.factors:  # of the resistance, where she is stopped
             theta = (theta.T * [maneuver.factors.get(symbol, 1.0) for symbol in ship.symbols]).T

@@ -25,8 +25,8 @@ def simulate(
     maneuver: Annotated[
         str | None,
         Option(
-            help="turning:35, zigzag:20/20, spiral:15/5, pull-out:20, crash-stop, coasting, random:SEED, straight, "
-            "berthing, acceleration, harbour:SEED [deg, negative begins to port]."
+            help="turning:35, zigzag:20/20, spiral:15/5, pull-out:20, heading:20/1.5/4, crash-stop, coasting, "
+            "random:SEED, straight, berthing, acceleration, harbour:SEED [deg, negative begins to port]."
         ),
     ] = None,
     controls: Annotated[Path | None, Option(help="Trial whose n, delta and wind are followed.")] = None,

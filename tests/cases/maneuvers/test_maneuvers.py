@@ -10,6 +10,7 @@ import pytest
 
 from cases.criteria.figures import (
     figure_unit,
+    heading_figures,
     initial_turning_figures,
     overshoot_figures,
     pull_out_figures,
@@ -22,10 +23,12 @@ from cases.criteria.figures import (
     zigzag_figures,
 )
 from cases.criteria.measured_maneuvers import held_stretches
-from cases.criteria.standard_runs import check_completeness, simulated_run
+from cases.criteria.standard_runs import check_completeness, simulated_run, simulated_trial
 from cases.maneuvers.definitions import (
+    MOST_RUDDER,
     STEADY_CHANGE,
     Controller,
+    HeadingControl,
     Limits,
     StepOrders,
     Zigzag,
@@ -46,12 +49,27 @@ SHIP = load_ship("esso_osaka_3m")
     "text",
     ["", "spin:35", "turning", "turning:", "turning:0", "turning:abc", "turning:nan", "turning:95",
      "zigzag:20", "zigzag:20/-20", "spiral:15", "spiral:15/4", "spiral:15/-5", "spiral:a/5", "pull-out",
-     "pull-out:0", "zigzag:a/b", "random:x", "random:-1", "straight:3", "crash-stop:5"],
+     "pull-out:0", "heading", "heading:20", "heading:20/1", "heading:20/-1/2", "heading:181/1/2", "heading:20/x/2",
+     "heading:20/1/inf", "zigzag:a/b", "random:x", "random:-1", "straight:3", "crash-stop:5"],
 )  # fmt: skip
 def test_ill_formed_text_is_one_clear_line(text: str) -> None:
     with pytest.raises(UserError) as caught:
         parse_maneuver(text, SHIP)
     assert "\n" not in str(caught.value) and text in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "r", "rudder"), [(20.0, 0.0, 30.0), (20.0, 2.0, 22.0), (-20.0, 0.0, -30.0), (90.0, 0.0, 35.0)]
+)
+def test_a_heading_controller_orders_gains_times_error_and_turn_rate_within_the_usual_rudder(
+    change: float, r: float, rudder: float
+) -> None:
+    control = HeadingControl(9.0, 5.0, math.radians(change), 1.5, 4.0)
+    assert control(0.0, np.zeros(6)) == (9.0, 0.0)  # before the order
+    order = pytest.approx(np.clip(control.change * 1.5, -MOST_RUDDER, MOST_RUDDER))
+    assert control(5.0, np.array([0, 0, 0.3, 0.4, 0, 0])) == (9.0, order)
+    n, delta = control(6.0, np.array([0, 0, 0.3, 0.4, 0, math.radians(r)])) or (0.0, 0.0)
+    assert (n, math.degrees(delta)) == (9.0, pytest.approx(rudder))
 
 
 @pytest.mark.parametrize("approach", [{"n": -3.0}, {"n": 0.0}, {"speed": 0.0}, {"speed": 30.0}, {"n": math.nan}])
@@ -331,6 +349,22 @@ def test_loop_of_an_unstable_ship_has_the_height_and_width_it_was_made_with(side
     assert figures["rate_at_midships"] == pytest.approx(0.0, abs=1e-12)
     narrow = spiral_figures(since(hysteresis(1.0, 1.5, 0.05), 0.0))
     assert 2.0 <= math.degrees(narrow["loop_width"]) <= 4.0
+
+
+def test_a_heading_is_reached_and_its_figures_are_means_over_the_run() -> None:
+    run = simulated_trial(SHIP, "heading:20/2/6")
+    assert math.degrees(run["psi"][-1]) == pytest.approx(20.0, abs=0.1)
+    t = np.arange(0.0, 100.05, 0.1)
+    turning = moved(t, u=np.ones(len(t)), psi=0.002 * t, delta=np.full(len(t), 0.1))
+    # of 0.002 t - 0.2 over 100 s: 0.2 / sqrt(3)
+    wanted = {"rms_heading_error": 0.2 / math.sqrt(3), "rms_rudder": 0.1}
+    assert heading_figures(since(turning, 0.0), 0.2) == pytest.approx(wanted, rel=1e-4)
+
+
+def test_a_heading_in_a_wind_stands_off_by_the_rudder_that_holds_it_over_the_gain() -> None:
+    """Without an integral part; the wind needs the same rudder at twice the gain."""
+    off = [simulated_trial(SHIP, f"heading:0/{gain}/6", wind="2:90")["psi"][-1] for gain in (2, 4)]
+    assert off[0] / off[1] == pytest.approx(2.0, rel=0.1) and off[1] > 0.01
 
 
 def test_a_spiral_without_a_way_back_has_no_loop_to_measure() -> None:

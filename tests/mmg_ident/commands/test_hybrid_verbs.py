@@ -69,10 +69,13 @@ def test_every_verb_takes_a_hybrid(name: str, folder: Path, tmp_path: Path, caps
 
 
 @pytest.mark.slow
-def test_figures_are_those_of_each_member_of_the_ensemble(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = shown("simulate", folder / "run", "--maneuver", "turning:20", "--members")["members"]
+@pytest.mark.parametrize("maneuver", ["turning:20", "heading:20/1.5/4"])
+def test_figures_are_those_of_each_member_of_the_ensemble(
+    maneuver: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = shown("simulate", folder / "run", "--maneuver", maneuver, "--members")["members"]
     hybrid = mi.load_ship(folder / "run")
-    ships, plan = hybrid.members, parse_maneuver("turning:20", hybrid)
+    ships, plan = hybrid.members, parse_maneuver(maneuver, hybrid)
     each = [figures_of(simulated_trial(ship, plan), plan) for ship in ships]
     assert len(ships) == 2 and {*found} == {*each[0]}
     for name, row in found.items():
