@@ -27,7 +27,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import priors_of_effects, set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
-from diagnosis.hypotheses.forward_selection import ODDS, Selection, select_effects
+from diagnosis.hypotheses.forward_selection import Selection, select_effects
 from diagnosis.hypotheses.refit import SearchProblem, gained, refit
 from diagnosis.inputs import diagnosable_trials
 from diagnosis.prepare import (
@@ -111,9 +111,8 @@ def second_estimate(
 
 def _standing(found: Selection, ready: Prepared) -> Selection:
     """What stands of the selection ``found`` beside a free force, as in a verdict: a hull whose form is not that of the
-    ship looks a little like an antenna or a compass that is off, and more like a force without a name. All stands at a
-    fit that has not come to its optimum, as at a bend of the model: slopes there say nothing of a free force."""
-    if not found.effects or found.final.gain > ODDS:
+    ship looks a little like an antenna or a compass that is off, and more like a force without a name."""
+    if not found.effects:
         return found
     from diagnosis.hypotheses.unnamed import unnamed_forms  # late: most campaigns have no suspect
     from diagnosis.judgement.verdict import standing

@@ -55,15 +55,13 @@ class Estimate(Point):
     """A fitted point.
 
     covariance: (P, P) of p; nll: negative log likelihood without constants, priors of p and of the noise included;
-    iterations: linearisations used; converged: whether the last was expected to gain less than the tolerance; gain: log
-    likelihood that a further step of the parameters is expected to gain.
+    iterations: linearisations used; converged: whether the last was expected to gain less than the tolerance.
     """
 
     covariance: np.ndarray
     nll: float
     iterations: int
     converged: bool
-    gain: float = 0.0
 
     def value(self, symbol: str, run: int | None = None) -> float:
         """Value of a free parameter [its unit]; symbol: of the ship; run: number of its run, or None."""
@@ -193,5 +191,4 @@ def estimate(
         now = best.moved(steps.ship, data, 1.0, best.noise)
     assert likeliest is not None  # a slope may be far off near a bend of the model, and the last point worse
     at, A = likeliest.at, likeliest.A
-    result = likeliest.nll, used, converged, likeliest.gain
-    return Estimate(at.theta, at.free, at.p, at.path, at.noise, np.linalg.inv(A), *result)
+    return Estimate(at.theta, at.free, at.p, at.path, at.noise, np.linalg.inv(A), likeliest.nll, used, converged)

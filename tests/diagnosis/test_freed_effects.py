@@ -156,8 +156,7 @@ def test_a_usual_suspect_that_is_there_is_fitted_along_and_nothing_else(hidden: 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [303, 304])
 def test_a_hull_of_another_form_is_no_antenna_and_hides_no_current(seed: int) -> None:
-    """Of 303 a free force has an evidence of 3e5 by slopes at a bend of the model; of 304 an antenna 9 m aft, that is
-    not there, has 17, and a free force 54."""
+    """An antenna 9 m aft, that is not there, has log odds of 22 and 17, a free force of 60 and 54."""
     yard = of_library("mariner", seed)
     found = second_estimate(new_ship("cargo", dict(yard.particulars)), yard.trials)
     assert found.suspects == ("current.x", "current.y")

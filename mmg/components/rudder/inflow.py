@@ -22,6 +22,11 @@ REVERSED = (
     ("C_PR", -0.176, 0.08, -1.0, 0.3, "", "inflow correction in reversed flow"),
 )
 
+# Width in K_T (1 + J^2) of the blends where the thrust changes its sign, as in a run that slows down: a tenth of that
+# from ahead to reversed flow. It changes u_R of a propeller that pushes (K_T = 0.2) by 1e-5. Of the width of a ship at
+# rest a fit sees a corner there, at which IPOPT never comes to its tolerance. Set by hand.
+THRUST_WIDTH = 1e-3
+
 
 def slipstream(flow: Flow) -> Slipstream:
     """The propeller's slipstream; ValueError when there is none. flow: behind the propeller."""
@@ -46,17 +51,21 @@ def longitudinal(flow: Flow, p: SimpleNamespace, kappa: Any, c: SimpleNamespace,
     u, nD = flow.u, flow.n * p.D_P
     eta = share_in_slipstream(p)
     small = 0.1 * s.speed
-    pull = s.positive(wash.loading, s.speed * small)  # momentum theory of the slipstream asks for K_T > 0
+    scale = nD**2 + u**2 + small**2  # [m^2/s^2], positive at rest
+    pull = s.positive(wash.loading, THRUST_WIDTH * scale)  # momentum theory of the slipstream asks for K_T > 0
     jet = s.root(wash.u_P**2 + 8 * pull / ca.pi, small) - wash.u_P
     ahead = c.epsilon * s.root(eta * (wash.u_P + kappa * jet) ** 2 + (1 - eta) * wash.u_P**2, small)
     u_2 = u * c.epsilon * wash.one_minus_w
     aft = s.sign(nD, s.speed) if wash.aft is None else wash.aft  # where the jet goes, in the sense of sgn(n)
-    u_1 = u_2 + aft * c.k_xR * s.root(8 * s.absolute(wash.loading, small**2) / ca.pi, small)
+    # sqrt(8 |K_T| / pi) n D, whose slope has no bound where the thrust changes its sign
+    reversed_jet = s.absolute(wash.loading, THRUST_WIDTH * scale) / ca.sqrt(
+        s.magnitude(wash.loading, THRUST_WIDTH * scale)
+    )
+    u_1 = u_2 + aft * c.k_xR * (8 / ca.pi) ** 0.5 * reversed_jet
     q = eta * u_1 * s.absolute(u_1, small) + (1 - eta) * u_2**2 + c.C_PR * u * u
     headway = s.step_or_zero(u, s.speed)
     otherwise = headway * s.signed_root(q, s.speed) + (1 - headway) * u
-    # K_T > 0, with a width of 0.01 in K_T (0.02 in J) and a scale [m^2/s^2] that is positive at rest
-    scale = nD**2 + u**2 + small**2
+    # K_T > 0, with a width of 0.01 in K_T (0.02 in J)
     pulling = wash.ahead * s.step(wash.loading, 0.01 * scale)
     return pulling * ahead + (1 - pulling) * otherwise
 

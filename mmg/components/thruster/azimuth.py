@@ -69,7 +69,10 @@ def _one(flow: Flow, ending: str, factor: Any, p: SimpleNamespace, c: SimpleName
     drag = 0.5 * p.rho * p.D_az**2 * c.C_pod * V
     disc = 0.25 * ca.pi * p.rho * p.D_az**2
     # momentum theory: W (W - V) = |T| / (2 rho A), A the disc; of its two roots the one that is not negative
-    W = 0.5 * V + s.root(0.25 * V**2 + 0.5 * s.magnitude(T / disc, (0.1 * s.speed) ** 2), 0.1 * s.speed)
+    # |T| with a width of a hundredth of the dynamic pressure: of that of a ship at rest a fit sees a corner where a pod
+    # stops pushing
+    loading = s.absolute(T / disc, 0.01 * V**2 + (0.1 * s.speed) ** 2)
+    W = 0.5 * V + s.root(0.25 * V**2 + 0.5 * loading, 0.1 * s.speed)
     Z = c.k_N_az * disc * W * (v * cosine - u * sine)
     X, Y = T * cosine + Z * sine - drag * u, T * sine - Z * cosine - drag * v
     return Force(X, Y, x * Y - y * X)

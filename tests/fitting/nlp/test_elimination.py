@@ -34,8 +34,9 @@ def test_nodes_are_eliminated_as_in_numpy(kind: str) -> None:
     pairs = [(getattr(ours, name), getattr(theirs, name)) for name in ("rows", "slope", "ahead", "pull")]
     pairs.append(tuple(e.shared_by_window(p.segments) for e in (ours, theirs)))
     pairs.append(tuple(e.shared_by_group(columns.interval, columns.groups) for e in (ours, theirs)))
-    for one, other in pairs:
-        assert np.abs(other).max() > 0
+    for number, (one, other) in enumerate(pairs):
+        # a window of one interval has no defect that pulls: nodes start where the first ends
+        assert np.abs(other).max() > 0 or (kind, number) == ("one interval", 3)
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12 * np.abs(other).max())
 
 
