@@ -424,6 +424,8 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
     totals = {int(h): total(int(h)) for h in plausible}
     folder = min(totals, key=lambda h: (round(totals[h], 6), faults[h]))  # of equals that with the fewest faults
     together = table.sum(axis=0) + COST * faults
+    if together[folder] > together[0]:
+        folder = 0  # each file that differs may have reasons of its own, as a wind that turns a slow ship
     near = [h for h in np.argsort(together)[:20] if h != folder and together[h] - together[folder] < CLOSE]
     rival = hypotheses[int(near[0])] if near and folder else None
     agreed = bool((table[:, folder] <= table[:, 0] + 1e-6).all())

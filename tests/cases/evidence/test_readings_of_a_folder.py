@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from cases.checks import CheckReport, check
+from cases.evidence.competition import judged, scores
+from cases.evidence.signals import signals
 from cases.io.read import read_trial, read_trials
 from tests.support.trial_files import make_trial, motion_columns, shifted, write_csv
 
@@ -72,6 +74,18 @@ def test_a_file_of_a_folder_that_nobody_looked_at_is_not_changed(tmp_path: Path)
     said(tmp_path, files)
     reports = check(read_trials([tmp_path / "run_0.csv"], refuse=False))
     assert advice(reports) == [('[files."run_0.csv"]', 'velocity_frame = "earth"')]
+
+
+@pytest.mark.parametrize(("port", "starboard", "folder"), [(0.6, 0.7, -1), (0.6, 0.8, 1)])
+def test_a_folder_is_not_read_as_what_all_its_files_together_speak_against(
+    port: float, starboard: float, folder: int
+) -> None:
+    """Four files turn to port with the rudder to starboard, as in a wind, two more clearly to starboard."""
+    trial = make_trial()
+    correlations = [-port] * 4 + [starboard] * 2
+    found = judged([scores(trial, signals(trial), correlation) for correlation in correlations])
+    assert [one.reading.rudder for one in found] == [-1] * 4 + [1] * 2
+    assert {one.folder.rudder for one in found} == {folder}
 
 
 DEG = 180 / np.pi
