@@ -79,9 +79,9 @@ class Search:
 
     @property
     def indistinguishable(self) -> tuple[Candidate, ...]:
-        """Candidates that the data cannot tell from the best, which comes first."""
-        best = self.best
-        return tuple(r.candidate for r in self.refitted if best and r.evidence > best.evidence - ODDS)
+        """Candidates of a possible size that the data cannot tell from the best, which comes first."""
+        possible = [r for r in self.refitted if r.is_possible]
+        return tuple(r.candidate for r in possible if r.evidence > possible[0].evidence - ODDS)
 
     def score(self, candidate: Candidate) -> ScoreTest:
         """The test of a ``candidate``."""

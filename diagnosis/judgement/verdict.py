@@ -179,14 +179,17 @@ def _oscillation(ready: Prepared) -> Message:
 
 
 def impossible_size(full: FullModel, fit: Estimate, candidate: Candidate) -> str:
-    """Which parameter of a ``candidate`` in a ``fit`` of ``full`` is surely outside what it can be, in words, or ""."""
-    limited = [p for p in parameters(full.ship, candidate.effect) if math.isfinite(p.least) or math.isfinite(p.most)]
-    sizes = parameters_of(full, fit, candidate) if limited else {}
+    """Which parameter of a ``candidate`` in a ``fit`` of ``full`` is surely outside what it can be, or at the end of the
+    range of a fit, in words, or ""."""
+    sizes = parameters_of(full, fit, candidate)
     calibrated = any(c.prior_std is not None for c in full.ship.coefficients.values())
-    for p in (p for p in limited if p.symbol in sizes):
+    for p in (p for p in parameters(full.ship, candidate.effect) if p.symbol in sizes):
         estimated, least = sizes[p.symbol], p.least - (p.lost if calibrated else 0.0)
         limit = f"less than {least:.3g}" if estimated.value + 2 * estimated.std < least else ""
         limit = f"more than {p.most:.3g}" if estimated.value - 2 * estimated.std > p.most else limit
+        end = next((end for end in (p.lower, p.upper) if math.isclose(estimated.value, end)), p.neutral)
+        if not limit and end != p.neutral:  # the trials ask for more than the effect has
+            limit = f"{end:.3g}, where its range ends, or beyond"
         if limit:
             size = f"{p.symbol} = {estimated.value:.3g} ± {estimated.std:.2g} {estimated.unit}".rstrip()
             return f"{candidate.effect} ({size}), which cannot be {limit} {estimated.unit}".rstrip()

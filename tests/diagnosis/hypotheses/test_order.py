@@ -133,6 +133,8 @@ def test_a_class_is_what_lies_within_the_odds_of_the_best() -> None:
     rows = (tried("a", 20.0), tried("b", 20.1 - 2 * ODDS), tried("c", 19.9 - 2 * ODDS), tried("d", -3.0))
     (found,) = found_by([rows])
     assert found.indistinguishable == (made_up("a"), made_up("b"))
+    larger = (replace(tried("e", 30.0), is_possible=False), *rows)  # of a size that cannot be
+    assert replace(found, refitted=larger).indistinguishable == (made_up("a"), made_up("b"))
     assert Search((), (), a_fit(0.0)).indistinguishable == () and Search((), (), a_fit(0.0)).best is None
 
 

@@ -143,6 +143,8 @@ SIZES = [
     ("fouling", (-0.3,), 0.1, True),
     ("fouling", (-0.15,), 0.1, False),
     ("draft", (-0.3,), 0.01, False),
+    ("draft", (-0.6,), 0.03, True),  # where the range of a fit ends
+    ("control_delay", (0.0,), 0.1, False),  # the end that is neutral
     ("current", (-0.3, 0.2), 0.01, False),
 ]
 """Effect, its parameters, their standard error, and whether no such effect is possible; for a ship of 3 m."""
