@@ -133,9 +133,16 @@ class TrialSet(Sequence[Trial]):
 
     @property
     def remarks(self) -> list[Message]:
-        """Messages on what was left out of the trials and what is doubtful about them."""
-        notices = [note for trial in self for note in trial.notices if getattr(note, "code", "") in (LEFT_OUT, DOUBT)]
-        return list(dict.fromkeys(note for note in notices if isinstance(note, Message)))
+        """Messages on what was left out of the trials and what is doubtful about them, the same of several once."""
+        trials_of: dict[Message, list[str]] = {}
+        for trial in self:
+            for note in trial.notices:
+                if isinstance(note, Message) and note.code in (LEFT_OUT, DOUBT):
+                    text = Message(note.removeprefix(f"{trial.name}: "), note.code)
+                    trials_of.setdefault(text, []).append(trial.name)
+        # names side by side where one file was read twice, too
+        names = {text: listed(list(dict.fromkeys(each)), MOST_LISTED) for text, each in trials_of.items()}
+        return [Message(f"{names[text]}: {text}", text.code) for text in trials_of]
 
     @cached_property
     def broken(self) -> tuple[Sequence[BrokenStretch], ...]:

@@ -13,9 +13,10 @@ from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
 from cases.trial import Trial, inside
-from cases.trial_set import TrialSet, ready
+from cases.trial_set import DOUBT, TrialSet, ready
 from fitting.nlp.windows import pieces_of
 from fitting.prediction.score import score
+from mmg.messages import Message
 from mmg.rollout import Simulator
 from mmg_ident import simulate
 from tests.support.trial_files import make_trial, motion_columns, write_csv
@@ -242,3 +243,13 @@ def test_a_ship_that_comes_round_again_repeats_nothing() -> None:
 def test_a_rounded_column_that_stands_still_while_the_ship_weaves_is_broken(stuck: tuple[str, ...]) -> None:
     (found,) = broken_stretches(steady_after_weaving(COARSE, stuck))
     assert abs(found.begin_s - 30.0) <= 3.0 and abs(found.end_s - 45.0) <= 3.0
+
+
+def test_the_same_doubt_of_several_trials_is_said_once() -> None:
+    doubt = "doubtful: u is 2% below what the positions say"
+    trials = [
+        replace(make_trial(), name=name, notices=(Message(f"{name}: {text}", DOUBT),))
+        for name, text in [("a", doubt), ("b", "doubtful: psi jumps"), ("c", doubt)]
+    ]
+    said = TrialSet(tuple(trials)).remarks
+    assert [(m, m.code) for m in said] == [(f"a, c: {doubt}", DOUBT), ("b: doubtful: psi jumps", DOUBT)]
