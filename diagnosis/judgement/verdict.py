@@ -179,8 +179,8 @@ def _oscillation(ready: Prepared) -> Message:
 
 
 def impossible_size(full: FullModel, fit: Estimate, candidate: Candidate) -> str:
-    """Which parameter of a ``candidate`` in a ``fit`` of ``full`` is surely outside what it can be, or at the end of the
-    range of a fit, in words, or ""."""
+    """Which parameter of a ``candidate`` in a ``fit`` of ``full`` is surely outside what it can be, or at the end of
+    its range in a fit, in words, or ""."""
     sizes = parameters_of(full, fit, candidate)
     calibrated = any(c.prior_std is not None for c in full.ship.coefficients.values())
     for p in (p for p in parameters(full.ship, candidate.effect) if p.symbol in sizes):
