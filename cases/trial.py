@@ -253,6 +253,11 @@ class Trial:
         return np.mean(angles[:1] if "delta" in self else angles, axis=0) if angles else np.zeros(len(self))
 
     @property
+    def revolutions(self) -> np.ndarray:
+        """Those of the propeller [1/s], 0 for a ship that logs none, as one with pods, shape (N,)."""
+        return self["n"] if "n" in self else np.zeros(len(self))
+
+    @property
     def wind_vector(self) -> np.ndarray:
         """Velocity of the air over ground, north and east components [m/s], shape (N, 2). The wind direction is *coming
         from*, so the vector is minus the unit vector of it. Zeros when the wind is not known."""

@@ -142,7 +142,7 @@ def following(trial: Trial, least: float = 0.02) -> dict[str, Any]:
     to the heading at which its moment vanishes. Ahead is where u is large, or, where u says nothing of that, the
     speed. None when the ship hardly goes ahead with rudder, of ``least`` [rad] at its greatest.
     """
-    delta, r, u, n = trial.rudder, trial["r"], trial["u"], trial["n"]
+    delta, r, u, n = trial.rudder, trial["r"], trial["u"], trial.revolutions
     good = np.isfinite(delta) & np.isfinite(r) & np.isfinite(u) & np.isfinite(n)
     nothing: dict[str, Any] = {"correlation": None, "time_constant_s": None, "samples": 0}
     if good.sum() < 50:
@@ -435,7 +435,7 @@ QUADRANTS = {
 
 def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Of a ``trial``: share of time per quadrant, seconds per coefficient group, findings about what is not excited."""
-    u, v, r, n, delta = trial["u"], trial["v"], trial["r"], trial["n"], trial.rudder
+    u, v, r, n, delta = trial["u"], trial["v"], trial["r"], trial.revolutions, trial.rudder
     good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(n) & np.isfinite(delta)
     seconds = np.minimum(np.gradient(trial.t), 3 * trial.dt)  # that a row stands for: a gap belongs to none
     total = float(seconds[good].sum())
@@ -540,7 +540,7 @@ TWICE = 1.6
 def steady_ahead(trial: Trial, length: float) -> tuple[float, float] | None:
     """Median revolutions [1/s] and speed [m/s] of a ``trial`` where the ship of this ``length`` [m] goes straight ahead
     at a steady speed, or None."""
-    delta, n, u, r = trial.rudder, trial["n"], trial["u"], trial["r"]
+    delta, n, u, r = trial.rudder, trial.revolutions, trial["u"], trial["r"]
     if not np.isfinite(u).any():
         return None
     fast = max(FASTEST * float(np.nanquantile(u, 0.95)), 1e-3)
