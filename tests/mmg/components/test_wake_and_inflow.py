@@ -11,11 +11,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
+from cases.shipfiles.new_ship import new_ship
+from cases.shipfiles.ship_file import load_ship
 from mmg.components.hull.unified import cross_flow
 from mmg.components.propeller import hachii, wake
 from mmg.components.rudder import single
 from mmg.motion.flow import Flow
 from mmg.motion.smooth import Exact, Smooth, Smoothing
+from mmg.ship import Ship
 from tests.support.force_numbers import number, particulars_and_coefficients
 
 P, C = particulars_and_coefficients("esso_osaka_3m")
@@ -173,3 +176,25 @@ def test_lateral_inflow_takes_gamma_of_its_side(v: float, r: float, gamma: str) 
     wash = hachii.force(motion, P, C, Exact()).slipstream
     _, v_R = single.inflow(motion.with_(slipstream=wash), P, C, Exact())
     assert number(v_R) == pytest.approx(-getattr(C, gamma) * (v + C.ell_R * P.L * r), rel=1e-12)
+
+
+def pods() -> Ship:
+    sizes = {"L": 33.9, "B": 9.6, "d": 2.7, "C_b": 0.604, "U_0": 5.4, "D_az": 1.9, "x_az": -14.6, "y_az": 0.0}
+    return new_ship("pods", sizes).with_values(k_N_az=1.0)
+
+
+@pytest.mark.parametrize("ship", ["esso_osaka_3m", "kvlcc2_l7", "vectwin_3m", "pods"])
+def test_forces_have_no_corner_where_the_thrust_changes_its_sign(ship: str) -> None:
+    """A corner's second difference grows tenfold where the step is a tenth; a fit does not converge at one."""
+    model = pods() if ship == "pods" else load_ship(ship)
+    L, D = model.particulars["L"], model.particulars.get("D_P") or model.particulars["D_az"]
+    U = 0.15 * (9.81 * L) ** 0.5
+    bends = []
+    for step in (1e-3, 1e-4):
+        u = U * np.arange(0.3, 2.5, step)  # at n D = U, so that J passes the one of zero thrust
+        states = np.zeros((6, len(u)))
+        states[3], states[4], states[5] = u, 0.1 * U, 0.2 * U / L
+        controls = {name: np.full(len(u), U / D if name.startswith("n") else 0.3) for name in model.actuators}
+        rates = np.asarray(model.rhs(states, controls))[3:6]
+        bends.append(np.abs(np.diff(rates, 2, axis=1)).max(axis=1) / step**2)
+    np.testing.assert_array_less(bends[1], 1.5 * bends[0])
