@@ -148,7 +148,8 @@ def planned_windows(
         for number, (first, last) in enumerate(rows)
         if record.good[[first, last]].all() and usable[first : last + 1].all() and not gap[first:last].any()
     }
-    words = f"{trial.name}: {len(rows) - len(kept)} window(s) touch missing samples and were left out"
+    lost = f"{len(rows) - len(kept)} of {len(rows)} windows of {length:g} s"
+    words = f"{trial.name}: {lost} touch missing samples and were left out"
     return kept, [Message(words, "windows_left_out")] if len(kept) < len(rows) else []
 
 
