@@ -23,8 +23,8 @@ REVERSED = (
 )
 
 # Width in K_T, by 1 + J^2, of the blends where the thrust changes its sign, as in a run that slows down: a tenth of
-# that from ahead to reversed flow. It changes u_R of a propeller that pushes (K_T = 0.2) by 1e-5. Of the width of a ship at
-# rest a fit sees a corner there, at which IPOPT never comes to its tolerance. Set by hand.
+# that from ahead to reversed flow. It changes u_R of a propeller that pushes (K_T = 0.2) by 1e-5. Of the width of a
+# ship at rest a fit sees a corner there, at which IPOPT never comes to its tolerance. Set by hand.
 THRUST_WIDTH = 1e-3
 
 
