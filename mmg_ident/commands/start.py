@@ -14,6 +14,7 @@ from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
+    from cases.importing.import_map import ImportMap
     from fitting.report.use import Delivered
     from fitting.result import FitResult
     from mmg_ident.start import Answers, StartedRun
@@ -24,6 +25,7 @@ def start(
     out: Annotated[Path, Option(help="Folder for trials, run, answers.toml and ship.fmu.")],
     ship: Annotated[str | None, Option(help="Library ship, ship file or run folder.")] = None,
     particulars: Annotated[str | None, Option(help="L,B,d,C_b[,NAME=VALUE], SI, instead of --ship.")] = None,
+    map: Annotated[Path | None, Option("--map", help="What the headers leave unsaid, as of mmg import.")] = None,
     yes: Annotated[bool, Option("--yes", help="Ask nothing: what nobody says is unknown.")] = False,
     answers: Annotated[Path | None, Option(help="File with answers, as answers.toml of another call.")] = None,
     resume: Annotated[bool, Option("--resume", help="Go on in --out; the same call without it does so too.")] = False,
@@ -42,14 +44,16 @@ def start(
     from fitting.result import write_report
     from fitting.solvers.control import LEFT_OUT, interrupts_noted
     from mmg_ident import start as steps
+    from mmg_ident.studies import import_map
 
     known = steps.read_answers(answers) if answers else steps.Answers()
+    chosen = import_map(map) if map else None
     steps.with_answers(steps.starting_ship(ship, particulars, known.draught), known)  # refused before anything is made
     missing = next((path for path in logs if not path.exists()), None)
     if missing is not None:
         raise Missing(f"{missing}: no such file or folder")
     # by the ship without the draught that a person answers: the same call again has asked for none yet
-    mark = steps.digest(logs, steps.starting_ship(ship, particulars))
+    mark = steps.digest([*logs, *([map] if map else [])], steps.starting_ship(ship, particulars))
     before = steps.check_folder(out, mark, known if answers else None)
     if resume and before is None:
         raise Missing(f"--out {out}: nothing to resume there")
@@ -58,7 +62,7 @@ def start(
         steps.write_mark(out, mark)
     if not (out / steps.TRIALS).is_dir():
         try:
-            _import(logs, out / steps.TRIALS, ask)
+            _import(logs, chosen, out / steps.TRIALS, ask)
         except UserError:
             steps.take_back(out)
             raise
@@ -90,18 +94,18 @@ def start(
     return 0 if result.converged else 1
 
 
-def _import(logs: list[Path], folder: Path, ask: bool) -> None:
-    """The trials of the ``logs`` in a new ``folder``."""
+def _import(logs: list[Path], chosen: ImportMap | None, folder: Path, ask: bool) -> None:
+    """The trials of the ``logs`` in a new ``folder``, by the map ``chosen`` where there is one."""
     from cases.importing.import_logs import write_import
     from cases.importing.import_map import ImportMap
     from mmg_ident import start as steps
     from mmg_ident.commands.import_ import imported
 
-    if steps.are_trials(logs):
+    if chosen is None and steps.are_trials(logs):
         folder.parent.mkdir(parents=True, exist_ok=True)
         steps.copy_trials(logs, folder)
         return
-    logged, chosen = imported(logs, ImportMap(), ask)
+    logged, chosen = imported(logs, chosen or ImportMap(), ask)
     with cli.working("writing trials"):
         files = write_import(logged, chosen, folder)
     cli.say(f"imported: {len(files)} runs, {folder}")

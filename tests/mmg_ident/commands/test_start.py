@@ -79,6 +79,23 @@ def test_one_call_goes_from_logs_to_a_ship_an_fmu_and_answers(started: Path) -> 
 
 
 @pytest.mark.slow
+def test_logs_whose_headers_say_nothing_are_imported_by_a_map(logs: Path, ship: Path, tmp_path: Path) -> None:
+    names, units = "t x y psi u v r n delta".split(), "s m m deg kn kn deg/min rpm deg".split()
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    for path in logs.glob("*.csv"):
+        pd.read_csv(path).set_axis([f"c{k}" for k in range(len(names))], axis=1).to_csv(bare / path.name, index=False)
+    rows = [f'{n} = {{ from = "c{k}", unit = "{u}" }}' for k, (n, u) in enumerate(zip(names, units, strict=True))]
+    (tmp_path / "map.toml").write_text("\n".join(["[columns]", *rows]))
+    given = [str(bare), "--ship", str(ship), "--out", str(tmp_path / "out"), "--yes"]
+    assert main(["start", *given]) == 2
+    assert main(["start", *given, "--map", str(tmp_path / "map.toml")]) == 0
+    rates = [np.radians(pd.read_csv(path)["ROT [deg/min]"]) / 60 for path in sorted(logs.glob("*.csv"))]
+    for trial, rate in zip(read_trials([tmp_path / "out" / "trials"]), rates, strict=True):
+        np.testing.assert_allclose(trial["r"], rate, atol=1e-9)
+
+
+@pytest.mark.slow
 def test_a_second_call_makes_only_what_is_missing(
     started: Path, logs: Path, ship: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -101,6 +118,7 @@ def test_a_second_call_makes_only_what_is_missing(
         (f"--particulars {SIZES}", "one of them"), ("--answers answers.toml", "depht"),
         ("--answers aground.toml", "aground"), ("--out full", "holds no answers.toml"),
         ("--out theirs", "holds no answers.toml"), ("--out started", "other logs or another ship"), ("log.csv", ""),
+        ("--map no.toml", "no.toml"), ("--map answers.toml", "depht"),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_line_and_leaves_nothing(
