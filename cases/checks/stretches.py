@@ -67,7 +67,8 @@ class BrokenStretch:
     """A part of a record that is not to be believed.
 
     begin_s, end_s: on the clock of the file; what: one clause in words; channels: names of the columns concerned;
-    moved: whether something beside inputs and weather moved the ship, rather than an instrument that broke.
+    moved: whether something beside inputs and weather moved the ship, rather than an instrument that broke, or
+    positions count from elsewhere after it: no prediction may run over it.
     """
 
     begin_s: float
@@ -90,10 +91,22 @@ def broken_stretches(trial: Trial) -> list[BrokenStretch]:
     reach = max(JOIN, side * trial.dt)
     return [
         BrokenStretch(
-            float(trial.t[first]), float(trial.t[last]), _sized(what, signals, first, last), channels, SWINGING in what
+            float(trial.t[first]),
+            float(trial.t[last]),
+            _sized(what, signals, first, last),
+            channels,
+            SWINGING in what or _stays(what, signals, first, last),
         )
         for first, last, what, channels in _joined(trial.t, sorted(intervals), reach)
     ]
+
+
+def _stays(what: str, signals: Mapping[str, np.ndarray], first: int, last: int) -> bool:
+    """Whether the position, where ``what`` says that it jumps, ends nearer to the jump than to where it was."""
+    if "position" not in signals or WORDS["position"][0] not in what:
+        return False
+    jump = np.abs(signals["position"][first : last + 1] - signals["position"][first])
+    return bool(jump[-1] > 0.5 * jump.max())
 
 
 def _sized(what: str, signals: Mapping[str, np.ndarray], first: int, last: int) -> str:

@@ -253,3 +253,12 @@ def test_the_same_doubt_of_several_trials_is_said_once() -> None:
     ]
     said = TrialSet(tuple(trials)).remarks
     assert [(m, m.code) for m in said] == [(f"a, c: {doubt}", DOUBT), ("b: doubtful: psi jumps", DOUBT)]
+
+
+@pytest.mark.parametrize("back", [True, False])
+def test_no_window_runs_over_a_jump_that_stays(back: bool) -> None:
+    """Positions that count from 40 m further from 30 s on; for 4 s alone, they break and the rest is sound."""
+    trial = make_trial(**motion_columns(120.0))
+    there = (trial.t >= 30.0) & ((trial.t < 34.0) | (not back))
+    broken = broken_stretches(replace(trial, columns={**trial.columns, "x": trial["x"] + 40.0 * there}))
+    assert [found.moved for found in broken if found.channels == ("x", "y")] == [not back]

@@ -80,7 +80,10 @@ def test_one_call_goes_from_logs_to_a_ship_an_fmu_and_answers(started: Path) -> 
 
 @pytest.mark.slow
 def test_logs_whose_headers_say_nothing_are_imported_by_a_map(logs: Path, ship: Path, tmp_path: Path) -> None:
-    names, units = "t x y psi u v r n delta".split(), "s m m deg kn kn deg/min rpm deg".split()
+    names, units = (
+        ["t", "x", "y", "psi", "u", "v", "r", "n", "delta"],
+        ["s", "m", "m", "deg", "kn", "kn", "deg/min", "rpm", "deg"],
+    )
     bare = tmp_path / "bare"
     bare.mkdir()
     for path in logs.glob("*.csv"):
