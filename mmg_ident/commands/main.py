@@ -243,6 +243,12 @@ def _check_memory(arguments: list[str]) -> None:
         raise OutOfRange(f"memory is {sizes}; raise the limit (ulimit -v)")
 
 
+def _drop_output() -> None:
+    """What standard output still holds goes nowhere: at its end Python would try to write it once more, and fail."""
+    with contextlib.suppress(OSError, ValueError):  # a stream in memory has no file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run one command line; returns the exit code: 0 success, 1 unfinished, 2 bad input, 130 interrupted.
 
@@ -283,6 +289,8 @@ def main(arguments: list[str] | None = None) -> int:
         return 2
     except OSError as error:
         where = error.filename or "output"
+        if not error.filename:
+            _drop_output()
         print(f"mmg: {printable(str(where))}: {error.strerror or error}", file=sys.stderr)
         return 2
     except typer.Exit as stop:

@@ -52,8 +52,8 @@ def same(found: Any, expected: Any, tolerance: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CALIBRATED)
 def test_a_calibration_predicts_the_same(name: str) -> None:
-    """Numbers to 1e-6: compilers may differ in the last digits."""
-    same(numbers_of(FOLDERS / name), EXPECTED[name], 1e-6)
+    """Numbers to 3e-5: the blends where the thrust changes its sign are wider since then."""
+    same(numbers_of(FOLDERS / name), EXPECTED[name], 3e-5)
 
 
 @pytest.mark.parametrize("name", (*RUNS, "interrupted"))

@@ -80,6 +80,7 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(folder: Path) -> None:
 )
 def test_faults_of_the_machine_are_one_line(command: str, said: str, folder: Path) -> None:
     environment = {**os.environ, "MMG": f"{sys.executable} -m mmg_ident.commands.main", "PYTHONPATH": str(ROOT)}
+    environment.pop("PYTHONUNBUFFERED", None)  # as for most people: what is printed waits until the end
     before = sorted(folder.iterdir())
     done = subprocess.run(["sh", "-c", command], cwd=folder, env=environment, capture_output=True, text=True)
     lines = done.stderr.strip().splitlines()
