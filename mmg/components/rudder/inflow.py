@@ -44,6 +44,12 @@ def share_in_slipstream(p: SimpleNamespace) -> float:
     return min(1.0, p.D_P / (p.A_R * p.aspect_ratio) ** 0.5)
 
 
+def thrust_scale(flow: Flow, p: SimpleNamespace, s: Smoothing) -> Any:
+    """(n D)^2 + u^2 [m^2/s^2], positive at rest: what thrust by rho D^2 is small against. flow, p, s: as in
+    mmg/motion/flow.py."""
+    return (flow.n * p.D_P) ** 2 + flow.u**2 + (0.1 * s.speed) ** 2
+
+
 def longitudinal(flow: Flow, p: SimpleNamespace, kappa: Any, c: SimpleNamespace, s: Smoothing) -> Any:
     """u_R [m/s]; ``kappa`` [-] the acceleration of the slipstream ahead; uses c.epsilon, c.k_xR, c.C_PR. flow, p: as in
     mmg/motion/flow.py."""
@@ -51,16 +57,15 @@ def longitudinal(flow: Flow, p: SimpleNamespace, kappa: Any, c: SimpleNamespace,
     u, nD = flow.u, flow.n * p.D_P
     eta = share_in_slipstream(p)
     small = 0.1 * s.speed
-    scale = nD**2 + u**2 + small**2  # [m^2/s^2], positive at rest
-    pull = s.positive(wash.loading, THRUST_WIDTH * scale)  # momentum theory of the slipstream asks for K_T > 0
+    scale = thrust_scale(flow, p, s)
+    width = THRUST_WIDTH * scale
+    pull = s.positive(wash.loading, width)  # momentum theory of the slipstream asks for K_T > 0
     jet = s.root(wash.u_P**2 + 8 * pull / ca.pi, small) - wash.u_P
     ahead = c.epsilon * s.root(eta * (wash.u_P + kappa * jet) ** 2 + (1 - eta) * wash.u_P**2, small)
     u_2 = u * c.epsilon * wash.one_minus_w
     aft = s.sign(nD, s.speed) if wash.aft is None else wash.aft  # where the jet goes, in the sense of sgn(n)
     # sqrt(8 |K_T| / pi) n D, whose slope has no bound where the thrust changes its sign
-    reversed_jet = s.absolute(wash.loading, THRUST_WIDTH * scale) / ca.sqrt(
-        s.magnitude(wash.loading, THRUST_WIDTH * scale)
-    )
+    reversed_jet = s.absolute(wash.loading, width) / ca.sqrt(s.magnitude(wash.loading, width))
     u_1 = u_2 + aft * c.k_xR * (8 / ca.pi) ** 0.5 * reversed_jet
     q = eta * u_1 * s.absolute(u_1, small) + (1 - eta) * u_2**2 + c.C_PR * u * u
     headway = s.step_or_zero(u, s.speed)

@@ -32,7 +32,7 @@ import casadi as ca
 
 from mmg.components.coefficients import Coefficient, table
 from mmg.components.propeller.kang import advance_ratio, clip
-from mmg.components.rudder.inflow import THRUST_WIDTH, share_in_slipstream, slipstream
+from mmg.components.rudder.inflow import THRUST_WIDTH, share_in_slipstream, slipstream, thrust_scale
 from mmg.motion.flow import Blade, Flow, Force
 from mmg.motion.smooth import Smoothing
 
@@ -176,8 +176,7 @@ def inflow(flow: Flow, port: bool, p: SimpleNamespace, c: SimpleNamespace, s: Sm
     turn = (Q("d") * other + Q("e") * other**2) * (1 + outside * (s.absolute(ca.cos(first), 0.02) - 1))
     angle = first - turn
     free = _power(_values(c, "a" + side), angle_here) * flow.u  # step 3: (1 - w_R) u, of the angle as it is set
-    scale = (flow.n * p.D_P) ** 2 + flow.u**2 + small**2  # [m^2/s^2]
-    pull = s.positive(wash.loading, THRUST_WIDTH * scale)
+    pull = s.positive(wash.loading, THRUST_WIDTH * thrust_scale(flow, p, s))
     jet = s.root(wash.u_P**2 + 8 * pull / ca.pi, small) - s.magnitude(wash.u_P, small)
     in_wash = free + c.k_x * jet
     eta = share_in_slipstream(p)
