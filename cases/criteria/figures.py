@@ -217,9 +217,10 @@ def pull_out_figures(run: Since) -> dict[str, float]:
 
 def heading_figures(run: Since, heading: float) -> dict[str, float]:
     """Root mean squares of the error of the heading and of the rudder [rad] of a controller that was ordered a change
-    of ``heading`` [rad], over a run from the order on (Wakita et al. 2025, section 5.4)."""
-    mean = [integral(run.t, x**2)[-1] / run.t[-1] for x in (run.change - heading, run.delta)]
-    return dict(zip(("rms_heading_error", "rms_rudder"), np.sqrt(mean).tolist(), strict=True))
+    of ``heading`` [rad], over a run from the order on (Wakita et al. 2025, section 5.4); the latter where there is a
+    rudder: pods have none."""
+    values = {"rms_heading_error": run.change - heading} | ({"rms_rudder": run.delta} if run.delta.any() else {})
+    return {name: float(np.sqrt(integral(run.t, x**2)[-1] / run.t[-1])) for name, x in values.items()}
 
 
 # A rudder of a spiral or pull-out is held while it stays this near to its angle [rad]; the turn rate is steady in this

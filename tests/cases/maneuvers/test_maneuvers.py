@@ -23,7 +23,7 @@ from cases.criteria.figures import (
     zigzag_figures,
 )
 from cases.criteria.measured_maneuvers import held_stretches
-from cases.criteria.standard_runs import check_completeness, simulated_run, simulated_trial
+from cases.criteria.standard_runs import check_completeness, figures_of, simulated_run, simulated_trial
 from cases.maneuvers.definitions import (
     MOST_RUDDER,
     STEADY_CHANGE,
@@ -37,6 +37,7 @@ from cases.maneuvers.definitions import (
     spiral_angles,
 )
 from cases.maneuvers.self_propulsion import revolutions_for, speed_for
+from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
@@ -359,6 +360,14 @@ def test_a_heading_is_reached_and_its_figures_are_means_over_the_run() -> None:
     # of 0.002 t - 0.2 over 100 s: 0.2 / sqrt(3)
     wanted = {"rms_heading_error": 0.2 / math.sqrt(3), "rms_rudder": 0.1}
     assert heading_figures(since(turning, 0.0), 0.2) == pytest.approx(wanted, rel=1e-4)
+
+
+def test_a_heading_is_held_by_pods_too_which_have_no_rudder() -> None:
+    sizes = {"L": 33.9, "B": 9.6, "d": 2.7, "C_b": 0.604, "U_0": 5.4, "D_az": 1.9, "x_az": -14.6, "y_az": 0.0}
+    pods = new_ship("pods", sizes)
+    plan = parse_maneuver("heading:20/1.5/6", pods)
+    figures = figures_of(simulated_trial(pods, plan), plan)
+    assert set(figures) == {"rms_heading_error"} and 0.5 < math.degrees(figures["rms_heading_error"]) < 5
 
 
 def test_a_heading_in_a_wind_stands_off_by_the_rudder_that_holds_it_over_the_gain() -> None:
