@@ -36,6 +36,7 @@ R = TypeVar("R")
 
 # Tasks handed over for each worker: one that it does, and one that waits there. Set by hand: more only take memory.
 AHEAD = 2
+SIGNALS_SEEN = 1.0  # How long a wait may keep signals unanswered [s]. Set by hand: within the two seconds of an answer.
 KEPT = 4  # Shared values that a process keeps. Set by hand: it bounds memory.
 PROCESS = 300e6  # Least memory of a process that fits or trains [bytes]: its libraries and a few trials. Set by hand.
 # How many threads numerical libraries start, read by each when it is loaded.
@@ -153,7 +154,8 @@ def _handed_over(
             while number not in done:
                 for i, task in islice(waiting, max(0, AHEAD * workers.width - len(running))):
                     running[workers.submit(function, task)] = i
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                # a limit, as a lock without one answers no signal on Windows, nor one that another thread was given
+                for future in wait(running, SIGNALS_SEEN, FIRST_COMPLETED).done:
                     done[running.pop(future)] = future.result()
                     finished()
             yield done.pop(number)

@@ -127,9 +127,9 @@ def interrupts_noted(on_interrupt: Callable[[], None] | None = None) -> Iterator
         if INTERRUPTED.breaks:
             raise KeyboardInterrupt
 
+    OBSERVER.told("held")  # first: it raises where a Ctrl-C before this was lost
     INTERRUPTED.active, INTERRUPTED.requested, INTERRUPTED.breaks = True, False, False
     previous, held_back = signal.signal(signal.SIGINT, note), False
-    OBSERVER.told("held")
     if hasattr(signal, "pthread_sigmask"):  # a process of ``fitting.parallel`` has it blocked, but for this
         held_back = signal.SIGINT in signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     try:

@@ -48,6 +48,16 @@ def note_interruption(*given: Any) -> None:
     signal.default_int_handler(*given)
 
 
+def observe(word: str) -> None:
+    """``tell`` of a ``word`` of the solvers, before which a Ctrl-C that a library has swallowed is raised once more.
+
+    Raises KeyboardInterrupt where something is to be held though all was to end.
+    """
+    if word == "held" and interruptions:  # lost while torch was imported, say
+        raise KeyboardInterrupt
+    tell(word)
+
+
 def terminated(_: int, frame: Any) -> None:
     """SIGTERM ends a verb as Ctrl-C does: what can be kept is written, and nothing half-written is left.
 
@@ -265,7 +275,7 @@ def main(arguments: list[str] | None = None) -> int:
     from mmg.messages import printable
     from mmg_ident.settings import refuse_gone_options
 
-    OBSERVER.told = tell  # the floor of the solvers knows no commands: it is told whom to tell
+    OBSERVER.told = observe  # the floor of the solvers knows no commands: it is told whom to tell
     try:
         given = expand(sys.argv[1:] if arguments is None else arguments) or ["--help"]
         refuse_gone_options(given)

@@ -15,6 +15,7 @@ import pytest
 import mmg_ident.commands.main
 from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import write_trial
+from fitting.solvers.control import INTERRUPTED, OBSERVER, interrupts_noted
 from mmg_ident.commands.main import expand, main
 from tests.fitting.nlp.test_captive import points, write
 from tests.support import calibrated
@@ -177,6 +178,19 @@ def test_what_a_library_makes_of_ctrl_c_is_an_interruption(
     with pytest.raises(KeyboardInterrupt):
         mmg_ident.commands.main.note_interruption(signal.SIGINT, None)
     assert main(["ships"]) == 130 and capsys.readouterr().err == "mmg: interrupted\n"
+
+
+def test_a_ctrl_c_that_a_library_swallowed_is_raised_before_anything_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A training went on without end: the exception was lost while torch was imported."""
+    monkeypatch.setattr(mmg_ident.commands.main, "interruptions", [1])
+    monkeypatch.setattr(OBSERVER, "told", mmg_ident.commands.main.observe)
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), interrupts_noted():
+        pytest.fail("held")
+    assert signal.getsignal(signal.SIGINT) is before and not INTERRUPTED.active
+    monkeypatch.setattr(mmg_ident.commands.main, "interruptions", [])
+    with interrupts_noted():
+        assert INTERRUPTED.active
 
 
 @pytest.mark.slow
