@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from mmg_ident.api import write_report as report
     from mmg_ident.model_gap import GapOptions
     from mmg_ident.own_models import effect, force
-    from mmg_ident.studies import compare, fleet, imo, import_logs, months, plan, select, view
+    from mmg_ident.studies import card, compare, fleet, imo, import_logs, months, plan, select, view
     from mmg_ident.tracker import Tracker
     from residual.result import TrainResult
     from residual.settings import BlackBoxSettings, TrainSettings
@@ -74,15 +74,15 @@ _HOMES = {
     "delivery.export:export_ship", "export_ship": "delivery.export", "force": "mmg_ident.own_models",
     "load_ship": "cases.shipfiles.ship_file", "new_ship": "cases.shipfiles.new_ship", "read_trials": "cases.io.read",
     "report": "mmg_ident.api:write_report", "scale": "delivery.full_scale.result",
-    **{name: "mmg_ident.studies" for name in ("compare", "fleet", "imo", "import_logs", "months", "plan", "select",
-    "view")},
+    **{name: "mmg_ident.studies" for name in ("card", "compare", "fleet", "imo", "import_logs", "months", "plan",
+    "select", "view")},
 }  # fmt: skip
 
 __all__ = [
     "BlackBoxSettings", "CheckReport", "Coefficient", "Diagnosis", "DiagnosisOptions", "FitOptions", "FitResult",
     "Force", "Gap", "GapOptions", "Message", "OnProgress", "Parameter", "Posterior", "Prediction", "Progress",
     "ReducedProblem", "Score", "Settings", "Ship", "Slipstream", "Tracker", "TrainResult", "TrainSettings", "Trial",
-    "TrialSet", "UserError", "__version__", "calibrate", "check", "compare", "diagnose", "effect", "export",
+    "TrialSet", "UserError", "__version__", "calibrate", "card", "check", "compare", "diagnose", "effect", "export",
     "export_ship", "fleet", "force", "gap", "imo", "import_logs", "load_run", "load_ship", "months", "new_ship", "plan",
     "predict", "read_trials", "refit", "report", "scale", "score", "select", "simulate", "simulate_many", "train",
     "view", "write_report",

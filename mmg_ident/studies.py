@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from diagnosis.groups.months import MonthStudy
     from fitting.design.planned_trial import PlannedTrial
     from fitting.prediction.figure_intervals import JudgedFigures
+    from fitting.report.ship_card import ShipCard
     from fitting.result import FitResult
     from fitting.selection.structure_choice import StructureChoice
     from mmg_ident.api import Model, Trials
@@ -131,6 +132,26 @@ def imo(
     rate = None if rate is None else math.radians(rate)
     figures = imo_figures(ship, speed, rate, listed(simulated.pop("maneuver", ())), scale)
     return drawn_figures(figures, ship, content_of(model), rate, **simulated)
+
+
+@keywords()
+def card(
+    model: Model,
+    speed: float | None = None,
+    rudder_rate: float | None = None,
+    scatter: int | None = None,
+    seed: int = 0,
+) -> ShipCard:
+    """Pilot card, wheelhouse poster and manoeuvring booklet of a ship (IMO A.601(15)), as ``mmg card`` writes them.
+
+    model: the ship; speed: of the test [m/s] and rudder_rate [deg/s], default those of ``imo``; scatter: draws for 90 %
+    intervals, 0: none, default 500 where a covariance is known; seed: of the draws. Returns the card: ``to_dict()`` has
+    its figures, ``page()`` the HTML page. Raises UserError when no manoeuvre reaches its event.
+    """
+    from fitting.report.ship_card import ship_card
+
+    rate = None if rudder_rate is None else math.radians(rudder_rate)
+    return ship_card(ship_of(model), content_of(model), speed, rate, scatter, seed)
 
 
 def drawn_figures(

@@ -167,6 +167,7 @@ PANELS = {
     "Deliver": {
         "export": "Deliver a ship: FMU, C, MATLAB and other formats.",
         "report": "Write one HTML page on a run, or on several side by side.",
+        "card": "Write pilot card, wheelhouse poster and manoeuvring booklet.",
         "view": "Write one interactive page: tracks, histories, forces.",
         "scale": "Carry a calibrated model to the size of the ship.",
         "plan": "Design the next trial: the one that tells most in an area.",

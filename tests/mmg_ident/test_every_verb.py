@@ -41,7 +41,7 @@ LEFT: dict[str, set[str]] = {
 }
 FUNCTIONS = {"fit": "calibrate", "import": "import_logs"}
 VERBS = ("fit", "train", "select", "score", "predict", "imo", "diagnose", "gap", "plan", "months", "fleet", "view",
-         "import", "simulate", "check", "scale", "compare")  # fmt: skip
+         "import", "simulate", "check", "scale", "compare", "card")  # fmt: skip
 
 
 @pytest.fixture(scope="module")

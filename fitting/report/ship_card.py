@@ -1,0 +1,280 @@
+"""Pilot card, wheelhouse poster and manoeuvring booklet of a ship (IMO resolution A.601(15), appendices 1 to 3).
+
+Tables of what a model tells, with 90 % intervals: engine orders, steering, turning circles, course keeping, stopping.
+What no model knows (anchors, draughts of the day, equipment) stays an empty line to be filled in aboard.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from cases.criteria.figures import Since
+from cases.criteria.imo import helm_words
+from cases.criteria.scatter import draw_coefficients
+from cases.criteria.standard_runs import Run, approach_speed, planned_run
+from cases.maneuvers.definitions import Limits, parse_maneuver
+from cases.maneuvers.self_propulsion import actuator_positions, revolutions_for
+from cases.quantities import KNOT
+from cases.shipfiles.effects import calm_and_deep
+from fitting.prediction.bands import correlation_in
+from fitting.prediction.figure_intervals import DRAWS, MOST, FigureScatter, drawn_figures
+from fitting.report.page import rendered
+from fitting.report.plot_maneuvers import maneuver_figure
+from fitting.report.plot_style import figure_entry, png_of
+from mmg.components.particulars import PARTICULARS
+from mmg.errors import NoSolution, OutOfRange, UserError
+from mmg.messages import Message
+from mmg.rollout import Simulator
+from mmg.ship import Ship
+
+CABLE = 185.2  # [m]: a tenth of a nautical mile (BIPM)
+SHARES = (1.0, 0.75, 0.5, 0.25)  # Revolutions of the table, by those of the test speed. Set by hand.
+SEA_GOING = 20.0  # Length from which squat, cables and knots mean something [m]. Set by hand.
+Columns = tuple[tuple[str, float, str], ...]
+Rows = tuple[tuple[str, str, str], ...]
+# Table -> title; manoeuvre, share of the test speed and words of each column; figure, words and kind of unit of rows.
+TABLES: dict[str, tuple[str, Columns, Rows]] = {
+    "turning": (
+        "Turning circles at 35° of rudder, from the test speed",
+        (("turning:35", 1.0, "starboard"), ("turning:-35", 1.0, "port")),
+        (("advance", "Advance at 90°", "way"), ("transfer", "Transfer at 90°", "way"),
+         ("time_90", "Time to 90°", "s"), ("tactical_diameter", "Tactical diameter at 180°", "way"),
+         ("time_180", "Time to 180°", "s")),
+    ),
+    "stopping": (
+        "Stopping",
+        (("crash-stop", 1.0, "full astern from the test speed"), ("crash-stop:2", 0.5, "full astern from half of it"),
+         ("coasting", 1.0, "engine stopped, to 30 % of the test speed")),
+        (("track_reach", "Track reach", "way"), ("head_reach", "Head reach", "way"),
+         ("lateral_deviation", "To starboard", "way"), ("stopping_time", "Time", "s")),
+    ),
+    "course": (
+        "Course changing and yaw checking, from the test speed",
+        (("zigzag:10/10", 1.0, "10°/10° starboard"), ("zigzag:-10/10", 1.0, "10°/10° port"),
+         ("zigzag:20/20", 1.0, "20°/20° starboard"), ("zigzag:-20/20", 1.0, "20°/20° port")),
+        (("initial_turning_track", "Track to turn 10°", "way"), ("overshoot_1", "First overshoot", "deg"),
+         ("overshoot_2", "Second overshoot", "deg")),
+    ),
+}  # fmt: skip
+# What A.601(15) asks for and no manoeuvring model knows.
+ABOARD = {
+    "Pilot card": ("Call sign", "Date", "Draught forward and aft [m]", "Displacement [t]", "Deadweight [t]",
+                   "Air draught [m]", "Anchor chain, port and starboard [shackles]", "Bulbous bow",
+                   "Engine orders of the telegraph", "Equipment checked"),
+    "Wheelhouse poster": ("Time hard-over to hard-over with two power units [s]",
+                          "Minimum speed to keep course, propeller stopped [kn]",
+                          "Engine: type, power, starts in a row", "Thruster effect at trial conditions",
+                          "Man overboard: rescue manoeuvre tried aboard"),
+    "Manoeuvring booklet": ("Turning circles in shallow water", "Behaviour in wind", "Track of the trials"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of a manoeuvre, SI and rad, and its 90 % interval, whose upper end is infinite where more than 5 % of
+    the draws never come to it; None: no draws."""
+
+    value: float
+    interval: tuple[float, float] | None = None
+
+    def words(self, kind: str, length: float) -> str:
+        """It in the unit of a ``kind``: "way" in metres and in the ship's ``length`` [m]; "s"; "deg"; "speed"."""
+        speed = (" kn", 1.0 / KNOT, 1) if length >= SEA_GOING else (" m/s", 1.0, 1)
+        known = {"way": (" m", 1.0, 0), "s": (" s", 1.0, 0), "deg": ("°", math.degrees(1.0), 1), "speed": speed}
+        unit, factor, digits = known[kind]
+        digits += 2 * (length < SEA_GOING and kind != "deg")
+
+        def shown(x: float, digits: int = digits) -> str:
+            return f"{round(x, digits) + 0.0:,.{digits}f}" if math.isfinite(x) else "never"  # + 0.0: no "-0.00"
+
+        ends = f" [{', '.join(shown(factor * x) for x in self.interval)}]" if self.interval else ""
+        in_lengths = f"; {shown(self.value / length, 2)} L" if kind == "way" else ""
+        return f"{shown(factor * self.value)}{unit}{ends}{in_lengths}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Value and ``interval_90``, an end that is never reached as None."""
+        ends = self.interval and [x if math.isfinite(x) else None for x in self.interval]
+        return {"value": self.value, "interval_90": ends}
+
+
+@dataclass(frozen=True, repr=False)
+class ShipCard:
+    """What a card shows.
+
+    ship: in calm and deep water; speed: of the test [m/s], and its origin; engine: share of the revolutions,
+    revolutions [1/s] and speed [m/s] of each; tables: table of TABLES -> manoeuvre -> figure -> value;
+    circles: the turning circles, and clouds: some of the draws of each by its name; notices: what the figures rest on.
+    """
+
+    ship: Ship
+    speed: float
+    origin: str
+    engine: tuple[tuple[float, float, Figure], ...]
+    tables: Mapping[str, Mapping[str, Mapping[str, Figure]]]
+    circles: tuple[Run, ...]
+    clouds: Mapping[str, Sequence[Since]]
+    notices: tuple[Message, ...]
+
+    def __repr__(self) -> str:
+        return f"<ShipCard of {self.ship.title}: {len(self.tables)} tables, {self.speed:.4g} m/s>"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values: SI and rad; by table, manoeuvre and figure."""
+        tables = {
+            key: {text: {name: f.to_dict() for name, f in figures.items()} for text, figures in columns.items()}
+            for key, columns in self.tables.items()
+        }
+        engine = [{"share": share, "n": n, "speed": speed.to_dict()} for share, n, speed in self.engine]
+        said = {"test_speed": self.speed, "origin": self.origin, "notices": [str(n) for n in self.notices]}
+        return {"ship": self.ship.name, **said, "engine_orders": engine, "tables": tables}
+
+    def page(self) -> str:
+        """One self-contained HTML page of the three documents."""
+        ship, L = self.ship, self.ship.particulars["L"]
+        tables = {}
+        for key, made in self.tables.items():
+            title, columns, rows = TABLES[key]
+            shown = [
+                [words, *(one[name].words(kind, L) if name in one else "–" for one in made.values())]
+                for name, words, kind in rows
+                if any(name in one for one in made.values())
+            ]
+            tables[key] = title, [words for text, _, words in columns if text in made], shown
+        engine = [(f"{100 * share:.0f} %", f"{60 * n:.4g}", one.words("speed", L)) for share, n, one in self.engine]
+        figure = None
+        if self.circles:
+            caption = "In ship lengths." + " Thin and grey: single trials of drawn ships." * bool(self.clouds)
+            draw = partial(maneuver_figure, self.circles, "", self.clouds)
+            figure = figure_entry(png_of(draw), "turning", "Turning circles", caption)
+        particulars = [
+            (PARTICULARS[name][0], f"{value:.5g} {PARTICULARS[name][1]}")
+            for name, value in ship.particulars.items()
+            if name in ("L", "B", "d", "m", "C_b", "D_P", "A_R")
+        ]
+        return rendered(
+            "card", ship=ship, speed=Figure(self.speed).words("speed", L), origin=self.origin, engine=engine,
+            tables=tables, figure=figure, particulars=particulars, helm=_helm(ship), squat=_squat(ship, self.speed),
+            notices=[str(n) for n in self.notices], aboard=ABOARD, intervals=bool(self.clouds),
+        )  # fmt: skip
+
+
+def ship_card(
+    ship: Ship,
+    content: Mapping[str, Any],
+    speed: float | None = None,
+    rudder_rate: float | None = None,
+    count: int | None = None,
+    seed: int = 0,
+) -> ShipCard:
+    """The card of a ``ship`` in calm and deep water.
+
+    content: of the result.json of her calibration, {}: none; speed: of the test [m/s], default as of
+    ``approach_speed``; rudder_rate [rad/s], default the ship's own; count: draws for intervals, 0: none, default DRAWS
+    where a covariance is known; seed: of them. Raises UserError where no manoeuvre reaches its event, and for a count
+    that makes no sense.
+    """
+    calm, left_out = calm_and_deep(ship)
+    V, origin = approach_speed(calm, speed)
+    correlation = correlation_in(content)
+    count = DRAWS * (correlation is not None) if count is None else count
+    if count and not 20 <= count <= MOST:
+        raise OutOfRange(f"--scatter {count}: give 20 to {MOST} draws, or 0 for none")
+    simulator = Simulator(calm)
+    drawn = draw_coefficients(calm, count, seed, correlation) if count else {}
+    notices = [Message(f"test speed: {origin}; {helm_words(calm, rudder_rate)}", "test_conditions")]
+    if left_out:
+        words = "left out, as the card is for calm, deep water and free of sensor errors: "
+        notices.append(Message(words + ", ".join(left_out), "effects_left_out"))
+    if not count:
+        notices.append(Message("no 90 % intervals: no covariance of the coefficients is known", "no_covariance"))
+    circles, clouds, tables = list[Run](), dict[str, Sequence[Since]](), dict[str, dict[str, dict[str, Figure]]]()
+    for key, (_, columns, rows) in TABLES.items():
+        for text, share, _ in columns:
+            try:
+                plan = parse_maneuver(text, calm, speed=share * V, rudder_rate=rudder_rate)
+                run = planned_run(calm, plan)
+            except UserError as error:
+                notices.append(Message(f"{text}: {error}", "event_not_reached"))
+                continue
+            drawn_one = drawn_figures(simulator, plan, drawn, content, seed)[0] if count else None
+            notices += drawn_one.notice(text, run.kind) if drawn_one else []
+            notices += [Message(str(n), "caveat") for n in (*run.caveats, *run.trial.notices)]
+            if plan.kind == "turning":
+                circles.append(run)
+                clouds |= {text: drawn_one.shown} if drawn_one else {}
+            made = {name: _figure(run, drawn_one, name) for name, *_ in rows if name in run.figures}
+            tables.setdefault(key, {})[text] = made
+    if not tables:
+        raise NoSolution(f"{ship.name}: no manoeuvre reaches its event: {notices[-1]}")
+    engine = _engine_orders(simulator, V, drawn)
+    return ShipCard(calm, V, origin, engine, tables, tuple(circles), clouds, tuple(dict.fromkeys(notices)))
+
+
+def _figure(run: Run, scatter: FigureScatter | None, name: str) -> Figure:
+    """The figure ``name`` of a ``run``: the median and the interval of its draws where there are any."""
+    if scatter is None:
+        return Figure(run.figures[name])
+    made = scatter.of(name)
+    return Figure(made["median"], made["interval_90"])
+
+
+def _engine_orders(
+    simulator: Simulator, speed: float, drawn: Mapping[str, np.ndarray]
+) -> tuple[tuple[float, float, Figure], ...]:
+    """Share of the revolutions that hold ``speed`` [m/s], revolutions [1/s] and speed of a straight course of each of
+    SHARES; none for a ship without a shaft that turns."""
+    ship = simulator.ship
+    if "n" not in ship.actuators:
+        return ()
+    full, count = revolutions_for(ship, speed), len(next(iter(drawn.values()), [0.0]))
+    theta = np.repeat(ship.values[:, None], count, axis=1)
+    for symbol, values in drawn.items():
+        theta[ship.symbols.index(symbol)] = values
+    rows = []
+    for share in SHARES:
+        reached = _straight_speeds(simulator, share * full, theta, 4 * share * speed)
+        low, middle, high = (float(q) for q in np.quantile(reached, (0.05, 0.5, 0.95)))
+        rows.append((share, share * full, Figure(middle, (low, high) if drawn else None)))
+    return tuple(rows)
+
+
+def _straight_speeds(simulator: Simulator, n: float, theta: np.ndarray, most: float) -> np.ndarray:
+    """Speeds (M,) [m/s], up to ``most``, at which ships of coefficients ``theta`` (P, M) go straight at ``n`` [1/s]."""
+    positions = actuator_positions(simulator.ship, n, 0.0)
+    controls = np.repeat([[positions.get(name, 0.0)] for name in simulator.inputs], theta.shape[1], axis=1)
+    low, high = np.zeros(theta.shape[1]), np.full(theta.shape[1], most)
+    for _ in range(40):  # halved to 1e-12 of ``most``
+        logged = np.zeros((6, theta.shape[1]))
+        logged[3] = middle = 0.5 * (low + high)
+        faster = simulator.rates(simulator.start(logged, controls, theta), controls, theta)[3] > 0
+        low, high = np.where(faster, middle, low), np.where(faster, high, middle)
+    return 0.5 * (low + high)
+
+
+def _helm(ship: Ship) -> list[tuple[str, str]]:
+    """What the model knows of the steering gear of a ``ship``, in words."""
+    rate = math.degrees(Limits.for_ship(ship).rudder_rate)
+    rows = [("Largest rudder angle of the manoeuvres", "35°")]
+    if math.isfinite(rate):
+        rows += [("Rudder rate", helm_words(ship)), ("Time hard-over to hard-over (70°)", f"{70.0 / rate:.3g} s")]
+    if (neutral := ship.particulars.get("neutral_rudder")) is not None:
+        rows.append(("Rudder angle of a straight course", f"{math.degrees(neutral):.2g}°"))
+    return rows
+
+
+def _squat(ship: Ship, speed: float) -> list[tuple[str, str, str]]:
+    """Speed, and the increase of the draught in open and in confined water by rule, at shares of the test ``speed``
+    [m/s]: C_b V^2 / 100 and C_b V^2 / 50, V in knots (Barrass 2004, Ship Stability, chapter 42); none for a model."""
+    p = ship.particulars
+    if p["L"] < SEA_GOING or "C_b" not in p:
+        return []
+    return [
+        (f"{V:.3g} kn", f"{p['C_b'] * V**2 / 100:.2f} m", f"{p['C_b'] * V**2 / 50:.2f} m")
+        for V in (share * speed / KNOT for share in SHARES)
+    ]
