@@ -230,7 +230,7 @@ def _engine_orders(
     """Share of the revolutions that hold ``speed`` [m/s], revolutions [1/s] and speed of a straight course of each of
     SHARES; none for a ship without a shaft that turns."""
     ship = simulator.ship
-    if "n" not in ship.actuators:
+    if not {"n", "n_azimuth"} & set(ship.actuators):
         return ()
     full, count = revolutions_for(ship, speed), len(next(iter(drawn.values()), [0.0]))
     theta = np.repeat(ship.values[:, None], count, axis=1)

@@ -44,6 +44,7 @@ VERBS = {
     "predict by members": ["RUN", "TRIALS", "--members", "ts1", "--window", "30", "--out", "OUT"],
     "score": ["RUN", "TRIALS"],
     "imo": ["RUN", "--scatter", "0"],
+    "card": ["RUN", "--scatter", "20", "--out", "OUT.html"],
     "scale": ["RUN", "--length", "100", "--out", "OUT"],
     "export": ["RUN", "--format", "c", "--out", "OUT"],
     "report": ["RUN", "--no-imo", "--out", "OUT.html"],
