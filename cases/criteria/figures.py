@@ -161,12 +161,13 @@ def parabolic(values: np.ndarray, width: int) -> np.ndarray:
 
 
 def overshoot_figures(trial: Trial, rudder: float, reversals: tuple[float, ...], end: float) -> dict[str, float]:
-    """overshoot_1, ... [rad] of a measured zigzag: heading gained after each reversal of the rudder at its own heading.
+    """overshoot_1, ... [rad] of a measured zigzag: heading gained after each reversal of the rudder at its own heading,
+    that of the counter order where orders were logged, which the rudder follows late.
 
     rudder [rad] gives the first side; reversals, end: times [s after the first sample]. The last one counts only if
     a fifth of it has gone again before the hold ends. trial: the run.
     """
-    t, psi = trial.t - trial.t[0], trial.psi_unwrapped
+    t, psi, reversals = trial.t - trial.t[0], trial.psi_unwrapped, _ordered(trial, rudder, reversals)
     good = np.isfinite(psi)
     t, psi = t[good], psi[good]
     if len(t) > SMOOTHED:
@@ -179,6 +180,18 @@ def overshoot_figures(trial: Trial, rudder: float, reversals: tuple[float, ...],
             figures[f"overshoot_{k + 1}"] = float(gained.max())
         side = -side
     return figures
+
+
+def _ordered(trial: Trial, rudder: float, reversals: tuple[float, ...]) -> tuple[float, ...]:
+    """The times of the orders behind ``reversals`` of a ``rudder`` [rad] of a ``trial`` [s after the first sample];
+    those of the rudder itself where no order stands between one and the one before."""
+    if "delta_order" not in trial.columns:
+        return reversals
+    t = trial.t - trial.t[0]
+    steps = t[1:][np.abs(np.diff(trial["delta_order"])) > abs(rudder)]  # a counter order goes over to the other side
+    spans = zip((0.0, *reversals), reversals, strict=False)
+    given = [steps[(steps > before) & (steps <= moved)] for before, moved in spans]
+    return tuple(float(own[-1]) if len(own) else moved for own, moved in zip(given, reversals, strict=True))
 
 
 # Change of heading at which the initial turning ability is read [rad] (IMO MSC.137(76), 5.3.2)

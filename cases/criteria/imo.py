@@ -534,6 +534,24 @@ def by_rule(ship: Ship, run: Run, origin: str, rudder_rate: float | None) -> lis
     return words
 
 
+def of_midship(ship: Ship | None, trial: Trial) -> Trial:
+    """The ``trial`` with positions and velocities of midship, by the antenna of the ``ship``; as it is where she has
+    none."""
+    if ship is None or "antenna_offset" not in ship.effects:
+        return trial
+    x, y, alone_x, alone_y = (
+        c.value if (c := ship.coefficients.get(f"antenna_offset.{name}")) else 0.0
+        for name in ("x", "y", "alone_x", "alone_y")
+    )
+    # x0 + i y0 and u + i v: positions lie off by the lever arm turned with psi, velocities by r times it
+    speed = trial["u"] + 1j * trial["v"] - 1j * trial["r"] * complex(x, y)
+    moved = {"u": speed.real, "v": speed.imag}
+    if trial.has_position:
+        place = trial["x"] + 1j * trial["y"] - complex(x + alone_x, y + alone_y) * np.exp(1j * trial["psi"])
+        moved |= {"x": place.real, "y": place.imag}
+    return trial.with_columns(**moved)
+
+
 def imo_figures_of_trials(
     trials: Sequence[Trial],
     ship: Ship | None = None,
@@ -544,12 +562,13 @@ def imo_figures_of_trials(
 ) -> Assessment:
     """Measured runs judged by IMO MSC.137(76).
 
-    trials: with one manoeuvre or several each, the approach is cut off; ship: gives its name, length and scale;
+    trials: with one manoeuvre or several each, the approach is cut off; ship: gives its name, length and scale, and
+    the lever arm of an antenna that was fitted, which is taken off;
     length: of the ship [m], where there is no ship; kind: "turning", "zigzag" or "crash-stop", default from the data;
     scale: ship length over model length; correct: to still water and calm air, with the current of the circles among
-    the trials or a given one (``corrected_runs``). Of several runs, one without a manoeuvre becomes a
-    notice. Raises UserError when no length is
-    given, when the trials are not of the ship, and when there is no manoeuvre in any of them.
+    the trials or a given one (``corrected_runs``). Of several runs, one without a manoeuvre becomes a notice. Raises
+    UserError when no length is given, when the trials are not of the ship, and when there is no manoeuvre in any of
+    them.
     """
     if ship is None and length is None:
         raise Missing("trials need the length of their ship; give ship or length")
@@ -560,9 +579,11 @@ def imo_figures_of_trials(
             "what is left out of a measured manoeuvre is bridged by straight lines, where she hardly turns meanwhile"
         )
         notices.append(Message(words, "bridged"))
+    if ship is not None and "antenna_offset" in ship.effects:
+        notices.append(Message("of midship: without the lever arm of the antenna of the ship file", "of_midship"))
     for trial in trials:
         try:
-            runs += measured_runs(trial, L, kind)
+            runs += measured_runs(of_midship(ship, trial), L, kind)
         except UserError as error:
             if len(trials) == 1:
                 raise

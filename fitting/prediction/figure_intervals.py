@@ -155,7 +155,8 @@ def with_intervals(
         notices.append(Message(words, "independent_draws"))
     shared, judged = Shared((Simulator(calm), drawn, content)), [run for run in assessment.runs if run.kind in JUDGED]
     plans = [parse_maneuver(run.name, calm, speed=run.speed, rudder_rate=rudder_rate) for run in judged]
-    results = run_all(_drawn_plan, [(shared, plan, seed) for plan in plans], workers, name="manoeuvres")
+    jobs = [(shared, plan, seed, dict(run.figures)) for run, plan in zip(judged, plans, strict=True)]
+    results = run_all(_drawn_plan, jobs, workers, name="manoeuvres")
     runs = {run.name: run for run in judged}
     scatter = {run.name: one for run, one in zip(judged, results, strict=True)}
     for run, one in zip(judged, results, strict=True):
@@ -188,11 +189,12 @@ def _basis(
     return f"{words}; the prior's, so without a say: {', '.join(priors)}" if priors else words
 
 
-def _drawn_plan(job: tuple[Shared, Maneuver, int]) -> FigureScatter:
-    """All draws of one manoeuvre, of simulator, draws and content of the result that tasks share, and a seed."""
-    shared, plan, seed = job
+def _drawn_plan(job: tuple[Shared, Maneuver, int, dict[str, float]]) -> FigureScatter:
+    """All draws of one manoeuvre, of simulator, draws and content of the result that tasks share, a seed, and the
+    figures of the ship as she is."""
+    shared, plan, seed, exact = job
     simulator, drawn, content = shared.value
-    return drawn_figures(simulator, plan, drawn, content, seed)[0]
+    return drawn_figures(simulator, plan, drawn, content, seed, exact=exact)[0]
 
 
 def drawn_figures(
@@ -203,13 +205,15 @@ def drawn_figures(
     seed: int,
     dt: float | None = None,
     tracks: int = SHOWN,
+    exact: Mapping[str, float] | None = None,
 ) -> tuple[FigureScatter, SimulatedRuns]:
     """All draws of one manoeuvre: of the ship, and of as many single trials of the same ships.
 
     simulator: of the ship; plan: what is ordered; drawn: symbol -> (count,); content: of the result.json of a
     calibration, {}: no unexplained accelerations are known; seed: of the accelerations; dt: sampling interval [s],
-    default 0.5 s of a 3 m model; tracks: single trials whose motions are returned, of the first draws. Figures of a
-    calibrated ship are linear in the draws but in stops (``linearised``). Raises UserError for spiral and pull-out.
+    default 0.5 s of a 3 m model; tracks: single trials whose motions are returned, of the first draws; exact: figures
+    of the ship as it is, simulated finely, about which the draws are put. Figures of a calibrated ship are linear in
+    the draws but in stops (``linearised``). Raises UserError for spiral and pull-out.
     """
     ship = simulator.ship
     bands, envelope = bands_of(content, ship), content.get("envelope")
@@ -250,6 +254,7 @@ def drawn_figures(
                      for part in (slice(count), slice(-count, None)))  # fmt: skip
     if near < 1:
         ships, trials = linearised(nominal_figures, ships, trials, near)
+    ships, trials = (moved(nominal_figures, exact or {}, column) for column in (ships, trials))
     # tracks are those of whole draws: a motion, unlike a figure, is not carried on in a straight line
     full_draws = runs if near == 1 else simulated(tracks, 1.0)
     first = len(full_draws.last) - (count if near == 1 else tracks)  # single trials stand behind the ships
@@ -290,6 +295,20 @@ def linearised(
     return figures
 
 
+def moved(
+    coarse: Mapping[str, float], exact: Mapping[str, float], figures: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """The ``figures`` (count,) of draws with what steps as long as theirs change of the ship as she is taken off:
+    ``coarse`` with these steps, ``exact`` without; by their ratio where they are positive. A fast rudder is over within
+    such a step, and overshoots come out a fifth too small."""
+    result = dict(figures)
+    for name in figures.keys() & coarse.keys() & exact.keys():
+        at, there = coarse[name], exact[name]
+        if math.isfinite(at) and math.isfinite(there):
+            result[name] = figures[name] * (there / at) if at > 0 and there > 0 else figures[name] + (there - at)
+    return result
+
+
 def judged_row(row: Row, run: Run, scatter: FigureScatter) -> Row:
     """The ``row`` of a ``run`` by its draws, ``scatter``: their median is its value, by which it is judged where trials
     support the manoeuvre."""
@@ -323,7 +342,7 @@ def maneuver_scatter(
     if not judged:
         return scatter, None, None
     run = planned_run(ship, plan)
-    drawn, trials = drawn_figures(Simulator(ship), plan, scatter.coefficients, content, seed, dt, count)
+    drawn, trials = drawn_figures(Simulator(ship), plan, scatter.coefficients, content, seed, dt, count, run.figures)
     limits = {  # SI and rad, as the draws
         row.figure: row.limit * (run.length if row.unit == "L" else math.radians(1.0))
         for row in assess(run, ship.particulars.get("scale"))

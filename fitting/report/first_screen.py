@@ -63,7 +63,7 @@ def first_screen(
     """The first screen on a ``result``, content of result.json, and its ``ship``. known: trials and form at hand; good,
     bad: as of ``fitting.report.use.use_rows``."""
     form = known.form
-    doubtful = bool(form and form.contradiction)
+    doubtful = bool(form and form.contradiction) or bool(doubts(result)) or not result["converged"]
     rules = [f"{rule} ({_hanging(names, form)})" for rule, names in form.rules.items()] if form else []
     particulars = [name for name, source in ship.sources.items() if source.startswith(BY_RULE)]
     rules += [f"particulars {', '.join(particulars)}"] if particulars else []
@@ -77,7 +77,7 @@ def first_screen(
     return FirstScreen(
         verdict=_verdict(result, form),
         doubtful=doubtful,
-        causes=form.causes if form and doubtful else (),
+        causes=form.causes if form and form.contradiction else (),
         errors=_errors(result, ship.particulars["L"]),
         columns=columns,
         groups=groups,
@@ -89,14 +89,35 @@ def first_screen(
     )
 
 
+# Codes of messages on a calibration by which no ship is right, whatever her figures are.
+DOUBTS = ("not_converged", "worse_than_persistence")
+
+
+def doubts(result: Mapping[str, Any]) -> list[str]:
+    """What of a ``result`` speaks against its ship by itself: sentences of its messages with one of DOUBTS."""
+    said = {m["code"]: m["text"] for m in reversed(result.get("messages", []))}
+    return [said[code] for code in DOUBTS if code in said]
+
+
 def _verdict(result: Mapping[str, Any], form: ImoForm | None) -> str:
     """Whether the ship is right, by the strongest evidence there is."""
+    against = doubts(result)
+    if not result["converged"]:
+        return "Not usable: the calibration did not converge."
     if form and form.contradiction:
         return form.contradiction
-    judged = sum(side.contradicts is False for row in form.rows for side in row.sides) if form else 0
+    judged = [side for row in form.rows for side in row.sides if side.contradicts is False] if form else []
     if judged:
-        which = f"all {judged} tested figures lie" if judged > 1 else "the one tested figure lies"
-        return f"Right so far: {which} inside of the model's 90 % intervals of a single trial."
+        which = f"all {len(judged)} tested figures lie" if len(judged) > 1 else "the one tested figure lies"
+        words = f"{which} inside of the model's 90 % intervals of a single trial"
+        vague = sum(side.is_vague for side in judged)
+        if against:
+            return f"Doubtful: {words}, but {against[0]}."
+        if 2 * vague > len(judged):
+            return f"Undecided: {words}, but {vague} of these are wider than the figure itself."
+        return f"Right so far: {words}."
+    if against:
+        return f"Doubtful: {against[0]}."
     if result.get("scaling"):
         return "Not tested: she is scaled from a model, and no trial of the ship herself took part."
     if "validation" in result["scores"]:
@@ -137,6 +158,8 @@ def _form_table(form: ImoForm) -> tuple[tuple[tuple[str, tuple[str, ...]], ...],
         rows.append((name, *tested, *modelled))
     note = f"{OUTSIDE.strip()} lies outside of the interval. " * bool(form.contradiction)
     note += "90 % of single trials of ships that the trials allow. " * form.intervals
+    read = any("±" in cell for row in rows for cell in row)
+    note += "±: what a tested figure changes by between two samples. " * read
     return (("tested", SIDES), model) if form.tested else (model,), rows, note + "L: ship lengths."
 
 

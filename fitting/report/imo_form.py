@@ -94,6 +94,8 @@ class FormValue:
         the form asks for."""
         digits = 1 if unit == "deg" else 2  # ship lengths
         words, ends = f"{self.value:.{digits}f}", (of_trial and self.of_trial) or self.interval
+        if round(self.reading, digits):
+            words += f" ±{self.reading:.{digits}f}"
         if ends:
             high = f"{ends[1]:.{digits}f}" if math.isfinite(ends[1]) else "never"
             words += f" [{ends[0]:.{digits}f}, {high}]"
@@ -111,10 +113,21 @@ class FormSide:
     verdict: str
 
     @property
+    def _ends(self) -> tuple[float, ...] | None:
+        """The interval of a single trial of the model, else of the ship."""
+        return self.model and (self.model.of_trial or self.model.interval)
+
+    @property
+    def is_vague(self) -> bool:
+        """Whether that interval is wider than the tested figure is large, so that it tells nothing of it."""
+        ends = self._ends
+        return bool(self.tested and ends and ends[1] - ends[0] > abs(self.tested.value))
+
+    @property
     def contradicts(self) -> bool | None:
         """Whether the interval of a single trial excludes the tested figure by more than it can be read to; None where
         either is not known."""
-        ends = self.model and (self.model.of_trial or self.model.interval)
+        ends = self._ends
         if not self.tested or not ends:
             return None
         return not ends[0] - self.tested.reading <= self.tested.value <= ends[1] + self.tested.reading
@@ -199,7 +212,7 @@ def imo_form(
                 _side(row, tested.get((side, figure)), factors.get((side, figure)))
                 for side, row in zip(sides, judged, strict=True)
             )
-            unit, limit = (first.unit, first.limit) if first else ("L", None)
+            unit, limit = (first.unit, first.limit) if first else ("deg" if "overshoot" in figure else "L", None)
             rows.append(FormRow(group, words, unit, limit, cells))
     remarks += [f"the model's figures alone: {model.verdict} ({model.basis})"] if model.basis else []
     remarks += [str(note) for note in model.notices if not has_code([note], "not_checked")]
@@ -279,7 +292,7 @@ def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> d
     """Mean of each tested figure over the runs among ``trials``, by manoeuvre and figure, of midship and through the
     water where the ``ship`` has an antenna or a current of her own. remarks: to add to."""
     try:
-        measured = imo.imo_figures_of_trials([of_midship(ship, trial) for trial in trials], ship) if trials else None
+        measured = imo.imo_figures_of_trials(trials, ship) if trials else None
     except UserError:
         measured = None
     if measured is None:
@@ -300,28 +313,15 @@ def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> d
     else:
         taken = [words for name, words in TAKEN_OFF.items() if name in ship.effects]
         of = f"without the {' and the '.join(taken)} that were fitted" if taken else "in the water of the trials"
-        remarks.append(f"tested: means over the trials, {of} and in their air; no uncertainty is known")
+        remarks.append(
+            f"tested: means over the trials, {of} and in their air; ±: what a figure changes by between two samples"
+        )
     means = {key: (*np.mean(some, axis=0).tolist(), len(some)) for key, some in values.items()}
     return {key: FormValue(value, None, count, reading=reading) for key, (value, reading, count) in means.items()}
 
 
 # Effects that a tested figure has and one in still water of midship has not.
 TAKEN_OFF = {"current": "current", "antenna_offset": "lever arm of the antenna"}
-
-
-def of_midship(ship: Ship, trial: Trial) -> Trial:
-    """The ``trial`` with positions and velocities of midship, by the antenna of the ``ship``; as it is where she has
-    none or it has no positions."""
-    if "antenna_offset" not in ship.effects or not trial.has_position:
-        return trial
-    x, y, alone_x, alone_y = (
-        c.value if (c := ship.coefficients.get(f"antenna_offset.{name}")) else 0.0
-        for name in ("x", "y", "alone_x", "alone_y")
-    )
-    # x0 + i y0 and u + i v: positions lie off by the lever arm turned with psi, velocities by r times it
-    place = trial["x"] + 1j * trial["y"] - complex(x + alone_x, y + alone_y) * np.exp(1j * trial["psi"])
-    speed = trial["u"] + 1j * trial["v"] - 1j * trial["r"] * complex(x, y)
-    return trial.with_columns(x=place.real, y=place.imag, u=speed.real, v=speed.imag)
 
 
 def _reading(run: Run, unit: str) -> float:

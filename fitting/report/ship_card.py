@@ -202,7 +202,8 @@ def ship_card(
             except UserError as error:
                 notices.append(Message(f"{text}: {error}", "event_not_reached"))
                 continue
-            drawn_one = drawn_figures(simulator, plan, drawn, content, seed)[0] if count else None
+            exact = run.figures
+            drawn_one = drawn_figures(simulator, plan, drawn, content, seed, exact=exact)[0] if count else None
             notices += drawn_one.notice(text, run.kind) if drawn_one else []
             notices += [Message(str(n), "caveat") for n in (*run.caveats, *run.trial.notices)]
             if plan.kind == "turning":

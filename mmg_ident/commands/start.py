@@ -159,7 +159,7 @@ def _print(result: FitResult, known: Delivered, started: StartedRun, out: Path) 
         cli.print_table(*screen.by_side)
     cli.print_wrapped("", screen.note)
     for message in result.messages:
-        if message.code == "suspect":
+        if message.code != "ship":  # those are the rules of thumb below
             cli.print_wrapped("! ", message.text)
     sections = {"use her for": screen.good, "not for": screen.bad, "by rule of thumb": screen.rules}
     for title, sentences in sections.items():
@@ -168,7 +168,8 @@ def _print(result: FitResult, known: Delivered, started: StartedRun, out: Path) 
     for name, words in steps.measured_particulars(result.ship).items():
         cli.print_wrapped("measured: ", f"{name} {words}")
     place = {"report": out / steps.RUN / "report.html", "ship": out / steps.RUN / "ship.toml"}
-    place |= {"FMU": out / steps.FMU} if (out / steps.FMU).exists() else {}
+    fmu = out / steps.FMU
+    place |= {"FMU": fmu if fmu.exists() else "none, as the calibration did not converge"}
     for name, path in {**place, "answers": out / steps.ANSWERS}.items():
         print(f"{name}: {path}")
 

@@ -255,6 +255,11 @@ def test_measured_overshoots_of_a_sine_count_from_the_heading_at_each_reversal()
     first, second = math.asin(0.7) / 0.2, (math.pi + math.asin(0.8)) / 0.2
     figures = overshoot_figures(trial, 0.3, (first, second, 38.0), 39.0)
     assert figures == pytest.approx({"overshoot_1": 0.15, "overshoot_2": 0.1}, abs=1e-5)
+    # where orders were logged they count from these: at 0.3 rad, and at 0.35 rad
+    orders = [math.asin(0.6) / 0.2, (math.pi + math.asin(0.7)) / 0.2]
+    ordered = trial.with_columns(delta_order=np.where(t < orders[0], 0.3, np.where(t < orders[1], -0.3, 0.3)))
+    figures = overshoot_figures(ordered, 0.3, (first, second, 38.0), 39.0)
+    assert figures == pytest.approx({"overshoot_1": 0.2, "overshoot_2": 0.15}, abs=1e-3)
 
 
 def test_initial_turning_is_the_way_along_the_track_to_10_degrees() -> None:

@@ -192,7 +192,7 @@ def test_the_first_screen_compares_tested_and_model_figures_and_says_what_hangs_
     screen = first_screen(*given, known, ["turns: to 35 deg"], ["waves: none"])
     assert (screen.good, screen.bad, screen.doubtful, screen.causes) == (("turns",), ("waves",), False, ())
     assert len(screen.rows) == 7 and {len(row) for row in screen.rows} == {5}
-    assert screen.rows[0][1] == f"{tested.value:.2f}"
+    assert screen.rows[0][1] == f"{tested.value:.2f} ±{tested.reading:.2f}"
     assert screen.rows[0][3] == f"{side.model.value:.2f} [{ends[0]:.2f}, {ends[1]:.2f}]"
     far, untested = replace(side, tested=replace(tested, value=2 * tested.value)), replace(side, tested=None)
     wrong, alone = (replace(form, rows=(replace(form.rows[0], sides=(one,)),)) for one in (far, untested))
@@ -200,6 +200,17 @@ def test_the_first_screen_compares_tested_and_model_figures_and_says_what_hangs_
     screen = first_screen(*given, replace(known, form=wrong), [], [])
     assert screen.doubtful and screen.causes == ("a",) and screen.rows[0][1].endswith("(!)")
     assert len(screen.rules) == 1 and screen.rules[0].startswith("rate by rule")
+    # what does not converge, or is worse than nothing, is not right, nor is an interval that holds everything
+    right = first_screen(*given, known, [], [])
+    worse = [{"code": "worse_than_persistence", "text": "worse than nothing", "level": "warning"}]
+    failed, doubted = ({**given[0], "converged": False}, {**given[0], "messages": worse})
+    vague = replace(side, model=replace(side.model, of_trial=(0.0, 3 * tested.value)))
+    assert vague.is_vague and not side.is_vague and vague.contradicts is False
+    said = [first_screen(one, given[1], known, [], []) for one in (failed, doubted)]
+    rows = tuple(replace(row, sides=(vague,)) for row in form.rows[:1])
+    said.append(first_screen(*given, replace(known, form=replace(form, rows=rows)), [], []))
+    assert len({right.verdict, *(one.verdict for one in said)}) == 4
+    assert [one.doubtful for one in (right, *said)] == [False, True, True, False]
     screen = first_screen(*given, replace(known, form=alone), [], [])
     assert len(screen.groups) == 1 and [row[1:2] for row in screen.by_side[1]] == [("",)]
 

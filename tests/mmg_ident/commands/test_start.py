@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -207,3 +208,7 @@ def test_tested_figures_are_of_midship_and_in_still_water() -> None:
         assert found["turning:35", figure].value == pytest.approx(value, rel=1e-3)
         assert raw["turning:35", figure].value != pytest.approx(value, rel=0.02)
     assert "current" in remarks[1] and "antenna" in remarks[1] and "current" not in remarks[2]
+    logged = replace(seen, columns={name: values for name, values in seen.columns.items() if name not in ("x", "y")})
+    alone = imo_form.tested_figures(ship, [logged], remarks)  # course and speed over ground of the antenna alone
+    for figure in ("advance", "tactical_diameter"):
+        assert alone["turning:35", figure].value == pytest.approx(wanted["turning:35", figure].value, rel=0.01)
