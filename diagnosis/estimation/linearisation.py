@@ -101,11 +101,11 @@ ExtraColumns = Callable[[LinearModel], Sequence[DrivenColumns | ProductColumns]]
 class Linearisation:
     """Model and filter about a point; P free parameters and extra columns, n states of the filter.
 
-    steps, data, at, active: model, trials, point and active states that it was made of; white: (K + 1, R, 6, P + 1)
-    whitened responses of the columns per prior std, and last the negative residual, or those at the grid times ``rows``
-    alone; left: (K + 1, R, 6) of the residual; states: (K + 1, R, n) predicted states of the residual, which is the
-    column ``residual``; size: (R, P) prior std of the free parameters, 0 in windows where they do not act; nll: as of
-    an ``Estimate``. What follows is made when it is first asked for.
+    steps, data, at, active: model, trials, point and active states that it was made of; parts: the columns, those of
+    the free parameters first; left: (K + 1, R, 6) whitened responses of the negative residual; states: (K + 1, R, n)
+    its predicted states; residual: it as a column; size: (R, P) prior std of the free parameters, 0 in windows where
+    they do not act; nll: as of an ``Estimate``; rows: grid times of ``white``, None: all. What follows is made when it
+    is first asked for.
     """
 
     steps: TransitionModel
@@ -115,13 +115,25 @@ class Linearisation:
     linear: LinearModel
     system: LinearSystem
     filter: Filtered
-    white: np.ndarray
+    parts: tuple[DrivenColumns | ProductColumns, ...]
     left: np.ndarray
     states: np.ndarray
     residual: DrivenColumns
     size: np.ndarray
     nll: float
     rows: np.ndarray | None = None
+
+    @cached_property
+    def white(self) -> np.ndarray:
+        """Whitened responses (K + 1, R, 6, P + 1) of the columns per prior std, and last those of the negative
+        residual, or of these the ``rows`` alone."""
+        last = self.left if self.rows is None else self.left[self.rows]
+        white, end = np.empty((*last.shape, sum(part.width for part in self.parts) + 1)), 0
+        for block in (block for part in self.parts for block in part.blocks()):
+            begin, end = end, end + block.width
+            whitened(self.system, self.filter, block, white[..., begin:end], rows=self.rows)
+        white[..., -1] = last  # the residual stands last, so that products with it are the last row
+        return white
 
     @cached_property
     def adjoint(self) -> Adjoint:
@@ -247,16 +259,10 @@ def linearise_and_filter(
     residual = _residual(steps, data, at, linear, active)
     left, states = (x[..., 0] for x in whitened(system, filter_run, residual, with_states=True))
     rows = np.flatnonzero(data.good.any(axis=(1, 2))) if is_brief else None
-    last = left if rows is None else left[rows]
-    white, end = np.empty((*last.shape, sum(part.width for part in parts) + 1)), 0
-    for block in (block for part in parts for block in part.blocks()):
-        begin, end = end, end + block.width
-        whitened(system, filter_run, block, white[..., begin:end], rows=rows)
-    white[..., -1] = last  # the residual stands last, so that products with it are the last row
     # prediction error decomposition, and the priors
     nll = 0.5 * float(filter_run.log_det.sum() + (left**2).sum() + at.p @ at.p) + noise.neg_log_prior
     return Linearisation(
-        steps, data, at, active, linear, system, filter_run, white, left, states, residual, size, nll, rows
+        steps, data, at, active, linear, system, filter_run, tuple(parts), left, states, residual, size, nll, rows
     )
 
 

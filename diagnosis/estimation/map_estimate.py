@@ -30,9 +30,9 @@ BREAKS_DOWN = (
 )
 
 
-# Expected gains of log likelihood; hypotheses differ by more. Set by hand.
-STALLED = 0.5  # Up to which a rough fit ends that gains nothing
-ROUGH = 0.15  # Up to which any rough fit ends
+# Gain of log likelihood, expected of an iteration or made by the last one, up to which a rough fit ends; hypotheses
+# differ by more. Set by hand.
+ROUGH = 0.15
 # Expected gain of log likelihood by the parameters up to which the noise goes by its average information.
 NEAR = 30.0  # set by hand
 # Iterations without a gain after which a fit ends: the slope does not hold along the step, as at a bend.
@@ -151,10 +151,10 @@ def estimate(
 
     Stops when an iteration is expected to gain less than ``tolerance`` of log likelihood, after at most ``iterations``
     linearisations or IN_VAIN iterations that gained less than the tolerance. fixed_noise: the noise stays as it is;
-    is_rough: it stops, not converged, where less than ROUGH is expected, or less than STALLED of the parameters when an
-    iteration gained less than the tolerance; is_enough: or where this says so of a linearisation and the gain that is
-    expected of the parameters. Returns the likeliest accepted point. Raises BrokenModelError where the model cannot be
-    followed along the trials from its first coefficients, and OutOfTimeError.
+    is_rough: it stops, not converged, where less than ROUGH is expected or was gained; is_enough: or where this says so
+    of a linearisation and the gain that is expected of the parameters. Returns the likeliest accepted point. Raises
+    BrokenModelError where the model cannot be followed along the trials from its first coefficients, and
+    OutOfTimeError.
     """
     active = active_states(steps, start.free.symbols, start.theta)
     typical = initial_noise(steps.ship)
@@ -172,8 +172,6 @@ def estimate(
             # not <: nan is worse
             here is None or (not here.nll < best.nll + 0.5 * tolerance + 0.05 * best.gain and reductions < 2)
         ):
-            if is_rough and best.gain < STALLED:
-                break
             reductions, share = reductions + 1, 0.3 * share  # after two, a worse point is taken: the valley may bend
             now = best.moved(steps.ship, data, share, best.at.noise.towards(best.noise, share))
             continue
@@ -185,7 +183,7 @@ def estimate(
         likeliest = best if likeliest is None or best.nll < likeliest.nll else likeliest
         left = best.gain + best.noise_gain
         converged = left < tolerance
-        is_settled = left < ROUGH or (best.gain < STALLED and before - best.nll < tolerance)
+        is_settled = min(left, before - best.nll) < ROUGH
         if is_enough(here, best.gain) or (is_rough and is_settled):
             break
         now = best.moved(steps.ship, data, 1.0, best.noise)
