@@ -298,7 +298,6 @@ class HeldOut:
 
     mse_before, mse_after: mean squared error of 30 s windows, each state in units of its scale; reduction: share;
     interval_90: of the reduction, by drawing runs again; windows: their number; by_run: name -> (before, after).
-    likelihood_gain: of the trials' log likelihood by one-step predictions, and its 90 % interval (None: not known).
     horizons: name ("1 step", "30 s", "whole run") -> (before, after).
     """
 
@@ -308,8 +307,6 @@ class HeldOut:
     interval_90: tuple[Real, Real]
     windows: int
     by_run: Mapping[str, Pair]
-    likelihood_gain: float | None = None
-    likelihood_interval_90: tuple[Real, Real] | None = None
     horizons: Mapping[str, Pair] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:

@@ -141,14 +141,12 @@ def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Ge
 class PredictionErrors:
     """How well a fit predicts test trials.
 
-    windows: errors of windows; whole, step: mean squared scaled errors of whole runs and of single steps; nll: (R,)
-    negative log likelihood of single steps by window of the grid.
+    windows: errors of windows; whole, step: mean squared scaled errors of whole runs and of single steps.
     """
 
     windows: WindowErrors
     whole: float
     step: float
-    nll: np.ndarray
 
 
 def prediction_errors(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> PredictionErrors | None:
@@ -158,8 +156,7 @@ def prediction_errors(steps: TransitionModel, data: GriddedTrials, fit: Estimate
     windows, whole, step = (errors(steps, acted, fit.theta, t, begin) for t in (window_length(steps.ship), 0.0, data.h))
     if not len(windows.run):
         return None
-    nll = one_step_likelihood(steps, data, fit)
-    return PredictionErrors(windows, float(whole.mean.mean()), float(step.mean.mean()), nll)
+    return PredictionErrors(windows, float(whole.mean.mean()), float(step.mean.mean()))
 
 
 def compare(
@@ -172,35 +169,20 @@ def compare(
     if before is None or after is None:
         return None
     a, b, run = before.windows.mean, after.windows.mean, before.windows.run
-    rng = np.random.default_rng(seed)
-    interval = interval_of(a, b, run, rng)
-    gain = before.nll - after.nll
-    gains = np.array([gain[data.run == r].sum() for r in np.unique(data.run)])
-    drawn = gains[rng.choice(len(gains), (DRAWS, len(gains)))].sum(axis=1)
-    low, high = np.quantile(drawn, [0.05, 0.95]).tolist()
     mean = float(a.mean()), float(b.mean())
     return HeldOut(
         mse_before=mean[0],
         mse_after=mean[1],
         reduction=1 - mean[1] / max(mean[0], 1e-300),
-        interval_90=interval,
+        interval_90=interval_of(a, b, run, np.random.default_rng(seed)),
         windows=len(a),
         by_run={data.trials[r]: (float(a[run == r].mean()), float(b[run == r].mean())) for r in np.unique(run)},
-        likelihood_gain=float(gains.sum()) if np.isfinite(gains).all() else None,
-        likelihood_interval_90=(low, high) if len(gains) >= FEW and np.isfinite(gains).all() else None,
         horizons={"1 step": (before.step, after.step), "30 s": mean, "whole run": (before.whole, after.whole)},
     )
 
 
 SETTLED = 0.1  # Change of log likelihood from which a filter along other trials has settled. Set by hand.
 FITS = 20  # Linearisations of it at most: where hardly any random force acts, its size falls step by step. Set by hand.
-
-
-def one_step_likelihood(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> np.ndarray:
-    """Negative log likelihood of one-step predictions of each window (R,) of other trials, NaN where they explode;
-    steps, data, fit: as of ``filtered_along``."""
-    here = filtered_along(steps, data, fit)
-    return np.full(len(data.run), np.nan) if here is None else likelihood_of(here)
 
 
 def likelihood_of(here: Linearisation) -> np.ndarray:

@@ -67,7 +67,7 @@ def case(verdict: str) -> Diagnosis:
     )
     runs = {"test <1>": (0.5, 0.2), "test 2": (0.3, 0.35)}
     after = 0.2 if named else 0.4
-    held = HeldOut(0.4, after, 1 - after / 0.4, (0.3, 0.6) if named else (0.0, 0.0), 12, runs, 30.0, (10.0, 50.0))
+    held = HeldOut(0.4, after, 1 - after / 0.4, (0.3, 0.6) if named else (0.0, 0.0), 12, runs)
     return Diagnosis(
         verdict=verdict,
         sentence=f"In one sentence: {verdict}, wave_drift or not, by -90%.",
