@@ -233,11 +233,12 @@ def against_captive(forces: CaptiveForces, base: np.ndarray, free: np.ndarray, p
     """
     from fitting.nlp.captive import estimate_from_captive
 
-    alone = estimate_from_captive(forces, base, free, prior.mean, prior.std, ridge=1e-3)  # 1 / sqrt(1e-3) = 30
-    spread = np.sqrt(np.clip(np.diag(alone.covariance), 0, None))
+    # 1 / sqrt(1e-3) = 30
+    alone, covariance = estimate_from_captive(forces, base, free, prior.mean, prior.std, ridge=1e-3)
+    spread = np.sqrt(np.diag(covariance))
     found = [
         (abs(p) / np.sqrt(1 + s**2), symbol, mean, std, mean + std * p)  # variances of prior and points add up
-        for symbol, mean, std, p, s in zip(prior.symbols, prior.mean, prior.std, alone.p, spread, strict=True)
+        for symbol, mean, std, p, s in zip(prior.symbols, prior.mean, prior.std, alone, spread, strict=True)
         if s < 3.0  # a tenth of the wide prior: the points tell it; set by hand
     ]
     return [

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
+from scipy.optimize import least_squares
 
 from cases.io.read import split_header
 from cases.io.trial_table import trial_table
@@ -164,48 +165,28 @@ class CaptiveForces:
         return self.information(theta) + H + np.triu(H, 1).T  # J'WJ, and second derivatives of the forces by residuals
 
 
-@dataclass(frozen=True)
-class CaptiveEstimate:
-    """Estimate from captive points and a prior without any trial: p and covariance in prior standard deviations."""
-
-    p: np.ndarray
-    covariance: np.ndarray
-    converged: bool
-
-
 def estimate_from_captive(
     forces: CaptiveForces, base: np.ndarray, free: np.ndarray, mean: np.ndarray, std: np.ndarray, ridge: float = 1.0
-) -> CaptiveEstimate:
-    """Minimum of the captive cost + ridge/2 |p|^2 over free = mean + std p, by damped Newton steps on p.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Minimum p (P,) of the captive cost + ridge/2 |p|^2 over free = mean + std p, and its covariance (P, P).
 
     forces: of the points; base: all coefficients (all,); free: positions of the free ones (P,); mean, std: of their
     prior (P,); ridge: 1 for the prior as it stands, smaller for a wider one. Bounds are not regarded.
     """
-    p, damping = np.zeros(len(free)), 0.0
+    weight, prior = np.sqrt(forces.weight), np.sqrt(ridge) * np.eye(len(free))
 
     def at(p: np.ndarray) -> np.ndarray:
         theta = base.copy()
         theta[free] = mean + std * p
         return theta
 
-    def value(p: np.ndarray) -> float:
-        return forces.cost(at(p)) + 0.5 * ridge * float(p @ p)
+    def residuals(p: np.ndarray) -> np.ndarray:
+        return np.concatenate([(weight * forces.residuals(at(p))).ravel(), prior @ p])
 
-    def curvature(p: np.ndarray) -> np.ndarray:
-        return np.outer(std, std) * forces.information(at(p)) + ridge * np.eye(len(p))
+    def slopes(p: np.ndarray) -> np.ndarray:
+        J = weight[..., None] * np.moveaxis(forces.jacobian(at(p)), 1, 0) * std  # (3, M, P), as the residuals
+        return np.vstack([J.reshape(-1, len(p)), prior])
 
-    here, converged = value(p), False
-    for _ in range(200):
-        g, H = std * forces.gradient(at(p)) + ridge * p, curvature(p)
-        step = -np.linalg.solve(H + damping * np.diag(np.diag(H)), g)  # by the diagonal (Marquardt 1963)
-        there = value(p + step)
-        if np.isfinite(there) and there <= here:
-            p, gain, here, damping = p + step, here - there, there, damping / 10 if damping > 1e-9 else 0.0
-            if gain <= 1e-9 * abs(here) + 1e-14:  # set by hand: messages show four digits
-                converged = True
-                break
-        else:
-            damping = max(10 * damping, 1e-4)  # from none to a first one
-            if damping > 1e10:  # steps have become rounding
-                break
-    return CaptiveEstimate(p, np.linalg.inv(curvature(p)), converged)
+    p = least_squares(residuals, np.zeros(len(free)), slopes, method="lm").x
+    J = slopes(p)
+    return p, np.linalg.inv(J.T @ J)
