@@ -276,8 +276,7 @@ class RankedCandidate:
 
     score: chi-squared of the test at the fit without effects; p_value: of the largest of all; delta_bic, evidence: None
     if not refitted; excited: whether the trials move it at all; parameters: if refitted; visible_from: parameter ->
-    size (off neutral) of three standard errors, from which these trials would show it; usual: parameter -> value that
-    the trials of the calibration, if those are others, show already: the tests are of what differs from it.
+    size (off neutral) of three standard errors, from which these trials would show it.
     """
 
     name: str
@@ -288,7 +287,6 @@ class RankedCandidate:
     absorbed_share: Real
     parameters: Mapping[str, EstimatedParameter] = field(default_factory=dict)
     visible_from: Mapping[str, Real] = field(default_factory=dict)
-    usual: Mapping[str, Real] = field(default_factory=dict)
     evidence: float | None = None
 
 

@@ -126,13 +126,6 @@ def visible_from(first: Search, effect: str) -> dict[str, float]:
     return {parameter: float(size) for parameter, size in sizes.items() if np.isfinite(size)}
 
 
-def usual_values(full: FullModel, effect: str) -> dict[str, float]:
-    """Parameter -> value from which an ``effect`` of the ``full`` model is tested, where that is not neutral."""
-    rows = (row for c in full.candidates if c.effect == effect for row in zip(c.symbols, c.neutral, strict=True))
-    values = {symbol.split(".", 1)[1]: float(value) for symbol, value in rows}
-    return {k: value for k, value in values.items() if value != neutral(full.ship, effect, k)}
-
-
 def ranking(full: FullModel, first: Search) -> tuple[RankedCandidate, ...]:
     """All candidates of ``full`` by the ``first`` search, once each: those refitted first, then the others by score."""
     rows: dict[str, RankedCandidate] = {}
@@ -140,11 +133,10 @@ def ranking(full: FullModel, first: Search) -> tuple[RankedCandidate, ...]:
         s, name = first.score(r.candidate), r.candidate.effect
         if name not in rows:
             sizes, visible = parameters_of(full, r.fit, r.candidate), visible_from(first, name)
-            usual, by_score = usual_values(full, name), (name, s.T, r.p_value, r.delta_bic, True, s.absorbed)
-            rows[name] = RankedCandidate(*by_score, sizes, visible, usual, r.evidence)
+            by_score = (name, s.T, r.p_value, r.delta_bic, True, s.absorbed)
+            rows[name] = RankedCandidate(*by_score, sizes, visible, r.evidence)
     for s in first.scores:
         name = s.candidate.effect
         visible = visible_from(first, name)
-        usual = usual_values(full, name)
-        rows.setdefault(name, RankedCandidate(name, s.T, s.p_value, None, s.excited, s.absorbed, {}, visible, usual))
+        rows.setdefault(name, RankedCandidate(name, s.T, s.p_value, None, s.excited, s.absorbed, {}, visible))
     return tuple(rows.values())

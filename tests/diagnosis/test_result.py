@@ -68,7 +68,7 @@ def test_the_files_have_exactly_their_keys(folder: Path) -> None:
     assert keys_of(content["effects"]) == {"name", "parameters", "p_value", "delta_bic", "absorbed_share", "evidence"}
     assert set(content["effects"][0]["parameters"]["x"]) == {"value", "std", "unit"}
     assert keys_of(content["candidates"]) == {
-        "name", "score", "p_value", "delta_bic", "excited", "absorbed_share", "parameters", "visible_from", "usual",
+        "name", "score", "p_value", "delta_bic", "excited", "absorbed_share", "parameters", "visible_from",
         "evidence",
     }  # fmt: skip
     assert set(content["unexplained_force"]) == {"evidence", "channels", "follows", "times", "advice"}
