@@ -44,7 +44,7 @@ from diagnosis.inputs import (
     told_of_predictions,
 )
 from diagnosis.judgement.budget import budget_of
-from diagnosis.judgement.verdict import beyond_reported, judged_search, limits
+from diagnosis.judgement.verdict import judged_search, limits
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare_with_sensors
 from diagnosis.report.words import likeness, sentence_of
@@ -151,8 +151,6 @@ def _diagnosed(
     reasons += limits(ready, selection, trials, tests, budget, final if is_found else None)
     causes = [c for c in selection.effects if not c.measures]
     effects = tuple(summary.named_effect(ready.full, selection, c, time_error) for c in causes)
-    reasons += (doubts := beyond_reported(effects, ship))
-    remainder = remainder or bool(doubts)
     LOGGER.info("locating the gap and planning the next test")
     place = where(p.steps.model.controls, p.data, selection.null, ship, final if is_found else None)
     advice = _unless_impossible(lambda: _advice(ready, selection, same, ship), "the next test", "", reasons)

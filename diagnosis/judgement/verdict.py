@@ -21,7 +21,7 @@ from diagnosis.estimation.candidates import Candidate, FullModel
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
-from diagnosis.findings import TESTS, Budget, NamedEffect
+from diagnosis.findings import TESTS, Budget
 from diagnosis.hypotheses.forward_selection import MOST, ODDS, Selection, select_effects
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
@@ -194,20 +194,6 @@ def impossible_size(full: FullModel, fit: Estimate, candidate: Candidate) -> str
             size = f"{p.symbol} = {estimated.value:.3g} ± {estimated.std:.2g} {estimated.unit}".rstrip()
             return f"{candidate.effect} ({size}), which cannot be {limit} {estimated.unit}".rstrip()
     return ""
-
-
-def beyond_reported(effects: Sequence[NamedEffect], ship: Ship) -> list[Message]:
-    """A sentence on each of the named ``effects`` of a ``ship`` that is surely larger than any known of."""
-    rows = []
-    for e in effects:
-        for p in parameters(ship, e.name):
-            estimated = e.parameters.get(p.symbol)
-            if estimated is None or abs(estimated.value - p.neutral) - 2 * estimated.std <= p.reported:
-                continue
-            size = f"{estimated.value:.3g} +- {estimated.std:.2g} {estimated.unit}".rstrip()
-            words = f"{e.name} of {p.symbol} {size} is more than any that is known of ({p.reported:g})"
-            rows.append(Message(f"{words}: something else adds to it, or stands behind it", "beyond_reported"))
-    return rows
 
 
 def limits(

@@ -31,10 +31,10 @@ class Parameter:
 
     neutral: the value at which the effect is absent; typical: a size that shows in a trial (an offset from neutral);
     lower, upper: bounds of a fit; held: not freed unless asked for by name (places, widths); form: of another form of
-    the effect, which a diagnosis asks about in place of the usual one; reported: largest size that is known of [unit];
-    least, most: what it can be in nature [unit], where a fit may go further: a diagnosis names nothing that is surely
-    less or more; lost: by how much less than ``least`` it can be of a calibrated ship, which may have had and lost it;
-    choice: which of two models holds (0 or 1), of which no data tell a size.
+    the effect, which a diagnosis asks about in place of the usual one; least, most: what it can be in nature [unit],
+    where a fit may go further: a diagnosis names nothing that is surely less or more; lost: by how much less than
+    ``least`` it can be of a calibrated ship, which may have had and lost it; choice: which of two models holds (0 or
+    1), of which no data tell a size.
     """
 
     symbol: str
@@ -46,7 +46,6 @@ class Parameter:
     description: str
     held: bool = False
     form: str = ""
-    reported: float = math.inf
     least: float = -math.inf
     most: float = math.inf
     lost: float = 0.0

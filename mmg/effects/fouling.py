@@ -21,7 +21,7 @@ class Fouling(Effect):
     def parameters(self, p: SimpleNamespace, components: dict[str, str]) -> tuple[Parameter, ...]:
         words = "resistance larger by this share"
         lost = REPORTED / (1 + REPORTED)  # by a ship that was calibrated as foul as any and is clean now
-        return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", words, reported=REPORTED, least=0.0, lost=lost),)
+        return (Parameter("share", 0.0, 0.3, -0.6, 5.0, "", words, least=0.0, lost=lost),)
 
     def lacking(self, components: Mapping[str, str]) -> str:
         # such a hull's X in straight motion is resistance less thrust: zero at the service speed

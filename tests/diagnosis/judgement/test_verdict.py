@@ -14,10 +14,10 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.findings import TESTS, EstimatedParameter, NamedEffect
+from diagnosis.findings import TESTS
 from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.refit import refit
-from diagnosis.judgement.verdict import another_ship, beyond_reported, impossible_size, limits, verdict_of
+from diagnosis.judgement.verdict import another_ship, impossible_size, limits, verdict_of
 from diagnosis.prepare import InputReading, Prepared
 from mmg.effects import EFFECTS
 from tests.support.diagnosis_cases import candidate, full_model, pushed_problem, pushed_trials
@@ -181,12 +181,3 @@ def test_every_effect_can_be_absent() -> None:
     for name, effect in EFFECTS.items():
         for p in effect.parameters(ship.namespace, dict(ship.components)):
             assert p.held or max(p.least, p.lower) <= p.neutral <= min(p.most, p.upper), (name, p.symbol)
-
-
-@pytest.mark.parametrize(("share", "std", "said"), [(1.5, 0.2, True), (1.5, 0.3, False), (0.9, 0.01, False)])
-def test_more_fouling_than_any_ship_had_is_not_all_fouling(share: float, std: float, said: bool) -> None:
-    size = EstimatedParameter(share, std, "")
-    other = NamedEffect("current", {"x": EstimatedParameter(9.0, 0.1, "m/s")}, 0.0, 10.0, 0.1)
-    rows = beyond_reported([other, NamedEffect("fouling", {"share": size}, 0.0, 10.0, 0.1)], ready().full.ship)
-    assert [row.code for row in rows] == ["beyond_reported"] * said
-    assert all("1.5" in row and "(1)" in row for row in rows)
