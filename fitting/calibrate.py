@@ -16,7 +16,6 @@ from cases.shipfiles.model_changes import with_instruments
 from cases.trial import Trial
 from cases.trial_set import TrialSet, shared_rows
 from fitting.calibration import (
-    Calibration,
     Second,
     SecondEstimate,
     averages,
@@ -149,12 +148,13 @@ def calibrate(
     apart = coefficients_without(found, each_alone(len(trials)))  # (R, P): of each run, by the others
     # of trials that nobody fitted, else of its own, each left out
     past = (validation, None) if any(t.has_position for t in validation) else (trials, apart)
+    known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
     # in this order: the second takes what the first has ``made``
     parts: dict[str, Callable[[], Any]] = {
         "scores": lambda: score_pairs(scores_by_set(before, sets), scores_by_set(after, sets)),
         "worth of what was left out": lambda: worth_of_left_out(after, sets, made["scores"]),
         "worth of adaptation": lambda: adaptation_worth(after, *past),
-        "prediction bands": lambda: prediction_bands(found, after, trials, apart),
+        "prediction bands": lambda: fit_bands(after, trials, draws_of(known, found.ship), apart),
     }
     if options.next_trial and found.converged and np.isfinite(found.covariance).all():
         parts["next trial"] = lambda: next_trial(found)
@@ -342,12 +342,3 @@ def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> N
     if options.per_run and len(train) == 1:
         same = f"--with {' --with '.join(options.per_run)}"
         LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
-
-
-def prediction_bands(
-    found: Calibration, simulator: Simulator, trials: Sequence[Trial], apart: np.ndarray
-) -> dict[str, Any] | None:
-    """How far predictions of ``simulator``, by the calibration ``found``, are off on its ``trials``, each left out:
-    ``apart`` (R, P), as of ``coefficients_without``."""
-    known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
-    return fit_bands(simulator, trials, draws_of(known, found.ship), apart)

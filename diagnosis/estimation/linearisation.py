@@ -51,10 +51,6 @@ class Trajectory:
         push[:-1] += (self.gusts @ self.gust[:-1, ..., None])[..., 0]
         return push
 
-    def along(self, z: np.ndarray) -> Trajectory:
-        """The same forces and gusts along other states ``z`` (K + 1, R, S)."""
-        return replace(self, z=z)
-
     def moved(self, z: np.ndarray, mean: np.ndarray, gusts: np.ndarray | None) -> Trajectory:
         """Other states, and the forces and gusts changed.
 
@@ -271,8 +267,8 @@ def path_of_all_states(steps: TransitionModel, data: GriddedTrials, point: Point
     passive = np.setdiff1d(np.arange(steps.S), active_states(steps, point.free.symbols, point.theta))
     if not len(passive):
         return point.path
-    controls = acting(steps, data, point.theta).controls
-    return point.path.along(steps.with_passive_states(point.path.z, controls, point.theta, point.path.push, passive))
+    controls, path = acting(steps, data, point.theta).controls, point.path
+    return replace(path, z=steps.with_passive_states(path.z, controls, point.theta, path.push, passive))
 
 
 def column_positions(steps: TransitionModel, free: Priors) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -96,5 +96,5 @@ def _start(
     path = before.path
     if len(asleep):  # states that were not followed before begin along the path
         controls = acting(steps, data, theta).controls
-        path = path.along(steps.with_passive_states(path.z, controls, theta, path.push, asleep))
+        path = replace(path, z=steps.with_passive_states(path.z, controls, theta, path.push, asleep))
     return Point(theta, free, p, path, before.noise)

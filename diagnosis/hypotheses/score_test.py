@@ -108,13 +108,6 @@ class Slopes:
     dispersion: Mapping[Candidate, float] = field(default_factory=dict)
     taken: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
-    def only(self, candidates: Sequence[Candidate]) -> Slopes:
-        """Those of some ``candidates``, in their order."""
-        columns = tuple(x for c in candidates for x in c.columns)
-        at = np.array([self.columns.index(x) for x in columns], dtype=int)
-        taken = self.taken[:, at] if len(self.taken) else self.taken
-        return replace(self, columns=columns, g=self.g[at], S=self.S[np.ix_(at, at)], own=self.own[at], taken=taken)
-
 
 @dataclass(frozen=True)
 class ScoreTest:
