@@ -468,7 +468,9 @@ def sentence_of(
     found: list[NamedEffect | InstrumentFault] = [*effects, *instruments]
     first, is_small = found[0] if found else None, False
     found.sort(key=lambda f: -parts[f.name].share if f.name in parts else 0.0)  # what causes most heads the sentence
-    if verdict == "unknown":
+    # what cannot be more than half of the error stands behind the causes that are known
+    is_minor = rest is not None and bool(found) and rest.interval_90[1] < HALF
+    if verdict == "unknown" and not is_minor:
         words.append("Something is missing in the model, but none of the known effects explains it.")
         if nearest and not instruments:
             words.append(f"The nearest known effect, {nearest}, does not account for it.")
@@ -479,11 +481,19 @@ def sentence_of(
     elif rest is not None and rest.share > HALF and parts[found[0].name].interval_90[1] < HALF:
         is_small = True
         words.append(f"Most of the gap ({share_words(rest)}) is not explained.")
-    words += [_cause(f, parts.get(f.name), same if f is first else ()) for f in found]
+    small = [f for f in found[1:] if f.name in parts and not parts[f.name].matters]
+    words += [_cause(f, parts.get(f.name), same if f is first else ()) for f in found if f not in small]
+    if small:
+        words.append(
+            f"Also there, but below {percent(MATTERS)} each: {', '.join(f'{f.name} ({amount(f)})' for f in small)}."
+        )
     if budget is not None and found and budget.units["position_m"][0] > 0:  # 0: no trial logs a position
         before, after, _ = budget.units["position_m"]
         words.append(f"The position error after {budget.metric} goes from {before:.2g} to {after:.2g} m.")
-    if remainder and rest is not None and rest.interval_90[0] <= MATTERS:
+    if verdict == "unknown" and is_minor and rest is not None:
+        most = percent(max(min(rest.interval_90[1], 1.0), 0.01))
+        words.append(f"Something acts besides that no known effect explains, up to {most} of the avoidable error.")
+    elif remainder and rest is not None and rest.interval_90[0] <= MATTERS:
         words.append(f"Something else acts as well, up to {percent(min(rest.interval_90[1], 1.0))} of the gap.")
     elif remainder and not is_small:
         size = f" ({share_words(rest)})" if rest is not None else ""

@@ -181,6 +181,20 @@ def test_the_sentence_follows_from_the_budget(
     assert "3.2" in words and " m." not in sentence_of("named", [effect], [], (), remainder, unplaced)
 
 
+def test_what_does_not_matter_stands_behind_what_does() -> None:
+    """An effect below 5 % is listed alone; something unknown that cannot be half of the error heads no sentence."""
+    units = {"position_m": (3.2, 0.1, 0.1), "heading_deg": (9.0, 1.0, 1.0)}
+    parts = (part("current", 0.98, 0.96, 0.99), part("draft", 0.0, 0.0, 0.01))
+    budget = Budget("30 s", TESTS, 1.0, 0.1, 0.1, parts, part("unexplained", 0.0, 0.0, 0.08), units)
+    effects = [NamedEffect(name, CURRENT, 1e-12, 280.0, 0.3) for name in ("current", "draft")]
+    words = sentence_of("named", effects, [], (), False, budget)
+    assert words.count("causes") == 1 and words.index("98 %") < words.index("draft")
+    unknown = sentence_of("unknown", effects[:1], [], (), True, budget)
+    assert unknown.split()[0] == "current" and "8 %" in unknown
+    large = replace(budget, unexplained=part("unexplained", 0.6, 0.3, 0.8))
+    assert sentence_of("unknown", effects[:1], [], (), True, large).split()[0] != "current"
+
+
 def test_named_effect_and_its_class_are_told() -> None:
     d = case("named")
     text = text_of(build_report(d, Path("nowhere"), []))
