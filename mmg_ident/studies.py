@@ -93,22 +93,23 @@ MEASURED, SIMULATED = "length kind correct current", "speed rudder_rate maneuver
 
 @keywords(also="length# kind correct current speed# rudder_rate# maneuver scatter# seed# workers#")
 def imo(
-    model: Model, trials: Trials = (), scale: float | None = None, unchecked: bool = False, **values: Any
+    model: Model | None, trials: Trials = (), scale: float | None = None, unchecked: bool = False, **values: Any
 ) -> JudgedFigures:
     """Judge a ship by IMO MSC.137(76), as ``mmg imo`` does: simulated, or by measured ``trials`` of her.
 
-    model: the ship; trials: measured, of which then the figures are; scale: ship length over model length; unchecked:
-    judge contradictory trials too; values, of trials: length: L of their ship [m], default that of the model; kind: of
-    their manoeuvre, default from the data; correct: to still water and calm air; current: speed [m/s] and direction it
-    goes to [deg], default from their circles; of a ship that is simulated: speed: of the test [m/s]; rudder_rate
-    [deg/s]; maneuver: further ones, such as "spiral:15/5"; scatter: draws for intervals, 0: none, default 500 where a
-    covariance is known; seed, workers: of the draws. Returns figures, limits and verdicts. Raises UserError for what
-    does not belong together, and when no manoeuvre reaches its event.
+    model: the ship; None: not known, of trials with a length; trials: measured, of which then the figures are; scale:
+    ship length over model length; unchecked: judge contradictory trials too; values, of trials: length: L of their ship
+    [m], default that of the model; kind: of their manoeuvre, default from the data; correct: to still water and calm
+    air; current: speed [m/s] and direction it goes to [deg], default from their circles; of a ship that is simulated:
+    speed: of the test [m/s]; rudder_rate [deg/s]; maneuver: further ones, such as "spiral:15/5"; scatter: draws for
+    intervals, 0: none, default 500 where a covariance is known; seed, workers: of the draws. Returns figures, limits
+    and verdicts. Raises UserError for what does not belong together, and when no manoeuvre reaches its event.
     """
     from cases.criteria.imo import WaterVelocity, imo_figures, imo_figures_of_trials
-    from fitting.prediction.figure_intervals import JudgedFigures
+    from fitting.prediction.bands import correlation_in
+    from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, with_intervals
 
-    ship, measured, simulated = ship_of(model), taken(values, MEASURED), taken(values, SIMULATED)
+    measured, simulated = taken(values, MEASURED), taken(values, SIMULATED)
     if isinstance(trials, (str, Path)) or len(trials):
         if simulated:
             raise Conflict(f"{next(iter(simulated))}: belongs to a ship that is simulated; trials have their own")
@@ -121,17 +122,32 @@ def imo(
             towards = math.radians(towards)
             # north and east [m/s]: a current is named by where it goes to, a wind by where it comes from
             water = WaterVelocity(speed * math.cos(towards), speed * math.sin(towards), 0.0, "as given")
-        (runs,) = ready(trials, unchecked=unchecked)
         length, kind = measured.get("length"), measured.get("kind", "")
         if length is not None and not 0 < length < math.inf:
             raise OutOfRange(f"length = {length:g}: must be a positive number of metres")
+        if model is None and length is None:
+            raise Missing("trials need the length of their ship: --ship SHIP or --length METRES")
+        (runs,) = ready(trials, unchecked=unchecked)
+        ship = None if model is None else ship_of(model)
         return JudgedFigures.of(imo_figures_of_trials(runs, ship, length, kind, scale, water))
     if measured:
         raise Conflict(f"{next(iter(measured))}: belongs to measured trials; give trials")
+    ship, content = ship_of(model), content_of(model)
     rate, speed = simulated.pop("rudder_rate", None), simulated.pop("speed", None)
     rate = None if rate is None else math.radians(rate)
     figures = imo_figures(ship, speed, rate, listed(simulated.pop("maneuver", ())), scale)
-    return drawn_figures(figures, ship, content_of(model), rate, **simulated)
+    has_covariance = correlation_in(content) is not None or (not content and is_starting_ship(ship))
+    # a library ship has no intervals unless draws are asked for: her priors are those of a regression
+    scatter = simulated.get("scatter")
+    count = scatter if scatter is not None else DRAWS * has_covariance
+    if count:
+        return with_intervals(
+            figures, ship, content, count, simulated.get("seed", 0), rate, simulated.get("workers", 1)
+        )
+    if content and scatter is None:
+        words = f"no 90 % intervals: the run of {ship.name} holds no covariance; fit again, or give --scatter for its "
+        figures = replace(figures, notices=(*figures.notices, Message(words + "priors", "no_covariance")))
+    return JudgedFigures.of(figures)
 
 
 @keywords()
@@ -152,29 +168,6 @@ def card(
 
     rate = None if rudder_rate is None else math.radians(rudder_rate)
     return ship_card(ship_of(model), content_of(model), speed, rate, scatter, seed)
-
-
-def drawn_figures(
-    figures: Any, ship: Any, content: dict[str, Any], rudder_rate: float | None = None, scatter: int | None = None,
-    seed: int = 0, workers: int = 1,
-) -> JudgedFigures:  # fmt: skip
-    """The ``figures`` of a simulated ``ship`` with 90 % intervals, where a covariance is known or draws are asked for.
-
-    content: of her result.json; rudder_rate [rad/s]; scatter: draws, 0: none; seed, workers: of them. Raises UserError
-    for a number of draws that makes no sense.
-    """
-    from fitting.prediction.bands import correlation_in
-    from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, with_intervals
-
-    has_covariance = correlation_in(content) is not None or (not content and is_starting_ship(ship))
-    # a library ship has no intervals unless draws are asked for: her priors are those of a regression
-    count = scatter if scatter is not None else DRAWS * has_covariance
-    if count:
-        return with_intervals(figures, ship, content, count, seed, rudder_rate, workers)
-    if content and scatter is None:
-        words = f"no 90 % intervals: the run of {ship.name} holds no covariance; fit again, or give --scatter for its "
-        figures = replace(figures, notices=(*figures.notices, Message(words + "priors", "no_covariance")))
-    return JudgedFigures.of(figures)
 
 
 @keywords(Wish)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import Conflict, Missing, TargetExists, UnknownName, writing
+from mmg.errors import Conflict, TargetExists, UnknownName, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -55,13 +55,8 @@ def imo(
 
     Example: mmg imo kvlcc2_full --plot imo.png
     """
-    from cases.criteria.imo import WaterVelocity, imo_figures, imo_figures_of_trials
     from cases.criteria.measured_maneuvers import KINDS
-    from cases.shipfiles.ship_file import load_ship
-    from cases.trial_set import ready
-    from fitting.prediction.figure_intervals import JudgedFigures
-    from mmg_ident.api import content_of
-    from mmg_ident.studies import drawn_figures
+    from mmg_ident import studies
 
     models = [a for a in ships_and_trials if cli.is_model(a)]
     files = [a for a in ships_and_trials if not cli.is_model(a)]
@@ -74,34 +69,20 @@ def imo(
     cli.refuse_target("--plot", plot, force, cli.FIGURES)
     if out is not None and out.exists() and not (out.is_dir() and (force or not any(out.iterdir()))):
         raise TargetExists(f"--out {out}: exists already; name a new folder or add --force")
+    simulated = {"scatter": scatter, "speed": speed, "rudder_rate": rudder_rate, "maneuver": maneuver or None}
+    measured = {"length": length, "kind": kind or None, "correct": correct or None, "current": current}
     if models:
-        cli.refuse_given(
-            {"--ship": ship, "--length": length, "--kind": kind or None, "--correct": correct or None,
-             "--current": current},
-            f"belongs to trial files; {models[0]} is simulated",
-        )  # fmt: skip
-        rate = None if rudder_rate is None else math.radians(rudder_rate)
-        simulated = load_ship(models[0])
-        with cli.working(f"simulating the manoeuvres of {simulated.name}"):
-            figures = imo_figures(simulated, speed, rate, maneuver or [], scale)
-        with cli.working("simulating ships that the trials allow"):
-            judged = drawn_figures(figures, simulated, content_of(models[0]), rate, scatter, seed, workers)
+        words = f"belongs to trial files; {models[0]} is simulated"
+        cli.refuse_given({"--ship": ship, **{f"--{name}": value for name, value in measured.items()}}, words)
+        with cli.working(f"simulating the manoeuvres of {models[0]}"):
+            judged = studies.imo(models[0], scale=scale, **simulated, seed=seed, workers=workers)
     else:
-        cli.refuse_given(
-            {"--scatter": scatter, "--speed": speed, "--rudder-rate": rudder_rate, "--maneuver": maneuver or None},
-            "belongs to a ship that is simulated; trial files have their own",
-        )
-        model = load_ship(ship) if ship is not None else None
-        if model is None and length is None:
-            raise Missing("trial files need the length of their ship: --ship SHIP or --length METRES")
-        water: WaterVelocity | bool = correct
+        words = "belongs to a ship that is simulated; trial files have their own"
+        cli.refuse_given({f"--{name.replace('_', '-')}": value for name, value in simulated.items()}, words)
         if current is not None:
-            speed, towards = cli.numbers_of(current, 2, "--current SPEED:TOWARDS", ":")
-            cli.positive("--current SPEED:TOWARDS", speed, or_zero=True)
-            angle = math.radians(towards)  # north and east [m/s]: a current is named by where it goes to
-            water = WaterVelocity(speed * math.cos(angle), speed * math.sin(angle), 0.0, "as given")
-        (trials,) = ready(files, unchecked=unchecked)
-        judged = JudgedFigures.of(imo_figures_of_trials(trials, model, length, kind, scale, water))
+            measured["current"] = numbers = cli.numbers_of(current, 2, "--current SPEED:TOWARDS", ":")
+            cli.positive("--current SPEED:TOWARDS", numbers[0], or_zero=True)
+        judged = studies.imo(ship, files, scale, unchecked, **measured)
     _write(plot, out, judged)
     if json:
         cli.print_json(judged.to_dict())
