@@ -245,20 +245,31 @@ def select(
     as order=2, objective: "regression", or "paper" (Miyauchi et al. 2023) with seeds: its runs. Returns the choice.
     Raises UserError where no candidate can be fitted.
     """
-    from fitting.selection.candidates import candidate, candidates
     from fitting.selection.structure_choice import choose_structure
 
-    objective = values.pop("objective", "regression")
+    study, _ = selection_study(ship, trials, validate, test, only, unchecked, **values)
+    return choose_structure(**study, progress=progress)
+
+
+def selection_study(
+    ship: Model, trials: Trials, validate: Trials = (), test: Trials = (), only: str | Sequence[str] = (),
+    unchecked: bool = False, **values: Any,
+) -> tuple[dict[str, Any], str]:  # fmt: skip
+    """Arguments by name of ``choose_structure``, and a sentence on what chooses, "" where that was given. ship, trials,
+    validate, test, only, unchecked, values: as of ``select``. Raises UserError as that does."""
+    from fitting.selection.candidates import candidate, candidates
+
+    objective, seeds = values.pop("objective", "regression"), values.pop("seeds", None)
     if objective not in ("regression", "paper"):
         raise UnknownName(f"--objective {objective}: must be regression or paper")
-    seeds = values.pop("seeds", 1) if objective == "paper" else 0  # runs of the paper's objective, 0: by regression
     rules = Rules(**checked_settings(Rules, {name: values.pop(name) for name in settings_of(Rules) if name in values}))
     settings = Settings(**(SELECTION | checked_settings(Settings, values)))
-    *sets, _ = parted_trials(trials, validate, test)
-    train, judges, tests = ready(*sets, unchecked=unchecked)
-    model, names = ship_of(ship), names_of(only)
+    *parts, words = parted_trials(trials, validate, test)
+    sets, model, names = ready(*parts, unchecked=unchecked), ship_of(ship), names_of(only)
     tried = [candidate(model, name, rules) for name in names] if names else list(candidates(model, rules))
-    return choose_structure(model, tried, (train, judges, tests), settings, bool(names), progress, seeds)
+    study = {"ship": model, "given": tried, "trials": sets, "settings": settings, "named": bool(names)}
+    # runs of the paper's objective, 0: by regression
+    return study | {"seeds": (seeds or 1) if objective == "paper" else 0}, words
 
 
 def comparison_study(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
@@ -69,8 +69,13 @@ def imo(
     cli.refuse_target("--plot", plot, force, cli.FIGURES)
     if out is not None and out.exists() and not (out.is_dir() and (force or not any(out.iterdir()))):
         raise TargetExists(f"--out {out}: exists already; name a new folder or add --force")
-    simulated = {"scatter": scatter, "speed": speed, "rudder_rate": rudder_rate, "maneuver": maneuver or None}
-    measured = {"length": length, "kind": kind or None, "correct": correct or None, "current": current}
+    simulated: dict[str, Any] = {
+        "scatter": scatter,
+        "speed": speed,
+        "rudder_rate": rudder_rate,
+        "maneuver": maneuver or None,
+    }
+    measured: dict[str, Any] = {"length": length, "kind": kind or None, "correct": correct or None, "current": current}
     if models:
         words = f"belongs to trial files; {models[0]} is simulated"
         cli.refuse_given({"--ship": ship, **{f"--{name}": value for name, value in measured.items()}}, words)

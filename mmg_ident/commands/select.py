@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, Option
 
 from fitting.settings import Rules, Settings
-from mmg.errors import Conflict, UnknownName, UserError, writing
+from mmg.errors import Conflict, UserError, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 from mmg_ident.settings import names_of
 
 if TYPE_CHECKING:
-    from cases.trial_set import TrialSet
     from fitting.selection.candidates import StructureCandidate
     from fitting.selection.structure_choice import StructureChoice
-    from mmg.ship import Ship
 
 
 @o.options(
@@ -57,12 +55,15 @@ def select(
 
     Example: mmg select ship.toml trials/ --only sm2-order2 --objective paper --out runs/paper
     """
+    from dataclasses import asdict
+
     from cases.io.files import replace_text
     from cases.shipfiles.ship_file import dump_ship, load_ship
-    from cases.trial_set import ready
+    from fitting.report.run_folder import PENDING, check_target
+    from fitting.result import read_fit
     from fitting.selection.candidates import candidate, candidates
     from mmg.components.expansion.structure import term_list
-    from mmg_ident.studies import SELECTION, parted_trials
+    from mmg_ident.studies import selection_study
 
     if sum([list_, terms is not None, write is not None, bool(trials)]) != 1:  # one thing at a time
         raise Conflict("give trials to fit on, or one of --list, --terms NAME and --write NAME")
@@ -71,18 +72,25 @@ def select(
     cli.refuse_target("--out", None if trials else out, force)
     model, rules = load_ship(ship), o.made(Rules, settings)
     if trials and out is not None:
-        chosen = o.made(Settings, SELECTION | settings)
-        if objective not in ("regression", "paper"):
-            raise UnknownName(f"--objective {objective}: must be regression or paper")
         if seeds is not None and objective != "paper":
             raise Conflict("--seeds belongs to --objective paper; add it or leave it out")
-        runs = (seeds or 1) if objective == "paper" else 0  # of the paper's objective, 0: by regression
-        *parts, words = parted_trials(trials, validate or (), test or ())
+        # both files, as result.json alone is also that of a fit
+        is_written = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
+        if is_written and PENDING not in {message.text for message in read_fit(out).messages}:
+            cli.say(f"{out} has finished already; nothing to resume")
+            return 0
+        if not (resume and out.exists()):
+            check_target(out)
+        sets = trials, validate or (), test or ()
+        study, words = selection_study(
+            model, *sets, only or (), unchecked, objective=objective, seeds=seeds, **settings
+        )
         if words:
             cli.say(f"note: {words}")
-        train, judges, tests = ready(*parts, unchecked=unchecked)
-        sets = (train, judges, tests)
-        return _choose(model, rules, sets, names_of(only), chosen, runs, resume, not no_report, out, json)
+        same = {"--only": names_of(only), "options of the candidates": list(asdict(rules).values())}
+        choice = _choose(study, same, resume, not no_report, out)
+        cli.print_json(choice.to_dict() | {"out": str(out)}) if json else _print(choice, out)
+        return 0 if choice.result.converged else 1
     if list_:
         generated = candidates(model, rules)
         rows = [(c.name, str(c.unknowns), *map(str, c.counts), c.words) for c in generated]
@@ -105,48 +113,26 @@ def select(
     return 0
 
 
-def _choose(
-    model: Ship,
-    rules: Rules,
-    sets: tuple[TrialSet, TrialSet, TrialSet],
-    only: list[str],
-    settings: Settings,
-    seeds: int,
-    resume: bool,
-    report: bool,
-    out: Path,
-    json: bool,
-) -> int:
-    """Chooses, writes the run folder, says what came out."""
-    from dataclasses import asdict, replace
+def _choose(study: dict[str, Any], same: dict[str, Any], resume: bool, report: bool, out: Path) -> StructureChoice:
+    """What was chosen by a ``study``, as ``selection_study`` gives it, with its run folder; same: what else a resumed
+    run must have alike."""
+    from dataclasses import replace
 
     from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
-    from fitting.report.run_folder import PENDING, check_target, reserved
-    from fitting.result import read_fit
-    from fitting.selection.candidates import candidate, candidates
+    from fitting.report.run_folder import reserved
     from fitting.selection.structure_choice import choose_structure
 
-    # both files, as result.json alone is also that of a fit
-    is_written = resume and all((out / name).is_file() for name in ("result.json", "selection.json"))
-    if is_written and PENDING not in {message.text for message in read_fit(out).messages}:
-        cli.say(f"{out} has finished already; nothing to resume")
-        return 0
-    if not (resume and out.exists()):
-        check_target(out)
-    tried = [candidate(model, name, rules) for name in only] if only else list(candidates(model, rules))
-    # what a resumed run must have alike: fits of other trials or rules are no part of this choice
-    about = {
-        "ship": hash_of_ship(model),
-        "trials": [hashes_of_trials(some) for some in sets],
-        "--only": only,
-        "options of the candidates": list(asdict(rules).values()),
-        "--objective": "paper" if seeds else "regression",
-        "--seed": settings.seed,
+    # fits of other trials or rules are no part of this choice
+    about = same | {
+        "ship": hash_of_ship(study["ship"]),
+        "trials": [hashes_of_trials(some) for some in study["trials"]],
+        "--objective": "paper" if study["seeds"] else "regression",
+        "--seed": study["settings"].seed,
     }
     store = Store(out / "learned", about, resume and out.exists())
     with reserved(out):
         try:
-            choice = choose_structure(model, tried, sets, settings, bool(only), cli.progress(), seeds, store)
+            choice = choose_structure(**study, progress=cli.progress(), store=store)
         except (KeyboardInterrupt, UserError) as error:
             store.discard()  # keeps finished fits
             if store.has_parts and isinstance(error, KeyboardInterrupt):
@@ -155,9 +141,7 @@ def _choose(
         result = replace(choice.result, command=cli.command_line()).save(
             out, replace=out.exists(), attach=lambda folder: _write_study(choice, store.folder, folder), report=report
         )
-        choice = replace(choice, result=result)
-    cli.print_json(choice.to_dict() | {"out": str(out)}) if json else _print(choice, out)
-    return 0 if choice.result.converged else 1
+    return replace(choice, result=result)
 
 
 def _write_study(choice: StructureChoice, learned: Path, folder: Path) -> None:
