@@ -131,7 +131,7 @@ def predictor(model: Model) -> Simulator | Forecaster:
     return box if box is not None else Simulator(ship_of(model))
 
 
-def content_of(model: Model | None) -> dict[str, Any]:
+def content_of(model: Model) -> dict[str, Any]:
     """What is known of ``model`` beside its ship, as in result.json; empty for a bare ship."""
     if isinstance(model, (str, Path)):
         return content_on(Path(model))

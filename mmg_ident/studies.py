@@ -132,7 +132,7 @@ def imo(
         return JudgedFigures.of(imo_figures_of_trials(runs, ship, length, kind, scale, water))
     if measured:
         raise Conflict(f"{next(iter(measured))}: belongs to measured trials; give trials")
-    ship, content = ship_of(model), content_of(model)
+    ship, content = ship_of(model), {} if model is None else content_of(model)
     rate, speed = simulated.pop("rudder_rate", None), simulated.pop("speed", None)
     rate = None if rate is None else math.radians(rate)
     figures = imo_figures(ship, speed, rate, listed(simulated.pop("maneuver", ())), scale)
