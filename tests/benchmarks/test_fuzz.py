@@ -95,10 +95,6 @@ def test_an_error_says_no_more_than_anyone_reads() -> None:
     assert len(text) <= LONGEST and text.startswith("aaa") and " ... " in text and text.endswith("end")
 
 
-def test_an_error_is_one_line() -> None:
-    assert str(UserError("wind '1\n2\r3'\n")) == "wind '1\\n2\\r3'\\n"
-
-
 # A fit that is ended at a random moment leaves a whole folder or none, and resumed it has the values of another
 @pytest.mark.longest
 @pytest.mark.slow

@@ -18,7 +18,6 @@ from mmg.components.rudder import vectwin
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Exact, Smooth
 from mmg.rollout import Simulator
-from tests.support import vectwin_oracle
 from tests.support.force_numbers import number, particulars_and_coefficients, xyn
 
 SHIP = load_ship("vectwin_3m")
@@ -78,24 +77,6 @@ def test_sign_of_x_P_matters_in_a_turn() -> None:
     motion = flow(*ROWS[2][0])
     one, other = (xyn(kang.force(motion, P, c, EXACT))[0] for c in (C, PUBLISHED))
     assert one / other == pytest.approx(1.1045, abs=1e-3)
-
-
-@pytest.mark.slow
-@settings(max_examples=100, deadline=None)
-@given(
-    st.floats(0.02, 0.6), st.floats(-0.2, 0.2) | st.just(0.0), st.floats(-0.1, 0.1) | st.just(0.0),
-    st.floats(8.0, 15.0), st.floats(-1.83, 0.61) | st.just(0.0), st.floats(-0.61, 1.83) | st.just(0.0),
-)  # fmt: skip
-def test_exact_forces_are_those_of_the_branches(
-    u: float, v: float, r: float, n: float, port: float, starboard: float
-) -> None:
-    motion = Flow(u=u, v=v, r=r, n=n, delta_port=port, delta_starboard=starboard)
-    push, rudders = forces(motion, C, EXACT)
-    X_P, _, _, K_T = vectwin_oracle.propeller(u, v, r, n, P, C)
-    assert xyn(push)[0] == pytest.approx(X_P, rel=1e-9)
-    if K_T > 1e-6:
-        expected = vectwin_oracle.rudders((u, v, r, n), {"s": starboard, "p": port}, P, C)
-        np.testing.assert_allclose(xyn(rudders), expected, rtol=1e-8, atol=1e-10)
 
 
 @pytest.mark.slow
