@@ -12,6 +12,7 @@ from cases.io.read import read_trials
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
+from tests.support.trial_files import write_trials
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted(p for p in (ROOT / "docs").rglob("*.md") if "_build" not in p.parts)]
@@ -64,9 +65,7 @@ def make_workspace(folder: Path, with_trials: bool = True) -> None:
         return
     trials = small_trials()
     for name, chosen in (("trials", trials[:3]), ("held_out", trials[4:]), ("next_year", trials[3:4])):
-        (folder / name).mkdir()
-        for trial in chosen:
-            write_trial(trial, folder / name / f"{trial.name}.csv")
+        write_trials(folder / name, chosen)
     (folder / "logs").mkdir()
     trials[0].to_pandas().to_csv(folder / "logs" / "day1.txt", index=False, sep=";", decimal=",")
     write_trial(trials[4], folder / "held_out" / "run7.csv")

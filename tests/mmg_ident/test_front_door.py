@@ -21,6 +21,7 @@ from mmg_ident.commands.main import main
 from tests.support.calibrated import FREE
 from tests.support.quick import first_quick
 from tests.support.synthetic_runs import coarse_runs
+from tests.support.trial_files import write_trials
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 ROOT = Path(__file__).parents[2]
@@ -32,9 +33,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Trial files, and what the functions of the package make of them."""
     folder = tmp_path_factory.mktemp("door")
     train, held_out = coarse_runs()
-    (folder / "train").mkdir()
-    for trial in train[:2]:
-        write_trial(trial, folder / "train" / f"{trial.name}.csv")
+    write_trials(folder / "train", train[:2])
     write_trial(held_out[0], folder / "held_out.csv")
     ship = mmg_ident.load_ship("esso_osaka_3m")
     ship = ship.fixing([s for s in ship.symbols if s not in FREE])

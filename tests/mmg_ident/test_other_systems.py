@@ -19,6 +19,7 @@ from cases.trial import Trial
 from mmg.errors import UserError, check_name
 from mmg_ident.commands.main import main
 from tests.support.synthetic_runs import coarse_runs
+from tests.support.trial_files import write_trials
 
 ROOT = Path(__file__).parents[2]
 FEW = "--only X_0F,N_r --no-next-trial --measurement none --window 10 --max-iterations 2"
@@ -117,9 +118,7 @@ def test_what_was_made_without_posix_is_gone_on_with(folder: Path, worked: str) 
 def test_work_is_spread_over_spawned_processes_without_posix(folder: Path) -> None:
     """fit, train and compare with two workers; each worker is such a Python as well."""
     small = "--seeds 2 --epochs 1 --width 4"
-    (folder / "more").mkdir()
-    for trial in demo_trials(3)[0][1:4]:
-        write_trial(trial, folder / "more" / f"{trial.name}.csv")
+    write_trials(folder / "more", demo_trials(3)[0][1:4])
     lines = (
         f"fit esso_osaka_3m trials {FEW} --bootstrap 2 --workers 2 --out spread/fit",
         f"train esso_osaka_3m more {small} --workers 2 --out spread/train",

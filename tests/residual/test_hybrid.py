@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -11,7 +9,6 @@ import torch
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.windows import Stretch, pieces_of
 from mmg.errors import TooFewData
-from mmg.messages import has_code
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.hybrid import Hybrid, Residual, Symmetric, build_hybrid, hybrid_scales, to_network
@@ -113,15 +110,6 @@ def test_a_diverging_training_starts_again_lower_and_then_gives_up(rate: float, 
     found = train_one(task)
     assert (found.status, found.restarts) == (status, restarts)
     assert found.rate == pytest.approx(rate * 0.04)
-
-
-@pytest.mark.slow
-def test_a_time_limit_keeps_the_best_weights_so_far() -> None:
-    trials = hybrids.trials(hybrids.lacking(), 3, 150)
-    trained = train(hybrids.ship(), trials, settings=replace(QUICK, seeds=1, epochs=5000, time_limit=0.5))
-    (found,) = trained.per_seed
-    assert found["status"] == "stopped" and found["judged_window"]["after"] <= found["judged_window"]["before"]
-    assert has_code(trained.warnings, "seeds_stopped")
 
 
 @pytest.mark.parametrize("seconds", [25, 60])

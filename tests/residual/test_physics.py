@@ -88,21 +88,6 @@ def test_values_and_gradients_are_those_of_casadi(name, way):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("way", WAYS)
-def test_gradients_are_those_of_finite_differences(way):
-    physics = physics_of(way)(ESSO)
-    z, c = (a[:, 3:11].contiguous().requires_grad_() for a in points(ESSO))
-    added = torch.zeros((3, 8), dtype=torch.float64, requires_grad=True)
-    torch.autograd.gradcheck(lambda z, c: physics.call("rates_and_features", z, c), (z, c), atol=1e-6)
-
-    def step(z: torch.Tensor, added: torch.Tensor) -> torch.Tensor:
-        a, h = added * physics.features(z, c)[:3], torch.full((1, 1), 0.3, dtype=torch.float64)
-        return physics.call("advance", z, z, a, c, h)[0]
-
-    torch.autograd.gradcheck(step, (z, added), atol=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("way", WAYS)
 def test_features_and_columns_are_those_of_the_model(way):
     for ship in (OTHERS["measured"], OTHERS["place"], OTHERS["memory"]):
         z, c = points(ship)

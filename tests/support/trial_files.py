@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from cases.quantities import UNITS
+from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 
 
@@ -53,3 +55,10 @@ def write_csv(
     lines = [",".join("" if np.isnan(x) else repr(float(x)) for x in row) for row in data]
     path.write_text("\n".join([",".join(names), *lines]) + "\n")
     return path
+
+
+def write_trials(folder: Path, trials: Iterable[Trial]) -> None:
+    """The trials as files of the new ``folder``, each called after its trial."""
+    folder.mkdir(parents=True)
+    for trial in trials:
+        write_trial(trial, folder / f"{trial.name}.csv")

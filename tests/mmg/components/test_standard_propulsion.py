@@ -119,11 +119,6 @@ def test_thrust_in_four_quadrants_is_K_T_of_J(u: float, n: float, s: Smoothing, 
     assert X[1] == X[2] == 0.0
 
 
-def test_both_branches_of_K_T_are_reached() -> None:
-    advance = [u / (n * P.D_P) for u in (-0.6, -1.2) for n in (4.0, 12.0)] + [1.2 * 0.6 / (-4 * P.D_P)]
-    assert min(advance) < -0.5 < max(advance)
-
-
 @pytest.mark.parametrize("n", [10.0, -10.0])
 def test_the_branches_meet_at_J_min(n: float) -> None:
     u = -0.5 * n * P.D_P / (1 - C.w_P0 if n < 0 else 1.0)

@@ -125,13 +125,6 @@ def normal(angle: float, s: Exact | Smooth) -> float:
     return number(vectwin.normal_coefficient(np.sin(angle), np.cos(angle), s))
 
 
-@pytest.mark.parametrize("angle", [0.1, 0.5, 0.65, 0.66, 1.0, 1.5708, 1.8326, 2.4])
-def test_normal_coefficient_is_that_of_kang(angle: float) -> None:
-    expected = 2.6252 * np.sin(angle) if angle <= 0.6545 else -0.8449 * angle**2 + 2.0621 * angle + 0.6387
-    assert normal(angle, EXACT) == pytest.approx(expected, abs=1e-9)
-    assert normal(-angle, EXACT) == pytest.approx(-expected, abs=1e-9)
-
-
 def test_normal_coefficient_is_continuous_all_round_and_vanishes_from_behind() -> None:
     """Smooth: no step larger than its steepest slope allows; exact: the published step of 0.028 only."""
     angle = np.linspace(-np.pi, np.pi, 2001)
@@ -175,18 +168,6 @@ def test_propeller_in_every_quadrant(s: Exact | Smooth) -> None:
     for u in (-0.3, 0.3):
         assert xyn(kang.force(flow(u, 0, 0, -10, 0, 0), P, C, s))[0] < 0
         assert xyn(kang.force(flow(u, 0, 0, 0, 0, 0), P, C, s))[0] * u < 0
-
-
-@pytest.mark.parametrize("u", [-0.3, 0.3])
-def test_reversed_propeller_is_that_of_the_mirrored_motion(u: float) -> None:
-    """-k_rev rho n^2 D^4 K_T(J): the first polynomial astern (J > 0), the second one against headway (J < 0)."""
-    got = kang.force(flow(u, 0, 0, -10, 0, 0), P, C, EXACT)
-    assert got.slipstream is not None
-    J = number(got.slipstream.u_P) / (-10 * P.D_P)
-    k = (C.k_0, C.k_1, C.k_2) if u < 0 else (C.k2_0, C.k2_1, C.k2_2)
-    loading = -C.k_rev * (10 * P.D_P) ** 2 * (k[0] + k[1] * J + k[2] * J**2)
-    assert number(got.slipstream.loading) == pytest.approx(loading, rel=1e-9)
-    assert xyn(got)[0] == pytest.approx(P.rho * P.D_P**2 * loading, rel=1e-9)
 
 
 def advance(speed: float, nD: float, s: Exact | Smooth) -> float:

@@ -15,7 +15,6 @@ from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from mmg.components.hull.unified import cross_flow
 from mmg.components.propeller import hachii, wake
-from mmg.components.rudder import single
 from mmg.motion.flow import Flow
 from mmg.motion.smooth import Exact, Smooth, Smoothing
 from mmg.ship import Ship
@@ -143,39 +142,6 @@ def test_cross_flow_is_the_integral_to_the_square_of_the_width(a: float, b: floa
     for width, rtol, atol in ((1e-7, 1e-7, 1e-12), (1e-3, 0, 1e-6)):
         found = [float(x) for x in cross_flow(ca.DM(a), ca.DM(b), width)]
         np.testing.assert_allclose(found, expected, rtol=rtol, atol=atol)
-
-
-# Rudder inflow
-
-
-@pytest.mark.parametrize(("u", "n"), [(0.3, 10.0), (0.1, 5.0), (0.4, 12.0), (0.0, 8.0)])
-@pytest.mark.parametrize(("smoothing", "tolerance"), [(Exact(), 1e-12), (Smooth(), 1e-4)])
-def test_rudder_inflow_straight_ahead_is_the_slipstream_formula(
-    u: float, n: float, smoothing: Smoothing, tolerance: float
-) -> None:
-    """u_R = eps u_P sqrt{eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta}, multiplied out by u_P.
-
-    Smooth: 9e-5 or less.
-    """
-    u_P = u * (1 - C.w_P0)
-    K_T = C.k_0 + C.k_1 * u_P / (n * P.D_P) + C.k_2 * (u_P / (n * P.D_P)) ** 2
-    eta = P.D_P / np.sqrt(P.A_R * P.aspect_ratio)
-    jet = np.sqrt(u_P**2 + 8 * K_T / np.pi * (n * P.D_P) ** 2)
-    by_hand = C.epsilon * np.sqrt(eta * (u_P + C.k_x / C.epsilon * (jet - u_P)) ** 2 + (1 - eta) * u_P**2)
-    motion = flow(u=u, n=n)
-    wash = hachii.force(motion, P, C, smoothing).slipstream
-    u_R, v_R = single.inflow(motion.with_(slipstream=wash), P, C, smoothing)
-    assert number(u_R) == pytest.approx(by_hand, rel=tolerance)
-    assert number(v_R) == 0.0
-
-
-@pytest.mark.parametrize(("v", "r", "gamma"), [(0.1, 0.0, "gamma_P"), (-0.1, 0.0, "gamma_N"), (0.0, 0.05, "gamma_N")])
-def test_lateral_inflow_takes_gamma_of_its_side(v: float, r: float, gamma: str) -> None:
-    """gamma_P where the rudder moves to starboard through the water, that is for v + x_R r >= 0."""
-    motion = flow(u=0.3, v=v, r=r, n=10.0)
-    wash = hachii.force(motion, P, C, Exact()).slipstream
-    _, v_R = single.inflow(motion.with_(slipstream=wash), P, C, Exact())
-    assert number(v_R) == pytest.approx(-getattr(C, gamma) * (v + C.ell_R * P.L * r), rel=1e-12)
 
 
 def pods() -> Ship:

@@ -16,7 +16,7 @@ from tests.support.commands import refused
 from tests.support.diagnosis_cases import FEW, SHIP
 from tests.support.operation_logs import sailed, write_log
 from tests.support.synthetic_runs import coarse_runs
-from tests.support.trial_files import motion_columns, write_csv
+from tests.support.trial_files import motion_columns, write_csv, write_trials
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -44,9 +44,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     good = motion_columns(60.0)
     path = write_csv(place / "furlong.csv", good, rows=None)
     path.write_text(path.read_text().replace("u [m/s]", "u [furlong/fortnight]"))
-    (place / "trials").mkdir()
-    for trial in coarse_runs()[0][:2]:
-        write_trial(trial, place / "trials" / f"{trial.name}.csv")
+    write_trials(place / "trials", trials := coarse_runs()[0][:2])
+    trial = trials[-1]
     write_trial(replace(trial, columns={k: v[:20] for k, v in trial.columns.items()}), place / "short.csv")
     small_result().save(place / "run")
     (place / "taken").mkdir()
@@ -67,6 +66,7 @@ BAD = {
         "nobody trials", "unknown.toml trials | Y_vvvv", "reversed.toml trials | below", "broken.toml trials | TOML",
         "esso_osaka_3m furlong.csv | furlong", "esso_osaka_3m empty | empty",
     ],
+    "predict esso_osaka_3m short.csv": ["--window 500 --stride 10 | --window", "--window nan"],
     "train esso_osaka_3m trials": [
         "--keep never", "--model oracle", "--seeds 0", "--rate -1", "--penalty -1", "--time-limit 0", "--out taken",
         "--model fnn --memory 3", "--layers 3", "--model fnn --loss huber", "--model rnn --augment sli3 | sli3",

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from cases.simulation.simulate import write_trial
 from tests.support.synthetic_runs import coarse_runs
+from tests.support.trial_files import write_trials
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[3]
@@ -51,18 +51,16 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     made = []
     for threads, workers in ((1, 1), (4, 3)):
         folder = tmp_path_factory.mktemp(f"threads{threads}")
-        write_trials(folder)
+        two_folders(folder)
         for command in COMMANDS.values():
             run(folder, command, threads, workers)
         made.append(folder)
     return made[0], made[1]
 
 
-def write_trials(folder: Path) -> None:
+def two_folders(folder: Path) -> None:
     for place, runs in (("trials", slice(0, 2)), ("hold", slice(2, 3))):
-        (folder / place).mkdir()
-        for trial in coarse_runs()[0][runs]:
-            write_trial(trial, folder / place / f"{trial.name}.csv")
+        write_trials(folder / place, coarse_runs()[0][runs])
 
 
 def timeless(content: Any) -> Any:
@@ -106,7 +104,7 @@ def test_a_page_made_again_has_the_same_bytes(folders: tuple[Path, Path]) -> Non
 
 
 def test_values_without_a_compiler_agree_to_ten_digits(folders: tuple[Path, Path], tmp_path: Path) -> None:
-    write_trials(tmp_path)
+    two_folders(tmp_path)
     run(tmp_path, COMMANDS["fit"], 1, MMG_CC="none")
     compiled, portable = (json.loads((f / "fit" / "result.json").read_text()) for f in (folders[0], tmp_path))
     assert compiled["compiled"] and not portable["compiled"]

@@ -11,13 +11,13 @@ import pytest
 import mmg_ident as mi
 from cases.criteria.standard_runs import figures_of, simulated_trial
 from cases.maneuvers.definitions import parse_maneuver
-from cases.simulation.simulate import write_trial
 from mmg.network import Layers
 from mmg.ship import Ship
 from mmg_ident.commands.main import main
 from tests.support import hybrids
 from tests.support.calibrated import small_result
 from tests.support.commands import refused, shown
+from tests.support.trial_files import write_trials
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -29,9 +29,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Trials, a calibration, and a hybrid trained on it."""
     folder = tmp_path_factory.mktemp("hybrid")
     small_result().save(folder / "fit")
-    (folder / "trials").mkdir()
-    for trial in hybrids.trials(hybrids.lacking(), 2, 300):
-        write_trial(trial, folder / "trials" / f"{trial.name}.csv")
+    write_trials(folder / "trials", hybrids.trials(hybrids.lacking(), 2, 300))
     words = ["train", str(folder / "fit"), str(folder / "trials"), *QUICK, "--out", str(folder / "run")]
     assert main(words) == 0 and (folder / "run" / "network.safetensors").exists()
     return folder

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 import signal
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from tests.fitting.nlp.test_captive import points, write
 from tests.support import calibrated
 from tests.support.commands import refused, shown
 from tests.support.synthetic_runs import coarse_runs, runs
-from tests.support.trial_files import motion_columns, write_csv
+from tests.support.trial_files import motion_columns, write_csv, write_trials
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 FREE = ",".join(calibrated.FREE)
@@ -32,9 +31,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with two training trials, one held-out trial and a finished run."""
     folder = tmp_path_factory.mktemp("cli")
     train, held_out = coarse_runs()
-    (folder / "train").mkdir()
-    for trial in train[:2]:
-        write_trial(trial, folder / "train" / f"{trial.name}.csv")
+    write_trials(folder / "train", train[:2])
     write_trial(held_out[0], folder / "held_out.csv")
     assert main(fit(folder, folder / "run", "--validate", folder / "held_out.csv")) == 0
     return folder
@@ -252,15 +249,6 @@ def test_a_run_of_another_schema_is_refused_with_key_and_version(folder: Path, t
         assert "result.json" in line and "schema_version = 2" in line
 
 
-@pytest.mark.slow
-def test_nothing_to_predict_is_an_error(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    held_out = folder / "held_out.csv"
-    out = tmp_path / "p.csv"
-    refused(capsys, "predict", "esso_osaka_3m", held_out, "--window", "500", "--stride", "10", "--out", out)
-    assert "--window" in refused(capsys, "predict", "esso_osaka_3m", held_out, "--window", "nan", "--out", out)
-    assert not out.exists()
-
-
 # ``mmg fit`` with a robust loss and captive points, from files to result.json and report
 UNITS = "u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],N [N m]"
 
@@ -268,10 +256,7 @@ UNITS = "u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],N [N m]"
 @pytest.mark.slow
 def test_captive_points_and_a_robust_loss_go_into_the_run(tmp_path: Path) -> None:
     """The first 80 s of three training trials with positions, and captive points of the same ship."""
-    (tmp_path / "train").mkdir()
-    for trial in runs()[0][:3]:
-        part = replace(trial, columns={name: values[:801] for name, values in trial.columns.items()})
-        write_trial(part, tmp_path / "train" / f"{trial.name}.csv")
+    write_trials(tmp_path / "train", [trial[:80.0] for trial in runs()[0][:3]])
     write(tmp_path / "tank.csv", UNITS, points(hidden_ship(), 1.0))
     captive = ("--captive", tmp_path / "tank.csv", "--captive-sigma", "0.5,0.5,0.3")
     assert main(fit(tmp_path, tmp_path / "run", *captive, "--loss", "student", "--starts", "2")) == 0

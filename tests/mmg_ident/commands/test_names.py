@@ -14,13 +14,13 @@ from typer.testing import CliRunner
 
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
-from cases.simulation.simulate import write_trial
 from fitting.result import read_fit
 from mmg.errors import BadValue
 from mmg.ship import CalibrationMark
 from mmg_ident.commands.main import app
 from tests.support.calibrated import FREE
 from tests.support.synthetic_runs import coarse_runs
+from tests.support.trial_files import write_trials
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 
@@ -37,9 +37,7 @@ def mmg(*words: object) -> str:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A trial, a run with a name of its own, and the same without one, which is called after its folder."""
     home = tmp_path_factory.mktemp("named")
-    (home / "trials").mkdir()
-    for trial in coarse_runs()[0][:1]:
-        write_trial(trial, home / "trials" / f"{trial.name}.csv")
+    write_trials(home / "trials", coarse_runs()[0][:1])
     mmg("fit", "esso_osaka_3m", home / "trials", *FEW, "--name", "MT Aurora", "--out", home / "a")
     first = read_fit(home / "a")
     assert first.ship.mark is not None

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import builtins
 import shutil
-import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +26,7 @@ from residual.result import page_of, read_training
 from residual.settings import TrainSettings
 from tests.support import hybrids
 from tests.support.commands import interrupted, refused, shown
+from tests.support.trial_files import write_trials
 
 QUICK = ["--seeds", "2", "--epochs", "12", "--width", "8", "--rate", "1e-2", "--penalty", "0.001", "--step", "1"]
 LONG = [*QUICK[:2], "--epochs", "3000", "--step", "1"]
@@ -47,9 +45,7 @@ def judged(folder: Path, out: Path) -> list[str]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Trials of the ship that lacks a force, and the run folder of a training on them."""
     folder = tmp_path_factory.mktemp("train")
-    (folder / "trials").mkdir()
-    for trial in hybrids.trials(hybrids.lacking(), 3, 400):
-        write_trial(trial, folder / "trials" / f"{trial.name}.csv")
+    write_trials(folder / "trials", hybrids.trials(hybrids.lacking(), 3, 400))
     write_trial(hybrids.trials(hybrids.lacking(), 1, 300, seed=7)[0], folder / "held_out.csv")
     assert main(judged(folder, folder / "run")) == 0
     return folder
@@ -101,9 +97,7 @@ def test_prediction_says_which_share_lies_outside_the_envelope(
 def declined(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Trials of the ship itself, on which nothing is left to learn, and the run folder of a training on them."""
     folder = tmp_path_factory.mktemp("declined")
-    (folder / "trials").mkdir()
-    for trial in hybrids.trials(hybrids.ship(), 3, 300):
-        write_trial(trial, folder / "trials" / f"{trial.name}.csv")
+    write_trials(folder / "trials", hybrids.trials(hybrids.ship(), 3, 300))
     for out, keep in (("run", "better"), ("always", "always")):
         assert main(training(folder, folder / out, *QUICK[:3], "2", "--step", "1", "--keep", keep)) == 0
     return folder
@@ -189,16 +183,11 @@ def test_the_command_and_the_function_leave_the_same_folder(folder: Path, tmp_pa
 
 @pytest.mark.slow
 def test_ctrl_c_keeps_the_best_weights_so_far(folder: Path, tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "mmg_ident.commands.main", *training(folder, tmp_path / "run", *LONG)],
-        stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[3], start_new_session=True,
-    )  # fmt: skip
-    assert process.stderr is not None and process.stderr.readline()
-    time.sleep(2.0)
-    process.send_signal(signal.SIGINT)
-    _, words = process.communicate(timeout=120)
-    assert process.returncode == 130
-    assert {row["status"] for row in read_result(tmp_path / "run")["per_seed"]} == {"stopped"}
+    code, words, _ = interrupted(training(folder, tmp_path / "run", *LONG), 15.0)
+    content = read_result(tmp_path / "run")
+    assert code == 130 and "seeds_stopped" in {row["code"] for row in content["messages"]}
+    assert {row["status"] for row in content["per_seed"]} == {"stopped"}
+    assert all(row["judged_window"]["after"] <= row["judged_window"]["before"] for row in content["per_seed"])
     assert [p.name for p in tmp_path.iterdir()] == ["run"] and "--resume" in words
 
 

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -51,7 +47,7 @@ from residual.papers.comparison import (
 )
 from residual.settings import BlackBoxSettings
 from tests.support import hybrids
-from tests.support.commands import refused, shown
+from tests.support.commands import interrupted, refused, shown
 
 QUICK = ["--seeds", "2", "--epochs", "2", "--step", "1"]
 
@@ -171,16 +167,8 @@ def test_the_time_limit_keeps_what_is_done() -> None:
 def test_ctrl_c_keeps_what_is_done(folder: Path, tmp_path: Path) -> None:
     arguments = ["compare", "--train", str(folder / "train"), "--test", str(folder / "test.csv"), "--seeds", "2"]
     arguments += ["--models", "captive,rnn", "--epochs", "3000", "--step", "1", "--out", str(tmp_path / "cmp")]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "mmg_ident.commands.main", *arguments],
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[3],
-        start_new_session=True,
-    )  # fmt: skip
-    assert process.stderr is not None and process.stderr.readline().startswith("captive")
-    time.sleep(3.0)
-    process.send_signal(signal.SIGINT)
-    _, _words = process.communicate(timeout=120)
-    assert process.returncode == 130
+    code, *_ = interrupted(arguments, 15.0)
+    assert code == 130
     content = json.loads((tmp_path / "cmp" / "result.json").read_text())
     assert content["interrupted"] and [e["status"] for e in content["entries"]] == ["finished", "stopped", "not begun"]
 
