@@ -30,7 +30,6 @@ from benchmarks.blind.generator.world import (
     own_world,
     scaled_ship,
     sensor_errors,
-    ship_numbers,
     true_coefficients,
 )
 from benchmarks.blind.generator.write import generate
@@ -90,63 +89,49 @@ def test_it_imports_nothing_of_what_it_tests() -> None:
     assert done.stdout.strip() == "[]"
 
 
+def rates_of_both(
+    world: World, seed: int, count: int, motion: tuple[tuple[float, float], ...], **limits: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rates (6, count) of random states by the generator and by the package, whose ship may be larger, and their usual
+    size (6, 1). motion: ends of u, v, r; limits: those of the inputs in the order of the generator, rps or degrees."""
+    rng, root = np.random.default_rng(seed), np.sqrt(world.scale)
+    particulars, nominal = scaled_ship(world)
+    true = true_coefficients(nominal, rng, world.drawn)
+    u_v_r = [rng.uniform(*ends, count) for ends in motion]
+    state = np.stack([*rng.normal(0, 10, (2, count)), rng.uniform(-4, 4, count), *u_v_r])
+    drawn = {name: rng.uniform(*ends, count) * (1 if name[0] == "n" else np.pi / 180) for name, ends in limits.items()}
+    (n, first, *more), wind = drawn.values(), rng.normal(0, 1.5 if world.scale == 1 else 0.0, (2, count))
+    plant = plant_of(particulars, [true], [[]], count, world)
+    ours = rates(plant, state, (n, first, *wind, *more), np.zeros((3, count)), np.zeros(count))[:6]
+    ship = load_ship(world.ship).with_values({name: true[name] for name in world.drawn})
+    drawn |= {name: values / root for name, values in drawn.items() if name[0] == "n"}
+    inputs = np.stack([(drawn | dict(zip(("wind_north", "wind_east"), wind, strict=True)))[k] for k in ship.inputs])
+    large = state * np.array([world.scale, world.scale, 1.0, root, root, 1 / root])[:, None]
+    theirs = np.array(assemble(ship, (), exact=True).rates.map(count)(large, inputs, np.zeros((0, count))))
+    theirs *= np.array([1 / root, 1 / root, root, 1.0, 1.0, world.scale])[:, None]
+    return ours, theirs, np.median(np.abs(theirs), axis=1)[:, None]
+
+
 def test_the_accelerations_are_those_of_the_package() -> None:
-    rng, count = np.random.default_rng(2), 300
-    particulars, nominal = ship_numbers()
-    true = true_coefficients(nominal, rng, WORLDS["pond"].drawn)
-    u, v, r = rng.uniform(-0.2, 0.5, count), rng.uniform(-0.15, 0.15, count), rng.uniform(-0.08, 0.08, count)
-    state = np.stack([*rng.normal(0, 10, (2, count)), rng.uniform(-4, 4, count), u, v, r])
-    n, delta = rng.uniform(-12, 12, count), np.radians(rng.uniform(-35, 35, count))
-    wind = rng.normal(0, 1.5, (2, count))
-    plant = plant_of(particulars, [true], [[]], count)
-    ours = rates(plant, state, (n, delta, *wind), np.zeros((3, count)), np.zeros(count))
-    ship = load_ship("esso_osaka_3m").with_values({name: true[name] for name in WORLDS["pond"].drawn})
-    package = assemble(ship, (), exact=True).rates.map(count)
-    theirs = np.array(package(state, np.stack([n, delta, *wind]), np.zeros((0, count))))
-    size = np.median(np.abs(theirs), axis=1)[:, None]
+    motion = ((-0.2, 0.5), (-0.15, 0.15), (-0.08, 0.08))
+    ours, theirs, size = rates_of_both(WORLDS["pond"], 2, 300, motion, n=(-12, 12), delta=(-35, 35))
     assert np.max(np.abs(ours - theirs) / (np.abs(theirs) + 0.1 * size)) < 2e-3
     assert np.median(np.abs(ours - theirs) / size) < 1e-4
 
 
 def test_the_second_ship_moves_as_the_package_has_it_by_froudes_law() -> None:
     """The ship of 3 m that is integrated, against the KVLCC2 of 7 m: accelerations of translation are the same."""
-    world, rng, count = WORLDS["kvlcc2"], np.random.default_rng(3), 200
-    particulars, nominal = scaled_ship(world)
-    true = true_coefficients(nominal, rng, world.drawn)
-    u, v, r = rng.uniform(0.25, 0.6, count), rng.uniform(-0.1, 0.1, count), rng.uniform(-0.08, 0.08, count)
-    state = np.stack([*rng.normal(0, 10, (2, count)), rng.uniform(-4, 4, count), u, v, r])
-    n, delta = rng.uniform(5, 13, count), np.radians(rng.uniform(-35, 35, count))
-    plant = plant_of(particulars, [true], [[]], count, world)
-    none = np.zeros(count)
-    ours = rates(plant, state, (n, delta, none, none), np.zeros((3, count)), none)[3:6]
-    ship = load_ship(world.ship).with_values({name: true[name] for name in world.drawn})
-    root = np.sqrt(world.scale)
-    large = state * np.array([world.scale, world.scale, 1.0, root, root, 1 / root])[:, None]
-    package = assemble(ship, (), exact=True).rates.map(count)
-    theirs = np.array(package(large, np.stack([n / root, delta, none, none]), np.zeros((0, count))))[3:6]
-    theirs *= np.array([1.0, 1.0, world.scale])[:, None]
-    size = np.median(np.abs(theirs), axis=1)[:, None]
-    off = np.abs(ours - theirs) / (np.abs(theirs) + 0.1 * size)
+    motion = ((0.25, 0.6), (-0.1, 0.1), (-0.08, 0.08))
+    ours, theirs, size = rates_of_both(WORLDS["kvlcc2"], 3, 200, motion, n=(5, 13), delta=(-35, 35))
+    off = (np.abs(ours - theirs) / (np.abs(theirs) + 0.1 * size))[3:]
     assert np.median(off) < 2e-4 and off.max() < 0.03  # the package rounds the change from side to side
 
 
 def test_the_third_ship_moves_as_the_package_has_it() -> None:
     """Two rudders to 105 degrees outwards, a bow thruster, ahead and astern, branch by branch."""
-    world, rng, count = replace(WORLDS["vectwin"], soft=0.0), np.random.default_rng(4), 3000
-    particulars, nominal = scaled_ship(world)
-    true = true_coefficients(nominal, rng, world.drawn)
-    u, v, r = rng.uniform(-0.2, 0.7, count), rng.uniform(-0.2, 0.2, count), rng.uniform(-0.1, 0.1, count)
-    state = np.stack([*rng.normal(0, 10, (2, count)), rng.uniform(-4, 4, count), u, v, r])
-    port, starboard = (np.radians(rng.uniform(*limits, count)) for limits in ((-105, 35), (-35, 105)))
-    n, bow, wind = rng.uniform(-4, 12, count), rng.uniform(-40, 40, count), rng.normal(0, 1.5, (2, count))
-    plant = plant_of(particulars, [true], [[]], count, world)
-    none = np.zeros((3, count))
-    ours = rates(plant, state, (n, starboard, *wind, port, bow), none, none[0])
-    ship = load_ship(world.ship).with_values({name: true[name] for name in world.drawn})
-    assert ship.inputs == ("n", "delta_port", "delta_starboard", "n_bow", "wind_north", "wind_east")
-    package = assemble(ship, (), exact=True).rates.map(count)
-    theirs = np.array(package(state, np.stack([n, port, starboard, bow, *wind]), np.zeros((0, count))))
-    size = np.median(np.abs(theirs), axis=1)[:, None]
+    motion = ((-0.2, 0.7), (-0.2, 0.2), (-0.1, 0.1))
+    inputs = {"n": (-4, 12), "delta_starboard": (-35, 105), "delta_port": (-105, 35), "n_bow": (-40, 40)}
+    ours, theirs, size = rates_of_both(replace(WORLDS["vectwin"], soft=0.0), 4, 3000, motion, **inputs)
     assert np.max(np.abs(ours - theirs) / size) < 1e-9
 
 
