@@ -582,7 +582,7 @@ def judged(log: Log, cause: str, folder: Path) -> Outcome:
         if found.problems:
             raise UserError("; ".join(found.problems))
         files = write_import(found, chosen, folder / "out")
-        trials = read_trials(files, refuse=False)
+        trials = read_trials(files)
         reports = check(trials)
     except UserError as error:
         words = str(error).replace(str(folder), "")
@@ -620,7 +620,7 @@ def followed(folder: Path, loud: Sequence[str], file: Path, truth: Columns, befo
             _merge(content, tomlkit.parse(f"{table}\n{part}").unwrap())
     (folder / SIDECAR).write_text(tomlkit.dumps(content), encoding="utf-8")
     try:
-        after = worst(read_trials([file], refuse=False)[0], truth)[0] if lines else before
+        after = worst(read_trials([file])[0], truth)[0] if lines else before
     except UserError as error:
         return f"harmful: {error}"
     return "harmful" if after > max(before, TOLERANCE) else "mended" if lines and after <= TOLERANCE else ""

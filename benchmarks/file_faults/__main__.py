@@ -62,7 +62,7 @@ def written(folder: Path, files: Files, labels: Mapping[str, str]) -> None:
 def said(folder: Path) -> list[CheckReport]:
     """What ``mmg check`` says of the files of ``folder``."""
     try:
-        return check(read_trials(folder, refuse=False))
+        return check(read_trials(folder))
     except UserError as error:
         print("   unread:", error)
         return []
@@ -117,7 +117,7 @@ def judged(files: Files, truth: Files, fault: Fault | None) -> tuple[str, str]:
 
 def harmful(folder: Path, truth: Files, advice: list[tuple[str, str]]) -> str:
     """What is wrong with an ``advice`` (table and line) that was followed, in words; "" where it was right."""
-    before = far(read_trials(folder, refuse=False), truth)
+    before = far(read_trials(folder), truth)
     tables: dict[str, list[str]] = {}
     for table, line in advice:
         tables.setdefault(table, []).extend(part.strip() for part in line.split(" and "))

@@ -524,7 +524,7 @@ def mended(trial: Trial, wanted: Mapping[str, Any], keys: Keys) -> Trial | None:
     try:
         if trial.path is not None and trial.path.exists():
             entry = {**entry_of(trial).model_dump(exclude_unset=True), **wanted}
-            return read_trial(trial.path, SidecarEntry(**entry), refuse=False)
+            return read_trial(trial.path, SidecarEntry(**entry))
         columns = {name: np.array(values, dtype=float) for name, values in trial.columns.items()}
         for name, other in keys.get("columns", {}).items():
             columns[name] = trial[other]

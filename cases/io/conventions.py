@@ -1,8 +1,8 @@
 """From the numbers of a file to those of the product: cells that stand for nothing, headings that were interpolated
 through north, sign, lag, velocity frame, reference point, wind; and units that the numbers themselves refute.
 
-Of units only contradictions are reported, never guesses: a heading is compared with the integral of the yaw rate, and a
-steady one with the track, a rudder angle with the largest one a rudder can take. A heading resampled as numbers from 0
+Of units only contradictions are reported, never guesses: a rudder angle is compared with the largest one a rudder can
+take, a heading with the integral of the yaw rate. A heading resampled as numbers from 0
 to 360 goes the long way round, through south: the turn rate, or the rest of the record, says that the ship did not.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from cases.inputs import integral
 from cases.io.sidecar import SidecarEntry
-from cases.quantities import DEG, REVOLUTIONS_LIMIT, RUDDER_LIMIT, SPIN_LIMIT, UNITS, quantity, wraps
+from cases.quantities import DEG, REVOLUTIONS_LIMIT, RUDDER_LIMIT, UNITS, quantity, wraps
 from cases.trial import unwrapped
 from mmg.errors import OutOfRange
 from mmg.messages import Message
@@ -153,15 +153,6 @@ _CAUSES = {
 }
 
 
-def implausible(columns: Mapping[str, np.ndarray]) -> str:
-    """One sentence about the first contradiction between the units of the columns, "" when there is none. columns:
-    canonical name -> (N,) in house units; needs t, psi, r; uses x, y, u, v, n, rudders and wind if present."""
-    if wrong := mislabelled(columns):
-        return wrong[0][2]
-    tests = (_full_turn_jumps, _heading_and_rate, _heading_and_course, _spin)
-    return next(filter(None, (test(columns) for test in tests)), "")
-
-
 def _steadier_in_radians(columns: Mapping[str, np.ndarray], name: str) -> bool:
     """Whether the wind over ground is steadier where the direction ``name`` holds radians, which may go on beyond a
     turn as the ship turns, than where it holds degrees."""
@@ -176,18 +167,10 @@ def _steadier_in_radians(columns: Mapping[str, np.ndarray], name: str) -> bool:
     return steady[0] > steady[1] + STEADIER
 
 
-def _full_turn_jumps(columns: Mapping[str, np.ndarray]) -> str:
-    """A heading that jumps back by 360 from one sample to the next is wrapped, and counted in degrees."""
-    psi = columns["psi"][np.isfinite(columns["psi"])]
-    step = np.abs(np.diff(psi))
-    jumps = int(np.sum(np.abs(step - 360.0) < 20.0))  # 20: no ship turns by more in a sample. Set by hand.
-    if jumps and jumps == int(np.sum(step > 20.0)):
-        return f"psi holds degrees but is labelled rad: it jumps by 360 {jumps} time(s); correct the unit"
-    return ""
-
-
-def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
-    """Change of heading over some seconds against the integral of r over the same seconds, of either sign."""
+def heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
+    """One sentence where change of heading over some seconds and integral of r over the same seconds, of either sign,
+    have nothing in common but in other units; "" elsewhere. columns: t [s], psi, r (N,): of a log that is too long for
+    ``mmg check``."""
     t, psi, r = columns["t"], columns["psi"], columns["r"]
     good = np.isfinite(psi) & np.isfinite(r)
     t, psi, turned = t[good], psi[good], integral(t[good], r[good])
@@ -207,39 +190,10 @@ def _heading_and_rate(columns: Mapping[str, np.ndarray]) -> str:
     return ""
 
 
-def _heading_and_course(columns: Mapping[str, np.ndarray]) -> str:
-    """Displacement over some seconds against (u, v) turned by a steady heading, read as radians and as degrees."""
-    if not {"x", "y", "u", "v"} <= set(columns):
-        return ""
-    t, psi = columns["t"], columns["psi"]
-    body, place = columns["u"] + 1j * columns["v"], columns["x"] + 1j * columns["y"]
-    good = np.isfinite(psi) & np.isfinite(body) & np.isfinite(place)
-    t, psi, body, place = t[good], psi[good], body[good], place[good]
-    if len(t) < 20 or np.abs(psi).max() < 2 * math.pi + 0.1:
-        return ""
-    lag, misfit = max(1, min(20, len(t) // 10)), []
-    track = place[lag:] - place[:-lag]
-    for unit in (1.0, DEG):
-        way = integral(t, body * np.exp(1j * psi * unit))
-        misfit.append(float(np.linalg.norm(track - way[lag:] + way[:-lag])) / max(float(np.linalg.norm(track)), 1e-12))
-    if misfit[1] < 0.35 and misfit[0] > max(0.3, 4 * misfit[1]):  # set by hand
-        words = f"misses the track by {misfit[0]:.0%} as radians and by {misfit[1]:.0%} as degrees (correct the unit)"
-        return f"psi holds degrees but is labelled rad: (u, v) turned by psi {words}"
-    return ""
-
-
-def _spin(columns: Mapping[str, np.ndarray]) -> str:
-    """A yaw rate that no ship has."""
-    r = columns["r"]
-    if np.isfinite(r).any() and (typical := float(np.nanpercentile(np.abs(r), 75))) > SPIN_LIMIT:
-        words = "are these deg/s labelled rad/s? (correct the unit)"
-        return f"r is above {typical:.3g} rad/s a quarter of the time: {words}"
-    return ""
-
-
 def mislabelled(columns: Mapping[str, np.ndarray]) -> list[tuple[str, float, str]]:
     """(column, factor that makes it true, sentence) of revolutions, rudders and wind directions in a unit that no ship
-    allows; columns: as ``implausible`` takes them."""
+    allows. columns: canonical name -> (N,) in house units; those of revolutions, rudders and wind are looked at, with
+    psi, u and v."""
     wrong = []
     for name in (name for name in ("n", "n_2", *RUDDERS, "delta_order", *_DIRECTIONS) if name in columns):
         size = np.abs(columns[name])

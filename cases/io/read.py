@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from cases.inputs import SAMPLED, actuator_columns
-from cases.io.conventions import converted, implausible, through_north
+from cases.io.conventions import converted, mislabelled, through_north
 from cases.io.files import check_file
 from cases.io.sidecar import NAME, SidecarEntry, line_for, sidecar_entry
 from cases.io.toml_file import unknown, validated
@@ -135,16 +135,16 @@ SUFFIXES = (".csv", ".parquet")
 LEAST_STEP = 1e-6  # No clock is finer [s]. Set by hand: bounds what is taken for a clock.
 
 
-def read_trials(paths: Iterable[str | Path] | str | Path, refuse: bool = True) -> list[Trial]:
+def read_trials(paths: Iterable[str | Path] | str | Path) -> list[Trial]:
     """The trials of several files and folders, in the order given (folders: by name). paths: one or several; a folder
-    stands for the .csv and .parquet files in it, or in its sub-folders when it holds none itself; refuse: files whose
-    units the numbers refute. Raises UserError for all that cannot be read."""
+    stands for the .csv and .parquet files in it, or in its sub-folders when it holds none itself. What their numbers
+    refute is for ``cases.checks`` to say. Raises UserError for all that cannot be read."""
     if not isinstance(paths, (str, Path, Iterable)):
         raise BadValue(f"trials: {type(paths).__name__} is none: give files or folders")
     files, trials, problems = trial_files(paths), list[Trial](), list[UserError]()
     for file in files:
         try:
-            trials.append(read_trial(file, refuse=refuse))
+            trials.append(read_trial(file))
         except UserError as error:
             problems.append(error)
     if problems:
@@ -166,16 +166,15 @@ def trial_files(paths: Iterable[str | Path] | str | Path) -> list[Path]:
 
 
 def read_trial(
-    path: str | Path, settings: SidecarEntry | Mapping[str, Any] | None = None, refuse: bool = True,
-    from_rest: bool = False,
-) -> Trial:  # fmt: skip
+    path: str | Path, settings: SidecarEntry | Mapping[str, Any] | None = None, from_rest: bool = False
+) -> Trial:
     """One run in SI units, radians and the frames of this product.
 
     path: CSV or Parquet; settings: what the header leaves unsaid, with the keys of the sidecar (cases/io/sidecar.py);
-    None takes ``trials.toml`` beside the file if there is one; refuse: units that the numbers refute; from_rest: the
-    states of a file that holds none of psi, u, v, r are zero. Raises UserError, naming file, column and row, for
-    missing or doubled columns, unknown or missing units, text in numbers, fewer than two usable rows, time that does
-    not increase, a required column without values, lags that leave no row, and, where ``refuse``, such units.
+    None takes ``trials.toml`` beside the file if there is one; from_rest: the states of a file that holds none of psi,
+    u, v, r are zero. Raises UserError, naming file, column and row, for missing or doubled columns, unknown or missing
+    units, text in numbers, fewer than two usable rows, time that does not increase, a required column without values,
+    and lags that leave no row.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -184,15 +183,12 @@ def read_trial(
     notices: list[Message] = []
     entry = sidecar_entry(path, notices) if settings is None else settings
     entry = entry if isinstance(entry, SidecarEntry) else validated(SidecarEntry, dict(entry), "settings")
-    return trial_of(trial_table(path), entry, notices, refuse, from_rest)
+    return trial_of(trial_table(path), entry, notices, from_rest)
 
 
-def trial_of(
-    table: TrialTable, entry: SidecarEntry, notices: Sequence[Message] = (), refuse: bool = True,
-    from_rest: bool = False,
-) -> Trial:  # fmt: skip
-    """The run in a ``table``; entry: what its header leaves unsaid; notices: that come before its own; refuse,
-    from_rest, UserError: as of ``read_trial``."""
+def trial_of(table: TrialTable, entry: SidecarEntry, notices: Sequence[Message] = (), from_rest: bool = False) -> Trial:
+    """The run in a ``table``; entry: what its header leaves unsaid; notices: that come before its own; from_rest,
+    UserError: as of ``read_trial``."""
     path, notices = table.path, list(notices)
     labels: dict[str, tuple[str, str]] = {}  # canonical name -> header and unit in the file
     raw = _si_columns(table, entry, notices, labels, from_rest)
@@ -208,9 +204,6 @@ def trial_of(
         columns = converted(columns, entry, notices)
     except UserError as error:
         raise type(error)(f"{path}: {error}") from None
-    sentence = implausible(columns) if refuse else ""  # of body axes: earth-fixed ones would look like a wrong psi
-    if sentence:
-        raise BadValue(f"{path}: {sentence}")
     known = {"day": entry.day, "group": entry.group, "campaign": entry.campaign}
     known["inputs"] = entry.inputs if "inputs" in entry.model_fields_set else ""
     if entry.inputs == SAMPLED:
@@ -338,11 +331,13 @@ def read_controls(path: str | Path, actuators: Sequence[str] = ("n", "delta")) -
 
     Returns a trial that begins at its first complete state, inputs without gaps: a missing sample holds the
     last one, and that is said in the notices. Units, signs and the sidecar are those of ``read_trial``.
-    Raises UserError as ``read_trial`` does, when an input is missing from the start, and as ``actuator_columns`` does
-    for a ship with these ``actuators``. path: CSV or Parquet.
+    Raises UserError as ``read_trial`` does, for inputs in a unit that no ship allows, when an input is missing from the
+    start, and as ``actuator_columns`` does for a ship with these ``actuators``. path: CSV or Parquet.
     """
     path = Path(path)
     trial = read_trial(path, from_rest=True)
+    if wrong := mislabelled(trial.columns):
+        raise BadValue(f"{path}: {wrong[0][2]}")
     actuator_columns(trial, actuators)
     return _without_gaps(trial, path)
 

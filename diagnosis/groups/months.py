@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.io.conventions import implausible
+from cases.io.conventions import heading_and_rate, mislabelled
 from cases.operation.log import Cut, OperationLog, cut_log, read_log, window_rows
 from cases.shipfiles.effects import parameters
 from cases.trial import Trial
@@ -198,7 +198,8 @@ def study_months(
 def checked(log: OperationLog) -> Iterator[dict[str, np.ndarray]]:
     """The pieces of the ``log``, columns (N,) by name. Raises UserError where the numbers of one refute its units."""
     for piece in log.pieces():
-        if sentence := implausible(piece):
+        wrong = [sentence for *_, sentence in mislabelled(piece)]
+        if sentence := next(iter(wrong), heading_and_rate(piece)):
             raise BadValue(f"{log.folder}: at t = {piece['t'][0]:.0f} s: {sentence}")
         yield piece
 

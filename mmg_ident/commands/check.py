@@ -49,7 +49,7 @@ def check(
             unreadable[path] = error
     for path in cli.each(list(dict.fromkeys(files)), "reading"):
         try:
-            read.append(read_trial(path, refuse=False))  # what a fit would refuse is a finding here
+            read.append(read_trial(path))
         except UserError as error:
             unreadable[path] = error
     if not read:

@@ -141,12 +141,12 @@ def test_a_record_that_is_turned_moved_or_mirrored_is_read_as_the_same_trial(
         if name not in "txy":
             columns[name][20 + i : 24 + i] = columns[name][60 + i] = np.nan
     settings, deg = dict(READINGS[reading]), north == 0.0
-    plain = read_trial(written(tmp_path / "a.csv", columns, north, deg), settings, refuse=False)
+    plain = read_trial(written(tmp_path / "a.csv", columns, north, deg), settings)
     if change is mirrored and "reference_point" in settings:
         settings["reference_point"] = {"x": 3.0, "y": -0.5}
     if change is mirrored and "lag" in settings:
         settings["lag"] = {name: LATE[OPPOSITE.get(name, name)] for name in LATE}
-    other = read_trial(written(tmp_path / "b.csv", change(columns), north - 1.0, deg), settings, refuse=False)
+    other = read_trial(written(tmp_path / "b.csv", change(columns), north - 1.0, deg), settings)
     assert len(plain) < N or not {"lag"} & set(settings)
     assert_same(change(dict(plain.columns)), other.columns)
 

@@ -35,7 +35,7 @@ def said(folder: Path, files: list[Columns], labels: dict[str, str] | None = Non
     for number, columns in enumerate(files):
         headers = {name: f"{name} [{unit}]" for name, unit in (labels or {}).items()}
         write_csv(folder / f"run_{number}.csv", columns, headers, rows=None)
-    return check(read_trials(folder, refuse=False))
+    return check(read_trials(folder))
 
 
 def loud(report: CheckReport) -> set[str]:
@@ -51,7 +51,7 @@ def followed(folder: Path, reports: list[CheckReport]) -> list[CheckReport]:
     """What is said once the printed lines stand in the sidecar."""
     lines = [f"{table}\n" + line.replace(" and ", "\n") for table, line in advice(reports)]
     (folder / "trials.toml").write_text("\n".join(lines) + "\n")
-    return check(read_trials(folder, refuse=False))
+    return check(read_trials(folder))
 
 
 def test_a_file_that_says_nothing_follows_its_folder(tmp_path: Path) -> None:
@@ -72,7 +72,7 @@ def test_one_wrong_file_is_named_alone(count: int, tmp_path: Path) -> None:
 def test_a_file_of_a_folder_that_nobody_looked_at_is_not_changed(tmp_path: Path) -> None:
     files = [earth(motion_columns(seed=k)) for k in (1, 2)]
     said(tmp_path, files)
-    reports = check(read_trials([tmp_path / "run_0.csv"], refuse=False))
+    reports = check(read_trials([tmp_path / "run_0.csv"]))
     assert advice(reports) == [('[files."run_0.csv"]', 'velocity_frame = "earth"')]
 
 

@@ -12,7 +12,7 @@ import pytest
 from cases.checks import check
 from cases.importing.import_logs import Imported, import_logs, write_import
 from cases.importing.import_map import ImportMap
-from cases.io.conventions import implausible
+from cases.io.conventions import mislabelled
 from cases.io.read import read_trials
 from cases.io.toml_file import validated
 from cases.trial import Trial
@@ -214,20 +214,20 @@ def test_a_position_at_a_pole_is_refused(tmp_path: Path) -> None:
     assert found.problems and "Latitude" in found.problems[0]
 
 
-@pytest.mark.parametrize(("unit", "mislabelled"), [(1.0, False), (180 / np.pi, True)])
+@pytest.mark.parametrize(("unit", "wrong"), [(1.0, False), (180 / np.pi, True)])
 def test_a_unit_of_the_apparent_wind_is_advised_only_where_the_wind_agrees(
-    tmp_path: Path, unit: float, mislabelled: bool
+    tmp_path: Path, unit: float, wrong: bool
 ) -> None:
     """An angle that goes on with the turns of the ship reaches 18 rad; degrees labelled rad reach 360."""
     truth, wind = rounds()
     log = {**bridge(truth), **wind}
-    angle = np.unwrap(np.radians(log["AWA [deg]"])) if not mislabelled else np.radians(log["AWA [deg]"])
+    angle = np.unwrap(np.radians(log["AWA [deg]"])) if not wrong else np.radians(log["AWA [deg]"])
     columns = {**truth.columns, "apparent_wind_speed": log["AWS [m/s]"], "apparent_wind_direction": angle * unit}
     columns = {name: v for name, v in columns.items() if name not in ("wind_speed", "wind_direction")}
     assert np.abs(columns["apparent_wind_direction"]).max() > 4 * np.pi
     (tmp_path / "trials").mkdir()
     Trial("turn", columns).to_pandas().to_csv(tmp_path / "trials" / "turn.csv", index=False)
-    trial = read_trials(tmp_path / "trials", refuse=False)[0]
+    trial = read_trials(tmp_path / "trials")[0]
     advice = [f.text for f in check([trial])[0].findings if f.code == "unit"]
-    assert bool(advice) is mislabelled, advice
-    assert bool(implausible(trial.columns)) is mislabelled
+    assert bool(advice) is wrong, advice
+    assert bool(mislabelled(trial.columns)) is wrong
