@@ -64,26 +64,6 @@ def load_ship(where: str | Path) -> Ship:
     return ship.with_network(load_network(network, ship)) if network and network.exists() else ship
 
 
-def _generated_rows(
-    content: ShipFile, components: Mapping[str, str], table: Mapping[str, Coefficient]
-) -> tuple[dict[str, Coefficient], list[str]]:
-    """As ``generated_terms``, of a ship with an expansion or with coefficients that state monomials."""
-    if "expansion" not in components and not any(entry.monomial for entry in content.coefficients.values()):
-        return {}, []
-    from cases.shipfiles.generated_ship import generated_terms  # late: most ships are not generated
-
-    return generated_terms(content.coefficients, components, table)
-
-
-def _further_particulars(components: Mapping[str, str]) -> tuple[str, ...]:
-    """As ``optional_particulars``, of a ship with generated terms or pods."""
-    if not {"expansion", "azimuth"} & components.keys():
-        return ()
-    from cases.shipfiles.generated_ship import optional_particulars  # late: most ships have neither
-
-    return optional_particulars(components)
-
-
 def parse_ship(text: str, where: str = "ship file") -> Ship:
     """The ship in the ``text`` of a ship file; ``where`` names it in messages. Raises UserError, in one line, for all
     that is wrong with it."""
@@ -123,7 +103,12 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         refuse(where, problems)  # what the coefficients can be is not known then
     try:
         table = coefficient_table(components, particulars)
-        rows, wrong = _generated_rows(content, components, table)
+        rows, wrong, further = dict[str, Coefficient](), list[str](), tuple[str, ...]()
+        if {"expansion", "azimuth"} & components.keys() or any(c.monomial for c in content.coefficients.values()):
+            from cases.shipfiles.generated_ship import generated_terms, optional_particulars  # late: few ships are so
+
+            rows, wrong = generated_terms(content.coefficients, components, table)
+            further = optional_particulars(components)
         problems += wrong
         ship = Ship("", particulars, components, {**table, **rows})
     except (ZeroDivisionError, OverflowError):  # of the regressions behind default coefficients
@@ -138,7 +123,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
     defaults = ship.coefficients
     follows = derived(components, particulars)  # regressions on the particulars: no default that a user should know of
     left_out = [s for s in defaults if s not in given_rows and s not in follows]
-    used = (*required_particulars(components), *OPTIONAL, *ENGINE, *_further_particulars(components))
+    used = (*required_particulars(components), *OPTIONAL, *ENGINE, *further)
     unused = [k for k in particulars if k not in used]
     texts = ((f"not in the ship file, so at the model's default: {', '.join(left_out)}", "model_default", left_out),
              (f"[ship] {', '.join(unused)}: not used by any model", "unused_particular", unused),
