@@ -1,8 +1,8 @@
 """Many manoeuvres at once: one ship with scattered coefficients, integrated in compiled code.
 
-Where the orders do not depend on the motion (turning, crash stop, random, berthing, straight), the rudder and the
-revolutions are ramps known in advance: steps are cut at their kinks, so that few Runge-Kutta steps are accurate. In a
-zigzag each ship reverses her rudder at her own time; all of them are stepped side by side.
+Where the orders do not depend on the motion (turning, crash stop, random, berthing, straight), rudder and revolutions
+are the same in all runs and known in advance. In a zigzag each ship reverses her rudder at her own time, and an engine
+that is stopped turns on with her own speed: all of them are stepped side by side.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import numpy as np
 from cases.maneuvers.definitions import (
     FULL_TURN,
     TINY,
-    FromLead,
     HeadingControl,
     Limits,
     Maneuver,
@@ -27,7 +26,7 @@ from cases.maneuvers.definitions import (
     Zigzag,
 )
 from cases.maneuvers.self_propulsion import Shaft, actuator_positions
-from cases.simulation.simulate import integration_steps, longest_step
+from cases.simulation.simulate import integration_steps
 from cases.trial import Trial
 from mmg.errors import OutOfRange, Unsupported
 from mmg.model import settled
@@ -43,78 +42,12 @@ HALF_TURN = math.radians(190.0)
 READ = 4
 
 
-@dataclass(frozen=True)
-class Ramps:
-    """Revolutions and rudder angle, straight between kinks. times: (K,) [s], first and last that of the manoeuvre;
-    positions: (K, 2): n [1/s], delta [rad]."""
-
-    times: np.ndarray
-    positions: np.ndarray
-
-    def at(self, t: np.ndarray) -> np.ndarray:
-        """Positions (N, 2) at times (N,)."""
-        return np.column_stack([np.interp(t, self.times, column) for column in self.positions.T])
-
-    def means(self, t: np.ndarray) -> np.ndarray:
-        """Means (N, 2) of the positions over the steps between t (N + 1,)."""
-        fine = np.union1d(self.times, t)  # the trapezoidal rule is exact between kinks
-        values, first = self.at(fine), np.searchsorted(fine, t)
-        base = np.repeat(values[first[:-1]], np.diff(first), axis=0)
-        share = np.diff(fine) / np.repeat(np.diff(t), np.diff(first))
-        # the mean as a difference from the first position: one that does not move keeps it to the last digit
-        away = (0.5 * (values[1:] + values[:-1]) - base) * share[:, None]
-        return values[first[:-1]] + np.add.reduceat(away, first[:-1], axis=0)
-
-    def grid(self, t: np.ndarray, longest: float) -> tuple[np.ndarray, np.ndarray]:
-        """Times of integration (K + 1,): t, the kinks, and so many between that no step is longer than ``longest`` [s].
-        Returns them with (K,) bool, which steps end at one of t."""
-        nearest = t[np.clip(np.searchsorted(t, self.times - TINY), 0, len(t) - 1)]
-        knots = np.union1d(t, self.times[np.abs(self.times - nearest) > TINY])  # a kink at a sample is that sample
-        gaps = np.diff(knots)
-        parts = np.maximum(np.ceil(gaps / longest - TINY), 1).astype(int)
-        number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-        fine = np.append(np.repeat(knots[:-1], parts) + number * np.repeat(gaps / parts, parts), knots[-1])
-        keep = np.zeros(len(fine), dtype=bool)
-        keep[np.searchsorted(fine, t)] = True
-        return fine, keep[1:]
-
-
-def ramps(maneuver: Maneuver, orders: Orders, t: np.ndarray) -> Ramps:
-    """What the controller of a ``maneuver`` makes of orders that depend on the time alone, sampled at t (N + 1,)."""
-    if isinstance(orders, FromLead):
-        changes = [(orders.lead, orders(orders.lead, maneuver.start))]
-    else:
-        ordered = [orders(float(when), maneuver.start) for when in t[:-1]]
-        changes = [(float(t[k]), ordered[k]) for k in range(len(ordered)) if k == 0 or ordered[k] != ordered[k - 1]]
-    limits, end = maneuver.limits, float(t[-1])
-    actuators = ((maneuver.n, limits.propeller_rate, 0.0), (0.0, limits.rudder_rate, limits.rudder_delay))
-    moves = [
-        _ramp(
-            [(when + delay, order[i]) for when, order in changes if order and when + delay < end], position, rate, end
-        )
-        for i, (position, rate, delay) in enumerate(actuators)
-    ]
-    times = np.unique(np.concatenate([t[[0, -1]], *(kinks for kinks, _ in moves)]))
-    return Ramps(times, np.column_stack([np.interp(times, kinks, values) for kinks, values in moves]))
-
-
-def _ramp(
-    changes: list[tuple[float, float]], position: float, rate: float, end: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Kinks and positions of one actuator that follows orders (time, value) at a limited rate until ``end``."""
-    times, values = [0.0], [position]
-    for (when, order), (until, _) in zip(changes, [*changes[1:], (end, 0.0)], strict=True):
-        way, longest = order - position, rate * (until - when)
-        if way == 0:
-            continue
-        if when > times[-1]:
-            times.append(when)
-            values.append(position)
-        arrives = abs(way) <= longest
-        position = order if arrives else position + math.copysign(longest, way)
-        times.append(when + abs(way) / rate if arrives else until)
-        values.append(position)
-    return np.array(times), np.array(values)
+def means(maneuver: Maneuver, t: np.ndarray) -> np.ndarray:
+    """Revolutions [1/s] and rudder angle [rad] (N + 1, 2), means over the steps between the even times t (N + 1,) [s]
+    and what is reached at the last, of a ``maneuver`` whose orders depend on the time alone."""
+    controller, state, dt = maneuver.controller(), maneuver.start, float(t[1] - t[0])
+    held = [controller.held(float(when), dt, state, lambda _: state) for when in t[:-1]]
+    return np.array([*held, (controller.n, controller.delta)])
 
 
 def _revolved(orders: StopOrders, shaft: Shaft, t: float, dt: float, u: np.ndarray) -> tuple[Shaft, np.ndarray]:
@@ -256,39 +189,28 @@ def simulate_batch(
     maneuver: Maneuver,
     coefficients: np.ndarray | Mapping[str, float | np.ndarray] | None = None,
     dt: float = 0.5,
-    held: bool = False,
 ) -> SimulatedRuns:
-    """A manoeuvre in calm air from its own start, once for each set of coefficients.
+    """A manoeuvre in calm air from its own start, once for each set of coefficients: the motion that
+    ``cases.simulation.simulate.simulate`` gives each of them.
 
     ship: give a Simulator to run again without assembling the ship again. coefficients: (P,) or (P, M) in the order of
     ``ship.symbols``, or symbol -> number or (M,) for those that differ from the ship's; default the ship's, M = 1. dt:
-    sampling [s], divided into steps of at most 0.5 s of a 3 m model. held: inputs are held at their means over each
-    sample, as a logged trial has them, and ``cases.simulation.simulate.simulate`` gives the same motion; else they move
-    within the sample (a zigzag is always held). A control delay acts as in the model, by its approximation. A run that
-    diverges is not noticed here: look at its states. Raises UserError for a step that makes no sense and for spiral,
-    pull-out and heading, whose orders follow from the motion. maneuver: what is ordered.
+    sampling [s], divided into steps of at most 0.5 s of a 3 m model; inputs are held at their means over each sample,
+    as a logged trial has them. A control delay acts as in the model, by its approximation. A run that diverges is not
+    noticed here: look at its states. Raises UserError for a step that makes no sense and for spiral, pull-out and
+    heading, whose orders follow from the motion. maneuver: what is ordered.
     """
     simulator = ship if isinstance(ship, Simulator) else Simulator(ship)
     ship, batch = simulator.ship, _Batch.of(simulator, maneuver, coefficients, dt)
     orders, t = batch.orders, batch.t
     if isinstance(orders, Zigzag) or (isinstance(orders, StopOrders) and maneuver.engine is not None):
         return _side_by_side(batch)
-    moves = ramps(maneuver, orders, t)
-    means = np.vstack([moves.means(t), moves.at(t[-1:])])
-    if held or "pitch" in ship.actuators:
-        parts = integration_steps(ship, dt)
-        controls = np.repeat(input_array(ship, means[:-1], t[:-1]), parts, axis=0)
-        steps: float | np.ndarray = dt / parts
-        keep = np.arange(1, (len(t) - 1) * parts + 1) % parts == 0
-    else:
-        fine, keep = moves.grid(t, longest_step(ship))
-        controls, steps = input_array(ship, moves.at(fine), fine), np.diff(fine)
-    # one input more than steps: they run along lines within a step, else they are held
-    linear = len(controls) > len(keep)
-    out = simulator.run(batch.start, controls, steps, batch.theta, linear=linear, keep=keep)
-    states = out if out.shape[1] == 6 else np.ascontiguousarray(out[:, :6])
-    inputs = np.broadcast_to(means[:, :, None], (*means.shape, states.shape[2]))
-    return SimulatedRuns(t, states, inputs, ends_of(orders, t, states))
+    moves, parts = means(maneuver, t), integration_steps(ship, dt)
+    keep = np.arange(1, (len(t) - 1) * parts + 1) % parts == 0
+    controls = np.repeat(input_array(ship, moves[:-1], t[:-1]), parts, axis=0)
+    states = simulator.run(batch.start, controls, dt / parts, batch.theta, keep=keep)[:, :6]
+    inputs = np.broadcast_to(moves[:, :, None], (*moves.shape, states.shape[2]))
+    return SimulatedRuns(t, np.ascontiguousarray(states), inputs, ends_of(orders, t, states))
 
 
 def simulate_pushed(
@@ -297,8 +219,8 @@ def simulate_pushed(
     """A manoeuvre in calm air, once for each set of ``coefficients`` (symbol -> (M,)), with accelerations ``push`` of
     its own in each run, as gusts or what a model leaves out would give.
 
-    simulator: of the ship; maneuver, dt: as for ``simulate_batch``. With accelerations of zero it is that with
-    held inputs, but ends when all runs have been through half a turn, two overshoots, or lost their headway, and each
+    simulator: of the ship; maneuver, dt: as for ``simulate_batch``. With accelerations of zero it is that, but ends
+    when all runs have been through half a turn, two overshoots, or lost their headway, and each
     zigzag stands still once it has been read. Raises UserError as ``simulate_batch``.
     """
     return _side_by_side(_Batch.of(simulator, maneuver, coefficients, dt), push)
@@ -396,8 +318,7 @@ def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
     if isinstance(orders, StopOrders) and engine:
         shaft = engine.shaft(M)
     elif rudders is None:
-        moves = ramps(batch.maneuver, orders, t)
-        inputs[:] = np.vstack([moves.means(t), moves.at(t[-1:])])[:, :, None]
+        inputs[:] = means(batch.maneuver, t)[:, :, None]
     else:
         inputs[:, 0] = batch.maneuver.n
     everyone, done, last = np.ones(M, dtype=bool), np.zeros(M, dtype=bool), np.full(M, N)  # done: read, stands still

@@ -219,7 +219,7 @@ def drawn_figures(
     bands, envelope = bands_of(content, ship), content.get("envelope")
     count, L = len(next(iter(drawn.values()))), ship.particulars["L"]
     dt, tracks = dt or STEP * time_scale(L), min(tracks, count)
-    nominal = simulate_batch(simulator, plan, dt=dt, held=True)
+    nominal = simulate_batch(simulator, plan, dt=dt)
     outside = outside_of(envelope, nominal) if envelope else None
     drawn = drawn_resistance(ship, plan, dict(drawn), count, seed)
     nominal_figures = figures_of_each(nominal, plan)[0]

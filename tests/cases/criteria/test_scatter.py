@@ -98,7 +98,7 @@ def calm(k: int, states: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("text", ["turning:35", "zigzag:-10/10", "zigzag:20/20", "crash-stop"])
 def test_figures_of_a_batch_are_those_of_each_run(text: str) -> None:
     plan, scattered = parse_maneuver(text, ESSO, speed=0.5), {FIRST.symbol: FIRST.value * np.array([1.0, 0.9, 1.1])}
-    whole = simulate_batch(SIMULATOR, plan, scattered, 0.5, held=True)
+    whole = simulate_batch(SIMULATOR, plan, scattered, 0.5)
     pushed = simulate_pushed(SIMULATOR, plan, scattered, 0.5, calm)
     assert len(pushed.t) <= len(whole.t)
     for m, last in enumerate(pushed.last):

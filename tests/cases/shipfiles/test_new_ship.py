@@ -299,7 +299,7 @@ def test_a_ship_with_an_azimuth_thruster_alone_is_driven_and_steered_by_it(side:
 def test_a_batch_drives_an_azimuth_thruster_as_a_single_run_does() -> None:
     ship = parse_ship(AZIMUTH)
     plan = parse_maneuver("turning:20", ship, duration=40)
-    alone, batch = simulate(ship, plan, 0.5), simulate_batch(ship, plan, dt=0.5, held=True)
+    alone, batch = simulate(ship, plan, 0.5), simulate_batch(ship, plan, dt=0.5)
     assert abs(alone.states - batch.states[:, :, 0]).max() < 1e-9
 
 

@@ -79,7 +79,7 @@ def test_orders_stay_within_limits_and_rates() -> None:
 def test_the_information_is_that_of_a_fit(ship: Ship) -> None:
     """The same windows by ``fitting.nlp.fisher_information``, its states eliminated by another recursion."""
     simulator, prior, h = Simulator(ship, compiled=False), Prior.of(ship), 0.5
-    run = simulate_batch(simulator, parse_maneuver("zigzag:20/20", ship, duration=30.0), dt=h, held=True)
+    run = simulate_batch(simulator, parse_maneuver("zigzag:20/20", ship, duration=30.0), dt=h)
     trial: Trial = run.trial(0)
     sigma = np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006])
     problem = Problem.of(ship, prior, cut([trial], h, 15.0, 5, inputs=ship.inputs), sigma, compiled=False)

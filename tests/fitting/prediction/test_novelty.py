@@ -172,7 +172,7 @@ def bands(size: float) -> Any:
 def nominal_run(kind: str = "crash-stop", speed: float = SPEED) -> tuple[Any, Any, Any]:
     ship = load_ship("esso_osaka_3m")
     plan = parse_maneuver(kind, ship, speed=speed)
-    return ship, plan, simulate_batch(Simulator(ship), plan, dt=STEP, held=True)
+    return ship, plan, simulate_batch(Simulator(ship), plan, dt=STEP)
 
 
 def test_a_stop_never_tried_has_a_share_of_its_deceleration_as_error() -> None:
