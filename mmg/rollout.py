@@ -94,18 +94,16 @@ class Simulator:
         theta: np.ndarray | None = None,
         method: str = "rk4",
         *,
-        linear: bool = False,
         keep: np.ndarray | None = None,
     ) -> np.ndarray:
         """States (N + 1, S, M) from start (S, M) and inputs (N, C, M), or (N, C) for all points, held over each step.
 
         A start of six rows is settled. dt: one step [s], or (N,) or (N, M) steps. theta: coefficients (P,) shared
-        or (P, M); default the ship's. method: "rk4" or "euler". linear: inputs are given at the N + 1 nodes and run
-        straight from one to the next. keep: (N,) bool, the steps whose end is wanted: states (1 + kept, S, M).
-        Raises ValueError for shapes that do not fit and for an unknown method.
+        or (P, M); default the ship's. method: "rk4" or "euler". keep: (N,) bool, the steps whose end is wanted:
+        states (1 + kept, S, M). Raises ValueError for shapes that do not fit and for an unknown method.
         """
         theta = self.ship.values if theta is None else theta
-        N, M = len(controls) - linear, start.shape[1]
+        N, M = len(controls), start.shape[1]
         keep = np.ones(N, dtype=bool) if keep is None else np.asarray(keep, dtype=bool)
         steps = np.asarray(dt, dtype=float)
         if steps.ndim == 2 and steps.shape[1] == 1:  # a column of steps is one for all points
@@ -128,11 +126,11 @@ class Simulator:
         if M * N == 0:  # nothing to integrate
             return np.repeat(start[None], 1 + int(keep.sum()), axis=0)
         if self._rollout is None:
-            return self._stepwise(start, controls, steps, theta, keep, method, linear)
+            return self._stepwise(start, controls, steps, theta, keep, method)
         # kernels take at least a vector of points: the last one is repeated where an array has them
         by_point = ((start, True), (controls, controls.ndim == 3), (steps, steps.ndim == 2), (theta, theta.ndim == 2))
         start, controls, steps, theta = (filled(a, LANES) if has_points else a for a, has_points in by_point)
-        return self._rollout(start, controls, steps, theta, keep, method == "euler", linear)[..., :M]
+        return self._rollout(start, controls, steps, theta, keep, method == "euler")[..., :M]
 
     def _stepwise(
         self,
@@ -142,7 +140,6 @@ class Simulator:
         theta: np.ndarray,
         keep: np.ndarray,
         method: str,
-        linear: bool,
     ) -> np.ndarray:
         """``run`` in Python, one call of the rates per stage: what the compiled rollout does."""
         (S, M), N = start.shape, len(keep)
@@ -153,13 +150,11 @@ class Simulator:
         out[0] = z = np.array(start, dtype=float)
         row = 1
         for k in range(N):
-            h, a = steps[k], controls[k]
-            b = controls[k + 1] if linear else a  # inputs at begin and end of the step
-            inputs_at = {0.0: a, 0.5: 0.5 * (a + b) if linear else a, 1.0: b}
+            h, held = steps[k], controls[k]
             if method == "euler":
-                z = z + h * self.rates(z, a, theta)
+                z = z + h * self.rates(z, held, theta)
             else:
-                z = rk4_step(lambda state, at, by=inputs_at: self.rates(state, by[at], theta), z, h)  # type: ignore[misc]
+                z = rk4_step(lambda state, _, c=held: self.rates(state, c, theta), z, h)  # type: ignore[misc]
             if keep[k]:
                 out[row] = z
                 row += 1

@@ -21,14 +21,11 @@ from mmg.compile.codegen import LANES, c_file, prelude
 from mmg.compile.stages import Program, staged_bodies
 from mmg.runge_kutta import NODES, PARTS, rk4_step
 
-_INPUTS_AT = {0.5: "m", 1.0: "1"}  # Node of the step -> ending of the C names of the inputs there: middle and end
-
 
 def _stages() -> str:
     """C statements of the second stage of a Runge-Kutta step to its end, with the numbers of the method."""
     lines = [
-        f"EACH(s, @S@) y[s] = z[s] + {NODES[i]} * h * k{i}[s]; "
-        f"rates(y + @first@, c{_INPUTS_AT[NODES[i]]}, p, K, H{_INPUTS_AT[NODES[i]]}, k{i + 1});"
+        f"EACH(s, @S@) y[s] = z[s] + {NODES[i]} * h * k{i}[s]; rates(y + @first@, c, p, K, H, k{i + 1});"
         for i in (1, 2, 3)
     ]
     total = " + ".join(f"{float(part)} * k{i + 1}[s]" for i, part in enumerate(PARTS))
@@ -53,7 +50,7 @@ class _RunArguments(ctypes.Structure):
     """The struct Run of the C code, field by field in its order."""
 
     _fields_ = (
-        [(name, ctypes.c_longlong) for name in ("points", "steps", "linear", "euler")]
+        [(name, ctypes.c_longlong) for name in ("points", "steps", "euler")]
         + [(name, ctypes.c_void_p) for name in ("start", "controls", "dt", "theta", "keep", "out")]
         + [
             (name, ctypes.c_longlong)
@@ -76,7 +73,6 @@ class Rollout:
         theta: np.ndarray,
         keep: np.ndarray,
         euler: bool,
-        linear: bool,
     ) -> np.ndarray:
         """States (1 + kept, S, M) from start (S, M), M >= LANES; see ``Simulator.run`` for the other arguments.
 
@@ -89,7 +85,7 @@ class Rollout:
         keep = np.ascontiguousarray(keep, dtype=np.uint8)
         out = np.empty((1 + int(keep.sum()), S, M))
         run = _RunArguments(
-            M, N, linear, euler,
+            M, N, euler,
             *(a.ctypes.data for a in (start, controls, dt, theta, keep, out)),
             C * M if by_point else C, M if by_point else 1, by_point,
             dt_step, dt.ndim == 2,
@@ -118,7 +114,7 @@ def _faults(rollout: Rollout, rates: ca.Function, first: int) -> str:
     for inputs in controls:
         z = rk4_step(lambda at, _, c=inputs: machine(at[first:], c, theta)[0], z, h)  # type: ignore[misc]
         expected.append(z)
-    run = rollout(start, controls, np.array(h), theta, np.ones(2, dtype=bool), euler=False, linear=False)
+    run = rollout(start, controls, np.array(h), theta, np.ones(2, dtype=bool), euler=False)
     steps, run_steps = (
         list(np.diff(z, axis=0)) for z in (np.array(expected), run)
     )  # changes: states would hide errors

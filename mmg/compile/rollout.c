@@ -1,7 +1,6 @@
-/* The integration loop of a vector of points; c0, cm, c1: inputs at the beginning, middle and end of a step; H0, Hm,
-   H1: what they give. A vector that would end beyond the points is moved back: those it repeats come out the same. */
+/* The integration loop of a vector of points; c: inputs held over a step; H: what they give. A vector that would end beyond the points is moved back: those it repeats come out the same. */
 typedef struct {
-  long long points, steps, linear, euler;
+  long long points, steps, euler;
   const double *start, *controls, *dt, *theta;
   const unsigned char* keep;
   double* out;
@@ -22,39 +21,25 @@ static void read_controls(const Run* r, long long step, long long i, V* c) {
   EACH(j, @C@) c[j] = AT(r->controls + step * r->c_step + j * r->c_row, r->c_point);
 }
 EXPORT void rollout(const Run* r) {
-  V p[@P@ + 1], K[@K@ + 1], held[3][@H@ + 1], given[3][@C@ + 1], h;
+  V p[@P@ + 1], K[@K@ + 1], H[@H@ + 1], c[@C@ + 1], h;
   V z[@S@], y[@S@], k1[@S@], k2[@S@], k3[@S@], k4[@S@];
   for (long long at = 0; at < r->points; at += LANES) {
     const long long i = at + LANES <= r->points ? at : r->points - LANES;
     double* out = r->out;
-    V *H0 = held[0], *Hm = held[0], *H1 = held[0], *c0 = given[0], *cm = given[0], *c1 = given[0];
     EACH(j, @P@) p[j] = AT(r->theta + j * r->theta_row, r->theta_point);
     shared(p, K);
     EACH(s, @S@) { z[s] = load(r->start + s * r->points + i); store(out + s * r->points + i, z[s]); }
     out += @S@ * r->points;
-    if (r->linear) {
-      Hm = held[1]; H1 = held[2]; cm = given[1]; c1 = given[2];
-      read_controls(r, 0, i, c0);
-      inputs(c0, p, K, H0);
-    }
     for (long long step = 0; step < r->steps; step++) {
       h = AT(r->dt + step * r->dt_step, r->dt_point);
-      if (r->linear) {
-        read_controls(r, step + 1, i, c1);
-        EACH(j, @C@) cm[j] = 0.5 * (c0[j] + c1[j]);
-        inputs(cm, p, K, Hm);
-        inputs(c1, p, K, H1);
-      } else {
-        read_controls(r, step, i, c0);
-        inputs(c0, p, K, H0);
-      }
-      rates(z + @first@, c0, p, K, H0, k1);
+      read_controls(r, step, i, c);
+      inputs(c, p, K, H);
+      rates(z + @first@, c, p, K, H, k1);
       if (r->euler) {
         EACH(s, @S@) z[s] = z[s] + h * k1[s];
       } else {
         @stages@
       }
-      if (r->linear) { V *H = H0, *c = c0; H0 = H1; H1 = H; c0 = c1; c1 = c; }
       if (!r->keep[step]) continue;
       EACH(s, @S@) store(out + s * r->points + i, z[s]);
       out += @S@ * r->points;

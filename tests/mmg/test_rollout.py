@@ -59,55 +59,48 @@ def case(simulator: Simulator, M: int, seed: int = 0) -> tuple[np.ndarray, np.nd
     return simulator.start(six, controls[0], theta), controls, theta
 
 
-def loop(f, start, nodes, steps, theta, method: str, linear: bool) -> np.ndarray:  # type: ignore[no-untyped-def]
+def loop(f, start, inputs, steps, theta, method: str) -> np.ndarray:  # type: ignore[no-untyped-def]
     """The integration written out, with one call of the rates f per stage."""
     z, out = start, [start]
-    for a, b, h in zip(nodes[:-1], nodes[1:] if linear else nodes[:-1], steps, strict=True):
-        middle = 0.5 * (a + b)
-        k1 = f(z, a, theta)
+    for c, h in zip(inputs, steps, strict=True):
+        k1 = f(z, c, theta)
         if method == "euler":
             z = z + h * k1
         else:
-            k2 = f(z + 0.5 * h * k1, middle, theta)
-            k3 = f(z + 0.5 * h * k2, middle, theta)
-            z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + f(z + h * k3, b, theta))
+            k2 = f(z + 0.5 * h * k1, c, theta)
+            k3 = f(z + 0.5 * h * k2, c, theta)
+            z = z + h / 6 * (k1 + 2 * k2 + 2 * k3 + f(z + h * k3, c, theta))
         out.append(z)
     return np.array(out)
 
 
 @pytest.mark.parametrize("M", [1, 3, LANES, LANES + 3])
-@pytest.mark.parametrize("linear", [False, True])
 @pytest.mark.parametrize("method", ["rk4", "euler"])
-def test_a_run_is_the_loop_of_its_steps(simulator: Simulator, M: int, linear: bool, method: str) -> None:
+def test_a_run_is_the_loop_of_its_steps(simulator: Simulator, M: int, method: str) -> None:
     start, nodes, theta = case(simulator, M)
     steps = np.random.default_rng(1).uniform(0.1, 0.5, (N, M))
-    given = nodes if linear else nodes[:-1]
-    got = simulator.run(start, given, steps, theta, method, linear=linear)
+    got = simulator.run(start, nodes[:-1], steps, theta, method)
     assert got.shape == (N + 1, *start.shape)
-    expected = loop(simulator.rates, start, nodes, steps, theta, method, linear)
+    expected = loop(simulator.rates, start, nodes[:-1], steps, theta, method)
     np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-14)
 
 
-@pytest.mark.parametrize("linear", [False, True])
-def test_without_a_compiler_the_result_is_the_same(
-    simulator: Simulator, linear: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_compiler_the_result_is_the_same(simulator: Simulator, monkeypatch: pytest.MonkeyPatch) -> None:
     start, nodes, theta = case(simulator, 3)
     keep = np.arange(1, N + 1) % 4 == 0
-    given = nodes if linear else nodes[:-1]
-    expected = simulator.run(start, given, 0.2, theta, linear=linear, keep=keep)
+    expected = simulator.run(start, nodes[:-1], 0.2, theta, keep=keep)
     monkeypatch.setenv("MMG_CC", "none")
     alone = Simulator(simulator.ship)
-    got = alone.run(start, given, 0.2, theta, linear=linear, keep=keep)
+    got = alone.run(start, nodes[:-1], 0.2, theta, keep=keep)
     assert alone.interpreted_because
     np.testing.assert_allclose(got, expected, rtol=1e-11, atol=1e-13)
 
 
 def test_a_ship_moves_the_same_whoever_sails_beside_her(simulator: Simulator) -> None:
     start, nodes, theta = case(simulator, 2 * LANES + 3)
-    together = simulator.run(start, nodes, 0.3, theta, linear=True)
+    together = simulator.run(start, nodes[:-1], 0.3, theta)
     for m in (0, LANES, 2 * LANES + 2):
-        alone = simulator.run(start[:, [m]], nodes[:, :, [m]], 0.3, theta[:, [m]], linear=True)
+        alone = simulator.run(start[:, [m]], nodes[:-1, :, [m]], 0.3, theta[:, [m]])
         np.testing.assert_array_equal(together[:, :, [m]], alone)
 
 
@@ -172,19 +165,6 @@ def test_what_does_not_fit_is_refused() -> None:
         simulator.run(start, inputs, 0.1, method="heun")
 
 
-def test_straight_inputs_keep_the_fourth_order() -> None:
-    """Halving the steps divides the error by about 16; held inputs would leave second order at best."""
-    simulator = Simulator(ESSO)
-    start = np.array([[0.0], [0.0], [0.0], [0.4], [0.0], [0.0]])
-    ends = []
-    for n in (20, 40, 640):
-        share = np.linspace(0.0, 1.0, n + 1)
-        nodes = np.column_stack([8.0 + 4 * share, 0.5 * share, 0 * share, 0 * share])
-        ends.append(simulator.run(start, nodes, 20.0 / n, linear=True)[-1, :, 0])
-    first, second = (np.abs(end - ends[2]).max() for end in ends[:2])
-    assert first / second > 11
-
-
 # The generated code
 
 
@@ -202,7 +182,7 @@ def test_rows_may_depend_on_anything_or_nothing() -> None:
     start, controls, p = rng.random((5, LANES)), rng.random((4, 2, LANES)), rng.random((2, LANES))
     rollout = compile_rollout(rates, 2)
     assert rollout is not None
-    got = rollout(start, controls, np.asarray(0.5), p, np.ones(4, dtype=bool), True, False)
+    got = rollout(start, controls, np.asarray(0.5), p, np.ones(4, dtype=bool), True)
     z = start
     for k in range(4):
         z = z + 0.5 * np.array(rates(z[2:], controls[k], p))
