@@ -12,7 +12,7 @@ import numpy as np
 
 from cases.importing.raw_table import Clock, RawTable
 from cases.importing.vocabulary import plain_words
-from cases.quantities import FACTORS, factor_of
+from cases.quantities import FACTORS, SPELLINGS, factor_of
 from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName, UserError, reason
 from mmg.messages import Message
 
@@ -224,7 +224,8 @@ def _numbers(table: RawTable, header: str, unit: str, time_columns: Mapping[str,
     part = np.zeros(len(values))
     if "t_part" in time_columns:
         part = table.numbers(time_columns["t_part"]) * _part_unit(table, time_columns["t_part"])
-    middle, name = float(np.median(known)), unit.lower().replace("sec", "s")  # the median: ends may be 0 or lost
+    middle, name = float(np.median(known)), unit.lower()  # the median: ends may be 0 or lost
+    name = SPELLINGS.get(name, name.replace("sec", "s"))
     if re.fullmatch(OF_WEEK, plain_words(header)):
         of_week = 1e-3 if name == "ms" or known.max() > WEEK else 1.0
         clock = _going_on(Clock(values * of_week + part, False, header, "seconds of the week", period=WEEK))

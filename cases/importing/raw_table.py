@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cases.importing.vocabulary import meaning
 from cases.io.text_table import TextTable, floats_of_cells
 from cases.io.trial_table import MOST_COLUMNS
 from mmg.errors import Conflict, OutOfRange, TooFewData
@@ -130,15 +131,29 @@ def split_unit(cell: str) -> tuple[str, str]:
     return (match[1].strip(), match[2].strip()) if match and match[1].strip() else (cell, "")
 
 
+def _with_index(cells: list[str], frame: Any) -> list[str]:
+    """The header ``cells`` (C,), with one for the index of pandas in the ``frame`` (N, C), which it writes without any:
+    where no other column is a clock, one of dates is it."""
+    nameless = [i for i, cell in enumerate(cells) if cell.strip() in ("", "__index_level_0__")]  # in text, in Parquet
+    clocks = [cell for cell in cells if nameless and meaning(split_unit(cell)[0]).quantity == "t"]
+    out = ["" if i in nameless else cell for i, cell in enumerate(cells)]
+    for i in nameless if not clocks else ():
+        first = next((value for value in frame.iloc[:, i] if value is not None and value == value), "")  # NaN is not
+        if re.match(r"\d{4}-\d\d-\d\d[ T]\d\d:", str(first)):
+            out[i] = "timestamp"
+            break
+    return out
+
+
 def raw_table(
     path: Path, name: str, cells: list[str], units: list[str], frame: Any, notices: list[Message]
 ) -> RawTable:
     """A table with header ``cells`` (C,), whose units are taken out of them where ``units`` (C,) has none. path, name,
-    frame, notices: as of ``RawTable``. Columns without header and cells are left out. Raises UserError for two columns
-    of the same name, for no column, and for more than MOST_COLUMNS."""
+    frame, notices: as of ``RawTable``. Columns without cells are left out, and those without a header but for an index
+    of times. Raises UserError for two columns of the same name, for no column, and for more than MOST_COLUMNS."""
     if len(cells) > MOST_COLUMNS:
         raise OutOfRange(f"{name}: has {len(cells)} columns, more than {MOST_COLUMNS}; leave out what is not needed")
-    parts = [split_unit(cell) for cell in cells]
+    parts = [split_unit(cell) for cell in _with_index(cells, frame)]
     kept = [i for i, (header, _) in enumerate(parts) if header and not frame.iloc[:, i].isna().all()]
     headers = [parts[i][0] for i in kept]
     units = [units[i] or parts[i][1] for i in kept]

@@ -389,11 +389,13 @@ def _of_sheet(path: Path, name: str, sheet: Any, hidden: Sequence[str], since_19
 
 
 def read_parquet(path: Path) -> RawTable:
-    """The table in the Parquet file ``path``. Raises UserError where it cannot be read."""
+    """The table in the Parquet file ``path``, an index of pandas as a column. Raises UserError where it cannot be
+    read."""
     import pandas as pd
+    import pyarrow.parquet as pq
 
     try:
-        frame = pd.read_parquet(path)
+        frame = pq.read_table(path).to_pandas(ignore_metadata=True)
     except Exception as error:  # pyarrow raises many kinds for damaged files
         raise no_parquet(path, error) from None
     cells = [str(c) for c in frame.columns]

@@ -191,6 +191,28 @@ def test_a_stamp_after_the_year_9999_is_one_line(tmp_path: Path) -> None:
     assert len(import_logs([tmp_path / "a.parquet"]).problems) == 1
 
 
+@pytest.mark.parametrize("index", [None, "time", "t [s]"])
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "xlsx"])
+def test_the_index_of_a_frame_is_its_clock(tmp_path: Path, suffix: str, index: str | None) -> None:
+    """pandas writes it without a header where it has no name, and to Parquet as no column of its own."""
+    import pandas as pd
+
+    stamps = np.datetime64("2026-05-04T03:00:00", "us") + (1e6 * T).astype("timedelta64[us]")
+    frame = pd.DataFrame(without(bridge(TRUTH), "Time"))
+    frame.index = pd.Index(T if index == "t [s]" else stamps, name=index)
+    getattr(frame, {"xlsx": "to_excel"}.get(suffix, f"to_{suffix}"))(tmp_path / f"a.{suffix}")
+    (run,) = import_logs([tmp_path / f"a.{suffix}"]).runs
+    assert run.day == ("" if index == "t [s]" else "2026-05-04")
+    np.testing.assert_allclose(run.columns["t"], T - T[0], atol=1e-6)
+
+
+@pytest.mark.parametrize(("unit", "second"), [("seconds", 1.0), ("milliseconds", 1e3), ("sec", 1.0), ("ms", 1e3)])
+def test_epochs_are_known_however_their_unit_is_spelled(tmp_path: Path, unit: str, second: float) -> None:
+    log = {f"Time [{unit}]": second * (1.7779e9 + T), **without(bridge(TRUTH), "Time")}
+    (run,) = import_logs([table(tmp_path / "a.csv", log)]).runs
+    assert run.day == "2026-05-04"
+
+
 @pytest.mark.parametrize(
     ("header", "variation"), [("Heading (M)", None), ("Heading [°M]", None), ("Compass heading [deg]", -7.5)]
 )
