@@ -20,7 +20,7 @@ from cases.checks.folders import duplicates
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, Found
 from cases.checks.stretches import BrokenStretch, broken_stretches
 from cases.inputs import SAMPLED
-from cases.io.campaigns import Campaigns, Groups, campaign_labels, campaigns_of, group_trials, ship_of_campaign
+from cases.io.campaigns import Groups, campaign_labels, campaigns_of, group_trials, ship_of_campaign
 from cases.io.read import read_trials
 from cases.io.sidecar import line_for
 from cases.trial import LEFT_OUT, Trial, left_out, looked_at
@@ -110,7 +110,7 @@ class TrialSet(Sequence[Trial]):
         return [tuple(i for i, g in enumerate(groups) if g == k) for k in dict.fromkeys(groups)]
 
     @cached_property
-    def campaigns(self) -> Campaigns:
+    def campaigns(self) -> Groups:
         """Who belongs to which campaign. Raises UserError where sidecar, day and folder contradict each other."""
         return campaigns_of(self.trials)
 

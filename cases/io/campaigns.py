@@ -40,6 +40,15 @@ class Groups:
     names: tuple[str, ...]
     number: tuple[int, ...]
 
+    def runs(self, name: str) -> int:
+        """How many trials the group ``name`` has."""
+        return sum(self.names[k] == name for k in self.number)
+
+    @property
+    def comparable(self) -> tuple[str, ...]:
+        """Names of those with two runs at least."""
+        return tuple(name for name in self.names if self.runs(name) > 1)
+
     def members(self, trials: Sequence[Trial]) -> dict[str, list[Trial]]:
         """The ``trials`` that were grouped, by the name of their group."""
         members: dict[str, list[Trial]] = {name: [] for name in self.names}
@@ -100,52 +109,27 @@ def day_of(trial: Trial) -> str:
 
 def dates_in(text: str) -> list[str]:
     """The days that ``text`` names, as ISO 8601 writes them; what is no day of the calendar is passed over."""
-    return [day for day, _ in _written(text) if day]
-
-
-def _written(text: str) -> list[tuple[str, str]]:
-    """Dates in a ``text``: the day, "" for what is none, and how it is written."""
-    dates = []
+    days = []
     for match in (match for pattern in DATES for match in pattern.finditer(text)):
-        month, day = match["m"].lower()[:3], ""
+        month = match["m"].lower()[:3]
         number = MONTHS.index(month) + 1 if month in MONTHS else int(month)
         with contextlib.suppress(ValueError):
-            day = date(int(match["y"]), number, int(match["d"])).isoformat()
-        dates.append((day, match[0]))
-    return dates
+            days.append(date(int(match["y"]), number, int(match["d"])).isoformat())
+    return days
 
 
 UNKNOWN = "no campaign"  # Name of what trials belong to of which nothing is known
 TAKEN, MEAN = "campaign", "campaign_mean"  # Codes of messages: instruments as in a campaign, as in the mean of all
 
 
-@dataclass(frozen=True)
-class Campaigns:
-    """Trials by campaign. names: of the campaigns, sorted; number: (trials,) of each trial's; messages: on names with a
-    date that is none."""
-
-    names: tuple[str, ...]
-    number: tuple[int, ...]
-    messages: tuple[Message, ...] = ()
-
-    def runs(self, name: str) -> int:
-        """How many trials the campaign ``name`` has."""
-        return sum(self.names[k] == name for k in self.number)
-
-    @property
-    def comparable(self) -> tuple[str, ...]:
-        """Names of those with two runs at least."""
-        return tuple(name for name in self.names if self.runs(name) > 1)
-
-
-def campaigns_of(trials: Sequence[Trial]) -> Campaigns:
+def campaigns_of(trials: Sequence[Trial]) -> Groups:
     """The campaigns of ``trials``. Raises UserError where the sidecar names for a campaign another day than the file
     name, or another folder of these trials than that in which the file lies."""
     folders, labels = folders_of(trials), campaign_labels(trials)
     for trial, folder in zip(trials, folders, strict=True):
         _refuse_contradiction(trial, folder, folders)
     names = tuple(sorted(set(labels)))
-    return Campaigns(names, tuple(names.index(label) for label in labels), tuple(_no_dates(trials, labels)))
+    return Groups("campaign", names, tuple(names.index(label) for label in labels))
 
 
 def campaign_labels(trials: Sequence[Trial]) -> list[str]:
@@ -221,16 +205,3 @@ def _refuse_contradiction(trial: Trial, folder: str, folders: Sequence[str]) -> 
     if folder and said != folder and said in folders:
         words = f"file lies in folder {folder}, and {said} is another folder of these trials"
         raise Conflict(f"{begin} {words}; move the file, or correct {where}")
-
-
-def _no_dates(trials: Sequence[Trial], labels: Sequence[str]) -> list[Message]:
-    """A message on each of ``trials`` whose name has a date of no calendar (2026-02-30), if nothing tells its day."""
-    messages = []
-    for trial, label in zip(trials, labels, strict=True):
-        written = _written(trial.path.stem if trial.path is not None else trial.name)
-        wrong = [words for day, words in written if not day and not words.isdigit()]  # 20261399 may be any number
-        if wrong and not (trial.meta.get("campaign") or day_of(trial)):
-            line = line_for(trial.path, trial.name, 'campaign = "..."')
-            words = f"{wrong[0]} in its name is no day of the calendar; it counts to {label}; else add to {line}"
-            messages.append(Message(f"{trial.name}: {words}", "no_date"))
-    return messages

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from cases.evidence.kinematics import TRACK, TURN, Kinematics, kinematics_of
-from cases.io.campaigns import Campaigns
+from cases.io.campaigns import Groups
 from cases.shipfiles.effects import parameters
 from cases.trial_set import TrialSet
 from fitting.calibration import Calibration, StartingPoint, estimated
@@ -150,7 +150,7 @@ def by_campaign(
     campaigns, tried = trials.campaigns, instruments(ship, wanted)
     judged = (fit.draft or fit.converged) and fit.constants is None
     if len(campaigns.comparable) < 2 or not tried or not judged:
-        return replace(same, messages=(*campaigns.messages, *why_not(campaigns, bool(wanted))))
+        return replace(same, messages=why_not(campaigns, bool(wanted)))
     logs = kinematics_of(trials, ship)
     length = float(ship.particulars["L"])
     readings = {each.symbol: r for each in tried if logs and (r := run_readings(logs, each, length, campaigns))}
@@ -170,12 +170,12 @@ def by_campaign(
     ]
     runs = {name: campaigns.runs(name) for name in campaigns.names}
     content = {"runs": runs, "tried": rows, "values": None, "left_out": None, "sentences": []} | (made.content or {})
-    messages, seconds = (*campaigns.messages, *made.messages), time.perf_counter() - began
-    return replace(made, content=content, messages=messages, seconds=seconds)
+    seconds = time.perf_counter() - began
+    return replace(made, content=content, seconds=seconds)
 
 
 def run_readings(
-    logs: Kinematics, instrument: Instrument, length: float, campaigns: Campaigns
+    logs: Kinematics, instrument: Instrument, length: float, campaigns: Groups
 ) -> tuple[RunReadings, float] | None:
     """Readings of an ``instrument`` by run from the kinematics of the ``logs`` of ``campaigns``, and the probability
     that it is the same in all and differs by chance; None where too few runs have one. length: of the ship [m]."""
@@ -214,7 +214,7 @@ def distribution_of(value: np.ndarray, std: np.ndarray) -> tuple[float, float]:
 
 def _with_constants(
     fit: Calibration,
-    campaigns: Campaigns,
+    campaigns: Groups,
     readings: Mapping[str, RunReadings],
     trials: TrialSet,
     progress: OnProgress | None,
@@ -311,7 +311,7 @@ def gains(before: np.ndarray, after: np.ndarray) -> bool:
     return bool(good.any() and after[good].mean() < before[good].mean())
 
 
-def with_values(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:
+def with_values(fit: CampaignFit, campaigns: Groups) -> CampaignFit:
     """The ``fit`` with its values by campaign, of these ``campaigns``, in words and numbers; as it is without any."""
     constants, problem, p = fit.calibration.constants, fit.calibration.problem, fit.calibration.p
     if constants is None or not problem.prior.campaign:
@@ -323,7 +323,7 @@ def with_values(fit: CampaignFit, campaigns: Campaigns) -> CampaignFit:
     return replace(fit, content=(fit.content or {}) | content, messages=tuple(sentences))
 
 
-def why_not(campaigns: Campaigns, wanted: bool) -> tuple[Message, ...]:
+def why_not(campaigns: Groups, wanted: bool) -> tuple[Message, ...]:
     """Why these ``campaigns`` cannot be compared, nothing if they can; said of a single one only if ``wanted``."""
     if len(campaigns.comparable) >= 2 or (len(campaigns.names) < 2 and not wanted):
         return ()
@@ -349,7 +349,7 @@ def not_asked(trials: TrialSet, wanted: Sequence[str]) -> tuple[Message, ...]:
     return (Message(words, "campaigns_not_asked"),)
 
 
-def differences(constants: RunConstants, campaigns: Campaigns, left: np.ndarray) -> list[Message]:
+def differences(constants: RunConstants, campaigns: Groups, left: np.ndarray) -> list[Message]:
     """A sentence on each of the ``constants``, which differ, and on ``campaigns`` that do not tell it.
 
     left: (campaigns, Q) share of the width that the trials of each leave, as standard errors of the model.

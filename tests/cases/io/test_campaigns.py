@@ -50,11 +50,8 @@ def test_a_sidecar_that_contradicts_the_day_or_the_folder_is_refused() -> None:
     assert names(trial("a/x_12-Nov-2020.csv", campaign="2020-11-12")) == ["2020-11-12"]
 
 
-def test_a_date_that_is_none_is_said(tmp_path: Path) -> None:
-    found = campaigns_of([trial("a/run_2026-02-30.csv"), trial("a/run_2026-02-27.csv")])
-    assert found.names[0] == "2026-02-27"
-    assert [m.code for m in found.messages] == ["no_date"]
-    assert not campaigns_of([trial("a/run_20261399.csv")]).messages
+def test_a_date_that_is_none_is_passed_over_in_a_name_and_refused_in_a_sidecar(tmp_path: Path) -> None:
+    assert names(trial("a/run_2026-02-30.csv"), trial("a/run_2026-02-27.csv")) == [UNKNOWN, "2026-02-27"]
     sidecar = tmp_path / "trials.toml"
     sidecar.write_text('[default]\ncampaign = "2026-02-30"\n', encoding="utf-8")
     with pytest.raises(UserError, match="2026-02-30"):

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cases.io.campaigns import Campaigns, ship_in
+from cases.io.campaigns import Groups, ship_in
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
 from cases.trial import Trial
@@ -201,7 +201,7 @@ def test_values_are_said_to_the_first_digit_of_their_error() -> None:
     values, std = np.array([[0.00046], [1.0331]]), np.array([[0.04], [0.08]])
     bare = (np.array([0.2584]), np.array([0.6]), np.zeros(2))
     constants = RunConstants(("gyro.T",), DAYS[:2], ("s",), values, std, *bare)
-    campaigns = Campaigns(DAYS[:2], (0, 0, 1, 1))
+    campaigns = Groups("campaign", DAYS[:2], (0, 0, 1, 1))
     said = [str(m) for m in differences(constants, campaigns, np.array([[0.1], [0.95]]))]
     assert said[0].endswith(f"mean 0.3 +- 0.6 s: {DAYS[0]} 0.00 +- 0.04, {DAYS[1]} 1.03 +- 0.08")
     assert DAYS[1] in said[1] and len(said) == 2
