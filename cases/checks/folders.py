@@ -18,7 +18,7 @@ from cases.checks.stretches import DRIFTING, stretch_findings
 from cases.evidence.competition import FRAMES, Judged, Keys, Scores, judged, rudder_nats, scores, standing, wrong_inputs
 from cases.evidence.shifts import LAGS, TRACK, TURN, Scale, Shift, Value, candidates, nats, scale, shifts
 from cases.evidence.signals import Signals, independent, signals
-from cases.io.conventions import SENTINEL, converted, masked, mislabelled, remarks
+from cases.io.conventions import SENTINEL, converted, mislabelled
 from cases.io.read import SUFFIXES, read_trial
 from cases.io.sidecar import NAME, SidecarEntry, line_for, sidecar_entry
 from cases.io.toml_file import as_toml
@@ -155,7 +155,6 @@ def check(
 
     copies: ``duplicates`` of the trials, where they are known. Notices of the reading come last.
     """
-    trials = [_without_sentinels(trial) for trial in trials]
     reports = []
     for trial, (others, shared) in zip(trials, duplicates(trials) if copies is None else copies, strict=True):
         looks = {topic: look(trial) for topic, look in LOOKS.items()}
@@ -175,14 +174,6 @@ def check(
         for i, report in zip(rows, together, strict=True):
             reports[i] = report
     return reports
-
-
-def _without_sentinels(trial: Trial) -> Trial:
-    """``trial`` without numbers that stand for no value, where it was not read from a file."""
-    if trial.path is not None:
-        return trial
-    columns, counts = masked(trial.columns, {name: (0, 1.0) for name in trial.columns}, ())
-    return replace(trial, columns=columns, notices=(*trial.notices, *remarks(counts))) if counts else trial
 
 
 def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[CheckReport]:
