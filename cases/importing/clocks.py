@@ -238,7 +238,8 @@ def _numbers(table: RawTable, header: str, unit: str, time_columns: Mapping[str,
     for epoch_unit, low, high, factor, zero, words in EPOCHS:
         steps = np.abs(np.diff(known))
         if low <= middle < high and (epoch_unit == name if epoch_unit and name else not name):
-            if factor == DAY and (len(steps) < 1 or np.median(steps) * DAY > 3600.0):  # counts of samples, not days
+            # counts of samples are no days, and microseconds since a logger began no seconds since 1970
+            if not name and (len(steps) < 1 or np.median(steps) * factor > 3600.0):
                 continue
             if words.startswith("days of a spread") and table.since_1904:
                 zero += SINCE_1904
@@ -296,7 +297,7 @@ def _unit_of(table: RawTable, header: str) -> str:
     unit = table.units[table.headers.index(header)].lower()
     if factor_of("s", unit) is not None:
         return unit
-    ending = re.search(r"(?:^|[_\s.])(seconds|sec|ms|us|ns|min|s)$", header.lower())
+    ending = re.search(r"(?:^|_)(seconds|sec|ms|us|ns|min|s)$", plain_words(header))
     return ending[1] if ending else ""
 
 
@@ -356,9 +357,10 @@ def _refuse(bad: Any, text: Any, where: str, before: int) -> None:
 
 
 def _normal_stamp(value: Any) -> Any:
-    """A stamp as pandas reads it: a comma before the part of a second becomes a point."""
+    """A stamp as pandas reads it: with a point before the part of a second, and "T" for "_" behind a date of digits."""
     if value is None or value != value:
         return None
     if not isinstance(value, str):
         return value
-    return re.sub(r"\s*(UTC|GMT)$", "Z", re.sub(r"(:\d{2}),(\d+)", r"\1.\2", value.strip()))
+    text = re.sub(r"^(\d{8})_(?=\d{6})", r"\1T", value.strip())
+    return re.sub(r"\s*(UTC|GMT)$", "Z", re.sub(r"(:\d{2}),(\d+)", r"\1.\2", text))

@@ -213,6 +213,21 @@ def test_epochs_are_known_however_their_unit_is_spelled(tmp_path: Path, unit: st
     assert run.day == "2026-05-04"
 
 
+def test_microseconds_since_a_logger_began_are_no_seconds_since_1970(tmp_path: Path) -> None:
+    """As PX4 and ArduPilot count: a few minutes in them are of the size of a date in seconds."""
+    count, rest = (123e6 + 1e6 * (T - T[0])).astype(int), without(bridge(TRUTH), "Time")
+    (run,) = import_logs([table(tmp_path / "a.csv", {"TimeUS": count, **rest})]).runs
+    np.testing.assert_allclose(run.columns["t"], T - T[0], atol=1e-6)
+    (problem,) = import_logs([table(tmp_path / "b.csv", {"timestamp": count, **rest})]).problems
+    assert "numbers without a unit" in problem
+
+
+def test_a_date_and_time_of_digits_are_read(tmp_path: Path) -> None:
+    log = {"Time": times("%Y%m%d_%H%M%S.%f"), **without(bridge(TRUTH), "Time")}
+    (run,) = import_logs([table(tmp_path / "a.csv", log)]).runs
+    assert run.day == f"{BEGIN:%Y-%m-%d}"
+
+
 @pytest.mark.parametrize(
     ("header", "variation"), [("Heading (M)", None), ("Heading [°M]", None), ("Compass heading [deg]", -7.5)]
 )
