@@ -376,12 +376,21 @@ def trial_from_pandas(frame: Any, name: str, units: Mapping[str, str] | None, se
         units, frame = of_variables | dict(units or {}), frame.to_dataframe()
     if not hasattr(frame, "columns"):
         raise BadValue(f"{name}: from_pandas takes a DataFrame, not {type(frame).__name__}; see from_arrays")
-    header, columns = [str(cell) for cell in frame.columns], [frame[cell].to_numpy() for cell in frame.columns]
+    header, columns = [str(cell) for cell in frame.columns], [_cells(frame[cell]) for cell in frame.columns]
     stamps = frame.index.dtype.kind in "mM"
     if "t" not in map(_quantity, header) and (frame.index.name or stamps):  # the index is the clock
         header.append("t [s]" if stamps else str(frame.index.name))
-        columns.append(frame.index.to_numpy())
+        columns.append(_cells(frame.index))
     return _made(header, columns, name, dict(units or {}), settings)
+
+
+def _cells(values: Any) -> np.ndarray:
+    """The cells (N,) of a column or an index of pandas; stamps with a time zone in UTC, as numpy knows no other."""
+    import pandas as pd
+
+    if not isinstance(values.dtype, pd.DatetimeTZDtype):
+        return np.asarray(values.to_numpy())
+    return np.asarray(pd.DatetimeIndex(values).tz_convert(None).to_numpy())
 
 
 def trial_from_arrays(name: str, given: Mapping[str, Any], units: Mapping[str, str] | None) -> Trial:
