@@ -44,7 +44,7 @@ JUMP = 0.7  # set by hand
 # error of so many times the noise and this share of its size: half a sine leaves 0.026. Set by hand below that.
 RESOLVED, SURE, STRAIGHT = 1.5, 0.05, (1.5, 0.01)
 # A limit is shown by so many moves at least that agree to this share of their rate, and by this share of all moves of
-# half the largest size. Set by hand.
+# half the largest size in the trials that show it. Set by hand.
 FEW, AGREE, MOSTLY = 2, 0.1, 0.5
 FASTEST = 5.0  # Rates above so many times those by Froude's law are steps of orders. Set by hand.
 # Particular, the column whose steps are its orders, and the highest order that counts: an engine that is stopped or
@@ -99,10 +99,13 @@ def slew_rate(ramps: Sequence[Ramp]) -> SlewRate | None:
     resolved = [ramp for ramp in ramps if ramp.resolved]
     if not resolved:
         return None
-    largest = max(ramp.size for ramp in resolved)  # a ramp that begins in a move has no size of its own
-    large = [ramp for ramp in ramps if ramp.size >= 0.5 * largest]
     for fastest in sorted(resolved, key=lambda ramp: -ramp.rate):
         alike = [ramp for ramp in resolved if ramp.straight and abs(ramp.rate / fastest.rate - 1) <= AGREE]
+        names = {ramp.trial for ramp in alike}  # slow moves of others, such as pods turned by hand, deny nothing
+        theirs = [ramp for ramp in ramps if ramp.trial in names]
+        # a ramp that begins in a move has no size of its own
+        largest = max((ramp.size for ramp in theirs if ramp.resolved), default=0.0)
+        large = [ramp for ramp in theirs if ramp.size >= 0.5 * largest]
         enough = len(alike) >= FEW and sum(ramp in alike for ramp in large) >= MOSTLY * len(large)
         if fastest.straight and enough:
             weights = np.array([ramp.error**2 + 0.01**2 for ramp in alike]) ** -1  # 1 %: no move alone decides

@@ -80,6 +80,17 @@ def test_a_move_that_begins_in_another_has_no_size_that_others_are_judged_by() -
     assert found is not None and found.limit and math.degrees(found.rate) == pytest.approx(rate, rel=0.01)
 
 
+def test_large_moves_by_hand_in_another_run_deny_no_limit() -> None:
+    """Two zigzags at 12 deg/s, and pods that somebody turns by 100 deg, slowly and along no straight line."""
+    t, rate = np.arange(120.0), 12.0
+    turn = np.clip(rate * (t - 20), 0, 20) - np.clip(rate * (t - 70), 0, 40) + np.clip(rate * (t - 100), 0, 40)
+    hand = 50.0 * np.sin(2 * np.pi * t / 60)
+    runs = [straight(str(k), t, delta=np.radians(x)) for k, x in enumerate((turn, -turn, hand))]
+    found = slew_rate([ramp for run in runs for ramp in ramps_of(run, run["delta"])])
+    assert found is not None and found.limit and math.degrees(found.rate) == pytest.approx(rate, rel=0.01)
+    assert found.trials == ("0", "1")
+
+
 def test_the_rate_of_an_engine_and_a_rudder_that_is_not_midships_come_back() -> None:
     ship = bare("esso_osaka_3m")
     runs = trials("esso_osaka_3m", 20.0, 0.1)
