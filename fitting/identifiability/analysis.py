@@ -308,16 +308,20 @@ PHYSICAL: dict[str, tuple[float, float]] = {
 ADDED_MASSES = ("m_x", "m_y", "I_J_z")
 # Prior standard deviations within which the estimate of an added mass must lie: 95 % of the prior. Set by hand.
 WITHIN_PRIOR = 2.0
-# Where a coefficient that left its prior sends the reader: never to the prior, which is what knows of the ship.
-HIDDEN = (
-    "see what the trials may hide: an antenna off midship, a current, inputs logged at samples but taken as held "
-    "(mmg diagnose)"
-)
-# The same with what to do, for a warning.
-REMEDIES = (
-    f"{HIDDEN}; reference_point and inputs in trials.toml say what is known, --with antenna_offset and --with current "
-    "fit what is not"
-)
+# What trials may hide: effect that fits it, in words, and how it is said or fitted.
+HIDDEN = {
+    "antenna_offset": ("an antenna off midship", "reference_point in trials.toml, or --with antenna_offset"),
+    "current": ("a current", "--with current"),
+    "": ("inputs logged at samples but taken as held", "inputs in trials.toml"),
+}
+
+
+def remedies(symbols: Sequence[str]) -> str:
+    """Where a coefficient that left its prior sends the reader: never to the prior, which is what knows of the ship.
+    symbols: that are fitted; what is fitted along hides nothing."""
+    fitted = {symbol.partition(".")[0] for symbol in symbols}
+    rest = [words for effect, words in HIDDEN.items() if effect not in fitted]
+    return f"see what the trials may hide: {'; '.join(f'{what} ({how})' for what, how in rest)}; mmg diagnose tells"
 
 
 def cause(finding: CoefficientFinding, missing: str = "") -> str:
@@ -326,7 +330,7 @@ def cause(finding: CoefficientFinding, missing: str = "") -> str:
     if kind == "strained":
         return (
             f"in conflict with the prior: {abs(finding.shift):.1f} prior standard deviations away although the trials "
-            f"hardly tell it; {HIDDEN}"
+            "hardly tell it; see what they may hide (mmg diagnose)"
         )
     if kind == "prior" and finding.share > WORSE:
         return "no better known than by its prior: windows, runs or estimators disagree on it by more than that leaves"
@@ -412,9 +416,11 @@ def estimate_warnings(problem: Problem, best: Solution, p: np.ndarray, starts: l
     hit = [f"{s} ({end})" for s, end in zip(prior.symbols, ends, strict=True) if end]
     if hit:
         found.append(Message(f"at a bound: {', '.join(hit)}", "at_bound"))
-    away = [s for s, value in zip(prior.symbols, p, strict=True) if abs(value) > 3]  # three by the sentence; by hand
+    # three by the sentence, set by hand; a suspect that is fitted along is said by itself
+    away = [s for s, value in zip(prior.symbols, p, strict=True) if abs(value) > 3 and "." not in s]
     if away:
-        words = f"more than three prior standard deviations from the prior: {', '.join(away)}; {REMEDIES}"
+        words = f"more than three prior standard deviations from the prior: {', '.join(away)}; "
+        words += remedies(prior.symbols)
         found.append(Message(words, "far_from_prior"))
     found += implausible(prior, dict(zip(prior.symbols, (prior.mean + prior.std * p).tolist(), strict=True)))
     return [*found, *disagreement(starts, best.objective)]
@@ -422,7 +428,7 @@ def estimate_warnings(problem: Problem, best: Solution, p: np.ndarray, starts: l
 
 def implausible(prior: Prior, values: dict[str, float]) -> list[Message]:
     """Warnings on ``values`` (symbol -> estimate) outside their physical range; on added masses far from ``prior``."""
-    outside, far = [], []
+    outside, far, advice = [], [], remedies(prior.symbols)
     for symbol, value in values.items():
         low, high = PHYSICAL.get(symbol, (-math.inf, math.inf))
         if low <= value <= high:
@@ -435,8 +441,8 @@ def implausible(prior: Prior, values: dict[str, float]) -> list[Message]:
         shift = (values.get(symbol, mean) - mean) / std
         if symbol in ADDED_MASSES and abs(shift) > WITHIN_PRIOR:
             far.append(f"{symbol} = {values[symbol]:.3g} is {abs(shift):.1f} prior standard deviations from its prior")
-    found = [Message(f"{', '.join(outside)}: {REMEDIES}", "implausible")] if outside else []
+    found = [Message(f"{', '.join(outside)}: {advice}", "implausible")] if outside else []
     if far:
-        words = f"{', '.join(far)}, though trials hardly determine added masses: {REMEDIES}"
+        words = f"{', '.join(far)}, though trials hardly determine added masses: {advice}"
         found.append(Message(words, "added_mass_far_from_prior"))
     return found
