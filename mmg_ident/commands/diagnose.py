@@ -105,9 +105,10 @@ def _summary(diagnosis: Diagnosis, out: Path) -> None:
     """A few lines for a person."""
     for line in diagnosis.warnings:
         cli.say(f"warning: {line}")
-    rows = []
-    for c in diagnosis.candidates[:SHOWN]:
-        gain = "" if c.delta_bic is None else f"{c.delta_bic:.1f}"
+    rows, named = [], {effect.name: effect for effect in diagnosis.effects}
+    for c in sorted(diagnosis.candidates, key=lambda c: c.name not in named)[:SHOWN]:
+        found = named.get(c.name, c)  # of a named one the gain is that beside those named before it
+        gain = "" if found.delta_bic is None else f"{found.delta_bic:.1f}"
         numbers = (f"{c.score:.1f}", f"{c.p_value:.1g}", gain, f"{c.absorbed_share:.0%}")
         # trials that do not excite an effect say nothing of it: a small score would read as evidence against it
         rows.append((c.name, *(numbers if c.excited else ("not excited", "", "", ""))))
