@@ -159,7 +159,8 @@ def _print(result: FitResult, known: Delivered, started: StartedRun, out: Path) 
         cli.print_table(*screen.by_side)
     cli.print_wrapped("", screen.note)
     for message in result.messages:
-        if message.code != "ship":  # those are the rules of thumb below
+        # notices of the ship are the rules of thumb below
+        if message.code != "ship" and message.text not in screen.verdict:
             cli.print_wrapped("! ", message.text)
     sections = {"use her for": screen.good, "not for": screen.bad, "by rule of thumb": screen.rules}
     for title, sentences in sections.items():
