@@ -33,7 +33,7 @@ from mmg.progress import OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg_ident.settings import check_settings, checked_settings, keywords, listed, names_of, refuse_gone, taken
-from residual.settings import BlackBoxSettings, TrainSettings
+from residual.settings import BlackBoxSettings, TrainSettings, defaults_of
 
 # What a single verb needs is imported in its function: solvers, figures and torch take a second or more to load.
 if TYPE_CHECKING:
@@ -447,9 +447,9 @@ def train(
     """
     kind, network = values.pop("model", None), values.pop("network", None)
     loss = values.pop("loss") if callable(values.get("loss")) else None
-    if settings is None and kind not in (None, "hybrid"):
-        settings, values = BlackBoxSettings(), {**values, "kind": kind}
-    settings = settings or TrainSettings()
+    if settings is not None and kind is not None:
+        raise Conflict("model: is that of the settings; give one of them")
+    settings = settings or defaults_of(kind or "hybrid")
     settings = replace(settings, **checked_settings(type(settings), values))
     check_settings(settings)
     custom = network is not None or loss is not None

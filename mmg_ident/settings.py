@@ -1,18 +1,21 @@
 """Settings by name: fields of a dataclass are options of a verb, keys of --settings FILE.toml and keywords of Python.
 
-Each field that a user may turn carries in its ``metadata`` the words of its "help" and its limits ("gt", "ge", "lt",
-"le", or "choices"); "option" is the name on the command line where that is not the field's own.
+Each field that a user may turn carries in its ``metadata`` the words of its "help" and its limits: "choices", or "gt",
+"ge", "lt", "le" of a number or each of several. "option" is the name on the command line where that is not the field's
+own, and "alias" another one.
 """
 
 from __future__ import annotations
 
 import functools
 import inspect
+import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import Field, fields
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_type_hints
+from types import UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from mmg.errors import BadValue, UnknownName
 
@@ -54,18 +57,37 @@ def option_of(field: Field[Any]) -> str:
 @functools.cache
 def schema_of(kind: type) -> type[Section]:
     """The ``settings_of`` the dataclass ``kind`` as a section of a file, with their types and limits."""
-    from pydantic import Field as Key
     from pydantic import create_model
 
     from cases.io.toml_file import Section
 
     hints, keys = get_type_hints(kind), {}
     for name, field in settings_of(kind).items():
-        limits = {limit: field.metadata[limit] for limit in LIMITS if limit in field.metadata}
-        hint = Literal[field.metadata["choices"]] if "choices" in field.metadata else hints[name]
-        strict = None if "tuple" not in str(hint) else False  # TOML knows lists only, which strictly are no tuples
-        keys[name] = (hint, Key(field.default, strict=strict, **limits))
+        hint = Literal[field.metadata["choices"]] if "choices" in field.metadata else _hint_in_file(hints[name], field)
+        keys[name] = (hint, field.default)
     return create_model(kind.__name__, __base__=Section, **keys)  # type: ignore[call-overload, no-any-return]
+
+
+def _hint_in_file(hint: Any, field: Field[Any]) -> Any:
+    """The type ``hint`` of a ``field``, or of a part of it, as a file may give it, with the limits of the field."""
+    from pydantic import AfterValidator
+    from pydantic import Field as Key
+
+    parts = tuple(p if p is Ellipsis else _hint_in_file(p, field) for p in get_args(hint))
+    if get_origin(hint) in (Union, UnionType):
+        return functools.reduce(operator.or_, parts)
+    if get_origin(hint) is tuple:  # TOML knows lists only, which strictly are no tuples
+        filled = AfterValidator(functools.partial(_filled, field.default))
+        return Annotated[tuple[parts], Key(strict=False), filled]  # type: ignore[valid-type]
+    limits = {limit: field.metadata[limit] for limit in LIMITS if limit in field.metadata}
+    return Annotated[hint, Key(**limits)] if hint in (int, float) else hint
+
+
+def _filled(default: Any, value: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The ``value`` of a field with this ``default``; ValueError where it is empty and the default is not."""
+    if default and not value:
+        raise ValueError("must not be empty")
+    return value
 
 
 def checked_settings(kind: type, values: Mapping[str, Any], where: str = "settings") -> dict[str, Any]:

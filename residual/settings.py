@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from fitting.settings import setting
+from mmg.errors import UnknownName
 
 # Eq. 23 and Eq. 16 of Wakita et al. (2022), and that of the calibration of the ship
 LOSSES = STATE, ACCELERATION, CALIBRATION = "state", "acceleration", "calibration"
@@ -18,6 +19,7 @@ SETS = {
 }  # fmt: skip
 # Feedforward (Wakita et al. 2024, 2025), standard RNN (2022, Eq. 7), RNN with m rows of memory (2022, Eq. 9).
 KINDS = ("fnn", "rnn", "rnn-window")
+MODELS = ("hybrid", *KINDS)  # What is trained
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class TrainSettings:
     batch: int = setting(64, "Windows per gradient step.", ge=1)
     epochs: int = setting(80, "Passes over windows; default 80, black box 60.", ge=1)
     curriculum: tuple[tuple[float, float], ...] = setting(
-        ((10.0, 0.3), (30.0, 0.7)), "Length [s] of windows and share of the epochs."
+        ((10.0, 0.3), (30.0, 0.7)), "Length [s] of windows and share of the epochs.", gt=0
     )
     stride: float = setting(5.0, "Seconds between windows.", gt=0)
     loss: str = setting("state", "state, acceleration or calibration.", choices=LOSSES)
@@ -53,6 +55,7 @@ class TrainSettings:
     time_limit: float | None = setting(None, "Limit of the training [s].", gt=0)
 
 
+MEMBERS = "Members of an ensemble (also --members): trainings from seeds one apart."
 _OF = {f.name: f.metadata for f in fields(TrainSettings)}  # Help and limits, which other defaults do not change
 
 
@@ -60,6 +63,7 @@ _OF = {f.name: f.metadata for f in fields(TrainSettings)}  # Help and limits, wh
 class BlackBoxSettings(TrainSettings):
     """How to train a black box, beside what ``TrainSettings`` says; kind: one of KINDS."""
 
+    seeds: int = field(default=5, metadata={**_OF["seeds"], "help": MEMBERS, "alias": "--members"})
     width: int = field(default=64, metadata=_OF["width"])
     penalty: float = field(default=1e-4, metadata=_OF["penalty"])
     epochs: int = field(default=60, metadata=_OF["epochs"])
@@ -68,6 +72,13 @@ class BlackBoxSettings(TrainSettings):
     memory: int = setting(2, "rnn-window: rows m; rnn: rows to warm up.", ge=1)
     zero: bool = setting(True, "fnn: need not be zero at the origin.")
     initial: int = setting(0, "Black box: rows that estimate first velocities.", ge=0)
+
+
+def defaults_of(model: str) -> TrainSettings:
+    """The settings of a ``model`` of MODELS, all of them the usual ones. Raises UserError for another name."""
+    if model not in MODELS:
+        raise UnknownName(f"model {model!r}: unknown; choose one of {', '.join(MODELS)}")
+    return TrainSettings() if model == "hybrid" else BlackBoxSettings(kind=model)
 
 
 def settings_from(values: dict[str, Any]) -> TrainSettings:

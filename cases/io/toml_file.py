@@ -48,7 +48,8 @@ Name = Annotated[str, AfterValidator(_plain_words)]  # Of a trial or a ship, or 
 S = TypeVar("S", bound=Section)
 ALLOWED = {  # Kind of an error of pydantic -> what is allowed; a unit follows numbers.
     "float_type": "must be a number", "finite_number": "must be a finite number", "string_type": "must be text",
-    "bool_type": "must be true or false", "list_type": "must be a list", "dict_type": "must be a table",
+    "bool_type": "must be true or false", "list_type": "must be a list", "tuple_type": "must be a list",
+    "missing": "must list more numbers", "too_long": "must list {max_length} at most", "dict_type": "must be a table",
     "model_type": "must be a table", "greater_than": "must be above {gt:g}", "less_than": "must be below {lt:g}",
     "greater_than_equal": "must be at least {ge:g}", "less_than_equal": "must be at most {le:g}",
     "literal_error": "must be {expected}", "value_error": "{error}",
@@ -133,7 +134,7 @@ def _problem(schema: type[Section], error: Any) -> str:
                  if not (_table(section, key) or get_origin(field.annotation) is dict)]  # fmt: skip
         what = "key" if place or plain else "section"
         return f"{place} {unknown(what, names[-1], section.model_fields)}".strip()
-    if kind == "missing":
+    if kind == "missing" and not isinstance(error["loc"][-1], int):  # a key, no number of a list
         known = section.model_fields.get(keys)
         hint = section.__doc__ if not keys else known.description if known else f"write {names[-1]} = ..."
         return f"{place} {keys + ' ' if keys else ''}is missing; {hint}"

@@ -64,7 +64,10 @@ def _generated(kind: type, name: str) -> inspect.Parameter:
     hint = get_type_hints(kind)[name]
     plain = next((t for t in (bool, int, float, str) if hint in (t, t | None)), str)  # tuples as text: 1,2,3
     flag = option_of(field)
-    names = [f"{flag}/--no-{flag[2:]}" if plain is bool else flag]  # both, to turn off what the file turns on
+    names = [
+        f"{flag}/--no-{flag[2:]}" if plain is bool else flag,
+        *filter(None, [field.metadata.get("alias")]),
+    ]  # both, to turn off what the file turns on
     words = str(field.metadata["help"])
     if plain is not bool and field.default not in (None, "", ()) and "default" not in words:
         words = _with_default(words, field.default)

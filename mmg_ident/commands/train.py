@@ -11,12 +11,11 @@ from typer import Option
 from mmg.errors import Conflict, UnknownName, needs_torch
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
-from residual.settings import KEEP, KINDS, BlackBoxSettings, TrainSettings
+from residual.settings import KEEP, KINDS, BlackBoxSettings, TrainSettings, defaults_of
 
 if TYPE_CHECKING:
     from residual.result import TrainResult
 
-_MODELS = ("hybrid", *KINDS)
 # Settings that only some models take.
 _ONLY = {"layers": ("fnn",), "zero": ("fnn",), "memory": ("rnn", "rnn-window"), "initial": KINDS,
          "symmetric": ("hybrid",)}  # fmt: skip
@@ -92,12 +91,11 @@ def train(
 
 def _settings(model: str, values: dict[str, Any]) -> TrainSettings:
     """Settings of a --model from ``values`` by name."""
-    if model not in _MODELS:
-        raise UnknownName(f"--model {model}: unknown; choose one of {', '.join(_MODELS)}")
+    usual = defaults_of(model)
     strange = [name for name, kinds in _ONLY.items() if name in values and model not in kinds]
     if strange:
         raise Conflict(f"--{strange[0]} is not for --model {model}, only for {', '.join(_ONLY[strange[0]])}")
-    return TrainSettings(**values) if model == "hybrid" else BlackBoxSettings(kind=model, **values)
+    return replace(usual, **values)
 
 
 def _summary(result: TrainResult, out: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 
 import mmg_ident as mi
 from cases.simulation.simulate import write_trial
+from residual.settings import KINDS
 from tests.support.calibrated import FREE
 from tests.support.synthetic_runs import coarse_runs
 
@@ -193,3 +194,9 @@ def test_structures_are_chosen_from_python() -> None:
     train, held_out = coarse_runs()
     choice = mi.select("esso_osaka_3m", train[:2], held_out[:1], only="mmg")
     assert choice.chosen == "mmg" and choice.result.converged
+
+
+@pytest.mark.parametrize("model", KINDS)
+def test_a_black_box_is_trained_by_its_name(model: str) -> None:
+    found = mi.train("esso_osaka_3m", coarse_runs()[0], model=model, epochs=1, seeds=1, width=4, step=1.0)
+    assert found.model == model and found.black_box is not None

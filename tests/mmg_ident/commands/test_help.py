@@ -17,12 +17,12 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate, write_trial
 from fitting.settings import Rules, Settings, Wish
-from mmg.errors import UnknownName
+from mmg.errors import BadValue, UnknownName
 from mmg_ident.commands import output
 from mmg_ident.commands.main import PANELS, VERBS, main
 from mmg_ident.commands.output import each, narration, progress, working
 from mmg_ident.settings import GONE, checked_settings, given_settings, settings_of
-from residual.settings import BlackBoxSettings
+from residual.settings import BlackBoxSettings, TrainSettings
 
 MOST = 8
 
@@ -74,6 +74,21 @@ def test_an_option_wins_over_the_file(tmp_path: Path) -> None:
     file.write_text("tolerance = 1e-5\nwindow = 20\nsigma = [1, 1, 0.1, 1, 1, 1]\n")
     found = given_settings(Settings, {"window": 30.0}, file)
     assert found == {"tolerance": 1e-5, "window": 30.0, "sigma": (1, 1, 0.1, 1, 1, 1)}
+
+
+def test_numbers_in_a_list_of_lists_are_read_from_a_file_and_keep_the_limits(tmp_path: Path) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_text("curriculum = [[10, 0.5], [30.0, 0.5]]")
+    assert given_settings(TrainSettings, {}, file) == {"curriculum": ((10.0, 0.5), (30.0, 0.5))}
+    for value in ((), [], 3, [3], [[10.0]], [[10.0, 1.0, 1.0]], ((-10, 1),), ((10, 0),), [["a", 1]]):
+        with pytest.raises(BadValue) as found:
+            checked_settings(TrainSettings, {"curriculum": value})
+        assert str(found.value).count("curriculum") == 1
+
+
+def test_members_is_another_name_of_the_seeds_of_an_ensemble(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["train", "ship", "trials", "--members", "0", "--out", "run"]) == 2
+    assert "--seeds 0" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["windw = 3", "window = '3'", "starts = 1.5", "loss = 'auto'", "interval = 0", "a ="])
