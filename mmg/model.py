@@ -39,6 +39,8 @@ class Model:
     rates: Function (state (S,), controls (C,), coefficients (P,)) -> d state / dt (S,), SI.
     forces: Function of the same arguments -> (number of roles, 3): X, Y [N], N [N m] per role of ``roles``.
     roles: parts of the force, in the order of the rows of ``forces``: roles of the ship, then effects.
+    network_force: Function of the same arguments -> (1, 3): the force that stands for the accelerations of the ship's
+        network, None without one.
     initial: Function (x, y, psi, u, v, r (6,), controls, coefficients) -> state (S,) whose memory is settled.
     columns: Function (state (S,), coefficients) -> the six columns as they are logged (6,); columns_by: the same of the
     coefficients ``measured_by`` (numbers of them) alone.
@@ -55,12 +57,23 @@ class Model:
     rates: ca.Function
     forces: ca.Function
     roles: tuple[str, ...]
+    network_force: ca.Function | None
     initial: ca.Function
     columns: ca.Function
     columns_by: ca.Function
     measured_by: np.ndarray
     features: ca.Function
     measured: bool
+
+    def forces_by_role(self, states: np.ndarray, controls: np.ndarray, theta: np.ndarray) -> dict[str, np.ndarray]:
+        """X, Y [N], N [N m], (M, 3), of each of ``roles`` and of a network, at states (S, M) under inputs (C, M).
+
+        theta: coefficients (P,). The sum, divided by masses and added masses, moves the ship.
+        """
+        given = states, controls, theta
+        rows = np.array(self.forces(*given)).reshape(len(self.roles), -1, 3)
+        by_role = dict(zip(self.roles, rows, strict=True))
+        return by_role | ({NETWORK: np.array(self.network_force(*given)).reshape(-1, 3)} if self.network_force else {})
 
     def at_points(self, name: str, *inputs: np.ndarray) -> np.ndarray:
         """Result (rows, M) of the function called ``name`` at M points, without a compiler.
@@ -99,8 +112,8 @@ def component_forces(flow: Flow, ship: Ship, p: SimpleNamespace, c: Any, s: Smoo
 
 def _equations(
     state: Any, controls: Mapping[str, Any], c: SimpleNamespace, ship: Ship, s: Smoothing, acted: bool = False
-) -> tuple[Any, dict[str, Force], Memory, list[Any], dict[str, Any]]:
-    """Rates of the six states, forces by role, memory, logged columns and what a network sees.
+) -> tuple[Any, dict[str, Force], Force, Memory, list[Any], dict[str, Any]]:
+    """Rates of the six states, forces by role and of the network, memory, logged columns and what a network sees.
 
     Expressions of the state (6,), the inputs by name and the coefficients by attribute.
     """
@@ -132,14 +145,16 @@ def _equations(
     if currents:  # to the velocity over ground: see ``_through_water``
         du, dv = du + r * v_c + a_cx, dv - r * u_c + a_cy
     features = {name: getattr(flow, name) for name in ship.features}
+    learned = Force()
     if ship.network:
         added = ship.network.accelerations(ca.vertcat(*[features[name] for name in ship.network.features]))
         du, dv, dr = du + added[0], dv + added[1], dr + added[2]
+        learned = mass.force_of((added[0], added[1], added[2]))
     dx, dy = body_to_earth(u, v, psi)
     columns: list[Any] = [x, y, psi, u, v, r]
     for e, values in effects:
         columns = e.columns(columns, flow, memory, values, p)
-    return ca.vertcat(dx, dy, r, du, dv, dr), parts, memory, columns, features
+    return ca.vertcat(dx, dy, r, du, dv, dr), parts, learned, memory, columns, features
 
 
 def _through_water(flow: Flow, currents: list[tuple[Any, Any, Any, Any]]) -> tuple[Flow, Any, Any, Any, Any]:
@@ -157,6 +172,7 @@ def _through_water(flow: Flow, currents: list[tuple[Any, Any, Any, Any]]) -> tup
     return flow.with_(u=flow.u - u_c, v=flow.v - v_c), u_c, v_c, a_cx, a_cy
 
 
+NETWORK = "network"  # Role of the force that stands for its accelerations
 # What was assembled last: key, model, sizes of the memory. To make the functions takes longer than to call them.
 _ASSEMBLED: deque[tuple[tuple[Any, ...], Model, ca.Function]] = deque(maxlen=16)
 
@@ -196,7 +212,7 @@ def _assembled(ship: Ship, chosen: tuple[str, ...], exact: bool, acted: bool) ->
     values: dict[str, Any] = values_of | {name: theta[i] for i, name in enumerate(chosen)}
     s: Smoothing = Exact() if exact else Smooth.for_length(ship.particulars["L"])
     by_name = {name: controls[i] for i, name in enumerate(ship.inputs)}
-    rates, parts, memory, logged, features = _equations(six, by_name, names(values), ship, s, acted)
+    rates, parts, learned, memory, logged, features = _equations(six, by_name, names(values), ship, s, acted)
     state = ca.vertcat(six, *memory.symbols)
     derivative = ca.vertcat(rates, *memory.rates)
     rows = ca.vertcat(*[ca.horzcat(part.X, part.Y, part.N) for part in parts.values()])
@@ -220,6 +236,7 @@ def _assembled(ship: Ship, chosen: tuple[str, ...], exact: bool, acted: bool) ->
         rates=function("rates", derivative),
         forces=function("forces", rows),
         roles=tuple(parts),
+        network_force=function("network_force", ca.horzcat(learned.X, learned.Y, learned.N)) if ship.network else None,
         initial=ca.Function("initial", [six, controls, theta], [ca.densify(ca.vertcat(six, *_settled(memory)))]),
         columns=ca.Function("columns", [state, theta], [columns], {"cse": True}),
         columns_by=ca.Function("columns_by", [state, few], [ca.densify(columns)], {"cse": True}),

@@ -80,16 +80,16 @@ class RightHandSide:
         return np.array(A), np.array(B)
 
     def forces(self, state: np.ndarray | Sequence[float], controls: Any) -> pd.DataFrame:
-        """X, Y [N] and N [N m] about midship, body axes, by component: a row for each. Raises UserError as a call
-        does."""
+        """X, Y [N] and N [N m] about midship, body axes, by component: a row for each, and for the network of a
+        hybrid ("network"). Raises UserError as a call does."""
         import pandas as pd
 
         z, c, single = self._points(state, controls)
         if not single:
             raise BadValue("forces: takes one state (S,), not several")
-        model = self._simulator.model
-        rows = np.array(model.forces(z[:, 0], c[:, 0], self.ship.values))
-        return pd.DataFrame(rows, index=pd.Index(model.roles, name="component"), columns=["X [N]", "Y [N]", "N [N m]"])
+        by_role = self._simulator.model.forces_by_role(z, c, self.ship.values)
+        components = pd.Index(by_role, name="component")
+        return pd.DataFrame(np.vstack(list(by_role.values())), components, columns=["X [N]", "Y [N]", "N [N m]"])
 
     def _points(self, state: Any, controls: Any) -> tuple[np.ndarray, np.ndarray, bool]:
         """States (S, M), controls (C, M), and whether one point was given."""

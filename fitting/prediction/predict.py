@@ -21,7 +21,6 @@ from fitting.nlp.windows import Record, Stretch
 from fitting.prediction.bands import Bands
 from fitting.prediction.stretches import Adaptation, WindowBatch, adapt, rollout, wrapped_error
 from fitting.report.run_folder import write_whole
-from mmg.components.rigid_body import inertia
 from mmg.errors import NotWritable
 from mmg.messages import Message
 from mmg.model import states_behind
@@ -211,7 +210,6 @@ def predict(
     return predict_all(simulator, [trial], *args, **options)[0]
 
 
-NETWORK = "learned residual"  # Role under which the accelerations of a network, times the masses, are shown
 Forces = dict[str, np.ndarray]  # Role -> (N, 3)
 
 
@@ -228,18 +226,10 @@ def forces_along(simulator: Simulator, trial: Trial) -> Forces:
         return {}
     logged, controls, values = record.states[good].T, record.controls[good].T, ship.values
     states = states_behind(model, logged, controls, values)
-    rows = list(np.array(model.forces(states, controls, values)).reshape(len(model.roles), -1, 3))
-    if ship.network is not None:
-        without = Simulator(ship.without_network(), compiled=simulator.compiled)
-        added = simulator.rates(states, controls)[3:6] - without.rates(states, controls)[3:6]
-        # masses times accelerations, as in mmg.components.rigid_body.accelerations: the same velocities cancel out
-        mass = inertia(ship.namespace, type(ship.namespace)(**{s: c.value for s, c in ship.coefficients.items()}))
-        Y = (mass.m + mass.m_y) * added[1] + (mass.moment + mass.y_r) * added[2]
-        N = mass.I_z * added[2] + (mass.moment + mass.n_v) * added[1]
-        rows.append(np.column_stack([(mass.m + mass.m_x) * added[0], Y, N]))
-    forces = {role: np.full((len(good), 3), np.nan) for role in (*model.roles, NETWORK)[: len(rows)]}
-    for force, part in zip(forces.values(), rows, strict=True):
-        force[good] = part
+    by_role = model.forces_by_role(states, controls, values)
+    forces = {role: np.full((len(good), 3), np.nan) for role in by_role}
+    for role, part in by_role.items():
+        forces[role][good] = part
     return forces
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
@@ -34,6 +35,12 @@ class Inertia:
     I_z: Any
     y_r: Any = 0.0
     n_v: Any = 0.0
+
+    def force_of(self, rates: Sequence[Any]) -> Force:
+        """The force that adds ``rates`` du/dt, dv/dt, dr/dt to those of any others (``accelerations``)."""
+        du, dv, dr = rates
+        Y = (self.m + self.m_y) * dv + (self.moment + self.y_r) * dr
+        return Force((self.m + self.m_x) * du, Y, self.I_z * dr + (self.moment + self.n_v) * dv)
 
     def net_force(self, velocity: Any, rates: Any) -> tuple[Any, Any, Any]:
         """X, Y [N], N [N m] with which a body of these masses, without y_r and n_v, moves at ``velocity`` u, v, r with

@@ -14,6 +14,7 @@ from cases.shipfiles.ship_file import load_ship
 from mmg.errors import UserError
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from tests.support.networks import random_network
 
 SHIP = load_ship("esso_osaka_3m")
 Z = np.array([1.0, -2.0, 0.4, 0.5, 0.03, 0.02])
@@ -64,6 +65,22 @@ def test_forces_are_by_component_and_a_ship_at_rest_stays() -> None:
     np.testing.assert_allclose(forces.drop(index="wind"), without, rtol=1e-9)
     rest = SHIP.rhs([0.0, 0.0, 0.0, 0.0, 0.0, 0.0], {"n": 0.0, "delta": 0.0})
     np.testing.assert_allclose(rest, 0.0, atol=1e-8)  # smooth at rest
+
+
+@pytest.mark.parametrize("effects", [{}, {"shallow_water": {"d_h": 0.6}}], ids=["deep", "shallow"])
+def test_forces_of_a_hybrid_sum_to_her_masses_times_accelerations(effects: dict[str, dict[str, float]]) -> None:
+    """Masses as the effects make them: those that the ship without the network has at rest, where nothing else acts."""
+    ship = SHIP
+    for name, values in effects.items():
+        ship = ship.with_effect(name, values)
+    hybrid, rest = ship.with_network(random_network(ship)), np.zeros(6)
+    winds = [{**ORDERS, "wind_north": 8.0, "wind_east": east} for east in (2.0, -6.0, 9.0)]
+    a, F = (np.transpose([f(rest, c) for c in winds]) for f in (ship.rhs, lambda z, c: ship.rhs.forces(z, c).sum()))
+    masses = F @ np.linalg.inv(a[3:])
+    for controls in winds:
+        found = hybrid.rhs.forces(rest, controls)
+        np.testing.assert_allclose(found.sum(), masses @ hybrid.rhs(rest, controls)[3:], rtol=1e-6)
+        assert found.index[-1] == "network" and np.abs(found.loc["network"]).min() > 0
 
 
 @pytest.mark.parametrize(

@@ -32,10 +32,11 @@ from delivery.view.page import (
 )
 from diagnosis.result import CONTENT
 from fitting.prediction.bands import bands_of
-from fitting.prediction.predict import NETWORK, forces_along, predict
+from fitting.prediction.predict import forces_along, predict
 from fitting.report.run_folder import RESULT
 from fitting.result import read_fit
 from mmg.errors import BadValue, Conflict, Missing, NotWritable
+from mmg.model import NETWORK
 from mmg.rollout import Simulator
 from tests.support.hybrids import lacking, ship, trials
 from tests.support.view_runs import campaign, unpacked, with_diagnosis

@@ -17,7 +17,7 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import simulate
 from cases.trial import Trial, left_out
 from fitting.nlp.windows import Stretch
-from fitting.prediction.predict import NETWORK, forces_along, predict, record_of, window_rows
+from fitting.prediction.predict import forces_along, predict, record_of, window_rows
 from fitting.prediction.score import (
     NOTHING,
     Score,
@@ -32,6 +32,7 @@ from fitting.prediction.stretches import wrapped_error
 from fitting.report.run_folder import adapter, plain
 from mmg.components.rigid_body import accelerations, inertia
 from mmg.errors import TooFewData, UserError
+from mmg.model import NETWORK
 from mmg.motion.flow import Force
 from mmg.rollout import Simulator
 from tests.support.networks import random_network
