@@ -119,4 +119,4 @@ def _summary(diagnosis: Diagnosis, out: Path) -> None:
     lines += [diagnosis.between.sentence, *diagnosis.between.warnings] if diagnosis.between else []
     for line in filter(None, lines):
         print(line)
-    cli.say(f"diagnosis: {out} (diagnosis.json, report.html, ship.toml)")
+    cli.say(f"diagnosis: {out} ({cli.those_in(out, 'diagnosis.json report.html ship.toml')})")

@@ -137,7 +137,7 @@ def fit(
             for line in result.warnings:  # those of figures and page, which come last
                 if line not in earlier_warnings:
                     cli.say(f"warning: {line}")
-            cli.say(f"run folder: {out} (ship.toml, result.json{'' if no_report else ', report.html'})")
+            cli.say(f"run folder: {out} ({cli.those_in(out, 'ship.toml result.json report.html')})")
     # a failure though the folder is whole: a script that goes on with a ship that diverges would not notice
     cli.refuse_no_score(result.warnings, out)
     if has_code(result.warnings, LEFT_OUT):  # Ctrl-C after the solve: coefficients are whole, parts of the rest lack

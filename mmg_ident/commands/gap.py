@@ -98,4 +98,4 @@ def _print(comparison: Gap, out: Path) -> None:
     for one in [one for one in comparison.witness if any(one.share.values())]:
         shares = ", ".join(f"{100 * share:.0f} % of {name}" for name, share in one.share.items())
         print(f"{one.effect} explains of what the network has learned: {shares}")
-    cli.say(f"comparison: {out} (gap.json, gap.png; refitted, hybrid, diagnosis, both)")
+    cli.say(f"comparison: {out} ({cli.those_in(out, 'gap.json gap.png refitted hybrid diagnosis both')})")

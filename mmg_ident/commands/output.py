@@ -118,6 +118,11 @@ def say_notes(notes: Iterable[str]) -> None:
         say(f"note: {line}")
 
 
+def those_in(folder: Path, names: str) -> str:
+    """Those of the files and folders with these ``names``, separated by spaces, that are in a ``folder``, in words."""
+    return ", ".join(name for name in names.split() if (folder / name).exists())
+
+
 def refuse_no_score(warnings: Sequence[str], out: Path) -> None:
     """Raises UserError where one of ``warnings`` says that a score is no number; the run folder ``out`` stays."""
     from fitting.prediction.score import NO_SCORE
@@ -125,7 +130,7 @@ def refuse_no_score(warnings: Sequence[str], out: Path) -> None:
 
     for line in warnings:
         if has_code([line], NO_SCORE):
-            raise NoSolution(f"{line}; {out} is written all the same, see its report.html and mmg check")
+            raise NoSolution(f"{line}; {out} is written all the same, see its result.json and mmg check")
 
 
 def say_scores(scores: Mapping[str, ScorePair], what: str = "") -> None:

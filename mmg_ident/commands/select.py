@@ -177,7 +177,7 @@ def _print(choice: StructureChoice, out: Path) -> None:
         print(f"test trials, 30 s windows, {name}: {in_words(error)}")
     s = choice.stability
     print(f"{choice.chosen}: {s.diverged} of {s.sequences} random harbour sequences diverge; at most {s.speed:.3g} m/s")
-    cli.say(f"run folder: {out} (ship.toml, result.json, selection.json, report.html)")
+    cli.say(f"run folder: {out} ({cli.those_in(out, 'ship.toml result.json selection.json report.html')})")
 
 
 def _row(one: StructureCandidate) -> dict[str, Any]:

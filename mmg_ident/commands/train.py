@@ -110,8 +110,9 @@ def _summary(result: TrainResult, out: Path) -> None:
         cli.say(f"for any inputs the residual stays below |du| {du:.3g}, |dv| {dv:.3g} m/s2, |dr| {dr:.3g} rad/s2")
     if not result.complete:
         cli.say(f"not all seeds came to their end: {cli.RESUMED}")
+    files = cli.those_in(out, "ship.toml network.safetensors report.html")
     if result.black_box:
-        cli.say(f"run folder: {out} (network.safetensors, report.html): mmg predict and mmg score take it")
+        cli.say(f"run folder: {out} ({files}): mmg predict and mmg score take it")
     else:
         other = f"; the {result.other} ship: {out / result.other}" if result.other else ""
-        cli.say(f"run folder: {out} (the {result.recommended} ship, report.html){other}")
+        cli.say(f"run folder: {out} (the {result.recommended} ship: {files}){other}")

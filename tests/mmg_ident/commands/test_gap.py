@@ -68,12 +68,14 @@ def test_one_call_makes_all_lines_and_parts(compared: Path) -> None:
 
 @pytest.mark.slow
 def test_another_call_goes_on_with_the_parts_that_are_there(
-    compared: Path, files: dict[str, list[str]], monkeypatch: pytest.MonkeyPatch
+    compared: Path, files: dict[str, list[str]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = {name: (compared / name / "result.json").stat().st_mtime_ns for name in PARTS}
     earlier = json.loads((compared / "gap.json").read_text())
     (compared / "gap.json").unlink()
     assert main([*gap(files, compared), "--resume"]) == 0
+    said = capsys.readouterr().err  # of --no-report: the figure is not there
+    assert "gap.json" in said and "gap.png" not in said
     after = {name: (compared / name / "result.json").stat().st_mtime_ns for name in PARTS}
     assert after == before and json.loads((compared / "gap.json").read_text())["rows"] == earlier["rows"]
     (compared / "gap.json").unlink()

@@ -101,6 +101,11 @@ def test_a_settings_file_with_a_fault_is_one_line(
     assert len(capsys.readouterr().err.strip().splitlines()) == 1 and not out.exists()
 
 
+def test_only_files_that_are_there_are_named(tmp_path: Path) -> None:
+    (tmp_path / "ship.toml").touch()
+    assert output.those_in(tmp_path, "ship.toml report.html") == "ship.toml"
+
+
 @pytest.mark.parametrize("gone", GONE, ids=str)
 def test_what_went_says_so_on_the_line_and_in_python(
     gone: str | tuple[str, str], capsys: pytest.CaptureFixture[str]
