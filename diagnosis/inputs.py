@@ -118,13 +118,13 @@ def diagnosable(ship: Ship) -> tuple[Ship, list[str]]:
     return ship, remarks
 
 
-def independent_tests(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[list[Trial], list[str]]:
+def independent_tests(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[list[Trial], list[Message]]:
     """The ``tests`` that share no rows with the training trials ``train``, and sentences on those left out."""
     if not tests:
         return [], []
     # by number, not name: a test may be called as a training trial is
     every = TrialSet.of([replace(t, name=str(number)) for number, t in enumerate((*train, *tests))])
-    hashes, remarks, kept = {t.sha256: t.name for t in train if t.sha256}, list[str](), list[Trial]()
+    hashes, remarks, kept = {t.sha256: t.name for t in train if t.sha256}, list[Message](), list[Trial]()
     copies = [{int(copy["other"]) for copy in its} for its in every.copies]
     for number, t in enumerate(tests, start=len(train)):
         here = [o.name for i, o in enumerate(train) if i in copies[number] or number in copies[i]]

@@ -501,7 +501,7 @@ def diagnose(
 
 @keywords(also="seeds# seed# workers#")
 def gap(
-    model: Ship | str | Path,
+    model: Model,
     trials: Trials,
     test: Trials,
     options: GapOptions | None = None,
@@ -511,11 +511,12 @@ def gap(
 ) -> Gap:
     """Compare a ship as given, refitted, with a learned residual, with named effects and with both, on test trials.
 
-    model: a ship, its file or a run folder; trials: to calibrate, train and diagnose on; test: trials that take no
-    part, to predict; options: ``GapOptions``; progress: called as the work goes on; unchecked: take contradictory
-    trials and broken stretches too; values: instead of options: seeds (trainings of each residual), seed (the first,
-    and of all draws), workers. Returns the comparison: lines with 90 % intervals, a sentence, and what the named
-    effects explain of what the network learned. Raises UserError where there is too little to train on or to predict.
+    model: a ship, its file, a run folder or a result; trials: to calibrate, train and diagnose on; test: trials that
+    take no part, to predict; options: ``GapOptions``; progress: called as the work goes on; unchecked: take
+    contradictory trials and broken stretches too; values: instead of options: seeds (trainings of each residual), seed
+    (the first, and of all draws), workers. Returns the comparison: lines with 90 % intervals, a sentence, and what the
+    named effects explain of what the network learned. Raises UserError where there is too little to train on or to
+    predict.
     """
     from mmg_ident.model_gap import GapOptions, compare_models
 

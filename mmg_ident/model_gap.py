@@ -15,7 +15,6 @@ import numpy as np
 
 from cases.io.campaigns import ship_in
 from cases.shipfiles.effects import without_suspects
-from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from cases.trial_set import TrialSet
 from diagnosis.findings import TESTS, Budget
@@ -41,9 +40,11 @@ from mmg.errors import Missing, TooFewData, needs_torch
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
+from mmg_ident.api import ship_of
 
 if TYPE_CHECKING:
     from fitting.result import FitResult
+    from mmg_ident.api import Model
     from residual.result import TrainResult
     from residual.settings import TrainSettings
 
@@ -77,30 +78,30 @@ def about(ship: Ship, trials: Sequence[Trial], tests: Sequence[Trial], options: 
 
 
 def compare_models(
-    model: Ship | str | Path,
+    model: Model,
     trials: Sequence[Trial],
     tests: Sequence[Trial],
     options: GapOptions | None = None,
     progress: OnProgress | None = None,
     calibrate: Callable[..., FitResult] | None = None,
 ) -> Gap:
-    """The comparison of a ``model``, a ship, its file or a run folder, on ``tests``.
+    """The comparison of a ``model``, a ship, its file, a run folder or a result, on ``tests``.
 
     trials: to calibrate, train and diagnose on; tests: to predict; those that share rows with the rest are left out;
     options: how; progress: called as the work goes on; calibrate: as of ``mmg_ident``, None: a ship that was not
     calibrated on the trials is refused. Returns it; the parts lie in the folder of the options. Raises
     UserError where there is too little to train on or to predict, and without torch.
     """
-    o = options or GapOptions()
+    o, given = options or GapOptions(), ship_of(model)
     needs_torch("mmg gap")
     chosen, by_role = TrialSet.of(trials).training(tests)
     tested, shared = independent_tests(chosen, tests)
     if not tested:
-        raise Missing("no test trials: name at least one that takes no part (--test)")
-    given = model if isinstance(model, Ship) else load_ship(model)
+        why = "".join(f"{words}; " for words in shared if words.code == "shared_rows")
+        raise Missing(f"no test trials: {why}name at least one that takes no part (--test)")
     ships: dict[str, Ship] = {}
-    fitted = [trial.name for trial in tested if trial.sha256 in _calibrated_on(model)]
-    remarks = [*by_role, *(Message(str(words), "shared_rows") for words in shared)]
+    fitted = [trial.name for trial in tested if _key(trial) in _calibrated_on(model)]
+    remarks = [*by_role, *shared]
     if fitted:
         words = (
             f"{', '.join(fitted)}: the ship was calibrated on it, so its errors are not of a trial that took no part"
@@ -116,19 +117,19 @@ def compare_models(
     check_time()  # between the parts: each that is finished is kept, so that --resume loses none
     trainings: dict[str, TrainResult] = {}
 
-    def learn(name: str, run: Any, on: Any) -> None:
+    def learn(name: str, on: Any) -> None:
         try:
-            trainings[name] = _trained(run, on, chosen, o, name, progress)
+            trainings[name] = _trained(on, chosen, o, name, progress)
         except TooFewData as reason:  # the named effects are compared all the same
             remarks.append(Message(f"no line {name}: {reason}", "not_learned"))
 
-    learn(LEARNED, model if source is None else base, base)
+    learn(LEARNED, base)
     check_time()
     diagnosis = _diagnosed(base, refitted, chosen, tested, o, progress)
     effects = tuple(e.name for e in diagnosis.effects)
     if effects:
         check_time()
-        learn(BOTH, diagnosis.ship, diagnosis.ship)
+        learn(BOTH, diagnosis.ship)
     # the floor is that of the test trials; one of left-out runs would be of other errors
     budget = diagnosis.budget if diagnosis.budget is not None and diagnosis.budget.by == TESTS else None
     rows, run = _lines(ships, trainings, (diagnosis, budget), [*chosen, *tested], tested, o)
@@ -182,7 +183,7 @@ def _lines(
 
 
 def _refitted(
-    model: Ship | str | Path,
+    model: Model,
     ship: Ship,
     trials: TrialSet,
     o: GapOptions,
@@ -192,7 +193,7 @@ def _refitted(
     """The ``ship`` calibrated on the ``trials``, and the calibration; None where she was already. Surroundings are left
     to the diagnosis: what the trials speak for is its answer, not a part of the ship that is asked about."""
     bare = without_suspects(ship, surroundings_only=True)
-    if bare.effects == ship.effects and _calibrated_on(model) == {trial.sha256 for trial in trials}:
+    if bare.effects == ship.effects and _calibrated_on(model) == set(map(_key, trials)):
         return ship, None
     from fitting.calibrate import FitOptions
     from fitting.result import read_fit
@@ -211,33 +212,44 @@ def _refitted(
     return fit.ship, place
 
 
-def _calibrated_on(model: Ship | str | Path) -> set[str]:
-    """sha256 of the files that a ``model`` was calibrated on, none of a ship."""
-    is_run = not isinstance(model, Ship) and (Path(model) / RESULT).exists()
-    return {row["sha256"] for row in trial_rows(Path(str(model))) if row.get("sha256")} if is_run else set()
+def _key(trial: Trial) -> Any:
+    """What tells a ``trial`` from others: its bytes, or of one that was made in memory the object."""
+    return trial.sha256 or id(trial)
 
 
-def _trained(
-    given: Any, base: Any, trials: TrialSet, o: GapOptions, name: str, progress: OnProgress | None
-) -> TrainResult:
-    """A residual learned on the ship of ``base``; that of ``given``, where it is the run of such a training."""
+def _calibrated_on(model: Model) -> set[Any]:
+    """The ``_key`` of each trial that a ``model`` was calibrated on, none of a ship."""
+    if (objects := getattr(model, "objects", None)) is not None:
+        return set(map(_key, objects.trials))
+    if isinstance(model, (str, Path)):
+        rows = trial_rows(Path(model)) if (Path(model) / RESULT).exists() else []
+    else:
+        rows = model.to_dict()["data"] if hasattr(model, "to_dict") else []
+    return {row["sha256"] for row in rows if row.get("sha256")}
+
+
+def _trained(base: Any, trials: TrialSet, o: GapOptions, name: str, progress: OnProgress | None) -> TrainResult:
+    """A residual learned on the ship of ``base``; that of ``base`` itself, where it is such a training or its run."""
     from fitting.report.run_folder import read_result
     from residual.pipeline import train
-    from residual.result import read_training
+    from residual.result import TrainResult, read_training
     from residual.settings import TrainSettings
     from residual.train import training_store
 
-    is_run = isinstance(given, (str, Path)) and (Path(given) / RESULT).exists()
-    if is_run and read_result(Path(given))["kind"] == "training":
-        return read_training(given)
+    if isinstance(base, TrainResult):
+        return base
+    is_run = isinstance(base, (str, Path)) and (Path(base) / RESULT).exists()
+    if is_run and read_result(Path(base))["kind"] == "training":
+        return read_training(base)
     place = o.folder and o.folder / FOLDERS[name]
     if place is not None and (place / RESULT).exists() and (earlier := read_training(place)).complete:
         return earlier
     LOGGER.info("training a residual on the ship %s", "with the named effects" if name == BOTH else "as calibrated")
     settings = replace(o.settings or TrainSettings(), workers=o.workers)
-    ship = base if isinstance(base, Ship) else load_ship(base) if isinstance(base, (str, Path)) else base.ship
     # a residual is learned on the ship without the one that she may have
-    store = training_store(place, ship.without_network(), trials, (), settings, place.exists()) if place else None
+    store = (
+        training_store(place, ship_of(base).without_network(), trials, (), settings, place.exists()) if place else None
+    )
     result = replace(train(base, trials, (), settings, progress=progress, store=store), command=o.command)
     if result.interrupted:  # Ctrl-C ends a training with the best weights so far, but no comparison is made of these
         raise KeyboardInterrupt
@@ -256,7 +268,7 @@ def _diagnosed(
     if place is not None and (place / RESULT).exists():
         return read_diagnosis(place)
     LOGGER.info("diagnosing the ship")
-    calibrated_on = base if isinstance(base, (str, Path)) else None
+    calibrated_on = base if isinstance(base, (str, Path)) else getattr(base, "folder", None)
     options = DiagnosisOptions(seed=o.seed, workers=o.workers, command=o.command)
     diagnosis = diagnose(ship, trials, tests, None, options, calibrated_on, progress)
     if place is not None:

@@ -191,3 +191,10 @@ def test_names_with_commas_between_them_are_several_as_in_the_commands() -> None
     with pytest.raises(mi.UserError) as found:
         mi.calibrate(SHIP, train, only="N_r,N_rr,nowhere")
     assert "nowhere" in str(found.value) and "N_r,N_rr" not in str(found.value)
+
+
+def test_test_trials_that_are_training_trials_are_named() -> None:
+    train, _ = coarse_runs()
+    with pytest.raises(mi.UserError) as found:
+        mi.gap(small_result(), train, test=train[:1])
+    assert train[0].name in str(found.value)

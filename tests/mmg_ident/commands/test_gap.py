@@ -91,6 +91,7 @@ def test_a_calibration_of_the_same_trials_is_not_made_again(compared: Path, file
     codes = {m.code for m in found.warnings}
     assert "not_refitted" in codes and "calibrated_on" not in codes
     # on fewer of its trials it is made again, and a test trial that it knows is said
-    few = mmg_ident.gap(compared / "refitted", files["train"][:2], files["train"][2:], options)
+    result = mmg_ident.load_run(compared / "refitted")
+    few = mmg_ident.gap(result, files["train"][:2], files["train"][2:], options)
     codes = {m.code for m in few.warnings}
     assert few.row("as given") is not None and "calibrated_on" in codes and "not_refitted" not in codes
