@@ -206,6 +206,7 @@ def _refitted(
     LOGGER.info("calibrating the ship")
     options = FitOptions(surroundings=False, next_trial=False, command=o.command)
     fit = calibrate(bare, trials, options=options, progress=progress)
+    check_time()  # here and below: what the limit cut short is not kept
     if place is None:
         return fit.ship, fit
     fit.save(place, report=o.report)
@@ -271,6 +272,7 @@ def _diagnosed(
     calibrated_on = base if isinstance(base, (str, Path)) else getattr(base, "folder", None)
     options = DiagnosisOptions(seed=o.seed, workers=o.workers, command=o.command)
     diagnosis = diagnose(ship, trials, tests, None, options, calibrated_on, progress)
+    check_time()
     if place is not None:
         diagnosis.save(place, report=False)  # the page comes with the comparison, which it shows
     return diagnosis

@@ -23,6 +23,7 @@ from fitting.record import read_record
 from fitting.report import run_folder
 from fitting.report.parts import Store
 from fitting.result import FitResult
+from fitting.solvers.control import OutOfTimeError
 from fitting.solvers.rollout_loss import RolloutLoss, loss_in
 from mmg.errors import Missing, UnknownName, UserError
 from mmg.messages import Message
@@ -80,8 +81,8 @@ def train(
         task = tasks[0]
         more = bool(validation), calibration, keep
         of_kind = _black_box(task, outcomes, name) if black_box else _hybrid(tasks, outcomes, *more)
-    except UserError:
-        if store:
+    except UserError as error:
+        if store and not isinstance(error, OutOfTimeError):
             store.discard()  # too little data or a wrong setting: there is nothing to continue from
         raise
     of_kind["notices"] = (*of_kind.get("notices", ()), *taken, *other_loss)

@@ -80,6 +80,8 @@ class Adam:
 # training to end (Wakita et al. 2024, Eq. 25 and 24).
 RISE, NEWEST = 0.1, 0.1
 RESTARTS, LOWER = 2, 0.2  # How often a diverged training starts again, and the factor on its rate. Set by hand.
+# Time for the errors of one system over 30 and 100 s, by that for its stop windows: 1.3 were measured of an RNN.
+JUDGING = 1.5
 EXPLODED = 100.0  # Stop error by that of the untrained system from which on a training has diverged. Set by hand.
 # Makes the untrained system of a ship, scales, settings and a seed; importable, so that it reaches other processes.
 BuildSystem = Callable[[Ship, Scales, TrainSettings, int], TrainableSystem]
@@ -88,7 +90,8 @@ BuildSystem = Callable[[Ship, Scales, TrainSettings, int], TrainableSystem]
 @dataclass(frozen=True)
 class Task:
     """One training: build(ship, scales, settings, seed) makes the system, which trains, stops and is judged by
-    ``split``. loss: of the calibration, where it trains; seconds: limit of this one; stop: a file that ends it;
+    ``split``. loss: of the calibration, where it trains; seconds: limit of this one; end: when all of them end, by
+    ``time.time`` [s]; stop: a file that ends it;
     own_loss: of a user, of normalised errors (N, 6, M), in place of that of states.
     """
 
@@ -100,6 +103,7 @@ class Task:
     split: Split
     loss: RolloutLoss | None = None
     seconds: float | None = None
+    end: float = math.inf
     stop: Path | None = None
     own_loss: Callable[[Tensor], Any] | None = None
 
@@ -150,7 +154,8 @@ def train_one(task: Task, progress: OnProgress | None = None) -> Outcome:
     # seeds run side by side in processes: threads of each would only take processors from the others
     torch.set_num_threads(1)
     began, settings = time.perf_counter(), task.settings
-    control = replace(Control.within(task.seconds, progress), stop=task.stop)
+    control = Control.within(task.seconds, progress)
+    control = replace(control, end=min(control.end, task.end), stop=task.stop)
     with interrupts_noted():
         # each attempt begins with the same weights and draws, so that only the lower rate differs
         for restart in range(RESTARTS + 1):
@@ -205,9 +210,17 @@ class _Attempt:
         assert held is not None
         self.held, self.best = held, self._state()
         # the untrained weights are the first best ones: a training that never helps ends where it began
+        began = time.perf_counter()
         self.before = self.least = self.average = self._stop_error()
+        # the end of an epoch, and the judgement or scores, come within the limit of time too
+        self.reserve = (time.perf_counter() - began) * (1 + JUDGING * (2 if task.split.judge else 1))
         # row 0 is the untrained system, which has no rollouts and no loss yet
         self.history: list[tuple[int, float, float, float]] = [(0, 0.0, math.nan, self.before)]
+
+    @property
+    def ends(self) -> bool:
+        """Whether to stop now."""
+        return self.control.stops or self.control.left < self.reserve
 
     def _state(self) -> dict[str, torch.Tensor]:
         # copies: the optimizer changes the parameters in place
@@ -221,6 +234,8 @@ class _Attempt:
         """Train through the stages of the curriculum; "finished" or "stopped"."""
         t, optimizer = self.task.settings, Adam(self.system.parameters())
         plan = [(seconds, batch) for seconds, batch, epochs in self.stages for _ in range(epochs)]
+        if self.ends:
+            return "stopped"
         for done, (seconds, batch) in enumerate(plan):
             # over the whole curriculum, not each stage: long rollouts, with their steep gradients, meet the low rates
             cosine = 0.5 * (1 + math.cos(math.pi * done / len(plan)))
@@ -230,7 +245,7 @@ class _Attempt:
             if self.control.progress:
                 values = {"loss": loss, "error of 30 s windows": self.history[-1][3]}
                 self.control.progress(Progress(f"seed {self.task.seed}", done + 1, len(plan), values))
-            if self.control.stops:
+            if self.ends:
                 return "stopped"
             risen = self.average > self.least + RISE * (self.before - self.least)  # Wakita et al. (2024, Eq. 25)
             if t.stop_after and risen and done + 1 >= t.stop_after:
@@ -254,7 +269,7 @@ class _Attempt:
                 raise _Diverged
             optimizer.step(rate)
             losses.append(float(loss.detach()))
-            if self.control.stops:
+            if self.ends:
                 break
         return float(np.mean(losses))
 
@@ -436,7 +451,7 @@ def train_seeds(
     progress: called after each epoch where one process trains, else after each seed; store: what it holds is not
     trained again, and what finishes is kept there. After Ctrl-C the trainings under way keep their best weights and
     those not begun are left out. Raises KeyboardInterrupt where none was begun, UserError where the store is of another
-    run.
+    run, OutOfTimeError where the limit of time in force, not that of the settings, ended one.
     """
     if store:
         store.open()
@@ -470,11 +485,15 @@ def train_seeds(
                     progress(Progress("seeds", done, len(tasks), {"error of 30 s windows": outcome.after[0]}))
 
         with interrupts_noted(interrupted):
-            jobs = [(replace(task, stop=stop, seconds=limit), store) for task in missing]
+            outer = Control.within(None)  # that in force, of which other processes do not know
+            jobs = [(replace(task, stop=stop, seconds=limit, end=outer.end), store) for task in missing]
             # epochs of several processes would arrive mixed, and their function cannot be sent to them
             work = partial(_trained, progress=progress) if workers == 1 else _trained
             made = run_all(work, jobs, workers, note)
         broken = stop.exists()  # asked before the folder is gone
+    # what has a limit for all its parts goes on with whole trainings only
+    if limit is None and not broken and any(o.status == "stopped" for o in made if o):
+        raise outer.out_of_time
     by_seed = finished | {o.seed: o for o in made if o}
     outcomes = [by_seed[task.seed] for task in tasks if task.seed in by_seed]
     if not outcomes:

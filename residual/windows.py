@@ -137,7 +137,7 @@ def compare_errors(
         batch = windows(pieces, h, rows, every, past)
         errors = [window_errors(s, batch, scale, method) if batch else np.zeros(0) for s in systems]
         # as ``windows`` counts them, so that each error finds its run again
-        counts = [len(range(p.first + past, p.last - rows + 1, every)) for p in pieces]
+        counts = np.array([len(range(p.first + past, p.last - rows + 1, every)) for p in pieces], dtype=int)
         rows_by_length.append(np.column_stack([np.repeat(place, counts, axis=0), *errors]))
     return rows_by_length[0], rows_by_length[1]
 

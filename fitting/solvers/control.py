@@ -56,9 +56,15 @@ class Control:
 
     @classmethod
     def within(cls, seconds: float | None, progress: OnProgress | None = None, iterations: int = 300) -> Control:
-        """The control of work that begins now and may take so many ``seconds``, None: any; the others as the fields."""
+        """The control of work that begins now and may take so many ``seconds``, None: any, but no more than that in
+        force has left; the others as the fields."""
         limit = math.inf if seconds is None else seconds
-        return cls(progress, seconds=limit, end=time.time() + limit, iterations=iterations)
+        control, outer = cls(progress, seconds=limit, end=time.time() + limit, iterations=iterations), _IN_FORCE.get()
+        return (
+            control
+            if outer is None or control.end <= outer.end
+            else replace(control, seconds=outer.seconds, end=outer.end)
+        )
 
     def of(self, task: str) -> Control:
         """The same under the name of a ``task``."""
@@ -68,6 +74,11 @@ class Control:
     def left(self) -> float:
         """Seconds until the limit of time, infinite without one."""
         return self.end - time.time()
+
+    @property
+    def out_of_time(self) -> OutOfTimeError:
+        """What to raise beyond the limit of time."""
+        return OutOfTimeError(f"the time limit of {self.seconds:g} s was reached")
 
     @property
     def stops(self) -> bool:
@@ -102,7 +113,7 @@ def check_time() -> None:
     """Raises OutOfTimeError where the time of the control in force is over."""
     control = _IN_FORCE.get()
     if control and control.left < 0:
-        raise OutOfTimeError(f"the time limit of {control.seconds:g} s was reached")
+        raise control.out_of_time
 
 
 @contextmanager
@@ -195,8 +206,10 @@ class Made(dict[str, Any]):
 
 
 def make_in_turn(parts: Mapping[str, Callable[[], Any]], made: Made) -> None:
-    """Add the values of the ``parts`` by name to what is ``made``, one after the other, unless Ctrl-C came first."""
+    """Add the values of the ``parts`` by name to what is ``made``, one after the other, unless Ctrl-C came first.
+    Raises OutOfTimeError as ``check_time``."""
     for name, part in parts.items():
+        check_time()
         began = time.perf_counter()
         value = unless_interrupted(partial(_boxed, part))
         made.seconds[name] = time.perf_counter() - began  # also of a part that was left out: ``missing``

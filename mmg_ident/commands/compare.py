@@ -91,7 +91,8 @@ def compare(
             comparison = compared(study, store, cli.progress())
         if not any(e.score for e in comparison.entries):
             reasons = dict.fromkeys(e.status for e in comparison.entries)
-            raise NoSolution(f"nothing could be compared: {'; '.join(reasons)}")
+            within = f" within {study.time_limit:g} s (--time-limit)" if study.time_limit else ""
+            raise NoSolution(f"nothing could be compared{within}: {'; '.join(reasons)}")
     except UserError:
         if store:
             store.discard()

@@ -38,7 +38,7 @@ def gap(
     are 90 %, by drawing the runs again. No model is fitted to the --test trials; the diagnosis checks on them what it
     names. Writes gap.json, gap.png and the parts: refitted, hybrid, diagnosis, both.
 
-    Ctrl-C and --time-limit keep what is finished: the same command with --resume goes on from there.
+    Ctrl-C and --time-limit keep what is finished (exit code 130): the same command with --resume goes on from there.
 
     Example: mmg gap runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
@@ -48,7 +48,7 @@ def gap(
     from fitting.report.parts import Store
     from fitting.report.plot_style import png_of
     from fitting.report.run_folder import check_target, write_json
-    from fitting.solvers.control import Control
+    from fitting.solvers.control import Control, OutOfTimeError
     from mmg_ident.api import gap as gap_of
     from mmg_ident.model_gap import GapOptions, about
 
@@ -72,11 +72,12 @@ def gap(
     except (KeyboardInterrupt, UserError) as stop:
         # a part that is finished stays for --resume; a run that has none leaves nothing behind
         has_parts = any(path.is_dir() and path != store.folder for path in out.iterdir())
-        if isinstance(stop, UserError) or not has_parts:
+        is_late = isinstance(stop, (KeyboardInterrupt, OutOfTimeError))
+        if not (is_late and has_parts):
             if not has_parts:
                 store.discard()
             raise
-        cli.say(f"mmg: interrupted; what was finished is in {out}: {cli.RESUMED}")
+        cli.say(f"mmg: {str(stop) or 'interrupted'}; what was finished is in {out}: {cli.RESUMED}")
         return 130
     cli.end_progress()
     if not no_report:

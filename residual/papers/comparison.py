@@ -51,6 +51,8 @@ HORIZONS = (5.0, 10.0, 20.0, 30.0, 50.0, 100.0)
 # Length [s] of the blocks of which a share of the data is made, enough for ``residual.splits``. Set by hand.
 BLOCK = 65.0
 
+NOT_BEGUN = "not begun"  # Status of what Ctrl-C or the time limit left out
+
 
 @dataclass(frozen=True)
 class Subset:
@@ -256,7 +258,7 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
     if stored:
         return adapter(Entry).validate_python(stored[0]), None
     if stop.exists() or (remaining is not None and remaining <= 0):
-        return replace(entry, status="not begun"), None
+        return replace(entry, status=NOT_BEGUN), None
     model: Simulator | Forecaster | None = None
     try:
         if entry.model == "captive":
@@ -292,11 +294,15 @@ def _trained(job: _Job, remaining: float | None) -> tuple[Simulator | Forecaster
     settings = study.paper[entry.model][0] if entry.model in study.paper else general
     # judged apart by the test trials: nothing of the training data is spent on judging
     tasks = tasks_of(HYBRID_KIND if hybrid else BOX_KIND, ship, trials, settings, judged_apart=False)
-    task = replace(tasks[entry.seed - study.seed], seconds=remaining, stop=stop)
+    task = tasks[entry.seed - study.seed]
+    task = replace(task, seconds=remaining, stop=stop, split=task.split._replace(judge=[]))  # the test trials judge
     outcome = train_one(task)
     if outcome.status == "diverged":
         raise NoSolution("diverged, also at lower rates")
-    entry = replace(entry, status=outcome.status, held_out_window=outcome.after[0])
+    stop_errors = [row[3] for row in outcome.history]  # row 0: untrained
+    if outcome.status == "stopped" and len(stop_errors) == 1:
+        raise NoSolution(NOT_BEGUN)
+    entry = replace(entry, status=outcome.status, held_out_window=min(stop_errors))
     if hybrid:
         return Simulator(ship.with_network(network_of(task, [outcome]))), entry
     return box_of(task, [outcome]), entry

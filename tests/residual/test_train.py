@@ -15,6 +15,7 @@ import torch
 
 import delivery.view
 from fitting.nlp.windows import pieces_of
+from fitting.solvers.control import Control, OutOfTimeError
 from mmg.errors import BadValue
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -73,6 +74,15 @@ def test_a_training_ends_when_its_stop_error_has_risen_by_a_tenth_of_its_fall() 
         ends += [k] if k >= 5 and average > least + 0.1 * (errors[0] - least) else []
     assert len(whole.history) == 61 and early.status == "finished"
     assert ends == [len(errors) - 1] and errors == [row[3] for row in whole.history][: len(errors)]
+
+
+def test_a_limit_of_time_in_force_ends_a_training_and_its_store_stays(tmp_path: Path) -> None:
+    trials = hybrids.trials(hybrids.ship(), 3, 150)
+    settings = TrainSettings(seeds=2, epochs=10**6, step=1.0)
+    store = training_store(tmp_path, hybrids.ship(), trials, (), settings)
+    with Control.within(2.0).in_force(), pytest.raises(OutOfTimeError):
+        train(hybrids.ship(), trials, (), settings, store=store)
+    assert store.folder.is_dir()
 
 
 def test_a_given_sigma_is_that_of_the_loss() -> None:

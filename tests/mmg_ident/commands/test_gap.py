@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import fields
 from pathlib import Path
 
@@ -39,7 +40,7 @@ def compared(files: dict[str, list[str]], tmp_path_factory: pytest.TempPathFacto
     """The folder of a comparison with short trainings."""
     out = tmp_path_factory.mktemp("out") / "gap"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(residual_settings.TrainSettings.__init__, "__defaults__", short_trainings())
+        patch.setattr(residual_settings.TrainSettings.__init__, "__defaults__", trainings_of(2))
         assert main(gap(files, out)) == 0
     return out
 
@@ -49,9 +50,9 @@ def gap(files: dict[str, list[str]], out: Path, seeds: str = "1") -> list[str]:
     return ["gap", *files["ship"], *files["train"], "--test", *files["test"], *more]
 
 
-def short_trainings() -> tuple[object, ...]:
-    """The defaults of the settings of a training with two epochs."""
-    return tuple(2 if f.name == "epochs" else f.default for f in fields(residual_settings.TrainSettings))
+def trainings_of(epochs: int) -> tuple[object, ...]:
+    """The defaults of the settings of a training with so many ``epochs``."""
+    return tuple(epochs if f.name == "epochs" else f.default for f in fields(residual_settings.TrainSettings))
 
 
 @pytest.mark.slow
@@ -95,3 +96,14 @@ def test_a_calibration_of_the_same_trials_is_not_made_again(compared: Path, file
     few = mmg_ident.gap(result, files["train"][:2], files["train"][2:], options)
     codes = {m.code for m in few.warnings}
     assert few.row("as given") is not None and "calibrated_on" in codes and "not_refitted" not in codes
+
+
+@pytest.mark.slow
+def test_a_time_limit_ends_a_training_that_resume_goes_on_with(
+    compared: Path, files: dict[str, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(residual_settings.TrainSettings.__init__, "__defaults__", trainings_of(10**6))
+    began, limit = time.monotonic(), ["--time-limit", "8"]
+    assert main(gap({**files, "ship": [str(compared / "refitted")]}, tmp_path / "gap") + limit) == 130
+    assert time.monotonic() - began < 8 + 12  # reading and importing come before it, and a machine may be busy
+    assert {path.name for path in (tmp_path / "gap" / "hybrid").iterdir()} == {"training"}

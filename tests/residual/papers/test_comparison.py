@@ -163,6 +163,12 @@ def test_the_time_limit_keeps_what_is_done() -> None:
     assert "100%" in tables_text(found)
 
 
+def test_a_network_that_has_no_time_for_an_epoch_is_not_begun() -> None:
+    trials = tuple(hybrids.trials(hybrids.ship(), 5, 150))
+    found = compare(Study(hybrids.ship(), trials, trials[:1], ("fnn",), seeds=1, step=1.0, time_limit=1e-3))
+    assert [e.status for e in found.entries] == ["not begun"] and found.interrupted
+
+
 @pytest.mark.slow
 def test_ctrl_c_keeps_what_is_done(folder: Path, tmp_path: Path) -> None:
     arguments = ["compare", "--train", str(folder / "train"), "--test", str(folder / "test.csv"), "--seeds", "2"]
