@@ -21,7 +21,7 @@ from cases.io.campaigns import campaigns_taken, ship_of_campaign
 from cases.shipfiles.effects import with_effects, without_suspects
 from cases.shipfiles.model_changes import reduced_ship
 from cases.shipfiles.network_file import is_black_box
-from cases.shipfiles.ship_file import load_ship
+from cases.shipfiles.ship_file import load_ship, ship_of
 from cases.trial import Trial
 from cases.trial_set import TrialSet, ready
 from diagnosis.inputs import DiagnosisOptions
@@ -102,16 +102,6 @@ class Prediction:
         last = [(w.number, *self.trial.t[[w.first, w.last]].tolist(), *w.states[-1].tolist()) for w in self.windows]
         header = ("window", "from [s]", "to [s]", "x [m]", "y [m]", "psi [rad]", "u [m/s]", "v [m/s]", "r [rad/s]")
         return html_table(f"{self.trial.name}: predicted states at the end of each window", header, last)
-
-
-def ship_of(model: Any) -> Ship:
-    """The ship of a ``model``. Raises UserError for what is none."""
-    if isinstance(model, (str, Path)):
-        return load_ship(model)
-    ship = model if isinstance(model, Ship) else getattr(model, "ship", None)
-    if not isinstance(ship, Ship):
-        raise BadValue(f"{type(model).__name__} is no model: give a ship, its name or file, a run folder, or a result")
-    return ship
 
 
 def predictor(model: Model) -> Simulator | Forecaster:

@@ -15,6 +15,7 @@ import numpy as np
 
 from cases.io.campaigns import ship_in
 from cases.shipfiles.effects import without_suspects
+from cases.shipfiles.ship_file import ship_of
 from cases.trial import Trial
 from cases.trial_set import TrialSet
 from diagnosis.findings import TESTS, Budget
@@ -40,11 +41,9 @@ from mmg.errors import Missing, TooFewData, needs_torch
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
-from mmg_ident.api import ship_of
 
 if TYPE_CHECKING:
     from fitting.result import FitResult
-    from mmg_ident.api import Model
     from residual.result import TrainResult
     from residual.settings import TrainSettings
 
@@ -78,7 +77,7 @@ def about(ship: Ship, trials: Sequence[Trial], tests: Sequence[Trial], options: 
 
 
 def compare_models(
-    model: Model,
+    model: Any,
     trials: Sequence[Trial],
     tests: Sequence[Trial],
     options: GapOptions | None = None,
@@ -183,7 +182,7 @@ def _lines(
 
 
 def _refitted(
-    model: Model,
+    model: Any,
     ship: Ship,
     trials: TrialSet,
     o: GapOptions,
@@ -218,7 +217,7 @@ def _key(trial: Trial) -> Any:
     return trial.sha256 or id(trial)
 
 
-def _calibrated_on(model: Model) -> set[Any]:
+def _calibrated_on(model: Any) -> set[Any]:
     """The ``_key`` of each trial that a ``model`` was calibrated on, none of a ship."""
     if (objects := getattr(model, "objects", None)) is not None:
         return set(map(_key, objects.trials))

@@ -13,13 +13,14 @@ from cases.io.read import read_trials
 from cases.io.toml_file import validated
 from cases.shipfiles.model_changes import with_instruments
 from cases.shipfiles.new_ship import is_starting_ship
+from cases.shipfiles.ship_file import ship_of
 from cases.trial import Trial
 from cases.trial_set import TrialSet, ready
 from fitting.settings import Rules, Settings, Wish
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName, needs_torch, together
 from mmg.messages import Message
 from mmg.progress import OnProgress
-from mmg_ident.api import content_of, load_run, ship_of
+from mmg_ident.api import content_of, load_run
 from mmg_ident.settings import checked_settings, keywords, listed, names_of, settings_of, taken
 
 if TYPE_CHECKING:

@@ -280,3 +280,13 @@ def _entry(c: Coefficient) -> dict[str, Any]:
     given = {key: getattr(c, key) for key in CoefficientEntry.model_fields}
     numbers = {k: float(v) for k, v in given.items() if isinstance(v, float | int) and not isinstance(v, bool)}
     return {key: numbers.get(key, value) for key, value in given.items() if key in numbers or value}
+
+
+def ship_of(model: Any) -> Ship:
+    """The ship of a ``model``. Raises UserError for what is none."""
+    if isinstance(model, (str, Path)):
+        return load_ship(model)
+    ship = model if isinstance(model, Ship) else getattr(model, "ship", None)
+    if not isinstance(ship, Ship):
+        raise BadValue(f"{type(model).__name__} is no model: give a ship, its name or file, a run folder, or a result")
+    return ship
