@@ -294,9 +294,10 @@ class RankedCandidate:
 class HeldOut:
     """Prediction error of trials that took no part, before and after the effects are added and all is refitted.
 
-    mse_before, mse_after: mean squared error of 30 s windows, each state in units of its scale; reduction: share;
+    mse_before, mse_after: mean squared error of windows, each state in units of its scale; reduction: share;
     interval_90: of the reduction, by drawing runs again; windows: their number; by_run: name -> (before, after).
-    horizons: name ("1 step", "30 s", "whole run") -> (before, after).
+    metric: length of the windows, "30 s" of a 3 m model; horizons: name ("1 step", that, "whole run") -> (before,
+    after).
     """
 
     mse_before: Real
@@ -305,6 +306,7 @@ class HeldOut:
     interval_90: tuple[Real, Real]
     windows: int
     by_run: Mapping[str, Pair]
+    metric: str = "30 s"
     horizons: Mapping[str, Pair] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from diagnosis.findings import LEFT_OUT, TESTS, Budget, BudgetShare
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
-from diagnosis.validation.held_out import DRAWS, WindowErrors, errors, redrawn_means, window_length
+from diagnosis.validation.held_out import DRAWS, WindowErrors, errors, redrawn_means, window_length, window_words
 
 SIMULATED = 16  # Simulated campaigns behind the floor. Its own scatter is part of the intervals. Set by hand.
 UNITS = ("position_m", "heading_deg")  # What the errors at the end of a window are said in
@@ -37,7 +37,7 @@ def budget_of(
     seed: int = 0,
     given: np.ndarray | None = None,
 ) -> Budget | None:
-    """Where the 30 s error of trials that took no part comes from.
+    """Where the error of windows of trials that took no part comes from.
 
     problem: model, training trials, and tests, trials that took no part (None: then each training run is predicted by
     coefficients without it); selection: the effects, with the fits as each was added; missing: the force without a name
@@ -73,7 +73,7 @@ def budget_of(
     ends[2] = np.minimum(ends[1], ends[2])
     start = None if given is None else _errors(steps, seen, given)
     return Budget(
-        metric="30 s",
+        metric=window_words(steps.ship),
         by=LEFT_OUT if tests is None else TESTS,
         before=float(mean[0]),
         after=float(mean[-1]),

@@ -25,7 +25,7 @@ class DiagnosisAxes:
     forces: dict[str, MissingForce]
 
     def budget(self, ax: Axes | None = None) -> Axes:
-        """The squared error of the test trials after 30 s as a bar: what each cause has of it, what is not explained,
+        """The squared error of windows of the test trials as a bar: what each cause has of it, what is not explained,
         and the floor. Raises UserError where no budget is known."""
         if self.findings.budget is None:
             raise Missing("budget: the diagnosis has none; it needs test trials, or runs that could be left out")

@@ -374,7 +374,7 @@ def held_words(h: HeldOut | None, verdict: str) -> str:
     """How far the gap shrinks by the check ``h`` on test trials, for a ``verdict``."""
     if h is None:
         return "No test trials were given (--test), so it was not measured on trials that took no part."
-    trials = f"{len(h.by_run)} test trial{'s' * (len(h.by_run) != 1)} ({h.windows} windows of 30 s)"
+    trials = f"{len(h.by_run)} test trial{'s' * (len(h.by_run) != 1)} ({h.windows} windows of {h.metric})"
     if verdict == "none" or (verdict == "unknown" and h.mse_after == h.mse_before):
         return f"Nothing was added, so nothing changes: the mean squared error on {trials} is {h.mse_before:.3g}."
     low, high = h.interval_90

@@ -111,6 +111,11 @@ def window_length(ship: Ship) -> float:
     return WINDOW * time_scale(ship.particulars["L"])
 
 
+def window_words(ship: Ship) -> str:
+    """``window_length`` of ``ship`` as pages and files say it: "30 s" of a 3 m model."""
+    return f"{window_length(ship):.0f} s"
+
+
 FEW = 3  # Runs below which blocks of neighbouring windows are drawn instead of runs. Set by hand.
 TOGETHER = 4  # Windows of such a block. Set by hand.
 
@@ -141,9 +146,11 @@ def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Ge
 class PredictionErrors:
     """How well a fit predicts test trials.
 
-    windows: errors of windows; whole, step: mean squared scaled errors of whole runs and of single steps.
+    metric: length of the windows, as ``window_words``; windows: their errors; whole, step: mean squared scaled errors
+    of whole runs and of single steps.
     """
 
+    metric: str
     windows: WindowErrors
     whole: float
     step: float
@@ -156,7 +163,7 @@ def prediction_errors(steps: TransitionModel, data: GriddedTrials, fit: Estimate
     windows, whole, step = (errors(steps, acted, fit.theta, t, begin) for t in (window_length(steps.ship), 0.0, data.h))
     if not len(windows.run):
         return None
-    return PredictionErrors(windows, float(whole.mean.mean()), float(step.mean.mean()))
+    return PredictionErrors(window_words(steps.ship), windows, float(whole.mean.mean()), float(step.mean.mean()))
 
 
 def compare(
@@ -177,7 +184,8 @@ def compare(
         interval_90=interval_of(a, b, run, np.random.default_rng(seed)),
         windows=len(a),
         by_run={data.trials[r]: (float(a[run == r].mean()), float(b[run == r].mean())) for r in np.unique(run)},
-        horizons={"1 step": (before.step, after.step), "30 s": mean, "whole run": (before.whole, after.whole)},
+        metric=before.metric,
+        horizons={"1 step": (before.step, after.step), before.metric: mean, "whole run": (before.whole, after.whole)},
     )
 
 

@@ -74,7 +74,7 @@ def test_the_files_have_exactly_their_keys(folder: Path) -> None:
     assert set(content["unexplained_force"]) == {"evidence", "channels", "follows", "times", "advice"}
     assert set(content["where"]) == {"channels", "phases", "regions", "bands", "runs", "earth", "variables"}
     assert set(content["held_out"]) == {
-        "mse_before", "mse_after", "reduction", "interval_90", "windows", "by_run", "horizons",
+        "mse_before", "mse_after", "reduction", "interval_90", "windows", "by_run", "metric", "horizons",
     }  # fmt: skip
     assert keys_of(content["held_out"]["by_run"].values()) == {"before", "after"}
     assert set(content["noise"]) == {"force_N_N_Nm", "force_memory_s", "white", "coloured", "gust", "gust_memory_s"}

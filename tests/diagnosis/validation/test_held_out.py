@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cases.shipfiles.ship_file import load_ship
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.linearisation import Linearisation, linearise_and_filter
@@ -16,15 +17,21 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.refit import SearchProblem, refit
+from diagnosis.report.words import held_words
 from diagnosis.validation import held_out
 from diagnosis.validation.held_out import (
     STRIDE,
     WINDOW,
+    PredictionErrors,
+    WindowErrors,
+    compare,
     errors,
     filtered_along,
     likelihood_of,
     scales,
     start_states,
+    window_length,
+    window_words,
 )
 from tests.support.diagnosis_cases import (
     OFF_NEUTRAL,
@@ -169,7 +176,7 @@ def test_the_true_model_closes_the_gap_and_the_interval_says_so() -> None:
     before, after = (weights @ np.array([pair[i] for pair in held.by_run.values()]) for i in (0, 1))
     assert (held.mse_before, held.mse_after) == pytest.approx((before, after), rel=1e-9)
     assert held.reduction == pytest.approx(1 - after / before, rel=1e-9)
-    assert held.horizons["30 s"] == (held.mse_before, held.mse_after)
+    assert held.metric == "30 s" and held.horizons["30 s"] == (held.mse_before, held.mse_after)
     reductions = [1 - b / a for a, b in held.by_run.values()]
     assert min(reductions) - 1e-12 <= held.interval_90[0] and held.interval_90[1] <= max(reductions) + 1e-12
 
@@ -215,3 +222,11 @@ def test_a_path_about_which_the_filter_breaks_down_is_approached_by_less(monkeyp
     near = one_step_likelihood(problem.steps, data, null)
     assert len(calls) > 3
     np.testing.assert_allclose(near, right, rtol=0.02)
+
+
+def test_windows_of_a_large_ship_are_called_by_the_seconds_that_they_have() -> None:
+    large = load_ship("kvlcc2_full")
+    assert window_words(large) == f"{window_length(large):.0f} s" == "310 s"
+    one = PredictionErrors("310 s", WindowErrors(np.ones(3), np.zeros((3, 2)), np.arange(3)), 1.0, 1.0)
+    held = compare(others(), one, one)
+    assert held is not None and "310 s" in held.horizons and "310 s" in held_words(held, "none")
