@@ -492,7 +492,7 @@ def train_seeds(
             made = run_all(work, jobs, workers, note)
         broken = stop.exists()  # asked before the folder is gone
     # what has a limit for all its parts goes on with whole trainings only
-    if limit is None and not broken and any(o.status == "stopped" for o in made if o):
+    if limit is None and not broken and any(o is None or o.status == "stopped" for o in made):
         raise outer.out_of_time
     by_seed = finished | {o.seed: o for o in made if o}
     outcomes = [by_seed[task.seed] for task in tasks if task.seed in by_seed]
@@ -505,7 +505,7 @@ def _trained(job: tuple[Task, Store | None], progress: OnProgress | None = None)
     """One training, kept where it came to its end; None where it was stopped before it began."""
     task, store = job
     assert task.stop is not None
-    if task.stop.exists():
+    if task.stop.exists() or time.time() > task.end:
         return None
     outcome = train_one(task, progress)
     # a stopped seed is not kept: continued, it is trained whole, to the same numbers as without an interruption
