@@ -280,18 +280,13 @@ def without_cause(trial: Trial) -> Iterator[Break]:
     r = trial["r"]
     if not np.isfinite(r).all() or len(trial) < 10 * width:
         return
-    steered = np.zeros(len(trial) - 1, bool)
-    for name in STEERING:
-        if name in trial:
-            values = trial[name]
-            steered |= np.abs(np.diff(values)) > STILL * max(float(np.nanmax(np.abs(values))), 1e-9)
     smooth = np.mean(around(r, width // 2), axis=1)
     rate = np.abs(np.gradient(smooth, trial.t))
     turning = np.mean(around(np.gradient(trial.psi_unwrapped, trial.t), width // 2), axis=1)
     noise = float(np.std(r - smooth)) / np.sqrt(width)  # that of the mean over ``width`` samples of white noise
     size = max(SWING * float(np.sqrt(np.mean(r**2))), BEYOND_NOISE * noise)
     quick = float(np.quantile(rate, 0.95))
-    for first, last in runs(~steered):
+    for first, last in runs(~steered(trial)):
         if last - first < 3 * width or last - first > MOST * len(r):
             continue
         stopped = last - first <= SHORTER * len(r) and _stopped(trial, first, last)
@@ -305,6 +300,14 @@ def without_cause(trial: Trial) -> Iterator[Break]:
         ]
         if sum(i > 0 for i, _ in swings) >= SWINGS:
             yield int(first), int(last), SWINGING, ("u", "v", "r")
+
+
+def steered(trial: Trial) -> np.ndarray:
+    """Whether something that turns the ship of ``trial`` moves from each row to the next, (N - 1,)."""
+    out = np.zeros(len(trial) - 1, bool)
+    for values in (trial[name] for name in STEERING if name in trial):
+        out |= np.abs(np.diff(values)) > STILL * max(float(np.nanmax(np.abs(values), initial=0.0)), 1e-9)
+    return out
 
 
 def _stopped(trial: Trial, first: int, last: int) -> bool:

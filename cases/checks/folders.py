@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cases.checks import single
+from cases.checks.breaks import PROPELLERS
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
-from cases.checks.stretches import DRIFTING, stretch_findings
+from cases.checks.stretches import DRIFTING, held_rudders, stretch_findings
 from cases.evidence.competition import FRAMES, Judged, Keys, Scores, judged, rudder_nats, scores, standing, wrong_inputs
 from cases.evidence.shifts import LAGS, TRACK, TURN, Scale, Shift, Value, candidates, nats, scale, shifts
 from cases.evidence.signals import Signals, independent, signals
@@ -130,7 +131,11 @@ LOOKS = {
     "wind": single.wind,
     "excitation": single.excitation,
 }
-TOPICS = {"unit": "units", "rudder_sign": "rudder"}  # Code -> topic, where it is not kinematics
+TOPICS = {
+    "unit": "units",
+    "rudder_sign": "rudder",
+    "revolutions_sign": "propeller",
+}  # Code -> topic, where it is not kinematics
 # Name of a lag -> what is said to be late, and its columns.
 LATE_WORDS = {
     "w": ("u and v are", ("u", "v")),
@@ -197,6 +202,13 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
     said = [_contradicted(trials, k, *each) for k, each in enumerate(zip(still, judged(table), turning, strict=True))]
     alone: list[dict[str, Value | None]] = [{} for _ in trials]
     frozen = [any(f.code == "frozen_channel" for f in report.findings) for report in reports]
+    # Then inputs that the motion refutes.
+    quiet = [k for k, each in enumerate(said) if not each.findings]
+    for look in (single.revolutions_sign, held_rudders):
+        for k, found in zip(quiet, look([trials[k] for k in quiet]), strict=True):
+            said[k].findings.extend(found)
+            if any(code == "revolutions_sign" for _, code, _ in found):
+                said[k].keys["sign"] = {name: -1 for name in PROPELLERS if name in trials[k]}
     # Then lags, of files that no reading refutes; what is late is taken back before gains are compared with the track.
     quiet = [k for k, each in enumerate(said) if not each.findings and not frozen[k]]
     for k, (shift, values) in zip(quiet, _shifted([some[k] for k in quiet], [records[k] for k in quiet]), strict=True):

@@ -14,9 +14,10 @@ Found = tuple[str, str, str]  # Level, code and sentence of a finding whose topi
 class CheckFinding(NamedTuple):
     """One sentence about a file.
 
-    topic: sampling, duplicates, kinematics, rudder, wind, excitation, units or reading; level: "info" (worth knowing),
-    "doubtful" (look at it before a calibration) or "contradictory" (the data refute what the file says of them); code:
-    what was found, in a word that does not change with the sentence, such as rudder_sign, velocity_frame or unit.
+    topic: sampling, duplicates, kinematics, rudder, propeller, wind, excitation, units or reading; level: "info"
+    (worth knowing), "doubtful" (look at it before a calibration) or "contradictory" (the data refute what the file
+    says of them); code: what was found, in a word that does not change with the sentence, such as rudder_sign,
+    velocity_frame or unit.
     """
 
     topic: str

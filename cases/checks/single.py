@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from cases.checks.breaks import PROPELLERS, runs
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckReport, Found
 from cases.evidence.competition import COST
 from cases.evidence.shifts import SIGMAS
@@ -368,12 +369,7 @@ def headway(trial: Trial) -> list[Found]:
     if not np.isfinite(speed).any():
         return []
     fast = speed > FAST * np.nanquantile(speed, 0.95)
-    thrust = np.zeros(len(trial))  # revolutions as they push ahead, those of a pod by the cosine of its angle
-    for side in ("", "_2"):
-        if f"n{side}" in trial:
-            thrust = thrust + trial[f"n{side}"]
-        if f"n_azimuth{side}" in trial and f"azimuth{side}" in trial:
-            thrust = thrust + trial[f"n_azimuth{side}"] * np.cos(trial[f"azimuth{side}"])
+    thrust = _pushed(trial)
     driven = fast & (thrust > 0.1 * np.nanmax(np.abs(thrust), initial=1e-9))
     if driven.sum() < max(PIECES, AHEAD * fast.sum()) or np.mean(u[driven] < 0) < MOSTLY:
         return []
@@ -382,6 +378,53 @@ def headway(trial: Trial) -> list[Found]:
         "by 180 deg"
     )
     return [(DOUBTFUL, "u_sign", text)]
+
+
+def _pushed(trial: Trial) -> np.ndarray:
+    """Revolutions (N,) [1/s] of all propellers of ``trial`` as they push ahead, those of a pod by the cosine of its
+    angle."""
+    thrust = np.zeros(len(trial))
+    for name in trial.columns:
+        if name in PROPELLERS:
+            thrust = thrust + trial[name]
+        elif name.startswith("n_azimuth") and (angle := name.removeprefix("n_")) in trial:
+            thrust = thrust + trial[name] * np.cos(trial[angle])
+    return thrust
+
+
+# Revolutions astern over which a ship loses way: a crash stop takes 200 to 1000, as 15 ship lengths (IMO MSC.137(76))
+# are some 400 propeller diameters. Set by hand.
+ASTERN = 300.0
+# Share of her speed that she loses from the second to the last third of them; a tanker that needs 1000 loses a tenth.
+LOST = 0.1  # set by hand
+
+
+def revolutions_sign(trials: Sequence[Trial]) -> list[list[Found]]:
+    """For each of ``trials`` of one ship: a contradiction where revolutions astern push her at speed, half of her
+    greatest in any of them, if in one of them she then goes on ahead for long. Of a controllable pitch or pods the
+    revolutions do not tell."""
+    speeds = [np.hypot(trial["u"], trial["v"]) for trial in trials]
+    greatest = max((float(np.nanquantile(s, 0.95)) for s in speeds if np.isfinite(s).any()), default=0.0)
+    kept, pushed_back = [(0.0, 0.0)], []  # revolutions astern and speed after them; share of the rows at speed
+    for trial in trials:
+        names, u = [name for name in PROPELLERS if name in trial], trial["u"]
+        told = names and "pitch" not in trial and not any(name.startswith("n_azimuth") for name in trial.columns)
+        n = _pushed(trial) / len(names) if told else np.zeros(len(trial))
+        fast = u > AHEAD * greatest
+        astern = fast & (n < -0.1 * np.nanmax(np.abs(n), initial=0.0))
+        pushed_back.append(float(astern.sum()) / max(float(fast.sum()), 1.0))
+        for first, last in runs(astern):
+            made, third = -float(n[first:last].sum()) * trial.dt, (last - first) // 3
+            if made > ASTERN and third:
+                end = float(np.mean(u[last - third : last]))
+                kept += [(made, end)] if end > (1 - LOST) * np.mean(u[last - 2 * third : last - third]) else []
+    made, end = max(kept)
+    text = (
+        f"Under revolutions astern the ship goes on ahead, at {end:.3g} m/s after {made:.0f} of them, which would stop "
+        "her: n is positive astern, or u is, as where the heading is turned by 180 deg"
+    )
+    said: list[Found] = [(CONTRADICTORY, "revolutions_sign", text)]
+    return [said if made and share > MOSTLY else [] for share in pushed_back]
 
 
 def turning_wind(trial: Trial) -> list[Found]:

@@ -1,8 +1,9 @@
 """Broken stretches: where heading, positions, velocities and inputs of a record contradict each other for a while.
 
 No ship model: the change of the heading is compared with the integrated turn rate, that of the positions with the
-integrated velocities, each channel with its own past, and the turn rate with what could cause it. What is usual is
-taken from the same record: medians of the absolute innovations, which a few broken seconds do not move.
+integrated velocities, each channel with its own past, and the turn rate with what could cause it, by its swiftness or
+by how it answers the rudder elsewhere. What is usual is taken from the same record: medians of the absolute
+innovations, which a few broken seconds do not move.
 
 Steps are innovations of a few samples. Drifts: the mismatch is summed up along the record; over a sound time of any
 length it changes by little, which grows with the time as noise and small errors of scale do, and is taken from the same
@@ -18,12 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from cases.checks import breaks
+from cases.checks import breaks, single
 from cases.checks.breaks import SWINGING, Break, filled, grain
-from cases.checks.report import DOUBTFUL, INFO, Found
+from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, Found
 from cases.evidence.signals import densest
 from cases.inputs import integral
-from cases.trial import Trial
+from cases.trial import Trial, left_out
 
 # Samples on each side of a step, at the record's own rate, but at least ``LEAST`` seconds. Set by hand (1, 1).
 STEP = 10
@@ -58,6 +59,11 @@ PAIR = 15  # A jump and one that undoes it, so many sides of a step apart or les
 TOGETHER = {"psi": 7.0, "u, v": 10.0}  # set by hand
 # The stretch reaches as far as the innovation stays above this share of what it was found by. Set by hand.
 ALIKE = 0.35
+# A turn rate answers a rudder that was logged as at rest where it swings to both sides by this share of its root mean
+# square elsewhere, and by so many times what the rudder leaves of it there. Set by hand.
+ANSWERS, UNEXPLAINED = 0.5, 3.0
+FOLLOWS = 0.7  # Correlation of turn rate and rudder from which the rudder tells how she turns. Set by hand.
+UNSTEERED = "the turn rate swings to both sides while the rudder rests"  # What is said of such a spell
 MUCH = 0.1  # Share of a record from which a channel that stands still is a doubt about all of it. Set by hand.
 JOIN = 3.0  # s, or so many sides of a step: breaks closer together are one stretch. Set by hand (0, 1).
 
@@ -86,7 +92,7 @@ def broken_stretches(trial: Trial) -> list[BrokenStretch]:
     signals = breaks.mismatches(trial)
     intervals = [_tight(step, signals, side // 4) for step in _steps(trial, signals, side)]
     intervals += [*breaks.frozen(trial, signals), *breaks.repeated(trial), *breaks.spike_trains(trial)]
-    intervals += breaks.without_cause(trial)
+    intervals += [*breaks.without_cause(trial), *_unsteered(trial)]
     intervals += list(_drifting(trial, signals, intervals))  # last: what a step explains is no drift
     reach = max(JOIN, side * trial.dt)
     return [
@@ -95,9 +101,61 @@ def broken_stretches(trial: Trial) -> list[BrokenStretch]:
             float(trial.t[last]),
             _sized(what, signals, first, last),
             channels,
-            SWINGING in what or _stays(what, signals, first, last),
+            SWINGING in what or UNSTEERED in what or _stays(what, signals, first, last),
         )
         for first, last, what, channels in _joined(trial.t, sorted(intervals), reach)
+    ]
+
+
+def _answer(trials: Sequence[Trial]) -> tuple[float, float] | None:
+    """Time [s] in which the ship of ``trials`` answers her rudder, and turn rate [rad/s] that only an answer exceeds:
+    medians of those in which she follows it; None without any."""
+    known = []
+    for trial in trials:
+        response = single.following(trial)
+        if abs(response["correlation"] or 0.0) >= FOLLOWS:
+            beyond = max(ANSWERS, UNEXPLAINED * math.sqrt(1 - response["correlation"] ** 2))
+            known.append((response["time_constant_s"], beyond * math.sqrt(float(np.nanmean(trial["r"] ** 2)))))
+    return tuple(np.median(known, axis=0).tolist()) if known else None
+
+
+def _swings(trial: Trial, first: int, last: int, seconds: float, size: float) -> bool:
+    """Whether the turn rate of ``trial`` exceeds ``size`` [rad/s] to both sides between the rows, once the ship has
+    answered the last order for so many ``seconds``, at speed and with revolutions ahead that are the same on all
+    shafts. A mean over these takes waves off."""
+    smooth = np.mean(breaks.around(filled(trial["r"]), max(round(seconds / 2 / trial.dt), 1)), axis=1)
+    shafts = np.stack([np.zeros(len(trial)), *(trial[name] for name in breaks.PROPELLERS if name in trial)])
+    n = shafts[1:] if len(shafts) > 1 else shafts
+    alike = np.ptp(n, axis=0) <= 0.1 * np.nanmax(np.abs(n), initial=0.0)
+    rows = alike & ((n.min(axis=0) > 0) | (len(shafts) == 1)) & (trial.t >= trial.t[first] + seconds)
+    rows &= trial["u"] > single.AHEAD * float(np.nanquantile(trial["u"], 0.95))
+    turn = smooth[first : last + 1][rows[first : last + 1]]
+    return bool(np.max(turn, initial=0.0) > size and np.min(turn, initial=0.0) < -size)
+
+
+def _unsteered(trial: Trial) -> Iterator[Break]:
+    """First and last row, what, and column of each spell of ``trial`` in which the turn rate swings, though all that
+    steers rests, as it does by the rudder elsewhere: a logger held the rudder. The spell counts from its beginning."""
+    r = filled(trial["r"])
+    least = 0.5 * ANSWERS * float(np.sqrt(np.mean(r**2)))  # elsewhere she may turn less: looked at, not judged
+    for first, last in breaks.runs(~breaks.steered(trial)) if "delta" in trial else ():
+        if min(r[first : last + 1].max(), -r[first : last + 1].min()) > least > 0:
+            answer = _answer([left_out(trial, [(float(trial.t[first]), float(trial.t[last]))], "")])
+            if answer and _swings(trial, first, last, *answer):
+                yield int(first), int(last), UNSTEERED, ("delta",)
+
+
+def held_rudders(trials: Sequence[Trial]) -> list[list[Found]]:
+    """For each of ``trials`` of one ship: a contradiction where all that steers rests throughout while the turn rate
+    swings as it does by the rudder in others."""
+    moves = [bool(breaks.steered(trial).any()) for trial in trials]
+    answer = _answer([trial for trial, so in zip(trials, moves, strict=True) if so]) if not all(moves) else None
+    text = "delta is frozen, while the turn rate swings to both sides as it does by the rudder in other files"
+    return [
+        [(CONTRADICTORY, "frozen_channel", text)]
+        if answer and not so and "delta" in trial and _swings(trial, 0, len(trial) - 1, *answer)
+        else []
+        for trial, so in zip(trials, moves, strict=True)
     ]
 
 
@@ -153,7 +211,8 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     stretches = broken_stretches(trial)
     still: dict[str, float] = {}
     # frozen columns once more, each by itself: joined with other breaks they have no length of their own
-    for first, last, _, group in breaks.frozen(trial, breaks.mismatches(trial)) if len(trial) >= 8 * STEP else ():
+    held = [*breaks.frozen(trial, breaks.mismatches(trial)), *_unsteered(trial)] if len(trial) >= 8 * STEP else []
+    for first, last, _, group in held:
         name, seconds = ", ".join(group), float(trial.t[last] - trial.t[first])
         still[name] = still.get(name, 0.0) + seconds / trial.duration
     seconds = sum(s.end_s - s.begin_s for s in stretches)
@@ -168,7 +227,8 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     ]
     for names, share in still.items():
         if share > MUCH:
-            findings.append((DOUBTFUL, "frozen_channel", f"{names} stand still for {share:.0%} of the record."))
+            stand = "stand" if ", " in names else "stands"
+            findings.append((DOUBTFUL, "frozen_channel", f"{names} {stand} still for {share:.0%} of the record."))
     return {"broken": [asdict(s) for s in stretches], "broken_share": seconds / max(trial.duration, 1e-9)}, findings
 
 

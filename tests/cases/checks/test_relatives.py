@@ -150,6 +150,22 @@ def test_a_heading_frozen_over_the_record_is_refuted_by_the_track(circle: Trial)
     assert "frozen_channel" in codes(check([trial])[0], "contradictory")
 
 
+def test_revolutions_astern_that_never_stop_the_ship_have_the_other_sign() -> None:
+    orders = ("zigzag:20/20", "turning:35")
+    runs = [simulated("kvlcc2_l7", order, noise=True, dt=0.2, duration=250, seed=3) for order in orders]
+    turned = [trial.with_columns(n=-trial["n"]) for trial in runs]
+    reports = check(turned)
+    assert [codes(report, "contradictory") for report in reports] == [{"revolutions_sign"}] * 2
+    texts = {f.text for report in reports for f in report.findings if f.code == "revolutions_sign"}
+    assert len(texts) == 1 and "[default]: sign = { n = -1 }" in texts.pop()
+    pitch = [trial.with_columns(pitch=np.full(len(trial), -0.7)) for trial in turned]
+    stop = simulated("kvlcc2_full", "crash-stop", noise=True, dt=1.0, duration=1500)
+    astern = stop[float(stop.t[stop["n"] < 0][0]) :]
+    stopped = stop.with_columns(n=np.zeros(len(stop)))
+    for sound in ([*runs, astern], pitch, [stop], [astern], [astern[: astern.t[0] + 250.0]], [stopped]):
+        assert not any("revolutions_sign" in codes(report, "contradictory") for report in check(sound))
+
+
 @pytest.mark.parametrize(("angle", "code"), [(np.pi, "u_sign"), (0.2, "")])
 def test_pods_ahead_do_not_push_a_ship_astern(angle: float, code: str) -> None:
     t = np.arange(0.0, 100.0, 0.5)

@@ -255,6 +255,27 @@ def test_the_same_doubt_of_several_trials_is_said_once() -> None:
     assert [(m, m.code) for m in said] == [(f"a, c: {doubt}", DOUBT), ("b: doubtful: psi jumps", DOUBT)]
 
 
+@pytest.mark.parametrize(("begin", "end"), [(60.0, 250.0), (60.0, 100.0)])
+def test_a_rudder_that_was_logged_as_held_while_she_weaves_is_broken(begin: float, end: float) -> None:
+    trial = simulate("kvlcc2_l7", "zigzag:20/20", noise=True, dt=0.2, duration=250, seed=3)
+    held = np.where(inside(trial, [(begin, end)]), trial["delta"][int(begin / 0.2)], trial["delta"])
+    trial = trial.with_columns(delta=held)
+    (found,) = broken_stretches(trial)
+    assert found.begin_s <= begin and found.end_s == pytest.approx(end, abs=20.0)
+    assert found.channels == ("delta",) and found.moved
+    assert "frozen_channel" in codes(trial)
+
+
+def test_a_rudder_that_is_held_in_all_of_a_zigzag_is_refuted_by_other_files_and_one_of_a_straight_run_is_not() -> None:
+    orders = ("zigzag:20/20", "turning:35", "straight", "crash-stop", "zigzag:10/10")
+    runs = [simulate("kvlcc2_l7", order, noise=True, dt=0.2, duration=250, seed=3) for order in orders]
+    yaw = 0.02 * np.sin(2.0 * runs[2].t)  # in waves
+    runs[2] = runs[2].with_columns(r=runs[2]["r"] + yaw, psi=runs[2]["psi"] - 0.01 * np.cos(2.0 * runs[2].t))
+    runs[4] = runs[4].with_columns(delta=np.zeros(len(runs[4])))
+    levels = [{f.level for f in report.findings if f.code == "frozen_channel"} for report in check(runs)]
+    assert levels == [set(), set(), set(), set(), {"contradictory"}]
+
+
 @pytest.mark.parametrize("back", [True, False])
 def test_no_window_runs_over_a_jump_that_stays(back: bool) -> None:
     """Positions that count from 40 m further from 30 s on; for 4 s alone, they break and the rest is sound."""
