@@ -214,7 +214,7 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
     for k, (shift, values) in zip(quiet, _shifted([some[k] for k in quiet], [records[k] for k in quiet]), strict=True):
         alone[k] = dict(values)
         if shift:
-            said[k], alone[k][shift.name] = _shift_said(shift), shift.value
+            said[k], alone[k][shift.name] = _shift_said(shift, trials[k]), shift.value
             some[k] = _in_time(some[k], shift)
     quiet = [k for k in quiet if all(level == INFO for level, *_ in said[k].findings)]
     sound = [some[k] for k in quiet]
@@ -378,17 +378,22 @@ def _shifted(
     return out
 
 
-def _shift_said(shift: Shift) -> Said:
-    """A doubt and, where one key mends it, that key; only a note where it hardly matters."""
+def _shift_said(shift: Shift, trial: Trial) -> Said:
+    """A doubt and, where one key mends it, that key; only a note where it hardly matters. No sensor is early: where a
+    channel of ``trial`` is ahead, what it is compared with is late."""
     value, real = shift.value, float(np.real(shift.value))
     keys: Keys = {}
     if shift.name in LAGS:
         who, columns = LATE_WORDS[shift.name]
-        code, text = "lag", f"{who} {abs(real):.3g} s {'late' if real > 0 else 'early'} against the other columns"
-        keys = {"lag": dict.fromkeys(columns, float(f"{real:.3g}"))}
-        if shift.name == "place" and real < 0:
-            text = f"u and v, in the earth frame, are {-real:.3g} s late against the positions"
-            keys = {}
+        against, early = "the other columns", real < 0
+        if early and shift.name == "r" and not independent(trial, "track"):  # it is compared with the heading alone
+            who, columns, against, early = "psi is", ("psi",), "r", False
+        code, text = "lag", f"{who} {abs(real):.3g} s late against {against}"
+        keys = {"lag": dict.fromkeys(columns, float(f"{abs(real):.3g}"))}
+        if early:
+            others = "u and v, in the earth frame," if shift.name == "place" else "the other columns"
+            named = "the positions" if shift.name == "place" else " and ".join(columns)
+            text, keys = f"{others} are {-real:.3g} s late against {named}", {}
     else:
         x, y = float(f"{real:.3g}"), float(f"{np.imag(value):.3g}")
         code, text = "lever_arm", f"The positions are those of a point ({x:g}, {y:g}) m from midship (lever arm)"

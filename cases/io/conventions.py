@@ -251,7 +251,8 @@ def _turn_signs(out: dict[str, np.ndarray], entry: SidecarEntry, notices: list[M
 
 
 def _in_time(columns: dict[str, np.ndarray], entry: SidecarEntry, notices: list[Message]) -> dict[str, np.ndarray]:
-    """Columns that are late, taken back in time by straight lines between samples; rows that then lack one are cut."""
+    """Columns that are late, taken back in time by straight lines between samples; rows that then lack one are cut. u
+    and v that were made with a late heading are turned by what it was off."""
     lags = {name: seconds for name, seconds in entry.lag.items() if name in columns and seconds}
     if not lags:
         return columns
@@ -268,6 +269,9 @@ def _in_time(columns: dict[str, np.ndarray], entry: SidecarEntry, notices: list[
         if wraps(name) and name != "psi":
             out[name] = np.remainder(out[name], 2 * math.pi)
         notices.append(Message(f"{name} taken back by {seconds:g} s (lag in trials.toml)", "lag"))
+    if "psi" in lags and all("psi" in entry.derived.get(name, ()) and name not in lags for name in ("u", "v")):
+        w = (columns["u"] + 1j * columns["v"]) * np.exp(1j * (columns["psi"] - out["psi"]))
+        out["u"], out["v"] = w.real, w.imag
     if keep.sum() < 2:
         longest = max(map(abs, lags.values()))
         raise OutOfRange(f"lag in trials.toml: no row is left after {longest:g} s of {t[-1] - t[0]:g} s")

@@ -126,6 +126,30 @@ def test_a_lag_is_named_and_mended(tmp_path: Path) -> None:
     assert not loud(followed(tmp_path, reports)[0])
 
 
+def test_a_heading_behind_the_turn_rate_is_late_and_velocities_made_with_it_follow(tmp_path: Path) -> None:
+    c = motion_columns(seed=4)
+    late = shifted(c["psi"], 2.0)
+    w = (c["u"] + 1j * c["v"]) * np.exp(1j * (c["psi"] - late))
+    relatives = '[default]\nderived = { u = ["psi", "x", "y"], v = ["psi", "x", "y"] }\n'
+    (tmp_path / "trials.toml").write_text(relatives)
+    reports = said(tmp_path, [{**c, "psi": late, "u": w.real, "v": w.imag}])
+    ((_, line),) = advice(reports)
+    seconds = float(line.removeprefix("lag = { psi = ").removesuffix(" }"))
+    assert loud(reports[0]) == {"lag"} and seconds == pytest.approx(2.0, abs=0.1)
+    (tmp_path / "trials.toml").write_text(f"{relatives}{line}\n")
+    (trial,) = read_trials(tmp_path)
+    assert not loud(check([trial])[0])
+    rows = slice(30, -30)  # at the begin the heading is held
+    for name in "uv":
+        assert np.allclose(trial[name][rows], np.interp(trial.t, c["t"], c[name])[rows], atol=0.005)
+
+
+def test_a_turn_rate_ahead_of_all_else_gives_no_line(tmp_path: Path) -> None:
+    columns = motion_columns(seed=4)
+    reports = said(tmp_path, [{**columns, "r": shifted(columns["r"], -2.0)}])
+    assert loud(reports[0]) == {"lag"} and not advice(reports)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("arm", [0.4 + 0.0j, -1.0 + 0.5j, -0.4j])
 def test_the_lever_arm_of_the_positions_is_named_and_mended(arm: complex, tmp_path: Path) -> None:
