@@ -79,8 +79,8 @@ def clock_of(
         cells = cells.map(lambda value: None if value is None else str(value))
     elif table.numeric(header):
         return _numbers(table, header, unit or _unit_of(table, header), time_columns)
-    text = cells.astype(object).where(cells.notna(), None)
-    sample = "" if first is None else str(first).strip()
+    text = cells.astype(object).where(cells.notna(), None).map(_of_24_hours)
+    sample = "" if first is None else str(_of_24_hours(first)).strip()
     of_hour = re.fullmatch(r"\d{1,2}:\d{2}[.,]\d+", sample)
     if not of_hour and not re.fullmatch(r"\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?", sample):
         words = "ISO 8601" if sample[:4].isdigit() else clock.words
@@ -299,6 +299,12 @@ def _unit_of(table: RawTable, header: str) -> str:
         return unit
     ending = re.search(r"(?:^|_)(seconds|sec|ms|us|ns|min|s)$", plain_words(header))
     return ending[1] if ending else ""
+
+
+def _of_24_hours(text: Any) -> Any:
+    """ "01:20:07 PM", a time without a date, as "13:20:07"; all else as it is."""
+    half = re.fullmatch(r"\s*(\d{1,2})((?::\d{2}){1,2}(?:[.,]\d+)?)\s*([ap])\.?\s*m\.?\s*", str(text), re.IGNORECASE)
+    return f"{int(half[1]) % 12 + 12 * (half[3].lower() == 'p')}{half[2]}" if half and int(half[1]) <= 12 else text
 
 
 def _full_time(text: Any) -> Any:

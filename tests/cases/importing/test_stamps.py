@@ -99,6 +99,21 @@ def test_stamps_with_and_without_a_zone_are_refused(
         assert len(import_logs([path], chosen).problems) == 1
 
 
+@pytest.mark.parametrize("dated", [True, False])
+@pytest.mark.parametrize("form", ["%I:%M:%S %p", "%I:%M:%S.%fpm"])
+def test_times_of_twelve_hours_stand_in_a_column_of_their_own(tmp_path: Path, dated: bool, form: str) -> None:
+    """From before noon until after it."""
+    truth = raw_logs.run()
+    begin = datetime.datetime(2026, 5, 14, 11, 59, 0)
+    when = [begin + datetime.timedelta(seconds=float(t - truth.t[0])) for t in truth.t]
+    half = [w.strftime("%p").lower()[0] for w in when]
+    times = [w.strftime(form.replace("pm", f" {h}.m.")) for w, h in zip(when, half, strict=True)]
+    columns = {**bridge(truth), "Time": times} | ({"Date": [w.strftime("%m/%d/%Y") for w in when]} if dated else {})
+    found = import_logs([table(tmp_path / "a.csv", columns)])
+    assert max(abs(s) for s in shifts(found).values()) < 0.3
+    assert found.runs[0].columns["t"][-1] == pytest.approx(truth.duration, abs=1.0)
+
+
 PODS = [
     ("azimuth", "azimuth_2", "n_azimuth", "n_azimuth_2"),
     ("azimuth", "azimuth_3", "n_azimuth", "n_azimuth_3"),
