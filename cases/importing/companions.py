@@ -13,6 +13,7 @@ from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion
 from cases.importing.raw_table import RawTable
 from cases.importing.vocabulary import SIDES, is_order, meaning, plain_words
 from cases.io.conventions import sentinels_in
+from cases.io.text_table import EMPTY
 from cases.quantities import QUANTITIES, as_number
 from mmg.errors import BadValue
 
@@ -113,6 +114,37 @@ def signed(values: np.ndarray, quantity: str, table: RawTable, header: str, chos
         where = f"{table.name}: row {table.before + row + 1}, column '{header}'"
         raise BadValue(f"{where}: '{words.iloc[row]}' is no sign of {quantity}")
     out = np.where(sign < 0, -np.abs(values), values)
+    return -out if quantity.startswith("delta") and chosen.rudder_positive == "port" else out
+
+
+SIDE_WORD = "|".join((*SIDE.plus, *SIDE.minus))
+# A number with its side before or behind it, such as "P 12,3", "3.0 stbd" or "S5".
+WITH_SIDE = rf"(?:({SIDE_WORD})\.?\s*)?(\d+(?:[.,]\d*)?|[.,]\d+)\s*(?:°|deg)?\s*(?:({SIDE_WORD})\.?)?"
+
+
+def sided(table: RawTable, quantity: str, header: str, chosen: ImportMap) -> np.ndarray | None:
+    """The numbers (N,) below ``header`` in the ``table``, if the ``quantity`` has sides and they are written beside
+    them, positive to starboard; None where they are not. chosen: as of ``signed``. Raises UserError for a cell that has
+    no side."""
+    if not re.fullmatch(SIDE.quantities, quantity) or table.numeric(header):
+        return None
+    cells, signs = table.cells(header), _reads(SIDE, "")
+    texts = ["" if cell is None or cell != cell else str(cell).strip().lower() for cell in cells]
+    out, bad, said = np.full(len(texts), np.nan), [], False
+    for row, text in enumerate(texts):
+        match = re.fullmatch(WITH_SIDE, text)
+        words = [word for word in (match[1], match[3]) if word] if match else []
+        size = as_number(match[2].replace(",", ".")) if match else np.nan
+        if len(words) == 1 or size == 0:  # amidships has no side
+            out[row], said = size * signs[words[0] if words else "0"], said or bool(words)
+        elif text not in EMPTY:
+            bad.append(row)
+    if bad and said:
+        where = f"{table.name}: row {table.before + bad[0] + 1}, column '{header}'"
+        words_of = f"'{cells.iloc[bad[0]]}' has no side, as other cells have ({len(bad)} such cells)"
+        raise BadValue(f"{where}: {words_of}; write P or S beside the number, or leave the cell empty")
+    if not said:
+        return None
     return -out if quantity.startswith("delta") and chosen.rudder_positive == "port" else out
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_zones, within_stamps, without_jumps
-from cases.importing.companions import Masks, hold_signs, masked_rows, masks_of, sign_columns, signed
+from cases.importing.companions import Masks, hold_signs, masked_rows, masks_of, sided, sign_columns, signed
 from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question
 from cases.importing.raw_table import NUMBERED, Account, Clock, RawTable, split_unit
 from cases.importing.vocabulary import WATER, factor, is_order, known_units, meaning, ordered, plain_words, turn_in
@@ -128,7 +128,7 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     to its quantity."""
     of, notices = assigned(table, chosen), list(table.notices)
     mapped = of.mapped
-    scales, unitless = _scales(table, mapped, notices)
+    scales, unitless = _scales(table, mapped, chosen, notices)
     count, nothing = rows_together(table.rows), Counter[tuple[str, float]]()
     means = BlockMeans(count, {q: known(q).period for q in scales if known(q).period})
     words: dict[str, set[str]] = {"ship": set(), "zone": set()}
@@ -203,10 +203,11 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
 
 
 def _scales(
-    table: RawTable, mapped: dict[str, ColumnMap], notices: list[Message]
+    table: RawTable, mapped: dict[str, ColumnMap], chosen: ImportMap, notices: list[Message]
 ) -> tuple[dict[str, float], list[str]]:
     """Factor by which each ``mapped`` quantity of a ``table`` is multiplied, and those of unknown unit. Units are
-    noted in ``mapped``, what is said of them in ``notices``. Raises UserError for one that is unknown."""
+    noted in ``mapped``, what is said of them and of signs in ``notices``. chosen: the map. Raises UserError for one
+    that is unknown."""
     scales: dict[str, float] = {}
     unitless = []
     for quantity in [q for q in mapped if q != "t" and q not in TEXT]:
@@ -220,6 +221,9 @@ def _scales(
             unitless.append(quantity)
         if f"{quantity}_sign" in mapped:
             notices.append(Message(f"{quantity}: the sign is that of '{mapped[f'{quantity}_sign'].header}'", "sign"))
+        if sided(table, quantity, column.header, chosen) is not None:
+            words = f"{quantity}: port (negative) and starboard (positive) are said in the cells of '{column.header}'"
+            notices.append(Message(words, "sign"))
         scales[quantity] = column.sign * (scale or 1.0)
         mapped[quantity] = column.model_copy(update={"unit": unit})
     for name in ("latitude", "longitude"):
@@ -254,7 +258,8 @@ def _values(
     """The ``quantity`` in a ``piece`` (N,) in the unit of the file, with its signs, NaN where a number stands for
     nothing: these are counted in ``nothing``, by header and number, and known from piece to piece."""
     column = mapped[quantity]
-    values = _numbers(piece, quantity, column)
+    sides = sided(piece, quantity, column.header, chosen)
+    values = _numbers(piece, quantity, column) if sides is None else sides
     values = np.where(np.isfinite(values), values, np.nan)
     huge = np.abs(values) > LARGEST
     if huge.any():

@@ -411,6 +411,23 @@ def test_a_rudder_angle_takes_its_side(tmp_path: Path, title: str, words: tuple[
     assert not found.problems and found.runs[0].columns["delta"] == pytest.approx(truth)
 
 
+@pytest.mark.parametrize("form", ["{side} {angle}", "{angle} {side}", "{side}{angle} deg"])
+@pytest.mark.parametrize("words", ["PS", ("Port", "Stbd")])
+def test_a_side_beside_the_number_of_a_rudder_is_its_sign(tmp_path: Path, form: str, words: tuple[str, str]) -> None:
+    truth = raw_logs.run()
+    degrees = np.degrees(truth["delta"])
+    cells = [form.format(side=words[int(d > 0)], angle=f"{abs(d):.4f}") for d in degrees]
+    cells[0] = "0"
+    log = raw_logs.bridge(truth)
+    rudder = next(name for name in log if name.lower().startswith("rudder"))
+    found = import_logs([raw_logs.table(tmp_path / "a.csv", {**log, rudder: cells})])
+    assert not found.problems and errors(found, truth)["delta"] < 1e-3 * np.abs(truth["delta"]).max()
+    assert "sign" in {m.code for m in found.runs[0].notices}
+    cells[5] = "12.0"  # of neither side
+    problems = import_logs([raw_logs.table(tmp_path / "b.csv", {**log, rudder: cells})]).problems
+    assert len(problems) == 1 and "row 6," in problems[0]
+
+
 def test_pitch_beside_roll_is_that_of_the_hull(tmp_path: Path) -> None:
     """It is asked for; a header of the propeller, or a pitch without other motions, is the blades'."""
     log, n = bridge(raw_logs.run()), len(raw_logs.run())
