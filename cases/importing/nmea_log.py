@@ -173,15 +173,21 @@ def _plain(columns: dict[str, str], status: str = "", mode: str = "", water: str
     return decode
 
 
-def _rsa(fields: Fields) -> Decoded:
-    values: dict[str, float] = {}
-    aside: list[tuple[str, str]] = []
-    for side, part in (("starboard", "stbd"), ("port", "port")):
-        value, why = _numbers(fields, **{f"rudder_{side}": f"{part}angle"}), _not_valid(fields[f"{part}status"])
-        if value and why:
-            aside.append((side, why))
-        values |= {} if why else value
-    return Decoded(values, "" if values else aside[0][1] if aside else EMPTY, aside=tuple(aside) if values else ())
+def _rudders(column: str, angle: str, status: str) -> Callable[[Fields], Decoded]:
+    """Of both rudders: columns "``column``_starboard" and "_port"; angle, status: names of the fields behind the
+    side."""
+
+    def decode(fields: Fields) -> Decoded:
+        values: dict[str, float] = {}
+        aside: list[tuple[str, str]] = []
+        for side, part in (("starboard", "stbd"), ("port", "port")):
+            value, why = _numbers(fields, **{f"{column}_{side}": part + angle}), _not_valid(fields[part + status])
+            if value and why:
+                aside.append((side, why))
+            values |= {} if why else value
+        return Decoded(values, "" if values else aside[0][1] if aside else EMPTY, aside=tuple(aside) if values else ())
+
+    return decode
 
 
 def _rpm(fields: Fields) -> Decoded:
@@ -234,8 +240,10 @@ def _xdr(fields: Fields) -> Decoded:
 
 
 DECODERS: dict[str, Callable[[Fields], Decoded]] = {  # Sentences that are read.
-    "RMC": _fix, "GGA": _fix, "GNS": _fix, "GLL": _fix, "ZDA": _zda, "HDG": _hdg, "RSA": _rsa, "RPM": _rpm,
+    "RMC": _fix, "GGA": _fix, "GNS": _fix, "GLL": _fix, "ZDA": _zda, "HDG": _hdg, "RPM": _rpm,
     "MWV": _mwv, "MWD": _mwd, "XDR": _xdr,
+    "RSA": _rudders("rudder", "angle", "status"),
+    "ROR": _rudders("rudder_order", "rudderorder", "rudderstatus"),
     "VTG": _plain({"sog": "sogn", "cog": "cogt"}, mode="posMode"),
     "HDT": _plain({"heading": "headingT"}),
     "THS": _plain({"heading": "headt"}, mode="mi"),
@@ -402,7 +410,7 @@ SENTENCE = re.compile(r"[$!](P[A-Z0-9]{2,9}|[A-Z][A-Z0-9][A-Z]{3}),([^*$!]*)(?:\
 TAG = re.compile(r"\\(?:[^\\]*,)?s:([^,*\\]+)[^\\]*\\")  # The source of a tag block of NMEA 4
 _COLUMNS = {
     "deg": "latitude longitude cog heading heading_magnetic variation rudder rudder_starboard rudder_port "
-    "apparent_wind_direction twa twd",
+    "rudder_order rudder_order_starboard rudder_order_port apparent_wind_direction twa twd",
     "kn": "sog u v", "deg/min": "rot", "m/s": "apparent_wind_speed true_wind_speed",
     "rpm": "rpm rpm_starboard rpm_port RPM-E RPM-E_starboard RPM-E_port",
 }  # fmt: skip
@@ -410,9 +418,11 @@ _COLUMNS = {
 UNITS = {column: unit for unit, columns in _COLUMNS.items() for column in columns.split()}
 TOGETHER = (  # Columns that are taken from one source: that which says one of them most often.
     "heading", "heading_magnetic", "u v", "apparent_wind_speed apparent_wind_direction", "true_wind_speed twa twd",
-    "rot", "rudder", "rudder_starboard", "rudder_port", *_COLUMNS["rpm"].split(),
+    "rot", "rudder", "rudder_starboard", "rudder_port", "rudder_order_starboard rudder_order_port",
+    *_COLUMNS["rpm"].split(),
 )  # fmt: skip
 SHAFTS, RUDDERS = ("rpm", "rpm_starboard", "rpm_port"), ("rudder_starboard", "rudder_port")
+ORDERS = ("rudder_order_starboard", "rudder_order_port")
 # Column -> those beside which it is not used: a true heading, the shafts of engines.
 BETTER = {"heading_magnetic": ("heading",)} | {f"RPM-E{side}": SHAFTS for side in ("", "_starboard", "_port")}
 CODES = (  # Codes of messages, and the first words of why sentences are not used.
@@ -575,7 +585,7 @@ class _Selection:
                         self.select(column, {name: self.samples(name, column)})
                 self.reject([n for n in names[1:] if not self.used[n]], f"{group[0]} is taken from {name}")
         self._select_variation()
-        for alone, sides in (("rudder", RUDDERS), ("rpm", SHAFTS[1:])):
+        for alone, sides in (("rudder", RUDDERS), ("rudder_order", ORDERS), ("rpm", SHAFTS[1:])):
             only = [side for side in sides if side in self.columns]
             if alone not in self.columns and len(only) == 1:  # one of two that say a side is the only one
                 self.columns[alone] = self.columns.pop(only[0])

@@ -280,6 +280,15 @@ def test_a_rudder_is_that_of_the_sensors_that_are_valid(tmp_path: Path, fields: 
     assert len(never.problems) == 1 and "delta" in never.problems[0]
 
 
+@pytest.mark.parametrize("fields", ["{0},A,,V,B", "0.0,V,{0},A,B", "{0},A,,"])
+def test_what_was_ordered_of_a_rudder_stands_beside_it(tmp_path: Path, fields: str) -> None:
+    bodies = (*steered(rsa), (lambda t: f"AGROR,{fields.format(angle(t + 1.0))}", 0.5))
+    found = columns(log(tmp_path / "run.nmea", *bodies))
+    rows = found["t"] < found["t"][-1] - 5.0
+    ahead = np.interp(found["t"] + 1.0, found["t"], found["delta"])
+    assert np.sqrt(np.mean((found["delta_order"] - ahead)[rows] ** 2)) < 0.05 * np.std(found["delta"])
+
+
 def turning(*bodies: Body) -> tuple[tuple[Body, float], ...]:
     return ((rmc, 1.0), (hdt, 0.5), (rsa, 0.5), *((body, 0.5) for body in bodies))
 
