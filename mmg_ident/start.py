@@ -42,14 +42,14 @@ class Answers(Section):
     """What a person knows of trials and ship. ``record`` is written by ``mmg start`` and not read.
 
     antenna: where positions and velocities were measured, from midship, ahead and to starboard; draught: at the trials,
-    None for that of the particulars; depth: of the water; current: one in all runs, one in each, or unknown;
-    rudder_rate: that the trials show, or a number.
+    None for that of the particulars; depth: of the water; current: none, one in all runs, one in each, or
+    unknown, where one that the trials speak for is fitted along; rudder_rate: that the trials show, or a number.
     """
 
     antenna: Literal["unknown"] | list[float] = "unknown"
     draught: float | None = number("m", None, gt=0.0, le=50.0)
     depth: Literal["deep"] | float = "deep"
-    current: Literal["unknown", "steady", "per run"] = "unknown"
+    current: Literal["unknown", "none", "steady", "per run"] = "unknown"
     rudder_rate: Literal["measured"] | float = "measured"
     record: dict[str, Any] = Field(default_factory=dict)
 
@@ -187,7 +187,7 @@ def questions(
     if by_particulars:  # that of a ship file stands there
         asked.append(("draught", "Draught at the trials [m]?", f"{ship.particulars['d']:g}"))
     asked.append(("depth", "Depth of the water [m]?", "deep"))
-    asked.append(("current", "Is a current likely: steady, 'per run'?", "unknown"))
+    asked.append(("current", "Is a current likely: none, steady, 'per run'?", "unknown"))
     if rate := measured_particulars(with_own_rates(ship, trials)[0]).get("rudder_rate"):
         asked.append(("rudder_rate", f"Rudder rate {rate}: use it, or a number [deg/s]?", "measured"))
     return asked
@@ -314,7 +314,11 @@ def fitted(started: StartedRun, command: str, progress: OnProgress | None = None
         return earlier
     per_run = ("current",) if started.answers.current == "per run" else ()
     name = started.folder.resolve().name
-    options = FitOptions(command=command, name="" if name_fault(name) else name, resume=earlier, per_run=per_run)
+    surroundings = started.answers.current != "none"  # whether a current that the trials speak for is fitted along
+    options = FitOptions(
+        command=command, name="" if name_fault(name) else name, resume=earlier, per_run=per_run,
+        surroundings=surroundings,
+    )  # fmt: skip
     result = calibrate(earlier.start if earlier else started.ship, started.trials, (), None, options, progress)
     # the trials told how their inputs were logged: figures and another call read them so
     if any(m.code == "suspect" and 'inputs = "sampled"' in m.text for m in result.messages):

@@ -189,6 +189,23 @@ def test_answers_reach_ship_and_sidecars(logs: Path, tmp_path: Path) -> None:
             steps.answered(known, name, text)
 
 
+@pytest.mark.parametrize(("answer", "along"), [("none", False), ("unknown", True)])
+def test_where_there_is_no_current_none_is_fitted_along(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: str, along: bool
+) -> None:
+    class Called(Exception): ...
+
+    def calibrate(ship, trials, validate, settings, options, progress):
+        raise Called(options.surroundings, ship.effects)
+
+    monkeypatch.setattr("mmg_ident.api.calibrate", calibrate)
+    answers = steps.answered(steps.Answers(), "current", answer)
+    ship = steps.with_answers(FEW, answers)
+    with pytest.raises(Called) as said:
+        steps.fitted(steps.StartedRun(tmp_path, ship, (), answers), "mmg start")
+    assert said.value.args == (along, FEW.effects)
+
+
 @pytest.mark.slow
 def test_tested_figures_are_of_midship_and_in_still_water() -> None:
     """The same circle with and without a current and a lever arm, both in the ship that looks at it."""
