@@ -116,7 +116,8 @@ class Tracker:
     model: a ship, her name or file, a run folder or the result of a calibration or training; coefficients: symbols that
     are estimated along, with the standard errors of the calibration, or symbol -> standard deviation; campaign: that of
     which the ship has the values; noise: sizes (``Noise``; default: those of the calibration); compiled: use C code.
-    inputs: names of the controls. Raises UserError for an unknown symbol or campaign, for a coefficient without a
+    inputs: names of the controls. A copy (copy.deepcopy) or a pickle goes on by itself from where the tracker stands.
+    Raises UserError for an unknown symbol or campaign, for a coefficient without a
     standard deviation and for a black box.
     """
 
@@ -306,6 +307,7 @@ class Equations:
     def __init__(self, ship: Ship, random: Sequence[str], compiled: bool) -> None:
         self.model: SymbolicModel = assemble(ship)
         self.S: int = len(self.model.states)
+        self._made_of = ship, tuple(random), compiled
         self._theta = ship.values.copy()
         self._at = np.array([ship.symbols.index(s) for s in random])
         self.values: np.ndarray = self._theta[self._at]
@@ -329,6 +331,10 @@ class Equations:
         self._columns = batch_functions([logged], self.is_compiled, what)[0][0]
         # without instruments the logged columns are the first six states: no code is called for them
         self._plain = None if self.model.measured else np.eye(6, self.S + len(random))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles are made anew: a step is a call of C code on arrays of this object, which nobody shares."""
+        return Equations, self._made_of
 
     def _coefficients(self, z: np.ndarray) -> np.ndarray:
         theta = self._theta  # in place: a copy a sample is not needed, as nobody keeps it

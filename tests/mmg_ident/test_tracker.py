@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -261,6 +263,21 @@ def test_controls_ahead_may_be_given_in_each_way() -> None:
     turned = tracker.forecast(20.0, lambda ahead: [10.0, 0.2 if ahead < 10 else -0.2])
     assert turned.states[-1, 2] < found[0].states[-1, 2]
     assert list(found[0].to_pandas().columns[:3]) == ["t", "x", "y"] and len(repr(found[0])) < 300
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_copy_goes_on_by_itself(compiled: bool) -> None:
+    tracker = Tracker(load_ship("esso_osaka_3m"), ["N_r"], compiled=compiled)
+    tracker.update(**(GOOD | {"t": 0.0}))
+    tracker.update(**GOOD)
+    ahead = [10.0, 0.5]
+    copies = copy.deepcopy(tracker), pickle.loads(pickle.dumps(tracker))
+    expected = tracker.forecast(20.0, ahead)
+    for one in copies:
+        tracker.forecast(5.0, [10.0, -0.5])  # what the first one does in between is no business of its copies
+        assert np.array_equal(one.forecast(20.0, ahead).states, expected.states)
+        one.update(2.0, GOOD["measured"], ahead)
+    assert np.array_equal(tracker.forecast(20.0, ahead).std, expected.std)
 
 
 @pytest.mark.slow
