@@ -10,10 +10,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from cases.io.toml_file import unknown
 from cases.quantities import wraps
 from cases.trial import Trial
-from mmg.errors import BadValue, Conflict, Missing, UnknownName
+from mmg.errors import BadValue, Conflict, Missing, UnknownName, in_order, unknown
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.states import STATES
@@ -240,7 +239,7 @@ def given_inputs(ship: Ship, t: Any, given: Mapping[str, Any], start: Any = None
     clock = _numbers("t", t)
     if clock.ndim != 1 or len(clock) < 2 or not (np.diff(clock) > 0).all():
         raise BadValue(f"t: {clock.shape} values; give two or more times [s] in one dimension, increasing")
-    first = _numbers("x0", np.zeros(6) if start is None else start)
+    first = _numbers("x0", np.zeros(6) if start is None else in_order("x0", start, STATES))
     if first.shape != (6,):
         raise BadValue(f"x0: shape {first.shape}; give {', '.join(STATES)}")
     accepted = (*ship.actuators, *WIND)

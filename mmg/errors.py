@@ -1,16 +1,24 @@
-"""The errors that users meet: a line that says what is wrong, where, and what to do, and a code; the check of names."""
+"""The errors that users meet: a line that says what is wrong, where, and what to do, and a code; and the
+checks of names, keywords and numbers that are given."""
 
 from __future__ import annotations
 
+import functools
+import inspect
+import math
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from difflib import get_close_matches
 from importlib import import_module
+from numbers import Real
 from pathlib import PureWindowsPath
-from typing import Any
+from typing import Any, TypeVar
 
 from mmg.messages import printable
+
+T = TypeVar("T")
 
 # Most bytes of a name: file systems take 255, and suffixes are added. The limit is that of ext4 and NTFS.
 LONGEST_NAME = 200
@@ -166,3 +174,70 @@ def check_name(name: str, where: str) -> None:
     """Raises UserError, which begins with ``where``, unless ``name`` is plain words or empty."""
     if name and (fault := name_fault(name)):
         raise BadValue(f"{where}: name = '{name}': {fault}")
+
+
+def unknown(what: str, name: str, known: Iterable[str], context: str = "") -> str:
+    """The sentence on a ``name`` that is no ``what``: the nearest of those ``known`` (in some ``context``), and all."""
+    every = list(known)
+    lower = {key.lower(): key for key in every}
+    near = "".join(f" did you mean '{lower[key]}'?" for key in get_close_matches(name.lower(), lower, 1))
+    return f"unknown {what} '{name}';{near} known{context and ' '}{context}: {', '.join(every)}"
+
+
+def by_name(given: Any) -> Any:
+    """``given`` as a dict where it has names, as a mapping, or a Series or DataFrame of pandas has; else as it is."""
+    return {name: given[name] for name in given.keys()} if hasattr(given, "keys") else given  # noqa: SIM118
+
+
+def in_order(argument: str, given: Any, names: Sequence[str]) -> Any:
+    """What is ``given`` by name as a list in the order of ``names``; as it is where it has none. Raises UserError,
+    with the name of the ``argument``, where its names are others."""
+    given = by_name(given)
+    if not isinstance(given, dict):
+        return given
+    if {*given} != {*names}:
+        raise UnknownName(f"{argument}: has {', '.join(map(str, given))}; give {', '.join(names)}")
+    return [given[name] for name in names]
+
+
+def finite(name: str, value: Any) -> float:
+    """The argument ``name`` whose ``value`` is one finite real number. Raises UserError for any other."""
+    number = value.item() if getattr(value, "shape", None) == () else value  # an array of no dimension
+    if not isinstance(number, Real) or isinstance(number, bool) or not math.isfinite(number):
+        raise BadValue(f"{name} = {value!r}: is no finite number")
+    return float(number)
+
+
+def whole(name: str, value: Any, least: int) -> int:
+    """The argument ``name`` whose ``value`` is a whole number of at least ``least``. Raises UserError for any other."""
+    number = finite(name, value)
+    if number != int(number) or number < least:
+        raise BadValue(f"{name} = {value!r}: must be a whole number of at least {least}")
+    return int(number)
+
+
+def refusing(thing: T) -> T:
+    """A decorator of a function, or of a class for its constructor: a keyword that it does not take is a UserError.
+
+    thing: without ``**`` of its own.
+    """
+    made: Any = thing
+    if isinstance(thing, type):
+        made.__init__ = _refusing(made.__init__, thing.__name__)
+        return thing
+    return _refusing(made, made.__name__)  # type: ignore[return-value]
+
+
+def _refusing(function: Callable[..., Any], title: str) -> Callable[..., Any]:
+    @functools.wraps(function)
+    def called(*given: Any, **values: Any) -> Any:
+        try:
+            return function(*given, **values)
+        except TypeError:  # asked afterwards only: a call that succeeds costs nothing more
+            names = [name for name in inspect.signature(function).parameters if name != "self"]
+            for name in values:
+                if name not in names:
+                    raise UnknownName(f"{title}: {unknown('keyword', name, names)}") from None
+            raise
+
+    return called

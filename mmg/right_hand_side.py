@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
 
-from mmg.errors import BadValue, Missing, UnknownName
+from mmg.errors import BadValue, Missing, UnknownName, by_name, in_order
 from mmg.model import settled
 from mmg.motion.flow import INPUTS
 from mmg.rollout import Simulator
 from mmg.ship import AIR, Ship
+from mmg.states import STATES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,8 +29,8 @@ class RightHandSide:
     states: names, x, y [m], psi [rad], u, v [m/s], r [rad/s] (north, east, clockwise; velocities over ground, body
     axes at midship), then what her effects remember; controls: names, her actuators (n [1/s], delta [rad] to starboard,
     ...), then wind_north and wind_east, the velocity of the air over ground [m/s]. A state is (S,), or (S, M) for M
-    points at once; of six numbers what is remembered is settled. Controls are (C,), (C, M), or a mapping by name in
-    which calm air may be left out.
+    points at once; of six numbers what is remembered is settled. Controls are (C,), (C, M), or by name, a mapping or
+    a Series of pandas, in which calm air may be left out; so may a state be by name.
     """
 
     def __init__(self, ship: Ship) -> None:
@@ -94,7 +95,8 @@ class RightHandSide:
     def _points(self, state: Any, controls: Any) -> tuple[np.ndarray, np.ndarray, bool]:
         """States (S, M), controls (C, M), and whether one point was given."""
         try:
-            z, c = np.asarray(state, dtype=float), self._as_array(controls)
+            names = self.states if len(state) > len(STATES) else STATES
+            z, c = np.asarray(in_order("state", state, names), dtype=float), self._as_array(controls)
         except (TypeError, ValueError):
             raise BadValue("state or controls: hold what is no number") from None
         S, C = len(self.states), len(self.controls)
@@ -113,7 +115,8 @@ class RightHandSide:
         return z, c, single
 
     def _as_array(self, controls: Any) -> np.ndarray:
-        if not isinstance(controls, Mapping):
+        controls = by_name(controls)
+        if not isinstance(controls, dict):
             return np.asarray(controls, dtype=float)
         for name in controls:
             if name not in self.controls:

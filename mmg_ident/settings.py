@@ -157,7 +157,7 @@ def keywords(*kinds: type, also: str = "", others: bool = False) -> Callable[[F]
 
         @functools.wraps(function)
         def called(*given: Any, **values: Any) -> Any:
-            from cases.io.toml_file import unknown
+            from mmg.errors import unknown
 
             for name in values:  # those that are gone are refused with their own sentence, by the function
                 if name not in full.parameters and name not in GONE and not others:

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import casadi as ca
 import numpy as np
 
-from cases.io.toml_file import unknown
 from diagnosis.estimation.linearisation import FIRST, SETTLED
 from diagnosis.estimation.random_states import DIFFERENCE, LONGEST, Noise, RandomStates, deviations, disturbed
 from diagnosis.estimation.transition_model import FORCE, step_faults
@@ -27,7 +26,7 @@ from fitting.prediction.band_calibration import NORMAL
 from mmg.compile.batch import batch_functions
 from mmg.compile.interval_source import derivatives
 from mmg.compile.intervals import IntervalKernel, Lanes
-from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, UnknownName, Unsupported
+from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, UnknownName, Unsupported, by_name, unknown
 from mmg.model import Model as SymbolicModel
 from mmg.model import assemble, states_behind
 from mmg.motion.froude import state_scale, time_scale
@@ -43,7 +42,7 @@ if TYPE_CHECKING:
 
 WIND = ("wind_speed", "wind_direction")  # Inputs that may be left out: the air is calm then
 
-Row: TypeAlias = Mapping[str, float] | Sequence[float] | np.ndarray
+Row: TypeAlias = "Mapping[str, float] | pd.Series[float] | Sequence[float] | np.ndarray"  # The first two by name
 
 
 @dataclass(frozen=True)
@@ -124,7 +123,7 @@ class Tracker:
     def __init__(
         self,
         model: Model,
-        coefficients: Iterable[str] | Mapping[str, float] = (),
+        coefficients: Iterable[str] | Mapping[str, float] | pd.Series[float] = (),
         campaign: str | None = None,
         noise: Noise | None = None,
         compiled: bool = True,
@@ -160,11 +159,11 @@ class Tracker:
     def update(self, t: float, measured: Row, controls: Row) -> State:
         """Take in a sample at time ``t`` [s]; the first one starts the states. Returns what is known then.
 
-        measured: logged x, y [m], psi [rad, wrapped or not], u, v [m/s], r [rad/s] by name or (6,), in the reference
-        point of the trials; what is missing or nan is skipped. controls: by name or in the order of ``inputs``, units
-        and signs as in trials, held until the next sample (the wind may be left out). Raises UserError for a time that
-        does not grow, wrong names and lengths, controls that are no finite numbers, a first sample without heading, and
-        where the model runs away.
+        measured: logged x, y [m], psi [rad, wrapped or not], u, v [m/s], r [rad/s] by name (a mapping or Series) or
+        (6,), in the reference point of the trials; what is missing or nan is skipped. controls: by name or in the order
+        of ``inputs``, units and signs as in trials, held until the next sample (the wind may be left out). Raises
+        UserError for a time that does not grow, wrong names and lengths, controls that are no finite numbers, a first
+        sample without heading, and where the model runs away.
         """
         logged = _row("measured", measured, STATES, STATES)
         if np.isinf(logged).any():
@@ -197,7 +196,7 @@ class Tracker:
         return self._state(*self.equations.logged(self._z), float(error @ solved[:, -1]), len(good))
 
     def forecast(
-        self, seconds: float, controls: Mapping[str, Any] | np.ndarray | Callable[[float], Row] | None = None
+        self, seconds: float, controls: Row | pd.DataFrame | Sequence[Row] | Callable[[float], Row] | None = None
     ) -> Forecast:
         """What follows over the next ``seconds``, from the last sample.
 
@@ -283,7 +282,8 @@ class Tracker:
         if callable(given):
             middles = seconds * (np.arange(count) + 0.5) / count  # a part holds the value in its middle
             return [self._controls(given(float(middle))) for middle in middles]
-        if isinstance(given, Mapping):
+        given = by_name(given)
+        if isinstance(given, dict):
             try:
                 columns = np.broadcast_arrays(*given.values())
             except ValueError:
@@ -333,7 +333,7 @@ class Equations:
         self._plain = None if self.model.measured else np.eye(6, self.S + len(random))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copies and pickles are made anew: a step is a call of C code on arrays of this object, which nobody shares."""
+        """Copies and pickles are made anew: a step calls C code on arrays of this object, which nobody shares."""
         return Equations, self._made_of
 
     def _coefficients(self, z: np.ndarray) -> np.ndarray:
@@ -360,7 +360,8 @@ def _row(argument: str, given: Row, names: Sequence[str], needed: Sequence[str])
 
     What is left out is nan, and of inputs the wind is calm. Raises UserError, with the name of the argument.
     """
-    if isinstance(given, Mapping):
+    given = by_name(given)
+    if isinstance(given, dict):
         for name in given:
             if name not in names:
                 raise UnknownName(f"{argument}: {unknown('name', str(name), names)}")

@@ -21,11 +21,22 @@ from cases.inputs import SAMPLED, actuator_columns
 from cases.io.conventions import converted, mislabelled, through_north
 from cases.io.files import check_file
 from cases.io.sidecar import NAME, SidecarEntry, line_for, sidecar_entry
-from cases.io.toml_file import unknown, validated
+from cases.io.toml_file import validated
 from cases.io.trial_table import TrialTable, check_forward, checked_header, trial_table
 from cases.quantities import accepted, is_canonical, quantity, to_si
 from cases.trial import Trial, left_out
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName, Unreadable, UserError, together
+from mmg.errors import (
+    BadValue,
+    Conflict,
+    Missing,
+    OutOfRange,
+    TooFewData,
+    UnknownName,
+    Unreadable,
+    UserError,
+    together,
+    unknown,
+)
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.states import STATES

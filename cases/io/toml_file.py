@@ -7,11 +7,10 @@ key, value and what is allowed. ``model_json_schema()`` of a section prints the 
 from __future__ import annotations
 
 import copy
-import difflib
 import json
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
@@ -19,7 +18,7 @@ from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from cases.io.files import decoded, read_bytes
-from mmg.errors import BadValue, name_fault
+from mmg.errors import BadValue, name_fault, unknown
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -102,14 +101,6 @@ def refuse(where: str, problems: Sequence[str]) -> None:
     """Raises UserError, naming ``where``, with all ``problems`` in one line; does nothing when there are none."""
     if problems:
         raise BadValue(f"{where}: {'; '.join(problems)}")
-
-
-def unknown(what: str, name: str, known: Iterable[str], context: str = "") -> str:
-    """The sentence on a ``name`` that is no ``what``: the nearest of those ``known`` (in some ``context``), and all."""
-    every = list(known)
-    lower = {key.lower(): key for key in every}
-    near = "".join(f" did you mean '{lower[key]}'?" for key in difflib.get_close_matches(name.lower(), lower, 1))
-    return f"unknown {what} '{name}';{near} known{context and ' '}{context}: {', '.join(every)}"
 
 
 def header(*names: str) -> str:

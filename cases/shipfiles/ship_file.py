@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from cases.io.files import read_json
-from cases.io.toml_file import checked, header, parse_toml, read_toml, refuse, unknown
+from cases.io.toml_file import checked, header, parse_toml, read_toml, refuse
 from cases.shipfiles.network_file import NETWORK, NetworkTable, is_black_box, load_network, network_of, network_text
 from cases.shipfiles.particulars import RATES, wrong_particulars
 from cases.shipfiles.schema import CoefficientEntry, ShipFile, model_table
@@ -25,7 +25,7 @@ from mmg.components.coefficients import Coefficient
 from mmg.components.own import PLUG_IN
 from mmg.components.particulars import ENGINE, PARTICULARS
 from mmg.effects import EFFECTS, GONE
-from mmg.errors import BadValue, OutOfRange, UnknownName, UserError
+from mmg.errors import BadValue, OutOfRange, UnknownName, UserError, unknown
 from mmg.messages import Message
 from mmg.ship import CalibrationMark, Ship
 

@@ -10,16 +10,18 @@ import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cases.io.toml_file import unknown
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.transition_model import FORCE
-from mmg.errors import BadValue, Conflict, Missing, UnknownName
+from mmg.errors import BadValue, Conflict, Missing, UnknownName, by_name, unknown
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CURRENT = ("current.x", "current.y")
 # Standard deviation of a current [m/s] of a 3 m model. On 22 records of Train-TZRB+ that the calibration had not seen,
@@ -88,18 +90,18 @@ def disturbed(ship: Ship) -> Ship:
     return ship
 
 
-def deviations(chosen: Iterable[str] | Mapping[str, float], ship: Ship) -> dict[str, float]:
+def deviations(chosen: Iterable[str] | Mapping[str, float] | pd.Series[float], ship: Ship) -> dict[str, float]:
     """Standard deviations of the ``chosen`` coefficients, those of the ``ship`` where they are not given.
 
     Raises UserError for an unknown coefficient, for one that is a random state anyway and for one without deviation.
     """
-    stds = {}
+    stds, chosen = {}, by_name(chosen)
     for symbol in [chosen] if isinstance(chosen, str) else chosen:
         if symbol in (*FORCE, *CURRENT):
             raise Conflict(f"coefficients: {symbol} is a random state of every tracker; leave it out")
         if symbol not in ship.symbols:
             raise UnknownName(f"coefficients: {unknown('coefficient', str(symbol), ship.symbols)}")
-        std = chosen[symbol] if isinstance(chosen, Mapping) else ship.coefficients[symbol].std
+        std = chosen[symbol] if isinstance(chosen, dict) else ship.coefficients[symbol].std
         try:
             std = float(std)
         except (TypeError, ValueError):

@@ -14,9 +14,8 @@ import numpy as np
 
 from cases.criteria.figures import Since, since, spiral_curve
 from cases.criteria.standard_runs import Run
-from cases.io.toml_file import unknown
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, DASHES, GREY, MEASURED, dress, literal, new_figure, own_axes
-from mmg.errors import UnknownName
+from mmg.errors import UnknownName, unknown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

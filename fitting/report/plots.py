@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from cases.io.toml_file import unknown
 from cases.quantities import UNITS
 from cases.trial import Trial
 from fitting.prediction.band_calibration import NORMAL
@@ -36,7 +35,7 @@ from fitting.report.plot_style import (
     new_figure,
     own_axes,
 )
-from mmg.errors import Missing, OutOfRange, UnknownName
+from mmg.errors import Missing, OutOfRange, UnknownName, unknown
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES

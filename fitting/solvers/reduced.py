@@ -16,7 +16,7 @@ from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Problem
 from fitting.parallel import with_one_thread
 from fitting.solvers.condensing import Lead, lead
-from mmg.errors import BadValue, UnknownName
+from mmg.errors import BadValue, UnknownName, by_name
 
 # Predicted relative change of the objective [-] at which the node states count as optimal: finite differences of steps
 # of 1e-5 prior standard deviations then have five digits. Set by hand.
@@ -110,7 +110,8 @@ class ReducedProblem:
         return held, found.x, bool(np.isfinite(value) and gap < JOINED)
 
     def _vector(self, p: Mapping[str, float] | np.ndarray) -> np.ndarray:
-        if isinstance(p, Mapping):
+        p = by_name(p)
+        if isinstance(p, dict):
             if unknown := [s for s in p if s not in self.symbols]:
                 names = ", ".join(self.symbols)
                 raise UnknownName(f"{', '.join(unknown)}: not free; coefficients of this fit are {names}")

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
@@ -21,6 +22,8 @@ from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, Uns
 from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from mmg.states import STATES
+from mmg_ident.api import simulate
 from mmg_ident.tracker import State, Tracker
 from tests.support.hybrids import lacking
 
@@ -265,12 +268,28 @@ def test_controls_ahead_may_be_given_in_each_way() -> None:
     assert list(found[0].to_pandas().columns[:3]) == ["t", "x", "y"] and len(repr(found[0])) < 300
 
 
+def test_rows_of_pandas_are_read_by_their_names() -> None:
+    ship, controls = load_ship("esso_osaka_3m"), {"delta": 0.1, "n": 9.0}
+    measured = {"u": 0.4, "v": 0.0, "r": 0.0, "x": 7.0, "y": 8.0, "psi": 0.1}
+    tracker = Tracker(ship, pd.Series({"N_r": 0.01}))
+    state = tracker.update(0.0, pd.Series(measured), pd.Series(controls))
+    assert np.array_equal(state.mean[:6], [measured[name] for name in STATES])
+    ahead = tracker.forecast(5.0, pd.DataFrame([controls, controls]))
+    assert np.array_equal(ahead.states[-1], tracker.forecast(5.0, [[9.0, 0.1], [9.0, 0.1]]).states[-1])
+    with pytest.raises(UnknownName):
+        tracker.update(1.0, pd.Series(measured), pd.Series([9.0, 0.1]))
+    rates = ship.rhs([measured[name] for name in STATES], controls)
+    assert np.array_equal(ship.rhs(pd.Series(measured), pd.Series(controls)), rates)
+    run = simulate(ship, [0.0, 1.0], n=9.0, delta=0.0, x0=pd.Series(measured))
+    assert np.array_equal(run.states[0], state.mean[:6])
+
+
 @pytest.mark.parametrize("compiled", [True, False])
 def test_a_copy_goes_on_by_itself(compiled: bool) -> None:
     tracker = Tracker(load_ship("esso_osaka_3m"), ["N_r"], compiled=compiled)
     tracker.update(**(GOOD | {"t": 0.0}))
     tracker.update(**GOOD)
-    ahead = [10.0, 0.5]
+    ahead = np.array([10.0, 0.5])
     copies = copy.deepcopy(tracker), pickle.loads(pickle.dumps(tracker))
     expected = tracker.forecast(20.0, ahead)
     for one in copies:
