@@ -180,7 +180,7 @@ def unknown(what: str, name: str, known: Iterable[str], context: str = "") -> st
     """The sentence on a ``name`` that is no ``what``: the nearest of those ``known`` (in some ``context``), and all."""
     every = list(known)
     lower = {key.lower(): key for key in every}
-    near = "".join(f" did you mean '{lower[key]}'?" for key in get_close_matches(name.lower(), lower, 1))
+    near = "".join(f" did you mean '{lower[key]}'?" for key in get_close_matches(str(name).lower(), lower, 1))
     return f"unknown {what} '{name}';{near} known{context and ' '}{context}: {', '.join(every)}"
 
 

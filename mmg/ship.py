@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
 from types import SimpleNamespace
@@ -16,7 +15,7 @@ from mmg.components.catalogue import actuators, coefficient_table, module, own_m
 from mmg.components.coefficients import Coefficient
 from mmg.components.own import Own
 from mmg.effects import EFFECTS, effect
-from mmg.errors import BadValue, Conflict, Missing, UnknownName, check_name
+from mmg.errors import BadValue, Conflict, Missing, UnknownName, by_name, check_name, finite, unknown
 from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS
 from mmg.network import Network, features_of
@@ -198,17 +197,16 @@ class Ship:
 
     def with_effect(self, name: str, values: Mapping[str, float] | None = None, **named: float) -> Ship:
         """A copy with an effect, its parameters at their neutral values or at ``values`` (symbol -> value), also by
-        keyword: with_effect("current", x=0.1). Raises UserError for an effect that is unknown, and for a parameter that
-        it has not."""
-        p, chosen = self.namespace, {**(values or {}), **named}
-        if name not in EFFECTS:
-            near = get_close_matches(name, EFFECTS, 1)
-            raise UnknownName(f"effect {name!r}: unknown; {f'did you mean {near[0]}?' if near else 'see mmg effects'}")
+        keyword: with_effect("current", x=0.1). Raises UserError for an effect that is unknown, a parameter that it has
+        not, and a value that is no finite number."""
+        p, chosen = self.namespace, self._chosen(values, named)
+        if not isinstance(name, str) or name not in EFFECTS:
+            raise UnknownName(unknown("effect", name, EFFECTS))
         rows = {}
         for parameter in effect(name).parameters(p, dict(self.components)):
             row = self.coefficients.get(f"{name}.{parameter.symbol}") or parameter.coefficient(name)
             if parameter.symbol in chosen:
-                row = row.with_(value=float(chosen.pop(parameter.symbol)), source="given with the effect")
+                row = row.with_(value=chosen.pop(parameter.symbol), source="given with the effect")
             rows[row.symbol] = row
         if chosen:
             raise UnknownName(f"{name}: has no parameter {next(iter(chosen))!r}")
@@ -230,6 +228,8 @@ class Ship:
         one that another part of her model needs."""
         ship = self
         for name in names:
+            if not isinstance(name, str):
+                raise BadValue(f"without: {name!r} is no name; give names one by one, such as without('wind')")
             ship = ship.without_effect(name) if name in ship.effects else ship._without_component(name)
         return ship
 
@@ -296,20 +296,23 @@ class Ship:
 
     def with_values(self, values: Mapping[str, float] | None = None, **named: float) -> Ship:
         """A copy with some coefficient values replaced, by symbol; also by keyword: with_values(N_r=-0.05). Raises
-        UserError for an unknown symbol."""
-        chosen = {**(values or {}), **named}
+        UserError for an unknown symbol and a value that is no finite number."""
+        chosen = self._chosen(values, named)
         for symbol in chosen:
             self._check_symbol(symbol)
-            if isinstance(chosen[symbol], str) or not np.all(np.isfinite(chosen[symbol])):
-                raise BadValue(f"{self.name}: {symbol} = {chosen[symbol]!r}: is no finite number")
-        return self.with_coefficients({s: self.coefficients[s].with_(value=float(v)) for s, v in chosen.items()})
+        return self.with_coefficients({s: self.coefficients[s].with_(value=v) for s, v in chosen.items()})
+
+    def _chosen(self, values: Mapping[str, float] | None, named: Mapping[str, float]) -> dict[str, float]:
+        """Finite numbers by symbol: ``values``, and those ``named`` by keyword. Raises UserError for any other."""
+        given = {} if values is None else by_name(values)
+        if not isinstance(given, dict):
+            raise BadValue(f"{self.name}: {given!r}: is no mapping of symbols to values")
+        return {symbol: finite(f"{self.name}: {symbol}", value) for symbol, value in {**given, **named}.items()}
 
     def _check_symbol(self, symbol: str) -> None:
         """Raises UserError for a ``symbol`` that she has not."""
         if symbol not in self.coefficients:
-            near = get_close_matches(symbol, self.coefficients, 1)
-            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(self.symbols)}"
-            raise UnknownName(f"{self.name}: has no coefficient {symbol}; {hint}")
+            raise UnknownName(f"{self.name}: {unknown('coefficient', symbol, self.symbols)}")
 
     def of_campaign(self, name: str) -> Ship:
         """A copy as the trials of the campaign ``name`` have it, which knows no campaigns. Raises KeyError."""

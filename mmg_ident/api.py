@@ -32,7 +32,7 @@ from mmg.messages import Message, html_table
 from mmg.progress import OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg_ident.settings import check_settings, checked_settings, keywords, listed, names_of, refuse_gone, taken
+from mmg_ident.settings import check_settings, checked_settings, effects_of, keywords, names_of, refuse_gone, taken
 from residual.settings import BlackBoxSettings, TrainSettings, defaults_of
 
 # What a single verb needs is imported in its function: solvers, figures and torch take a second or more to load.
@@ -142,7 +142,7 @@ def simulate(
     ship: Model,
     maneuver: str | Trial | Sequence[float] | np.ndarray,
     wind: str | None = None,
-    effects: Sequence[str] = (),
+    effects: str | Sequence[str] | Mapping[str, Mapping[str, float]] = (),
     noise: bool = False,
     seed: int = 0,
     **values: Any,
@@ -153,18 +153,18 @@ def simulate(
     or times (N,) [s] at which ``values`` gives the inputs: numbers, arrays (N,) or functions of the time, by name of
     the ship's actuators, n [1/s], delta [rad], ..., with wind_speed [m/s] and wind_direction [rad] that it comes from,
     and x0 (6,), the first state x, y [m], psi [rad], u, v [m/s], r [rad/s], default at rest. wind:
-    "speed:direction[:gusty]" [m/s, deg it comes from], None: calm air; effects: switched on, such as "current:x=0.1";
-    noise: add sensor noise; seed: of gusts, noise and random manoeuvres; values, of a manoeuvre: duration: longest time
-    [s]; dt: sampling interval [s], default 0.1; n: of the approach [1/s]; speed [m/s]; rudder_rate [deg/s];
-    sampled_helm: orders are given at samples only; of all: campaign: whose instruments log the run. Returns the run.
-    Raises UserError for what cannot be simulated.
+    "speed:direction[:gusty]" [m/s, deg it comes from], None: calm air; effects: switched on, such as "current:x=0.1" or
+    {"current": {"x": 0.1}}; noise: add sensor noise; seed: of gusts, noise and random manoeuvres; values, of a
+    manoeuvre: duration: longest time [s]; dt: sampling interval [s], default 0.1; n: of the approach [1/s]; speed
+    [m/s]; rudder_rate [deg/s]; sampled_helm: orders are given at samples only; of all: campaign: whose instruments log
+    the run. Returns the run. Raises UserError for what cannot be simulated.
     """
     from cases.criteria.standard_runs import simulated_trial
     from cases.inputs import given_inputs
     from cases.maneuvers.definitions import parse_maneuver
     from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed
 
-    model = with_effects(ship_of_campaign(ship_of(ship), values.pop("campaign", None)), listed(effects))
+    model = with_effects(ship_of_campaign(ship_of(ship), values.pop("campaign", None)), effects_of(effects))
     # random harbour manoeuvres are inputs over time, not orders that answer the motion: they are followed as a trial is
     if isinstance(maneuver, str) and (harbour := harbour_seed(maneuver, seed)) is not None:
         maneuver = harbour_inputs(model, values.pop("duration", None), harbour, values.pop("dt", None))
@@ -249,11 +249,11 @@ def calibrate(
     for name in {"measurement", "per_campaign", "profile"} & set(chosen):
         chosen["instruments" if name == "measurement" else name] = tuple(names_of(chosen.pop(name)))
     if "per_run" in chosen:
-        chosen["per_run"] = listed(chosen["per_run"])
+        chosen["per_run"] = effects_of(chosen["per_run"])
     settings = replace(settings or Settings(), **checked_settings(Settings, values))
     check_settings(settings)  # once more: a Settings made by hand was not checked when it was made
     without, fix, only = (names_of(changes.get(name)) for name in ("without", "fix", "only"))
-    effects = listed(changes.get("with_", ()))  # commas are of the parameters of an effect
+    effects = effects_of(changes.get("with_", ()))  # commas are of the parameters of an effect
     # suspects of a calibration before are asked anew
     start = reduced_ship(without_suspects(ship_of(ship)), without, effects, fix, only)
     options = replace(options or pipeline.FitOptions(), second=_second_estimate, **chosen)

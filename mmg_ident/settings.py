@@ -17,7 +17,7 @@ from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from mmg.errors import BadValue, UnknownName
+from mmg.errors import BadValue, UnknownName, by_name, finite, unknown
 
 if TYPE_CHECKING:
     from cases.io.toml_file import Section
@@ -157,8 +157,6 @@ def keywords(*kinds: type, also: str = "", others: bool = False) -> Callable[[F]
 
         @functools.wraps(function)
         def called(*given: Any, **values: Any) -> Any:
-            from mmg.errors import unknown
-
             for name in values:  # those that are gone are refused with their own sentence, by the function
                 if name not in full.parameters and name not in GONE and not others:
                     raise UnknownName(f"{function.__name__}: {unknown('keyword', name, full.parameters)}")
@@ -197,10 +195,31 @@ def taken(values: dict[str, Any], names: str) -> dict[str, Any]:
 
 
 def listed(value: Any) -> tuple[str, ...]:
-    """Names whose ``value`` is one text or several."""
-    return (value,) if isinstance(value, str) else tuple(value)
+    """Names whose ``value`` is one text or several. Raises UserError for what is none."""
+    names = (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
+    for name in names:
+        if not isinstance(name, str) or isinstance(value, Mapping):
+            raise BadValue(f"{value!r}: is no name; give one text, or a list of them")
+    return names
 
 
 def names_of(value: str | Iterable[str] | None) -> list[str]:
-    """Names whose ``value`` is one text with commas between them, or several such texts; None: none."""
-    return [name.strip() for text in listed(value or ()) for name in text.split(",") if name.strip()]
+    """Names whose ``value`` is one text with commas between them, or several such texts; None: none. Raises UserError
+    for what is none."""
+    texts = () if value is None else listed(value)
+    return [name.strip() for text in texts for name in text.split(",") if name.strip()]
+
+
+def effects_of(value: Any) -> tuple[str, ...]:
+    """Effects as "NAME:key=value", whose ``value`` is one such text or several, or a mapping: name -> values by
+    parameter. Raises UserError for what is none."""
+    value = by_name(value)
+    if not isinstance(value, dict):
+        return listed(value)
+    texts = []
+    for name, given in value.items():
+        if not isinstance(parameters := by_name(given), dict):
+            raise BadValue(f"{name}: {given!r} is no parameter by name; give such as {{'current': {{'x': 0.1}}}}")
+        values = ",".join(f"{key}={finite(f'{name}.{key}', x)!r}" for key, x in parameters.items())
+        texts.append(f"{name}:{values}")
+    return tuple(texts)

@@ -289,7 +289,7 @@ class Tracker:
             except ValueError:
                 raise BadValue("controls: columns of different lengths; give as many rows of each") from None
             if columns and columns[0].ndim == 1:
-                return [self._controls(dict(zip(given, row, strict=True))) for row in zip(*columns, strict=True)]
+                return [self._controls(dict(zip(given, row, strict=True))) for row in np.column_stack(columns)]
             return [self._controls(given)] * count
         if np.ndim(given) == 2 and len(given):
             return [self._controls(row) for row in given]

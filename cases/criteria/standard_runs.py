@@ -84,7 +84,7 @@ def simulated_trial(
     """
     if (maneuver is None) == (controls is None):
         raise Conflict("give either a manoeuvre or controls, one of them")
-    air = parse_wind(wind) if isinstance(wind, str) else wind
+    air = wind if wind is None or isinstance(wind, Wind) else parse_wind(wind)
     if isinstance(maneuver, str):
         from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed  # late: a fit has no use for it
 

@@ -91,6 +91,9 @@ def _advance(value: float, alpha: float, sigma: float, dt: float, draw: float) -
 def parse_wind(text: str) -> Wind:
     """A wind from "speed:direction" or "speed:direction:gusty", m/s and degrees it comes from. Raises UserError when
     the text is anything else."""
+    if not isinstance(text, str):
+        words = 'give "speed:direction" [m/s, deg it comes from]; one that changes is given to simulate at times, as'
+        raise BadValue(f"wind: {type(text).__name__} is no text; {words} wind_speed [m/s] and wind_direction [rad]")
     parts = [part.strip() for part in text.split(":")]
     speed, direction = (as_number(part) for part in (*parts, "", "")[:2])
     fits = len(parts) == 2 or (len(parts) == 3 and parts[2] == "gusty")
