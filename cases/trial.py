@@ -94,10 +94,11 @@ class Trial:
         """The run in a DataFrame, a row per sample, read like a file, with the same checks and refusals.
 
         frame: columns named as in a trial file (docs/reference/trials.md), "u [kn]", or "u" with its unit in ``units``;
-        without a column t its index is the time; a Dataset of xarray, whose units stand in its attributes, does as
-        well; units: by column; name: of the trial, plain words; settings: keys of ``trials.toml``, such as
-        inputs="sampled", reference_point={"x": -42.0, "y": 0.0}, rudder_positive="port". Raises UserError, with the
-        name of the column, for what cannot be read safely.
+        without a column t its index is the time, numbers or stamps (of a zone: in UTC); a Dataset of xarray, whose
+        units stand in its attributes, and a frame of polars or table of pyarrow do as well; units: by column; name: of
+        the trial, plain words; settings: keys of ``trials.toml``, such as inputs="sampled", reference_point={"x":
+        -42.0, "y": 0.0}, rudder_positive="port". Raises UserError, with the name of the column, for what cannot be read
+        safely.
         """
         made: Trial = import_module(READER).trial_from_pandas(frame, name, units, settings)
         return made

@@ -47,10 +47,15 @@ class TrialSet(Sequence[Trial]):
         cannot be read."""
         if isinstance(given, TrialSet):
             return given
-        several = [given] if isinstance(given, (str, Path, Trial)) or not isinstance(given, Iterable) else list(given)
+        # what has columns or keys is a trial, or a frame or mapping, which iterates over names
+        single = isinstance(given, (str, Path)) or hasattr(given, "columns") or hasattr(given, "keys")
+        several: list[Any] = [given] if single or not isinstance(given, Iterable) else list(given)
         for item in several:
             if not isinstance(item, (str, Path, Trial)):
-                raise BadValue(f"trials: {type(item).__name__} is none: give files, folders or Trial objects")
+                raise BadValue(
+                    f"trials: {type(item).__name__} is none: give files, folders or Trial objects, "
+                    "of a frame Trial.from_pandas"
+                )
         paths = [item for item in several if not isinstance(item, Trial)]
         if len(paths) == len(several):  # in one call: each file once, and all that cannot be read said together
             return cls(tuple(read_trials(paths) if paths else ()))

@@ -12,6 +12,7 @@ import json
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ from mmg.errors import (
     UnknownName,
     Unreadable,
     UserError,
+    by_name,
     together,
     unknown,
 )
@@ -382,26 +384,34 @@ SETTINGS = tuple(name for name in SidecarEntry.model_fields if name not in ("col
 
 def trial_from_pandas(frame: Any, name: str, units: Mapping[str, str] | None, settings: Mapping[str, Any]) -> Trial:
     """As ``Trial.from_pandas``, with its ``frame``, ``name``, ``units`` and ``settings``. Raises UserError as that."""
+    units = _units_of(name, units)
     if hasattr(frame, "data_vars"):  # a Dataset of xarray says units of its own
         of_variables = {str(name): v.attrs["units"] for name, v in frame.variables.items() if "units" in v.attrs}
-        units, frame = of_variables | dict(units or {}), frame.to_dataframe()
+        units, frame = of_variables | units, frame.to_dataframe()
+    elif hasattr(frame, "to_pandas"):  # of polars and pyarrow
+        frame = frame.to_pandas()
     if not hasattr(frame, "columns"):
         raise BadValue(f"{name}: from_pandas takes a DataFrame, not {type(frame).__name__}; see from_arrays")
-    header, columns = [str(cell) for cell in frame.columns], [_cells(frame[cell]) for cell in frame.columns]
-    stamps = frame.index.dtype.kind in "mM"
+    header, columns = [str(cell) for cell in frame.columns], [frame[cell].to_numpy() for cell in frame.columns]
+    index = _in_utc(name, frame.index.to_numpy())
+    stamps = index.dtype.kind in "mM"
     if "t" not in map(_quantity, header) and (frame.index.name or stamps):  # the index is the clock
         header.append("t [s]" if stamps else str(frame.index.name))
-        columns.append(_cells(frame.index))
-    return _made(header, columns, name, dict(units or {}), settings)
+        columns.append(index)
+    return _made(header, columns, name, units, settings)
 
 
-def _cells(values: Any) -> np.ndarray:
-    """The cells (N,) of a column or an index of pandas; stamps with a time zone in UTC, as numpy knows no other."""
+def _in_utc(name: str, cells: np.ndarray) -> np.ndarray:
+    """``cells`` (N,) of the trial of this ``name``, of which time stamps that are objects of Python or pandas, as those
+    with a zone are, become those of numpy in UTC. Raises UserError where some have a zone and others none."""
+    if cells.dtype.kind != "O" or not all(cell is None or isinstance(cell, datetime) for cell in cells.flat):
+        return cells
+    known = [cell for cell in cells.flat if cell is not None and cell == cell]  # NaT is equal to nothing
+    if len({cell.tzinfo is None for cell in known}) > 1:
+        raise BadValue(f"{name}: some time stamps have a zone and others none; give all in one")
     import pandas as pd
 
-    if not isinstance(values.dtype, pd.DatetimeTZDtype):
-        return np.asarray(values.to_numpy())
-    return np.asarray(pd.DatetimeIndex(values).tz_convert(None).to_numpy())
+    return np.asarray(pd.to_datetime(cells, utc=True).tz_localize(None)) if known else cells
 
 
 def trial_from_arrays(name: str, given: Mapping[str, Any], units: Mapping[str, str] | None) -> Trial:
@@ -417,8 +427,16 @@ def trial_from_arrays(name: str, given: Mapping[str, Any], units: Mapping[str, s
     if len(set(sizes.values())) > 1:
         lengths = ", ".join(f"{key} {size}" for key, size in sizes.items())
         raise Conflict(f"{name}: columns of different lengths ({lengths}); a sample has one number of each")
-    all_units = {key: quantity(key).unit for key in arrays} | dict(units or {})
+    all_units = {key: quantity(key).unit for key in arrays} | _units_of(name, units)
     return _made(list(arrays), list(arrays.values()), name, all_units, settings)
+
+
+def _units_of(name: str, units: Any) -> dict[str, str]:
+    """The ``units`` by column of the trial of this ``name``, {} for None. Raises UserError where they are none."""
+    given = {} if units is None else by_name(units)
+    if not isinstance(given, dict):
+        raise BadValue(f"{name}: units: {given!r}: give them by column, such as {{'psi': 'deg'}}")
+    return given
 
 
 def _made(
@@ -427,7 +445,7 @@ def _made(
     for key in settings:
         if key not in SETTINGS:
             raise UnknownName(f"{name}: {unknown('column or setting', key, [*_USUAL, *SETTINGS])}")
-    named = [_quantity(cell) for cell in header]
+    named, columns = [_quantity(cell) for cell in header], [_in_utc(name, cells) for cells in columns]
     for column in units:
         if column not in named:
             raise UnknownName(f"{name}: units: {unknown('column', column, named)}")

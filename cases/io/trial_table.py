@@ -112,7 +112,7 @@ class TrialTable:
         if kind in "mM" and clock:
             since = cells - np.nanmin(cells) if kind == "M" else cells
             return np.where(np.isnat(cells), np.nan, since / np.timedelta64(1, "s"))
-        if kind in "mMb":
+        if kind in "mMbc":
             raise BadValue(f"{self.path}: column '{name}' holds {cells.dtype}, which is no number")
         values, text = floats_of_cells(cells)
         if text is not None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow
 import pytest
 
 from cases.io.read import read_trial
@@ -48,6 +49,33 @@ def test_a_dataset_of_xarray_says_its_own_units() -> None:
     found = Trial.from_pandas(xarray.Dataset(columns, coords={"t": ("t", t, {"units": "s"})}))
     assert np.array_equal(found.t, t) and found["n"] == pytest.approx(np.linspace(1.0, 2.0, len(t)) / 60)
     assert found["psi"][-1] == pytest.approx(np.radians(2.0)) and found["u"][0] == pytest.approx(1852 / 3600)
+
+
+def test_time_stamps_of_a_zone_are_read_in_utc() -> None:
+    """As index, as column, of pyarrow, and as objects of Python; across the change from summer time, too."""
+    frame = pd.DataFrame({f"{name} [{UNITS.get(name, 'rps')}]": values for name, values in COLUMNS.items()})
+    start = pd.Timestamp("2024-10-27 00:59:50", tz="UTC")
+    stamps = pd.Series((start + pd.to_timedelta(T, unit="s")).tz_convert("Europe/Berlin"))
+    others = frame.drop(columns="t [s]")
+    columns = [stamps, stamps.astype(object), pd.Series([stamp.to_pydatetime() for stamp in stamps], dtype=object)]
+    columns += [stamps.dt.tz_convert("UTC").astype("timestamp[us, UTC][pyarrow]"), stamps.dt.tz_convert(None)]
+    for column in columns:
+        read = (
+            Trial.from_pandas(frame.assign(**{"t [s]": column})),
+            Trial.from_pandas(others.set_index(pd.Index(column))),
+        )
+        for trial in read:
+            np.testing.assert_allclose(trial.t, T, atol=1e-9)
+    mixed = [stamps[0].tz_localize(None), *stamps[1:]]
+    with pytest.raises(UserError):
+        Trial.from_pandas(frame.assign(**{"t [s]": pd.Series(mixed, dtype=object)}))
+
+
+def test_what_becomes_a_frame_of_pandas_is_read_as_one() -> None:
+    table = pyarrow.table({f"{name} [{UNITS.get(name, 'rps')}]": values for name, values in COLUMNS.items()})
+    trial = Trial.from_pandas(table)
+    for name, values in COLUMNS.items():
+        assert np.array_equal(trial[name], values)
 
 
 def test_a_frame_and_its_file_are_the_same_trial(tmp_path: Path) -> None:
