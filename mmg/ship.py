@@ -285,6 +285,16 @@ class Ship:
         return function
 
     @property
+    def jacobian(self) -> Any:
+        """That of ``rhs``: ``ship.jacobian(state, controls)``."""
+        return self.rhs.jacobian
+
+    @property
+    def forces(self) -> Any:
+        """Those of ``rhs``, by component: ``ship.forces(state, controls)``."""
+        return self.rhs.forces
+
+    @property
     def free(self) -> tuple[str, ...]:
         """Symbols that a fit may change."""
         return tuple(name for name, c in self.coefficients.items() if not c.fixed)

@@ -116,11 +116,13 @@ class JudgedFigures(Assessment):
         """An ``assessment`` without draws."""
         return cls(**vars(assessment))
 
-    def plot(self, kind: str = "turning", ax: Axes | None = None) -> Axes:
+    def plot(self, *given: Axes | str, ax: Axes | None = None, kind: str = "turning") -> Axes:
         """Draw the manoeuvres of a ``kind`` ("turning", "crash-stop", "zigzag:10/10", ...) on ``ax``, None: new axes;
-        returns them. Raises UserError where none was made."""
+        returns them. given: either or both without their names. Raises UserError where none was made."""
         from fitting.report.plot_maneuvers import draw_maneuvers  # late: matplotlib is slow to import
 
+        for one in given:
+            ax, kind = (ax, one) if isinstance(one, str) else (one, kind)
         return draw_maneuvers(self.runs, kind, self.clouds, ax)
 
     @property

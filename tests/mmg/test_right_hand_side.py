@@ -32,7 +32,7 @@ def test_rates_and_derivatives_are_those_of_the_simulator(ship: Ship) -> None:
     expected = Simulator(ship, compiled=False).rates(full[:, None], values[:, None])[:, 0]
     np.testing.assert_allclose(rhs(Z, controls), expected, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(np.array(rhs.function(full, values)).ravel(), expected, rtol=1e-9, atol=1e-12)
-    A, B = rhs.jacobian(full, controls)
+    A, B = ship.jacobian(full, controls)
     assert A.shape == (len(rhs.states),) * 2 and B.shape == (len(rhs.states), len(rhs.controls))
     for matrix, base, at in ((A, full, 0), (B, values, 1)):
         for k in range(len(base)):
@@ -60,6 +60,7 @@ def test_six_numbers_are_the_motion_itself_whatever_instruments_make_of_it() -> 
 
 def test_forces_are_by_component_and_a_ship_at_rest_stays() -> None:
     forces = SHIP.rhs.forces(Z, ORDERS)
+    assert SHIP.forces(Z, ORDERS).equals(forces)
     assert list(forces.index) == list(SHIP.components) and list(forces.columns) == ["X [N]", "Y [N]", "N [N m]"]
     without = SHIP.without("wind").rhs.forces(Z, ORDERS)
     np.testing.assert_allclose(forces.drop(index="wind"), without, rtol=1e-9)

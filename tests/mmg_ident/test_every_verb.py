@@ -145,7 +145,9 @@ def test_figures_of_standard_manoeuvres_and_trials_are_axes(axes: Callable[[], A
     assert {row.figure for row in judged.rows} >= {"advance", "tactical_diameter", "overshoot_1"}
     ax = axes()
     assert judged.plot(ax=ax) is ax and len(ax.lines) >= 2
-    assert judged.plot("zigzag:10/10", axes()).lines
+    for given in (("zigzag:10/10", axes()), (axes(), "zigzag:10/10")):
+        assert judged.plot(*given).lines
+    assert judged.plot(ax) is ax and judged.plot("zigzag:10/10", ax=ax) is ax and judged.plot(ax, kind="turning") is ax
     with pytest.raises(mi.UserError):
         judged.plot("pirouette")
     turn = mi.simulate("esso_osaka_3m", "turning:35", duration=20.0)
