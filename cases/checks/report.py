@@ -26,7 +26,11 @@ class CheckFinding(NamedTuple):
     text: str
 
 
-@dataclass(frozen=True)
+# Findings that the text of a report shows, and the length of a line. Set by hand: display.
+MOST_SHOWN, WIDTH = 10, 118
+
+
+@dataclass(frozen=True, repr=False)
 class CheckReport:
     """The checks of one trial. numbers: topic -> the measured values (SI; keys end in their unit where they have one),
     None where the data do not tell."""
@@ -43,6 +47,13 @@ class CheckReport:
         levels = {finding.level for finding in self.findings}
         unchecked = any(finding.code == "not_checked" for finding in self.findings)
         return next((level for level in (CONTRADICTORY, DOUBTFUL) if level in levels), CONSISTENT if unchecked else OK)
+
+    def __repr__(self) -> str:
+        lines = [f"<CheckReport {self.name}: {self.verdict}, {len(self.findings)} findings"]
+        lines += [f"  {f.level}, {f.topic} ({f.code}): {f.text}" for f in self.findings[:MOST_SHOWN]]
+        if len(self.findings) > MOST_SHOWN:
+            lines.append(f"  and {len(self.findings) - MOST_SHOWN} more: report.findings")
+        return "\n".join(line if len(line) <= WIDTH else f"{line[: WIDTH - 3]}..." for line in lines) + ">"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain types for JSON, keys stable: name, path, verdict, findings, numbers; None for what is not finite."""
