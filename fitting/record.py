@@ -153,7 +153,7 @@ class MessageRow:
     text: str
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FitRecord:
     """What a calibration found, as result.json holds it; ``docs/reference/files.md`` lists the keys.
 
@@ -232,6 +232,10 @@ class FitRecord:
 
     def _messages(self, level: str) -> tuple[Message, ...]:
         return tuple(Message(m.text, m.code) for m in self.messages if m.level == level)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both would have the same result.json; arrays among the attributes have no one truth."""
+        return self.to_dict() == other.to_dict() if isinstance(other, FitRecord) else NotImplemented
 
     def to_dict(self) -> dict[str, Any]:
         """The content of result.json."""
