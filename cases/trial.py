@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from cases.quantities import UNITS, is_canonical, quantity
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName, check_name
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName, by_name, check_name, refusing
 from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS, RUDDERS
 from mmg.states import STATES
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 # What makes trials of frames and arrays; by its name, as users look for it here and it knows trials.
 READER = "cases.io.read"
+MOST_ROWS = 2_500_000  # Of a trial. Set by hand: it bounds memory, to 240 MB
 LEFT_OUT = "left_out"  # Code of the notice on what was left out
 Span = tuple[float, float]  # Begin and end [s] on the clock of the file.
 REQUIRED = ("psi", "u", "v", "r", "n", "delta")  # Columns without which nothing can be calibrated or predicted
@@ -39,6 +40,15 @@ def unwrapped(values: np.ndarray) -> np.ndarray:
     return out
 
 
+def _array(trial: str, name: str, values: Any) -> np.ndarray:
+    """The ``values`` of the column ``name`` of a ``trial`` as an array. Raises UserError where they are none."""
+    try:
+        return np.asarray(values)
+    except ValueError:
+        raise BadValue(f"{trial}: column {name} holds what is no number") from None
+
+
+@refusing
 @dataclass(frozen=True, eq=False)
 class Trial:
     """One run in canonical columns.
@@ -75,10 +85,15 @@ class Trial:
 
     def __post_init__(self) -> None:
         check_name(self.name, str(self.path or "trial"))
-        shapes = {name: np.shape(values) for name, values in self.columns.items()}
-        for name, values in self.columns.items():
-            if np.asarray(values).dtype.kind not in "fiub":
+        if not isinstance(given := by_name(self.columns), dict):
+            raise BadValue(f"{self.name}: columns: {given!r}: give arrays by name, such as {{'t': times}}")
+        if not all(isinstance(values, np.ndarray) for values in given.values()):  # lists, or columns of pandas
+            given = {name: _array(self.name, name, values) for name, values in given.items()}
+            object.__setattr__(self, "columns", given)  # as a frozen dataclass is completed
+        for name, values in given.items():
+            if values.dtype.kind not in "fiub":
                 raise BadValue(f"{self.name}: column {name} holds what is no number")
+        shapes = {name: values.shape for name, values in given.items()}
         if "t" not in shapes or len(shapes["t"]) != 1:
             raise Missing(f"{self.name}: a trial needs a column t [s] of one dimension")
         for name, shape in shapes.items():
@@ -148,6 +163,8 @@ class Trial:
         as they are read (held, or along lines where they were sampled). Missing where a neighbour is."""
         if not (isinstance(dt, Real) and 0 < dt <= self.duration):
             raise OutOfRange(f"{self.name}: dt = {dt!r} s must be positive and no longer than its {self.duration:g} s")
+        if self.duration / dt > MOST_ROWS:
+            raise OutOfRange(f"{self.name}: dt = {dt!r} s makes more than {MOST_ROWS} samples; give a longer one")
         t = self.t[0] + dt * np.arange(math.floor(self.duration / dt + 1e-9) + 1)
         # neighbours of each new sample, both the same row where it lies on one
         after = np.clip(np.searchsorted(self.t, t - 1e-9), 0, len(self) - 1)

@@ -24,7 +24,7 @@ from cases.io.campaigns import Groups, campaign_labels, campaigns_of, group_tria
 from cases.io.read import read_trials
 from cases.io.sidecar import line_for
 from cases.trial import LEFT_OUT, Trial, left_out, looked_at
-from mmg.errors import BadValue, Conflict, Missing
+from mmg.errors import BadValue, Conflict, Missing, refusing
 from mmg.messages import Message, listed
 from mmg.ship import Ship
 
@@ -35,6 +35,7 @@ JUDGED = {"judged": "yes"}  # Mark of trials that went through ``ready``
 MOST_LISTED = 5  # Of names and pairs in one message. Set by hand: display.
 
 
+@refusing
 @dataclass(frozen=True, eq=False)
 class TrialSet(Sequence[Trial]):
     """Trials, in their order, and what is known of them together."""

@@ -18,11 +18,12 @@ from diagnosis.estimation.candidates import FITTED_ALONG
 from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
 from fitting.report.run_folder import RESULT, SHIP, content_on, of_predictions, trial_rows
 from fitting.settings import setting
-from mmg.errors import Missing, TooFewData, UserError
+from mmg.errors import Missing, TooFewData, UserError, refusing
 from mmg.messages import Message
 from mmg.ship import Ship
 
 
+@refusing
 @dataclass(frozen=True)
 class DiagnosisOptions:
     """How to diagnose.

@@ -48,7 +48,7 @@ from fitting.settings import Settings, check_estimator
 from fitting.solvers.control import Made, left_out_message, make_in_turn
 from fitting.uncertainty.posterior import APART, sampled_posterior
 from fitting.uncertainty.refits import check_request, refit_rows
-from mmg.errors import Conflict
+from mmg.errors import Conflict, refusing
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress
 from mmg.rollout import Simulator
@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from fitting.selection.sisters import UncertainMean
 
 
+@refusing
 @dataclass(frozen=True)
 class FitOptions:
     """Options of a calibration besides the settings of its solver.

@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as changed
-from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, overload
@@ -31,7 +30,7 @@ from fitting.record import CoefficientRow, FigureRow, FitObjects, FitRecord, Mes
 from fitting.report import run_folder
 from fitting.report.plot_style import FigureFolder
 from fitting.solvers.control import left_out_message, unless_interrupted
-from mmg.errors import Missing, OutOfRange, UnknownName, UserError, name_fault
+from mmg.errors import Missing, UnknownName, UserError, name_fault, refusing, unknown, whole
 from mmg.messages import html_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -50,7 +49,8 @@ METHODS = ("laplace", "nuts")  # Ways to draw coefficients
 SUMMED_UP = 8  # Coefficients and warnings of a summary. Set by hand: a screen.
 
 
-@dataclass(frozen=True, kw_only=True)
+@refusing
+@dataclass(frozen=True, kw_only=True, eq=False)  # equal where its record is
 class FitResult(FitRecord):
     """A calibrated ship and all that is known of it.
 
@@ -180,15 +180,13 @@ class FitResult(FitRecord):
 
         method: "laplace", from the normal distribution of ``covariance`` about the estimates: a DataFrame (n, P), draws
         beyond a bound put on it; or "nuts", from the posterior of multiple shooting itself, by the no-U-turn sampler on
-        its exact gradient: a ``Posterior`` of n draws or a few more. seed: of the draws. Raises UserError for n < 1, an
-        unknown method, a fit without covariance, and for "nuts" without nutpie or for a result from a folder.
+        its exact gradient: a ``Posterior`` of n draws or a few more. seed: of the draws. Raises UserError for n or seed
+        that are no whole numbers or too small, an unknown method, a fit without covariance, and for "nuts" without
+        nutpie or for a result from a folder.
         """
-        if n < 1:
-            raise OutOfRange(f"n = {n}: give at least one draw")
+        n, seed = whole("n", n, 1), whole("seed", seed, 0)
         if method not in METHODS:
-            near = get_close_matches(method, METHODS, 1)
-            hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(METHODS)}"
-            raise UnknownName(f"method {method!r}: unknown; {hint}")
+            raise UnknownName(unknown("method", method, METHODS))
         correlation = self._correlated
         if method == "nuts":
             from fitting.uncertainty.posterior import sampled_posterior

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from mmg.errors import UnknownName
+from mmg.errors import UnknownName, refusing
 
 LOSSES = ("gaussian", "huber", "student")  # Costs of a residual, explained in fitting/nlp/loss.py
 
@@ -18,6 +18,7 @@ def setting(default: Any, words: str, **more: Any) -> Any:
     return field(default=default, metadata={"help": words, **more})
 
 
+@refusing
 @dataclass(frozen=True)
 class Settings:
     """How to calibrate."""
@@ -38,6 +39,7 @@ class Settings:
     weight: float = setting(1.0, "Share of a run's information that counts.", option="--run-weight", gt=0, le=1)
 
 
+@refusing
 @dataclass(frozen=True)
 class Rules:
     """How the polynomials of all candidates for a structure are generated."""
@@ -50,6 +52,7 @@ class Rules:
     hard: bool = setting(False, "Sub-models switch at once, not blended.")
 
 
+@refusing
 @dataclass(frozen=True)
 class Wish:
     """What is asked of a planned trial.

@@ -202,7 +202,7 @@ def in_order(argument: str, given: Any, names: Sequence[str]) -> Any:
 
 def finite(name: str, value: Any) -> float:
     """The argument ``name`` whose ``value`` is one finite real number. Raises UserError for any other."""
-    number = value.item() if getattr(value, "shape", None) == () else value  # an array of no dimension
+    number: object = value.item() if getattr(value, "shape", None) == () else value  # an array of no dimension
     if not isinstance(number, Real) or isinstance(number, bool) or not math.isfinite(number):
         raise BadValue(f"{name} = {value!r}: is no finite number")
     return float(number)
@@ -217,15 +217,15 @@ def whole(name: str, value: Any, least: int) -> int:
 
 
 def refusing(thing: T) -> T:
-    """A decorator of a function, or of a class for its constructor: a keyword that it does not take is a UserError.
-
-    thing: without ``**`` of its own.
-    """
+    """A decorator of a ``thing``, a function or a class with its constructor and its public methods: a keyword that is
+    not among the parameters is a UserError, which names the nearest."""
     made: Any = thing
-    if isinstance(thing, type):
-        made.__init__ = _refusing(made.__init__, thing.__name__)
-        return thing
-    return _refusing(made, made.__name__)  # type: ignore[return-value]
+    if not isinstance(thing, type):
+        return _refusing(made, made.__name__)  # type: ignore[return-value]
+    for name, member in list(vars(thing).items()):
+        if inspect.isfunction(member) and (name in ("__init__", "__call__") or not name.startswith("_")):
+            setattr(thing, name, _refusing(member, thing.__name__ if name.startswith("_") else name))
+    return thing
 
 
 def _refusing(function: Callable[..., Any], title: str) -> Callable[..., Any]:
@@ -234,10 +234,11 @@ def _refusing(function: Callable[..., Any], title: str) -> Callable[..., Any]:
         try:
             return function(*given, **values)
         except TypeError:  # asked afterwards only: a call that succeeds costs nothing more
-            names = [name for name in inspect.signature(function).parameters if name != "self"]
-            for name in values:
-                if name not in names:
-                    raise UnknownName(f"{title}: {unknown('keyword', name, names)}") from None
-            raise
+            parameters = inspect.signature(function).parameters
+            strange = [name for name in values if name not in parameters]
+            if not strange or any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
+                raise
+            known = [name for name in parameters if name != "self"]
+            raise UnknownName(f"{title}: {unknown('keyword', strange[0], known)}") from None
 
     return called

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from mmg.errors import BadValue, Missing, UnknownName, by_name, in_order
+from mmg.errors import BadValue, Missing, UnknownName, by_name, in_order, refusing
 from mmg.model import settled
 from mmg.motion.flow import INPUTS
 from mmg.rollout import Simulator
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 UNITS = {"x": "m", "y": "m", "psi": "rad", "u": "m/s", "v": "m/s", "r": "rad/s"}
 
 
+@refusing
 class RightHandSide:
     """d state / dt = f(state, controls) of a ship with her present coefficients, SI: ``ship.rhs(state, controls)``.
 

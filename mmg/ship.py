@@ -15,7 +15,7 @@ from mmg.components.catalogue import actuators, coefficient_table, module, own_m
 from mmg.components.coefficients import Coefficient
 from mmg.components.own import Own
 from mmg.effects import EFFECTS, effect
-from mmg.errors import BadValue, Conflict, Missing, UnknownName, by_name, check_name, finite, unknown
+from mmg.errors import BadValue, Conflict, Missing, UnknownName, by_name, check_name, finite, refusing, unknown
 from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS
 from mmg.network import Network, features_of
@@ -51,6 +51,7 @@ class CalibrationMark:
         return ", ".join([self.name or "unnamed", *(f"{word}{value}" for word, value in origin if value)])
 
 
+@refusing
 @dataclass(frozen=True)
 class Ship:
     """A ship, before or after calibration.
@@ -200,7 +201,7 @@ class Ship:
         keyword: with_effect("current", x=0.1). Raises UserError for an effect that is unknown, a parameter that it has
         not, and a value that is no finite number."""
         p, chosen = self.namespace, self._chosen(values, named)
-        if not isinstance(name, str) or name not in EFFECTS:
+        if name not in [*EFFECTS]:  # a list: what is no name may have no hash
             raise UnknownName(unknown("effect", name, EFFECTS))
         rows = {}
         for parameter in effect(name).parameters(p, dict(self.components)):

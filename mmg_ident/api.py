@@ -8,7 +8,7 @@ stretches, and is refused where its data refute what it says (``check``); unchec
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -27,7 +27,18 @@ from cases.trial_set import TrialSet, ready
 from diagnosis.inputs import DiagnosisOptions
 from fitting.report.run_folder import START, content_on, read_result
 from fitting.settings import Settings
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName, Unsupported, needs_torch
+from mmg.errors import (
+    BadValue,
+    Conflict,
+    Missing,
+    OutOfRange,
+    TooFewData,
+    UnknownName,
+    Unsupported,
+    by_name,
+    finite,
+    needs_torch,
+)
 from mmg.messages import Message, html_table
 from mmg.progress import OnProgress, Progress
 from mmg.rollout import Simulator
@@ -40,6 +51,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from cases.checks.report import CheckReport
+    from cases.simulation.gusts import Wind
     from diagnosis.result import Diagnosis
     from diagnosis.validation.gap import Gap
     from fitting.calibrate import FitOptions
@@ -141,7 +153,7 @@ def check(trials: Trials) -> list[CheckReport]:
 def simulate(
     ship: Model,
     maneuver: str | Trial | Sequence[float] | np.ndarray,
-    wind: str | None = None,
+    wind: str | Wind | None = None,
     effects: str | Sequence[str] | Mapping[str, Mapping[str, float]] = (),
     noise: bool = False,
     seed: int = 0,
@@ -170,6 +182,7 @@ def simulate(
         maneuver = harbour_inputs(model, values.pop("duration", None), harbour, values.pop("dt", None))
     if isinstance(maneuver, str):
         orders, dt = taken(values, "n speed rudder_rate duration"), values.pop("dt", None)
+        orders = {name: finite(name, order) for name, order in orders.items()}
         sampled = values.pop("sampled_helm", False)
         _refuse(values, f"{maneuver} takes duration, dt, n, speed, rudder_rate and sampled_helm")
         if "rudder_rate" in orders:
@@ -196,6 +209,8 @@ def simulate_many(
     """
     if isinstance(ships, Sequence):
         return [simulate(each, maneuver, **values) for each in ships]
+    if not hasattr(ships, "columns"):
+        raise BadValue(f"ships: {type(ships).__name__} is none; give a list of models, or a DataFrame of draws")
     if ship is None:
         raise Missing("ship: missing; draws of coefficients need the ship whose they are")
     start, rows = ship_of(ship), zip(*(ships[symbol] for symbol in ships.columns), strict=True)
@@ -282,7 +297,10 @@ def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnP
 
     if not isinstance(fit, FitResult):
         raise BadValue(f"fit: {type(fit).__name__} is no result of calibrate")
-    return solved_again(fit, hold or {}, progress)
+    held = {} if hold is None else by_name(hold)
+    if not isinstance(held, dict):
+        raise BadValue(f"hold: {hold!r}: give values by symbol, such as {{'N_r': -0.05}}")
+    return solved_again(fit, {symbol: finite(symbol, value) for symbol, value in held.items()}, progress)
 
 
 def _second_estimate(ship: Ship, trials: Sequence[Trial], frees: bool, surroundings: bool) -> SecondEstimate:
@@ -322,7 +340,8 @@ def score(
         raise OutOfRange(f"window = {window:g}: must be 0 or a positive number of seconds")
     origin = "the scored trials" if sigma is None else "the caller"
     # what is no number becomes nan, which is not positive
-    sigmas = None if sigma is None else np.array([x if isinstance(x, Real) else np.nan for x in sigma], dtype=float)
+    given = sigma if isinstance(sigma, Iterable) else [sigma]
+    sigmas = None if sigma is None else np.array([x if isinstance(x, Real) else np.nan for x in given], dtype=float)
     if sigmas is not None and not (sigmas.shape == (6,) and (sigmas > 0).all()):
         raise OutOfRange("sigma: give six positive numbers, of x, y [m], psi [rad], u, v [m/s], r [rad/s]")
     if adapt is not None and not 0 <= adapt < math.inf:

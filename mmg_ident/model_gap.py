@@ -37,7 +37,7 @@ from diagnosis.validation.held_out import window_length
 from fitting.report.parts import hash_of_ship, hashes_of_trials
 from fitting.report.run_folder import RESULT, trial_rows
 from fitting.solvers.control import check_time
-from mmg.errors import Missing, TooFewData, needs_torch
+from mmg.errors import Missing, TooFewData, needs_torch, refusing
 from mmg.messages import Message
 from mmg.progress import LOGGER, OnProgress
 from mmg.ship import Ship
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 FOLDERS = {REFITTED: "refitted", LEARNED: "hybrid", NAMED: "diagnosis", BOTH: "both"}  # Line -> folder of its part
 
 
+@refusing
 @dataclass(frozen=True)
 class GapOptions:
     """How a comparison is made. settings: of both trainings, None: the usual ones; seed: of the diagnosis and all

@@ -18,7 +18,7 @@ from mmg.components.own import Own, origin_of
 from mmg.components.particulars import PARTICULARS
 from mmg.effects.effect import Parameter
 from mmg.effects.own import HOOKS, OwnEffect
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, UserError
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, UserError, refusing
 from mmg.model import assemble
 from mmg.motion.flow import INPUTS, Flow, Slipstream
 from mmg.motion.smooth import Smooth
@@ -38,6 +38,7 @@ KNOWN_SIZES = {"L": LENGTH, "B": 0.5, "d": 0.2, "m": 240.0, "x_G": 0.05, "rho": 
 SIZES = {"m": 0.1, "m²": 0.02, "m/s": 0.8, "-": 0.7, "rad": 0.1, "rad/s": 0.1}
 
 
+@refusing
 def force(
     role: str, coefficients: Iterable[Row], name: str | None = None, source: str = "own model"
 ) -> Callable[[F], F]:
@@ -72,6 +73,7 @@ def force(
     return registered
 
 
+@refusing
 def effect(
     enters: str,
     parameters: Iterable[Parameter | tuple[Any, ...]],

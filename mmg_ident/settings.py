@@ -17,7 +17,7 @@ from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from mmg.errors import BadValue, UnknownName, by_name, finite, unknown
+from mmg.errors import BadValue, UnknownName, by_name, finite, unknown, whole
 
 if TYPE_CHECKING:
     from cases.io.toml_file import Section
@@ -172,12 +172,16 @@ def keywords(*kinds: type, also: str = "", others: bool = False) -> Callable[[F]
 
 
 def _check_kind(name: str, annotation: str, value: Any) -> None:
-    """Raises UserError where the argument ``name``, by its ``annotation`` a number, a path or settings, is none."""
+    """Raises UserError where the argument ``name``, of an ``annotation``: number, text, path or settings, is none."""
     kind, _, rest = annotation.partition(" | ")  # annotations are texts here (from __future__ import annotations)
     if value is None and annotation.endswith("None"):
         return
     if kind in ("float", "int") and rest in ("", "None") and not isinstance(value, Real):
         raise BadValue(f"{name} = {value!r}: is no number")
+    if kind == "int" and rest in ("", "None"):
+        whole(name, value, 0)
+    if kind == "str" and rest in ("", "None") and not isinstance(value, str):
+        raise BadValue(f"{name} = {value!r}: is no text")
     several = "Sequence" in rest and isinstance(value, Iterable)
     is_path = annotation.startswith("str | Path") and "Any" not in annotation
     if is_path and not (isinstance(value, (str, Path)) or several):

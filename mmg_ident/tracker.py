@@ -26,7 +26,7 @@ from fitting.prediction.band_calibration import NORMAL
 from mmg.compile.batch import batch_functions
 from mmg.compile.interval_source import derivatives
 from mmg.compile.intervals import IntervalKernel, Lanes
-from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, UnknownName, Unsupported, by_name, unknown
+from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, UnknownName, Unsupported, by_name, refusing, unknown
 from mmg.model import Model as SymbolicModel
 from mmg.model import assemble, states_behind
 from mmg.motion.froude import state_scale, time_scale
@@ -109,6 +109,7 @@ class Forecast:
         return f"<Forecast of {self.t[-1] - self.t[0]:g} s, {len(self.t)} times; at its end {ends}>"
 
 
+@refusing
 class Tracker:
     """A filter of one run, fed sample by sample; ``forecast`` tells from the last sample on.
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 
 from fitting.settings import setting
-from mmg.errors import UnknownName
+from mmg.errors import UnknownName, refusing
 
 # Eq. 23 and Eq. 16 of Wakita et al. (2022), and that of the calibration of the ship
 LOSSES = STATE, ACCELERATION, CALIBRATION = "state", "acceleration", "calibration"
@@ -22,6 +22,7 @@ KINDS = ("fnn", "rnn", "rnn-window")
 MODELS = ("hybrid", *KINDS)  # What is trained
 
 
+@refusing
 @dataclass(frozen=True)
 class TrainSettings:
     """How to train a residual on a calibrated ship: seeds seed, seed + 1, ...
@@ -59,6 +60,7 @@ MEMBERS = "Members of an ensemble (also --members): trainings from seeds one apa
 _OF = {f.name: f.metadata for f in fields(TrainSettings)}  # Help and limits, which other defaults do not change
 
 
+@refusing
 @dataclass(frozen=True)
 class BlackBoxSettings(TrainSettings):
     """How to train a black box, beside what ``TrainSettings`` says; kind: one of KINDS."""

@@ -19,9 +19,9 @@ from cases.importing.vocabulary import BEYOND_A_TURN, factor
 from cases.io.conventions import converted, through_north
 from cases.io.read import lacking
 from cases.io.sidecar import ReferencePoint, SidecarEntry
-from cases.io.trial_table import MOST_ROWS
 from cases.quantities import ORDERS, is_canonical, wraps
 from cases.quantities import quantity as known
+from cases.trial import MOST_ROWS
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, needed
 from mmg.messages import Message
 from mmg.motion.flow import RUDDERS

@@ -36,6 +36,7 @@ from mmg.errors import (
     Unreadable,
     UserError,
     by_name,
+    refusing,
     together,
     unknown,
 )
@@ -148,6 +149,7 @@ SUFFIXES = (".csv", ".parquet")
 LEAST_STEP = 1e-6  # No clock is finer [s]. Set by hand: bounds what is taken for a clock.
 
 
+@refusing
 def read_trials(paths: Iterable[str | Path] | str | Path) -> list[Trial]:
     """The trials of several files and folders, in the order given (folders: by name). paths: one or several; a folder
     stands for the .csv and .parquet files in it, or in its sub-folders when it holds none itself. What their numbers

@@ -18,12 +18,13 @@ from cases.io.files import LARGEST as LARGEST_FILE
 from cases.io.files import check_file, lines_and_hash
 from cases.io.text_table import LONGEST_LINE, BlockMeans, TextTable, blocks, floats_of_cells, rows_together
 from cases.quantities import as_number, quantity
+from cases.trial import MOST_ROWS
 from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData, Unreadable, UserError, reason
 from mmg.messages import Message, printable
 
 LARGEST_CSV = 8 * 2**30  # Most bytes of a CSV file, which is read in pieces. Set by hand.
 # Most columns of a table, and most rows and cells of one whose rows are not averaged.
-MOST_COLUMNS, MOST_ROWS, MOST_CELLS = 5000, 2_500_000, 30_000_000  # set by hand: it bounds memory, to 240 MB
+MOST_COLUMNS, MOST_CELLS = 5000, 30_000_000  # set by hand: it bounds memory, to 240 MB
 MOST_UNPACKED = 2 * LARGEST_FILE  # Most bytes of a Parquet file without its compression. Set by hand: bounds memory.
 LONGEST_CELL = 400  # Most characters of a text in Parquet: a few kB can name a long one millions of times. Set by hand.
 LARGEST = 1e13  # No number of a trial is larger, in any unit. Set by hand: milliseconds since 1970 are below it.

@@ -24,7 +24,7 @@ from mmg.components.particulars import ENGINE
 from mmg.components.propeller.b_series import thrust_parabola
 from mmg.components.propeller.wake import ASYMMETRY
 from mmg.effects.wind_force import upper_works
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, refusing
 from mmg.messages import Message
 from mmg.motion.flow import PODS, pods
 from mmg.motion.froude import reference_speed
@@ -264,6 +264,7 @@ def podded(given: Mapping[str, float]) -> bool:
     return "D_az" in given
 
 
+@refusing
 def new_ship(name: str, given: Mapping[str, float], hull: str | None = None) -> Ship:
     """A ship from main particulars (at least LEAST), ready to be simulated and calibrated.
 

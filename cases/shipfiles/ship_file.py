@@ -25,7 +25,7 @@ from mmg.components.coefficients import Coefficient
 from mmg.components.own import PLUG_IN
 from mmg.components.particulars import ENGINE, PARTICULARS
 from mmg.effects import EFFECTS, GONE
-from mmg.errors import BadValue, OutOfRange, UnknownName, UserError, unknown
+from mmg.errors import BadValue, OutOfRange, UnknownName, UserError, refusing, unknown
 from mmg.messages import Message
 from mmg.ship import CalibrationMark, Ship
 
@@ -39,6 +39,7 @@ def library() -> dict[str, Path]:
     return {path.stem: path for path in sorted(LIBRARY.glob("*.toml"))}
 
 
+@refusing
 def load_ship(where: str | Path) -> Ship:
     """The ship ``where``: a library name, a ship file, or a run folder (its ``ship.toml``, and network if it has one).
 

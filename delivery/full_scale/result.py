@@ -28,7 +28,7 @@ from fitting.report.run_folder import FIGURES, content_on, of_predictions, versi
 from fitting.result import FitResult, read_fit
 from fitting.settings import Settings
 from mmg.components.friction import ROUGHNESS
-from mmg.errors import BadValue, UserError
+from mmg.errors import BadValue, UserError, refusing
 from mmg.motion.froude import GRAVITY, reference_speed, time_scale
 from mmg.ship import Ship
 
@@ -112,6 +112,7 @@ def scaled_result(source: str | Path | Ship | FitResult, scaling: Scaling, comma
     )  # fmt: skip
 
 
+@refusing
 def scale(
     model: Ship | str | Path | FitResult | TrainResult,
     length: float,

@@ -29,7 +29,7 @@ from fitting.prediction.band_calibration import student_factor
 from fitting.prediction.bands import Bands, acceleration_sizes, bands_of, correlation_in
 from fitting.prediction.envelope import HeldMotion, outside_of, outside_words, ranges_of, untried
 from mmg.effects import EFFECTS
-from mmg.errors import OutOfRange
+from mmg.errors import OutOfRange, refusing
 from mmg.messages import Message
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.rollout import Simulator
@@ -104,6 +104,7 @@ class FigureScatter:
         return [Message(words, "outside_the_trials")] if words else []
 
 
+@refusing
 @dataclass(frozen=True, repr=False)
 class JudgedFigures(Assessment):
     """An assessment with intervals in its rows, and the scatter behind them by the name of the manoeuvre, empty where

@@ -35,7 +35,7 @@ from fitting.report.plot_style import (
     new_figure,
     own_axes,
 )
-from mmg.errors import Missing, OutOfRange, UnknownName, unknown
+from mmg.errors import Missing, OutOfRange, UnknownName, refusing, unknown
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg.states import STATES
@@ -350,6 +350,7 @@ COMPONENTS = {"X": (0, "X [N]"), "Y": (1, "Y [N]"), "N": (2, "N [N m]")}  # Colu
 CHANNELS = {state: (number, f"{state} [{UNITS[state]}]") for number, state in enumerate(STATES)}
 
 
+@refusing
 @dataclass(frozen=True, repr=False)
 class FitAxes:
     """The figures of a calibration: its ``record``, the ship before (``start``) and after, ``objects`` behind it, None

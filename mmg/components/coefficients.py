@@ -7,7 +7,10 @@ from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
+from mmg.errors import refusing
 
+
+@refusing
 @dataclass(frozen=True)
 class Coefficient:
     """One coefficient of a force model, with its prior before and its estimate after a calibration.

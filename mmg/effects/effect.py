@@ -20,11 +20,13 @@ import numpy as np
 
 from mmg.components.coefficients import Coefficient
 from mmg.components.rigid_body import Inertia
+from mmg.errors import refusing
 from mmg.motion.flow import Flow, Force
 from mmg.motion.memory import Memory
 from mmg.motion.smooth import Smoothing
 
 
+@refusing
 @dataclass(frozen=True)
 class Parameter:
     """One parameter of an effect.

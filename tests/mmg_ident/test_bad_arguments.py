@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pandas as pd
 import pytest
 
 import mmg_ident as mi
+from mmg.errors import refusing
 from tests.support.calibrated import small_result
 from tests.support.synthetic_runs import coarse_runs
 
@@ -37,6 +40,8 @@ mi.calibrate(SHIP, train,per_run="foo")
 mi.score(SHIP, None)
 mi.score(SHIP, held,sigma=[1,2])
 mi.score(SHIP, held,sigma="a")
+mi.score(SHIP, held,sigma=3.)
+mi.score(SHIP, held,method=3)
 mi.score(SHIP, held,adapt=-1)
 mi.score(SHIP, held,windw=2)
 mi.score(None,held)
@@ -63,6 +68,9 @@ mi.simulate(SHIP, "turning:35",effects={"current":{"x":np.nan}})
 mi.simulate(SHIP, "turning:35",effects={"current":{"q":0.3}})
 mi.simulate(SHIP, "turning:35",duration="long")
 mi.simulate(SHIP, "turning:35",dt=-1)
+mi.simulate(SHIP, "turning:35",n="a")
+mi.simulate(SHIP, "turning:35",seed=-1,noise=True)
+mi.simulate(SHIP, "turning:35",seed=1.5)
 mi.simulate(SHIP, [0,1],n=[1,2,3],delta=0)
 mi.simulate(SHIP, FRAME)
 mi.simulate(SHIP, "turning:35",speed="x")
@@ -79,6 +87,8 @@ mi.simulate(SHIP, np.arange(5.0)[::-1],n=1.0,delta=0.0)
 mi.simulate(SHIP, np.arange(5.0).reshape(1, 5),n=1.0,delta=0.0)
 mi.simulate(SHIP, np.arange(5.0),n=1.0,delta=0.0,duration=5.0)
 mi.simulate_many([SHIP],None)
+mi.simulate_many({"N_r":[-0.05]},"turning:35",ship=SHIP)
+mi.simulate_many(np.ones((2, 3)),"turning:35",ship=SHIP)
 mi.simulate_many(pd.DataFrame({"foo":[1.]}),"turning:35",ship=SHIP)
 mi.simulate_many(pd.DataFrame({"N_r":["a"]}),"turning:35",ship=SHIP)
 mi.simulate_many(pd.DataFrame({"N_r":[-0.05]}),"turning:35")
@@ -91,6 +101,7 @@ mi.imo(SHIP, [t],current=3)
 mi.imo(SHIP, rudder_rate="x")
 mi.imo(SHIP, [t],length=-3)
 mi.plan(fit,"60",100.)
+mi.plan(fit,(60, 25),100.)
 mi.plan(fit,"60x25","x")
 mi.plan(SHIP, "60x25",100.)
 mi.plan(fit,"60x25",100.,coefficients="foo")
@@ -147,6 +158,12 @@ mi.read_trials(3)
 mi.check(3)
 mi.check(FRAME)
 mi.refit(SHIP)
+mi.refit(fit, {"N_r":"a"})
+mi.refit(fit, ["N_r"])
+fit.sample("a")
+fit.sample(3.5)
+fit.sample(3,seed=-1)
+fit.sample(3,method="nutz")
 mi.gap(SHIP, train, test=held, options=mi.GapOptions(), seeds=2)
 mi.Trial.from_pandas(FRAME)
 mi.Trial.from_pandas(3)
@@ -162,11 +179,14 @@ mi.Trial.from_arrays(t=[1, 0], **REST, delta=[0, 0])
 mi.Trial.from_arrays(t=[0, 1], **REST, delat=[0, 0])
 t[10:5]
 t.resample("x")
+t.resample(1e-12)
 t.resample(0)
 t["foo"]
 t+3
 t.between("a",3)
 mi.Trial("a",{})
+mi.Trial("a",None)
+mi.Trial("a",{"t":[0,1],"u":[[1],[1,2]]})
 mi.Trial("a",{"t":"x"})
 mi.Trial("a",{"t":np.array(["a","b"])})
 mi.Trial("a",{"t":np.array([0,np.nan])})
@@ -208,6 +228,55 @@ def test_what_makes_no_sense_is_a_user_error(call: str, tmp_path: Path, monkeypa
     with pytest.raises(mi.UserError) as found:
         eval(call, {**names, "t": train[0], "fit": small_result()})
     assert "\n" not in str(found.value) and not any(tmp_path.iterdir())
+
+
+OTHERS = """
+Settings FitOptions TrainSettings BlackBoxSettings GapOptions DiagnosisOptions Trial TrialSet Tracker Coefficient
+Parameter Ship scale load_ship new_ship read_trials force effect check calibrate score predict train diagnose gap select
+refit plan fleet months view load_run report imo compare card
+"""
+
+
+@pytest.mark.parametrize("call", OTHERS.split())
+def test_a_keyword_that_is_none_is_a_user_error_with_the_nearest(call: str) -> None:
+    with pytest.raises(mi.UserError) as found:
+        getattr(mi, call)(nonsense_=3)
+    assert found.value.code == "unknown_name" and "nonsense_" in str(found.value)
+
+
+def test_so_it_is_of_methods() -> None:
+    fit, (trial, *_) = small_result(), coarse_runs()[0]
+    for method in (fit.sample, fit.plot.tracks, trial.resample, trial.plot, trial.between, fit.ship.fixing, fit.save):
+        with pytest.raises(mi.UserError) as found:
+            method(nonsense_=3)  # type: ignore[operator]
+        assert found.value.code == "unknown_name"
+
+
+def test_an_error_within_a_function_is_its_own() -> None:
+    @refusing
+    def broken(n: int) -> int:
+        return n + "a"  # type: ignore[operator]
+
+    with pytest.raises(TypeError):
+        broken(n=3)
+
+
+def test_results_can_be_compared() -> None:
+    fit = small_result()
+    assert fit == copy.deepcopy(fit)
+
+
+def test_columns_may_be_lists() -> None:
+    train, _ = coarse_runs()
+    listed = mi.Trial("a", {name: values.tolist() for name, values in train[0].columns.items()})
+    assert np.array_equal(listed.states, train[0].states)
+
+
+def test_a_report_of_a_check_is_shown_on_a_screen() -> None:
+    train, _ = coarse_runs()
+    (report,) = mi.check(train[0].with_columns(delta=-train[0]["delta"]))
+    lines = repr(dataclasses.replace(report, findings=report.findings * 20)).splitlines()
+    assert len(lines) <= 15 and max(map(len, lines)) <= 120
 
 
 def test_effects_by_name_are_those_in_words() -> None:
