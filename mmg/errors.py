@@ -202,8 +202,8 @@ def in_order(argument: str, given: Any, names: Sequence[str]) -> Any:
 
 def finite(name: str, value: Any) -> float:
     """The argument ``name`` whose ``value`` is one finite real number. Raises UserError for any other."""
-    number: object = value.item() if getattr(value, "shape", None) == () else value  # an array of no dimension
-    if not isinstance(number, Real) or isinstance(number, bool) or not math.isfinite(number):
+    number = value.item() if getattr(value, "shape", None) == () else value  # an array of no dimension
+    if not (isinstance(number, Real) and math.isfinite(number)):
         raise BadValue(f"{name} = {value!r}: is no finite number")
     return float(number)
 
