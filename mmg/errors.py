@@ -8,7 +8,7 @@ import inspect
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib import import_module
@@ -185,8 +185,11 @@ def unknown(what: str, name: str, known: Iterable[str], context: str = "") -> st
 
 
 def by_name(given: Any) -> Any:
-    """``given`` as a dict where it has names, as a mapping, or a Series or DataFrame of pandas has; else as it is."""
-    return {name: given[name] for name in given.keys()} if hasattr(given, "keys") else given  # noqa: SIM118
+    """``given`` as a dict where it has names, as a mapping, or a Series or DataFrame of pandas has; else as it is, as a
+    Series is whose labels are numbers alone."""
+    names = list(given.keys()) if hasattr(given, "keys") else []
+    named = isinstance(given, Mapping) or any(isinstance(name, str) for name in names)
+    return {name: given[name] for name in names} if named else given
 
 
 def in_order(argument: str, given: Any, names: Sequence[str]) -> Any:

@@ -277,7 +277,9 @@ def test_rows_of_pandas_are_read_by_their_names() -> None:
     ahead = tracker.forecast(5.0, pd.DataFrame([controls, controls]))
     assert np.array_equal(ahead.states[-1], tracker.forecast(5.0, [[9.0, 0.1], [9.0, 0.1]]).states[-1])
     with pytest.raises(UnknownName):
-        tracker.update(1.0, pd.Series(measured), pd.Series([9.0, 0.1]))
+        tracker.update(1.0, pd.Series(measured), pd.Series({"dleta": 0.1, "n": 9.0}))
+    numbered = tracker.forecast(5.0, pd.Series([9.0, 0.1]))
+    assert np.array_equal(numbered.states, tracker.forecast(5.0, np.array([9.0, 0.1])).states)
     rates = ship.rhs([measured[name] for name in STATES], controls)
     assert np.array_equal(ship.rhs(pd.Series(measured), pd.Series(controls)), rates)
     run = simulate(ship, [0.0, 1.0], n=9.0, delta=0.0, x0=pd.Series(measured))
