@@ -215,7 +215,7 @@ def whole(name: str, value: Any, least: int) -> int:
     """The argument ``name`` whose ``value`` is a whole number of at least ``least``. Raises UserError for any other."""
     number = finite(name, value)
     if number != int(number) or number < least:
-        raise BadValue(f"{name} = {value!r}: must be a whole number of at least {least}")
+        raise OutOfRange(f"{name} = {value!r}: must be a whole number of at least {least}")
     return int(number)
 
 

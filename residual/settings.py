@@ -79,7 +79,7 @@ class BlackBoxSettings(TrainSettings):
 def defaults_of(model: str) -> TrainSettings:
     """The settings of a ``model`` of MODELS, all of them the usual ones. Raises UserError for another name."""
     if model not in MODELS:
-        raise UnknownName(f"model {model!r}: unknown; choose one of {', '.join(MODELS)}")
+        raise UnknownName(f"--model {model}: unknown; choose one of {', '.join(MODELS)}")
     return TrainSettings() if model == "hybrid" else BlackBoxSettings(kind=model)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import time
 from dataclasses import fields
@@ -40,7 +41,7 @@ def compared(files: dict[str, list[str]], tmp_path_factory: pytest.TempPathFacto
     """The folder of a comparison with short trainings."""
     out = tmp_path_factory.mktemp("out") / "gap"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(residual_settings.TrainSettings.__init__, "__defaults__", trainings_of(2))
+        patch.setattr(inspect.unwrap(residual_settings.TrainSettings.__init__), "__defaults__", trainings_of(2))
         assert main(gap(files, out)) == 0
     return out
 
@@ -102,7 +103,7 @@ def test_a_calibration_of_the_same_trials_is_not_made_again(compared: Path, file
 def test_a_time_limit_ends_a_training_that_resume_goes_on_with(
     compared: Path, files: dict[str, list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(residual_settings.TrainSettings.__init__, "__defaults__", trainings_of(10**6))
+    monkeypatch.setattr(inspect.unwrap(residual_settings.TrainSettings.__init__), "__defaults__", trainings_of(10**6))
     began, limit = time.monotonic(), ["--time-limit", "8"]
     assert main(gap({**files, "ship": [str(compared / "refitted")]}, tmp_path / "gap") + limit) == 130
     assert time.monotonic() - began < 8 + 12  # reading and importing come before it, and a machine may be busy
