@@ -115,7 +115,7 @@ class FormSide:
     @property
     def _ends(self) -> tuple[float, ...] | None:
         """The interval of a single trial of the model, else of the ship."""
-        return self.model and (self.model.of_trial or self.model.interval)
+        return (self.model.of_trial or self.model.interval) if self.model else None
 
     @property
     def is_vague(self) -> bool:

@@ -168,7 +168,7 @@ def _print(result: FitResult, known: Delivered, started: StartedRun, out: Path) 
             cli.print_wrapped(f"{title}: ", "; ".join(sentences))
     for name, words in steps.measured_particulars(result.ship).items():
         cli.print_wrapped("measured: ", f"{name} {words}")
-    place = {"report": out / steps.RUN / "report.html", "ship": out / steps.RUN / "ship.toml"}
+    place: dict[str, Path | str] = {"report": out / steps.RUN / "report.html", "ship": out / steps.RUN / "ship.toml"}
     fmu = out / steps.FMU
     place |= {"FMU": fmu if fmu.exists() else "none, as the calibration did not converge"}
     for name, path in {**place, "answers": out / steps.ANSWERS}.items():
