@@ -27,6 +27,7 @@ from fitting.prediction.figure_intervals import (
     judged_row,
     linearised,
     maneuver_scatter,
+    moved,
     with_intervals,
 )
 from fitting.prediction.predict import record_of
@@ -386,3 +387,14 @@ def test_the_command_prints_both_intervals_and_the_criterion_and_draws_the_track
     assert out.read_text().startswith("run,t [s],x [m],y [m],psi [rad]")
     assert main(["simulate", *options[:3], "--plot", str(tmp_path / "a.png")]) == 2
     assert "--scatter" in capsys.readouterr().err
+
+
+def test_draws_are_put_about_the_figures_of_fine_steps() -> None:
+    """By the ratio where both are positive, else by the difference; what is not reached moves nothing."""
+    coarse = {"overshoot_1": 0.02, "lateral_deviation": -1.0, "advance": math.nan}
+    exact = {"overshoot_1": 0.03, "lateral_deviation": 1.0, "advance": 5.0}
+    drawn = {"overshoot_1": np.array([0.01, 0.04]), "lateral_deviation": np.zeros(2), "advance": np.full(2, np.nan)}
+    found = moved(coarse, exact, drawn)
+    np.testing.assert_allclose(found["overshoot_1"], [0.015, 0.06])
+    np.testing.assert_allclose(found["lateral_deviation"], 2.0)
+    assert np.isnan(found["advance"]).all() and drawn["overshoot_1"][0] == 0.01
