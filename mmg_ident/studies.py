@@ -167,8 +167,11 @@ def card(
     """
     from fitting.report.ship_card import ship_card
 
+    ship = ship_of(model)
+    more = ("coasting",) if {"n", "n_azimuth"} & set(ship.actuators) else ()  # what has no propeller cannot stop it
+    judged = imo(model, speed=speed, rudder_rate=rudder_rate, maneuver=more, scatter=scatter, seed=seed)
     rate = None if rudder_rate is None else math.radians(rudder_rate)
-    return ship_card(ship_of(model), content_of(model), speed, rate, scatter, seed)
+    return ship_card(judged, ship, content_of(model), rate, seed)
 
 
 @keywords(Wish)

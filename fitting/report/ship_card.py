@@ -17,18 +17,17 @@ import numpy as np
 from cases.criteria.figures import Since
 from cases.criteria.imo import helm_words
 from cases.criteria.scatter import draw_coefficients
-from cases.criteria.standard_runs import Run, approach_speed, planned_run
-from cases.maneuvers.definitions import Limits, parse_maneuver
+from cases.criteria.standard_runs import Run
+from cases.maneuvers.definitions import Limits
 from cases.maneuvers.self_propulsion import actuator_positions, revolutions_for
 from cases.quantities import KNOT
 from cases.shipfiles.effects import calm_and_deep
 from fitting.prediction.bands import correlation_in
-from fitting.prediction.figure_intervals import DRAWS, MOST, FigureScatter, drawn_figures
+from fitting.prediction.figure_intervals import FigureScatter, JudgedFigures
 from fitting.report.page import rendered
 from fitting.report.plot_maneuvers import maneuver_figure
 from fitting.report.plot_style import figure_entry, png_of
 from mmg.components.particulars import PARTICULARS
-from mmg.errors import NoSolution, OutOfRange, UserError
 from mmg.messages import Message
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -36,28 +35,27 @@ from mmg.ship import Ship
 CABLE = 185.2  # [m]: a tenth of a nautical mile (BIPM)
 SHARES = (1.0, 0.75, 0.5, 0.25)  # Revolutions of the table, by those of the test speed. Set by hand.
 SEA_GOING = 20.0  # Length from which squat, cables and knots mean something [m]. Set by hand.
-Columns = tuple[tuple[str, float, str], ...]
+Columns = tuple[tuple[str, str], ...]
 Rows = tuple[tuple[str, str, str], ...]
-# Table -> title; manoeuvre, share of the test speed and words of each column; figure, words and kind of unit of rows.
+# Table -> title; manoeuvre and words of each column; figure, words and kind of unit of each row.
 TABLES: dict[str, tuple[str, Columns, Rows]] = {
     "turning": (
         "Turning circles at 35° of rudder, from the test speed",
-        (("turning:35", 1.0, "starboard"), ("turning:-35", 1.0, "port")),
+        (("turning:35", "starboard"), ("turning:-35", "port")),
         (("advance", "Advance at 90°", "way"), ("transfer", "Transfer at 90°", "way"),
          ("time_90", "Time to 90°", "s"), ("tactical_diameter", "Tactical diameter at 180°", "way"),
          ("time_180", "Time to 180°", "s")),
     ),
     "stopping": (
-        "Stopping",
-        (("crash-stop", 1.0, "full astern from the test speed"), ("crash-stop:2", 0.5, "full astern from half of it"),
-         ("coasting", 1.0, "engine stopped, to 30 % of the test speed")),
+        "Stopping, from the test speed",
+        (("crash-stop", "full astern"), ("coasting", "engine stopped, to 30 % of it")),
         (("track_reach", "Track reach", "way"), ("head_reach", "Head reach", "way"),
          ("lateral_deviation", "To starboard", "way"), ("stopping_time", "Time", "s")),
     ),
     "course": (
         "Course changing and yaw checking, from the test speed",
-        (("zigzag:10/10", 1.0, "10°/10° starboard"), ("zigzag:-10/10", 1.0, "10°/10° port"),
-         ("zigzag:20/20", 1.0, "20°/20° starboard"), ("zigzag:-20/20", 1.0, "20°/20° port")),
+        (("zigzag:10/10", "10°/10° starboard"), ("zigzag:-10/10", "10°/10° port"),
+         ("zigzag:20/20", "20°/20° starboard"), ("zigzag:-20/20", "20°/20° port")),
         (("initial_turning_track", "Track to turn 10°", "way"), ("overshoot_1", "First overshoot", "deg"),
          ("overshoot_2", "Second overshoot", "deg")),
     ),
@@ -107,14 +105,15 @@ class Figure:
 class ShipCard:
     """What a card shows.
 
-    ship: in calm and deep water; speed: of the test [m/s], and its origin; engine: share of the revolutions,
-    revolutions [1/s] and speed [m/s] of each; tables: table of TABLES -> manoeuvre -> figure -> value;
-    circles: the turning circles, and clouds: some of the draws of each by its name; notices: what the figures rest on.
+    ship: in calm and deep water; speed: of the test [m/s]; helm: of the steering gear, words and values; engine: share
+    of the revolutions, revolutions [1/s] and speed [m/s] of each; tables: table of TABLES -> manoeuvre -> figure ->
+    value; circles: the turning circles, and clouds: some of the draws of each by its name; notices: what the figures
+    rest on.
     """
 
     ship: Ship
     speed: float
-    origin: str
+    helm: tuple[tuple[str, str], ...]
     engine: tuple[tuple[float, float, Figure], ...]
     tables: Mapping[str, Mapping[str, Mapping[str, Figure]]]
     circles: tuple[Run, ...]
@@ -131,7 +130,7 @@ class ShipCard:
             for key, columns in self.tables.items()
         }
         engine = [{"share": share, "n": n, "speed": speed.to_dict()} for share, n, speed in self.engine]
-        said = {"test_speed": self.speed, "origin": self.origin, "notices": [str(n) for n in self.notices]}
+        said = {"test_speed": self.speed, "notices": [str(n) for n in self.notices]}
         return {"ship": self.ship.name, **said, "engine_orders": engine, "tables": tables}
 
     def page(self) -> str:
@@ -145,7 +144,7 @@ class ShipCard:
                 for name, words, kind in rows
                 if any(name in one for one in made.values())
             ]
-            tables[key] = title, [words for text, _, words in columns if text in made], shown
+            tables[key] = title, [words for text, words in columns if text in made], shown
         engine = [(f"{100 * share:.0f} %", f"{60 * n:.4g}", one.words("speed", L)) for share, n, one in self.engine]
         figure = None
         if self.circles:
@@ -158,63 +157,38 @@ class ShipCard:
             if name in ("L", "B", "d", "m", "C_b", "D_P", "A_R")
         ]
         return rendered(
-            "card", ship=ship, speed=Figure(self.speed).words("speed", L), origin=self.origin, engine=engine,
-            tables=tables, figure=figure, particulars=particulars, helm=_helm(ship), squat=_squat(ship, self.speed),
+            "card", ship=ship, speed=Figure(self.speed).words("speed", L), engine=engine,
+            tables=tables, figure=figure, particulars=particulars, helm=self.helm, squat=_squat(ship, self.speed),
             notices=[str(n) for n in self.notices], aboard=ABOARD, intervals=bool(self.clouds),
         )  # fmt: skip
 
 
 def ship_card(
-    ship: Ship,
-    content: Mapping[str, Any],
-    speed: float | None = None,
-    rudder_rate: float | None = None,
-    count: int | None = None,
-    seed: int = 0,
+    judged: JudgedFigures, ship: Ship, content: Mapping[str, Any], rudder_rate: float | None = None, seed: int = 0
 ) -> ShipCard:
-    """The card of a ``ship`` in calm and deep water.
+    """The card of a ``ship`` by her standard manoeuvres.
 
-    content: of the result.json of her calibration, {}: none; speed: of the test [m/s], default as of
-    ``approach_speed``; rudder_rate [rad/s], default the ship's own; count: draws for intervals, 0: none, default DRAWS
-    where a covariance is known; seed: of them. Raises UserError where no manoeuvre reaches its event, and for a count
-    that makes no sense.
+    judged: as of ``fitting.prediction.figure_intervals.with_intervals``, "coasting" among them, with the same ``seed``
+    and rudder_rate [rad/s]; content: of the result.json of her calibration, {}: none.
     """
-    calm, left_out = calm_and_deep(ship)
-    V, origin = approach_speed(calm, speed)
-    correlation = correlation_in(content)
-    count = DRAWS * (correlation is not None) if count is None else count
-    if count and not 20 <= count <= MOST:
-        raise OutOfRange(f"--scatter {count}: give 20 to {MOST} draws, or 0 for none")
-    simulator = Simulator(calm)
-    drawn = draw_coefficients(calm, count, seed, correlation) if count else {}
-    notices = [Message(f"test speed: {origin}; {helm_words(calm, rudder_rate)}", "test_conditions")]
-    if left_out:
-        words = "left out, as the card is for calm, deep water and free of sensor errors: "
-        notices.append(Message(words + ", ".join(left_out), "effects_left_out"))
-    if not count:
-        notices.append(Message("no 90 % intervals: no covariance of the coefficients is known", "no_covariance"))
-    circles, clouds, tables = list[Run](), dict[str, Sequence[Since]](), dict[str, dict[str, dict[str, Figure]]]()
+    calm, runs = calm_and_deep(ship)[0], {run.name: run for run in judged.runs}
+    tables: dict[str, dict[str, dict[str, Figure]]] = {}
     for key, (_, columns, rows) in TABLES.items():
-        for text, share, _ in columns:
-            try:
-                plan = parse_maneuver(text, calm, speed=share * V, rudder_rate=rudder_rate)
-                run = planned_run(calm, plan)
-            except UserError as error:
-                notices.append(Message(f"{text}: {error}", "event_not_reached"))
-                continue
-            exact = run.figures
-            drawn_one = drawn_figures(simulator, plan, drawn, content, seed, exact=exact)[0] if count else None
-            notices += drawn_one.notice(text, run.kind) if drawn_one else []
-            notices += [Message(str(n), "caveat") for n in (*run.caveats, *run.trial.notices)]
-            if plan.kind == "turning":
-                circles.append(run)
-                clouds |= {text: drawn_one.shown} if drawn_one else {}
-            made = {name: _figure(run, drawn_one, name) for name, *_ in rows if name in run.figures}
-            tables.setdefault(key, {})[text] = made
-    if not tables:
-        raise NoSolution(f"{ship.name}: no manoeuvre reaches its event: {notices[-1]}")
-    engine = _engine_orders(simulator, V, drawn)
-    return ShipCard(calm, V, origin, engine, tables, tuple(circles), clouds, tuple(dict.fromkeys(notices)))
+        for run in (runs[text] for text, _ in columns if text in runs):
+            scatter = judged.scatter.get(run.name)
+            made = {name: _figure(run, scatter, name) for name, *_ in rows if name in run.figures}
+            tables.setdefault(key, {})[run.name] = made
+    notices = [*judged.notices, *(Message(words, "caveat") for run in runs.values() for words in run.caveats)]
+    notices += [Message(f"{row.run}: {row.why}", "event_not_reached") for row in judged.rows if row.run not in runs]
+    if not judged.scatter:
+        notices.append(Message("no 90 % intervals: no covariance of the coefficients is known", "no_covariance"))
+    count = len(next(iter(judged.scatter[next(iter(judged.scatter))].ship.values()))) if judged.scatter else 0
+    drawn = draw_coefficients(calm, count, seed, correlation_in(content)) if count else {}
+    V = judged.runs[0].speed
+    engine, helm = _engine_orders(Simulator(calm), V, drawn), _helm(calm, rudder_rate)
+    circles = tuple(run for run in judged.runs if run.kind == "turning")
+    clouds = {run.name: judged.scatter[run.name].shown for run in circles if run.name in judged.scatter}
+    return ShipCard(calm, V, helm, engine, tables, circles, clouds, tuple(dict.fromkeys(notices)))
 
 
 def _figure(run: Run, scatter: FigureScatter | None, name: str) -> Figure:
@@ -258,15 +232,15 @@ def _straight_speeds(simulator: Simulator, n: float, theta: np.ndarray, most: fl
     return 0.5 * (low + high)
 
 
-def _helm(ship: Ship) -> list[tuple[str, str]]:
-    """What the model knows of the steering gear of a ``ship``, in words."""
-    rate = math.degrees(Limits.for_ship(ship).rudder_rate)
+def _helm(ship: Ship, rudder_rate: float | None) -> tuple[tuple[str, str], ...]:
+    """What is known of the steering gear of a ``ship``, in words; rudder_rate: [rad/s] where it was given."""
+    rate = math.degrees(rudder_rate or Limits.for_ship(ship).rudder_rate)
     rows = [("Largest rudder angle of the manoeuvres", "35°")]
     if math.isfinite(rate):
-        rows += [("Rudder rate", helm_words(ship)), ("Time hard-over to hard-over (70°)", f"{70.0 / rate:.3g} s")]
+        rows.append(("Time hard-over to hard-over (70°)", f"{70.0 / rate:.3g} s: {helm_words(ship, rudder_rate)}"))
     if (neutral := ship.particulars.get("neutral_rudder")) is not None:
         rows.append(("Rudder angle of a straight course", f"{math.degrees(neutral):.2g}°"))
-    return rows
+    return tuple(rows)
 
 
 def _squat(ship: Ship, speed: float) -> list[tuple[str, str, str]]:

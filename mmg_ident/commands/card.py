@@ -7,7 +7,6 @@ from typing import Annotated
 
 from typer import Argument, Option
 
-from mmg.errors import Conflict, TargetExists
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -38,15 +37,9 @@ def card(
     cli.positive("--rudder-rate", rudder_rate)
     folder = Path(model)
     target = out or (folder / "card.html" if folder.is_dir() else Path("card.html"))
-    targets = [target, *([target.with_suffix(".pdf")] if pdf else [])]
+    targets = cli.page_targets(target, pdf, [folder / "card.html"] if folder.is_dir() else [], force)
     if pdf:
         needs_weasyprint()
-        if target.suffix.lower() == ".pdf":
-            raise Conflict(f"{target}: is the name of the HTML file; --pdf writes one beside it, with the ending .pdf")
-    own = {(folder / "card.html").absolute().with_suffix(s) for s in (".html", ".pdf")} if folder.is_dir() else set()
-    for path in targets:
-        if path.is_dir() or (path.exists() and not force and path.absolute() not in own):
-            raise TargetExists(f"{path}: already exists; choose another --out, or add --force")
     with cli.working("simulating the manoeuvres of the card"):
         one = made(model, speed=speed, rudder_rate=rudder_rate, scatter=scatter, seed=seed)
         text = one.page()

@@ -169,6 +169,21 @@ def _unit_lines(before: UnitErrors, after: UnitErrors, what: str) -> list[str]:
     return [title, *table_lines(["", *heads], zip(labels, *columns, strict=True))]
 
 
+def page_targets(target: Path, pdf: bool, own: Sequence[Path], force: bool = False) -> list[Path]:
+    """The HTML file ``target`` and, with ``pdf``, the PDF beside it. Raises UserError where one is there, unless it is
+    a page or PDF of those that a run folder holds itself, ``own``, or with ``force``."""
+    targets = [target, *([target.with_suffix(".pdf")] if pdf else [])]
+    if pdf and target.suffix.lower() == ".pdf":
+        raise Conflict(f"{target}: is the name of the HTML file; --pdf writes one beside it, with the ending .pdf")
+    made_anew = {page.absolute().with_suffix(suffix) for page in own for suffix in (".html", ".pdf")}
+    for path in targets:
+        if path.is_dir():
+            raise BadValue(f"{path}: is a folder; name the HTML file to write with --out")
+        if path.exists() and not force and path.absolute() not in made_anew:
+            raise TargetExists(f"{path}: already exists; choose another --out")
+    return targets
+
+
 def refuse_target(option: str, path: Path | None, force: bool, endings: Sequence[str] = ()) -> None:
     """Raises UserError unless a file can be written to the ``path`` of ``option``, where one is given.
 

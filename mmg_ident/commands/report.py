@@ -7,7 +7,6 @@ from typing import Annotated
 
 from typer import Option
 
-from mmg.errors import BadValue, Conflict, TargetExists
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -28,16 +27,8 @@ def report(
 
     folders = list({folder.absolute(): folder for folder in runs}.values())
     target = out or (folders[0] / "report.html" if len(folders) == 1 else Path("report.html"))
-    targets = [target, *([target.with_suffix(".pdf")] if pdf else [])]
     # pages of the runs themselves are made anew; any other file is somebody's
-    of_runs = {(folder / "report.html").absolute().with_suffix(s) for folder in folders for s in (".html", ".pdf")}
-    if pdf and target.suffix.lower() == ".pdf":
-        raise Conflict(f"{target}: is the name of the HTML file; --pdf writes one beside it, with the ending .pdf")
-    for path in targets:
-        if path.is_dir():
-            raise BadValue(f"{path}: is a folder; name the HTML file to write with --out")
-        if path.exists() and path.absolute() not in of_runs:
-            raise TargetExists(f"{path}: already exists; choose another --out")
+    targets = cli.page_targets(target, pdf, [folder / "report.html" for folder in folders])
     cli.positive("--full-load-draught", full_load_draught)
     with cli.working("writing the report"):
         write_report(folders, target, targets[1] if pdf else None, full_load_draught, imo)
