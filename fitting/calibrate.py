@@ -124,7 +124,10 @@ def calibrate(
     trials, remarks = TrialSet.of(trials).training(validation)
     given, rates = with_own_rates(ship, trials)
     ship = with_instruments(given, options.instruments, trials)
-    _check_options(ship, trials, options)
+    _check_options(ship, options)
+    if options.per_run and len(trials) == 1:
+        same = f"--with {' --with '.join(options.per_run)}"
+        LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
     made, other = Made(), None
     # the second estimate comes first: it tells what else is to be free, and how inputs are joined
     if (second := options.second) and options.asks_second(settings):
@@ -145,17 +148,17 @@ def calibrate(
         found = with_second(found, other.values)
 
     before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
-    sets = {"validation": validation, "training": trials}
-    apart = coefficients_without(found, each_alone(len(trials)))  # (R, P): of each run, by the others
+    objects = FitObjects(found, before, after, validation)
+    sets, apart = objects.sets, coefficients_without(found, each_alone(len(found.trials)))  # (R, P): without each run
     # of trials that nobody fitted, else of its own, each left out
-    past = (validation, None) if any(t.has_position for t in validation) else (trials, apart)
+    past = (validation, None) if any(t.has_position for t in validation) else (found.trials, apart)
     known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
     # in this order: the second takes what the first has ``made``
     parts: dict[str, Callable[[], Any]] = {
         "scores": lambda: score_pairs(scores_by_set(before, sets), scores_by_set(after, sets)),
         "worth of what was left out": lambda: worth_of_left_out(after, sets, made["scores"]),
         "worth of adaptation": lambda: adaptation_worth(after, *past),
-        "prediction bands": lambda: fit_bands(after, trials, draws_of(known, found.ship), apart),
+        "prediction bands": lambda: fit_bands(after, found.trials, draws_of(known, found.ship), apart),
     }
     if options.next_trial and found.converged and np.isfinite(found.covariance).all():
         parts["next trial"] = lambda: next_trial(found)
@@ -166,8 +169,7 @@ def calibrate(
     if options.posterior and found.converged:
         parts["--posterior"] = lambda: sampled_posterior(found, options.posterior, settings.seed)
     make_in_turn(parts, made)
-    more = made.get("next trial"), made.get("--posterior")
-    objects = FitObjects(found, before, after, tuple(trials), tuple(validation), *more)
+    objects = replace(objects, next_trial=made.get("next trial"), posterior=made.get("--posterior"))
     return _result(replace(fit, messages=(*fit.messages, *rates)), made, objects, ship, options, remarks, began)
 
 
@@ -189,10 +191,10 @@ def refit(earlier: FitResult, hold: Mapping[str, float], progress: OnProgress | 
         p = np.clip(found.p + distance, *found.prior.scaled_bounds)
         found = found.with_estimate(p, np.outer(distance, distance))
     after = Simulator(found.ship, found.settings.compiled)
-    scores = scores_by_set(after, {"validation": objects.validation, "training": objects.trials})
+    scores = scores_by_set(after, objects.sets)
     made["scores"] = {name: ScorePair(earlier.scores[name].before, score) for name, score in scores.items()}
     made["envelope"] = earlier.envelope  # of the same trials
-    fit = with_values(CampaignFit(found, earlier.campaigns), TrialSet(objects.trials).campaigns)
+    fit = with_values(CampaignFit(found, earlier.campaigns), objects.trials.campaigns)
     options = FitOptions(command=earlier.command, name=earlier.ship.name)  # of what ``_result`` reads
     remarks = TrialSet((*objects.trials, *objects.validation)).remarks
     objects = replace(objects, calibration=found, after=after, posterior=None)
@@ -237,15 +239,14 @@ def _estimated(
     if options.resume:
         check_resumable(options.resume, ship, trials, constants)
         warm = {**(iterate_of(options.resume, model) or {}), **{k: v for k, v in warm.items() if k == "held"}}
-    if "held" in warm or constants:
-        found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, constants)
-        messages = () if "held" in warm else not_asked(trials, options.per_campaign)
-        return CampaignFit(found, messages=messages)
+    is_plain = not (constants or "held" in warm) and settings.starts == 1 and settings.time_limit is None
     # where values by campaign may take its place, the last solve without them would be thrown away
-    is_plain = settings.starts == 1 and settings.time_limit is None
     draft = is_plain and may_keep(model, trials, options.per_campaign)
-    found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, draft=draft)
-    make_in_turn({"values by campaign": lambda: by_campaign(found, trials, options.per_campaign, progress)}, made)
+    found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, constants, draft)
+    if constants or "held" in warm:
+        messages = () if "held" in warm else not_asked(found.trials, options.per_campaign)
+        return CampaignFit(found, messages=messages)
+    make_in_turn({"values by campaign": lambda: by_campaign(found, options.per_campaign, progress)}, made)
     fit = made.get("values by campaign", CampaignFit(found))
     if not fit.calibration.draft:
         return fit
@@ -332,7 +333,7 @@ def started_from(ship: Ship, values: Mapping[str, float], hold: bool = False) ->
     return warm | ({"held": np.isin(ship.free, list(values))} if hold else {})
 
 
-def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> None:
+def _check_options(ship: Ship, options: FitOptions) -> None:
     if options.per_run and options.per_campaign not in ((), ("none",)):
         raise Conflict(
             f"--per-campaign {','.join(options.per_campaign)}: values by campaign and constants of each run are not "
@@ -340,6 +341,3 @@ def _check_options(ship: Ship, train: Sequence[Trial], options: FitOptions) -> N
         )
     check_estimator(options.estimator)
     check_request(options.bootstrap, options.profile, ship.free, options.posterior)
-    if options.per_run and len(train) == 1:
-        same = f"--with {' --with '.join(options.per_run)}"
-        LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +20,7 @@ import numpy as np
 from cases.checks import inputs_are_constant
 from cases.inputs import assumed
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from fitting.identifiability.analysis import (
     Identifiability,
     analyse,
@@ -71,7 +72,7 @@ class Calibration:
     from which ``spread`` has the robust and the model-based covariance; problem: solved; resumption: how to go on with
     the last solve. constants: what each run has of its own; solution, information, spread and problem are of all that
     was fitted, the shared ones first. data_warnings: on the trials and on what the fit began with; outlying: on runs
-    that the others contradict; draft: its last solve is left out, ``solution`` is where that begins.
+    that the others contradict; draft: its last solve is left out, ``solution`` is where that begins; trials: fitted.
     """
 
     ship: Ship
@@ -94,6 +95,7 @@ class Calibration:
     constants: RunConstants | None
     draft: bool = False
     outlying: tuple[Message, ...] = ()
+    trials: TrialSet = field(default_factory=lambda: TrialSet(()))
 
     @property
     def converged(self) -> bool:
@@ -140,6 +142,10 @@ class Calibration:
         every[shared, shared] = covariance
         spread = replace(self.spread, covariance=every)
         return replace(self, p=p, covariance=covariance, identifiability=findings, spread=spread, ship=ship)
+
+    def of_trials(self, trials: TrialSet, warnings: Sequence[Message], notices: Sequence[Message]) -> Calibration:
+        """This calibration as of these ``trials``, with ``warnings`` and ``notices`` on them."""
+        return replace(self, trials=trials, data_warnings=tuple(warnings), notices=tuple(notices))
 
     @property
     def iterate(self) -> dict[str, np.ndarray]:
@@ -188,11 +194,12 @@ def prepared(
     window = settings.window or 100.0 * step  # 100: set by hand; rows ``windows of`` of benchmarks/ablation.md
     if window < 10 * step:
         raise OutOfRange(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
-    refuse_outliers(trials, step)
     segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
+    refuse_outliers(trials, step)
+    unexcited = unexcited_astern(ship, trials, segments)
     own = per_run.symbols if isinstance(per_run, ByCampaign) else tuple(per_run)
     prior = prior_with(ship, per_run, segments.trials)
-    warnings = [*contradictions(prior), *unexcited_astern(ship, trials, segments)]
+    warnings = [*contradictions(prior), *unexcited]
     # of the first solve alone [SI]: typical changes over a window, set by hand; 1e-6 [m/s]: no size of zero
     speed, length = np.sqrt((segments.nodes[:, 3:5] ** 2).sum(axis=1).mean()) + 1e-6, ship.particulars["L"]
     rough = (length / 3, length / 3, 0.1, 0.1 * speed, 0.1 * speed, 0.1 * speed / length)
@@ -222,7 +229,7 @@ def _started(problem: Problem, warm: dict[str, np.ndarray] | None, settings: Set
 
 def _notices(ship: Ship, trials: Sequence[Trial], segments: Segments, interpreted_because: str) -> list[Message]:
     """What was left out, assumed or done more slowly."""
-    notices = [*as_messages(segments.dropped, "piece_too_short"), *as_messages(ship.notices, "ship")]
+    notices = [*segments.dropped, *as_messages(ship.notices, "ship")]
     if names := ", ".join(t.name for t in trials if not t.has_position):
         notices.append(Message(f"positions cannot be fitted in {names} (no complete x, y columns)", "no_position"))
     notices += assumed(trials, ship.inputs)
@@ -265,7 +272,8 @@ def estimate_coefficients(
     prepare = time.perf_counter() - began
     found = estimated(problem, StartingPoint(x, resumed, near), settings, control, per_run, draft, warm.get("held"))
     timings = {**found.timings, "prepare": prepare, "total": prepare + found.timings["total"]}
-    return replace(found, data_warnings=tuple(warnings), notices=tuple(dict.fromkeys(notices)), timings=timings)
+    notices = list(dict.fromkeys(notices))
+    return replace(found, timings=timings).of_trials(TrialSet.of(trials), warnings, notices)
 
 
 @dataclass(frozen=True)
@@ -325,8 +333,8 @@ def finished(draft: Calibration, progress: OnProgress | None = None) -> Calibrat
     control = Control.within(draft.settings.time_limit, progress, draft.settings.max_iterations)
     last = estimated(draft.problem, StartingPoint(draft.solution.x, draft.resumption), draft.settings, control)
     timings = {name: seconds + last.timings[name] for name, seconds in draft.timings.items()}
-    passes, warnings = (*draft.passes, *last.passes), draft.data_warnings
-    return replace(last, passes=passes, data_warnings=warnings, notices=draft.notices, timings=timings)
+    last = replace(last, passes=(*draft.passes, *last.passes), timings=timings)
+    return last.of_trials(draft.trials, draft.data_warnings, draft.notices)
 
 
 @np.errstate(all="ignore")

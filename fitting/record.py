@@ -6,12 +6,13 @@ A number that is not finite is None here and null in the file.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from fitting.prediction.score import ScorePair
 from fitting.report.run_folder import SCHEMA_VERSION, adapter, plain
 from fitting.settings import Settings, Start
@@ -252,17 +253,26 @@ class FitRecord:
 class FitObjects:
     """What stands behind a result and is not stored: figures are drawn from it.
 
-    before, after: simulators of the ship before and after; trials, validation: calibrated on, and held out; next_trial:
-    possible trials and what they would add, None: not scored; posterior: draws, None: not asked for.
+    before, after: simulators of the ship before and after; validation: trials held out; next_trial: possible trials and
+    what they would add, None: not scored; posterior: draws, None: not asked for.
     """
 
     calibration: Calibration
     before: Simulator
     after: Simulator
-    trials: tuple[Trial, ...]
-    validation: tuple[Trial, ...] = ()
+    validation: Sequence[Trial] = ()
     next_trial: NextTrial | None = None
     posterior: Posterior | None = None
+
+    @property
+    def trials(self) -> TrialSet:
+        """Calibrated on."""
+        return self.calibration.trials
+
+    @property
+    def sets(self) -> dict[str, Sequence[Trial]]:
+        """The trials by what they are for: "validation" and "training"."""
+        return {"validation": self.validation, "training": self.trials}
 
 
 def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:

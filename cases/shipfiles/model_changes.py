@@ -57,4 +57,5 @@ def with_instruments(ship: Ship, names: Sequence[str], trials: Sequence[Trial] =
     seen = kinematics_of(trials, ship) if trials and "velocity_filter" in new else None
     if shown and seen and seen.lag_below(0.5 * min(trial.dt for trial in trials)):
         new = []
-    return freeing_effects(ship, [seen.form_of(name) if seen else name for name in new])
+    forms = [seen.form_of(name) for name in new] if seen else new
+    return freeing_effects(ship, forms)

@@ -133,13 +133,11 @@ def may_keep(ship: Ship, trials: TrialSet, wanted: tuple[str, ...]) -> bool:
     return wanted != ("none",) and len(trials.campaigns.comparable) >= 2 and bool(instruments(ship, wanted))
 
 
-def by_campaign(
-    fit: Calibration, trials: TrialSet, wanted: tuple[str, ...] = (), progress: OnProgress | None = None
-) -> CampaignFit:
+def by_campaign(fit: Calibration, wanted: tuple[str, ...] = (), progress: OnProgress | None = None) -> CampaignFit:
     """The calibration ``fit`` with a value per campaign of each instrument for which that pays, else as it is.
 
-    fit: where it is a draft, one Newton step leads to what is judged (a one-step estimate, Bickel 1975); trials: that
-    it was made of; wanted: names of instruments, () for all, ("none",) for none; progress: of the second calibration.
+    fit: where it is a draft, one Newton step leads to what is judged (a one-step estimate, Bickel 1975); wanted: names
+    of instruments, () for all, ("none",) for none; progress: of the second calibration.
     Needs two campaigns with two runs each at least. Raises UserError where the campaigns of trials contradict each
     other, or an instrument wanted is unknown.
     """
@@ -147,17 +145,17 @@ def by_campaign(
     same, ship = CampaignFit(fit), fit.problem.ship
     if wanted == ("none",):
         return same
-    campaigns, tried = trials.campaigns, instruments(ship, wanted)
+    campaigns, tried = fit.trials.campaigns, instruments(ship, wanted)
     judged = (fit.draft or fit.converged) and fit.constants is None
     if len(campaigns.comparable) < 2 or not tried or not judged:
         return replace(same, messages=why_not(campaigns, bool(wanted)))
-    logs = kinematics_of(trials, ship)
+    logs = kinematics_of(fit.trials, ship)
     length = float(ship.particulars["L"])
     readings = {each.symbol: r for each in tried if logs and (r := run_readings(logs, each, length, campaigns))}
     # what the logs do not tell counts as equal, and is corrected for
     chance = holm([readings[each.symbol][1] if each.symbol in readings else 1.0 for each in tried])
     differing = {each.symbol: readings[each.symbol][0] for each, p in zip(tried, chance, strict=True) if p < LEVEL}
-    made, widths = _with_constants(fit, campaigns, differing, trials, progress) if differing else (same, {})
+    made, widths = _with_constants(fit, campaigns, differing, progress) if differing else (same, {})
     without, own = map(float, map(np.nanmean, made.left_out)) if made.left_out else (math.nan, math.nan)
     judgement = {"without": without, "own": own, "taken": made.calibration is not fit}
     nothing = {"without": math.nan, "own": math.nan, "taken": False}
@@ -216,7 +214,6 @@ def _with_constants(
     fit: Calibration,
     campaigns: Groups,
     readings: Mapping[str, RunReadings],
-    trials: TrialSet,
     progress: OnProgress | None,
 ) -> tuple[CampaignFit, dict[str, float]]:
     """The calibration with constants by campaign of the ``readings`` (by symbol) where it converges and runs left out
@@ -247,13 +244,13 @@ def _with_constants(
     x = problem.join(nodes, estimates_without(information(problem, x), [()], problem.p_bounds())[0])
     control = Control.within(settings.time_limit, progress, settings.max_iterations)
     new = estimated(problem, StartingPoint(x, near=True), settings, control, own)
-    new = replace(new, data_warnings=fit.data_warnings, notices=fit.notices)
+    new = new.of_trials(fit.trials, fit.data_warnings, fit.notices)
     same = CampaignFit(fit)
     if not new.converged or new.constants is None:
         return same, widths
     info = readings_as_rows(new.information, new.problem.prior, own, readings)
-    folds, unit = trials.apart, change_over(trials, WINDOW, STRIDE)
-    scores = leave_out(fit, trials, folds, unit), leave_out(new, trials, folds, unit, info=info)
+    folds, unit = fit.trials.apart, change_over(fit.trials, WINDOW, STRIDE)
+    scores = leave_out(fit, folds, unit), leave_out(new, folds, unit, info=info)
     if not gains(*scores):
         return replace(same, left_out=scores), widths
     without, own_error = (float(np.nanmean(some)) for some in scores)

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cases.trial import Trial
 from fitting.calibration import Calibration
 from fitting.nlp.fisher_information import Information
 from fitting.prediction.predict import ShipsByTrial
@@ -91,13 +90,9 @@ def coefficients_without(
 
 
 def leave_out(
-    fit: Calibration,
-    trials: Sequence[Trial],
-    folds: Sequence[Sequence[int]],
-    sigma: np.ndarray,
-    info: Information | None = None,
+    fit: Calibration, folds: Sequence[Sequence[int]], sigma: np.ndarray, info: Information | None = None
 ) -> np.ndarray:
-    """How the calibration ``fit`` predicts its own ``trials`` when they are left out, fold by fold: mean squared error
+    """How the calibration ``fit`` predicts its own trials when they are left out, fold by fold: mean squared error
     (R,) of the 30 s windows of each over six states in units of ``sigma`` (6,).
 
     folds: numbers of the trials left out together, each in one; info: of the windows, by default that of the
@@ -107,5 +102,5 @@ def leave_out(
     own = coefficients_without(fit, folds, info)
     # all windows of all runs in one batch
     simulator = ShipsByTrial(fit.ship, own, not fit.problem.kernels.interpreted_because)
-    rows = score(simulator, list(trials), sigma).trials
+    rows = score(simulator, fit.trials, sigma).trials
     return np.array([row.window if row.windows > 0 else np.nan for row in rows])

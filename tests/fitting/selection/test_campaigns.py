@@ -70,7 +70,7 @@ def lagging(differ: bool = True) -> list[Trial]:
 def calibrated(differ: bool) -> tuple[Calibration, CampaignFit]:
     trials = lagging(differ)
     found = estimate_coefficients(SHIP, trials, Settings())
-    return found, by_campaign(found, TrialSet.of(trials), ("gyro", "log_scale"))
+    return found, by_campaign(found, ("gyro", "log_scale"))
 
 
 @pytest.mark.slow
@@ -94,7 +94,7 @@ def test_a_calibration_without_its_last_solve_keeps_the_same_instruments(differ:
     """It is judged a Newton step further, and what is fitted then is the same."""
     (whole, fit), trials = calibrated(differ), lagging(differ)
     draft = estimate_coefficients(SHIP, trials, Settings(), draft=True)
-    again = by_campaign(draft, TrialSet.of(trials), ("gyro", "log_scale"))
+    again = by_campaign(draft, ("gyro", "log_scale"))
     assert draft.draft and draft.solution.objective > whole.solution.objective
     assert fit.content is not None and again.content is not None
     taken = [[(row["name"], row["taken"]) for row in c["tried"]] for c in (fit.content, again.content)]
@@ -174,7 +174,7 @@ def test_what_is_handed_out_is_certified_and_its_runs_are_judged_and_nothing_els
 def test_a_campaign_that_does_not_tell_a_lag_gets_the_mean_of_all_and_that_is_said() -> None:
     """Straight runs show no turn rate."""
     trials = lagging() + fleet(HIDDEN, {DAYS[2]: ["gyro:T=0.9"]}, ("straight", "acceleration"), 300, 10.0, 100.0)
-    fit = by_campaign(estimate_coefficients(SHIP, trials, Settings()), TrialSet.of(trials), ("gyro",))
+    fit = by_campaign(estimate_coefficients(SHIP, trials, Settings()), ("gyro",))
     constants = fit.calibration.constants
     assert constants is not None and len(constants.value) == len(DAYS)
     value, std = constants.value[:, constants.symbols.index("gyro.T")], constants.std[:, 0]

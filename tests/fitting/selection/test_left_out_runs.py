@@ -69,7 +69,7 @@ def test_a_bound_holds_and_the_others_follow():
 def test_scores_without_a_run_are_near_those_of_a_refit():
     trials, found = calibrated()
     sigma = pooled_sigma(trials)
-    fast = leave_out(found, trials, each_alone(len(trials)), sigma)
+    fast = leave_out(found, each_alone(len(trials)), sigma)
     inside = score(Simulator(found.ship), trials, sigma).trials
     moved, off = [], []
     for i, trial in enumerate(trials):
@@ -88,7 +88,7 @@ def test_a_fold_of_runs_is_left_out_together():
     folds = [(0, 1), (2, 3)]
     estimates = estimates_without(found.information, [*folds, (0,)], found.problem.p_bounds())
     assert np.abs(estimates[0] - estimates[2]).max() > 0
-    rows = leave_out(found, trials, folds, pooled_sigma(trials))
+    rows = leave_out(found, folds, pooled_sigma(trials))
     values = found.prior.mean + found.prior.std * estimates[1]
     ship = found.problem.ship.with_values(dict(zip(found.prior.symbols, values, strict=True)))
     by_hand = score(Simulator(ship), trials[2:], pooled_sigma(trials)).trials
