@@ -68,34 +68,6 @@ def by_window() -> tuple[GriddedTrials, np.ndarray]:
     return short_data(H), np.column_stack([off_neutral(steps), theta_of(steps, second)])
 
 
-def test_steps_with_coefficients_by_window_are_those_of_each_window_by_itself() -> None:
-    steps, (data, theta) = full_steps(H), by_window()
-    path = path_near(steps, data, off_neutral(steps))
-    every, columns = np.arange(steps.S), np.arange(steps.P)
-    rng = np.random.default_rng(4)
-    K, R = data.inputs.shape[:2]
-    weight = rng.standard_normal((K, R, steps.S, steps.S + 3))
-    weight_logged = rng.standard_normal((K + 1, R, 6, steps.S))
-    memory, force = np.arange(6, steps.S), path.force[:-1]
-    both = steps.linearise(path.z, data.inputs, theta, force, columns, every)
-    logdet_gradient = steps.logdet_gradient(path.z, data.inputs, theta, force, weight, weight_logged, columns, every)
-    passed = steps.with_passive_states(path.z, data.inputs, theta, force, memory)
-    begin = steps.settled(data.y[0].T, data.inputs[0].T, theta)
-    for r in range(R):
-        w = slice(r, r + 1)
-        z, inputs, pushed, own = path.z[:, w], data.inputs[:, w], force[:, w], theta[:, r]
-        alone = steps.linearise(z, inputs, own, pushed, columns, every)
-        for name in ("end", "F", "G", "force", "logged", "H", "observed"):
-            np.testing.assert_allclose(getattr(both, name)[:, w], getattr(alone, name), rtol=1e-9, atol=1e-11)
-        one = steps.logdet_gradient(z, inputs, own, pushed, weight[:, w], weight_logged[:, w], columns, every)
-        np.testing.assert_allclose(logdet_gradient[w], one, rtol=1e-8, atol=1e-8 * np.abs(one).max())
-        alone_passed = steps.with_passive_states(z, inputs, own, pushed, memory)
-        np.testing.assert_allclose(passed[:, w], alone_passed, rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(begin[:, w], steps.settled(data.y[0, w].T, inputs[0].T, own), rtol=1e-9, atol=1e-12)
-    other = steps.linearise(path.z[:, 1:], data.inputs[:, 1:], theta[:, 0], force[:, 1:], columns, every)
-    assert np.abs(other.end - both.end[:, 1:]).max() > 1e-2  # which coefficients a window has does matter
-
-
 def test_a_likelihood_with_coefficients_by_window_is_the_sum_of_those_of_the_windows() -> None:
     steps, (data, theta) = full_steps(H), by_window()
     noise, every = initial_noise(steps.ship), np.arange(steps.S)

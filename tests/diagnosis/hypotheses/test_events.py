@@ -7,30 +7,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.trial import Trial
 from diagnosis.estimation.kalman import DrivenColumns
 from diagnosis.estimation.linearisation import linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel
-from diagnosis.hypotheses.dictionary import AFTER_RUDDER, DELAYS, Dictionary
+from diagnosis.hypotheses.dictionary import DELAYS, Dictionary
 from diagnosis.hypotheses.events import (
     AT_TIMES,
     LATE,
     MOST,
     SWINGING,
-    TURNS,
     Events,
     EventSlopes,
     event_slopes,
     swing_backgrounds,
 )
-from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.refit import SearchProblem
-from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
-from tests.support.diagnosis_cases import acted_windows, fitted_to, problem_of, pushed_problem, pushed_trials, quiet
+from tests.support.diagnosis_cases import pushed_problem, quiet
 
-DELTA, POSITION = "delay of delta at times", "sensor of position at times"
+DELTA = "delay of delta at times"
 
 
 def calm() -> tuple[SearchProblem, Estimate]:
@@ -68,72 +64,6 @@ def test_all_stretches_together_are_the_delay_of_the_dictionary() -> None:
     slope = -(gram[:-1, -1] + np.append(logdet, forms.logdet_gradient(at)[place])) - np.append(null.p, 0.0)
     assert found.g.sum() == pytest.approx(slope[-1] - taken @ slope[:-1], rel=1e-6, abs=1e-6)
     assert found.S.sum() == pytest.approx(gram[first, first] - gram[first, :first] @ taken, rel=1e-6)
-
-
-def of(trials: list[Trial]) -> UnnamedForms:
-    problem, null = problem_of(trials)
-    return unnamed_forms(problem.steps, problem.data, null)
-
-
-def test_chance_shows_no_events() -> None:
-    problem, null = calm()
-    found = unnamed_forms(problem.steps, problem.data, null)
-    other = [value for kind, value in found.by_kind.items() if kind == AFTER_RUDDER or kind.endswith(" s")]
-    assert len(other) == len(TURNS) + 1
-    assert found.evidence < ODDS and max(found.by_kind[DELTA], found.by_kind[POSITION], *other) < 2
-
-
-def test_a_stream_that_turns_within_each_run_shows() -> None:
-    """By 3 cm/s with a period of 50 s and another phase in each run, while the mean of each run is no stream."""
-    steps = calm()[0].steps
-    x, y = (steps.ship.symbols.index(f"current.{a}") for a in "xy")
-
-    def turned(k: int, z: np.ndarray, force: np.ndarray, theta: np.ndarray) -> None:
-        phase = 2 * np.pi * k * steps.h / 50.0 + np.arange(z.shape[1])
-        theta[x], theta[y] = 0.03 * np.sin(phase), 0.02 * np.cos(phase)
-
-    found = unnamed_forms(*fitted_to(calm()[0], acted_windows(calm()[0], 1, turned)))
-    assert found.evidence > ODDS
-    assert max(found.by_kind, key=found.by_kind.__getitem__).endswith(" 48 s")  # the nearest of TURNS
-
-
-def test_a_roll_that_swings_after_turns_shows() -> None:
-    """An oscillator with a period of 7 s and 5 % of the critical damping, driven by speed and turn rate, not by the
-    rudder, that pushes the hull to the side and turns it."""
-    steps, omega, heel = calm()[0].steps, 2 * np.pi / 7.0, np.zeros((2, calm()[0].data.inputs.shape[1]))
-
-    def rolled(k: int, z: np.ndarray, force: np.ndarray, theta: np.ndarray) -> None:
-        for _ in range(10):
-            h = steps.h / 10
-            heel[1] += h * (omega**2 * (10 * z[3] * z[5] - heel[0]) - 0.1 * omega * heel[1])
-            heel[0] += h * heel[1]
-        force[1] -= 2.0 * heel[0]
-        force[2] += 6.0 * heel[0]
-
-    found = unnamed_forms(*fitted_to(calm()[0], acted_windows(calm()[0], 1, rolled)))
-    assert found.evidence > ODDS and found.by_kind[AFTER_RUDDER] > 3
-
-
-@pytest.mark.slow
-def test_a_position_that_is_off_for_a_while_shows() -> None:
-    """By 15 cm in the second third of each run, as where a building throws the signals back."""
-    off = []
-    for t in pushed_trials(1, how=quiet(X=0.3, Y=0.6, N=0.4)):
-        third = (t.t - t.t[0]) * 3 // (t.t[-1] - t.t[0] + 1e-9)
-        off.append(t.with_columns(x=t["x"] + 0.15 * (third == 1)))
-    found = of(off)
-    assert found.evidence > ODDS and max(found.by_kind, key=found.by_kind.__getitem__) == POSITION
-
-
-@pytest.mark.slow
-def test_a_rudder_that_comes_late_now_and_then_shows() -> None:
-    """By 4 s in every other stretch of 10 s, and as early in the others."""
-    late = []
-    for i, t in enumerate(pushed_trials(1, how=quiet(X=0.1, Y=0.2, N=0.1))):
-        way = np.where((t.t + 7 * i) % 20 < 10, 4.0, -4.0)
-        late.append(t.with_columns(delta=np.interp(t.t + way, t.t, t["delta"])))
-    found = of(late)
-    assert found.evidence > ODDS and found.by_kind[DELTA] > 5
 
 
 def swings(level: float, line: float = 1.0) -> dict[str, EventSlopes]:

@@ -18,7 +18,7 @@ from cases.trial import Trial
 from diagnosis.estimation.candidates import find
 from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.hypotheses.forward_selection import Selection, select_effects
-from diagnosis.hypotheses.reference import LEAST, USUAL, Reference, fit_reference
+from diagnosis.hypotheses.reference import USUAL, Reference, fit_reference
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.inputs import calibration_trials
@@ -72,17 +72,6 @@ def known(*effects: str, runs: int = 1) -> tuple[SearchProblem, Reference]:
 
 
 @pytest.mark.slow
-def test_trials_of_the_ship_itself_show_little_and_hardly_scatter() -> None:
-    """In typical sizes of each effect."""
-    problem, found = known()
-    assert list(found.shift) == list(found.scatter) == [x for c in problem.candidates for x in c.columns]
-    shift, scatter = np.array(list(found.shift.values())), np.array(list(found.scatter.values()))
-    assert np.abs(shift).max() < 1.5 and np.sqrt((shift**2).mean()) < 0.6
-    assert (scatter >= LEAST).all() and (scatter == LEAST).any() and scatter.max() < 1.2 and np.median(scatter) < 0.3
-    assert found.strong == () and 0.0 <= found.unnamed * problem.data.samples < LIMIT
-
-
-@pytest.mark.slow
 def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_which_more_runs_average() -> None:
     (problem, one), many, P = known(), known(runs=9)[1], len(FREE)
     assert one.priors.symbols == (*FREE, *(c.symbol for c in one.shift))
@@ -113,17 +102,6 @@ def test_what_is_random_in_the_reference_is_usual_in_other_trials() -> None:
     assert ready.null.noise.tau == usual.tau and ready.gap == alone.gap == 1
     near, far = (np.abs(np.log(n.force / usual.force)).max() for n in (ready.null.noise, alone.null.noise))
     assert near < 0.7 and near < far
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", first_quick(MODERATE))
-def test_a_moderate_effect_of_the_reference_is_its_neutral_value(name: str) -> None:
-    found = known(MODERATE[name])[1]
-    truth = dict(part.split("=") for part in MODERATE[name].split(":")[1].split(","))
-    c = find(found.candidates, name)
-    assert found.strong == ()
-    for symbol, value in zip(c.symbols, c.neutral, strict=True):
-        assert value == pytest.approx(float(truth[symbol.split(".")[1]]), abs=0.5 * c.typical[0]), symbol
 
 
 @pytest.mark.slow

@@ -175,22 +175,6 @@ def test_slopes_are_the_same_a_little_beside_the_best_coefficients() -> None:
 
 
 @pytest.mark.slow
-def test_effects_that_cannot_act_are_not_excited() -> None:
-    """No reversal of the propeller and a bank far away; where it reverses, the side force is seen."""
-    p, null = pushed_problem(1, runs=(("zigzag:20/20", 60.0), ("turning:-20", 60.0)))
-    far = p.data.y + np.array([0.0, 500.0, 0.0, 0.0, 0.0, 0.0])
-    moved = replace(null.path, z=null.path.z.copy())
-    moved.z[..., 1] += 500.0
-    there = SearchProblem(p.steps, replace(p.data, y=far), p.base, p.candidates)
-    rows = rows_of(there, replace(null, path=moved))
-    assert {name for name, r in rows.items() if not r.excited} == {"propeller_side_force", "bank"}
-    for name in ("propeller_side_force", "bank"):
-        assert (rows[name].T, rows[name].p_value, rows[name].absorbed) == (0.0, 1.0, 0.0) and not rows[name].phi.any()
-    p, null = pushed_problem(1, runs=ASTERN[2:])
-    assert rows_of(p, null)["propeller_side_force"].excited
-
-
-@pytest.mark.slow
 def test_a_coefficient_hides_an_effect_the_more_the_wider_its_prior() -> None:
     """More resistance is imitated by X_0F, the others held, and an error of the heading is not."""
     p, null = pushed_problem(1, runs=RUNS[:2])

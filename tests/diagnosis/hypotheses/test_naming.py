@@ -1,4 +1,4 @@
-"""Other forms of faults of instruments: one column alone is wrong where the library moves several together."""
+"""Naming: other forms of faults of instruments, where one column alone is wrong, and what looks alike."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import pytest
 
 from diagnosis import summary
 from diagnosis.estimation.candidates import Candidate
-from diagnosis.hypotheses.forward_selection import Selection, select_effects
+from diagnosis.hypotheses.forward_selection import ODDS, Selection, select_effects
 from diagnosis.hypotheses.next_test import next_test
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_forms
-from tests.support.diagnosis_cases import FEW, full_model, pushed_problem
+from tests.support.diagnosis_cases import FEW, candidate, full_model, pushed_problem
 from tests.support.quick import first_quick
 
 FORMS = {
@@ -72,3 +72,14 @@ def test_what_to_test_next_is_asked_of_the_form_and_told_of_the_effect() -> None
     assert "heading_bias" in words
     percent = float(words.split("measure it to ")[1].split(" %")[0])
     assert 0 < percent < 5  # 0.05 rad of a compass that is good to 0.0015
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("truth", first_quick(["rudder_lag:T=0.4", "control_delay:tau=0.4"]))
+def test_what_looks_alike_is_in_one_class(truth: str) -> None:
+    """A rudder behind its record and a delay of both actuators, here hardly to be told apart."""
+    problem, null = pushed_problem(2, truth, runs=(("zigzag:20/20", 60.0), ("turning:-20", 60.0)))
+    s = select_effects(problem, null).searches[0]
+    assert s.best and s.best.evidence > ODDS
+    assert {"rudder_lag", "control_delay"} <= {c.label for c in s.indistinguishable}
+    assert s.indistinguishable[0] == s.refitted[0].candidate and candidate("current") not in s.indistinguishable
