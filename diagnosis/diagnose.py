@@ -259,7 +259,7 @@ def _advice(ready: Prepared, selection: Selection, same: Sequence[str], ship: Sh
     return next_test(p, summary.fit_with(selection, rivals[0]), rivals, after)
 
 
-NOTHING = RandomSizes((0.0, 0.0, 0.0), 0.0, (0.0,) * 6, (0.0,) * 6)  # Sizes of noise where none was estimated
+NOTHING = RandomSizes((0.0, 0.0, 0.0), 0.0, (0.0,) * 6)  # Sizes of noise where none was estimated
 
 
 def no_answer(ship: Ship, why: str, warnings: Sequence[str], inputs: DiagnosisInputs, seconds: float) -> Diagnosis:

@@ -338,21 +338,20 @@ class LearnedResidual:
 @dataclass(frozen=True)
 class RandomSizes:
     """What is random in the fit without effects: rms of the latent force (3,) [N, N, N m] and its correlation time [s];
-    standard deviations (6,) of the white and of the correlated errors of x, y [m], psi [rad], u, v [m/s], r [rad/s];
-    gust: rms of unlogged gusts along and across the wind [share of its speed], its memory [s], None without wind."""
+    standard deviations (6,) of the white errors of x, y [m], psi [rad], u, v [m/s], r [rad/s]; gust: rms
+    of unlogged gusts along and across the wind [share of its speed], its memory [s], None without wind."""
 
     force_N_N_Nm: tuple[Real, Real, Real]
     force_memory_s: Real
     white: tuple[Real, ...]
-    coloured: tuple[Real, ...]
     gust: tuple[Real, Real] | None = None
     gust_memory_s: Real | None = None
 
     @staticmethod
     def of(fit: Estimate) -> RandomSizes:
         """The sizes of the noise of ``fit``."""
-        force, white, coloured = (tuple(a.tolist()) for a in (fit.noise.force, fit.noise.white, fit.noise.coloured))
-        sizes = RandomSizes(force, float(fit.noise.tau), white, coloured)
+        force, white = (tuple(a.tolist()) for a in (fit.noise.force, fit.noise.white))
+        sizes = RandomSizes(force, float(fit.noise.tau), white)
         if fit.path.gusts is None:
             return sizes
         along, across = fit.noise.gust.tolist()

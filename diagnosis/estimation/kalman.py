@@ -1,8 +1,8 @@
 """Kalman filter and smoother of a linear model with a latent force, for R windows side by side.
 
 The state is that of the ship, then a latent force X, Y, N (Ornstein-Uhlenbeck process), then gusts where the trials
-have them, then a coloured error of each sensor (first order too). Notation of Durbin & Koopman (2012), chapter 4. The
-first state of a window is given so wide a covariance that it is as good as unknown.
+have them. Notation of Durbin & Koopman (2012), chapter 4. The first state of a window is given so wide a covariance
+that it is as good as unknown.
 """
 
 from __future__ import annotations
@@ -95,10 +95,9 @@ PRIOR_SAMPLES = 30.0  # Samples that a prior of the noise counts as. Set by hand
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """Standard deviations of the latent force (3,) [N, N, N m], of the white errors of the sensors (6,) [units of x, y,
-    psi, u, v, r] and of their coloured errors (6,), 0: none; correlation times tau and colour_tau [s] of force and
-    coloured errors; gust: (2,) of gusts along and across the wind [share of its speed], with correlation time gust_tau
-    [s], which count where the trials have gusts.
+    """Standard deviations of the latent force (3,) [N, N, N m], with correlation time tau [s], and of the white errors
+    of the sensors (6,) [units of x, y, psi, u, v, r]; gust: (2,) of gusts along and across the wind [share of its
+    speed], with correlation time gust_tau [s], which count where the trials have gusts.
 
     prior: sizes that the same ship and instruments had in other trials, or None.
     """
@@ -106,8 +105,6 @@ class NoiseModel:
     force: np.ndarray
     tau: float
     white: np.ndarray
-    coloured: np.ndarray
-    colour_tau: float
     gust: np.ndarray = field(default_factory=lambda: np.full(2, 0.05))
     gust_tau: float = 1.0
     prior: NoiseModel | None = None
@@ -125,12 +122,9 @@ class NoiseModel:
     def towards(self, other: NoiseModel, share: float) -> NoiseModel:
         """Sizes on the way to those of the ``other``: a ``share`` of the logarithm of each ratio."""
 
-        def between(one: np.ndarray, last: np.ndarray) -> np.ndarray:
-            return np.where(one > 0, one * (last / np.where(one > 0, one, 1.0)) ** share, one)
-
-        force, white = between(self.force, other.force), between(self.white, other.white)
-        coloured, gust = between(self.coloured, other.coloured), between(self.gust, other.gust)
-        return replace(self, force=force, white=white, coloured=coloured, gust=gust)
+        pairs = ((getattr(self, name), getattr(other, name)) for name in ("force", "white", "gust"))
+        force, white, gust = (one * (last / one) ** share for one, last in pairs)
+        return replace(self, force=force, white=white, gust=gust)
 
     def with_(self, **changed: object) -> NoiseModel:
         """A copy with the fields ``changed``."""
@@ -177,30 +171,26 @@ def linear_system(
     h: float,
     gusts: np.ndarray | None = None,
 ) -> LinearSystem:
-    """State-space model of S ship states, latent force, gusts and coloured errors.
+    """State-space model of S ship states, latent force and gusts.
 
     linear: linearised model; noise: sizes; first: (R, S, S) initial covariance of the ship's states; good: (K + 1, R,
     6) values compared; inside: (K, R) steps that exist; h: step [s]; gusts: as of ``GriddedTrials``.
     """
     K, R, S = linear.force.shape[:3]
-    coloured = np.flatnonzero(noise.coloured > 0)
     gust = noise.gust[: 0 if gusts is None else 2]
-    n = S + 3 + len(gust) + len(coloured)
-    # of one size, after a step
-    left, left_b, left_g = (float(np.exp(-h / tau)) for tau in (noise.tau, noise.colour_tau, noise.gust_tau))
-    decay = np.concatenate([np.full(3, left), np.full(len(gust), left_g), np.full(len(coloured), left_b)])
-    at, seen = np.arange(S, n), n - len(coloured)
+    n = S + 3 + len(gust)
+    decay = np.exp(-h / np.array([noise.tau] * 3 + [noise.gust_tau] * len(gust)))  # of one size, after a step
+    at = np.arange(S, n)
     T = np.zeros((K, R, n, n))
     T[..., :S, :S], T[..., :S, S : S + 3] = linear.F, linear.force
     if gusts is not None:
-        T[..., :S, S + 3 : seen] = linear.force @ gusts
+        T[..., :S, S + 3 :] = linear.force @ gusts
     T[..., at, at] = decay
     T[~inside] = np.eye(n)  # behind its end a window stands still
     Z = np.zeros((K + 1, R, 6, n))
     Z[..., :S] = linear.H
-    Z[..., coloured, seen + np.arange(len(coloured))] = 1.0
     Z[~good] = 0.0
-    own = np.concatenate([noise.force, gust, noise.coloured[coloured]]) ** 2
+    own = np.concatenate([noise.force, gust]) ** 2
     Q = np.concatenate([np.zeros(S), own * (1 - decay**2)])  # so their variances stay what they are at the start
     start = np.zeros((R, n, n))
     start[:, :S, :S] = first

@@ -301,11 +301,11 @@ def _residual(
     pushed[:, :, :A, 0] = (linear.end - z[1:])[..., active]
     # what the path's force adds to its decay
     pushed[:, :, A : A + 3, 0] = np.exp(-data.h / at.noise.tau) * force[:-1] - force[1:]
-    start = np.zeros((R, own + int((at.noise.coloured > 0).sum()), 1))
+    start = np.zeros((R, own, 1))
     start[:, A : A + 3, 0] = -force[0]  # the column is where the model should be less where it is
     if data.gusts is not None and gust is not None:
         pushed[:, :, A + 3 :, 0] = np.exp(-data.h / at.noise.gust_tau) * gust[:-1] - gust[1:]
-        start[:, A + 3 : own, 0] = -gust[0]
+        start[:, A + 3 :, 0] = -gust[0]
     if A > 6:
         # memory states begin where they would come to rest
         calm = settled(steps.model, z[0, :, :6].T, data.inputs[0].T, at.theta).T

@@ -36,16 +36,13 @@ def initial_noise(ship: Ship) -> NoiseModel:
     length = float(ship.particulars["L"])
     force = np.array([0.2, 0.3, 0.2 * length_scale(length)]) * force_scale(length)  # [N, N, N m]
     white = np.array([0.02, 0.02, 0.003, 0.006, 0.006, 0.001]) * state_scale(length)  # [m, m, rad, m/s, m/s, rad/s]
-    return NoiseModel(
-        force, 6.0 * time_scale(length), white, np.zeros(6), 4.0 * time_scale(length), gust_tau=time_scale(length)
-    )
+    return NoiseModel(force, 6.0 * time_scale(length), white, gust_tau=time_scale(length))
 
 
 def least_noise(ship: Ship) -> NoiseModel:
     """Sizes below which no estimate for a ``ship`` goes: LEAST and LEAST_FORCE of the initial ones."""
     typical = initial_noise(ship)
-    white = LEAST * typical.white
-    return typical.with_(force=LEAST_FORCE * typical.force, white=white, coloured=white)
+    return typical.with_(force=LEAST_FORCE * typical.force, white=LEAST * typical.white)
 
 
 def wider(known: NoiseModel, ship: Ship) -> NoiseModel:
@@ -87,12 +84,12 @@ RIDGE = 1e-3, 1e-6  # set by hand
 
 def _sizes_and_bounds(here: Linearisation, typical: NoiseModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The sizes (q,) that drive the system of ``here``, and their bounds: force, gusts where the trials have any,
-    coloured errors, white errors (6). typical: sizes by ``initial_noise``."""
-    noise, coloured, errors = here.at.noise, here.at.noise.coloured > 0, LEAST * typical.white
+    white errors (6). typical: sizes by ``initial_noise``."""
+    noise = here.at.noise
     gust = noise.gust if here.data.gusts is not None else np.zeros(0)
-    sizes = np.concatenate([noise.force, gust, noise.coloured[coloured], noise.white])
+    sizes = np.concatenate([noise.force, gust, noise.white])
     least = least_force(noise, here.data, typical)
-    lower = np.concatenate([least, np.full(len(gust), GUST[0]), errors[coloured], errors])
+    lower = np.concatenate([least, np.full(len(gust), GUST[0]), LEAST * typical.white])
     upper = np.full(len(sizes), np.inf)
     upper[: 3 + len(gust)] = [*MOST * typical.force, *np.full(len(gust), GUST[1])]
     return sizes, lower, upper
@@ -100,11 +97,8 @@ def _sizes_and_bounds(here: Linearisation, typical: NoiseModel) -> tuple[np.ndar
 
 def _with_sizes(here: Linearisation, sizes: np.ndarray) -> NoiseModel:
     """The noise of ``here`` with other ``sizes`` (q,), in the order of ``_sizes_and_bounds``."""
-    noise, gusts = here.at.noise, 0 if here.data.gusts is None else 2
-    force, gust, colours, white = np.split(sizes, [3, 3 + gusts, len(sizes) - 6])
-    coloured = noise.coloured.copy()
-    coloured[noise.coloured > 0] = colours
-    return noise.with_(force=force, white=white, coloured=coloured, gust=gust if gusts else noise.gust)
+    force, gust, white = np.split(sizes, [3, len(sizes) - 6])
+    return here.at.noise.with_(force=force, white=white, gust=gust if len(gust) else here.at.noise.gust)
 
 
 def _squares(here: Linearisation, r: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -126,7 +120,7 @@ def _prior_share(noise: NoiseModel, sizes: np.ndarray) -> tuple[np.ndarray, np.n
 
 def updated_noise(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: NoiseModel) -> NoiseModel:
     """The sizes of the noise of a linearisation ``here`` after one step of the fixed point q <- q sum r^2 / sum N
-    (force, gusts, coloured errors) and R <- R sum u^2 / sum D; a prior counts as PRIOR_SAMPLES more samples of each.
+    (force, gusts) and R <- R sum u^2 / sum D; a prior counts as PRIOR_SAMPLES more samples of each.
 
     r: (K, R, n), u: (K + 1, R, 6) of the smoother; typical: sizes by ``initial_noise``, which bound those returned.
     """

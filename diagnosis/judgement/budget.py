@@ -135,7 +135,7 @@ def simulated_trials(
     steps: TransitionModel, data: GriddedTrials, fit: Estimate, count: int, rng: np.random.Generator
 ) -> Iterator[GriddedTrials]:
     """``count`` times ``data`` with logged columns drawn from a ``fit`` of the model ``steps``: new random forces and
-    gusts push the ship, new errors of the sensors are added, coloured ones included; rng: of both."""
+    gusts push the ship, new errors of the sensors are added; rng: of both."""
     noise, acted, path = fit.noise, acting(steps, data, fit.theta), initial_trajectory(steps, data, fit.theta)
     shape = data.y.shape[:2]
     for _ in range(count):
@@ -144,7 +144,6 @@ def simulated_trials(
             path = replace(path, gust=processes(shape, noise.gust, noise.gust_tau, data.h, rng), gusts=data.gusts)
         z = steps.follow(path.z, acted.controls, fit.theta, force=path.push[:-1])
         y = steps.logged(z, fit.theta) + noise.white * rng.standard_normal(data.y.shape)
-        y += processes(shape, noise.coloured, noise.colour_tau, data.h, rng)
         yield replace(data, y=np.where(data.measured, y, 0.0))
 
 

@@ -77,7 +77,7 @@ def test_the_files_have_exactly_their_keys(folder: Path) -> None:
         "mse_before", "mse_after", "reduction", "interval_90", "windows", "by_run", "metric", "horizons",
     }  # fmt: skip
     assert keys_of(content["held_out"]["by_run"].values()) == {"before", "after"}
-    assert set(content["noise"]) == {"force_N_N_Nm", "force_memory_s", "white", "coloured", "gust", "gust_memory_s"}
+    assert set(content["noise"]) == {"force_N_N_Nm", "force_memory_s", "white", "gust", "gust_memory_s"}
     assert {"all", "sway force"} <= set(content["unnamed"])
     assert set(content["learned"]) == {f.name for f in fields(LearnedResidual)}
     assert set(content["between"]) == {f.name for f in fields(Between)}

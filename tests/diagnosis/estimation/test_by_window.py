@@ -18,7 +18,6 @@ from tests.support.diagnosis_cases import (
     full_model,
     full_steps,
     off_neutral,
-    path_near,
     pushed_trials,
     short_data,
     theta_of,

@@ -18,8 +18,6 @@ NOISE = NoiseModel(
     force=np.array([0.4, 0.7, 0.5]),
     tau=3.0,
     white=np.array([0.1, 0.2, 0.05, 0.3, 0.2, 0.1]),
-    coloured=np.array([0.0, 0.15, 0.0, 0.0, 0.0, 0.05]),
-    colour_tau=2.0,
 )
 
 

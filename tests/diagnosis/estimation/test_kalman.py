@@ -25,8 +25,6 @@ NOISE = NoiseModel(
     force=np.array([0.4, 0.7, 0.5]),
     tau=3.0,
     white=np.array([0.1, 0.2, 0.05, 0.3, 0.2, 0.1]),
-    coloured=np.array([0.0, 0.15, 0.0, 0.2, 0.0, 0.05]),
-    colour_tau=2.0,
 )
 H_STEP = 0.8
 FIRST = np.array([1.0, 0.5, 2.0])
@@ -87,7 +85,7 @@ def dense(s: LinearSystem, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def column(seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What a column adds to the states over each step, to the logged columns, and its start."""
     rng = np.random.default_rng(seed)
-    n = S + 3 + int((NOISE.coloured > 0).sum())
+    n = S + 3
     return rng.standard_normal((K, R, n, 1)), rng.standard_normal((K + 1, R, 6, 1)), rng.standard_normal((R, n, 1))
 
 
@@ -114,12 +112,9 @@ def test_gusts_push_along_with_the_latent_force_and_have_their_own_size_and_memo
     assert not gusty.Z[..., own].any() and (gusty.T[inside][:, own][..., own] == left * np.eye(2)).all()
 
 
-@pytest.mark.parametrize("coloured", [True, False])
-def test_whitened_sum_of_squares_and_log_det_are_those_of_the_dense_covariance(coloured: bool) -> None:
-    s, _ = case(NOISE if coloured else NOISE.with_(coloured=np.zeros(6)))
-    n = s.T.shape[2]
+def test_whitened_sum_of_squares_and_log_det_are_those_of_the_dense_covariance() -> None:
+    s, _ = case()
     forcing, observed, start = column()
-    forcing, start = forcing[:, :, :n], start[:, :n]
     f = filtered(s)
     white, _ = responses(s, f, forcing, observed, start)
     for w in range(R):

@@ -39,7 +39,7 @@ from tests.support.diagnosis_cases import (
 from tests.support.disturbed_trials import drawn_ship
 
 LONG = (("zigzag:20/20", 120.0), ("random:11", 120.0), ("turning:-20", 120.0))
-NOISE = NoiseModel(np.array([0.06, 0.15, 0.1]), 5.0, WHITE, np.zeros(6), 4.0)
+NOISE = NoiseModel(np.array([0.06, 0.15, 0.1]), 5.0, WHITE)
 EFFECTS_TRIED = (
     "log_scale.share", "rudder_stall.loss", "current.x", "wind_force.Y", "gyro.share", "tow.N", "draft.share",
 )  # fmt: skip
@@ -149,7 +149,6 @@ def test_sizes_of_what_is_random_are_found() -> None:
     np.testing.assert_allclose(better.noise.force, [how.X, how.Y, how.N], rtol=0.6)
     assert 0.4 * how.tau < better.noise.tau < 2.5 * how.tau
     assert better.nll < found.nll + 1.0  # of few iterations
-    assert not better.noise.coloured.any()
 
 
 @pytest.mark.slow

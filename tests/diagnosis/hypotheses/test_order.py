@@ -33,7 +33,7 @@ from tests.support.diagnosis_cases import candidate, pushed_problem, quiet
 def a_fit(nll: float) -> Estimate:
     """A fit of which only the likelihood matters."""
     zero = np.zeros(0)
-    noise = NoiseModel(np.ones(3), 5.0, np.ones(6), np.zeros(6), 4.0)
+    noise = NoiseModel(np.ones(3), 5.0, np.ones(6))
     path = Trajectory(np.zeros((2, 1, 6)), np.zeros((2, 1, 3)))
     return Estimate(zero, Priors((), zero, zero, zero, zero), zero, path, noise, np.zeros((0, 0)), nll, 1, True)
 

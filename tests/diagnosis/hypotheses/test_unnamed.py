@@ -45,7 +45,7 @@ from tests.support.diagnosis_cases import (
 from tests.support.disturbed_trials import process
 from tests.support.quick import first_quick
 
-NOISE = NoiseModel(np.array([0.3, 0.6, 0.4]), 5.0, WHITE, np.zeros(6), 4.0)
+NOISE = NoiseModel(np.array([0.3, 0.6, 0.4]), 5.0, WHITE)
 LENGTH, FAR = 3.0, 10.0
 
 

@@ -41,7 +41,7 @@ def weaving(seed: int = 1) -> tuple[GriddedTrials, np.ndarray]:
 def fitted(z: np.ndarray, force: np.ndarray) -> Estimate:
     """An estimate with these states and this latent force (K + 1, R, 3)."""
     none = np.zeros(0)
-    noise = NoiseModel(np.ones(3), TAU, np.ones(6), np.zeros(6), TAU)
+    noise = NoiseModel(np.ones(3), TAU, np.ones(6))
     values = SHIP.values
     return Estimate(
         values, Priors((), none, none, none, none), none, Trajectory(z, force), noise, np.zeros((0, 0)), 0.0, 1, True
