@@ -24,8 +24,6 @@ from cases.trial import Trial
 from cases.trial_set import TrialSet
 from diagnosis import summary
 from diagnosis.estimation.candidates import FITTED_ALONG, find
-from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
 from diagnosis.findings import Between, DiagnosisInputs, HeldOut, InstrumentFault, RandomSizes, UnexplainedForce
 from diagnosis.groups.between import compare_groups
@@ -112,7 +110,8 @@ def diagnose(
             raise OutOfTimeError(f"{ship.name}: {error} {words}") from None
         timings = {**diagnosis.timings, "total": time.perf_counter() - began}  # with all passes, see ``_diagnosed``
         diagnosis = replace(diagnosis, warnings=(*remarks, *diagnosis.warnings), inputs=inputs, timings=timings)
-        return with_learned(diagnosis, trials, tests, o, control.note) if o.learn else diagnosis
+        diagnosis = replace(diagnosis, trials=trials, tests=tests)
+        return with_learned(diagnosis, o, control.note) if o.learn else diagnosis
 
 
 def _diagnosed(
@@ -127,11 +126,10 @@ def _diagnosed(
 ) -> Diagnosis:
     """The diagnosis; no test shares rows with the trials. All is done again where the search shows a sensor's fault."""
     began = time.perf_counter()
-    sensors, ship, repairs, ready = prepare_with_sensors(given, trials, site, options.step, calibration)
+    sensors, ship, repairs, ready = prepare_with_sensors(given, trials, tests, site, options.step, calibration)
     timings = {"fit": time.perf_counter() - began}
-    gridded = _like_training(tests, ready)
-    p = replace(ready.problem, tests=gridded)
-    result = judged_search(ready, p, options.seed, options.workers, progress)
+    p = ready.problem
+    result = judged_search(ready, options.seed, options.workers, progress)
     selection = result.found
     if faults := [sensors.form_of(c.effect) for c in selection.effects if c.effect in FITTED_ALONG]:  # no cause
         return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, calibration, groups, progress)
@@ -148,7 +146,7 @@ def _diagnosed(
     ship_before = summary.fitted_ship(ship, ready.full, selection.null, ())
     remainder = result.is_left and (budget is None or budget.matters)
     reasons = [*result.reasons] if remainder or result.verdict != "named" else []
-    reasons += limits(ready, selection, trials, tests, budget, final if is_found else None)
+    reasons += limits(ready, selection, budget, final if is_found else None)
     causes = [c for c in selection.effects if not c.measures]
     effects = tuple(summary.named_effect(ready.full, selection, c, time_error) for c in causes)
     LOGGER.info("locating the gap and planning the next test")
@@ -159,7 +157,7 @@ def _diagnosed(
     if missing is not None and (remainder or result.verdict == "unknown"):
         describe = partial(_unexplained, p, final, result.free.evidence, missing, after_all)
         unexplained = _unless_impossible(describe, "the unexplained force", None, reasons)
-    between = _between(ready, sensors, groups, trials, reasons)
+    between = _between(ready, sensors, groups, reasons)
     nearest = next((r.candidate.effect for s in selection.searches[:1] for r in s.refitted), "")
     off = tuple(f for f in instruments if f.name in {c.effect for c in selection.effects})
     sentence = sentence_of(result.verdict, effects, off, same, remainder, budget, nearest, unexplained)
@@ -213,13 +211,11 @@ def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, r
         return otherwise
 
 
-def _between(
-    ready: Prepared, sensors: Kinematics, groups: Groups | None, trials: Sequence[Trial], reasons: list[Message]
-) -> Between | None:
+def _between(ready: Prepared, sensors: Kinematics, groups: Groups | None, reasons: list[Message]) -> Between | None:
     """What differs between the groups, where this was asked."""
     if groups is None:
         return None
-    work = partial(compare_groups, ready.problem, ready.null, sensors, groups, trials)
+    work = partial(compare_groups, ready.problem, ready.null, sensors, groups, ready.trials)
     return _unless_impossible(work, "what differs between the groups", None, reasons)
 
 
@@ -227,16 +223,6 @@ def _sensor_sentences(sensors: Kinematics, instruments: Sequence[InstrumentFault
     """What is wrong with the sensors, each fault once."""
     known = {r.effect for r in sensors.found}
     return (*(r.sentence for r in sensors.found), *(f.sentence for f in instruments if f.name not in known))
-
-
-def _like_training(tests: Sequence[Trial], ready: Prepared) -> GriddedTrials | None:
-    """The test trials on the grid of the training trials, or None without any that is long enough."""
-    try:
-        p = ready.problem
-        data = trials_in_gusts(p.steps, tests, p.data.straight) if tests else None
-    except UserError:
-        return None
-    return data.thinned(ready.gap) if data is not None else None
 
 
 def _unexplained(

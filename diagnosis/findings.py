@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BeforeValidator
 
 from cases.io.campaigns import Groups
+from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from fitting.report.run_folder import SCHEMA_VERSION, Real, plain
@@ -410,7 +411,7 @@ class Findings(DiagnosisRecord):
     """The whole answer.
 
     ship: refitted, with the named effects. None after reading a folder: before (the ship refitted without effects),
-    null, final (the fits behind both), data (the training trials as arranged).
+    null, final (the fits behind both), data (the training trials as arranged), trials, tests (to check on).
     """
 
     inputs: DiagnosisInputs
@@ -419,6 +420,8 @@ class Findings(DiagnosisRecord):
     null: Estimate | None = None
     final: Estimate | None = None
     data: GriddedTrials | None = None
+    trials: Sequence[Trial] = ()
+    tests: Sequence[Trial] = ()
 
     @property
     def notices(self) -> tuple[str, ...]:

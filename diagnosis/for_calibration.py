@@ -22,7 +22,7 @@ from cases.io.campaigns import campaign_labels
 from cases.shipfiles.effects import calm_and_deep, parameters
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, Column
-from diagnosis.estimation.gridded_trials import possible_readings
+from diagnosis.estimation.gridded_trials import grids_as_read, possible_readings
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import priors_of_effects, set_values
@@ -254,9 +254,9 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
     without = ship.with_coefficients({s: ship.coefficients[s].with_(value=v, fixed=True) for s, v in rows})
     base = priors_before(without)
     full = without if "tow" in without.effects else without.with_effect("tow", {})
-    step = result.settings.step or default_step(trials, float(full.particulars["L"]))
-    steps = TransitionModel(full, [*base.symbols, *symbols, *FORCE], step)
-    ready = fit_as_read(steps, trials, full.values, base, initial_noise(full))[0]
+    grids = grids_as_read(trials, full.inputs, float(full.particulars["L"]), result.settings.step)
+    steps = TransitionModel(full, [*base.symbols, *symbols, *FORCE], grids[0].h)
+    ready = fit_as_read(steps, grids, full.values, base, initial_noise(full))[0]
     data, null = ready.data, ready.null
     start = {Column(s): result.estimates[s].value for s in symbols}
     problem = SearchProblem(steps, data, base, tuple(candidates))

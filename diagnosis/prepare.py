@@ -13,10 +13,11 @@ from cases.evidence.kinematics import Kinematics, consistency
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from diagnosis.estimation.candidates import FITTED_ALONG, Candidate, Column, FullModel, ship_with_all_effects
 from diagnosis.estimation.first_fit import MAX_FITS, FirstFit, fit_without_effects
-from diagnosis.estimation.gridded_trials import COARSE, can_divide, grid_trials, possible_readings
-from diagnosis.estimation.gusts import trials_in_gusts
+from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, grids_as_read
+from diagnosis.estimation.gusts import trials_in_gusts, with_gusts
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise, swallows, wider
@@ -25,8 +26,7 @@ from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.inputs import CalibrationTrials
-from fitting.nlp.windows import default_step
-from mmg.errors import Missing
+from mmg.errors import Missing, UserError
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
 from mmg.progress import LOGGER
@@ -94,10 +94,12 @@ class InputReading:
 class Prepared:
     """The problem and the fit without any effect.
 
-    reading: how samples of the actuators were read; gap: one in so many grid times is compared; line: of
-    ``spectral_line``; is_order_usual: channels of the latent force follow each other in trials of the calibration, too.
+    trials: fitted; tests: to check on; reading: how samples of the actuators were read; gap: one in so many grid times
+    is compared; line: of ``spectral_line``; is_order_usual: channels of the latent force follow each other in trials of
+    the calibration, too.
     """
 
+    trials: TrialSet
     problem: SearchProblem
     full: FullModel
     null: Estimate
@@ -106,6 +108,7 @@ class Prepared:
     notices: tuple[Message, ...]
     line: tuple[float, float]
     is_order_usual: bool = False
+    tests: Sequence[Trial] = ()
 
 
 def priors_before(ship: Ship, other_trials: bool = False) -> Priors:
@@ -165,10 +168,8 @@ def prepare(
         raise Missing(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
     length = float(ship.particulars["L"])
     notices: list[Message] = []
-    h = step or default_step(trials, length)
-    # too short ones are refused before a minute of compiling, at 0.4 s for a hundred records
-    grid_trials(trials, full.ship.inputs, length, h)
-    steps = TransitionModel(full.ship, [*base.symbols, *full.symbols], h)
+    grids = grids_as_read(trials, full.ship.inputs, length, step, straight)  # before a minute of compiling
+    steps = TransitionModel(full.ship, [*base.symbols, *full.symbols], grids[0].h)
     values = full.ship.values
     at = [full.ship.symbols.index(s) for s in base.symbols]
     values[at] = [ship.coefficients[s].value for s in base.symbols]
@@ -178,7 +179,8 @@ def prepare(
         from diagnosis.hypotheses.reference import fit_reference
         from diagnosis.hypotheses.score_test import score_tests, slopes
 
-        known_fit = fit_as_read(steps, reference, values, base, initial_noise(full.ship))[0]
+        old_grids = grids_as_read(reference, full.ship.inputs, length, steps.h)
+        known_fit = fit_as_read(steps, old_grids, values, base, initial_noise(full.ship))[0]
         old, null, gap = known_fit.data, known_fit.null, known_fit.gap
         is_order_usual = not force_order(steps, old, null).is_random
         known = fit_reference(steps, old, null, base, full.candidates, len(trials))
@@ -188,13 +190,12 @@ def prepare(
         tests = score_tests(slopes(steps, old, null, full.candidates), full.candidates)
         notices += _of_reference([t for t in tests if t.p_value < USUAL], known.strong)
         LOGGER.info("fitted to the trials of the calibration: %d runs, %d samples", len(old.trials), old.samples)
-    first, reading = fit_as_read(steps, trials, values, base, noise, gap, straight)
+    first, reading = fit_as_read(steps, grids, values, base, noise, gap)
     data, null, gap = first.data, first.null, first.gap
     notices += reading.notices
     finer = None
     if not (step or reference or gap > 1 or swallows(null.noise, full.ship)):
-        sample = max(t.dt for t in trials)
-        finer = finer_step(steps, data, null, sample, can_divide(trials, sample))
+        finer = finer_step(steps, data, null, data.sample, data.is_even)
     if finer is not None:
         LOGGER.info(f"the random force changes too much over {data.h:g} s for sensors as quiet as these: {finer:g} s")
         finely = prepare(ship, trials, site, finer, other_trials, straight=reading.chosen, effects=effects)
@@ -210,46 +211,62 @@ def prepare(
         notices.append(Message("the fit without any effect has not fully converged", "not_converged"))
     expected, of_null = (data.samples * usual).tolist()
     problem = SearchProblem(steps, data, base, full.candidates, expected, of_null)
-    return Prepared(problem, full, null, reading, gap, tuple(notices), first.line, is_order_usual)
+    return Prepared(TrialSet.of(trials), problem, full, null, reading, gap, tuple(notices), first.line, is_order_usual)
 
 
 def prepare_with_sensors(
-    given: Ship, trials: Sequence[Trial], site: Site, step: float | None, calibration: CalibrationTrials
+    given: Ship,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    site: Site,
+    step: float | None,
+    calibration: CalibrationTrials,
 ) -> tuple[Kinematics, Ship, list[Message], Prepared]:
     """``prepare`` with the faults of instruments that the logs show in the model of the ship.
 
-    given: the ship, with her priors; trials: to diagnose; site: what is known of the place; step: of the grid [s],
+    given: the ship, with her priors; trials: to diagnose; tests: to check on, left out of the problem where none is
+    long enough; site: what is known of the place; step: of the grid [s],
     None: by the trials; calibration: what she was calibrated on. Returns what the logs say of one another, the ship
     with those faults, messages on them, and the problem with its first fit. Raises UserError as ``prepare``.
     """
     sensors = consistency(trials, given)
     ship, repairs = with_sensor_faults(given, sensors)
-    return sensors, ship, repairs, prepare(ship, trials, site, step, calibration.other, calibration.reference)
+    ready = prepare(ship, trials, site, step, calibration.other, calibration.reference)
+    ready = replace(ready, problem=replace(ready.problem, tests=_like_training(tests, ready)), tests=tests)
+    return sensors, ship, repairs, ready
+
+
+def _like_training(tests: Sequence[Trial], ready: Prepared) -> GriddedTrials | None:
+    """The test trials on the grid of the training trials, or None without any that is long enough."""
+    try:
+        p = ready.problem
+        data = trials_in_gusts(p.steps, tests, p.data.straight) if tests else None
+    except UserError:
+        return None
+    return data.thinned(ready.gap) if data is not None else None
 
 
 def fit_as_read(
     steps: TransitionModel,
-    trials: Sequence[Trial],
+    grids: Sequence[GriddedTrials],
     theta: np.ndarray,
     base: Priors,
     noise: NoiseModel,
     gap: int = 0,
-    straight: bool | None = None,
 ) -> tuple[FirstFit, InputReading]:
-    """The fit without effects of ``trials``, whose actuators are held from sample to sample, or joined by lines where
-    both may be and that is more likely.
+    """The fit without effects of trials, whose actuators are held from sample to sample, or joined by lines where both
+    may be and that is more likely.
 
-    steps: the transition model; theta: (all,) first coefficients; base: their priors; noise: first sizes; gap: as of
-    ``fit_without_effects``; straight: how the actuators are read, where it is known. Returns the fit, and how they
-    were read. Raises UserError where all trials are too short.
+    steps: the transition model; grids: the trials read in one way, or in both (``grids_as_read``); theta: (all,) first
+    coefficients; base: their priors; noise: first sizes; gap: as of ``fit_without_effects``. Returns the fit, and how
+    they were read.
     """
-    length, sample = float(steps.ship.particulars["L"]), max(t.dt for t in trials)
-    known = possible_readings(trials) if straight is None else (straight,)
-    ways = [trials_in_gusts(steps, trials, way) for way in known]
+    length, sample = float(steps.ship.particulars["L"]), grids[0].sample
+    ways = [with_gusts(steps, grid) for grid in grids]
     # each from the same start: from the fit before, coefficients that the trials hardly tell would creep
     held = fit_without_effects(steps, ways[0], theta, base, noise, gap)
     if len(ways) == 1:
-        return held.finished(steps), InputReading(known[0], None, sample, length)
+        return held.finished(steps), InputReading(ways[0].straight, None, sample, length)
     try:
         joined = fit_without_effects(steps, ways[1], theta, base, noise, gap)
     except BrokenModelError:
@@ -287,8 +304,8 @@ def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Mess
     No gyro is exact: an error of its gain within the prior is none of the ship's dynamics.
     """
     faults = [name for name in sensors.effects() if name in FITTED_ALONG and name not in ship.effects]
-    free = [name for name in dict.fromkeys([*faults, "gyro"]) if name not in ship.effects]
-    ship = freeing_effects(ship, [sensors.form_of(name) for name in free])
+    free = [sensors.form_of(name) for name in dict.fromkeys([*faults, "gyro"]) if name not in ship.effects]
+    ship = freeing_effects(ship, free)
     if not faults:
         return ship, []
     words = f"the logged columns disagree with each other: {' and '.join(faults)} was put into the model of the sensors"

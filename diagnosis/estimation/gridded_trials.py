@@ -38,8 +38,8 @@ class GriddedTrials:
     inputs: (K, R, C) of the model, means over each step; steps: (R,) steps of each window.
     run: (R,) number of the trial of each window; trials: their names; dropped: sentences on what was left out.
     changes: (K, R, C) by which inputs rise from the start to the end of each step (of the line with the same mean and
-    first moment), None: not at all; sample: longest sampling time of the trials [s], 0: not known; straight:
-    inputs were joined by lines between samples, not held.
+    first moment), None: not at all; sample: longest sampling time of the trials [s], 0: not known; is_even: all have a
+    sample that often; straight: inputs were joined by lines between samples, not held.
     record: (N, R, C) of the inputs, means over PARTS of each step, with what was before the first one, None: not known;
     acting_at: values of what makes ``inputs`` and ``changes`` late of it, by window where they differ, (): nothing.
     gusts: (K, R, 3, 2) force X, Y, N [N, N, N m] over each step by a gust of the wind's own speed, along it and across;
@@ -58,6 +58,7 @@ class GriddedTrials:
     dropped: tuple[str, ...] = ()
     changes: np.ndarray | None = None
     sample: float = 0.0
+    is_even: bool = True
     straight: bool = False
     record: np.ndarray | None = None
     acting_at: tuple[tuple[float, ...], ...] = ()
@@ -153,6 +154,7 @@ def grid_trials(
         inputs=held[..., :C],
         changes=held[..., C:],
         sample=max(t.dt for t in trials),
+        is_even=can_divide(trials, max(t.dt for t in trials)),
         steps=np.array([p.steps for p in pieces]),
         run=np.array([p.run for p in pieces]),
         trials=tuple(trial.name for trial in trials),
@@ -160,6 +162,21 @@ def grid_trials(
         straight=straight,
         record=record,
     )
+
+
+def grids_as_read(
+    trials: Sequence[Trial],
+    inputs: Sequence[str],
+    length: float,
+    step: float | None = None,
+    straight: bool | None = None,
+) -> list[GriddedTrials]:
+    """The ``trials`` as of ``grid_trials`` in each way that their actuators may be read: held, and joined by lines.
+
+    inputs, length, step, and errors: as there; straight: how they are read, where it is known.
+    """
+    readings = possible_readings(trials) if straight is None else (straight,)
+    return [grid_trials(trials, inputs, length, step, reading) for reading in readings]
 
 
 def can_divide(trials: Sequence[Trial], sample: float) -> bool:

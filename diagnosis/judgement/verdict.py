@@ -16,14 +16,12 @@ import numpy as np
 
 from cases.evidence.tails import chi2_tail
 from cases.shipfiles.effects import parameters
-from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate, FullModel
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.findings import TESTS, Budget
 from diagnosis.hypotheses.forward_selection import MOST, ODDS, Selection, select_effects
-from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.prepare import Prepared
 from diagnosis.summary import parameters_of
@@ -81,15 +79,13 @@ class JudgedSearch:
     reasons: tuple[Message, ...]
 
 
-def judged_search(
-    ready: Prepared, problem: SearchProblem, seed: int, workers: int, progress: OnProgress | None
-) -> JudgedSearch:
+def judged_search(ready: Prepared, seed: int, workers: int, progress: OnProgress | None) -> JudgedSearch:
     """Select effects, ask what a free force explains beside them, and judge.
 
-    ready: the fit without effects; problem: with the test trials; seed, workers, progress: as of ``select_effects``.
+    ready: the problem and its fit without effects; seed, workers, progress: as of ``select_effects``.
     Returns the selection that stands, and the verdict.
     """
-    p, full = problem, ready.full
+    p, full = ready.problem, ready.full
 
     def is_possible(fit: Estimate, candidate: Candidate) -> bool:
         return not impossible_size(full, fit, candidate)
@@ -199,15 +195,13 @@ def impossible_size(full: FullModel, fit: Estimate, candidate: Candidate) -> str
 def limits(
     ready: Prepared,
     selection: Selection,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
     budget: Budget | None,
     named: Estimate | None = None,
 ) -> list[Message]:
-    """What cannot be concluded from this input; ready: its fit without effects, selection: the selection, trials: for
-    training, tests: to check on, budget: of their errors, named: the fit with what was named, None: nothing was.
+    """What cannot be concluded from this input; ready: trials, tests and the fit without effects, selection: the
+    selection, budget: of the errors of tests, named: the fit with what was named, None: nothing was.
     Returns one sentence for each reason."""
-    rows: list[tuple[str, str]] = []
+    rows, trials = list[tuple[str, str]](), ready.trials
     every = [s for s in selection.searches[0].scores if not s.candidate.form]
     quiet = [s.candidate.effect for s in every if not s.excited]
     if quiet:
@@ -227,9 +221,9 @@ def limits(
         rows.append(("one_kind", f"all trials are of one kind ({trials[0].kind}): many effects look alike in them"))
     rows += _doubts(ready, named)
     if budget is None or budget.by != TESTS:
-        why = "the test trials hold no whole window without a gap" if tests else "no --test trials"
+        why = "the test trials hold no whole window without a gap" if ready.tests else "no --test trials"
         way = "each run was predicted without it" if budget else "how far the gap closes was not checked"
-        rows.append(("tests_too_short" if tests else "no_tests", f"{why}: {way}"))
+        rows.append(("tests_too_short" if ready.tests else "no_tests", f"{why}: {way}"))
     return [Message(words, code) for code, words in rows]
 
 

@@ -33,18 +33,13 @@ SEEDS = 3
 NOTHING = 0.005  # Share of the error up to which a reduction or growth is called none. Set by hand.
 
 
-def with_learned(
-    diagnosis: Diagnosis,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
-    options: DiagnosisOptions,
-    progress: OnProgress | None = None,
-) -> Diagnosis:
-    """``diagnosis`` with how much a residual learned from ``trials`` closes of the remainder, measured on ``tests``.
+def with_learned(diagnosis: Diagnosis, options: DiagnosisOptions, progress: OnProgress | None = None) -> Diagnosis:
+    """``diagnosis`` with how much a residual learned from its trials closes of the remainder, measured on its tests.
 
     As given where nothing is left unexplained, and without test trials. Where it cannot be measured, a warning says
     why. options, progress: as of ``diagnose``. Returns the diagnosis with ``learned``.
     """
+    trials, tests = diagnosis.trials, diagnosis.tests
     if not tests or not (diagnosis.verdict == "unknown" or diagnosis.remainder):
         return diagnosis
     began = time.perf_counter()

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cases.trial_set import TrialSet
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
@@ -28,7 +29,8 @@ RUNS = (("zigzag:20/20", 40.0), ("turning:-20", 40.0))
 @cache
 def ready() -> Prepared:
     problem, null = pushed_problem(1, runs=RUNS, h=1.0)
-    return Prepared(problem, full_model(), null, InputReading(False, None, 0.1, 3.0), 1, (), (1.0, float("inf")))
+    trials, reading = TrialSet.of(pushed_trials(1, runs=RUNS)), InputReading(False, None, 0.1, 3.0)
+    return Prepared(trials, problem, full_model(), null, reading, 1, (), (1.0, float("inf")), tests=trials)
 
 
 @pytest.mark.parametrize(
@@ -88,9 +90,8 @@ def test_a_calibration_is_measured_by_the_priors_before_it() -> None:
 
 def said(null: Estimate, budget: object = SimpleNamespace(by=TESTS)) -> dict[str, str]:
     """Sentences on what these trials cannot tell, by code, with this fit without effects."""
-    trials = pushed_trials(1, runs=RUNS)
     found = SimpleNamespace(searches=[SimpleNamespace(scores=())])
-    rows = limits(replace(ready(), null=null), found, trials, trials, budget)  # type: ignore[arg-type]
+    rows = limits(replace(ready(), null=null), found, budget)  # type: ignore[arg-type]
     return {row.code: str(row) for row in rows}
 
 

@@ -97,22 +97,21 @@ def test_only_what_has_no_name_is_learned_and_only_with_tests(monkeypatch: pytes
 
     monkeypatch.setattr(module, "measure_learned_residual", stub)
     trials = hybrids.trials(hybrids.ship(), 1, 60)
-    unknown, named, none = (case(v) for v in ("unknown", "named", "none"))
+    unknown, named, none = (replace(case(v), trials=trials, tests=trials) for v in ("unknown", "named", "none"))
     whole = replace(named, remainder=False)
-    assert all(
-        with_learned(d, trials, t, OPTIONS).learned is None for d, t in ((unknown, []), (none, trials), (whole, trials))
-    )
+    for untested in (replace(unknown, tests=[]), none, whole):
+        assert with_learned(untested, OPTIONS).learned is None
     assert not asked
     after = hybrids.lacking()
-    rest = with_learned(replace(named, ship=after), trials, trials, OPTIONS)
+    rest = with_learned(replace(named, ship=after), OPTIONS)
     assert rest.learned is FOUND and asked == [after] and "learned residual" in rest.timings
-    assert with_learned(unknown, trials, trials, OPTIONS).learned is FOUND
+    assert with_learned(unknown, OPTIONS).learned is FOUND
 
 
 def test_missing_torch_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
     trials = hybrids.trials(hybrids.ship(), 1, 60)
-    found = with_learned(case("unknown"), trials, trials, OPTIONS)
+    found = with_learned(replace(case("unknown"), trials=trials, tests=trials), OPTIONS)
     assert found.learned is None and found.verdict == "unknown"
 
 
@@ -123,7 +122,8 @@ def test_the_option_leaves_it_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         write_trial(trial, tmp_path / role / f"{trial.name}.csv")
 
     def stub(ship: Any, train: Any, tests: Any, site: Any, options: DiagnosisOptions, *more: Any) -> Diagnosis:
-        return with_learned(case("unknown"), train, tests, options) if options.learn else case("unknown")
+        found = replace(case("unknown"), trials=train, tests=tests)
+        return with_learned(found, options) if options.learn else found
 
     monkeypatch.setattr("diagnosis.diagnose.diagnose", stub)
     monkeypatch.setattr(module, "measure_learned_residual", lambda *given, **more: FOUND)
