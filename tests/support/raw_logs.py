@@ -8,10 +8,11 @@ import sys
 from collections.abc import Mapping, Sequence
 from functools import lru_cache, reduce
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from cases.importing.import_logs import import_logs
+from cases.importing.import_logs import Imported, import_logs
 from cases.importing.import_map import ImportMap
 from cases.io.toml_file import validated
 from cases.trial import Trial
@@ -192,6 +193,37 @@ def table(path: Path, columns: Mapping[str, Sequence[object] | np.ndarray], keep
 
 def _cell(value: object) -> str:
     return repr(float(value)) if isinstance(value, (float, np.floating)) else str(value)
+
+
+def chosen(**said: Any) -> ImportMap:
+    """The map of an import that says so."""
+    return validated(ImportMap, said, "map")
+
+
+def imported(path: Path, given: ImportMap | None = None) -> Imported:
+    """What comes of the log or folder ``path``, without a problem; given: the map."""
+    found = import_logs([path], given)
+    assert not found.problems, found.problems
+    return found
+
+
+def codes(found: Imported) -> set[str]:
+    """Codes of what is said of the first run."""
+    return {getattr(m, "code", "") for m in found.runs[0].notices}
+
+
+def errors(columns: Mapping[str, np.ndarray], truth: Trial, late: float = 0.0, inside: float = 5.0) -> dict[str, float]:
+    """Largest difference of each column from the ``truth``, whose clock is so ``late`` [s], but for the seconds
+    ``inside`` which the ends lie."""
+    t = columns["t"]
+    rows = (t > inside) & (t < t[-1] - inside)
+    out = {}
+    for name in ("x", "y", "psi", "u", "v", "r", "n", "delta"):
+        if name in columns:
+            error = columns[name] - np.interp(t + late, truth.t, truth.psi_unwrapped if name == "psi" else truth[name])
+            error = np.angle(np.exp(1j * error)) if name == "psi" else error
+            out[name] = float(np.abs(error[rows]).max())
+    return out
 
 
 def answers(path: Path) -> list[ImportMap]:

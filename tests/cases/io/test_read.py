@@ -188,7 +188,11 @@ def test_vectwin_rudders_and_many_turns_are_plausible():
     columns["psi"] = columns["psi"] + 0.5 * columns["t"]
     columns["r"] = columns["r"] + 0.5
     columns["delta"] = columns["delta"] * (105 * DEG / np.abs(columns["delta"]).max())
+    speed, angle = apparent_wind(*(columns[c] for c in ("wind_speed", "wind_direction", "psi", "u", "v")))
+    columns |= {"apparent_wind_speed": speed, "apparent_wind_direction": np.unwrap(angle)}
+    assert np.abs(columns["apparent_wind_direction"]).max() > 4 * np.pi
     assert mislabelled(columns) == [] and heading_and_rate(columns) == ""
+    assert mislabelled({**columns, "apparent_wind_direction": angle / DEG}) != []
 
 
 @pytest.mark.data
