@@ -14,9 +14,8 @@ import pytest
 
 from cases.importing.import_logs import Imported, import_logs, write_import
 from cases.importing.import_map import ImportMap, line_of, read_map
-from cases.io.toml_file import validated
-from cases.trial import Trial
 from tests.support import format_logs, raw_logs
+from tests.support.raw_logs import chosen, errors, imported
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -64,21 +63,12 @@ FORMATS: dict[str, tuple[Write, dict[str, Any], bool]] = {
 }  # fmt: skip
 
 
-def off(found: Imported, truth: Trial = TRUTH, number: int = 0) -> dict[str, float]:
-    """Largest difference of each column from the truth, away from the ends; of inputs at the seconds they have."""
-    columns = found.runs[number].columns
-    t = columns["t"]
-    inside = (t > 5) & (t < t[-1] - 5)
-    out = {}
-    for name in ("x", "y", "u", "v", "r", "n", "delta", "psi"):
-        if name in columns:
-            true = np.interp(t, truth.t, truth.psi_unwrapped if name == "psi" else truth[name])
-            error = columns[name] - true
-            error = np.angle(np.exp(1j * error)) if name == "psi" else error
-            assert np.isfinite(error[inside]).all(), name
-            rows = inside & (np.abs(t - np.round(t)) < 1e-4) if name in format_logs.INPUTS else inside
-            out[name] = float(np.abs(error[rows]).max())
-    return out
+def off(found: Imported) -> dict[str, float]:
+    """Largest difference of each column from the truth; of inputs at the seconds they have."""
+    columns = found.runs[0].columns
+    second = np.abs(columns["t"] - np.round(columns["t"])) < 1e-4
+    inputs = {name: columns[name][second] for name in ("t", *format_logs.INPUTS) if name in columns}
+    return errors(columns, TRUTH) | errors(inputs, TRUTH)
 
 
 # Of what was derived from positions, in the resolution of the bus, or where a row is left out.
@@ -92,115 +82,100 @@ def test_a_turning_circle_comes_back(name: str, tmp_path: Path) -> None:
     write, said, derived = FORMATS[name]
     (tmp_path / "logs").mkdir()
     write(tmp_path / "logs")
-    chosen = validated(ImportMap, {"columns": said}, "map")
-    found = import_logs([tmp_path / "logs"], chosen)
-    assert not found.problems, found.problems
-    errors = off(found)
-    limits = LIMITS if derived else EXACT
-    assert {"psi", "u", "v", "r", "n", "delta"} <= set(errors)
-    assert all(error < limits[column] for column, error in errors.items()), errors
-    first = write_import(found, chosen, tmp_path / "one")
+    given = chosen(columns=said)
+    found = imported(tmp_path / "logs", given)
+    wrong, limits = off(found), LIMITS if derived else EXACT
+    assert {"psi", "u", "v", "r", "n", "delta"} <= set(wrong)
+    assert all(error < limits[column] for column, error in wrong.items()), wrong
+    first = write_import(found, given, tmp_path / "one")
     again = read_map(tmp_path / "one" / "import.toml")
-    second = write_import(import_logs([tmp_path / "logs"], again), again, tmp_path / "two")
+    second = write_import(imported(tmp_path / "logs", again), again, tmp_path / "two")
     assert [file.read_bytes() for file in first] == [file.read_bytes() for file in second]
 
 
 def refusal(path: Path, **said: Any) -> str:
     """The one line by which the log ``path`` is refused."""
-    found = import_logs([path], validated(ImportMap, said, "map"))
+    found = import_logs([path], chosen(**said))
     assert len(found.problems) == 1 and not found.runs, found
     assert "\n" not in found.problems[0]
     return found.problems[0]
 
 
-def said_in(words: str) -> dict[str, Any]:
-    """The line of the map that a refusal ends with."""
-    line = re.search(r"\b(ignore|columns|variation) = .*", words)
-    assert line, words
-    return tomllib.loads(line[0].partition(" in the map")[0].replace("...", "5.7").removesuffix(" and so on"))
-
-
 def test_two_topics_of_odometry_are_asked_for(tmp_path: Path) -> None:
-    path = format_logs.bag(tmp_path / "a", TRUTH, twice=True)
+    path = bag(tmp_path / "a", TRUTH, twice=True)
     (question,) = import_logs([path]).questions
     answer = question.choices["'/odom'"]
     assert answer == {"ignore": ["/odom/filtered"]} and line_of(answer) in refusal(path)
-    found = import_logs([path], validated(ImportMap, dict(answer), "map"))
-    assert not found.problems and off(found)["psi"] < 1e-6
+    found = imported(path, chosen(**answer))
+    assert off(found)["psi"] < 1e-6
     used = {account.what: account.used_as for account in found.runs[0].logs[0].table.accounts}
     assert used["/odom linear y"] == ("v",) and used["/odom/filtered"] == used["/cmd/rudder"] == ()
 
 
 def test_velocities_along_the_axes_of_the_world_are_known_by_the_positions(tmp_path: Path) -> None:
-    errors = off(import_logs([format_logs.bag(tmp_path / "a", TRUTH, in_world=True)]))
-    assert errors["u"] < 1e-6 and errors["v"] < 1e-6
+    wrong = off(imported(bag(tmp_path / "a", TRUTH, in_world=True)))
+    assert wrong["u"] < 1e-6 and wrong["v"] < 1e-6
 
 
 def test_sensors_that_say_the_same_twice_need_no_choice(tmp_path: Path) -> None:
-    path = format_logs.bus(tmp_path / "a.log", TRUTH)
+    path = bus(tmp_path / "a.log", TRUTH)
     (tmp_path / "about.json").write_text('{"ship": "AURORA"}')  # no log, and none of the files of a folder
-    assert import_logs([tmp_path], validated(ImportMap, {"columns": ENGINE}, "map")).runs
-    lines = [line for line in path.read_text().splitlines() if "09F10D08#00" in line]
-    again = [line.replace("09F10D08#00", "09F10DAC#FC") for line in lines]  # another source, another instance
-    others = [line[:-8] + "0001" + line[-4:] for line in again]  # which stands still
+    assert imported(tmp_path, chosen(columns=ENGINE)).runs
     content = path.read_text().splitlines()
+    again = [line.replace("09F10D08#00", "09F10DAC#FC") for line in content if "09F10D08#00" in line]  # another source
     path.write_text("\n".join(sorted([*content, *again])))
-    assert off(import_logs([path], validated(ImportMap, {"columns": ENGINE}, "map")))["delta"] < 1e-4
+    assert off(imported(path, chosen(columns=ENGINE)))["delta"] < 1e-4
+    others = [line[:-8] + "0001" + line[-4:] for line in again]  # which stands still
     path.write_text("\n".join(sorted([*content, *others])))
     assert "delta is said by" in refusal(path, columns=ENGINE)
 
 
 def test_a_bag_of_several_files_is_read_once(tmp_path: Path) -> None:
-    path = format_logs.bag(tmp_path / "a", TRUTH, "mcap")
+    path = bag(tmp_path / "a", TRUTH, "mcap")
     assert len(import_logs([tmp_path]).runs) == len(import_logs([path]).runs) == 1
-    assert off(import_logs([Path(shutil.copy(path, tmp_path / "alone.mcap"))]))["v"] < 1e-6
+    assert off(imported(Path(shutil.copy(path, tmp_path / "alone.mcap"))))["v"] < 1e-6
 
 
 def test_the_map_says_the_axes_where_frames_do_not(tmp_path: Path) -> None:
-    path = format_logs.bag(tmp_path / "a", TRUTH, frames=("ned", "frd"))
+    path = bag(tmp_path / "a", TRUTH, frames=("ned", "frd"))
     plain = tmp_path / "plain.db3"
     content = path.read_bytes().replace(b"\x04\0\0\0ned\0", b"\x04\0\0\0map\0")
     plain.write_bytes(content.replace(b"\x04\0\0\0frd\0", b"\x04\0\0\0hul\0"))
-    assert off(import_logs([plain], ImportMap(axes="ned")))["psi"] < 1e-6
-    assert off(import_logs([plain]))["psi"] > 1.0
-
-
-def test_a_magnetic_heading_needs_a_variation(tmp_path: Path) -> None:
-    path = format_logs.bus(tmp_path / "a.log", TRUTH, magnetic=np.radians(5.7))
-    answer = said_in(refusal(path, columns=ENGINE))
-    assert off(import_logs([path], validated(ImportMap, answer | {"columns": ENGINE}, "map")))["psi"] < 2e-4
+    assert off(imported(plain, ImportMap(axes="ned")))["psi"] < 1e-6
+    assert off(imported(plain))["psi"] > 1.0
 
 
 def test_revolutions_of_an_engine_are_asked_for(tmp_path: Path) -> None:
-    for path in (format_logs.bus(tmp_path / "a.log", TRUTH), format_logs.signal_k(tmp_path / "a.jsonl", TRUTH)):
+    for path in (bus(tmp_path / "a.log", TRUTH), format_logs.signal_k(tmp_path / "a.jsonl", TRUTH)):
         (question,) = import_logs([path]).questions
         assert list(question.choices) == ["n", "n_2", "nothing"]
         line = re.search(r"\[columns\] (n = .*)", refusal(path))
         assert line
-        assert not import_logs([path], validated(ImportMap, {"columns": tomllib.loads(line[1])}, "map")).problems
+        imported(path, chosen(columns=tomllib.loads(line[1])))
 
 
 def test_ships_of_ais_are_told_apart(tmp_path: Path) -> None:
     path = format_logs.signal_k(tmp_path / "a.jsonl", TRUTH)
     path.write_text(path.read_text().partition("\n")[2])
-    found = import_logs([path], validated(ImportMap, {"columns": FORMATS["Signal K"][1]}, "map"))
+    found = imported(path, chosen(columns=FORMATS["Signal K"][1]))
     assert off(found)["x"] < 0.02
     used = {account.what: account.rows for account in found.runs[0].logs[0].table.accounts}
     assert used["vessels.urn:mrn:imo:mmsi:1"] == 2 * len(TRUTH.t)
 
 
 def test_groups_with_the_same_names_are_runs(tmp_path: Path) -> None:
-    found = import_logs([format_logs.hdf5(tmp_path / "a.h5", TRUTH, "runs")])
+    found = import_logs([hdf5(tmp_path / "a.h5", TRUTH, "runs")])
     assert [run.name for run in found.runs] == ["a_run1", "a_run2"]
-    columns = {"columns": NAMED}
-    found = import_logs([format_logs.matlab(tmp_path / "b.mat", TRUTH, "runs")], validated(ImportMap, columns, "map"))
+    found = imported(matlab(tmp_path / "b.mat", TRUTH, "runs"), chosen(columns=NAMED))
     assert np.array_equal(found.runs[0].columns["delta"], -found.runs[1].columns["delta"])
 
 
 def test_a_file_without_headers_names_the_line_of_the_map(tmp_path: Path) -> None:
     words = refusal(format_logs.without_headers(tmp_path / "a.dat", TRUTH))
-    assert "0.0, 0.0, 0.0" in words
-    assert validated(ImportMap, said_in(words), "map").columns["x"].header == "column 2"
+    line = re.search(r"\bcolumns = .*", words)
+    assert line and "0.0, 0.0, 0.0" in words
+    said = tomllib.loads(line[0].partition(" in the map")[0].removesuffix(" and so on"))
+    assert chosen(**said).columns["x"].header == "column 2"
 
 
 @pytest.mark.parametrize(

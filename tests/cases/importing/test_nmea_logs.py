@@ -15,9 +15,8 @@ import pytest
 from cases.importing.import_logs import import_logs
 from cases.importing.import_map import ImportMap
 from cases.importing.raw_table import Account
-from cases.io.toml_file import validated
 from tests.support import raw_logs
-from tests.support.raw_logs import BEGIN, KNOT, globe, ground, plain, sentence
+from tests.support.raw_logs import BEGIN, KNOT, chosen, codes, errors, globe, ground, imported, plain, sentence
 
 pytest.importorskip("pynmeagps", reason="needs the extra import")
 pytest.importorskip("pyproj", reason="needs the extra import")
@@ -111,28 +110,22 @@ def off_clock(format: str, ahead: float = 12.12, hours: int = 7) -> Callable[[fl
     return lambda t: (BEGIN + datetime.timedelta(hours=hours, seconds=t + ahead)).strftime(format)[:-3] + " "
 
 
-def columns(path: Path, chosen: ImportMap | None = None) -> dict[str, np.ndarray]:
-    found = import_logs([path], chosen)
-    assert not found.problems, found.problems
-    return found.runs[0].columns
+def columns(path: Path, given: ImportMap | None = None) -> dict[str, np.ndarray]:
+    return imported(path, given).runs[0].columns
 
 
-def off(found: dict[str, np.ndarray], name: str, like: str = "") -> float:
-    """Largest error of a column, away from the ends."""
-    t = found["t"]
-    inside = (t > 5) & (t < t[-1] - 5)
-    error = found[name] - np.interp(t, TRUTH.t, TRUTH.psi_unwrapped if name == "psi" else TRUTH[like or name])
-    error = np.angle(np.exp(1j * error)) if name == "psi" else error
-    assert np.isfinite(error[inside]).all()
-    return float(np.abs(error[inside]).max())
+def off(found: dict[str, np.ndarray], *names: str) -> float:
+    """Largest error of these columns, away from the ends."""
+    wrong = errors(found, TRUTH)
+    return float(np.max([wrong[name] for name in names]))
 
 
-def codes(path: Path) -> set[str]:
-    return {getattr(m, "code", "") for m in import_logs([path]).runs[0].notices}
+def late_by(least: float, most: float) -> Delay:
+    return lambda rng: rng.uniform(least, most)
 
 
 TURN = np.radians(0.15)  # The ship turns by this in 0.05 s at most
-RATES = {
+RATES: dict[str, tuple[Any, ...]] = {
     "gyro 10 Hz": ((rmc, 1.0), (hdt, 0.1), (rsa, 0.1), (rpm, 1.0)),
     "gyro 4 Hz, rudder 3 Hz": ((rmc, 1.0), (hdt, 0.25), (rsa, 1 / 3), (rpm, 2.0)),
     "gyro first": ((hdt, 1.0), (rsa, 1.0), (rpm, 1.0), (rmc, 1.0)),
@@ -140,7 +133,12 @@ RATES = {
     "one each": ((rmc, 1.0), (hdt, 1.0), (rsa, 1.0), (rpm, 1.0)),
     "midnight": tuple((body, 1.0) for body in (lambda t: gga(t, NIGHT), lambda t: rmc(t, NIGHT), hdt, rsa, rpm)),
     "a slower receiver late": ((rmc, 1.0), (lambda t: late_gll(t), 1.0), (hdt, 0.1), (rsa, 0.1), (rpm, 0.1)),
-}
+    "late": ((rmc, 1.0, late_by(0.01, 0.26)), (hdt, 0.1), (rsa, 0.1), (rpm, 1.0)),
+    "jitter, a clock": ((rmc, 1.0, 0.01), *((body, 0.1, late_by(0.0, 0.04)) for body in (hdt, rsa)), (rpm, 1.0)),
+    "late, a clock": (
+        (rmc, 1.0, late_by(0.01, 0.31)), *((body, 0.1, late_by(0.0, 0.04)) for body in (hdt, rsa)), (rpm, 1.0)),
+}  # fmt: skip
+CLOCKS = {"jitter, a clock": off_clock("%H:%M:%S.%f"), "late, a clock": off_clock("%H:%M:%S.%f", 0.0)}
 NIGHT = datetime.datetime(2026, 5, 4, 23, 59, 20)
 
 
@@ -153,11 +151,15 @@ def late_gll(t: float) -> str:
 @pytest.mark.parametrize("name", RATES)
 def test_what_is_said_belongs_to_the_moment_at_which_it_was_said(tmp_path: Path, name: str) -> None:
     """Of whatever rates and in whatever order: to 0.05 s, and straight lines over half a second."""
-    found = columns(log(tmp_path / "run.nmea", *RATES[name]))
-    assert off(found, "psi") < TURN and off(found, "delta") < 0.05 and off(found, "n") < 0.05
-    assert max(off(found, "x"), off(found, "y")) < 0.05 and max(off(found, "u"), off(found, "v")) < 0.02
-    assert found["t"][-1] == pytest.approx(LENGTH)
-    assert np.median(np.diff(found["t"])) == pytest.approx(min(every for body, every in RATES[name] if body != rsa))
+    given = imported(log(tmp_path / "run.nmea", *RATES[name], logger=CLOCKS.get(name)))
+    found = given.runs[0].columns
+    late = 0.0525 if name == "late" else 0.0  # s: a receiver whose sentences are late by up to 0.25 s
+    assert off(found, "psi") < max(TURN, late * np.abs(TRUTH["r"]).max())
+    assert off(found, "delta", "n", "x", "y") < 0.05 and off(found, "u", "v") < 0.02
+    assert found["t"][-1] == pytest.approx(LENGTH, abs=0.05)
+    steps = [every for body, every, *_ in RATES[name] if body != rsa]
+    assert np.median(np.diff(found["t"])) == pytest.approx(min(steps), abs=1e-3)
+    assert ("logger_clock" in codes(given)) == (name == "late, a clock")
 
 
 @pytest.mark.parametrize("name", ["gyro 10 Hz", "gyro first"])
@@ -192,31 +194,16 @@ def test_a_loggers_clock_tells_when_a_heading_was_said(tmp_path: Path, name: str
     assert off(columns(path), "psi") < 2 * TURN
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("late", "jitter", "logger"),
-    [(0.25, 0.0, None), (0.0, 0.04, off_clock("%H:%M:%S.%f")), (0.3, 0.04, off_clock("%H:%M:%S.%f", 0.0))],
-)
-def test_the_heading_is_right_within_a_tenth_of_a_degree(
-    tmp_path: Path, late: float, jitter: float, logger: Callable[[float], str] | None
-) -> None:
-    """Of a ship that turns by 2 deg/s, of a gyro of 10 Hz beside a receiver of 1 Hz whose sentences are late."""
-    some = tuple((body, 0.1, lambda rng: rng.uniform(0.0, jitter)) for body in (hdt, rsa))
-    found = columns(log(tmp_path / "a.nmea", (rmc, 1.0, lambda rng: rng.uniform(0.01, 0.01 + late)), *some, (rpm, 1.0),
-                        logger=logger))  # fmt: skip
-    assert ("logger_clock" in codes(tmp_path / "a.nmea")) == (late == 0.3)
-    fastest = np.degrees(np.abs(TRUTH["r"]).max())
-    assert np.degrees(off(found, "psi")) / fastest * 2.0 < 0.105
-
-
 def test_a_word_before_each_sentence_is_no_clock(tmp_path: Path) -> None:
     path = log(tmp_path / "run.nmea", *RATES["gyro 10 Hz"])
     path.write_text("".join(f"12:00:00.5 {line}\n" for line in path.read_text().splitlines()))
     assert off(columns(path), "psi") < TURN
 
 
-def with_wind(*said: tuple[Body, float]) -> tuple[tuple[Body, float], ...]:
-    return ((rmc, 1.0), (hdt, 0.5), (rsa, 0.5), (rpm, 0.5), *said)
+def ship(*more: tuple[Body, float], without: Body | None = None) -> tuple[tuple[Body, float], ...]:
+    """What a receiver says every second, a gyro, a rudder and a shaft every half, but ``without`` one; and more."""
+    usual = ((rmc, 1.0), (hdt, 0.5), (rsa, 0.5), (rpm, 0.5))
+    return (*(one for one in usual if one[0] is not without), *more)
 
 
 @pytest.mark.parametrize(("unit", "speed"), [("M", 4.0), ("N", 4.0 * 3600 / 1852), ("K", 14.4), ("S", 8.9478)])
@@ -224,7 +211,7 @@ def test_the_true_wind_of_mwv_is_an_angle_from_the_bow(tmp_path: Path, unit: str
     def mwv(t: float) -> str:
         return f"WIMWV,{(200 - np.degrees(at(t, 'psi'))) % 360:.2f},T,{speed:.4f},{unit},A"
 
-    found = columns(log(tmp_path / "run.nmea", *with_wind((mwv, 1.0))))
+    found = columns(log(tmp_path / "run.nmea", *ship((mwv, 1.0))))
     direction = np.degrees(np.angle(np.exp(1j * (found["wind_direction"] - np.radians(200)))))
     assert np.nanmax(np.abs(direction)) < 0.3 and found["wind_speed"] == pytest.approx(4.0, abs=1e-3)
 
@@ -239,10 +226,10 @@ def test_the_apparent_wind_of_mwv_gives_the_true_one(tmp_path: Path) -> None:
         right = -north * np.sin(psi) + east * np.cos(psi) + v
         return f"WIMWV,{np.degrees(np.arctan2(right, ahead)) % 360:.2f},R,{np.hypot(ahead, right):.4f},{unit},A"
 
-    found = columns(log(tmp_path / "run.nmea", *with_wind((mwv, 0.5))))
+    found = columns(log(tmp_path / "run.nmea", *ship((mwv, 0.5))))
     direction = np.angle(np.exp(1j * (found["wind_direction"] - np.radians(200))))
     assert np.nanmax(np.abs(direction)) < 0.02 and np.nanmax(np.abs(found["wind_speed"] - 4.0)) < 0.05
-    strange = columns(log(tmp_path / "b.nmea", *with_wind((lambda t: mwv(t, "F"), 0.5))))
+    strange = columns(log(tmp_path / "b.nmea", *ship((lambda t: mwv(t, "F"), 0.5))))
     assert "apparent_wind_speed" not in strange and "wind_speed" not in strange
 
 
@@ -251,10 +238,6 @@ def test_a_true_wind_angle_of_a_table_is_an_angle_from_the_bow(tmp_path: Path) -
     for header in ("twa_deg", "true_wind_angle_deg"):
         found = columns(plain(tmp_path / "a.txt", f"{raw_logs.UNITS} tws_mps {header}", **more))
         assert np.angle(np.exp(1j * (found["wind_direction"] - np.radians(200)))) == pytest.approx(0.0, abs=1e-6)
-
-
-def steered(body: Body) -> tuple[tuple[Body, float], ...]:
-    return ((rmc, 1.0), (hdt, 0.5), (body, 0.5), (rpm, 0.5))
 
 
 def angle(t: float, sign: int = 1) -> str:
@@ -272,25 +255,26 @@ def angle(t: float, sign: int = 1) -> str:
     ],
 )
 def test_a_rudder_is_that_of_the_sensors_that_are_valid(tmp_path: Path, fields: Body, rudders: dict[str, int]) -> None:
-    found = columns(log(tmp_path / "run.nmea", *steered(lambda t: f"AGRSA,{fields(t)}")))
+    found = columns(log(tmp_path / "run.nmea", *ship((lambda t: f"AGRSA,{fields(t)}", 0.5), without=rsa)))
     assert {name for name in found if name.startswith("delta")} == set(rudders)
     for name, sign in rudders.items():
-        assert off({**found, name: sign * found[name]}, name, "delta") < 0.05
-    never = import_logs([log(tmp_path / "never.nmea", *steered(lambda t: f"AGRSA,{angle(t)},V,0.0,V"))])
-    assert len(never.problems) == 1 and "delta" in never.problems[0]
+        assert off({**found, "delta": sign * found[name]}, "delta") < 0.05
+
+
+def test_a_rudder_that_is_never_valid_is_missing(tmp_path: Path) -> None:
+    (problem,) = import_logs(
+        [log(tmp_path / "a.nmea", *ship((lambda t: f"AGRSA,{angle(t)},V,0.0,V", 0.5), without=rsa))]
+    ).problems
+    assert "delta" in problem
 
 
 @pytest.mark.parametrize("fields", ["{0},A,,V,B", "0.0,V,{0},A,B", "{0},A,,"])
 def test_what_was_ordered_of_a_rudder_stands_beside_it(tmp_path: Path, fields: str) -> None:
-    bodies = (*steered(rsa), (lambda t: f"AGROR,{fields.format(angle(t + 1.0))}", 0.5))
-    found = columns(log(tmp_path / "run.nmea", *bodies))
+    order = (lambda t: f"AGROR,{fields.format(angle(t + 1.0))}", 0.5)
+    found = columns(log(tmp_path / "run.nmea", *ship(order)))
     rows = found["t"] < found["t"][-1] - 5.0
     ahead = np.interp(found["t"] + 1.0, found["t"], found["delta"])
     assert np.sqrt(np.mean((found["delta_order"] - ahead)[rows] ** 2)) < 0.05 * np.std(found["delta"])
-
-
-def turning(*bodies: Body) -> tuple[tuple[Body, float], ...]:
-    return ((rmc, 1.0), (hdt, 0.5), (rsa, 0.5), *((body, 0.5) for body in bodies))
 
 
 def shaft(instrument: str, factor: float = 1.0) -> Body:
@@ -309,20 +293,19 @@ def shaft(instrument: str, factor: float = 1.0) -> Body:
 def test_a_propeller_turns_as_its_shaft_and_not_as_an_engine(
     tmp_path: Path, bodies: Iterable[Body], shafts: dict[str, float]
 ) -> None:
-    found = columns(log(tmp_path / "run.nmea", *turning(*bodies)))
+    found = columns(log(tmp_path / "run.nmea", *ship(*((body, 0.5) for body in bodies), without=rpm)))
     assert {name for name in found if name.startswith("n")} == set(shafts)
     for name, share in shafts.items():
-        assert off({**found, name: found[name] / share}, name, "n") < 0.01
+        assert off({**found, "n": found[name] / share}, "n") < 0.01
 
 
 def test_an_engine_alone_is_asked_for(tmp_path: Path) -> None:
     """It is no shaft, but may turn as fast as one."""
-    path = log(tmp_path / "run.nmea", *turning(shaft("E,0")))
+    path = log(tmp_path / "run.nmea", *ship((shaft("E,0"), 0.5), without=rpm))
     found = import_logs([path])
     assert not found.runs and "missing n" in found.problems[0] and "'RPM-E'" in found.problems[0]
     assert [list(q.choices) for q in found.questions] == [["n", "n_2", "nothing"]]
-    direct = validated(ImportMap, {"columns": {"n": "RPM-E"}}, "map")
-    assert off(columns(path, direct), "n") < 0.01
+    assert off(columns(path, chosen(columns={"n": "RPM-E"})), "n") < 0.01
 
 
 def broken(body: Body, void: Body) -> Body:
@@ -353,14 +336,15 @@ def test_what_is_not_valid_says_nothing(tmp_path: Path, name: str, void: Body) -
         "rot": lambda t: f"TIROT,{60 * np.degrees(at(t, 'r')):.3f},A", "mwv": lambda t: "WIMWV,20.0,T,9.0,N,A",
     }  # fmt: skip
     bodies[name] = broken(bodies[name], void)
-    found = columns(log(tmp_path / "run.nmea", *((body, 0.5) for body in bodies.values())))
+    given = imported(log(tmp_path / "run.nmea", *((body, 0.5) for body in bodies.values())))
+    found = given.runs[0].columns
     for column in ("x", "y", "psi", "u", "v", "r", "n", "delta"):
         known = np.isfinite(found[column])
         assert known.mean() > 0.75
         error = off({"t": found["t"][known], column: found[column][known]}, column)
         assert error < 0.05, (column, error)
     assert np.nanmin(found["wind_speed"]) == pytest.approx(9.0 * 1852 / 3600)
-    assert "nmea_void" in codes(tmp_path / "run.nmea")
+    assert "nmea_void" in codes(given)
 
 
 def magnetic(t: float) -> str:
@@ -374,7 +358,7 @@ def test_a_magnetic_heading_asks_for_the_variation(tmp_path: Path, body: Body, m
     path = log(tmp_path / "run.nmea", (lambda t: rmc(t, more=more), 1.0), (body, 0.5), (rsa, 0.5), (rpm, 0.5))
     found = import_logs([path])
     assert not found.runs and "variation = " in found.problems[0]
-    assert off(columns(path, validated(ImportMap, {"variation": -7.5}, "map")), "psi") < 2 * TURN
+    assert off(columns(path, chosen(variation=-7.5)), "psi") < 2 * TURN
 
 
 @pytest.mark.parametrize(
@@ -394,8 +378,8 @@ def test_a_variation_that_is_said_once_is_used(tmp_path: Path, more: str, fields
 
 def test_of_two_gyros_the_one_that_says_more_is_taken(tmp_path: Path) -> None:
     other = lambda t: f"GPHDT,{(np.degrees(at(t, 'psi')) + 3) % 360:.3f},T"  # noqa: E731
-    path = log(tmp_path / "run.nmea", *RATES["gyro 10 Hz"], (other, 0.5))
-    assert off(columns(path), "psi") < TURN and "doubled" in codes(path)
+    found = imported(log(tmp_path / "run.nmea", *RATES["gyro 10 Hz"], (other, 0.5)))
+    assert off(found.runs[0].columns, "psi") < TURN and "doubled" in codes(found)
     compass = log(tmp_path / "b.nmea", *RATES["gyro 10 Hz"], (lambda t: "HCHDG,10.0,,,7.5,W", 0.25))
     assert off(columns(compass), "psi") < TURN
 
@@ -405,9 +389,9 @@ def test_a_receiver_that_stands_still_is_seen_beside_a_faster_gyro(tmp_path: Pat
         time, day = clock(t)
         return rmc(t) if not 40 < t < 70 else f"GPRMC,{time},A,{place(40)},2.0,0.0,{day},,,A"
 
-    path = log(tmp_path / "run.nmea", (stopped, 1.0), *RATES["gyro 10 Hz"][1:])
-    assert "frozen" in codes(path)
-    assert "frozen" not in codes(log(tmp_path / "b.nmea", *RATES["gyro 10 Hz"]))
+    for receiver in (stopped, rmc):
+        found = imported(log(tmp_path / "run.nmea", (receiver, 1.0), *RATES["gyro 10 Hz"][1:]))
+        assert ("frozen" in codes(found)) == (receiver is stopped)
 
 
 def accounts(path: Path) -> dict[str, list[Account]]:
@@ -441,7 +425,7 @@ def test_two_receivers_are_never_mixed(tmp_path: Path, name: str) -> None:
     found = columns(path)
     for error in (found[c] - np.interp(found["t"], TRUTH.t, TRUTH[c]) for c in "xy"):
         assert np.nanstd(error) < 0.05 and np.isfinite(error).mean() > 0.95
-    assert max(off(found, "u"), off(found, "v")) < 0.02
+    assert off(found, "u", "v") < 0.02
     left = [one for one in accounts(path)[what] if not one.used_as]
     assert len(left) == 1 and "receiver" in left[0].why
     if distance is not None:
@@ -462,7 +446,7 @@ def test_talkers_of_one_receiver_are_one(tmp_path: Path, said: Any) -> None:
     """Which changes with its satellites, or speaks of each kind of them, by whole seconds, or twice."""
     path = log(tmp_path / "run.nmea", *said, (hdt, 0.5), (rsa, 0.5), (rpm, 0.5))
     found = columns(path)
-    assert max(off(found, "x"), off(found, "y")) < 0.05 and np.isfinite(found["x"]).mean() > 0.95
+    assert off(found, "x", "y") < 0.05 and np.isfinite(found["x"]).mean() > 0.95
     assert all("latitude" in one.used_as for name, some in accounts(path).items() for one in some if name[2:5] != "VTG"
                and name[:2] in ("GP", "GN", "GL"))  # fmt: skip
 
@@ -497,10 +481,10 @@ DATES: dict[str, tuple[tuple[Any, ...], Callable[[float], str] | None, str, str]
 @pytest.mark.parametrize("name", DATES)
 def test_dates_of_a_receiver(tmp_path: Path, name: str) -> None:
     said, logger, day, code = DATES[name]
-    path = log(tmp_path / "run.nmea", *said, *RATES["gyro 10 Hz"][1:], logger=logger)
-    run = import_logs([path]).runs[0]
+    found = imported(log(tmp_path / "run.nmea", *said, *RATES["gyro 10 Hz"][1:], logger=logger))
+    (run,) = found.runs
     first = LENGTH - run.columns["t"][-1]
-    assert run.day == day and code in codes(path) and first < 10
+    assert run.day == day and code in codes(found) and first < 10
     assert off({**run.columns, "t": run.columns["t"] + first}, "psi") < TURN
 
 
@@ -508,8 +492,7 @@ def test_a_log_without_fixes_has_the_clock_of_its_logger(tmp_path: Path) -> None
     """Of another file, with the receiver, it is a part."""
     log(tmp_path / "gyro.nmea", *RATES["gyro 10 Hz"][1:], logger=off_clock("%Y-%m-%dT%H:%M:%S.%f", 0.0))
     log(tmp_path / "gnss.nmea", (rmc, 1.0))
-    found = import_logs([tmp_path], validated(ImportMap, {"zone_hours": 7.0}, "map"))
-    assert not found.problems and off(found.runs[0].columns, "psi") < TURN
+    assert off(columns(tmp_path, chosen(zone_hours=7.0)), "psi") < TURN
 
 
 def test_every_sentence_is_accounted_for(tmp_path: Path) -> None:
@@ -528,19 +511,18 @@ def test_every_sentence_is_accounted_for(tmp_path: Path) -> None:
     for i in range(200, len(lines), 97):
         lines[i] = lines[i][:-1] + ("0" if lines[i][-1] != "0" else "1")
     path.write_text("\n".join(lines))
-    run = import_logs([path]).runs[0]
-    found = accounts(path)
-    assert off(run.columns, "psi") < TURN and off(run.columns, "u") < 0.01
-    assert run.columns["wind_direction"] == pytest.approx(np.radians(200))
+    given, found = imported(path), accounts(path)
+    run = given.runs[0].columns
+    assert off(run, "psi") < TURN and off(run, "u") < 0.01 and run["wind_direction"] == pytest.approx(np.radians(200))
     assert sum(one.rows for name, some in found.items() for one in some if "water" not in name) == len(lines)
     assert found["HEHDT"][0].used_as == ("heading",) and found["VDVBW"][0].used_as == ("u", "v")
     assert sum(one.rows for one in found["HEHDT"]) == int(LENGTH / 0.1) + 1
     assert found["GPVTG"][0].why == "mode N" and found["VDVBW through the water"][0].why
     assert all(not one.used_as for name in ("AIVDM", "PASHR", "SDDPT", "YXXDR") for one in found[name])
-    assert {"nmea", "nmea_void", "nmea_damaged", "nmea_not_read"} <= codes(path)
+    assert {"nmea", "nmea_void", "nmea_damaged", "nmea_not_read"} <= codes(given)
 
 
 def test_blades_that_move_are_named_and_a_rudder_at_zero_is_none(tmp_path: Path) -> None:
     said = (lambda t: f"IIRPM,S,0,{60 * at(t, 'n'):.3f},{t:.1f},A", lambda t: f"AGRSA,{angle(t)},A,0.0,A")
-    path = log(tmp_path / "run.nmea", (rmc, 1.0), (hdt, 0.5), *((body, 0.5) for body in said))
-    assert "pitch_moves" in codes(path) and off(columns(path), "delta") < 0.05
+    found = imported(log(tmp_path / "run.nmea", (rmc, 1.0), (hdt, 0.5), *((body, 0.5) for body in said)))
+    assert "pitch_moves" in codes(found) and off(found.runs[0].columns, "delta") < 0.05

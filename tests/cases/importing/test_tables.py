@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import datetime
-import os
-import subprocess
-import sys
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from cases.importing.import_logs import import_logs, write_import
+from cases.importing.import_logs import Imported, import_logs, write_import
 from cases.importing.import_map import ImportMap, read_map
-from mmg.messages import has_code
 from mmg_ident.commands.main import main
 from tests.support import raw_logs
-from tests.support.peak_memory import PEAK
-from tests.support.raw_logs import BEGIN, UNITS, answers, bridge, plain, table
+from tests.support.raw_logs import BEGIN, UNITS, answers, bridge, chosen, codes, imported, plain, stamp, table
 
 pytest.importorskip("pyproj", reason="needs the extra import")
 TRUTH = raw_logs.run()
@@ -49,23 +46,15 @@ def lost(log: Log, *headers: str) -> Log:
     return {**log, **{h: np.where(LOST, 0.0, np.asarray(log[h], dtype=float)) for h in headers}}
 
 
-def off(path: Path, chosen: ImportMap | None = None) -> dict[str, float]:
-    """Largest errors of the run in the log ``path``, at its own times, in SI and radians, x and y by their changes."""
-    found = import_logs([path], chosen)
-    assert not found.problems, found.problems
-    run = found.runs[0].columns
-    out = {}
-    for name in ("psi", "n", "delta", "x"):
-        error = run[name] - np.interp(run["t"], T, np.unwrap(TRUTH[name]) if name == "psi" else TRUTH[name])
-        error = np.angle(np.exp(1j * error)) if name == "psi" else error - (error[0] if name == "x" else 0.0)
-        out[name] = float(np.nanmax(np.abs(error)))
-    return out
-
-
-def right(path: Path, chosen: ImportMap | None = None) -> bool:
-    """Whether the run in the log ``path`` is the true one."""
-    errors = off(path, chosen)
-    return errors["psi"] < 0.02 and errors["n"] < 0.02 and errors["delta"] < 0.02 and errors["x"] < 0.5
+def right(path: Path, given: ImportMap | None = None) -> bool:
+    """Whether the run in the log ``path`` is the true one, at its own times, in SI and radians, x by its changes."""
+    run = imported(path, given).runs[0].columns
+    off = {name: run[name] - np.interp(run["t"], T, TRUTH[name]) for name in ("n", "delta", "x")}
+    off["x"] -= off["x"][0]
+    off["psi"] = np.angle(np.exp(1j * (run["psi"] - np.interp(run["t"], T, TRUTH.psi_unwrapped))))
+    return all(
+        np.nanmax(np.abs(off[c])) < most for c, most in {"psi": 0.02, "n": 0.02, "delta": 0.02, "x": 0.5}.items()
+    )
 
 
 def minutes(degrees: Any, form: str = "{:d}{:09.6f}") -> list[str]:
@@ -100,6 +89,10 @@ READ: dict[str, Callable[[Log], Log]] = {
         **without(log, "Time")},
     "nanoseconds without zeros": lambda log: {
         **log, "Time": [f"{1777886000 + int(t)}.{round((t + 0.003) % 1 * 1e9)}" for t in T]},
+    **{f"epochs in {unit}": lambda log, unit=unit, second=second: {
+        f"Time [{unit}]": second * (1.7779e9 + T), **without(log, "Time")}
+       for unit, second in {"seconds": 1.0, "milliseconds": 1e3, "sec": 1.0, "ms": 1e3}.items()},
+    "digits": lambda log: {**log, "Time": times("%Y%m%d_%H%M%S.%f")},
     "days of MATLAB": lambda log: {**log, "Time": [f"{739740.4 + t / 86400:.10f}" for t in T]},
     "ddmm": lambda log: {**log, **{h: minutes(log[h]) for h in ("Latitude", "Longitude")}},
     "degrees, then minutes": degrees_and_minutes,
@@ -162,8 +155,8 @@ def test_what_stays_open_is_asked_and_the_printed_line_leads_on(tmp_path: Path, 
     maps = answers(path)
     questions = import_logs([path]).questions
     assert len(maps) == len(questions[0].choices) and right(path, maps[0])
-    for chosen in maps[1:]:  # none asks the same again
-        assert questions[0].words not in [q.words for q in import_logs([path], chosen).questions]
+    for given in maps[1:]:  # none asks the same again
+        assert questions[0].words not in [q.words for q in import_logs([path], given).questions]
 
 
 def test_revolutions_that_lost_their_sign_are_asked_for(tmp_path: Path) -> None:
@@ -175,16 +168,13 @@ def test_revolutions_that_lost_their_sign_are_asked_for(tmp_path: Path) -> None:
     for more in ({}, {"RPM order": 700 * ordered}, {"Telegraph": ["FULL ASTERN"] * len(ordered)}):
         path = table(tmp_path / "a.csv", {**log, **more})
         assert len(import_logs([path], answers(path)[0]).problems) <= 1
-    found = import_logs([table(tmp_path / "a.csv", {**log, "CPP pitch [deg]": np.linspace(20, -20, len(ordered))})])
-    assert not found.problems  # blades that turn need no sign
+    blades = {**log, "CPP pitch [deg]": np.linspace(20, -20, len(ordered))}
+    imported(table(tmp_path / "a.csv", blades))  # blades that turn need no sign
     log["Heading [deg]"] = (np.asarray(log["Heading [deg]"]) + 180) % 360
-    found = import_logs([table(tmp_path / "a.csv", without(log, "SOG [kn]", "COG [deg]"))])
-    assert not found.problems  # of a wrong heading she goes astern all the time
+    imported(table(tmp_path / "a.csv", without(log, "SOG [kn]", "COG [deg]")))  # she goes astern all the time
 
 
 def test_a_stamp_after_the_year_9999_is_one_line(tmp_path: Path) -> None:
-    import pandas as pd
-
     log = {**bridge(TRUTH), "Time": np.datetime64("2026-05-04", "us") + (1e6 * T).astype("timedelta64[us]")}
     log["Time"][100:] += np.timedelta64(10000 * 365, "D")
     pd.DataFrame(log).to_parquet(tmp_path / "a.parquet")
@@ -195,8 +185,6 @@ def test_a_stamp_after_the_year_9999_is_one_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "xlsx"])
 def test_the_index_of_a_frame_is_its_clock(tmp_path: Path, suffix: str, index: str | None) -> None:
     """pandas writes it without a header where it has no name, and to Parquet as no column of its own."""
-    import pandas as pd
-
     stamps = np.datetime64("2026-05-04T03:00:00", "us") + (1e6 * T).astype("timedelta64[us]")
     frame = pd.DataFrame(without(bridge(TRUTH), "Time"))
     frame.index = pd.Index(T if index == "t [s]" else stamps, name=index)
@@ -206,13 +194,6 @@ def test_the_index_of_a_frame_is_its_clock(tmp_path: Path, suffix: str, index: s
     np.testing.assert_allclose(run.columns["t"], T - T[0], atol=1e-6)
 
 
-@pytest.mark.parametrize(("unit", "second"), [("seconds", 1.0), ("milliseconds", 1e3), ("sec", 1.0), ("ms", 1e3)])
-def test_epochs_are_known_however_their_unit_is_spelled(tmp_path: Path, unit: str, second: float) -> None:
-    log = {f"Time [{unit}]": second * (1.7779e9 + T), **without(bridge(TRUTH), "Time")}
-    (run,) = import_logs([table(tmp_path / "a.csv", log)]).runs
-    assert run.day == "2026-05-04"
-
-
 def test_microseconds_since_a_logger_began_are_no_seconds_since_1970(tmp_path: Path) -> None:
     """As PX4 and ArduPilot count: a few minutes in them are of the size of a date in seconds."""
     count, rest = (123e6 + 1e6 * (T - T[0])).astype(int), without(bridge(TRUTH), "Time")
@@ -220,12 +201,6 @@ def test_microseconds_since_a_logger_began_are_no_seconds_since_1970(tmp_path: P
     np.testing.assert_allclose(run.columns["t"], T - T[0], atol=1e-6)
     (problem,) = import_logs([table(tmp_path / "b.csv", {"timestamp": count, **rest})]).problems
     assert "numbers without a unit" in problem
-
-
-def test_a_date_and_time_of_digits_are_read(tmp_path: Path) -> None:
-    log = {"Time": times("%Y%m%d_%H%M%S.%f"), **without(bridge(TRUTH), "Time")}
-    (run,) = import_logs([table(tmp_path / "a.csv", log)]).runs
-    assert run.day == f"{BEGIN:%Y-%m-%d}"
 
 
 @pytest.mark.parametrize(
@@ -257,8 +232,8 @@ def test_characters_between_thousands(tmp_path: Path, separator: str, decimal: s
         words = [v if isinstance(v, str) else f"{v:.8f}".replace(".", decimal) for v in row]
         lines.append(separator.join(words))
     (tmp_path / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    found = import_logs([tmp_path / "a.csv"])
-    assert not found.problems and np.abs(found.runs[0].columns["n"] - rpm / 60).max() < 0.02
+    found = imported(tmp_path / "a.csv")
+    assert np.abs(found.runs[0].columns["n"] - rpm / 60).max() < 0.02
 
 
 def test_three_places_in_all_columns_are_asked(tmp_path: Path) -> None:
@@ -268,7 +243,7 @@ def test_three_places_in_all_columns_are_asked(tmp_path: Path) -> None:
     lines += ["\t".join([when, *(f"{v:.3f}".replace(".", ",") for v in row)]) for when, *row in rows]
     path = tmp_path / "a.txt"
     path.write_text("\n".join(lines), encoding="utf-8")
-    assert {chosen.decimal for chosen in answers(path)} == {".", ","}
+    assert {given.decimal for given in answers(path)} == {".", ","}
 
 
 BOOKS: dict[str, tuple[list[list[str | None]], bool]] = {
@@ -320,9 +295,8 @@ def test_hidden_sheets_are_left_out_and_formulas_without_a_value_named(tmp_path:
     made.copy_worksheet(made.active).sheet_state = "hidden"
     made.active.column_dimensions["H"].hidden = True
     made.save(path)
-    found = import_logs([path])
-    codes = {notice.code for notice in found.runs[0].notices}
-    assert len(found.runs) == 1 and right(path) and {"hidden_sheets", "hidden"} <= codes
+    found = imported(path)
+    assert len(found.runs) == 1 and right(path) and {"hidden_sheets", "hidden"} <= codes(found)
     made.active["G5"] = "=2*3"
     made.save(path)
     (problem,) = import_logs([path]).problems
@@ -330,8 +304,6 @@ def test_hidden_sheets_are_left_out_and_formulas_without_a_value_named(tmp_path:
 
 
 def test_every_column_is_accounted_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    import json
-
     more = {"Rudder order [deg]": [1.0] * N, "STW [kn]": [2.0] * N, "Mood": ["good"] * N, "Heading Status": ["A"] * N}
     path = table(tmp_path / "a.csv", {**bridge(TRUTH), **more})
     assert main(["import", str(path), "--out", str(tmp_path / "out"), "--json"]) == 0
@@ -346,12 +318,12 @@ def test_every_column_is_accounted_for(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_a_header_of_the_map_that_no_file_has_is_a_problem(tmp_path: Path) -> None:
     """Else a misspelt wind would be calm air, without a word."""
-    chosen = ImportMap.model_validate({"columns": {"wind_speed": "True wind (m/s)"}})
-    plain = table(tmp_path / "a.csv", bridge(TRUTH))
-    (problem,) = import_logs([plain], chosen).problems
+    given = chosen(columns={"wind_speed": "True wind (m/s)"})
+    calm = table(tmp_path / "a.csv", bridge(TRUTH))
+    (problem,) = import_logs([calm], given).problems
     assert "wind_speed" in problem and "'True wind (m/s)'" in problem
     windy = table(tmp_path / "b.csv", {**bridge(TRUTH), "True wind (m/s)": [5.0] * N})
-    assert import_logs([plain, windy], chosen).problems == ()
+    assert import_logs([calm, windy], given).problems == ()
 
 
 def test_winds_by_their_reference(tmp_path: Path) -> None:
@@ -383,7 +355,7 @@ def pieces(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 def commas(path: Path, *_: object) -> Path:
     """Times of a day over midnight, a date in a column of its own, comments, a sentinel, numbers in quotation marks."""
-    truth = raw_logs.run()
+    truth = TRUTH
     lines = ["# logger", "time,date,north [m],east [m],heading [deg],u,v,r [rad/s],shaft [rpm],rudder [deg],ship"]
     lines.append("# end")
     for i, t in enumerate(truth.t):
@@ -404,55 +376,44 @@ def daily(path: Path, *_: object) -> Path:
     return path
 
 
-CHOSEN = ImportMap.model_validate({"columns": {"n": {"from": "shaft", "unit": "rpm"}, "u": {"from": "u", "unit": "m/s"},
-                                               "v": {"from": "v", "unit": "m/s"}}})  # fmt: skip
+GIVEN = chosen(columns={c: {"from": name, "unit": unit} for c, name, unit in (
+    ("n", "shaft", "rpm"), ("u", "u", "m/s"), ("v", "v", "m/s"))})  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("make", "chosen"),
-    [(raw_logs.semicolons, PORT), (commas, CHOSEN), (daily, CHOSEN), (lambda path, _: plain(path, UNITS), ImportMap())],
+    ("make", "given"),
+    [(raw_logs.semicolons, PORT), (commas, GIVEN), (daily, GIVEN), (lambda path, _: plain(path, UNITS), ImportMap())],
 )
 def test_a_log_read_in_pieces_is_that_read_at_once(
-    tmp_path: Path, pieces: Callable[..., None], make: Callable[..., Path], chosen: ImportMap
+    tmp_path: Path, pieces: Callable[..., None], make: Callable[..., Path], given: ImportMap
 ) -> None:
-    path = make(tmp_path / "zigzag.csv", raw_logs.run())
-    found = [import_logs([path], chosen)]
+    path = make(tmp_path / "zigzag.csv", TRUTH)
+    found = [imported(path, given)]
     pieces()
-    found.append(import_logs([path], chosen))
-    assert not found[0].problems and not found[1].problems, (found[0].problems, found[1].problems)
+    found.append(imported(path, given))
     one, two = (f.runs[0] for f in found)
     assert sorted(map(str, one.notices)) == sorted(map(str, two.notices))
     assert one.day == two.day and one.std == pytest.approx(two.std, rel=1e-6)
     assert set(one.logs[0].unknown) == set(two.logs[0].unknown)
     for name, values in one.columns.items():
         assert np.allclose(values, two.columns[name], rtol=0, atol=1e-9, equal_nan=True), name
-    files = [write_import(f, chosen, tmp_path / str(i))[0].parent / "import.toml" for i, f in enumerate(found)]
+    files = [write_import(f, given, tmp_path / str(i))[0].parent / "import.toml" for i, f in enumerate(found)]
     assert files[0].read_text() == files[1].read_text()
 
 
-def test_means_of_rows_of_a_log(tmp_path: Path, pieces: Callable[..., None]) -> None:
-    truth = raw_logs.run()
+def test_means_of_rows_of_a_log_hold_no_number_for_nothing(tmp_path: Path, pieces: Callable[..., None]) -> None:
     pieces(100)
-    found = import_logs([raw_logs.semicolons(tmp_path / "a.csv", truth)], PORT)
-    assert not found.problems
-    run = found.runs[0]
+    run = imported(commas(tmp_path / "a.csv"), GIVEN).runs[0]
     t = run.columns["t"]
     assert 85 < len(t) <= 100
     late = 0.75  # the mean of the first four rows
     inside = slice(3, -3)
     for name, least in {"x": 0.1, "y": 0.1, "u": 0.03, "v": 0.03, "r": 4e-3, "n": 1e-3}.items():
-        off = (run.columns[name] - np.interp(t + late, truth.t, truth[name]))[inside]
+        off = (run.columns[name] - np.interp(t + late, T, TRUTH[name]))[inside]
         assert np.abs(off).max() < least, (name, np.abs(off).max())
-    turned = run.columns["psi"] - np.interp(t + late, truth.t, truth.psi_unwrapped)
+    turned = run.columns["psi"] - np.interp(t + late, T, TRUTH.psi_unwrapped)
     assert np.abs(np.angle(np.exp(1j * turned)))[inside].max() < 5e-3
-
-
-def test_numbers_for_nothing_are_in_no_mean(tmp_path: Path, pieces: Callable[..., None]) -> None:
-    pieces(100)
-    found = import_logs([commas(tmp_path / "a.csv")], CHOSEN)
-    assert not found.problems, found.problems
-    assert np.abs(found.runs[0].columns["delta"]).max() < 0.7
-    assert any("-999" in m for m in found.runs[0].notices)
+    assert np.abs(run.columns["delta"]).max() < 0.7 and any("-999" in m for m in run.notices)
 
 
 def test_a_last_line_that_is_cut_off_is_left_out(tmp_path: Path, pieces: Callable[..., None]) -> None:
@@ -463,41 +424,128 @@ def test_a_last_line_that_is_cut_off_is_left_out(tmp_path: Path, pieces: Callabl
         path.write_bytes(content[:-cut])
         if large:
             pieces()
-        found = import_logs([path], PORT)
-        assert not found.problems, found.problems
-        assert len(found.runs[0].columns["t"]) == N - 1 and has_code(found.runs[0].notices, "last_line_cut")
+        found = imported(path, PORT)
+        assert len(found.runs[0].columns["t"]) == N - 1 and "last_line_cut" in codes(found)
 
 
-PROGRAM = (
-    PEAK
-    + """
-from pathlib import Path
-from cases.importing.import_logs import import_logs
-found = import_logs([Path(sys.argv[1])])
-assert not found.problems, found.problems
-print(f"{peak_mb():.0f} {len(found.runs[0].columns['t'])}")
-"""
-)
+def shifts(found: Imported) -> dict[str, float]:
+    """By how much each channel of the import is late against the truth, as it fits best [s]."""
+    run, truth = found.runs[0].columns, TRUTH
+    rows = (run["t"] > 10) & (run["t"] < run["t"][-1] - 10)
+    tried, out = np.arange(-1.5, 1.51, 0.05), {}
+    for name in ("psi", "u", "v", "delta"):
+        values, true = (np.unwrap(run[name]), truth.psi_unwrapped) if name == "psi" else (run[name], truth[name])
+        off = [np.nanmean((np.interp(run["t"] + s, truth.t, true) - values)[rows] ** 2) for s in tried]
+        out[name] = float(tried[int(np.argmin(off))])
+    return out
 
 
-@pytest.mark.longest
-@pytest.mark.slow
-@pytest.mark.skipif(os.name == "nt", reason="no measure of the peak")
-def test_memory_does_not_grow_with_the_log(tmp_path: Path) -> None:
-    """Four times the rows, 150 MB of text, need no more memory."""
-    peaks = []
-    t = np.arange(1000)
-    cells = [f"{0.3 * np.sin(0.01 * k):.6f};1.2;{0.05 * np.cos(0.01 * k):.6f};{0.01 * k:.3f};120.0;5.0;fine" for k in t]
-    for count in (600_000, 2_400_000):
-        path = tmp_path / f"{count}.csv"
-        with path.open("w") as file:
-            file.write("time;heading [rad];surge [m/s];sway [m/s];rot [deg/s];rpm;rudder [deg];mood\n")
-            for start in range(0, count, 1000):
-                file.write("\n".join(f"{1.7e9 + 0.05 * (start + k):.2f};{cells[k]}" for k in range(1000)) + "\n")
-        done = subprocess.run([sys.executable, "-c", PROGRAM, str(path)], capture_output=True, text=True, check=True)
-        peak, kept = map(int, done.stdout.split())
-        assert 250_000 < kept <= 400_000
-        peaks.append(peak)
-        path.unlink()
-    print(peaks)
-    assert peaks[1] < 1.3 * peaks[0] and peaks[1] < 500
+@pytest.mark.parametrize("tick", [1.0, 2.0])
+def test_rows_of_one_coarse_stamp_are_samples_of_it(tmp_path: Path, tick: float) -> None:
+    """No channel is late against another, and the steps are those of the logger."""
+    times = [stamp(tick * np.floor(t / tick)) for t in T]
+    found = imported(table(tmp_path / "a.csv", {**bridge(TRUTH), "Time": times}))
+    late = shifts(found)
+    assert max(abs(s) for s in late.values()) < 0.1, late
+    assert np.diff(found.runs[0].columns["t"]) == pytest.approx(0.5) and "time_spread" in codes(found)
+
+
+def test_a_missing_row_and_a_gap_leave_the_others_in_their_second(tmp_path: Path) -> None:
+    """Also where the log begins within a second, and goes on within one after a pause."""
+    keep = np.ones(N, bool)
+    keep[[0, 101, *range(160, 167)]] = False
+    times = [stamp(np.floor(t / 2) * 2) for t in T]
+    found = imported(table(tmp_path / "a.csv", {**bridge(TRUTH), "Time": times}, keep))
+    t = found.runs[0].columns["t"] + 0.5  # the first row was that of half a second
+    psi = np.interp(t, T, TRUTH.psi_unwrapped)
+    off = np.abs(np.angle(np.exp(1j * (found.runs[0].columns["psi"] - psi))))
+    assert np.nanmax(off) < 0.5 * np.abs(np.diff(TRUTH.psi_unwrapped)).max() * 1.4
+
+
+def test_rows_that_were_written_twice_are_one(tmp_path: Path) -> None:
+    columns = {name: np.repeat(values, 2) for name, values in bridge(TRUTH).items()}
+    found = imported(table(tmp_path / "a.csv", columns))
+    assert max(abs(s) for s in shifts(found).values()) < 0.05
+    assert len(found.runs[0].columns["t"]) == N and "time_repeated" in codes(found)
+
+
+@pytest.mark.parametrize("pod", ["azimuth_2", "Heading"])
+def test_directions_of_the_same_time_on_both_sides_of_north_have_a_mean_there(tmp_path: Path, pod: str) -> None:
+    """One row in a log was written twice, with 359 and 1 deg."""
+    columns = {**bridge(TRUTH), "n_azimuth_2 [rps]": TRUTH["n"], "azimuth_2 [deg]": np.full(N, 359.0)}
+    columns[f"{pod} [deg]"] = np.full(N, 359.0)
+    columns = {name: np.insert(np.array(values, dtype=object), 51, values[50]) for name, values in columns.items()}
+    columns[f"{pod} [deg]"][51] = 1.0
+    found = imported(table(tmp_path / "a.csv", columns))
+    values = found.runs[0].columns["psi" if pod == "Heading" else pod]
+    assert np.cos(values).min() > np.cos(np.radians(1.01)) and values[50] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("zones", [("+00:00", ""), ("", "+09:00")], ids=["Z, then none", "none, then +09:00"])
+@pytest.mark.parametrize("large", [False, True])
+def test_stamps_with_and_without_a_zone_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, zones: tuple[str, str], large: bool
+) -> None:
+    if large:
+        monkeypatch.setattr("cases.io.text_table.BLOCK", 9000)
+    hours = {"+00:00": 0, "+09:00": 9, "": 9}
+    stamps = ((t, zones[i >= 180]) for i, t in enumerate(T))
+    times = [stamp(t + 3600 * hours[zone])[:-6] + zone for t, zone in stamps]
+    path = table(tmp_path / "a.csv", {**bridge(TRUTH), "Time": times})
+    for given in (ImportMap(), ImportMap(zone_hours=9.0)):
+        assert len(import_logs([path], given).problems) == 1
+
+
+@pytest.mark.parametrize("dated", [True, False])
+@pytest.mark.parametrize("form", ["%I:%M:%S %p", "%I:%M:%S.%fpm"])
+def test_times_of_twelve_hours_stand_in_a_column_of_their_own(tmp_path: Path, dated: bool, form: str) -> None:
+    """From before noon until after it."""
+    begin = datetime.datetime(2026, 5, 14, 11, 59, 0)
+    when = [begin + datetime.timedelta(seconds=float(t - T[0])) for t in T]
+    half = [w.strftime("%p").lower()[0] for w in when]
+    times = [w.strftime(form.replace("pm", f" {h}.m.")) for w, h in zip(when, half, strict=True)]
+    columns = {**bridge(TRUTH), "Time": times} | ({"Date": [w.strftime("%m/%d/%Y") for w in when]} if dated else {})
+    found = imported(table(tmp_path / "a.csv", columns))
+    assert max(abs(s) for s in shifts(found).values()) < 0.3
+    assert found.runs[0].columns["t"][-1] == pytest.approx(TRUTH.duration, abs=1.0)
+
+
+PODS = [
+    ("azimuth", "azimuth_2", "n_azimuth", "n_azimuth_2"),
+    ("azimuth", "azimuth_3", "n_azimuth", "n_azimuth_3"),
+    ("azimuth_stbd", "azimuth_port", "n_azimuth_stbd", "n_azimuth_port"),
+    ("Pod angle stbd", "Pod angle port", "Pod speed stbd", "Pod speed port"),
+]
+
+
+@pytest.mark.parametrize("pods", PODS, ids=[pods[1] for pods in PODS])
+@pytest.mark.parametrize("unit", [" [deg]", ""])
+def test_pods_and_winds_go_the_short_way_between_samples(tmp_path: Path, pods: tuple[str, ...], unit: str) -> None:
+    """They are logged every 4 s beside a heading every half second."""
+    angle = 355.0 + 15.0 * np.sin(T / 12)
+    wrapped, n = angle % 360, TRUTH["n"]
+    log = bridge(TRUTH)
+    nav = {name: log[name] for name in ("Time", "Latitude", "Longitude", "SOG [kn]", "COG [deg]", "Heading [deg]")}
+    slow = {"Time": [stamp(t) for t in T], f"{pods[0]}{unit}": wrapped, f"{pods[1]}{unit}": wrapped}
+    slow |= {f"{pods[2]} [rps]": n, f"{pods[3]} [rps]": n}
+    slow |= {"True wind speed [m/s]": np.full(len(n), 4.0), f"True wind direction{unit}": wrapped}
+    slow |= {"AWS [m/s]": np.full(len(n), 5.0), f"AWA{unit}": wrapped}
+    table(tmp_path / "nav.csv", nav)
+    table(tmp_path / "pods.csv", slow, np.arange(len(n)) % 8 == 0)
+    found = imported(tmp_path)
+    columns = found.runs[0].columns
+    second = "azimuth_3" if "3" in pods[1] else "azimuth_2"
+    true = np.radians(np.interp(columns["t"], T, angle))
+    for name in ("azimuth", second, "wind_direction", "apparent_wind_direction"):
+        assert np.cos(columns[name] - true).min() > np.cos(np.radians(1.0)), name
+        assert columns[name].max() - columns[name].min() <= 2 * np.pi and np.abs(columns[name]).max() < 2 * np.pi, name
+
+
+def test_a_position_over_the_date_line_stays_there(tmp_path: Path) -> None:
+    log = bridge(raw_logs.run("turning:35"), (-17.0, 179.99995))
+    log["Longitude"] = (np.asarray(log["Longitude"], dtype=float) + 180) % 360 - 180
+    split = ("Time", "Latitude", "Longitude", "SOG [kn]", "COG [deg]")
+    table(tmp_path / "gnss.csv", {name: log[name] for name in split}, np.arange(len(log["Time"])) % 4 == 3)
+    table(tmp_path / "bridge.csv", {name: v for name, v in log.items() if name not in split[1:]})
+    y = imported(tmp_path).runs[0].columns["y"]
+    assert np.abs(y).max() < 100 and np.isfinite(y).mean() > 0.9
