@@ -121,14 +121,6 @@ def test_speeds_that_disagree_with_the_positions_widen_the_standard_error() -> N
     assert wrong > 3 * right
 
 
-def test_velocities_of_an_antenna_become_those_of_midship() -> None:
-    truth = raw_logs.run()
-    c, s = np.cos(truth["psi"]), np.sin(truth["psi"])
-    columns = {"x": truth["x"] + 3 * c - 0.5 * s, "y": truth["y"] + 3 * s + 0.5 * c, "psi": truth["psi"]}
-    found = derived_velocities(truth.t, columns, point=(3.0, 0.5))
-    assert max(np.abs(found.columns[name] - truth[name])[5:-5].max() for name in "uv") < 2e-3
-
-
 @pytest.mark.parametrize("step", [0.1, 0.01, 1852 / 3600 / 10, np.radians(0.1), 1 / 600000])
 def test_the_resolution_of_a_column_is_what_divides_its_differences(step: float) -> None:
     rng = np.random.default_rng(0)
