@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -133,12 +133,17 @@ RATES: dict[str, tuple[Any, ...]] = {
     "one each": ((rmc, 1.0), (hdt, 1.0), (rsa, 1.0), (rpm, 1.0)),
     "midnight": tuple((body, 1.0) for body in (lambda t: gga(t, NIGHT), lambda t: rmc(t, NIGHT), hdt, rsa, rpm)),
     "a slower receiver late": ((rmc, 1.0), (lambda t: late_gll(t), 1.0), (hdt, 0.1), (rsa, 0.1), (rpm, 0.1)),
+    "a word": ((rmc, 1.0), (hdt, 0.1), (rsa, 0.1), (rpm, 1.0)),
     "late": ((rmc, 1.0, late_by(0.01, 0.26)), (hdt, 0.1), (rsa, 0.1), (rpm, 1.0)),
     "jitter, a clock": ((rmc, 1.0, 0.01), *((body, 0.1, late_by(0.0, 0.04)) for body in (hdt, rsa)), (rpm, 1.0)),
     "late, a clock": (
         (rmc, 1.0, late_by(0.01, 0.31)), *((body, 0.1, late_by(0.0, 0.04)) for body in (hdt, rsa)), (rpm, 1.0)),
 }  # fmt: skip
-CLOCKS = {"jitter, a clock": off_clock("%H:%M:%S.%f"), "late, a clock": off_clock("%H:%M:%S.%f", 0.0)}
+CLOCKS = {
+    "a word": lambda t: "12:00:00.5 ",
+    "jitter, a clock": off_clock("%H:%M:%S.%f"),
+    "late, a clock": off_clock("%H:%M:%S.%f", 0.0),
+}
 NIGHT = datetime.datetime(2026, 5, 4, 23, 59, 20)
 
 
@@ -194,12 +199,6 @@ def test_a_loggers_clock_tells_when_a_heading_was_said(tmp_path: Path, name: str
     assert off(columns(path), "psi") < 2 * TURN
 
 
-def test_a_word_before_each_sentence_is_no_clock(tmp_path: Path) -> None:
-    path = log(tmp_path / "run.nmea", *RATES["gyro 10 Hz"])
-    path.write_text("".join(f"12:00:00.5 {line}\n" for line in path.read_text().splitlines()))
-    assert off(columns(path), "psi") < TURN
-
-
 def ship(*more: tuple[Body, float], without: Body | None = None) -> tuple[tuple[Body, float], ...]:
     """What a receiver says every second, a gyro, a rudder and a shaft every half, but ``without`` one; and more."""
     usual = ((rmc, 1.0), (hdt, 0.5), (rsa, 0.5), (rpm, 0.5))
@@ -244,27 +243,68 @@ def angle(t: float, sign: int = 1) -> str:
     return f"{sign * np.degrees(at(t, 'delta')):.3f}"
 
 
-@pytest.mark.parametrize(
-    ("fields", "rudders"),
-    [
-        (lambda t: f"0.0,V,{angle(t)},A", {"delta": 1}),
-        (lambda t: f",V,{angle(t)},A", {"delta": 1}),
-        (lambda t: f"{angle(t)},A,0.0,V", {"delta": 1}),
-        (lambda t: f"{angle(t)},A,,", {"delta": 1}),
-        (lambda t: f"{angle(t)},A,{angle(t, -1)},A", {"delta_starboard": 1, "delta_port": -1}),
-    ],
-)
-def test_a_rudder_is_that_of_the_sensors_that_are_valid(tmp_path: Path, fields: Body, rudders: dict[str, int]) -> None:
-    found = columns(log(tmp_path / "run.nmea", *ship((lambda t: f"AGRSA,{fields(t)}", 0.5), without=rsa)))
-    assert {name for name in found if name.startswith("delta")} == set(rudders)
-    for name, sign in rudders.items():
-        assert off({**found, "delta": sign * found[name]}, "delta") < 0.05
+def rudder(fields: Body) -> tuple[tuple[Body, float], ...]:
+    return ship((lambda t: f"AGRSA,{fields(t)}", 0.5), without=rsa)
+
+
+def shaft(instrument: str, factor: float = 1.0) -> tuple[Body, float]:
+    return lambda t: f"IIRPM,{instrument},{factor * 60 * at(t, 'n'):.3f},100,A", 0.5
+
+
+def magnetic(t: float) -> str:
+    return f"{(np.degrees(at(t, 'psi')) + 7.5) % 360:.3f}"  # a variation of 7.5 deg to the west
+
+
+def compass(more: str, fields: str) -> tuple[tuple[Body, float], ...]:
+    """The variation is said by the receiver, or by a magnetic compass every 10 s, beside its deviation."""
+    deviation = ",".join(fields.split(",")[:2])
+    hdg: Body = lambda t: f"HCHDG,{magnetic(t)},{fields if t % 10 == 0 else f'{deviation},,'}"  # noqa: E731
+    return (lambda t: rmc(t, more=more), 1.0), (hdg, 0.25), (rsa, 0.5), (rpm, 0.5)
+
+
+GYRO_10 = RATES["gyro 10 Hz"]
+MOVING: Body = lambda t: f"IIRPM,S,0,{60 * at(t, 'n'):.3f},{t:.1f},A"  # noqa: E731
+BOTH = {"n": ("n", 1.0), "delta": ("delta", 1.0)}
+# What is said -> the actuators that come of it, each as that of the truth times a factor, and what is said of it
+SENTENCES: dict[str, tuple[tuple[Any, ...], dict[str, tuple[str, float]], str]] = {
+    "starboard not valid": (rudder(lambda t: f"0.0,V,{angle(t)},A"), BOTH, ""),
+    "no starboard": (rudder(lambda t: f",V,{angle(t)},A"), BOTH, ""),
+    "port not valid": (rudder(lambda t: f"{angle(t)},A,0.0,V"), BOTH, ""),
+    "no port": (rudder(lambda t: f"{angle(t)},A,,"), BOTH, ""),
+    "two rudders": (
+        rudder(lambda t: f"{angle(t)},A,{angle(t, -1)},A"),
+        {"n": ("n", 1.0), "delta_starboard": ("delta", 1.0), "delta_port": ("delta", -1.0)}, ""),
+    "a rudder that stays at zero": (rudder(lambda t: f"{angle(t)},A,0.0,A"), BOTH, ""),
+    "a shaft and its engine": (ship(shaft("S,0"), shaft("E,0", 3.5), without=rpm), BOTH, ""),
+    "two shafts and their engines": (
+        ship(shaft("E,1", 3.5), shaft("S,1"), shaft("E,2", 3.4), shaft("S,2", 0.9), without=rpm),
+        BOTH | {"n_2": ("n", 0.9)}, ""),
+    "the second shaft alone": (ship(shaft("S,2"), without=rpm), BOTH, ""),
+    "the first shaft alone": (ship(shaft("S,1"), without=rpm), BOTH, ""),
+    "blades that move": (ship((MOVING, 0.5), without=rpm), BOTH, "pitch_moves"),
+    "variation of the receiver": (compass("7.5,W,A", ",,,"), BOTH, ""),
+    "variation of the compass": (compass(",,A", ",,7.5,W"), BOTH, ""),
+    "deviation to the east": (compass("3.0,E,A", "1.0,E,8.5,W"), BOTH, ""),
+    "deviation to the west": (compass(",,A", "9.0,W,1.5,E"), BOTH, ""),
+    "a gyro that says less": (
+        (*GYRO_10, (lambda t: f"GPHDT,{(np.degrees(at(t, 'psi')) + 3) % 360:.3f},T", 0.5)), BOTH, "doubled"),
+    "a compass beside a gyro": ((*GYRO_10, (lambda t: "HCHDG,10.0,,,7.5,W", 0.25)), BOTH, ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SENTENCES)
+def test_sentences_give_rudders_that_are_valid_shafts_not_engines_and_a_true_heading(tmp_path: Path, name: str) -> None:
+    said, actuators, code = SENTENCES[name]
+    given = imported(log(tmp_path / "run.nmea", *said))
+    found = given.runs[0].columns
+    assert {column for column in found if column.startswith(("n", "delta"))} == set(actuators)
+    for column, (like, factor) in actuators.items():
+        assert off({"t": found["t"], like: found[column] / factor}, like) < (0.01 if like == "n" else 0.05), column
+    assert off(found, "psi") < 2 * TURN and code in {"", *codes(given)}
 
 
 def test_a_rudder_that_is_never_valid_is_missing(tmp_path: Path) -> None:
-    (problem,) = import_logs(
-        [log(tmp_path / "a.nmea", *ship((lambda t: f"AGRSA,{angle(t)},V,0.0,V", 0.5), without=rsa))]
-    ).problems
+    (problem,) = import_logs([log(tmp_path / "a.nmea", *rudder(lambda t: f"{angle(t)},V,0.0,V"))]).problems
     assert "delta" in problem
 
 
@@ -277,31 +317,9 @@ def test_what_was_ordered_of_a_rudder_stands_beside_it(tmp_path: Path, fields: s
     assert np.sqrt(np.mean((found["delta_order"] - ahead)[rows] ** 2)) < 0.05 * np.std(found["delta"])
 
 
-def shaft(instrument: str, factor: float = 1.0) -> Body:
-    return lambda t: f"IIRPM,{instrument},{factor * 60 * at(t, 'n'):.3f},100,A"
-
-
-@pytest.mark.parametrize(
-    ("bodies", "shafts"),
-    [
-        ((shaft("S,0"), shaft("E,0", 3.5)), {"n": 1.0}),
-        ((shaft("E,1", 3.5), shaft("S,1"), shaft("E,2", 3.4), shaft("S,2", 0.9)), {"n": 1.0, "n_2": 0.9}),
-        ((shaft("S,2"),), {"n": 1.0}),
-        ((shaft("S,1"),), {"n": 1.0}),
-    ],
-)
-def test_a_propeller_turns_as_its_shaft_and_not_as_an_engine(
-    tmp_path: Path, bodies: Iterable[Body], shafts: dict[str, float]
-) -> None:
-    found = columns(log(tmp_path / "run.nmea", *ship(*((body, 0.5) for body in bodies), without=rpm)))
-    assert {name for name in found if name.startswith("n")} == set(shafts)
-    for name, share in shafts.items():
-        assert off({**found, "n": found[name] / share}, "n") < 0.01
-
-
 def test_an_engine_alone_is_asked_for(tmp_path: Path) -> None:
     """It is no shaft, but may turn as fast as one."""
-    path = log(tmp_path / "run.nmea", *ship((shaft("E,0"), 0.5), without=rpm))
+    path = log(tmp_path / "run.nmea", *ship(shaft("E,0"), without=rpm))
     found = import_logs([path])
     assert not found.runs and "missing n" in found.problems[0] and "'RPM-E'" in found.problems[0]
     assert [list(q.choices) for q in found.questions] == [["n", "n_2", "nothing"]]
@@ -347,10 +365,6 @@ def test_what_is_not_valid_says_nothing(tmp_path: Path, name: str, void: Body) -
     assert "nmea_void" in codes(given)
 
 
-def magnetic(t: float) -> str:
-    return f"{(np.degrees(at(t, 'psi')) + 7.5) % 360:.3f}"  # a variation of 7.5 deg to the west
-
-
 @pytest.mark.parametrize("body", [lambda t: f"HCHDG,{magnetic(t)},,,,", lambda t: f"HCHDM,{magnetic(t)},M"])
 @pytest.mark.parametrize("more", [",,A", "0.0,E,A"])
 def test_a_magnetic_heading_asks_for_the_variation(tmp_path: Path, body: Body, more: str) -> None:
@@ -359,29 +373,6 @@ def test_a_magnetic_heading_asks_for_the_variation(tmp_path: Path, body: Body, m
     found = import_logs([path])
     assert not found.runs and "variation = " in found.problems[0]
     assert off(columns(path, chosen(variation=-7.5)), "psi") < 2 * TURN
-
-
-@pytest.mark.parametrize(
-    ("more", "fields"),
-    [("7.5,W,A", ",,,"), (",,A", ",,7.5,W"), ("3.0,E,A", "1.0,E,8.5,W"), (",,A", "9.0,W,1.5,E")],
-)
-def test_a_variation_that_is_said_once_is_used(tmp_path: Path, more: str, fields: str) -> None:
-    """With the deviation of the compass, both to either side."""
-
-    def hdg(t: float) -> str:
-        deviation = ",".join(fields.split(",")[:2])
-        return f"HCHDG,{magnetic(t)},{fields if t % 10 == 0 else f'{deviation},,'}"
-
-    path = log(tmp_path / "run.nmea", (lambda t: rmc(t, more=more), 1.0), (hdg, 0.25), (rsa, 0.5), (rpm, 0.5))
-    assert off(columns(path), "psi") < 2 * TURN
-
-
-def test_of_two_gyros_the_one_that_says_more_is_taken(tmp_path: Path) -> None:
-    other = lambda t: f"GPHDT,{(np.degrees(at(t, 'psi')) + 3) % 360:.3f},T"  # noqa: E731
-    found = imported(log(tmp_path / "run.nmea", *RATES["gyro 10 Hz"], (other, 0.5)))
-    assert off(found.runs[0].columns, "psi") < TURN and "doubled" in codes(found)
-    compass = log(tmp_path / "b.nmea", *RATES["gyro 10 Hz"], (lambda t: "HCHDG,10.0,,,7.5,W", 0.25))
-    assert off(columns(compass), "psi") < TURN
 
 
 def test_a_receiver_that_stands_still_is_seen_beside_a_faster_gyro(tmp_path: Path) -> None:
@@ -520,9 +511,3 @@ def test_every_sentence_is_accounted_for(tmp_path: Path) -> None:
     assert found["GPVTG"][0].why == "mode N" and found["VDVBW through the water"][0].why
     assert all(not one.used_as for name in ("AIVDM", "PASHR", "SDDPT", "YXXDR") for one in found[name])
     assert {"nmea", "nmea_void", "nmea_damaged", "nmea_not_read"} <= codes(given)
-
-
-def test_blades_that_move_are_named_and_a_rudder_at_zero_is_none(tmp_path: Path) -> None:
-    said = (lambda t: f"IIRPM,S,0,{60 * at(t, 'n'):.3f},{t:.1f},A", lambda t: f"AGRSA,{angle(t)},A,0.0,A")
-    found = imported(log(tmp_path / "run.nmea", (rmc, 1.0), (hdt, 0.5), *((body, 0.5) for body in said)))
-    assert "pitch_moves" in codes(found) and off(found.runs[0].columns, "delta") < 0.05

@@ -18,7 +18,7 @@ from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from cases.trial_set import TrialSet
 from mmg.errors import UserError
-from tests.support.diagnosis_cases import FEW, RUNS, pushed_trials
+from tests.support.diagnosis_cases import RUNS, pushed_trials
 
 N = 60
 T = np.arange(N) * 0.5
@@ -29,14 +29,17 @@ COLUMNS: dict[str, np.ndarray] = {
 
 
 def test_a_frame_in_degrees_and_knots_is_the_trial_of_arrays_in_si() -> None:
+    """And so is a table of pyarrow."""
     arrays = Trial.from_arrays(name="run", kind="turning", **COLUMNS)
     frame = pd.DataFrame({k: v for k, v in COLUMNS.items() if k not in ("psi", "delta", "u")})
     frame["psi [deg]"], frame["delta [deg]"] = np.degrees(COLUMNS["psi"]), np.degrees(COLUMNS["delta"])
     frame["u"] = COLUMNS["u"] * 3600 / 1852
     units = {"t": "s", "x": "m", "y": "m", "v": "m/s", "r": "rad/s", "n": "rps", "u": "kn"}
     found = Trial.from_pandas(frame, units=units, name="run", kind="turning")
+    table = Trial.from_pandas(pyarrow.table({f"{name} [{UNITS[name]}]": v for name, v in COLUMNS.items()}))
     for name in COLUMNS:
         np.testing.assert_allclose(found[name], arrays[name], rtol=1e-12)
+        assert np.array_equal(table[name], arrays[name])
     assert found.kind == arrays.kind == "turning" and found.sha256 != arrays.sha256
     assert {m.code for m in found.notices} >= {"unit_converted"}  # type: ignore[union-attr]
 
@@ -69,13 +72,6 @@ def test_time_stamps_of_a_zone_are_read_in_utc() -> None:
     mixed = [stamps[0].tz_localize(None), *stamps[1:]]
     with pytest.raises(UserError):
         Trial.from_pandas(frame.assign(**{"t [s]": pd.Series(mixed, dtype=object)}))
-
-
-def test_what_becomes_a_frame_of_pandas_is_read_as_one() -> None:
-    table = pyarrow.table({f"{name} [{UNITS.get(name, 'rps')}]": values for name, values in COLUMNS.items()})
-    trial = Trial.from_pandas(table)
-    for name, values in COLUMNS.items():
-        assert np.array_equal(trial[name], values)
 
 
 def test_a_frame_and_its_file_are_the_same_trial(tmp_path: Path) -> None:
@@ -174,12 +170,3 @@ def test_a_resampled_trial_goes_along_lines_and_holds_its_inputs() -> None:
     for dt in (0.0, math.nan, 1e6):
         with pytest.raises(UserError):
             trial.resample(dt)
-
-
-def test_a_calibration_takes_trials_of_arrays() -> None:
-    import mmg_ident
-
-    trial = pushed_trials(3, [], RUNS[:1])[0]
-    made = Trial.from_arrays(name="run", **trial.columns)
-    predicted = mmg_ident.predict(FEW, made, 30.0)
-    np.testing.assert_allclose(predicted[0].table, mmg_ident.predict(FEW, trial, 30.0)[0].table, rtol=1e-9)

@@ -129,16 +129,6 @@ def test_canonical_csv_and_parquet_are_read_as_they_are(tmp_path):
             np.testing.assert_allclose(trial[name], values, rtol=1e-12, atol=1e-15)
 
 
-def test_degrees_knots_and_rpm_are_converted_and_said(tmp_path):
-    truth = motion_columns(20.0)
-    stored = {**truth, "psi": truth["psi"] / DEG, "r": truth["r"] / DEG, "u": truth["u"] * 3600 / 1852}
-    headers = {"psi": "psi [deg]", "r": "r [deg/s]", "u": "u [kn]"}
-    trial = read_trial(write_csv(tmp_path / "run.csv", stored, headers))
-    for name in ("psi", "r", "u"):
-        np.testing.assert_allclose(trial[name], truth[name], rtol=1e-12, atol=1e-15)
-    assert len([n for n in trial.notices if "converted" in n]) == 3
-
-
 def test_an_optional_column_without_numbers_is_left_out(tmp_path: Path) -> None:
     csv(wind_speed=NOTHING)(tmp_path / "b.csv")
     trial = read_trial(tmp_path / "b.csv")

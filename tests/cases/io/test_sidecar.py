@@ -13,7 +13,6 @@ from cases.io.read import read_trial, read_trials
 from cases.io.sidecar import ReferencePoint, Sidecar, SidecarEntry, sidecar_entry
 from cases.io.site import Site, read_site
 from cases.io.toml_file import validated
-from cases.quantities import UNITS
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from mmg.errors import BadValue, Conflict, Missing, UserError
@@ -137,22 +136,6 @@ def test_a_line_to_add_names_its_sidecar_and_table(tmp_path: Path) -> None:
     assert str(tmp_path / "trials.toml") in str(error.value)
     (tmp_path / "trials.toml").write_text(f"{table}\n{line}\n".replace("HEADER", "heading"))
     assert "psi" in read_trial(path)
-
-
-@pytest.mark.parametrize("name", ["psi", "azimuth", "azimuth_3", "wind_direction", "apparent_wind_direction"])
-def test_a_direction_that_is_late_goes_the_short_way_over_north(tmp_path: Path, name: str) -> None:
-    """Its samples stand on both sides of north, and the lag is half a step."""
-    columns = motion_columns(20.0)
-    t = columns["t"]
-    half = 0.5 * float(t[1] - t[0])
-    angle = np.radians(2.0) * np.where(np.arange(len(t)) % 2, 1.0, -1.0)
-    columns |= {"wind_speed": 0 * t + 3.0, "apparent_wind_speed": 0 * t + 3.0, name: angle % (2 * np.pi)}
-    columns |= {other: 0 * t for other in ("wind_direction", "apparent_wind_direction") if other != name}
-    header = {c: f"{c} [{UNITS[c]}]" for c in columns}
-    path = write_csv(tmp_path / "run.csv", columns, header, rows=None)
-    late = read_trial(path, {"lag": {name: half}, "sentinels": []})
-    assert np.cos(late[name][5:-5]) == pytest.approx(1.0)
-    assert name == "psi" or np.all((late[name] >= 0) & (late[name] <= 2 * np.pi))
 
 
 SHIP = load_ship("esso_osaka_3m")
