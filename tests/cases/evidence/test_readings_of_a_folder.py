@@ -1,17 +1,29 @@
-"""Frames, signs, units, lags and lever arms of all files of a folder together."""
+"""Frames, signs, units, lags, gains and lever arms of all files of a folder together: a lag is told by the motion."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
+from benchmarks.file_faults.faults import FAULTS
 from cases.checks import CheckReport, check
+from cases.criteria.standard_runs import simulated_trial
+from cases.evidence import tails
 from cases.evidence.competition import judged, scores
-from cases.evidence.signals import signals
+from cases.evidence.shifts import LAGS, TRACK, TURN, candidates, nats, nats_of_lags, scale, shifts
+from cases.evidence.signals import Signals, signals, white_noise
 from cases.io.read import read_trial, read_trials
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.ship_file import load_ship
+from cases.trial import Trial
+from diagnosis.hypotheses import events
 from tests.support.trial_files import make_trial, motion_columns, shifted, write_csv
 
 Columns = dict[str, np.ndarray]
@@ -31,7 +43,7 @@ def earth(c: Columns) -> Columns:
     return {**c, "u": w.real, "v": w.imag}
 
 
-def said(folder: Path, files: list[Columns], labels: dict[str, str] | None = None) -> list[CheckReport]:
+def said(folder: Path, files: list[Columns], labels: Mapping[str, str] | None = None) -> list[CheckReport]:
     for number, columns in enumerate(files):
         headers = {name: f"{name} [{unit}]" for name, unit in (labels or {}).items()}
         write_csv(folder / f"run_{number}.csv", columns, headers, rows=None)
@@ -47,11 +59,19 @@ def advice(reports: list[CheckReport]) -> list[tuple[str, str]]:
     return list(dict.fromkeys(re.findall(r"trials\.toml, (\[.+?\]): (.+?)\.(?:$|\n)", texts)))
 
 
-def followed(folder: Path, reports: list[CheckReport]) -> list[CheckReport]:
-    """What is said once the printed lines stand in the sidecar."""
-    lines = [f"{table}\n" + line.replace(" and ", "\n") for table, line in advice(reports)]
-    (folder / "trials.toml").write_text("\n".join(lines) + "\n")
-    return check(read_trials(folder))
+def numbers(line: str) -> list[float]:
+    return [float(number) for number in re.findall(r"= (-?\d[\d.e-]*)", line)]
+
+
+def named_and_mended(folder: Path, columns: Columns, labels: Mapping[str, str] | None = None) -> tuple[str, str]:
+    """The code and the line of what is said of a file, which is said no more once the line stands in the sidecar."""
+    reports = said(folder, [columns], labels)
+    ((table, line),) = advice(reports)
+    (code,) = loud(reports[0])
+    before = sidecar.read_text() if (sidecar := folder / "trials.toml").exists() else f"{table}\n"
+    sidecar.write_text(before + line.replace(" and ", "\n") + "\n")
+    assert table == "[default]" and not loud(check(read_trials(folder))[0])
+    return code, line
 
 
 def test_a_file_that_says_nothing_follows_its_folder(tmp_path: Path) -> None:
@@ -62,18 +82,14 @@ def test_a_file_that_says_nothing_follows_its_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("count", [2, 3])
-def test_one_wrong_file_is_named_alone(count: int, tmp_path: Path) -> None:
+def test_one_wrong_file_is_named_alone_and_files_that_nobody_looked_at_are_not_changed(
+    count: int, tmp_path: Path
+) -> None:
     files = [motion_columns(seed=k + 1) for k in range(count)]
     reports = said(tmp_path, [earth(files[0]), *files[1:]])
     assert [bool(loud(r)) for r in reports] == [True, *[False] * (count - 1)]
-    assert advice(reports) == [('[files."run_0.csv"]', 'velocity_frame = "earth"')]
-
-
-def test_a_file_of_a_folder_that_nobody_looked_at_is_not_changed(tmp_path: Path) -> None:
-    files = [earth(motion_columns(seed=k)) for k in (1, 2)]
-    said(tmp_path, files)
-    reports = check(read_trials([tmp_path / "run_0.csv"]))
-    assert advice(reports) == [('[files."run_0.csv"]', 'velocity_frame = "earth"')]
+    for some in (reports, check(read_trials([tmp_path / "run_0.csv"]))):
+        assert advice(some) == [('[files."run_0.csv"]', 'velocity_frame = "earth"')]
 
 
 @pytest.mark.parametrize(("port", "starboard", "folder"), [(0.6, 0.7, -1), (0.6, 0.8, 1)])
@@ -88,42 +104,30 @@ def test_a_folder_is_not_read_as_what_all_its_files_together_speak_against(
     assert {one.folder.rudder for one in found} == {folder}
 
 
-DEG = 180 / np.pi
-FAULTS = {
-    "swapped": (
-        lambda c: {"x": c["y"], "y": c["x"]}, {}, "swapped_positions", 'columns = { x = "y [m]", y = "x [m]" }',
-    ),
-    "east": (
-        lambda c: {"psi": np.pi / 2 - c["psi"], "r": -c["r"]}, {}, "heading_from_east",
-        'sign = { psi = -1, r = -1 } and heading_from = "east"',
-    ),
-    "ms": (lambda c: {"t": 1000 * c["t"]}, {}, "unit", 'units = { t = "ms" }'),
-    "knots": (lambda c: {"u": 1.943844 * c["u"], "v": 1.943844 * c["v"]}, {}, "unit", 'units = { u = "kn", v = "kn" }'),
-    "deg/min": (lambda c: {"r": DEG * 60 * c["r"]}, {"r": "deg/s"}, "unit", 'units = { r = "deg/min" }'),
-    "deg": (lambda c: {"psi": np.mod(DEG * c["psi"], 360)}, {}, "unit", 'units = { psi = "deg" }'),
-    "rpm": (lambda c: {"n": 60 * c["n"]}, {}, "unit", 'units = { n = "rpm" }'),
-    "rudder in deg": (lambda c: {"delta": DEG * c["delta"]}, {}, "unit", 'units = { delta = "deg" }'),
-}  # fmt: skip
+LINES = {
+    "x and y swapped": 'columns = { x = "y [m]", y = "x [m]" }',
+    "heading from east, counter-clockwise": 'sign = { psi = -1, r = -1 } and heading_from = "east"',
+    "milliseconds as s": 'units = { t = "ms" }',
+    "knots as m/s": 'units = { u = "kn", v = "kn" }',
+    "r in deg/min as deg/s": 'units = { r = "deg/min" }',
+    "psi in deg as rad": 'units = { psi = "deg" }',
+    "rpm as rps": 'units = { n = "rpm" }',
+    "delta in deg as rad": 'units = { delta = "deg" }',
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", list(FAULTS))
-def test_a_fault_is_named_and_its_line_mends_it(fault: str, tmp_path: Path) -> None:
-    change, labels, code, line = FAULTS[fault]
-    columns = motion_columns(seed=4)
-    reports = said(tmp_path, [{**columns, **change(columns)}], labels)
-    assert loud(reports[0]) == {code}
-    assert advice(reports) == [("[default]", line)]
-    assert not loud(followed(tmp_path, reports)[0])
+@pytest.mark.parametrize("name", list(LINES))
+def test_a_fault_is_named_and_its_line_mends_it(name: str, tmp_path: Path) -> None:
+    fault, columns = FAULTS[name], motion_columns(seed=4)
+    changed = {**columns, **fault.change(columns, 3.0, 1.0, np.random.default_rng(0))}
+    assert named_and_mended(tmp_path, changed, fault.labels) == (fault.codes[0], LINES[name])
 
 
 def test_a_lag_is_named_and_mended(tmp_path: Path) -> None:
     columns = motion_columns(seed=4)
-    reports = said(tmp_path, [{**columns, "r": shifted(columns["r"], 2.0)}])
-    assert loud(reports[0]) == {"lag"}
-    ((_, line),) = advice(reports)
-    assert float(line.removeprefix("lag = { r = ").removesuffix(" }")) == pytest.approx(2.0, abs=0.1)
-    assert not loud(followed(tmp_path, reports)[0])
+    code, line = named_and_mended(tmp_path, {**columns, "r": shifted(columns["r"], 2.0)})
+    assert code == "lag" and line.startswith("lag = { r = ") and numbers(line) == [pytest.approx(2.0, abs=0.1)]
 
 
 def test_a_heading_behind_the_turn_rate_is_late_and_velocities_made_with_it_follow(tmp_path: Path) -> None:
@@ -132,13 +136,9 @@ def test_a_heading_behind_the_turn_rate_is_late_and_velocities_made_with_it_foll
     w = (c["u"] + 1j * c["v"]) * np.exp(1j * (c["psi"] - late))
     relatives = '[default]\nderived = { u = ["psi", "x", "y"], v = ["psi", "x", "y"] }\n'
     (tmp_path / "trials.toml").write_text(relatives)
-    reports = said(tmp_path, [{**c, "psi": late, "u": w.real, "v": w.imag}])
-    ((_, line),) = advice(reports)
-    seconds = float(line.removeprefix("lag = { psi = ").removesuffix(" }"))
-    assert loud(reports[0]) == {"lag"} and seconds == pytest.approx(2.0, abs=0.1)
-    (tmp_path / "trials.toml").write_text(f"{relatives}{line}\n")
+    code, line = named_and_mended(tmp_path, {**c, "psi": late, "u": w.real, "v": w.imag})
+    assert code == "lag" and line.startswith("lag = { psi = ") and numbers(line) == [pytest.approx(2.0, abs=0.1)]
     (trial,) = read_trials(tmp_path)
-    assert not loud(check([trial])[0])
     rows = slice(30, -30)  # at the begin the heading is held
     for name in "uv":
         assert np.allclose(trial[name][rows], np.interp(trial.t, c["t"], c[name])[rows], atol=0.005)
@@ -155,12 +155,8 @@ def test_a_turn_rate_ahead_of_all_else_gives_no_line(tmp_path: Path) -> None:
 def test_the_lever_arm_of_the_positions_is_named_and_mended(arm: complex, tmp_path: Path) -> None:
     c = motion_columns(seed=5)
     place = c["x"] + 1j * c["y"] + arm * np.exp(1j * c["psi"])
-    reports = said(tmp_path, [{**c, "x": place.real, "y": place.imag}])
-    assert loud(reports[0]) == {"lever_arm"}
-    ((_, line),) = advice(reports)
-    x, y = map(float, re.findall(r"[xy] = (-?[\d.e-]+)", line))
-    assert x == pytest.approx(arm.real, abs=0.05) and y == pytest.approx(arm.imag, abs=0.05)
-    assert not loud(followed(tmp_path, reports)[0])
+    code, line = named_and_mended(tmp_path, {**c, "x": place.real, "y": place.imag})
+    assert code == "lever_arm" and numbers(line) == pytest.approx([arm.real, arm.imag], abs=0.05)
 
 
 @pytest.mark.parametrize("name", ["r", "psi"])
@@ -186,3 +182,153 @@ def test_a_lag_takes_a_column_back_and_cuts_what_is_then_unknown(tmp_path: Path)
     plain, back = read_trial(path, {}), read_trial(path, {"lag": {"u": 1.0}})
     assert len(back) == len(plain) - 10 and back.t[0] == plain.t[0]
     assert np.allclose(back["u"], plain["u"][10:]) and np.allclose(back["v"], plain["v"][:-10])
+
+
+# Lags and gains, with their errors
+EVERY, NOISE = 20, 0.9
+"""Rows of 0.1 s between two that are logged, and error of the positions [m]: of a tanker of 320 m."""
+
+
+def record(place: np.ndarray) -> Signals:
+    count = len(place)
+    zero = np.zeros(count)
+    return Signals(2.0, place, zero, zero + 0j, zero, np.ones(count, dtype=bool))
+
+
+@pytest.mark.parametrize("rows", [0.5, -0.3, 7.25])
+def test_moving_a_record_moves_what_is_smooth_and_keeps_the_size_of_noise(rows: float) -> None:
+    k = np.arange(400)
+
+    def way(at: np.ndarray) -> np.ndarray:
+        return 3.0 * at + 40.0 * np.exp(2j * np.pi * at / 90.0)
+
+    inner = slice(20, -20)
+    smooth = record(way(k)).shifted(2.0 * rows, "place")
+    np.testing.assert_allclose(smooth.place[inner], way(k + rows)[inner], atol=0.02)
+    assert smooth.good.sum() == len(k) - np.ceil(abs(rows))
+    noise = np.random.default_rng(1).normal(size=(len(k), 2)) @ [1.0, 1j]
+    moved = record(noise).shifted(2.0 * rows, "place").place
+    assert np.std(moved[inner]) == pytest.approx(np.std(noise[inner]), rel=0.03)
+
+
+SHIP = load_ship("kvlcc2_full")
+
+
+@cache
+def coarse_trials(count: int = 2) -> list[Trial]:
+    ship, found = SHIP, []
+    for k, words in enumerate(("zigzag:20/20", "turning:35")[:count]):
+        run, rng = simulated_trial(ship, words, None, None, False, k), np.random.default_rng(k)
+        thin = {name: values[::EVERY].copy() for name, values in run.columns.items()}
+        for name in ("x", "y"):
+            thin[name] += rng.normal(scale=NOISE, size=len(thin[name]))
+        found.append(replace(run, columns=thin, name=f"coarse_{k}"))
+    return found
+
+
+@pytest.mark.slow
+def test_noisy_positions_of_a_slow_ship_are_not_late_and_late_ones_are() -> None:
+    """With straight lines between rows these positions were 1 to 2 s late, whatever the truth."""
+    trials = coarse_trials()
+    known = [s for t in trials if (s := signals(t)) is not None]
+    assert len(known) == len(trials)
+    assert shifts(candidates(known, 40.0)) == [None] * len(trials)
+    late = [s.shifted(-12.0, "place") for s in known]
+    found = [shift for shift in shifts(candidates(late, 40.0)) if shift is not None]
+    assert len(found) == len(trials) and {shift.name for shift in found} == {"place"}
+    assert [float(np.real(shift.value)) for shift in found] == pytest.approx([12.0] * len(trials), abs=1.5)
+
+
+@pytest.mark.parametrize("name", LAGS)
+def test_many_lags_at_once_are_worth_what_each_alone_is(name: str) -> None:
+    lags = np.array([-30.0, -1.0, 0.0, 2.5, 30.0])
+    for trial in coarse_trials(1):
+        s = signals(trial)
+        assert s is not None
+        together, late = nats_of_lags(s, name, lags), [s.shifted(float(lag), *LAGS[name]) for lag in lags]
+        assert together[2] == pytest.approx(0.0, abs=1e-6)
+        plain = [nats(replace(s, good=one.good)) for one in late]
+        np.testing.assert_allclose(together, np.array([nats(one) for one in late]) - plain, atol=0.02)
+        assert np.ptp(together) > 1.0
+
+
+def test_the_noise_on_a_slow_motion_is_recovered_and_unmeasured_columns_have_none() -> None:
+    rng, t = np.random.default_rng(0), np.arange(4000) * 0.1
+    sizes = np.array([0.01, 0.02, 0.003, 0.004, 0.005, 0.0006])
+    states = np.sin(0.05 * t)[:, None] + sizes * rng.standard_normal((len(t), 6))
+    np.testing.assert_allclose(white_noise([states[:2000], states[2000:], states[:2]]), sizes, rtol=0.1)
+    states[:, :2] = np.nan
+    assert white_noise([states]).tolist() == [0.0] * 6
+    noise = white_noise([states], slice(2, None))
+    assert noise[:2].tolist() == [0.0, 0.0] and noise[5] == pytest.approx(sizes[5], rel=0.1)
+
+
+def straight_run(seed: int, gain: float, seconds: float = 100.0) -> Trial:
+    """A straight run of 3 m/s at 2 Hz with satellite positions, whose u and v are ``gain`` times the true ones."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, 0.5)
+    still = np.zeros(len(t))
+    psi = 0.7 + 0.001 * rng.standard_normal(len(t))
+    place = 3.0 * t * np.exp(0.7j) + rng.normal(scale=0.05, size=(len(t), 2)) @ [1.0, 1j]
+    u, v = (gain * (true + 0.01 * rng.standard_normal(len(t))) for true in (3.0, 0.0))
+    columns = {"t": t, "x": place.real, "y": place.imag, "psi": psi, "u": u, "v": v, "r": still, "n": still + 1.0}
+    return Trial("straight", {**columns, "delta": still})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gain", [0.98, 1.0, 1.03])
+def test_a_gain_shows_in_100_s_of_straight_track(gain: float) -> None:
+    for seed in range(4):
+        (report,) = check([straight_run(seed, gain)])
+        found = report.numbers["kinematics"]["gain"]["u"]
+        assert found == pytest.approx(gain, abs=0.003)
+        assert [f.level for f in report.findings if f.code == "gain"] == (["doubtful"] if gain != 1.0 else [])
+
+
+def test_a_receiver_that_repeats_and_skips_fixes_hides_no_gain() -> None:
+    """Fixes of 0.5 Hz on a clock of 2 Hz: of a third of the seconds the way is half or twice as long."""
+    trial = straight_run(1, 1 / 1.0204, 600.0)
+    rng, t = np.random.default_rng(2), trial.t
+    place, fixes = 3.0 * t * np.exp(0.7j), np.arange(0, len(t), 4)
+    shown = np.interp(t, t[fixes] + 1.0 * (rng.random(len(fixes)) < 0.3), place[fixes].real)
+    shown = shown + 1j * shown * np.tan(0.7)
+    found = scale([trial.with_columns(x=shown.real, y=shown.imag)], TRACK[:6])
+    assert found is not None and found.matters("u")
+    assert found.values["u"] == pytest.approx(0.0204, abs=4 * found.std["u"]) and found.std["u"] < 0.004
+
+
+def test_noise_of_a_column_is_no_gain_of_it() -> None:
+    """A straight run has no sway and no turn but noise, which no regression may take for a small gain."""
+    for seed in range(3):
+        trial = simulated_trial(SHIP, parse_maneuver("straight", SHIP, duration=900), None, None, True, seed, 1.0)
+        for names in (TRACK[:6], TURN):
+            found = scale([trial], names)
+            assert found is None or not any(found.matters(name) for name in names if name in "uvr")
+
+
+def test_a_current_against_a_log_is_told_from_its_gain_by_legs_both_ways() -> None:
+    out, back = straight_run(1, 1.0, 300.0), straight_run(2, 1.0, 300.0)
+    back = back.with_columns(psi=back["psi"] + np.pi, x=-back["x"], y=-back["y"])
+    set_by = 0.2
+    both = [trial.with_columns(x=trial["x"] + set_by * trial.t) for trial in (out, back)]
+    one, two = scale(both[:1], TRACK[:6]), scale(both, TRACK)
+    assert one is not None and two is not None
+    assert one.matters("u") and not two.significant("u")
+    assert two.values["drift_x"] == pytest.approx(set_by, abs=0.01)
+
+
+def test_a_gain_of_one_file_is_said_of_that_file_alone() -> None:
+    files = [straight_run(seed, 0.97 if seed == 3 else 1.0) for seed in range(4)]
+    doubts = [[f.code for f in r.findings if f.level == "doubtful" and f.code == "gain"] for r in check(files)]
+    assert doubts == [[], [], [], ["gain"]]
+
+
+def test_tails_and_quantiles_are_those_of_scipy() -> None:
+    for value in (-1.0, 0.0, 0.3, 4.0, 60.0):
+        assert tails.normal_tail(value) == pytest.approx(stats.norm.sf(value), rel=1e-12)
+        assert tails.chi2_tail(value, 3) == pytest.approx(stats.chi2.sf(value, 3), rel=1e-12)
+        assert tails.f_tail(value, 3, 17) == pytest.approx(stats.f.sf(value, 3, 17), rel=1e-9)
+        assert tails.gamma_tail(value, 1.7, 2.0) == pytest.approx(stats.gamma.sf(value, 1.7, scale=2.0), rel=1e-12)
+    for probability in (1e-300, 0.01, 0.5, 0.9):
+        assert tails.student_quantile(probability, 5) == pytest.approx(stats.t.ppf(probability, 5), rel=1e-9)
+    assert pytest.approx(stats.chi2.median(1), rel=1e-12) == events.MEDIAN

@@ -1,4 +1,4 @@
-"""Manoeuvres: text to orders, approach, rate limits, Froude scaling."""
+"""Manoeuvres: text to orders, approach, rate limits, Froude scaling, figures; engines that are stopped and reversed."""
 
 from __future__ import annotations
 
@@ -22,26 +22,40 @@ from cases.criteria.figures import (
     turning_figures,
     zigzag_figures,
 )
+from cases.criteria.imo import imo_figures
 from cases.criteria.measured_maneuvers import held_stretches
-from cases.criteria.standard_runs import check_completeness, figures_of, simulated_run, simulated_trial
+from cases.criteria.standard_runs import check_completeness, figures_of, figures_of_each, simulated_run, simulated_trial
 from cases.maneuvers.definitions import (
     MOST_RUDDER,
     STEADY_CHANGE,
     Controller,
     HeadingControl,
     Limits,
-    StepOrders,
     Zigzag,
     parse_maneuver,
     random_telegraph,
     spiral_angles,
+    stopping_notices,
 )
-from cases.maneuvers.self_propulsion import revolutions_for, speed_for
+from cases.maneuvers.self_propulsion import (
+    USUAL,
+    ZERO_THRUST,
+    Engine,
+    approach,
+    engine_of,
+    engine_words,
+    revolutions_for,
+    speed_for,
+)
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
+from cases.simulation.simulate_batch import simulate_batch, simulate_pushed
 from cases.trial import Trial
+from mmg.components.propeller.four_quadrant import A_Q, B_Q
 from mmg.errors import OutOfRange, UserError
+from mmg.rollout import Simulator
+from mmg.ship import Ship
 
 SHIP = load_ship("esso_osaka_3m")
 
@@ -90,20 +104,16 @@ def test_straight_running_keeps_the_approach_speed() -> None:
     np.testing.assert_allclose(trial["y"], 0.0, atol=1e-12)
 
 
-def test_limits_follow_froude() -> None:
+def test_limits_follow_froude_and_actuators_never_move_faster() -> None:
     assert math.degrees(Limits.for_length(3.0).rudder_rate) == pytest.approx(20.0)
     assert math.degrees(Limits.for_length(320.0).rudder_rate) == pytest.approx(1.94, abs=0.01)
     large = replace(SHIP, particulars={**SHIP.particulars, "L": 300.0, "D_P": 8.4})
     ratio = parse_maneuver("berthing", large, n=1.0, speed=1.0).duration / parse_maneuver("berthing", SHIP).duration
     assert ratio == pytest.approx(10.0)
-
-
-def test_actuators_never_move_faster_than_their_limits() -> None:
     maneuver = parse_maneuver("random:5", SHIP)
     trial = simulate(SHIP, maneuver)
-    limits = maneuver.limits
-    assert np.abs(np.diff(trial["delta"])).max() <= limits.rudder_rate * 0.1 + 1e-12
-    assert np.abs(np.diff(trial["n"])).max() <= limits.propeller_rate * 0.1 + 1e-12
+    assert np.abs(np.diff(trial["delta"])).max() <= maneuver.limits.rudder_rate * 0.1 + 1e-12
+    assert np.abs(np.diff(trial["n"])).max() <= maneuver.limits.propeller_rate * 0.1 + 1e-12
     slow = simulate(SHIP, parse_maneuver("turning:35", SHIP, rudder_rate=math.radians(2), duration=30))
     assert np.abs(np.diff(slow["delta"])).max() == pytest.approx(math.radians(0.2))
 
@@ -144,19 +154,6 @@ def test_rudder_moves_from_the_moment_of_order_and_crossing_or_so_much_later(dt:
     exact = 10 * (2.33 - 0.33 - 0.25) - 10 * (4.0 - 3.33 - delay)
     assert math.degrees(sum(rudder) * dt) == pytest.approx(exact, abs=1e-6)
     assert math.degrees(controller.delta) == pytest.approx(-10.0)
-
-
-@pytest.mark.parametrize("text", ["zigzag:20/20", "zigzag:-10/10"])
-def test_overshoots_hardly_depend_on_the_sampling_interval(text: str) -> None:
-    """A reversal at the next sample would be late by up to 0.5 s: 0.8 deg at the yaw rate of a 20/20 zigzag."""
-    maneuver = parse_maneuver(text, SHIP)
-    p = maneuver.parameters
-    coarse, fine = (
-        zigzag_figures(since(simulate(SHIP, maneuver, dt), p["order_time"]), p["rudder"], p["heading"])
-        for dt in (0.5, 0.05)
-    )
-    for name in ("overshoot_1", "overshoot_2", "overshoot_3"):
-        assert math.degrees(coarse[name]) == pytest.approx(math.degrees(fine[name]), abs=0.03)
 
 
 @pytest.mark.parametrize(
@@ -279,27 +276,9 @@ def test_every_figure_has_its_unit() -> None:
     assert {name: figure_unit(name) for name in units} == units
 
 
-@pytest.mark.parametrize(
-    ("largest", "step", "degrees"),
-    [(15, 5, [15, 10, 5, 0, -5, -10, -15, -10, -5, 0, 5, 10, 15]), (-6, 6, [-6, 0, 6, 0, -6])],
-)
-def test_spiral_goes_to_the_other_side_and_back(largest: float, step: float, degrees: list[float]) -> None:
-    np.testing.assert_allclose(np.degrees(spiral_angles(math.radians(largest), math.radians(step))), degrees, atol=1e-9)
-
-
-def test_next_angle_waits_until_the_turn_rate_is_steady() -> None:
-    """Turn rate 0.1 (1 - exp(-t / 10)): it changes by 0.001 in the 5 s before 10 ln(64.87) = 41.7 s."""
-    orders = StepOrders(10.0, 0.0, (0.2, 0.0), 5.0, 0.001)
-    state = np.zeros(6)
-    switched = None
-    for t in np.arange(0.0, 60.0, 0.1):
-        state[5] = 0.1 * (1 - math.exp(-t / 10))
-        order = orders(t, state)
-        assert order is not None
-        if order[1] == 0.0:
-            switched = t
-            break
-    assert switched == pytest.approx(10 * math.log(0.1 * math.expm1(0.5) / 0.001), abs=0.11)
+def test_spiral_goes_to_the_other_side_and_back() -> None:
+    degrees = np.degrees(spiral_angles(math.radians(-6), math.radians(6)))
+    np.testing.assert_allclose(degrees, [-6, 0, 6, 0, -6], atol=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -387,15 +366,6 @@ def test_a_spiral_without_a_way_back_has_no_loop_to_measure() -> None:
     assert spiral_figures(since(there, 0.0)) == {}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("side", [1, -1])
-def test_pull_out_of_a_stable_ship_decays_to_the_same_small_rate_from_either_side(side: int) -> None:
-    run = simulated_run(SHIP, f"pull-out:{side * 20}", 0.38)
-    assert side * run.figures["steady_rate"] * 3.0 / 0.38 > 0.1
-    assert abs(run.figures["residual_share"]) < 0.03
-    assert run.trial["delta"][-1] == pytest.approx(0.0, abs=1e-9)
-
-
 def test_pull_out_figures_are_the_ends_of_both_holds() -> None:
     """0.05 rad/s under rudder, decaying to 0.01 rad/s."""
     t = np.arange(0.0, 200.0, 0.1)
@@ -404,3 +374,140 @@ def test_pull_out_figures_are_the_ends_of_both_holds() -> None:
     figures = pull_out_figures(since(run, 0.0))
     assert figures == pytest.approx({"steady_rate": 0.05, "residual_rate": 0.01, "residual_share": 0.2}, rel=1e-6)
     assert pull_out_figures(since(run.with_columns(delta=np.full(len(t), 0.3)), 0.0)) == {}
+
+
+# Engines
+def kvlcc2(**particulars: float) -> Ship:
+    ship = load_ship("kvlcc2_full")
+    return replace(ship, particulars={**ship.particulars, **particulars})
+
+
+def engine(**particulars: float) -> Engine:
+    ship = kvlcc2(**particulars)
+    found = engine_of(ship, *approach(ship, None, None))
+    assert found is not None
+    return found
+
+
+def test_the_torque_is_that_of_the_propeller_law_at_the_approach_and_of_the_series_elsewhere() -> None:
+    e = engine()
+    share = e.n / e.n_mcr
+    assert share == pytest.approx(0.965) and share**3 == pytest.approx(0.9, abs=2e-3)
+    for times in (1.0, 0.5):
+        found = e.torque(np.array([times * share]), np.array([times * e.speed]))
+        assert found == pytest.approx([(times * share) ** 2], rel=1e-6)
+    beta = math.atan(e.advance)
+
+    def series(angle: float) -> float:
+        return sum(
+            a * math.cos(k * angle) + b * math.sin(k * angle) for k, (a, b) in enumerate(zip(A_Q, B_Q, strict=True))
+        )
+
+    bollard = e.torque(np.array([-0.5]), np.array([0.0]))[0]
+    known = 0.25 * series(math.pi) / (series(beta) * (1 + e.advance**2))
+    assert bollard == pytest.approx(known, rel=1e-3) and bollard < 0
+    assert pytest.approx(1.025, abs=2e-3) == ZERO_THRUST  # B4-70 with P/D = 1
+
+
+def test_the_fuel_is_cut_after_the_delay_and_the_propeller_turns_on_in_the_wake() -> None:
+    e = replace(engine(), restart=0.05)
+    shaft, u = e.shaft(), np.array([e.speed])
+    held, n = shaft.moved(e.n, u, 60.0)
+    assert held is shaft and n == pytest.approx([e.n])
+    shaft, n = shaft.moved(-e.n, u, 10.0)
+    assert n == pytest.approx([e.n], rel=1e-9)
+    for _ in range(60):
+        shaft, _ = shaft.moved(-e.n, u, 1.0)
+    assert (shaft.ran < 0).all() and 0.2 < shaft.share[0] < 0.6
+    balance = e.torque(shaft.share, u)
+    assert balance == pytest.approx([-0.05], abs=2e-3)  # it drives the shaft against its friction
+    slow = shaft
+    for _ in range(60):
+        slow, _ = slow.moved(-e.n, 0.05 * u, 1.0)
+    assert slow.share[0] < 0 < slow.ran[0]
+
+
+def test_astern_the_engine_reaches_its_limits_of_revolutions_and_torque() -> None:
+    e = engine()
+    weak = replace(e, astern_torque=0.1)
+    for one, share, least, most in ((e, 0.0, -0.7001, -0.699), (e, 0.9, -0.7, -0.2), (weak, 0.0, -0.7, -0.1)):
+        shaft = one.shaft()
+        for _ in range(400):
+            shaft, mean = shaft.moved(-e.n, np.array([share * e.speed if shaft.ran.max() >= 0 else 0.0]), 1.0)
+        assert least <= shaft.share[0] <= most and mean[0] == pytest.approx(shaft.n[0], rel=1e-3)
+    assert -weak.torque(shaft.share, np.array([0.0]))[0] == pytest.approx(0.1 - 0.05, abs=0.02)
+
+
+@pytest.mark.slow
+def test_a_laden_tanker_stops_in_ten_lengths_or_more_and_alike_in_every_command(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ship = load_ship("kvlcc2_full")
+    run = simulated_run(ship, "crash-stop", 7.9739)
+    assert 10 < run.figures["track_reach"] / 320 < 15
+    monkeypatch.setattr("cases.criteria.imo.STANDARD", ("crash-stop",))
+    row = next(r for r in imo_figures(ship).rows if r.figure == "track_reach")
+    assert row.value is not None and row.value == pytest.approx(run.figures["track_reach"] / 320)
+    plan = parse_maneuver("crash-stop", ship)
+    fine = figures_of(simulate(ship, plan, 1.0), plan)
+    assert fine["track_reach"] == pytest.approx(run.figures["track_reach"], rel=2e-3)
+    (batch,) = figures_of_each(simulate_batch(ship, plan, dt=1.0), plan)
+    pushed = simulate_pushed(
+        Simulator(ship), plan, {"R_0": ship.values[[ship.symbols.index("R_0")]]}, 1.0, lambda k, states: np.zeros(())
+    )
+    for figure, value in fine.items():
+        if figure != "lateral_deviation":
+            assert batch[figure] == pytest.approx(value, rel=1e-3)
+            assert figures_of_each(pushed, plan)[0][figure] == pytest.approx(value, rel=1e-3)
+    words = [m.code for m in simulate(ship, plan, 5.0).notices]
+    assert words == ["assumed_engine", "stopping_resistance"] == [m.code for m in stopping_notices(plan)]
+
+
+@pytest.mark.slow
+def test_a_slower_engine_a_weaker_one_and_a_lighter_resistance_need_more_way() -> None:
+    def reach(**particulars: float) -> float:
+        ship = kvlcc2(**particulars)
+        plan = parse_maneuver("crash-stop", ship, duration=4000.0)
+        return figures_of_each(simulate_batch(ship, plan, dt=4.0), plan)[0]["track_reach"] / 320
+
+    usual = reach()
+    assert reach(engine_delay=60.0) - usual == pytest.approx(50 * 7.97 / 320, rel=0.2)
+    assert reach(astern_torque=0.3) > usual + 1 and reach(astern_revolutions=0.4) > usual + 1
+    assert reach(restart=0.15) > usual + 1
+    assert reach(stopping_resistance=1.0) < usual - 3
+
+
+def test_coasting_ends_at_its_share_of_the_speed_by_the_resistance_alone() -> None:
+    ship = load_ship("kvlcc2_full")
+    plan = parse_maneuver("coasting:0.5", ship)
+    trial = simulate(ship, plan, 5.0)
+    assert trial["u"][-1] == pytest.approx(0.5 * plan.speed, rel=0.01)
+    (batch,) = figures_of_each(simulate_batch(ship, plan, dt=5.0), plan)
+    found = figures_of(trial, plan)
+    assert batch["track_reach"] == pytest.approx(found["track_reach"], rel=1e-3)
+    # m u' = -R u^2 gives ln 2 m / R; the propeller that turns in the wake brakes besides
+    p, c = ship.particulars, {s: one.value for s, one in plan.ship_of(ship).coefficients.items()}
+    mass = p["m"] + c["m_x"] * 0.5 * p["rho"] * p["L"] ** 2 * p["d"]
+    free = math.log(2) * mass / (0.5 * p["rho"] * p["L"] * p["d"] * c["R_0"])
+    assert 0.7 * free < found["track_reach"] < free
+    assert 0 <= trial["n"][-1] < 0.6 * plan.n
+
+
+def test_what_is_assumed_is_drawn_and_what_is_given_is_not() -> None:
+    e = engine(restart=0.25, engine_delay=5.0)
+    drawn = e.drawn(2000, 3)
+    assert (np.asarray(drawn.restart) == 0.25).all() and (np.asarray(drawn.engine_delay) == 5.0).all()
+    assert np.std(drawn.astern_torque) == pytest.approx(USUAL["astern_torque"][1], rel=0.1)
+    assert "restart" not in engine_words(e) and "astern_torque" in engine_words(e)
+    assert np.asarray(drawn.repeated(2).engine_rise).shape == (4000,)
+
+
+def test_models_have_a_motor_and_nonsense_is_one_line() -> None:
+    assert parse_maneuver("crash-stop", load_ship("esso_osaka_3m")).engine is None
+    assert parse_maneuver("turning:35", load_ship("kvlcc2_full")).engine is None
+    for wrong in ({"restart": 3.0}, {"astern_revolutions": 0.0}, {"n_MCR": 100.0}, {"stopping_resistance": -1.0}):
+        with pytest.raises(UserError, match=next(iter(wrong))):
+            parse_maneuver("crash-stop", kvlcc2(**wrong))
+    for text in ("coasting:0", "coasting:2", "coasting:x"):
+        with pytest.raises(UserError, match="coasting"):
+            parse_maneuver(text, load_ship("kvlcc2_full"))

@@ -148,22 +148,6 @@ def test_unphysical_particulars_are_refused_with_their_value(words: list[str], m
         new_ship("mine", parse_particulars(words))
 
 
-@pytest.mark.slow
-def test_the_newcomers_three_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Eight particulars to a ship file, a turning circle, an IMO table."""
-    file = tmp_path / "mine.toml"
-    particulars = ["320", "58", "20.8", "0.81", "9.86", "0.72", "112.5", "7.97"]
-    assert main(["ships", "--new", *particulars, "--out", str(file)]) == 0
-    assert main(["simulate", str(file), "--maneuver", "turning:35", "--json"]) == 0
-    figures = json.loads(capsys.readouterr().out)["figures"]
-    assert 2.0 < figures["tactical_diameter_L"] < 5.5
-    assert main(["imo", str(file), "--scatter", "0", "--json"]) == 0
-    assert "tactical" in capsys.readouterr().out
-    assert main(["ships", "--new", "320", "58", "-20.8", "0.81"]) == 2
-    line = capsys.readouterr().err.strip()
-    assert "-20.8" in line and "\n" not in line
-
-
 KVLCC2_HULL = {"L": 7.0, "B": 1.27, "d": 0.455, "C_b": 0.81}
 
 
