@@ -86,13 +86,19 @@ class BrokenStretch:
 
 def broken_stretches(trial: Trial) -> list[BrokenStretch]:
     """The broken stretches of ``trial`` in order of time, none of them overlapping."""
+    return _stretches(trial)[0]
+
+
+def _stretches(trial: Trial) -> tuple[list[BrokenStretch], list[Break]]:
+    """The broken stretches of ``trial``, and those of columns that are held, each by itself: joined with other breaks
+    they have no length of their own."""
     if len(trial) < 8 * STEP:
-        return []
+        return [], []
     side = max(STEP, round(LEAST / trial.dt))
     signals = breaks.mismatches(trial)
+    held = [*breaks.frozen(trial, signals), *_unsteered(trial)]
     intervals = [_tight(step, signals, side // 4) for step in _steps(trial, signals, side)]
-    intervals += [*breaks.frozen(trial, signals), *breaks.repeated(trial), *breaks.spike_trains(trial)]
-    intervals += [*breaks.without_cause(trial), *_unsteered(trial)]
+    intervals += [*held, *breaks.repeated(trial), *breaks.spike_trains(trial), *breaks.without_cause(trial)]
     intervals += list(_drifting(trial, signals, intervals))  # last: what a step explains is no drift
     reach = max(JOIN, side * trial.dt)
     return [
@@ -104,7 +110,7 @@ def broken_stretches(trial: Trial) -> list[BrokenStretch]:
             SWINGING in what or UNSTEERED in what or _stays(what, signals, first, last),
         )
         for first, last, what, channels in _joined(trial.t, sorted(intervals), reach)
-    ]
+    ], held
 
 
 def _answer(trials: Sequence[Trial]) -> tuple[float, float] | None:
@@ -208,10 +214,8 @@ def _tight(broken: Break, signals: Mapping[str, np.ndarray], margin: int) -> Bre
 def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     """Of a ``trial``: its broken stretches and the share of its time in them; a sentence on each. Nothing is left to
     decide, as they are left out: the verdict on the rest of the record is what counts."""
-    stretches = broken_stretches(trial)
+    stretches, held = _stretches(trial)
     still: dict[str, float] = {}
-    # frozen columns once more, each by itself: joined with other breaks they have no length of their own
-    held = [*breaks.frozen(trial, breaks.mismatches(trial)), *_unsteered(trial)] if len(trial) >= 8 * STEP else []
     for first, last, _, group in held:
         name, seconds = ", ".join(group), float(trial.t[last] - trial.t[first])
         still[name] = still.get(name, 0.0) + seconds / trial.duration
@@ -232,15 +236,15 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     return {"broken": [asdict(s) for s in stretches], "broken_share": seconds / max(trial.duration, 1e-9)}, findings
 
 
-def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
+def innovations(trial: Trial, errors: Mapping[str, np.ndarray], side: int) -> dict[str, tuple[np.ndarray, float]]:
     """Channel -> (its steps (N,), their usual size): what a step of the record adds to what the rest of it says.
 
-    trial: the record; side: samples on each side of a step. A step is the mean after a row minus the mean before it,
-    less what the means further out lead to expect, of psi - integral of r, position - integral of (u, v), and of
-    (u, v); of single samples of (u, v) and of r it is what the neighbours on both sides do not lead to expect.
+    trial: the record; errors: its ``mismatches``; side: samples on each side of a step. A step is the mean after a row
+    minus the mean before it, less what the means further out lead to expect, of psi - integral of r, position -
+    integral of (u, v), and of (u, v); of single samples of (u, v) and of r it is what the neighbours on both sides do
+    not lead to expect.
     """
     r, w = filled(trial["r"]), filled(trial["u"]) + 1j * filled(trial["v"])
-    errors = breaks.mismatches(trial)
     signals = {"u, v": (w, side), "sharp u, v": (w, 1), "sharp r": (r, 1)}
     if "psi" in errors:
         signals = {"psi": (errors["psi"], side), **signals}
@@ -261,7 +265,7 @@ def innovations(trial: Trial, side: int) -> dict[str, tuple[np.ndarray, float]]:
 
 def _steps(trial: Trial, signals: Mapping[str, np.ndarray], side: int) -> Iterator[Break]:
     """Breaks of one channel by itself, or of heading and velocities together."""
-    steps = innovations(trial, side)
+    steps = innovations(trial, signals, side)
     ratio = {name: np.abs(step) / usual for name, (step, usual) in steps.items()}
     for name, (what, channels) in WORDS.items():
         if name in ratio:
