@@ -263,7 +263,8 @@ def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list
             for k, one in by_trial.items():
                 if one is None:
                     continue
-                out[k][0][{"angle": "heading"}.get(name, f"gain {name}")] = _logged_as(one, name)
+                told = math.isfinite(one.std[name])  # not of a column without motion and noise
+                out[k][0][{"angle": "heading"}.get(name, f"gain {name}")] = _logged_as(one, name) if told else None
                 if said or one.significant(name, LEAST_SHARE):
                     out[k][1].append(said or _scale_said(one, name, [trials[k]]))
     return out

@@ -156,7 +156,9 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     unexplained = float(weight @ error**2)
     gains = [name in "uvr" for name in (TURN if turns else TRACK)[:count]]
     # half the way to the reverse regression, which errors of u, v and r would ask for (Fuller 1987, section 1.1)
-    noisy = np.where(gains, 0.5 * unexplained / gained * values, 0.0)
+    told = gained > 0  # not of a column without motion and noise
+    noisy = np.divide(0.5 * unexplained, gained, out=np.zeros(count), where=told) * values
+    noisy = np.where(gains, np.where(told, noisy, np.inf), 0.0)
     record = piece[edges] // PIECES
     groups = [np.arange(len(edges)), *([record] if len(parts) > 2 else [])]  # files differ by more than their pieces
     std = np.abs(noisy)
