@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +16,8 @@ from cases.checks import CheckReport, check
 from cases.criteria.standard_runs import simulated_trial
 from cases.evidence import tails
 from cases.evidence.competition import judged, scores
-from cases.evidence.shifts import LAGS, TRACK, TURN, candidates, nats, nats_of_lags, scale, shifts
-from cases.evidence.signals import Signals, signals, white_noise
+from cases.evidence.shifts import TRACK, TURN, candidates, scale, shifts
+from cases.evidence.signals import signals, white_noise
 from cases.io.read import read_trial, read_trials
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
@@ -182,36 +181,13 @@ EVERY, NOISE = 20, 0.9
 """Rows of 0.1 s between two that are logged, and error of the positions [m]: of a tanker of 320 m."""
 
 
-def record(place: np.ndarray) -> Signals:
-    count = len(place)
-    zero = np.zeros(count)
-    return Signals(2.0, place, zero, zero + 0j, zero, np.ones(count, dtype=bool))
-
-
-@pytest.mark.parametrize("rows", [0.5, -0.3, 7.25])
-def test_moving_a_record_moves_what_is_smooth_and_keeps_the_size_of_noise(rows: float) -> None:
-    k = np.arange(400)
-
-    def way(at: np.ndarray) -> np.ndarray:
-        return 3.0 * at + 40.0 * np.exp(2j * np.pi * at / 90.0)
-
-    inner = slice(20, -20)
-    smooth = record(way(k)).shifted(2.0 * rows, "place")
-    np.testing.assert_allclose(smooth.place[inner], way(k + rows)[inner], atol=0.02)
-    assert smooth.good.sum() == len(k) - np.ceil(abs(rows))
-    noise = np.random.default_rng(1).normal(size=(len(k), 2)) @ [1.0, 1j]
-    moved = record(noise).shifted(2.0 * rows, "place").place
-    assert np.std(moved[inner]) == pytest.approx(np.std(noise[inner]), rel=0.03)
-
-
 SHIP = load_ship("kvlcc2_full")
 
 
-@cache
-def coarse_trials(count: int = 2) -> list[Trial]:
-    ship, found = SHIP, []
-    for k, words in enumerate(("zigzag:20/20", "turning:35")[:count]):
-        run, rng = simulated_trial(ship, words, None, None, False, k), np.random.default_rng(k)
+def coarse_trials() -> list[Trial]:
+    found = []
+    for k, words in enumerate(("zigzag:20/20", "turning:35")):
+        run, rng = simulated_trial(SHIP, words, None, None, False, k), np.random.default_rng(k)
         thin = {name: values[::EVERY].copy() for name, values in run.columns.items()}
         for name in ("x", "y"):
             thin[name] += rng.normal(scale=NOISE, size=len(thin[name]))
@@ -230,19 +206,6 @@ def test_noisy_positions_of_a_slow_ship_are_not_late_and_late_ones_are() -> None
     found = [shift for shift in shifts(candidates(late, 40.0)) if shift is not None]
     assert len(found) == len(trials) and {shift.name for shift in found} == {"place"}
     assert [float(np.real(shift.value)) for shift in found] == pytest.approx([12.0] * len(trials), abs=1.5)
-
-
-@pytest.mark.parametrize("name", LAGS)
-def test_many_lags_at_once_are_worth_what_each_alone_is(name: str) -> None:
-    lags = np.array([-30.0, -1.0, 0.0, 2.5, 30.0])
-    for trial in coarse_trials(1):
-        s = signals(trial)
-        assert s is not None
-        together, late = nats_of_lags(s, name, lags), [s.shifted(float(lag), *LAGS[name]) for lag in lags]
-        assert together[2] == pytest.approx(0.0, abs=1e-6)
-        plain = [nats(replace(s, good=one.good)) for one in late]
-        np.testing.assert_allclose(together, np.array([nats(one) for one in late]) - plain, atol=0.02)
-        assert np.ptp(together) > 1.0
 
 
 def test_the_noise_on_a_slow_motion_is_recovered_and_unmeasured_columns_have_none() -> None:

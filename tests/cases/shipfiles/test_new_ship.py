@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,7 @@ from mmg.components.propeller.b_series import TERMS, thrust_coefficient, thrust_
 from mmg.errors import BadValue, UserError
 from mmg.messages import has_code
 from mmg.model import assemble
+from mmg.ship import Ship
 from mmg_ident.commands.main import main
 
 KVLCC2 = dict(zip(ORDER, (7.0, 1.27, 0.455, 0.81, 0.216, 0.721, 0.0539, 1.179), strict=True))
@@ -254,26 +256,16 @@ def test_unusual_particulars_of_a_possible_ship_are_taken(key: str, value: float
     assert parse_ship(changed(key, value)).particulars[key] == value
 
 
-AZIMUTH = """[ship]
-L = 3.0
-B = 0.49
-d = 0.2
-m = 244.6
-x_G = 0.09
-rho = 998.0
-D_az = 0.08
-x_az = -1.4
-y_az = 0.0
-[model]
-hull = "unified"
-azimuth = "azimuth"
-"""
+def podded(x_az: float = -1.4) -> Ship:
+    """A ship with an azimuth thruster alone, ``x_az`` [m] ahead of midship."""
+    sizes = {"L": 3.0, "B": 0.49, "d": 0.2, "C_b": 0.83, "x_G": 0.09, "D_az": 0.08, "x_az": x_az, "y_az": 0.0}
+    return new_ship("podded", sizes, "unified")
 
 
 @pytest.mark.parametrize(("side", "x_az"), [(1, -1.4), (-1, -1.4), (1, 1.2)])
 def test_a_ship_with_an_azimuth_thruster_alone_is_driven_and_steered_by_it(side: int, x_az: float) -> None:
     """A positive rudder order turns to starboard, wherever the thruster is; the approach is steady."""
-    ship = parse_ship(AZIMUTH.replace("-1.4", str(x_az)))
+    ship = podded(x_az)
     trial = simulate(ship, parse_maneuver(f"turning:{side * 20}", ship, duration=40), 0.1)
     lead = trial.t < 4.9
     assert trial["n_azimuth"][0] > 1 and abs(trial["u"][lead] - trial["u"][0]).max() < 1e-6
@@ -281,14 +273,14 @@ def test_a_ship_with_an_azimuth_thruster_alone_is_driven_and_steered_by_it(side:
 
 
 def test_a_batch_drives_an_azimuth_thruster_as_a_single_run_does() -> None:
-    ship = parse_ship(AZIMUTH)
+    ship = podded()
     plan = parse_maneuver("turning:20", ship, duration=40)
     alone, batch = simulate(ship, plan, 0.5), simulate_batch(ship, plan, dt=0.5)
     assert abs(alone.states - batch.states[:, :, 0]).max() < 1e-9
 
 
 def test_a_ship_with_propeller_and_azimuth_thruster_leaves_that_at_rest() -> None:
-    ship = parse_ship(AZIMUTH.replace("[model]\n", 'D_P = 0.084\npitch_ratio = 0.7\n[model]\npropeller = "hachii"\n'))
+    ship = replace(podded(), components={**podded().components, "propeller": "hachii"})
     moved = actuator_positions(ship, 10.0, 0.3)
     assert (moved["n"], moved["n_azimuth"], moved["azimuth"]) == (10.0, 0.0, 0.0)
 

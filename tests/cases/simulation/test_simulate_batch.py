@@ -14,7 +14,7 @@ from cases.criteria.standard_runs import figures_of, figures_of_each, simulated_
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
-from cases.simulation.simulate_batch import SimulatedRuns, coefficient_array, simulate_batch, simulate_pushed
+from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch, simulate_pushed
 from cases.trial import Trial
 from mmg.errors import Missing, Unsupported, UserError
 from mmg.messages import has_code
@@ -76,18 +76,6 @@ def test_samples_as_long_as_those_of_a_scatter_come_to_the_turning_of_short_ones
     coarse, fine = (simulate_batch(ship, plan, theta, dt).states for dt in (0.38, 0.038))
     off = coarse - fine[::10][: len(coarse)]
     assert np.hypot(off[:, 0], off[:, 1]).max() < 1e-3 * ship.particulars["L"]
-
-
-def test_coefficients_by_name_or_in_order() -> None:
-    np.testing.assert_array_equal(coefficient_array(ESSO, None), ESSO.values)
-    assert coefficient_array(ESSO, {}).shape == ESSO.values.shape
-    one = coefficient_array(ESSO, {"N_r": -0.06})
-    assert one.shape == ESSO.values.shape and one[ESSO.symbols.index("N_r")] == -0.06
-    many = coefficient_array(ESSO, {"N_r": np.array([-0.06, -0.05]), "Y_v": -0.4})
-    assert many.shape == (len(ESSO.values), 2)
-    np.testing.assert_array_equal(many[ESSO.symbols.index("Y_v")], -0.4)
-    with pytest.raises(KeyError, match="Z_w"):
-        coefficient_array(ESSO, {"Z_w": 1.0})
 
 
 def test_what_a_batch_cannot_do_is_said() -> None:
