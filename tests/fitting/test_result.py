@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 
 from fitting.report.plot_style import png_of
-from fitting.report.run_folder import RESULT, write_json
-from fitting.result import FitResult, read_fit, write_report
-from mmg.errors import BadValue, TargetExists
+from fitting.report.run_folder import RESULT, reserved, write_json, write_whole
+from fitting.result import read_fit, write_report
+from mmg.errors import BadValue, Conflict, NotWritable, TargetExists
 from mmg.messages import has_code
 from mmg.ship import Ship
 from tests.support.calibrated import FREE, small_result
@@ -88,13 +93,10 @@ def spoilt(content: dict, *path: str) -> dict:
     ("change", "words"),
     [
         (lambda c: [], "JSON"),
-        (lambda c: "text", "JSON"),
         (lambda c: {}, " kind"),
-        (lambda c: {"converged": True}, " kind"),
         (lambda c: {"converged": True, "kind": "calibration", "schema_version": 1}, "created: "),
         (lambda c: {**c, "kind": "diagnosis"}, "kind = 'diagnosis'"),
         (lambda c: {**c, "schema_version": 2}, "schema_version = 2"),
-        (lambda c: spoilt(c, "objective"), "objective: "),
         (lambda c: spoilt(c, "ship"), "ship: "),
         (lambda c: spoilt(c, "coefficients", "Y_v", "value"), "coefficients.Y_v.value"),
         (lambda c: {**c, "windows": "many"}, "windows: "),
@@ -103,7 +105,7 @@ def spoilt(content: dict, *path: str) -> dict:
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_file_is_said_by_its_key(folder: Path, tmp_path: Path, change, words: str) -> None:  # type: ignore[no-untyped-def]
-    read_fit(folder).save(tmp_path / "bad")
+    shutil.copytree(folder, tmp_path / "bad")
     write_json(tmp_path / "bad" / RESULT, change(content_of(folder)))
     with pytest.raises(BadValue, match=words) as error:
         read_fit(tmp_path / "bad")
@@ -111,7 +113,6 @@ def test_what_is_wrong_with_a_file_is_said_by_its_key(folder: Path, tmp_path: Pa
 
 
 def test_results_are_tables(folder: Path) -> None:
-    pytest.importorskip("pandas")
     result = read_fit(folder)
     table = result.coefficients
     assert set(table.index) == set(FREE) and table.index.name == "coefficient" and table.equals(result.to_pandas())
@@ -124,7 +125,6 @@ def test_results_are_tables(folder: Path) -> None:
     evil = replace(result, ship_name="<script>")
     assert "<script>" not in evil._repr_html_() and "Y_v" in evil._repr_html_()
     assert "30 s windows" in result.scores["validation"].after._repr_html_()
-    assert isinstance(result, FitResult)
 
 
 def test_its_folder_holds_the_loss_of_its_trials(folder: Path) -> None:
@@ -148,6 +148,10 @@ def test_what_was_saved_without_report_gets_the_same_figures_later(tmp_path: Pat
     late = read.with_late_figures((*objects.trials, *objects.validation))
     assert late.figures == read_fit(tmp_path / "run").figures == result.save(tmp_path / "drawn").figures
     assert all((tmp_path / "run" / "figures" / row.file).is_file() for row in late.figures)
+    tracks = len(late.figures) - 1
+    names = ["error_growth.png", *(f"track_{k + 1}.png" for k in range(tracks))]
+    assert tracks and [row.file for row in late.figures] == names and all(row.caption for row in late.figures)
+    assert objects.validation[0].name in late.figures[1].title
     assert 'id="run1-scores"' in write_report([tmp_path / "run"], tmp_path / "page.html", imo=False)
 
 
@@ -159,6 +163,7 @@ def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: 
         assert content["figures"] == [] and content["messages"][0]["code"] == "parts_left_out"  # not yet all there
         raise ValueError("no such glyph")
 
+    before = dict(mpl.rcParams)
     monkeypatch.setattr("fitting.report.plot_style.png_of", png_of)  # figures are drawn here
     monkeypatch.setattr("fitting.report.plots.error_growth_plot", broken)
     monkeypatch.setattr("fitting.report.page.build_page", broken)
@@ -170,3 +175,67 @@ def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: 
     assert len(failed) == 2
     assert {row.file for row in read.figures} >= {"track_1.png"} and saved.figures == read.figures
     assert not any(row.file == "error_growth.png" for row in read.figures)
+    assert (tmp_path / "run" / "figures" / "track_1.png").stat().st_size > 3000 and dict(mpl.rcParams) == before
+
+
+# Run folders: whole or absent, one process at a time, nothing left beside them
+KILLED = """
+import os, sys
+from pathlib import Path
+from fitting.report.run_folder import reserved, write_whole
+
+def fill(folder):
+    (folder / "half").write_text("written")
+    os.kill(os.getpid(), 9)
+
+folder = Path(sys.argv[1])
+with reserved(folder):
+    write_whole(folder, fill, replace=True)
+"""
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def write(folder: Path) -> None:
+    (folder / "whole").write_text("written")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="kills by SIGKILL")
+def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path: Path) -> None:
+    """SIGKILL while a run is written: no folder of that name, and the next run clears what is hidden beside it."""
+    done = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path / "run")], cwd=Path(__file__).parents[2])
+    assert done.returncode == -9 and not (tmp_path / "run").exists() and len(names(tmp_path)) == 3
+    (tmp_path / ".run.mine").mkdir()
+    with reserved(tmp_path / "run"):
+        write_whole(tmp_path / "run", write)
+    assert names(tmp_path) == [".run.mine", "run"] and names(tmp_path / "run") == ["whole"]
+
+
+def test_two_processes_do_not_work_on_one_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "deep" / "run"
+    with reserved(folder):
+        with pytest.raises(Conflict), reserved(folder):
+            pass
+        with reserved(tmp_path / "deep" / "other"):
+            pass
+    assert names(tmp_path) == []
+    with reserved(folder):
+        write_whole(folder, write)
+    assert names(tmp_path / "deep") == ["run"]
+
+
+def test_a_run_survives_a_full_disk_and_a_process_killed_between_the_renames_that_replace_it(
+    tmp_path: Path,
+) -> None:
+    def full(folder: Path) -> None:
+        write(folder)
+        raise OSError(28, "No space left on device")
+
+    write_whole(tmp_path / "run", write)
+    (tmp_path / ".run.0123abcd.old").mkdir()
+    (tmp_path / "run").rename(tmp_path / ".run.0123abcd.old" / "run")  # as the killed process leaves it
+    with pytest.raises(NotWritable):
+        write_whole(tmp_path / "run", full, replace=True)
+    assert names(tmp_path) == ["run"] and names(tmp_path / "run") == ["whole"]

@@ -97,7 +97,7 @@ def test_intervals_hold_the_figure_and_grow_with_what_is_not_known(figures: tupl
             assert np.ptp(row.interval_90_trial) > np.ptp(row.interval_90)  # gusts belong to a single trial
             assert 1.5 < np.ptp(wide.interval_90) / np.ptp(row.interval_90) < 2.7
         assert (row.probability is None) == (row.limit is None)
-    named = {"value", "interval_90", "criterion", "probability", "extrapolated"}  # of the contract
+    named = {"value", "interval_90", "criterion", "probability", "extrapolated"}
     assert all(named <= set(row) for row in judged.to_dict()["rows"])
 
 
@@ -129,25 +129,25 @@ def test_the_value_is_the_median_of_its_draws_and_is_judged_by_it(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("stops", [True, False])
-def test_what_no_trial_supports_has_no_say_in_the_verdict(figures: tuple[Any, Assessment], stops: bool) -> None:
-    """Neither where it passes nor where it fails; what trials support has it alone, and that is said."""
+@pytest.mark.parametrize(
+    ("more", "limits", "verdict", "count"),
+    [
+        ({}, {"track_reach": 0.1}, "fail", 0),
+        ({"n": [0.0, 30.0]}, {"track_reach": 0.1}, "not judged", 5),
+        ({"n": [0.0, 30.0]}, {"track_reach": 99.0, "advance": 0.1}, "fail", 4),
+    ],
+)
+def test_what_no_trial_supports_has_no_say_in_the_verdict(
+    figures: tuple[Any, Assessment], more: dict[str, Any], limits: dict[str, float], verdict: str, count: int
+) -> None:
+    """What trials support has it alone, and that is said."""
     ship, found = figures
-    limits = {"track_reach": 99.0 if stops else 0.1}
-
-    def verdict(envelope: dict, turns: bool) -> tuple[str, int]:
-        own = limits | ({} if turns else {"advance": 0.1})
-        limited = (replace(row, limit=own.get(row.figure, row.limit)) for row in found.rows)
-        rows = tuple(with_value(row, row.value) for row in limited)
-        judged = with_intervals(replace(found, rows=rows), ship, content(ship, envelope=envelope), 20)
-        assert judged.to_dict()["verdict_basis"] == judged.basis and judged.basis in judged.conclusion
-        assert envelope is WIDE or judged.basis.endswith("crash-stop")
-        return judged.verdict, int(judged.basis.split()[0])
-
-    assert verdict(WIDE, True)[0] == ("pass" if stops else "fail")
-    ahead = WIDE | {"n": [0.0, 30.0]}
-    assert verdict(ahead, True) == ("not judged", 5)
-    assert verdict(ahead, False) == ("fail", 4)
+    limited = (replace(row, limit=limits.get(row.figure, row.limit)) for row in found.rows)
+    rows = tuple(with_value(row, row.value) for row in limited)
+    judged = with_intervals(replace(found, rows=rows), ship, content(ship, envelope=WIDE | more), 20)
+    assert judged.to_dict()["verdict_basis"] == judged.basis and judged.basis in judged.conclusion
+    assert judged.verdict == verdict
+    assert not more or (int(judged.basis.split()[0]) == count and judged.basis.endswith("crash-stop"))
 
 
 def test_a_figure_is_extrapolated_where_the_trials_held_no_such_motion(turning: tuple[Any, Assessment]) -> None:
@@ -200,23 +200,25 @@ def test_figures_of_a_calibrated_ship_are_linear_in_the_draws() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("runs", "quantile"), [(1, 2.919986), (3, 2.919986), (5, 2.131847), (100_001, 1.644854)])
-def test_few_runs_make_figures_less_certain_as_student_s_t(runs: int, quantile: float) -> None:
+def test_few_runs_make_figures_less_certain_as_student_s_t() -> None:
     """Quantiles of Abramowitz & Stegun 1964, table 26.10, with a degree of freedom less than runs, at least two."""
     few = some_ship()
-    plan = parse_maneuver("turning:35", few, speed=SPEED)
+    plan, model = parse_maneuver("turning:35", few, speed=SPEED), Simulator(few)
     drawn, known = draw_coefficients(few, 60, 3), content(few)
-    told = known | {"uncertainty": {"runs": runs}}
-    spreads = [
-        np.log(drawn_figures(Simulator(few), plan, drawn, one, 0)[0].ship["advance"]).std() for one in (told, known)
-    ]
-    assert spreads[0] / spreads[1] == pytest.approx(quantile / 1.644854, rel=0.01)
+
+    def advance(draws: dict[str, np.ndarray], **more: Any) -> np.ndarray:
+        return drawn_figures(model, plan, draws, known | more, 0)[0].ship["advance"]
+
+    plain = np.log(advance(drawn)).std()
+    for runs, quantile in ((1, 2.919986), (3, 2.919986), (5, 2.131847), (100_001, 1.644854)):
+        spread = np.log(advance(drawn, uncertainty={"runs": runs})).std()
+        assert spread / plain == pytest.approx(quantile / 1.644854, rel=0.01), runs
     # bands have the few runs already: what pushes her outside of the trials is not widened again
     trial = simulate(few, parse_maneuver("zigzag:10/10", few, speed=SPEED))
     held: Any = held_motion([record_of(trial, few.inputs)], few.inputs, few.particulars["L"])
-    told["bands"] = known["bands"] = known["bands"] | {"held": held_dict(held)}
+    known["bands"] |= {"held": held_dict(held)}
     still = {s: np.full(60, few.coefficients[s].value) for s in drawn}
-    pushed = [drawn_figures(Simulator(few), plan, still, one, 0)[0].ship["advance"] for one in (told, known)]
+    pushed = [advance(still, **told) for told in ({"uncertainty": {"runs": 3}}, {})]
     assert (pushed[0] == pushed[1]).all() and np.ptp(pushed[0]) > 0
 
 

@@ -2,44 +2,45 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
-import fitting.report.imo_form as module
-from cases.criteria import imo
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
-from fitting.prediction.bands import correlation_in
+from cases.trial import Trial
+from fitting.prediction.predict import Window, predict
 from fitting.record import MessageRow
-from fitting.report.imo_form import drawn_maneuvers, standard_figures
 from fitting.report.plan_section import FOLDER, PLAN, in_words, plan_section
+from fitting.report.plot_maneuvers import COLOURS as LINES
+from fitting.report.plot_style import DASHES
+from fitting.report.plots import error_growth_plot, rms_with_error, trajectory_plot
 from fitting.report.run_folder import RESULT, read_result, write_json
 from fitting.report.sections import change, plus_minus, structure_section
-from fitting.report.use import Delivered, delivery_sections
-from fitting.result import read_fit, write_report
+from fitting.result import write_report
 from mmg.errors import BadValue, Missing, NotWritable, UserError
 from mmg.messages import has_code
+from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
 from tests.support.calibrated import FREE, small_result
+from tests.support.colours import told_by_colour_alone
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 EVIL = '<script>alert("x")</script>'
 
 
-def run_folder(folder: Path, iterations: int = 100, figures: bool = False, name: str = "", **extra: object) -> Path:
+def run_folder(folder: Path, iterations: int = 100, figures: bool = False, **extra: object) -> Path:
     """A run folder of the small calibration, with or without figures, ``extra`` attributes changed."""
     result = small_result(iterations)
-    result = replace(result, **extra) if figures else replace(result, objects=None, **extra)  # type: ignore[arg-type]
-    if name:
-        result = replace(result, ship_name=name, ship=replace(result.ship, name=name.replace("/", "_")))
-    result.save(folder)
+    replace(result, **({} if figures else {"objects": None}), **extra).save(folder)  # type: ignore[arg-type]
     return folder
 
 
@@ -69,28 +70,9 @@ class Page(HTMLParser):
 
 
 @pytest.mark.slow
-def test_what_differs_between_campaigns_is_a_sentence_and_tables(tmp_path: Path) -> None:
-    row = {"value": 0.9, "std": 0.08, "unit": "s", "prior_value": 0.3, "prior_std": 0.4}
-    content = {
-        "runs": {"2020-07-31": 2, EVIL: 2},
-        "tried": [],
-        "values": {"2020-07-31": {"gyro.T": row}, EVIL: {"gyro.T": row | {"value": 0.0}}},
-        "left_out": {"without": 0.1393, "with": 0.1273, "error": 0.1},
-        "sentences": [f"the lag of the turn rate differs, from 0 s (2020-07-31) to 0.9 s ({EVIL})"],
-    }
-    words = Page(text := report(run_folder(tmp_path / "differ", campaigns=content))).words
-    assert EVIL not in text
-    for part in ("0.1393", "0.1273", "gyro.T [s]", plus_minus(0.9, 0.08)):
-        assert part in words, part
-    alike = content | {"values": None, "left_out": None, "sentences": []}
-    words = Page(report(run_folder(tmp_path / "alike", campaigns=alike))).words
-    assert "2020-07-31: 2 runs" in words
-
-
-@pytest.mark.slow
 def test_all_of_a_run_is_in_the_page(tmp_path: Path) -> None:
     """And the page loads nothing from elsewhere."""
-    folder = run_folder(tmp_path / "run", figures=True)
+    folder = kept(run_folder(tmp_path / "run", figures=True), CONTENT)
     page = Page(text := report(folder))
     content = read_result(folder)
     for symbol in FREE:
@@ -103,6 +85,7 @@ def test_all_of_a_run_is_in_the_page(tmp_path: Path) -> None:
     for heading in ("Ship particulars", "Mathematical model", "Trial data", "Causes of error", "Sensitivity"):
         assert heading in page.words
     assert "a.csv --out" in page.words
+    assert "turning:35" in page.words and CONTENT["assumed"][0] in page.words, "the planned trial"
     assert "NOT CONVERGED" not in page.words
     assert all(link.startswith(("data:image/png;base64,", "#")) for link in page.loads)
     assert not {"script", "link", "iframe", "object"} & set(page.tags)
@@ -111,8 +94,17 @@ def test_all_of_a_run_is_in_the_page(tmp_path: Path) -> None:
 
 def test_words_from_files_are_escaped(tmp_path: Path) -> None:
     messages = tuple(MessageRow(level, "evil", EVIL) for level in ("warning", "notice"))
-    folder = run_folder(tmp_path / "run", name=EVIL, command=EVIL, messages=messages)
+    ship = replace(small_result().ship, name=EVIL.replace("/", "_"))
+    folder = run_folder(tmp_path / "run", ship_name=EVIL, ship=ship, command=EVIL, messages=messages)
     content = read_result(folder)
+    row = {"value": 0.9, "std": 0.08, "unit": "s", "prior_value": 0.3, "prior_std": 0.4}
+    content["campaigns"] = {
+        "runs": {"2020-07-31": 2, EVIL: 2},
+        "tried": [],
+        "values": {"2020-07-31": {"gyro.T": row}, EVIL: {"gyro.T": row | {"value": 0.0}}},
+        "left_out": {"without": 0.1393, "with": 0.1273, "error": 0.1},
+        "sentences": [f"the lag of the turn rate differs, from 0 s (2020-07-31) to 0.9 s ({EVIL})"],
+    }
     content["figures"] = [{"file": "../../etc/passwd", "title": EVIL, "caption": EVIL}]
     content["coefficients"][EVIL] = content["coefficients"]["Y_v"]
     content["coefficients"]["Y_v"]["description"] = EVIL
@@ -121,33 +113,31 @@ def test_words_from_files_are_escaped(tmp_path: Path) -> None:
     assert "<script" not in text
     assert "&lt;script&gt;" in text
     assert "root:" not in text
+    for part in ("0.1393", "0.1273", "gyro.T [s]", plus_minus(0.9, 0.08)):
+        assert part in Page(text).words, part
 
 
-def test_a_run_without_validation_scores_or_positions_still_makes_a_report(tmp_path: Path) -> None:
+def test_a_run_is_reported_with_what_it_has_and_public_data_are_cited_where_used(tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "run")
     content = read_result(folder)
     del content["scores"]["validation"]
+    content["campaigns"] = {"runs": {"2020-07-31": 2}, "tried": [], "values": None, "left_out": None, "sentences": []}
     write_json(folder / RESULT, content)
-    assert content["validation_data"][0]["name"] in report(folder)
+    text = report(folder)
+    assert content["validation_data"][0]["name"] in text and "2020-07-31: 2 runs" in text and "Wakita, K." not in text
     content["scores"] = {}
     content["coefficients"]["Y_v"] |= {"std": None, "prior_share": None}
-    write_json(folder / RESULT, content)
-    assert "No scores" in report(folder)
-
-
-def test_public_data_are_cited_only_when_used(tmp_path: Path) -> None:
-    folder = run_folder(tmp_path / "run")
-    assert "Wakita, K." not in report(folder)
-    content = read_result(folder)
     content["data"][0]["name"] = "turn_cut_14-Sep-2020_15_58_08"
     write_json(folder / RESULT, content)
     text = report(folder)
+    assert "No scores" in text
     assert "Wakita, K." in text and "Miyauchi, Y." in text and "CC BY-NC-SA 4.0" in text
 
 
 @pytest.mark.slow
 def test_several_runs_stand_side_by_side(tmp_path: Path) -> None:
-    """And the one that did not converge says so before anything else."""
+    """And the one that did not converge, whose best iterate is kept, says so before anything else."""
+    assert all("NOT CONVERGED" in small_result(1).ship.coefficients[s].verdict for s in FREE)
     folders = [run_folder(tmp_path / name, iterations) for name, iterations in (("first", 100), ("second", 1))]
     text = report(*folders)
     assert text.index("Comparison of 2") < text.index('id="run1"') < text.index('id="run2"')
@@ -179,19 +169,15 @@ def test_the_command_writes_into_the_run_and_replaces_only_its_own_report(
     assert not list(tmp_path.rglob("*.part"))
 
 
-def test_a_folder_that_is_no_calibration_is_refused(tmp_path: Path) -> None:
+def test_a_folder_that_is_no_calibration_or_cannot_be_written_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Missing):
         report(tmp_path)
     write_json(tmp_path / RESULT, {"kind": "diagnosis"})
     with pytest.raises(BadValue):
         report(tmp_path)
-
-
-def test_a_report_that_cannot_be_written_is_one_clear_line(tmp_path: Path) -> None:
     folder = run_folder(tmp_path / "run")
-    (tmp_path / "file").write_text("")
     with pytest.raises(NotWritable):
-        write_report([folder], tmp_path / "file" / "report.html", imo=False)
+        write_report([folder], folder / RESULT / "report.html", imo=False)
 
 
 @pytest.mark.parametrize(
@@ -214,24 +200,6 @@ def test_change_is_put_in_words() -> None:
     assert change(3.0, 1.0).startswith("fell ") and "(3 times" in change(3.0, 1.0)
     assert change(1.0, 3.0).startswith("ROSE ")
     assert change(1.0, 1.004) == change(1.0, 0.997) and "diverges" in change(1.0, None)
-
-
-# The figure of the standard manoeuvres with drawn trials, and that there are no draws without a covariance
-@pytest.mark.slow
-def test_the_page_gets_a_picture_of_what_was_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    fit = small_result()
-    monkeypatch.setattr(module, "DRAWS", 20)
-    monkeypatch.setattr(imo, "STANDARD", ("turning:35", "zigzag:10/10"))
-    image = drawn_maneuvers(standard_figures(fit.to_dict(), fit.ship))
-    assert image is not None and image["name"] == "maneuvers"
-    assert base64.b64decode(image["image"].partition("base64,")[2]).startswith(b"\x89PNG")
-    known = Delivered(figure=image)
-    assert delivery_sections(fit.to_dict(), fit.ship, known)["known"] is known
-
-
-@pytest.mark.parametrize("correlation", [None, {"symbols": ["a", "b"], "matrix": [[1.0, None], [0.5, 1.0]]}])
-def test_a_run_without_covariance_has_no_draws(correlation: dict | None) -> None:
-    assert correlation_in({"correlation": correlation}) is None
 
 
 # The section of a report on the planned trial: what it shows, and that a plan that cannot be read is left out
@@ -277,16 +245,6 @@ def test_a_plan_that_cannot_be_read_is_left_out(tmp_path: Path, damage: dict[str
     assert plan_section(tmp_path / "nowhere") is None
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("blank_figures")
-def test_the_report_shows_the_plan_of_its_run(tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    replace(small_result(), objects=None).save(run)
-    assert "turning:35" not in write_report([run], tmp_path / "a.html", imo=False)
-    text = write_report([kept(run, CONTENT)], tmp_path / "b.html", imo=False)
-    assert "turning:35" in text and CONTENT["assumed"][0] in text
-
-
 # How a structure was chosen, on the page, from a file that may be damaged
 ROW = {"words": "order 1", "unknowns": 20, "training": 0.2, "stable": 0, "sequences": 0, "left_out": ""}
 GOOD = {
@@ -301,18 +259,15 @@ GOOD = {
 }
 
 
-def test_the_best_comes_first_and_what_was_not_tried_last(tmp_path: Path) -> None:
+def test_the_best_comes_first_and_what_was_not_tried_last_and_a_damaged_file_is_left_out(tmp_path: Path) -> None:
     assert structure_section(tmp_path) is None
     (tmp_path / "selection.json").write_text(json.dumps(GOOD))
     found = structure_section(tmp_path)
     assert found is not None and [row["name"] for row in found["rows"]] == ["b", "a", "c"]
     assert found["test"] == [("as given", 0.4), ("chosen", None)]
-
-
-@pytest.mark.parametrize("text", ["", "[]", "{", '{"chosen": 3}', json.dumps(GOOD | {"stability": None}), "\x00"])
-def test_a_damaged_file_leaves_the_page_without_it(text: str, tmp_path: Path) -> None:
-    (tmp_path / "selection.json").write_text(text)
-    assert structure_section(tmp_path) is None
+    for damaged in ("", "[]", "{", '{"chosen": 3}', json.dumps(GOOD | {"stability": None}), "\x00"):
+        (tmp_path / "selection.json").write_text(damaged)
+        assert structure_section(tmp_path) is None, damaged
 
 
 # Run folders of earlier releases, with other names, and with what is gone
@@ -332,18 +287,6 @@ def test_a_run_of_an_earlier_release_is_read_with_present_names(tmp_path: Path) 
     assert found["correlation"]["symbols"] == ["Y_v", "velocity_filter.tau"]
 
 
-def test_a_run_whose_loss_was_still_to_be_chosen_is_read(tmp_path: Path) -> None:
-    """Earlier versions left loss and weight open, said how they were chosen, and could choose the model."""
-    small_result().save(tmp_path / "run")
-    file = tmp_path / "run" / "result.json"
-    content = json.loads(file.read_text(encoding="utf-8"))
-    content |= {"weighting": {"loss": "student", "tried": []}, "auto": [{"varied": "start"}]}
-    content["settings"] |= {"loss": None, "weight": None, "horizon": 40.0}
-    file.write_text(json.dumps(content), encoding="utf-8")
-    settings = read_fit(tmp_path / "run").settings
-    assert settings.loss == "gaussian" and settings.weight == 1.0
-
-
 def test_a_ship_with_random_forces_is_read_without_them() -> None:
     text = dump_ship(load_ship("esso_osaka_3m").with_effect("tow"))
     ship = parse_ship(text.replace('effects = ["tow"]', 'effects = ["tow", "disturbance"]') + (
@@ -352,3 +295,113 @@ def test_a_ship_with_random_forces_is_read_without_them() -> None:
     assert ship.effects == ("tow",) and has_code(ship.notices, "effect_gone")
     with pytest.raises(UserError, match="disturbance"):
         freeing_effects(ship, ["disturbance"])
+
+
+# Figures: they show what they claim, at true scale, and leave matplotlib's global state alone
+@cache
+def held_out_run() -> tuple[Simulator, Trial, list[Window]]:
+    """The simulator of the calibrated ship, the held-out trial and its windows of 50 s."""
+    objects = small_result().objects
+    assert objects
+    trial = objects.validation[0]
+    return objects.after, trial, predict(objects.after, trial, 50.0, 50.0)[0]
+
+
+def test_tracks_have_equal_scales_and_run_north_up() -> None:
+    _, trial, windows = held_out_run()
+    figure = trajectory_plot(trial, windows, windows, length=3.0)
+    figure.draw_without_rendering()
+    track = figure.axes[0]
+    pixels = track.transData.transform([(0, 0), (1, 0), (0, 1)])
+    assert pixels[1, 0] - pixels[0, 0] == pytest.approx(pixels[2, 1] - pixels[0, 1], rel=1e-6)
+    measured = track.lines[0]
+    np.testing.assert_array_equal(measured.get_xdata(), trial["y"])
+    np.testing.assert_array_equal(measured.get_ydata(), trial["x"])
+    low, high = track.get_xlim()
+    assert low <= trial["y"].min() and trial["y"].max() <= high
+    scale = track.lines[-1].get_xdata()
+    assert track.texts[-1].get_text() == f"{np.ptp(scale):g} m"
+
+
+def test_a_runaway_prediction_does_not_flatten_the_measured_histories() -> None:
+    _, trial, good = held_out_run()
+    wild = [type(w)(w.number, w.first, w.last, w.states * 1e4) for w in good]
+    ax = trajectory_plot(trial, wild, good).axes[1]
+    measured, runaway = ax.lines[0].get_ydata(), ax.lines[1].get_ydata()  # of u, in strips of the height 1
+    assert np.ptp(measured) > 0.2 and np.nanmax(runaway) <= 5.0 and np.nanmin(runaway) >= 4.0
+
+
+def test_a_trial_without_positions_gets_histories_only() -> None:
+    _, trial, windows = held_out_run()
+    blind = Trial("blind", {k: v for k, v in trial.columns.items() if k not in ("x", "y")})
+    figure = trajectory_plot(blind, windows, windows)
+    (ax,) = figure.axes
+    assert "r [deg/s]" in [t.get_text() for t in ax.texts]
+
+
+TWIN = {"delta_port": 0.1, "delta_starboard": -0.1, "n": 8.0}
+
+
+@pytest.mark.parametrize(
+    ("inputs", "labels", "lines"),
+    [
+        (TWIN, ["angles [deg]: delta_port, delta_starboard", "n [1/s]"], 3),
+        ({"n": 8.0, "n_2": 7.0}, ["n [1/s]: n, n_2"], 2),
+        ({"n": 0.0, "delta": 0.0, "azimuth": 1.0, "n_azimuth": 3.0}, ["angles [deg]", "n [1/s]"], 2),
+        ({"n": 0.0, "delta": 0.0}, ["delta [deg]", "n [1/s]"], 2),
+    ],
+)
+def test_every_input_that_moves_is_drawn(inputs: dict[str, float], labels: list[str], lines: int) -> None:
+    _, trial, windows = held_out_run()
+    states = {c: v for c, v in trial.columns.items() if c not in ("n", "delta")}
+    other = Trial("twin", {**states, **{c: np.full(len(trial), v) for c, v in inputs.items()}})
+    ax = trajectory_plot(other, windows, windows).axes[1]
+    words = [t.get_text() for t in ax.texts if "[" in t.get_text()]
+    assert words == ["u [m/s]", "v [m/s]", "r [deg/s]", *labels]
+    assert len(ax.lines) == 3 * 3 + lines
+
+
+def test_strips_stand_over_the_whole_trial_and_mark_where_windows_start() -> None:
+    _, trial, windows = held_out_run()
+    ax = trajectory_plot(trial, windows, windows).axes[1]
+    assert ax.get_xlim() == (0.0, trial.t[-1] - trial.t[0])
+    starts = trial.t[[w.first for w in windows]] - trial.t[0]
+    np.testing.assert_allclose([s[0, 0] for s in ax.collections[-1].get_segments()], starts)
+
+
+def test_errors_start_at_zero_and_the_end_is_the_rms_of_the_windows() -> None:
+    model, trial, _ = held_out_run()
+    figure = error_growth_plot({"after": model}, [trial], horizon=40.0, stride=20.0)
+    windows = predict(model, trial, 40.0, 20.0, short_last=False)[0]
+    ends = [np.hypot(*(w.states[-1, :2] - trial.states[w.last, :2])) for w in windows]
+    line = figure.axes[0].lines[0].get_ydata()
+    assert line[0] == 0
+    assert line[-1] == pytest.approx(np.sqrt(np.mean(np.square(ends))), rel=1e-9)
+    assert f"{len(windows)} windows" in figure.texts[0].get_text()
+    assert np.ptp(figure.axes[0].patches[0].get_path().vertices[:, 1]) > 0, "a single trial has windows"
+    shorter = error_growth_plot({"before": model}, [trial], horizon=5000.0)
+    assert shorter.axes[0].lines, "windows longer than every trial fall back to what there is"
+
+
+def test_the_standard_error_of_an_rms_is_that_of_leaving_out_trials() -> None:
+    squares, run = np.array([[1.0], [1.0], [4.0], [9.0], [np.nan]]), np.array([0, 0, 1, 2, 2])
+    rms, std = rms_with_error(squares, run)
+    without = np.sqrt([13 / 2, 11 / 3, 6 / 3])
+    assert rms[0] == pytest.approx(np.sqrt(15 / 4))
+    assert std[0] == pytest.approx(np.sqrt(2 / 3 * np.sum((without - without.mean()) ** 2)))
+    assert np.isnan(rms_with_error(squares[:2], run[:2])[1]).all()
+
+
+# Figures can be read in grey and with deuteranopia: where two colours look alike there, hatches or dashes differ
+def test_lines_of_manoeuvres_differ_in_their_dashes() -> None:
+    assert len(DASHES) == len(LINES) and len({str(d) for d in DASHES}) == len(DASHES)
+
+
+@pytest.mark.parametrize(("dashes", "hatch", "alike"), [("-", "", 2), ("--", "////", 0)])
+def test_what_only_colours_tell_apart_is_found(dashes: str, hatch: str, alike: int) -> None:
+    figure = Figure()
+    ax = figure.subplots()
+    ax.plot([0, 1], color="#C00000", label="one")
+    ax.plot([0, 1], color="#006000", ls=dashes, label="other")
+    ax.bar([0, 1], [1, 1], color=["#C00000", "#006000"], hatch=["", hatch])
+    assert len(told_by_colour_alone(figure)) == alike

@@ -7,7 +7,6 @@ import html
 import io
 import re
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -111,17 +110,6 @@ def run(tmp_path: Path) -> Path:
     """A run folder of the small calibration with its page."""
     replace(small_result(), objects=None).save(tmp_path / "run")
     return tmp_path / "run"
-
-
-@pytest.fixture
-def pages_of() -> Callable:
-    """What reads the pages of a PDF; where WeasyPrint or pypdf is missing, the test is skipped."""
-    try:
-        needs_weasyprint()
-    except UserError as error:
-        pytest.skip(str(error))
-    pypdf = pytest.importorskip("pypdf")
-    return lambda path: pypdf.PdfReader(path).pages
 
 
 @pytest.fixture(scope="module")
@@ -274,7 +262,9 @@ def test_what_cannot_be_corrected_or_has_no_covariance_is_said() -> None:
 
 
 @pytest.mark.slow
-def test_the_page_has_the_form_the_limits_and_the_advice(known: Delivered, run: Path, tmp_path: Path) -> None:
+def test_the_page_has_the_form_the_limits_and_the_advice(
+    known: Delivered, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     fit = small_result()
     form = build_page([(fit, fit.ship, tmp_path)], [known])
     for words in ("tested", "model, calm and deep [90 %]", "corrected to full load [90 %]", "Stopping"):
@@ -286,6 +276,10 @@ def test_the_page_has_the_form_the_limits_and_the_advice(known: Delivered, run: 
     for heading in ("11. Trial conditions", "12. Manoeuvring data for IMO", "13. Limits of use", "14. How to use"):
         assert heading in text
     assert read_fit(run).envelope == fit.envelope
+    monkeypatch.setattr(imo_form_module, "DRAWS", 20)
+    monkeypatch.setattr(imo, "STANDARD", TURNS)
+    text = write_report([run], run / "page.html")
+    assert "appendix 6" in text and "[90" in text and "starboard" in text
 
 
 def test_the_counts_of_the_page_are_those_of_the_console_and_no_column_is_empty(run: Path) -> None:
@@ -302,30 +296,28 @@ def test_the_counts_of_the_page_are_those_of_the_console_and_no_column_is_empty(
 
 @pytest.mark.longest
 @pytest.mark.slow
-def test_the_pdf_holds_every_heading(run: Path, pages_of: Callable) -> None:
+def test_the_pdf_holds_every_heading_and_the_pictures_of_its_page_and_no_others(run: Path, tmp_path: Path) -> None:
+    try:
+        needs_weasyprint()
+    except UserError as error:
+        pytest.skip(str(error))
+    pypdf = pytest.importorskip("pypdf")
     assert main(["report", str(run), "--pdf", "--no-imo"]) == 0
     text = (run / "report.html").read_text()
-    words = " ".join(" ".join(page.extract_text() for page in pages_of(run / "report.pdf")).split())
+    pages = pypdf.PdfReader(run / "report.pdf").pages
+    words = " ".join(" ".join(page.extract_text() for page in pages).split())
     headings = [" ".join(re.sub(r"<.*?>", "", h).split()) for h in re.findall(r"(?s)<h[123][^>]*>(.*?)</h[123]>", text)]
     assert len(headings) > 15
     assert [h for h in map(html.unescape, headings) if h.replace(" ", "") not in words.replace(" ", "")] == []
     with pytest.raises(UserError):
         write_pdf("<p>x</p>", run / "nowhere" / "x.pdf")
-
-
-@pytest.mark.slow
-def test_a_pdf_shows_the_pictures_of_its_page_and_no_others(tmp_path: Path, pages_of: Callable) -> None:
     picture = io.BytesIO()
     imsave(picture, np.zeros((2, 3, 3)), format="png")
     (tmp_path / "other.png").write_bytes(picture.getvalue())
     inside = f"data:image/png;base64,{base64.b64encode(picture.getvalue()).decode()}"
-
-    def pictures(source: str) -> int:
+    for source, count in ((inside, 1), ((tmp_path / "other.png").as_uri(), 0)):
         write_pdf(f'<p>x</p><img src="{source}" width="30">', tmp_path / "page.pdf")
-        return sum(len(page.images) for page in pages_of(tmp_path / "page.pdf"))
-
-    assert pictures(inside) == 1
-    assert pictures((tmp_path / "other.png").as_uri()) == 0
+        assert sum(len(page.images) for page in pypdf.PdfReader(tmp_path / "page.pdf").pages) == count
 
 
 def test_without_weasyprint_one_line_says_what_to_do_and_nothing_is_written(
@@ -336,11 +328,3 @@ def test_without_weasyprint_one_line_says_what_to_do_and_nothing_is_written(
     assert main(["report", str(run), "--pdf", "--no-imo", "--out", str(out)]) == 2
     assert "mmg-ident[pdf]" in capsys.readouterr().err
     assert not out.exists() and not out.with_suffix(".pdf").exists()
-
-
-@pytest.mark.slow
-def test_the_report_of_a_run_makes_the_form(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(imo_form_module, "DRAWS", 20)
-    monkeypatch.setattr(imo, "STANDARD", TURNS)
-    text = write_report([run], run / "page.html")
-    assert "appendix 6" in text and "[90" in text and "starboard" in text
