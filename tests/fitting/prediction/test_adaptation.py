@@ -74,16 +74,13 @@ def test_data_after_the_start_of_a_window_and_before_its_past_do_not_change_its_
         assert same[3] and not all(same)
 
 
-def test_windows_predicted_together_do_not_influence_each_other() -> None:
-    both = predict_all(simulator(), [run(True), run(False)], 30.0, 15.0, False, adaptation=past())
-    for one, other in zip(both[0][0], windows_of(run(True), past()), strict=True):
-        np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-12)
-
-
-def test_a_window_without_a_past_is_predicted_as_without_adaptation() -> None:
+def test_each_window_is_adapted_to_its_own_past_alone_and_one_without_a_past_is_not() -> None:
     plain, adapted = windows_of(run(True)), windows_of(run(True), past())
     np.testing.assert_allclose(plain[0].states, adapted[0].states, atol=1e-12)
     assert np.abs(plain[1].states - adapted[1].states).max() > 0.05
+    both = predict_all(simulator(), [run(True), run(False)], 30.0, 15.0, False, adaptation=past())
+    for one, other in zip(both[0][0], adapted, strict=True):
+        np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-12)
 
 
 def test_the_past_ends_at_missing_samples_and_gaps() -> None:

@@ -231,18 +231,16 @@ def test_errors_are_those_of_the_windows_by_hand(trials: list[Trial], other: Sim
     assert found.window_s == 20.0 and found.stride_s == 10.0
     for trial, run in zip(trials, found.runs, strict=True):
         windows, _ = predict(other, trial, 20.0, 10.0, False)
-        errors = np.vstack([w.error(trial.states)[1:] for w in windows])
-        assert run.windows == len(windows)
-        assert run.position_m == pytest.approx(math.sqrt((errors[:, :2] ** 2).sum(axis=1).mean()))
-        assert run.heading_deg == pytest.approx(math.degrees(math.sqrt((errors[:, 2] ** 2).mean())))
-        assert run.u_m_s == pytest.approx(math.sqrt((errors[:, 3] ** 2).mean()))
-        assert run.r_deg_s == pytest.approx(math.degrees(math.sqrt((errors[:, 5] ** 2).mean())))
-        last = np.array([w.error(trial.states)[-1] for w in windows])
-        assert run.heading_end_deg == pytest.approx(math.degrees(math.sqrt((last[:, 2] ** 2).mean())))
-        assert run.share_of_change > 0
+        errors = np.array([w.error(trial.states) for w in windows])
+        rms = np.sqrt((errors[:, 1:] ** 2).mean(axis=(0, 1)))
+        assert run.windows == len(windows) and run.share_of_change > 0
+        assert run.position_m == pytest.approx(math.hypot(*rms[:2]))
+        assert (run.heading_deg, run.r_deg_s) == pytest.approx(np.degrees(rms[[2, 5]]))
+        assert run.u_m_s == pytest.approx(rms[3])
         row = round(found.seconds["ship_length"] / trial.dt)
-        early = np.array([w.error(trial.states)[row, 4] for w in windows])
-        assert run.after["ship_length"].v_m_s == pytest.approx(math.sqrt((early**2).mean()))
+        early, last = (np.sqrt((errors[:, at] ** 2).mean(axis=0)) for at in (row, -1))
+        assert run.heading_end_deg == pytest.approx(math.degrees(last[2]))
+        assert run.after["ship_length"].v_m_s == pytest.approx(early[4])
         assert run.after["window"].position_m == run.position_end_m
     kept = errors_in_units(Persistence(other.inputs), trials, window=20.0)
     assert found.persistence is not None and found.persistence.change == found.change
