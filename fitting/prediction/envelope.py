@@ -63,15 +63,11 @@ def envelope_of(names: Sequence[str], features: np.ndarray) -> dict[str, list[fl
     """Least and greatest value of each row of ``features`` (F, M) by its name of ``names``, and of the drift angle."""
     if not features.size:
         return {}
-    ranges = {name: [float(row.min()), float(row.max())] for name, row in zip(names, features, strict=True)}
-    beta = _drift(*(features[list(names).index(axis)] for axis in "uv"))
-    return ranges | ({DRIFT: [float(beta.min()), float(beta.max())]} if len(beta) else {})
-
-
-def _drift(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Drift angles where the ship moves."""
+    rows = dict(zip(names, features, strict=True))
+    u, v = rows["u"], rows["v"]
     moving = np.hypot(u, v) > SLOW * np.abs(u).max()
-    return np.arctan2(-v[moving], u[moving])  # MMG: positive where she drifts to port
+    rows[DRIFT] = np.arctan2(-v[moving], u[moving])  # MMG: positive where she drifts to port
+    return {name: [float(row.min()), float(row.max())] for name, row in rows.items() if len(row)}
 
 
 def trial_envelope(ship: Ship, trials: Sequence[Trial]) -> dict[str, list[float]]:
@@ -94,10 +90,9 @@ def trial_envelope(ship: Ship, trials: Sequence[Trial]) -> dict[str, list[float]
 def ranges_of(runs: SimulatedRuns) -> dict[str, tuple[float, float]]:
     """Least and greatest value of each of ``QUANTITIES`` in the first of ``runs``, SI and rad."""
     rows = slice(0, int(runs.last[0]) + 1)
-    u, v, r = runs.states[rows, 3:, 0].T
-    n, delta = np.asarray(runs.inputs[rows, :, 0]).T
-    rows_of = {"u": u, "v": v, "r": r, DRIFT: _drift(u, v), "n": n, "delta": delta}
-    return {name: (float(values.min()), float(values.max())) for name, values in rows_of.items() if len(values)}
+    features = np.hstack([runs.states[rows, 3:, 0], runs.inputs[rows, :, 0]]).T
+    ranges = envelope_of(("u", "v", "r", "n", "delta"), features)
+    return {name: (ranges[name][0], ranges[name][1]) for name in QUANTITIES if name in ranges}
 
 
 def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> tuple[str, ...]:

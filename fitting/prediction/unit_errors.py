@@ -87,8 +87,8 @@ class StateErrors:
         return cls(math.hypot(x, y), math.degrees(psi), u, v, math.degrees(r))
 
 
-@dataclass(frozen=True)
-class RunErrors:
+@dataclass(frozen=True, kw_only=True)
+class RunErrors(StateErrors):
     """Errors of one run: rms over the rows of all its ``windows``, NaN without one, inf where a prediction diverges;
     those with _end at the ends of the windows. share_of_change: rms over the states of error / change over the window;
     after: at the rows SHIP_LENGTH, where a length is known and shorter than the window, and END; maneuvers: those that
@@ -96,11 +96,6 @@ class RunErrors:
 
     name: str
     windows: int
-    position_m: Real = math.nan
-    heading_deg: Real = math.nan
-    u_m_s: Real = math.nan
-    v_m_s: Real = math.nan
-    r_deg_s: Real = math.nan
     position_end_m: Real = math.nan
     heading_end_deg: Real = math.nan
     share_of_change: Real = math.nan
@@ -172,7 +167,7 @@ def is_worse(before: float, after: float) -> bool:
     return after > (1 + NOTED) * before + 1e-6  # the summand: of two errors of nothing none is worse
 
 
-def _defeats(model: RunErrors | StateErrors, reference: RunErrors | StateErrors) -> dict[str, tuple[float, str]]:
+def _defeats(model: StateErrors, reference: StateErrors) -> dict[str, tuple[float, str]]:
     """States in which the ``reference`` is better, the worst first, each with the ratio of the errors and both."""
     worse = {}
     for key, (state, unit) in STATE_ERRORS.items():
@@ -236,7 +231,7 @@ def errors_in_units(
     return replace(errors, persistence=references["persistence"], baseline=references.get("baseline"), ratio=ratio)
 
 
-def ratios(own: RunErrors | StateErrors, reference: RunErrors | StateErrors) -> dict[str, float]:
+def ratios(own: StateErrors, reference: StateErrors) -> dict[str, float]:
     """Errors of a model, its ``own``, divided by those of a ``reference``, by state; NaN where either has none."""
     pairs = {state: (getattr(own, key), getattr(reference, key)) for key, (state, _) in STATE_ERRORS.items()}
     return {state: mine / other if other > 0 else math.nan for state, (mine, other) in pairs.items()}
@@ -278,7 +273,7 @@ def _errors(name: str, parts: Sequence[_Parts], change: np.ndarray) -> RunErrors
     rows = np.vstack([errors for errors, _ in parts])
     after = {key: np.vstack([later[key] for _, later in parts]) for key in parts[0][1]}
     if not len(rows):
-        return RunErrors(name, 0)
+        return RunErrors(name=name, windows=0)
     rms = np.sqrt((rows**2).mean(axis=0))
     share = math.sqrt(np.mean((rms / change) ** 2))
     by_time = {key: np.sqrt((errors**2).mean(axis=0)) for key, errors in after.items() if len(errors)}
@@ -286,8 +281,8 @@ def _errors(name: str, parts: Sequence[_Parts], change: np.ndarray) -> RunErrors
         rms, share, by_time = np.full(6, math.inf), math.inf, {key: np.full(6, math.inf) for key in by_time}
     end = StateErrors.of(by_time[END])
     return RunErrors(
-        name,
-        len(after[END]),
+        name=name,
+        windows=len(after[END]),
         **vars(StateErrors.of(rms)),
         position_end_m=end.position_m,
         heading_end_deg=end.heading_deg,
