@@ -211,18 +211,6 @@ def with_gap(trial: Trial, rows: int = 10_000) -> Trial:
     return changed(trial, **late)
 
 
-def with_spikes(trial: Trial, share: float = 0.01) -> Trial:
-    """The ``trial`` with outliers of fifty times the usual size in its velocities."""
-    draw = np.random.default_rng(0)
-    found = {}
-    for name in ("u", "v", "r"):
-        a = trial[name].copy()
-        at = draw.random(len(a)) < share
-        a[at] += 50 * np.nanstd(a) * draw.choice((-1.0, 1.0), at.sum())
-        found[name] = a
-    return changed(trial, **found)
-
-
 def thinned(trial: Trial, every: int) -> Trial:
     """Each so many-th row of the ``trial``."""
     return replace(trial, columns={name: a[::every] for name, a in trial.columns.items()})
@@ -240,7 +228,6 @@ CASES: dict[str, Callable[[], tuple[Ship, Sequence[Trial]]]] = {
     "100 Hz": lambda: (ship(), noisy_runs(1, dt=0.01)),
     "0.1 Hz": lambda: (ship(), [thinned(trial, 20) for trial in noisy_runs()]),
     "10,000 rows of gaps": lambda: (ship(), [with_gap(trial) for trial in noisy_runs()]),
-    "spikes": lambda: (ship(), [with_spikes(trial) for trial in noisy_runs()]),
 }
 """Name -> ship and trials."""
 
@@ -250,7 +237,6 @@ EXPECTED = {
     "all astern": {"not_excited_ahead"},
     "0.1 Hz": {"coarse_sampling", "refused"},
     "10,000 rows of gaps": {"gaps", "missing_samples"},
-    "spikes": {"spikes", "worse_after", "worse_than_persistence"},
 }
 """Case -> what must be said of it, at least."""
 
