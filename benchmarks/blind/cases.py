@@ -19,7 +19,6 @@ from cases.shipfiles.ship_file import load_ship
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.estimation.candidates import FITTED_ALONG
 from diagnosis.findings import Findings
-from fitting.report.run_folder import plain
 from mmg.errors import UserError
 from mmg.ship import Ship
 
@@ -106,12 +105,6 @@ def answer(ask: Callable[[], Findings]) -> tuple[str, list[str], bool, dict[str,
     evidence = {
         "candidates": [[c.name, c.delta_bic, c.p_value, c.score] for c in found.candidates if c.delta_bic is not None],
         "unnamed": dict(found.unnamed),
-        "held_out": None if found.held_out is None else [found.held_out.mse_before, found.held_out.mse_after],
-        "budget": None if found.budget is None else plain(found.budget),
-        "codes": sorted({getattr(m, "code", "") for m in found.warnings}),
-        "sizes": {
-            e.name: {s: [p.value, p.std] for s, p in e.parameters.items()} for e in (*found.effects, *found.instruments)
-        },
     }
     off = [f.name for f in found.instruments if f.name not in FITTED_ALONG]
     names = [e.name for e in found.effects] + off

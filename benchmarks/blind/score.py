@@ -1,4 +1,4 @@
-"""What the answers to opened cases got right: rates by kind and strength with their intervals, and the misses."""
+"""What the answers to opened cases got right: counts by kind and strength, and the misses."""
 
 from __future__ import annotations
 
@@ -6,15 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta
 
 from benchmarks.blind.cases import FOREIGN, Case
 from benchmarks.record import Figure, table
 
 STRENGTHS = ("weak", "medium", "strong")
-GAP = 1.15
-"""Error before / floor above which there is a gap to close."""
-Z90 = 1.645
 Answer = Sequence[Any]
 """Verdict, names, whether something is left over."""
 Pair = tuple[Case, Mapping[str, Any]]
@@ -51,42 +47,6 @@ def wrong(pair: Pair) -> bool:
     return is_wrong(pair[0].kind, tuple(pair[0].truth), pair[1]["answer"])
 
 
-def closure(pair: Pair) -> float | None:
-    """Share of the held-out error above the floor that what is named takes away; None without a gap. The diagnosis
-    measures from logged, noisy states, so that this is a bound from below."""
-    case, row = pair
-    errors = row["evidence"].get("held_out")
-    if errors is None or errors[0] / case.floor <= GAP:
-        return None
-    return float((errors[0] - errors[1]) / (errors[0] - case.floor)) if row["answer"][0] == "named" else 0.0
-
-
-def covered(pairs: Sequence[Pair]) -> tuple[int, int]:
-    """How many true parameters of named effects lie inside the 90 % intervals, of how many."""
-    inside = [
-        abs(value - case.truth[name][s]) <= Z90 * std
-        for case, row in pairs
-        for name, sizes in row["evidence"].get("sizes", {}).items()
-        for s, (value, std) in sizes.items()
-        if row["answer"][0] == "named" and s in case.truth.get(name, {})
-    ]
-    return sum(inside), len(inside)
-
-
-def interval(k: int, n: int) -> tuple[float, float]:
-    """Clopper-Pearson interval (95 %) of a rate k of n."""
-    low = float(beta.ppf(0.025, k, n - k + 1)) if k else 0.0
-    return low, float(beta.ppf(0.975, k + 1, n - k)) if k < n else 1.0
-
-
-def cell(k: int, n: int) -> str:
-    """A rate with its interval, in per cent, and its numbers."""
-    if not n:
-        return ""
-    low, high = interval(k, n)
-    return f"{100 * k / n:.0f} [{100 * low:.0f}, {100 * high:.0f}] {k}/{n}"
-
-
 def misses(pairs: Sequence[Pair]) -> list[str]:
     """A table of the cases that were not answered as they should be."""
     lines = []
@@ -101,24 +61,12 @@ def misses(pairs: Sequence[Pair]) -> list[str]:
 
 
 def scored(pairs: Sequence[Pair], name: str) -> list[str]:
-    """The score of the world ``name`` in markdown: how long it took, the rates with their intervals, the misses."""
+    """The score of the world ``name`` in markdown: how long it took, the counts, and the misses."""
     spent = [row["processor"] for _, row in pairs]
-    rows = [[f.what, cell(int(f.value), f.of or 0)] for f in figures(pairs, name).values()]
-    rows += [["failed", cell(sum(row["answer"][0] == "error" for _, row in pairs), len(pairs))]]
-    rows += [["true parameters of named effects inside their 90 % intervals", cell(*covered(pairs))]]
-    closed = [x for p in pairs if p[0].truth and (x := closure(p)) is not None]
-    if closed:
-        rows += [["share of the gap that is closed, median", f"{np.median(closed):.2f} (n {len(closed)})"]]
-    return [
-        f"{len(pairs)} cases; seconds of processor per case: median {np.median(spent):.0f}, most {max(spent):.0f}. "
-        "Rates in per cent with 95 % intervals (Clopper-Pearson) and counts.",
-        "",
-        *table(["measure", "rate"], rows),
-        "",
-        "Cases not answered as they should be:",
-        "",
-        *misses(pairs),
-    ]
+    rows = [[f.what, f"{f.value:g} of {f.of}"] for f in figures(pairs, name).values()]
+    rows += [["failed", f"{sum(row['answer'][0] == 'error' for _, row in pairs)} of {len(pairs)}"]]
+    head = f"{len(pairs)} cases; seconds of processor per case: median {np.median(spent):.0f}, most {max(spent):.0f}."
+    return [head, "", *table(["measure", "count"], rows), "", "Not answered as they should be:", "", *misses(pairs)]
 
 
 def figures(pairs: Sequence[Pair], name: str) -> dict[str, Figure]:

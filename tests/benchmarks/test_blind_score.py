@@ -12,7 +12,7 @@ import pytest
 from benchmarks import measured
 from benchmarks.blind import __main__ as blind
 from benchmarks.blind.cases import Case, answer, dealt, folders, opened
-from benchmarks.blind.score import Pair, closure, covered, figures, interval, misses, scored
+from benchmarks.blind.score import Pair, figures, misses, scored
 from benchmarks.measured import Record
 from mmg.errors import UserError
 
@@ -21,16 +21,16 @@ TOW = {"tow": {"X": 0.1, "Y": 0.0, "N": 0.0}}
 DRAFT = {"draft": {"share": 0.2}}
 
 
-def row(verdict: str, *names: str, left: bool = False, first: str = "", **sizes: Any) -> dict[str, Any]:
+def row(verdict: str, *names: str, left: bool = False, first: str = "") -> dict[str, Any]:
     """A row of the record; ``first``: the candidate that leads the ranking where nothing is named."""
     order = list(dict.fromkeys([n for n in (*names, first, "tow", "draft", "bank", "current") if n]))
-    evidence = {"candidates": [[n, 20.0, 0.1, 1.0] for n in order], "held_out": [3.0, 1.5], "sizes": sizes}
+    evidence = {"candidates": [[n, 20.0, 0.1, 1.0] for n in order]}
     return {"answer": [verdict, list(names), left], "evidence": evidence, "processor": 2.0}
 
 
-def pair(kind: str, truth: Parameters, given: dict[str, Any], strength: str = "weak", floor: float = 1.0) -> Pair:
+def pair(kind: str, truth: Parameters, given: dict[str, Any], strength: str = "weak") -> Pair:
     hidden, strength = {name: dict(values) for name, values in truth.items()}, "" if kind == "null" else strength
-    return Case("pond", kind, Path("case_0000"), hidden, " + ".join(truth) or kind, strength, floor), given
+    return Case("pond", kind, Path("case_0000"), hidden, " + ".join(truth) or kind, strength, 1.0), given
 
 
 def pairs() -> list[Pair]:
@@ -53,24 +53,6 @@ def pairs() -> list[Pair]:
     ]
 
 
-def test_intervals_are_those_of_the_tables() -> None:
-    assert interval(0, 10) == pytest.approx((0.0, 0.3085), abs=1e-4)
-    assert interval(9, 10) == pytest.approx((0.5550, 0.9975), abs=1e-4)
-
-
-def test_intervals_of_sizes_are_counted() -> None:
-    sizes = {"X": [0.1, 0.01], "Y": [0.03, 0.01], "N": [0.04, 0.01]}
-    assert covered([pair("library", TOW, row("named", "tow", tow=sizes))]) == (1, 3)
-    assert covered([pair("library", TOW, row("none"))]) == (0, 0)
-
-
-def test_closure_counts_only_what_is_named() -> None:
-    named, silent = pairs()[0], pairs()[2]
-    assert closure(named) == pytest.approx(0.75)  # (3 - 1.5) / (3 - 1)
-    assert closure(silent) == 0.0
-    assert closure(pair("library", TOW, row("named", "tow"), floor=2.9)) is None
-
-
 def test_figures_are_those_counted_by_hand() -> None:
     made = {name: (figure.value, figure.of) for name, figure in figures(pairs(), "basin").items()}
     assert made == {
@@ -82,7 +64,7 @@ def test_figures_are_those_counted_by_hand() -> None:
 
 def test_misses_are_listed_with_their_first_candidates() -> None:
     lines = misses(pairs())
-    assert len(lines) == 2 + 9 and "| failed | 7 [0, 34] 1/14 |" in scored(pairs(), "basin")
+    assert len(lines) == 2 + 9 and "| failed | 1 of 14 |" in scored(pairs(), "basin")
     assert any("| library | draft | weak | none | tow > draft > bank |" in line for line in lines)
     assert "median 2, most 9" in scored(pairs(), "basin")[0]
 
@@ -136,7 +118,7 @@ def test_the_whole_run_on_two_cases(
     assert blind.main(arguments) == 0
     said = capsys.readouterr().out
     assert said.index("SHA-256") < said.index("case_0000, none")
-    assert "| 100 [16, 100] 2/2 |" in said
+    assert "none | 2 of 2 |" in said
     (folder,) = (path for path in tmp_path.iterdir() if path.is_dir())
     next((folders(folder)[0] / "train").iterdir()).write_text("another")
     assert blind.main(arguments) == 2

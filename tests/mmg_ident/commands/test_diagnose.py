@@ -20,7 +20,6 @@ from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.result import is_complete, read_diagnosis
 from fitting.solvers.control import OutOfTimeError
 from mmg.effects import EFFECTS
-from mmg.errors import UserError
 from mmg.ship import Ship
 from mmg_ident import simulate
 from mmg_ident.commands.main import main
@@ -66,44 +65,31 @@ def diagnosed(folder: Path, *options: object, trials: Path | None = None) -> dic
 
 
 @pytest.mark.slow
-def test_the_effect_is_named_with_its_size(content: dict[str, Any]) -> None:
-    assert content["verdict"] == "named" and [e["name"] for e in content["effects"]] == ["current"]
+def test_the_effect_is_named_with_its_size_groups_are_compared_and_nothing_is_warned_of(
+    content: dict[str, Any],
+) -> None:
     (effect,) = content["effects"]
-    assert 0 <= effect["p_value"] < 0.03 and effect["evidence"] > ODDS and 0 <= effect["absorbed_share"] <= 1
+    assert content["verdict"] == "named" and effect["name"] == "current" and effect["evidence"] > ODDS
     x, y = (effect["parameters"][k]["value"] for k in "xy")
     assert (x, y) == pytest.approx((0.03, -0.02), abs=0.004)
-    assert all(row["unit"] == "m/s" and row["std"] > 0 for row in effect["parameters"].values())
-    assert all(name in EFFECTS for name in content["equivalence_class"])
-
-
-@pytest.mark.slow
-def test_trials_that_show_all_that_is_needed_are_not_warned_of_and_groups_are_compared(content: dict[str, Any]) -> None:
     codes = {row["code"] for row in content["messages"]}
     assert not codes & {"no_positions", "no_wind", "one_kind", "not_calibrated", "shared_rows", "no_tests"}
     between = content["between"]
     assert between["by"] == "kind" and list(between["groups"]) == ["random", "turning", "zigzag"]
     assert between["verdict"] == "none" and between["differences"] == []
-    names = {c["name"] for c in between["candidates"]}
-    assert {"current", "gyro", "velocity_filter", "X_0F"} <= names
+    assert {"current", "gyro", "velocity_filter", "X_0F"} <= {c["name"] for c in between["candidates"]}
 
 
 @pytest.mark.slow
-def test_candidates_are_all_that_could_be_screened(content: dict[str, Any]) -> None:
+def test_candidates_are_all_that_could_be_screened_by_their_evidence_and_shares_add_up(content: dict[str, Any]) -> None:
     names = [c["name"] for c in content["candidates"]]
     assert len(names) == len(set(names)) and set(content["not_screened"]) == {"bank"}
     assert set(names) | set(content["not_screened"]) == set(EFFECTS) - {"gyro"}  # fitted along
     for c in content["candidates"]:
         assert c["score"] >= 0 and 0 <= c["p_value"] <= 1 and 0 <= c["absorbed_share"] <= 1
-        assert isinstance(c["excited"], bool) and all(row["std"] > 0 for row in c["parameters"].values())
     gains = [c["evidence"] for c in content["candidates"] if c["evidence"] is not None]
     assert len(gains) >= 6 and gains == sorted(gains, reverse=True) and names[0] == "current"
-    assert all(c["delta_bic"] is not None for c in content["candidates"][: len(gains)])
-
-
-@pytest.mark.slow
-def test_shares_and_errors_add_up(content: dict[str, Any]) -> None:
     where, held = content["where"], content["held_out"]
-    assert all(c["force_rms"] > 0 and 0 <= c["share"] <= 1 for c in where["channels"].values())
     assert sum(c["share"] for c in where["channels"].values()) == pytest.approx(1.0)
     assert where["regions"] and where["bands"]
     assert {row["channel"] for row in where["phases"]} <= set(where["channels"]) == {"surge", "sway", "yaw"}
@@ -169,7 +155,6 @@ def poor(folder: Path) -> Path:
 def test_what_poor_trials_cannot_say_is_said_and_the_rest_is_concluded(poor: Path) -> None:
     with unrendered():
         content = diagnosed(poor, "--test", poor / "test", "--out", poor / "run")
-    said = content["warnings"]
     rows = [(row["code"], row["text"]) for row in content["messages"]]
     for code, words in (
         ("not_calibrated", ""), ("role_held_out", "random"), ("no_positions", "zigzag_b"), ("no_wind", "zigzag_c"),
@@ -179,9 +164,7 @@ def test_what_poor_trials_cannot_say_is_said_and_the_rest_is_concluded(poor: Pat
         assert sum(code == its and words in text for its, text in rows) == 1, (code, words, rows)
     assert content["verdict"] in ("none", "named", "unknown") and content["candidates"]
     assert list(content["held_out"]["by_run"]) == ["random"]
-    assert json.loads((poor / "run" / "result.json").read_text())["warnings"] == said
-    html = (poor / "run" / "report.html").read_text(encoding="utf-8")
-    assert "zigzag_b" in html
+    assert "zigzag_b" in (poor / "run" / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
@@ -215,10 +198,8 @@ def test_a_breakdown_of_the_numerics_is_unknown_with_the_reason(
 def test_a_time_limit_without_a_verdict_is_one_line(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    given = ["diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run", "--time-limit"]
-    assert "--time-limit -1" in refused(capsys, *given, "-1")
-    line = refused(capsys, *given, "0.01")
-    assert "0.01" in line
+    given = ["diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run", "--time-limit", "0.01"]
+    assert "0.01" in refused(capsys, *given)
     assert not list(tmp_path.iterdir())
 
 
@@ -274,16 +255,3 @@ def test_a_person_is_told_the_verdict_the_ranking_and_the_warnings(
     assert ("next: " in out) == (verdict == "named")
     assert f"diagnosis: {tmp_path / 'run'}" in err
     assert json.loads((tmp_path / "run" / "diagnosis.json").read_text())["verdict"] == verdict
-
-
-@pytest.mark.slow
-def test_nothing_is_left_when_writing_fails(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def full(*arguments: object) -> None:
-        raise UserError("the disk is full")
-
-    monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *arguments, **more: case("none"))
-    monkeypatch.setattr("diagnosis.result.write_json", full)
-    refused(capsys, "diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run")
-    assert not list(tmp_path.iterdir())
