@@ -88,7 +88,7 @@ def contents(target: Path) -> dict[str, bytes]:
 @pytest.mark.slow
 @pytest.mark.parametrize("form", sorted(FORMATS))
 def test_a_run_gives_the_same_bytes_wherever_it_lies(form: str, run: Path, tmp_path: Path) -> None:
-    """A product holds hashes of its run and of the data, and no path of either."""
+    """A product holds the title of its calibration, hashes of its run and of the data, and no path of either."""
     first, other = tmp_path / "a" / "run", tmp_path / "a longer name" / "copy"
     shutil.copytree(run, first)
     record = json.loads((run / "result.json").read_text())
@@ -107,6 +107,7 @@ def test_a_run_gives_the_same_bytes_wherever_it_lies(form: str, run: Path, tmp_p
         export(product_of(folder), form, target, **options)
         found.append(contents(target))
     assert found[0] == found[1] and found[0]
+    assert any(load_ship(first).title.encode() in content for content in found[0].values())
     assert not any(str(tmp_path).encode() in content for content in found[0].values())
 
 

@@ -7,12 +7,11 @@ import os
 import subprocess
 import sys
 import unicodedata
+from contextlib import nullcontext
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from cases.io.read import read_trials
 from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
@@ -166,24 +165,25 @@ def test_two_processes_do_not_work_on_one_folder_without_posix(tmp_path: Path) -
 
 
 # Names
+DEVICES = ("CON", "nul", "Aux", "COM1", "lpt9", "con.first", "PRN .x")
+"""On Windows a file NUL.csv is no file: what is written to it is lost. What only begins so is a name."""
 
 
-def test_names_of_devices_are_refused_everywhere() -> None:
-    """On Windows a file NUL.csv is no file: what is written to it is lost. What only begins so is a name."""
-    for name in ("CON", "nul", "Aux", "COM1", "lpt9", "con.first", "PRN .x"):
-        with pytest.raises(UserError, match="device"):
+@pytest.mark.parametrize(
+    ("windows", "names", "said"),
+    [
+        (False, DEVICES, "device"),
+        (True, ("10:30", "why?", "a*b", 'say "x"', "a|b", "<new>"), "Windows"),
+        (False, ("10:30", "<new>", "console", "nullity", "COM10", "auxiliary 3", "my CON"), ""),
+    ],
+)
+def test_devices_are_refused_everywhere_and_on_windows_what_its_files_cannot_be_called(
+    windows: bool, names: tuple[str, ...], said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mmg.errors.WINDOWS", windows)
+    for name in names:
+        with pytest.raises(UserError, match=said) if said else nullcontext():
             check_name(name, "trial")
-    for name in ("console", "nullity", "COM10", "auxiliary 3", "my CON"):
-        check_name(name, "trial")
-
-
-@pytest.mark.parametrize("name", ["10:30", "why?", "a*b", 'say "x"', "a|b", "<new>"])
-def test_windows_refuses_what_its_files_cannot_be_called(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mmg.errors.WINDOWS", False)
-    check_name(name, "trial")
-    monkeypatch.setattr("mmg.errors.WINDOWS", True)
-    with pytest.raises(UserError, match="Windows"):
-        check_name(name, "trial")
 
 
 @pytest.mark.parametrize(
@@ -199,13 +199,3 @@ def test_names_that_are_one_file_on_windows_or_macos_are_not_overwritten(
     files = [str(tmp_path / "0"), str(tmp_path / "1")]
     assert main(["predict", "esso_osaka_3m", *files, "--window", "30", "--out", str(tmp_path / "out")]) == 2
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-def test_line_ends_of_windows_change_no_value(folder: Path, tmp_path: Path) -> None:
-    (ours,) = read_trials([folder / "trials"])
-    file = tmp_path / ours.path.name if ours.path else tmp_path
-    file.write_bytes((folder / "trials" / file.name).read_bytes().replace(b"\r\n", b"\n"))
-    (theirs,) = read_trials([file])
-    assert ours.kind == "turning" and ours.columns.keys() == theirs.columns.keys()
-    assert all(np.array_equal(ours[name], theirs[name], equal_nan=True) for name in ours.columns)

@@ -1,10 +1,9 @@
-"""A ship with a name: every output of a calibration says which one it is, and old files without one are read."""
+"""A ship with a name: every command on a calibration says which one it is, and old files without one are read."""
 
 from __future__ import annotations
 
 import json
 import re
-import zipfile
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -62,7 +61,7 @@ def test_a_run_is_called_by_its_name_date_data_and_start(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_every_output_says_which_calibration_it_is(folder: Path, tmp_path: Path) -> None:
+def test_every_command_says_which_calibration_it_is(folder: Path, tmp_path: Path) -> None:
     run, title, trials = folder / "a", load_ship(folder / "a").title, folder / "trials"
     assert title in mmg("predict", run, trials, "--out", tmp_path / "p")
     assert title in mmg("score", run, trials)
@@ -71,18 +70,6 @@ def test_every_output_says_which_calibration_it_is(folder: Path, tmp_path: Path)
     assert title in mmg("simulate", run, "--maneuver", "turning:35", "--scatter", "3")
     page = (run / "report.html").read_text()
     assert "report</h1>" in page and title in page
-    mmg("export", run, "--format", "c", "--out", tmp_path / "c")
-    for file in ("README.md", "mt_aurora.c", "product.json"):
-        assert title in (tmp_path / "c" / file).read_text(), file
-    mmg("export", run, "--format", "toml", "--out", tmp_path / "s.toml")
-    mmg("export", run, "--format", "json", "--out", tmp_path / "s.json")
-    for file in ("s.toml", "s.json"):
-        assert load_ship(tmp_path / file).title == title
-    mmg("export", run, "--format", "matlab", "--out", tmp_path / "m")
-    assert title in (tmp_path / "m" / "README.md").read_text()
-    mmg("export", run, "--format", "fmu", "--out", tmp_path / "s.fmu")
-    with zipfile.ZipFile(tmp_path / "s.fmu") as archive:
-        assert title in archive.read("modelDescription.xml").decode()
 
 
 def test_files_without_a_mark_are_read_and_marks_come_back_whole() -> None:
