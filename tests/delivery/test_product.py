@@ -27,10 +27,10 @@ from delivery.product import (
     identifiers,
     product_of,
 )
-from mmg.errors import BadValue, Unsupported
+from mmg.errors import BadValue, NotCalibrated, Unsupported
 from mmg.messages import has_code
 from tests.support.calibrated import small_result
-from tests.support.commands import refused, shown
+from tests.support.commands import refusal, shown
 from tests.support.fmus import network
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -61,18 +61,21 @@ def test_coefficients_that_no_trial_excites_are_a_caveat(run: Path, tmp_path: Pa
     assert caveat.code == UNEXCITED and f"2 of {len(rows)} " in str(caveat) and f"{first}, {second}" in str(caveat)
 
 
-def test_a_calibrated_ship_brings_its_record(run: Path) -> None:
-    found = product_of(run)
+def test_a_calibrated_ship_brings_its_record_with_hashes_of_run_and_data(run: Path) -> None:
+    found, ship = product_of(run), (run / "ship.toml").read_bytes()
     assert not found.caveats and found.identifier == "esso_osaka_3m"
-    content = json.loads((run / "result.json").read_text())
-    assert found.ranges == {name: tuple(pair) for name, pair in content["envelope"].items()}
-    (row,) = found.provenance["data"]
-    assert row["sha256"] == content["data"][0]["sha256"] and found.provenance["created"] == content["created"]
-    by_symbol = {c.symbol: c for c in found.coefficients}
-    fitted = content["coefficients"]["Y_v"]
+    text = (run / "result.json").read_bytes()
+    content, record = json.loads(text), hashlib.sha256(text).hexdigest()
+    assert found.ranges == product_of(run / "ship.toml").ranges == {k: tuple(v) for k, v in content["envelope"].items()}
+    from_run = {key: found.provenance[key] for key in ("result_sha256", "ship_sha256", "source", "created")}
+    hashes = {"result_sha256": record, "ship_sha256": hashlib.sha256(ship).hexdigest(), "source": f"run {record[:12]}"}
+    assert from_run == {**hashes, "created": content["created"]}
+    assert [row["sha256"] for row in found.provenance["data"]] == [row["sha256"] for row in content["data"]]
+    assert found.provenance["command"].split() == ["mmg", "fit", "ship", "a.csv", "--out", "run"]
+    assert f"run {record[:12]}" in " ".join(found.sentences) and "(data " in " ".join(found.sentences)
+    by_symbol, fitted = {c.symbol: c for c in found.coefficients}, content["coefficients"]["Y_v"]
     assert by_symbol["Y_v"].std == fitted["std"] and by_symbol["Y_v"].verdict == fitted["verdict"]
     assert by_symbol["N_v"].std is None, "a fixed coefficient has no standard error"
-    assert product_of(run / "ship.toml").ranges == found.ranges
 
 
 def contents(target: Path) -> dict[str, bytes]:
@@ -111,19 +114,8 @@ def test_a_run_gives_the_same_bytes_wherever_it_lies(form: str, run: Path, tmp_p
     assert not any(str(tmp_path).encode() in content for content in found[0].values())
 
 
-def test_a_product_names_its_run_and_its_data_by_hashes(run: Path) -> None:
-    found = product_of(run)
-    record = hashlib.sha256((run / "result.json").read_bytes()).hexdigest()
-    assert found.provenance["result_sha256"] == record and found.provenance["source"] == f"run {record[:12]}"
-    assert found.provenance["ship_sha256"] == hashlib.sha256((run / "ship.toml").read_bytes()).hexdigest()
-    assert found.provenance["command"].split() == ["mmg", "fit", "ship", "a.csv", "--out", "run"]
-    assert f"run {record[:12]}" in " ".join(found.sentences) and "(data " in " ".join(found.sentences)
-
-
-def test_a_ship_that_was_never_calibrated_leaves_by_force_only(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    said = refused(capsys, "export", "esso_osaka_3m", "--format", "c", "--out", tmp_path / "c", "--json")
+def test_a_ship_that_was_never_calibrated_leaves_by_force_only(tmp_path: Path) -> None:
+    said = refusal("export", "esso_osaka_3m", "--format", "c", "--out", tmp_path / "c", "--json")
     assert said.endswith("[not_calibrated]") and "--force" in said and not (tmp_path / "c").exists()
     printed = shown("export", "esso_osaka_3m", "--format", "c", "--out", tmp_path / "c", "--force")
     assert [c["code"] for c in printed["caveats"]] == [UNCALIBRATED, NO_RANGE]
@@ -131,26 +123,24 @@ def test_a_ship_that_was_never_calibrated_leaves_by_force_only(
     assert json.loads((tmp_path / "c" / ABOUT).read_text())["caveats"] == printed["caveats"]
 
 
-def test_a_run_that_did_not_converge_leaves_by_force_only(
-    run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_that_did_not_converge_leaves_by_force_only(run: Path, tmp_path: Path) -> None:
     content = json.loads((run / "result.json").read_text()) | {"converged": False, "status": "Maximum_Iterations"}
     stopped = changed(run, tmp_path / "stopped", content)
-    said = refused(capsys, "export", stopped, "--format", "c", "--out", tmp_path / "c", "--json")
-    assert "Maximum_Iterations" in said and "--force" in said and said.endswith("[not_calibrated]")
+    with pytest.raises(NotCalibrated, match=r"Maximum_Iterations.*--force"):
+        product_of(stopped)
     assert has_code(product_of(stopped, force=True).caveats, NOT_CONVERGED)
 
 
-def test_targets_are_not_lost(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_targets_are_not_lost(run: Path, tmp_path: Path) -> None:
     mine = tmp_path / "mine"
     mine.mkdir()
     (mine / "thesis.txt").write_text("mine")
     words = ("export", run, "--format", "c", "--out")
-    assert refused(capsys, *words, mine, "--json").endswith("[target_exists]")
+    assert refusal(*words, mine, "--json").endswith("[target_exists]")
     for target in (mine, mine / "thesis.txt"):
-        assert refused(capsys, *words, target, "--force", "--json").endswith("[target_exists]")
+        assert refusal(*words, target, "--force", "--json").endswith("[target_exists]")
     assert (mine / "thesis.txt").read_text() == "mine"
-    assert refused(capsys, *words, mine / "thesis.txt" / "c", "--json").endswith("[not_writable]")
+    assert refusal(*words, mine / "thesis.txt" / "c", "--json").endswith("[not_writable]")
     shown(*words, tmp_path / "c")
     (tmp_path / "c" / "esso_osaka_3m.c").write_text("")
     shown(*words, tmp_path / "c", "--force")
@@ -158,10 +148,10 @@ def test_targets_are_not_lost(run: Path, tmp_path: Path, capsys: pytest.CaptureF
     assert sorted(p.name for p in tmp_path.iterdir()) == ["c", "mine"]
 
 
-def test_unknown_words_are_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_words_are_refused(run: Path, tmp_path: Path) -> None:
     others = (run, "fortran"), (run, "c", "--without", "tow"), (tmp_path / "nothing", "c")
     for where, form, *more in others:
-        said = refused(capsys, "export", where, "--format", form, *more, "--out", tmp_path / "c", "--json")
+        said = refusal("export", where, "--format", form, *more, "--out", tmp_path / "c", "--json")
         assert said.endswith("[unknown_name]")
 
 
@@ -193,18 +183,13 @@ def test_a_product_is_called_as_its_calibration(run: Path) -> None:
     assert f'modelName="{mark.name}"' in description(ship, variable_table(ship), 2, "", ())
 
 
-def test_a_name_that_is_no_identifier_is_made_one(tmp_path: Path) -> None:
-    ship = load_ship("esso_osaka_3m")
-    (tmp_path / "ship.toml").write_text(dump_ship(replace(ship, name="2nd Été")))
+def test_identifiers_are_distinct_and_no_reserved_words(tmp_path: Path) -> None:
+    made = identifiers(["a.b", "a_b", "a b", "double", "日本", "9", "A_B"])
+    assert len({name.lower() for name in made}) == len(made) and "double" not in made
+    assert all(name.isidentifier() and name.isascii() for name in made)
+    (tmp_path / "ship.toml").write_text(dump_ship(replace(load_ship("esso_osaka_3m"), name="2nd Été")))
     found = product_of(tmp_path / "ship.toml", force=True)
     assert found.identifier == "ship_2nd_ete" and has_code(found.caveats, NAME_CHANGED)
-
-
-def test_identifiers_are_distinct_and_no_reserved_words() -> None:
-    made = identifiers(["a.b", "a_b", "a b", "double", "日本", "9", "A_B"])
-    assert len({name.lower() for name in made}) == len(made)
-    assert all(name.isidentifier() and name.isascii() for name in made)
-    assert "double" not in made
 
 
 # The ship file and its JSON as products

@@ -19,21 +19,30 @@ import pytest
 from mmg_ident.commands.main import main
 
 
+def printed(verb: str, *arguments: object) -> str:
+    """Run a command that must succeed; what it prints."""
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        assert main([verb, *map(str, arguments)]) == 0
+    return out.getvalue()
+
+
 def shown(verb: str, *arguments: object) -> dict[str, Any]:
     """Run a command with --json; its document."""
-    out = io.StringIO()
-    with contextlib.redirect_stdout(out):
-        assert main([verb, *(str(a) for a in arguments), "--json"]) == 0
-    return json.loads(out.getvalue())
+    return json.loads(printed(verb, *arguments, "--json"))
 
 
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+def refusal(*arguments: object) -> str:
     """Run a command that must be refused; returns its one line, beside which it may say that it compiles."""
-    capsys.readouterr()
-    assert main([str(a) for a in arguments]) == 2
-    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("compiling ")]
+    with contextlib.redirect_stderr(io.StringIO()) as err:
+        assert main([*map(str, arguments)]) == 2
+    lines = [line for line in err.getvalue().splitlines() if not line.startswith("compiling ")]
     assert len(lines) == 1 and lines[0].startswith("mmg: "), lines
     return lines[0]
+
+
+def refused(_: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """As ``refusal``."""
+    return refusal(*arguments)
 
 
 # Commands that get Ctrl-C with all their processes, and what is left of these

@@ -94,7 +94,7 @@ def close(found: np.ndarray, expected: np.ndarray, tolerance: float = 1e-12) -> 
 
 
 @pytest.mark.slow
-def test_rates_forces_columns_memory_and_jacobians_agree_with_python(ship: Compiled) -> None:
+def test_rates_forces_columns_memory_and_jacobians_agree_with_python_also_of_other_coefficients(ship: Compiled) -> None:
     model, theta = ship.of.model, ship.of.ship.values
     z, c = ca.SX.sym("z", len(model.states)), ca.SX.sym("c", len(model.controls))
     rates = model.rates(z, c, theta)
@@ -107,18 +107,11 @@ def test_rates_forces_columns_memory_and_jacobians_agree_with_python(ship: Compi
         assert close(ship.columns(state), columns(model, state[:, None], theta)[:, 0])
         for found, expected in zip(ship.jacobians(state, inputs), exact(state, inputs), strict=True):
             assert close(found, np.array(expected))
-
-
-@pytest.mark.slow
-def test_other_coefficients_agree_with_python(ship: Compiled) -> None:
-    model, rng = ship.of.model, np.random.default_rng(5)
-    theta = ship.of.ship.values * rng.uniform(0.9, 1.1, len(model.symbols))
-    six, inputs = (a[1] for a in points(ship.of.ship))
-    state = states_behind(model, six[:, None], inputs[:, None], theta)[:, 0]
-    ship.init(theta)
-    assert close(ship.rates(state, inputs), np.array(model.rates(state, inputs, theta)).ravel())
-    ship.init()
-    assert close(ship.rates(state, inputs), np.array(model.rates(state, inputs, ship.of.ship.values)).ravel())
+    other = theta * np.random.default_rng(5).uniform(0.9, 1.1, len(theta))
+    state = states_behind(model, six[:, None], inputs[:, None], other)[:, 0]
+    for values, given in ((other, other), (theta, None)):
+        ship.init(given)
+        assert close(ship.rates(state, inputs), np.array(model.rates(state, inputs, values)).ravel())
 
 
 @pytest.mark.slow
@@ -141,21 +134,10 @@ def test_600_s_agree_with_the_simulator(ship: Compiled) -> None:
 
 
 @pytest.mark.slow
-def test_many_ships_move_as_one_by_one(ship: Compiled) -> None:
-    rng, (six, inputs) = np.random.default_rng(2), points(ship.of.ship, 21)
-    starts = np.array([ship.settle(a, b) for a, b in zip(six, inputs, strict=True)])
-    starts[:, 2] += rng.uniform(-300.0, 300.0, len(starts))
-    h = 0.3 * ship.of.longest_step
-    many, failed = ship.step_many(starts, inputs, h)
-    assert failed == 0
-    for start, held, found in zip(starts, inputs, many, strict=True):
-        assert close(found, ship.step(start, held, h)[0], 1e-11)
-
-
-@pytest.mark.slow
-def test_a_ship_that_fails_leaves_the_others_alone(ship: Compiled) -> None:
+def test_many_ships_move_as_one_by_one_and_one_that_fails_leaves_the_others_alone(ship: Compiled) -> None:
     six, inputs = points(ship.of.ship, 17)
     starts = np.array([ship.settle(a, b) for a, b in zip(six, inputs, strict=True)])
+    starts[:, 2] += np.random.default_rng(2).uniform(-300.0, 300.0, len(starts))
     starts[3, 3], starts[16, 5], starts[5, 2] = np.nan, 1e200, 3e6
     many, failed = ship.step_many(starts, inputs, 0.1)
     alone = [ship.step(start, held, 0.1) for start, held in zip(starts, inputs, strict=True)]

@@ -27,7 +27,7 @@ from mmg.states import STATES
 from mmg_ident.commands.main import main
 from tests.docs.pages import ROOT, blocks
 from tests.support.c_products import STRICT, library_product, product
-from tests.support.commands import refused
+from tests.support.commands import refusal
 from tests.support.fmus import fmu, needs_compiler, running, ship_of
 
 
@@ -306,9 +306,7 @@ def test_libcosim_takes_the_system_of_the_page(exported: Path) -> None:
     assert CosimExecution.from_osp_config_file(str(exported)).step(10)
 
 
-def test_bad_requests_are_one_line_and_leave_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_requests_are_one_line_and_leave_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there.fmu").write_text("mine")
     for form, out, words, said in (
@@ -317,7 +315,7 @@ def test_bad_requests_are_one_line_and_leave_nothing(
         ("fmu", "ship.zip", ("--force",), ".fmu"),
         ("c", "c", ("--force", "--platforms", "win64"), "--platforms"),
     ):
-        assert said in refused(capsys, "export", "esso_osaka_3m", "--format", form, "--out", out, *words)
+        assert said in refusal("export", "esso_osaka_3m", "--format", form, "--out", out, *words)
     assert [path.name for path in tmp_path.iterdir()] == ["there.fmu"]
     assert (tmp_path / "there.fmu").read_text() == "mine"
 

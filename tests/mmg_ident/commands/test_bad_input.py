@@ -12,7 +12,7 @@ from cases.shipfiles.ship_file import dump_ship
 from cases.simulation.simulate import write_trial
 from mmg_ident import load_ship
 from tests.support.calibrated import small_result
-from tests.support.commands import refused
+from tests.support.commands import refusal
 from tests.support.diagnosis_cases import FEW, SHIP
 from tests.support.operation_logs import sailed, write_log
 from tests.support.synthetic_runs import coarse_runs
@@ -145,14 +145,14 @@ CASES = [(verb, fault) for some in (BAD, PLAIN) for verb in some for fault in so
 @pytest.mark.slow
 @pytest.mark.parametrize(("command", "fault"), CASES, ids=[" ".join(case)[:70] for case in CASES])
 def test_bad_input_is_one_line_and_writes_nothing(
-    command: str, fault: str, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: str, fault: str, place: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(place)
     text, mark, said = fault.partition(" |")
     words = [*command.split(), *(own := shlex.split(text))]
     out = ["--out", "new.csv"] if command in BAD and "--out" not in words else []
     before = sorted(place.rglob("*"))
-    told = refused(capsys, *words, *out)
+    told = refusal(*words, *out)
     named = said.strip() if mark else [*own[:1], *(word for word in own if word.startswith("--"))][-1]
     assert named in told and len(told) < 700
     assert sorted(place.rglob("*")) == before

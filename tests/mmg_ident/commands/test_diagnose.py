@@ -8,6 +8,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from mmg.ship import Ship
 from mmg_ident import simulate
 from mmg_ident.commands.main import main
 from tests.diagnosis.report.test_report import case
-from tests.support.commands import refused, shown
+from tests.support.commands import refusal, shown
 from tests.support.diagnosis_cases import FEW, pushed_trials
 from tests.support.figures import unrendered
 
@@ -184,10 +185,8 @@ def test_without_test_trials_and_without_any_wind_it_still_concludes(folder: Pat
 def test_a_breakdown_of_the_numerics_is_unknown_with_the_reason(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def breaking(*_: object) -> None:
-        raise np.linalg.LinAlgError("Matrix is not positive definite")
-
-    monkeypatch.setattr("diagnosis.diagnose.prepare_with_sensors", breaking)
+    broken = Mock(side_effect=np.linalg.LinAlgError("Matrix is not positive definite"))
+    monkeypatch.setattr("diagnosis.diagnose.prepare_with_sensors", broken)
     content = shown("diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run")
     assert content["verdict"] == "unknown"
     assert content["messages"][0]["code"] == "model_breaks_down" and not content["effects"]
@@ -195,11 +194,9 @@ def test_a_breakdown_of_the_numerics_is_unknown_with_the_reason(
 
 
 @pytest.mark.slow
-def test_a_time_limit_without_a_verdict_is_one_line(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_time_limit_without_a_verdict_is_one_line(folder: Path, tmp_path: Path) -> None:
     given = ["diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run", "--time-limit", "0.01"]
-    assert "0.01" in refused(capsys, *given)
+    assert "0.01" in refusal(*given)
     assert not list(tmp_path.iterdir())
 
 
@@ -207,12 +204,9 @@ def test_a_time_limit_without_a_verdict_is_one_line(
 def test_what_comes_after_the_verdict_is_left_out_at_the_limit_and_made_by_resume(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def late(*_: object) -> None:
-        raise OutOfTimeError("the time limit of 1 s was reached")
-
     out = ("--out", tmp_path / "run")
     with unrendered(), monkeypatch.context() as patched:
-        patched.setattr("diagnosis.diagnose.next_test", late)
+        patched.setattr("diagnosis.diagnose.next_test", Mock(side_effect=OutOfTimeError("the time limit was reached")))
         first = diagnosed(folder, *out, "--time-limit", "600")
         assert "out_of_time" in {row["code"] for row in first["messages"]} and not is_complete(tmp_path / "run")
     with unrendered():

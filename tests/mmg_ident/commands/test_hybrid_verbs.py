@@ -16,7 +16,7 @@ from mmg.ship import Ship
 from mmg_ident.commands.main import main
 from tests.support import hybrids
 from tests.support.calibrated import small_result
-from tests.support.commands import refused, shown
+from tests.support.commands import refusal, shown
 from tests.support.trial_files import write_trials
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -69,9 +69,7 @@ def test_every_verb_takes_a_hybrid(name: str, folder: Path, tmp_path: Path, caps
 
 @pytest.mark.slow
 @pytest.mark.parametrize("maneuver", ["turning:20", "heading:20/1.5/4"])
-def test_figures_are_those_of_each_member_of_the_ensemble(
-    maneuver: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_figures_are_those_of_each_member_of_the_ensemble(maneuver: str, folder: Path) -> None:
     found = shown("simulate", folder / "run", "--maneuver", maneuver, "--members")["members"]
     hybrid = mi.load_ship(folder / "run")
     ships, plan = hybrid.members, parse_maneuver(maneuver, hybrid)
@@ -82,8 +80,8 @@ def test_figures_are_those_of_each_member_of_the_ensemble(
         assert row == pytest.approx(
             {"mean": np.mean(values), "std": np.std(values), "lowest": min(values), "highest": max(values), "count": 2}
         )
-    refused(capsys, "simulate", folder / "run", "--controls", folder / "trials" / "run0.csv", "--members")
-    refused(capsys, "simulate", folder / "fit", "--maneuver", "turning:20", "--members")
+    refusal("simulate", folder / "run", "--controls", folder / "trials" / "run0.csv", "--members")
+    refusal("simulate", folder / "fit", "--maneuver", "turning:20", "--members")
 
 
 @pytest.mark.slow

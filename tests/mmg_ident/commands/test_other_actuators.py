@@ -18,6 +18,7 @@ from mmg.errors import UserError
 from mmg_ident.commands.main import main
 from tests.cases.shipfiles.test_new_ship import AZIMUTH
 from tests.support.calibrated import FREE
+from tests.support.commands import printed, refusal
 from tests.support.synthetic_runs import coarse_runs
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -32,30 +33,24 @@ def trial() -> Trial:
 
 
 @pytest.mark.parametrize("verb", ["score", "predict", "fit", "train", "diagnose", "simulate", "imo"])
-def test_a_ship_none_of_whose_propulsors_is_in_the_file_is_refused(
-    verb: str, trial: Trial, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_ship_none_of_whose_propulsors_is_in_the_file_is_refused(verb: str, trial: Trial, tmp_path: Path) -> None:
     ship, file, out = tmp_path / "pods.toml", tmp_path / "run.csv", tmp_path / "out"
-    ship.write_text(PODS, encoding="utf-8")
+    ship.write_text(dump_ship(parse_ship(PODS)), encoding="utf-8")
     write_trial(trial, file)
     words: dict[str, list[object]] = {
         "score": [ship, file],
         "simulate": [ship, "--controls", file, "--out", tmp_path / "out.csv"],
         "imo": [file, "--ship", ship],
     }
-    assert main([verb, *map(str, words.get(verb, [ship, file, "--out", out]))]) == 2
-    line = capsys.readouterr().err.strip().splitlines()[-1]
+    line = refusal(verb, *words.get(verb, [ship, file, "--out", out]))
     assert "n_azimuth" in line and "n, delta" in line and not out.exists()
 
 
-def test_a_run_without_a_window_has_nothing_to_score_and_tables_are_whole(
-    trial: Trial, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_without_a_window_has_nothing_to_score_and_tables_are_whole(trial: Trial, tmp_path: Path) -> None:
     gaps = np.where(np.arange(len(trial)) % 20 == 7, np.nan, trial["u"])
     write_trial(trial, tmp_path / "whole.csv")
     write_trial(trial.with_columns(u=gaps), tmp_path / "gaps.csv")
-    assert main(["score", "esso_osaka_3m", "esso_osaka_3m", *map(str, sorted(tmp_path.glob("*.csv")))]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = printed("score", "esso_osaka_3m", "esso_osaka_3m", *sorted(tmp_path.glob("*.csv"))).splitlines()
     assert sum(line.split() == ["gaps", "nothing", "to", "score", "0"] for line in lines) == 1
     assert sum(line.split() == ["gaps:", "nothing", "to", "score"] for line in lines) == 1
     assert not any("diverges" in line for line in lines)
@@ -97,7 +92,7 @@ WORDS += ["--window", "10", "--max-iterations", "1"]
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", ["fit", "train", "diagnose", "score", "predict", "imo", "select", "compare"])
 def test_every_command_on_trials_refuses_what_is_contradictory_and_goes_on_when_told_to(
-    verb: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    verb: str, tmp_path: Path
 ) -> None:
     """A rudder of the other sign."""
     trials = coarse_runs()[0][:2]
@@ -112,9 +107,8 @@ def test_every_command_on_trials_refuses_what_is_contradictory_and_goes_on_when_
         "select": ["esso_osaka_3m", *paths, "--only", "sm2-order1", *out],
         "compare": ["--train", paths[0], "--test", paths[1], "--models", "captive", *out],
     }.get(verb, ["esso_osaka_3m", *paths, *out])
-    assert main([verb, *words]) == 2 and not (tmp_path / "out").exists()
-    line = capsys.readouterr().err.strip().splitlines()[-1]
-    assert "--unchecked" in line and paths[0] in line
+    line = refusal(verb, *words)
+    assert "--unchecked" in line and paths[0] in line and not (tmp_path / "out").exists()
     if verb not in ("select", "train", "diagnose"):  # they would take long; that the option is there is enough
         assert main([verb, *words, "--unchecked"]) == (1 if verb == "fit" else 0)  # one iteration does not suffice
 

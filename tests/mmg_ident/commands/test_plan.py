@@ -12,7 +12,7 @@ import pytest
 
 from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
-from tests.support.commands import shown
+from tests.support.commands import refusal, shown
 
 
 @pytest.fixture(scope="module")
@@ -42,5 +42,4 @@ def test_a_run_without_covariance_is_refused(run: Path, tmp_path: Path) -> None:
     content = json.loads(path.read_text())
     content["correlation"]["matrix"][0][0] = None
     path.write_text(json.dumps(content))
-    words = ["plan", str(tmp_path / "run"), "--area", "60x25", "--time", "60", "--out", str(tmp_path / "a.csv")]
-    assert main(words) == 2
+    refusal("plan", tmp_path / "run", "--area", "60x25", "--time", "60", "--out", tmp_path / "a.csv")

@@ -11,7 +11,7 @@ from cases.io.read import read_trial
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from mmg_ident.commands.main import main
-from tests.support.commands import refused, shown
+from tests.support.commands import refusal, shown
 
 ESSO = ["simulate", "esso_osaka_3m"]
 
@@ -83,7 +83,7 @@ def test_ships_lists_the_library_and_prints_a_ship_that_parses_to_itself(capsys:
     assert "C_D" in shown("ships", "esso_osaka_3m")["coefficients"]
 
 
-def test_a_run_is_logged_by_the_instruments_of_its_campaign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_is_logged_by_the_instruments_of_its_campaign(tmp_path: Path) -> None:
     """The turn rate is as late against the heading as that campaign's gyro is; without a name, as the mean of all."""
     ship = with_effects(load_ship("esso_osaka_3m"), ["gyro:T=0.4"])
     ship = parse_ship(
@@ -100,7 +100,7 @@ def test_a_run_is_logged_by_the_instruments_of_its_campaign(tmp_path: Path, caps
         tried = np.arange(0.0, 1.5, 0.05)
         off = [np.std((trial["r"] - np.interp(trial.t - T, trial.t, rate))[20:]) for T in tried]
         assert tried[int(np.argmin(off))] == pytest.approx(lag, abs=0.06)
-    line = refused(capsys, *words[:4], "--campaign", "summer")
+    line = refusal(*words[:4], "--campaign", "summer")
     assert all(name in line for name in ("--campaign summer", "spring", "autumn"))
 
 

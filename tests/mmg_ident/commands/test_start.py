@@ -20,7 +20,7 @@ from delivery.fmi import binaries
 from fitting.report import imo_form
 from mmg_ident import start as steps
 from mmg_ident.commands.main import main
-from tests.support.commands import refused
+from tests.support.commands import refusal
 from tests.support.diagnosis_cases import FEW, pushed_trials
 
 RUNS = (("zigzag:20/20", 60.0), ("turning:35", 60.0), ("random:11", 60.0))
@@ -127,7 +127,6 @@ def test_a_second_call_makes_only_what_is_missing(
 )  # fmt: skip
 def test_bad_input_is_one_line_and_leaves_nothing(
     change: str, text: str, logs: Path, ship: Path, started: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     files = {"answers.toml": "depht = 20.0\n", "aground.toml": "depth = 0.1\n", "full/mine.txt": "mine",
@@ -139,7 +138,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     log = change if change == "log.csv" else logs
     words = ["start", log, "--ship", "esso_osaka_3m" if "started" in change else ship, "--yes"]
     more = [word for word in change.split() if word != log]
-    assert text in refused(capsys, *words, *([] if "--out" in more else ["--out", "new"]), *more)
+    assert text in refusal(*words, *([] if "--out" in more else ["--out", "new"]), *more)
     assert not (tmp_path / "new").exists()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import builtins
 import shutil
 import sys
 from pathlib import Path
@@ -12,20 +11,19 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from cases.io.read import read_trial, read_trials
+import mmg_ident as mi
+from cases.io.read import read_trial
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import write_trial
 from fitting.prediction.predict import outside_share, predict
 from fitting.report.run_folder import read_result
-from mmg.errors import TargetExists
 from mmg.progress import Progress
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
-from residual.pipeline import train
 from residual.result import page_of, read_training
 from residual.settings import TrainSettings
 from tests.support import hybrids
-from tests.support.commands import interrupted, refused, shown
+from tests.support.commands import interrupted, refusal, shown
 from tests.support.trial_files import write_trials
 
 QUICK = ["--seeds", "2", "--epochs", "12", "--width", "8", "--rate", "1e-2", "--penalty", "0.001", "--step", "1"]
@@ -76,9 +74,7 @@ def test_a_hybrid_is_a_ship_with_the_calibrated_one_beside_it(folder: Path) -> N
 
 
 @pytest.mark.slow
-def test_prediction_says_which_share_lies_outside_the_envelope(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_prediction_says_which_share_lies_outside_the_envelope(folder: Path) -> None:
     trial = read_trial(folder / "held_out.csv")
     fast = trial.with_columns(n=3.0 * trial["n"])
     simulator = Simulator(load_ship(folder / "run"))
@@ -87,10 +83,8 @@ def test_prediction_says_which_share_lies_outside_the_envelope(
     assert known is not None and beyond is not None and known < 0.25 and beyond > 0.6
     bare = Simulator(load_ship("esso_osaka_3m"))
     assert outside_share(bare, trial, predict(bare, trial, 30.0, 30.0)[0]) is None
-    write_trial(fast, tmp_path / "fast.csv")
-    capsys.readouterr()
-    assert main(["predict", str(folder / "run"), str(tmp_path / "fast.csv"), "--out", str(tmp_path / "out.csv")]) == 0
-    assert "network's" in capsys.readouterr().err
+    (found,) = mi.predict(folder / "run", [fast])
+    assert "outside_training" in {note.code for note in found.notes}
 
 
 @pytest.fixture(scope="module")
@@ -163,16 +157,13 @@ def test_a_run_folder_is_read_as_the_result_that_was_written(folder: Path, tmp_p
     assert "<table>" in result._repr_html_()
     result.save(tmp_path / "copy")
     assert load_ship(tmp_path / "copy").network is not None
-    with pytest.raises(TargetExists):
-        result.save(tmp_path / "copy")
 
 
 @pytest.mark.slow
 def test_the_command_and_the_function_leave_the_same_folder(folder: Path, tmp_path: Path) -> None:
-    trials, held_out = read_trials([folder / "trials"]), [read_trial(folder / "held_out.csv")]
     settings = TrainSettings(seeds=2, epochs=12, width=8, rate=1e-2, penalty=0.001, step=1.0)
     events: list[Progress] = []
-    result = train("esso_osaka_3m", trials, held_out, settings, progress=events.append)
+    result = mi.train("esso_osaka_3m", folder / "trials", folder / "held_out.csv", settings, progress=events.append)
     result.save(tmp_path / "run")
     one, other = (read_result(run) for run in (folder / "run", tmp_path / "run"))
     timed = {"created", "command", "timings_s", "per_seed"}
@@ -234,20 +225,16 @@ def test_resume_trains_what_is_missing_and_gives_the_same_weights(
         (lambda a: [*a[:3], *a[5:]], "--validate"),
     ],
 )
-def test_resume_of_something_else_is_one_line(
-    change: Any, words: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_resume_of_something_else_is_one_line(change: Any, words: str, folder: Path, tmp_path: Path) -> None:
     out, arguments = resumable(folder, tmp_path)
-    assert words in refused(capsys, *change(arguments))
+    assert words in refusal(*change(arguments))
     assert (out / "training" / "seed_0.json").exists() and not (out / "result.json").exists()
 
 
 @pytest.mark.slow
-def test_a_folder_without_a_training_is_not_resumed(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_without_a_training_is_not_resumed(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")  # empty: what a run leaves that was killed at once
-    refused(capsys, *training(folder, tmp_path, "--resume"))
+    refusal(*training(folder, tmp_path, "--resume"))
     assert (tmp_path / "notes.txt").read_text() == "mine" and not (tmp_path / "result.json").exists()
 
 
@@ -291,18 +278,7 @@ def test_the_report_of_a_hybrid_has_the_form_for_imo(
     assert "section 13" not in text
 
 
-@pytest.mark.slow
-def test_a_torch_that_cannot_be_imported_is_one_line(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    real = builtins.__import__
-
-    def without(name: str, *args: Any, **options: Any) -> Any:
-        if name == "torch" or name.startswith("torch."):
-            raise ModuleNotFoundError("No module named 'torch'", name="torch")
-        return real(name, *args, **options)
-
-    for name in [n for n in sys.modules if n.split(".")[0] in ("torch", "residual")]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setattr(builtins, "__import__", without)
-    refused(capsys, *training(folder, tmp_path / "run"))
+def test_a_torch_that_cannot_be_imported_is_said_before_anything_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(mi.UserError, match="torch"):
+        mi.train("esso_osaka_3m", "nowhere")

@@ -16,7 +16,7 @@ from mmg_ident.fleets import run as fleet_run
 from mmg_ident.fleets.plan import read_plan
 from mmg_ident.fleets.rows import one_of_several
 from mmg_ident.fleets.run import fit_alone
-from tests.support.commands import refused, shown
+from tests.support.commands import refusal, shown
 from tests.support.dask_processes import scheduler, worker
 from tests.support.small_fleets import sister_of, small_ship, write_plan, write_runs, write_start
 
@@ -143,9 +143,7 @@ def files(folder: Path, *names: str) -> None:
         (folder / name).write_text(ROWS.format(number), encoding="utf-8")
 
 
-def test_ships_and_files_that_do_not_exist_are_named_at_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ships_and_files_that_do_not_exist_are_named_at_once(tmp_path: Path) -> None:
     files(tmp_path, "a.csv")
     ships = {
         "anna": 'ship = "no_such_ship"\ntrials = ["a.csv", "gone.csv"]',
@@ -153,7 +151,7 @@ def test_ships_and_files_that_do_not_exist_are_named_at_once(
         "clara": 'trials = ["a.csv"]\ntrails = ["b.csv"]',
     }
     plan = write_plan(tmp_path, ships, tail='[sisters]\nsome = ["anna", "dora"]')
-    line = refused(capsys, "fleet", plan, "--out", tmp_path / "out")
+    line = refusal("fleet", plan, "--out", tmp_path / "out")
     named = ("no_such_ship", "gone.csv", "none/*.csv", "away", "dora", "trails", "ships.clara] give ship", "7 problems")
     assert [words for words in named if words not in line] == [] and not (tmp_path / "out").exists()
 
