@@ -6,6 +6,7 @@ import math
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -21,10 +22,11 @@ from delivery.fmi.variables import input_name
 from delivery.fmi.write import write_fmu
 from mmg.compile.cache import compiler
 from mmg.motion.frames import wind_vector
-from mmg.network import Layers, Network
+from mmg.network import Network
 from mmg.ship import Ship
 from mmg.states import STATES
 from tests.support.c_products import product
+from tests.support.networks import random_network
 
 binaries.FLAGS = tuple(flag.replace("-O2", "-O0") for flag in binaries.FLAGS)  # a fifth of the time to compile
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -38,14 +40,9 @@ STARTS = {"x": 3.0, "y": -2.0, "psi": 0.3, "u": 0.4, "v": 0.01, "r": 0.002}
 
 
 def network(ship: Ship, width: int = 32) -> Network:
-    """A network of two hidden layers on ``ship``, random but small."""
-    draw, F = np.random.default_rng(1), len(ship.features)
-    sizes = ((width, F), (width, width), (3, width))
-    weights = tuple(0.3 * draw.normal(size=size) for size in sizes)
-    biases = tuple(0.3 * draw.normal(size=width) for _ in range(2))
-    scales = np.array([{"u": 0.5, "v": 0.1, "r": 0.1, "a_x": 2.0, "a_y": 2.0}.get(f, 10.0) for f in ship.features])
-    unknown = np.full(F, np.inf)
-    return Network(ship.features, scales, (Layers(weights, biases),), np.full(3, 2e-3), -unknown, unknown)
+    """A random network on ``ship`` whose accelerations stay small over minutes."""
+    made, unknown = random_network(ship, width=width), np.full(len(ship.features), np.inf)
+    return replace(made, output_scales=np.full(3, 5e-4), lower=-unknown, upper=unknown)
 
 
 @cache

@@ -40,12 +40,6 @@ def test_the_same_length_changes_nothing(name: str) -> None:
     assert found.ship.particulars | {"scale": 1} == {**model.particulars, "scale": 1}
 
 
-def test_a_slightly_longer_ship_is_a_slightly_different_one() -> None:
-    found = scaled_ship(load_ship("kvlcc2_full"), Scaling(321.0))
-    assert found.ship.values == pytest.approx(found.model.values, rel=0.01, abs=1e-3)
-    assert all(doubt.std < 0.01 * abs(found.ship.coefficients[s].value) for s, doubt in found.doubts.items())
-
-
 def test_kvlcc2_has_the_wake_of_the_published_full_scale_ship() -> None:
     found, full = scaled_ship(MODEL, Scaling(320.0)), load_ship("kvlcc2_full")
     wake = found.ship.coefficients["w_P0"]
@@ -53,13 +47,10 @@ def test_kvlcc2_has_the_wake_of_the_published_full_scale_ship() -> None:
     assert wake.value < MODEL.coefficients["w_P0"].value
     for name in ("L", "d", "m", "U_0", "rudder_rate", "A_R", "D_P"):
         assert found.ship.particulars[name] == pytest.approx(full.particulars[name], rel=2e-3), name
-
-
-def test_a_rate_of_the_model_is_a_rule_for_the_ship() -> None:
     model = replace(MODEL, sources={"rudder_rate": "measured in zigzag", "U_0": "rule: typical"})
-    ship = scaled_ship(model, Scaling(320.0)).ship
-    assert all(ship.sources[name].startswith(BY_RULE) for name in ("rudder_rate", "U_0"))
-    assert scaled_ship(model, Scaling(320.0, speed=8.0)).ship.sources.keys() == {"rudder_rate"}
+    for given, rules in (({}, {"rudder_rate", "U_0"}), ({"speed": 8.0}, {"rudder_rate"})):
+        sources = scaled_ship(model, Scaling(320.0, **given)).ship.sources  # a rate of the model is a rule for the ship
+        assert sources.keys() == rules and all(words.startswith(BY_RULE) for words in sources.values())
 
 
 def test_scaling_with_the_published_changes_alone_is_the_published_ship() -> None:
@@ -138,22 +129,20 @@ def test_scaling_never_makes_a_coefficient_more_certain_by_itself() -> None:
 
 
 @pytest.mark.parametrize(
-    ("length", "more", "words"),
+    ("length", "more", "kind", "words"),
     [
-        (0.0, {}, "--length 0"), (float("nan"), {}, "--length nan"), (1000.0, {}, "--length 1000"),
-        (320.0, {"speed": -1.0}, "--speed -1"), (320.0, {"density": 5.0}, "--rho 5"),
-        (320.0, {"form_factor": 9.0}, "--form-factor 9"), (320.0, {"roughness": -1.0}, "--roughness -1"),
+        *((length, {}, OutOfRange, f"--length {length:g}") for length in (0.0, float("nan"), 1000.0)),
+        (320.0, {"speed": -1.0}, OutOfRange, "--speed -1"), (320.0, {"density": 5.0}, OutOfRange, "--rho 5"),
+        (320.0, {"form_factor": 9.0}, OutOfRange, "--form-factor 9"),
+        (320.0, {"roughness": -1.0}, OutOfRange, "--roughness -1"), (320.0, {"speed": "8"}, BadValue, "speed"),
+        (320.0, {"form_factor": []}, BadValue, "form_factor"), (320.0, {"roughness": None}, BadValue, "roughness"),
     ],
 )  # fmt: skip
-def test_what_no_ship_has_is_refused(length: float, more: dict[str, float], words: str) -> None:
-    with pytest.raises(OutOfRange, match=words):
-        scaled_ship(MODEL, Scaling(length, **more))  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("more", [{"speed": "8"}, {"density": "x"}, {"form_factor": []}, {"roughness": None}])
-def test_what_is_no_number_is_refused(more: dict[str, Any]) -> None:
-    with pytest.raises(BadValue, match=next(iter(more))):
-        scaled_ship(MODEL, Scaling(320.0, **more))
+def test_what_no_ship_has_and_what_is_no_number_is_refused(
+    length: float, more: dict[str, Any], kind: type[Exception], words: str
+) -> None:
+    with pytest.raises(kind, match=words):
+        scaled_ship(MODEL, Scaling(length, **more))
 
 
 def test_particulars_that_are_lacking_are_named() -> None:
