@@ -385,9 +385,8 @@ def test_the_name_of_another_function_is_taken() -> None:
         mi.force(**GOOD, name="mine")(lambda flow, p, c, s: (0.0, 0.0, 0.0))
 
 
-def test_a_symbol_of_another_role_and_a_particular_that_lacks_are_said() -> None:
+def test_a_particular_that_lacks_and_a_role_that_is_none_are_said() -> None:
     mi.force(role="hull", coefficients=[DRAG], name="mine")(lambda flow, p, c, s: (-c.X_uu * p.S_A * flow.u, 0.0, 0.0))
-    with pytest.raises(mi.UserError, match="S_A"):
-        SHIP.with_models(hull="mine")
-    with pytest.raises(mi.UserError, match="role"):
-        SHIP.with_models(hul="mine")
+    for chosen, word in (({"hull": "mine"}, "S_A"), ({"hul": "mine"}, "role")):
+        with pytest.raises(mi.UserError, match=word):
+            SHIP.with_models(**chosen)

@@ -15,8 +15,6 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-from diagnosis.estimation import kalman
-from diagnosis.estimation.kalman import LinearSystem
 from diagnosis.estimation.random_states import CURRENT, FADES, FORCE, Noise
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, Unsupported, UserError
 from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
@@ -155,29 +153,6 @@ def test_it_is_that_of_numpy() -> None:
     assert not tracker.is_compiled
     assert np.allclose(compiled.states, portable.states, rtol=1e-9, atol=1e-12)
     assert np.allclose(compiled.std, portable.std, rtol=1e-9)
-
-
-@pytest.mark.slow
-def test_its_covariances_are_those_of_the_filter_of_a_diagnosis() -> None:
-    """Along the same linearisations, whose transitions and observations are given to it."""
-    ship = load_ship("esso_osaka_3m")
-    noise = noise_of(ship)
-    truth = Truth(ship, 0.4, 10.0, noise, 6, 1)
-    tracker, T, P, n = Tracker(ship, noise=noise), [], [], 11
-    left = np.exp(-0.5 / np.array([noise.memory] * 3 + [FADES] * 2))
-    for k in range(7):
-        state = tracker.update(truth.t[k], truth.logged[k, :, 0], truth.controls[k, :2, 0])
-        T.append(np.diag([*np.zeros(6), *left]))
-        T[-1][:6] = tracker.equations.step(state.mean, truth.controls[k, :, 0], 0.5)[1]
-        P.append(state.covariance)
-    Q = np.array([*np.zeros(6), *(np.array([*noise.force, noise.current, noise.current]) ** 2 * (1 - left**2))])
-    good, inside = np.ones((7, 1, 6), dtype=bool), np.ones((6, 1), dtype=bool)
-    good[0] = False  # the first sample is in the first covariance
-    seen = np.where(good[..., None], np.eye(6, n), 0.0)
-    system = LinearSystem(np.array(T[:6])[:, None], seen, Q, noise.sensors**2, P[0][None], good, inside, 6)
-    found = kalman.filtered(system).P[:, 0]
-    for k in range(6):
-        assert found[k + 1] == pytest.approx(T[k] @ P[k] @ T[k].T + np.diag(Q), rel=1e-7, abs=1e-14)
 
 
 def pushed(ship: Ship, seconds: int, **values: float) -> Trial:

@@ -51,17 +51,6 @@ def test_what_is_open_is_asked_once_and_the_map_repeats_it_to_the_bit(tmp_path: 
 
 
 @pytest.mark.slow
-def test_the_antenna_is_asked_for_and_the_map_repeats_it(tmp_path: Path) -> None:
-    pytest.importorskip("pyproj", reason="needs the extra import")
-    raw_logs.table(tmp_path / "a.csv", raw_logs.bridge(raw_logs.run()))
-    code, shown, left = talk(["import", "a.csv", "--out", "one"], ["forward", "2.5, 0"], tmp_path)
-    assert code == 0 and left == [] and shown.count("'forward'") == 1, shown
-    assert "reference_point" in (tmp_path / "one" / "import.toml").read_text()
-    code, shown, left = talk(["import", "a.csv", "--map", "one/import.toml", "--out", "two"], ["unknown"], tmp_path)
-    assert code == 0 and left == ["unknown"] and same_folders(tmp_path / "one", tmp_path / "two")
-
-
-@pytest.mark.slow
 def test_logs_of_the_same_names_in_two_folders_stay_apart(tmp_path: Path) -> None:
     pytest.importorskip("pyproj", reason="needs the extra import")
     for number, maneuver in enumerate(("zigzag:20/20", "zigzag:10/10")):

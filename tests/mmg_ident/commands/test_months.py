@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 
-from mmg.effects import EFFECTS
 from mmg_ident.commands.main import main
 from tests.support.commands import shown
 from tests.support.operation_logs import sailed, write_log
@@ -41,19 +39,6 @@ def test_a_change_is_named_and_dated_in_a_folder_with_ship_windows_and_page(log:
     page = (run / "months.html").read_text()
     assert "fouling.share" in page and "day=05" in page and page.count("data:image/png") == 1
     assert (run / "ship.toml").exists()
-
-
-@pytest.mark.slow
-def test_the_size_of_a_lag_is_that_of_the_gyro(tmp_path: Path) -> None:
-    columns, late = sailed(HOURS, seed=5), 0.8
-    after = columns["t"] >= 3600 * CHANGED
-    about = SimpleNamespace(T=late, share=0.0)
-    motion = [columns[name][after] for name in ("x", "y", "psi", "u", "v", "r")]
-    columns["r"][after] = EFFECTS["gyro"].samples(columns["t"][after], motion, None, about, None)[5]  # type: ignore[arg-type]
-    write_log(tmp_path / "log", columns, 3)
-    first = shown("months", tmp_path / "log", *OPTIONS, tmp_path / "run")["changes"][0]
-    assert (first["name"], first["kind"]) == ("gyro.T", "step") and abs(24 * first["begin_day"] - CHANGED) < 0.2
-    assert first["size"] == pytest.approx(late, rel=0.15)
 
 
 @pytest.mark.slow

@@ -17,7 +17,6 @@ from mmg_ident.fleets.plan import read_plan
 from mmg_ident.fleets.rows import one_of_several
 from mmg_ident.fleets.run import fit_alone
 from tests.support.commands import refusal, shown
-from tests.support.dask_processes import scheduler, worker
 from tests.support.small_fleets import sister_of, small_ship, write_plan, write_runs, write_start
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -124,14 +123,6 @@ def test_a_folder_of_something_else_is_not_resumed(plan: Path, tmp_path: Path) -
     assert fleet(plan, tmp_path, "--resume") == 2
 
 
-@pytest.mark.slow
-def test_workers_of_a_cluster_give_the_same(out: Path, plan: Path, tmp_path: Path) -> None:
-    pytest.importorskip("distributed")
-    with scheduler(tmp_path) as (address, _), worker(address, tmp_path, "one"), worker(address, tmp_path, "two"):
-        assert fleet(plan, tmp_path / "run", "--scheduler", address) == 1
-    same(out, tmp_path / "run")
-
-
 # Plans of fleets: all that is wrong is said at once, and what they list is found
 ROWS = "t [s],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad]\n0,0,1,0,0,1,{0}\n1,0,1,0,0,1,{0}\n"
 
@@ -156,29 +147,20 @@ def test_ships_and_files_that_do_not_exist_are_named_at_once(tmp_path: Path) -> 
     assert [words for words in named if words not in line] == [] and not (tmp_path / "out").exists()
 
 
-def test_a_file_of_two_ships_or_two_lists_is_refused(tmp_path: Path) -> None:
-    files(tmp_path, "a.csv", "b.csv", "c.csv")
+def test_a_file_of_two_ships_or_lists_one_folder_of_two_and_sisters_of_other_models_are_refused(tmp_path: Path) -> None:
+    files(tmp_path, "a.csv", "b.csv", "c.csv", "d.csv", "e.csv")
     (tmp_path / "copy.csv").write_bytes((tmp_path / "b.csv").read_bytes())
     ships = {
         "anna": 'ship = "esso_osaka_3m"\ntrials = ["a.csv", "c.csv"]\nheld_out = ["c.csv"]',
         "berta": 'ship = "esso_osaka_3m"\ntrials = ["a.csv", "b.csv"]',
         "clara": 'ship = "esso_osaka_3m"\ntrials = ["copy.csv"]',
+        "Anna": 'ship = "esso_osaka_3m"\ntrials = ["d.csv"]',
+        "dora": 'ship = "kvlcc2_l7"\ntrials = ["e.csv"]',
     }
     with pytest.raises(BadValue) as error:
-        read_plan(write_plan(tmp_path, ships))
-    for words in ("c.csv", "a.csv of berta", "copy.csv of clara", "b.csv of berta"):
+        read_plan(write_plan(tmp_path, ships, tail='[sisters]\nsome = ["berta", "dora"]'))
+    for words in ("c.csv", "a.csv of berta", "copy.csv of clara", "b.csv of berta", "Anna", "some"):
         assert words in str(error.value)
-
-
-def test_names_that_would_be_one_folder_and_sisters_of_other_models_are_refused(tmp_path: Path) -> None:
-    files(tmp_path, "0.csv", "1.csv", "2.csv")
-    ships = {
-        "anna": 'ship = "esso_osaka_3m"\ntrials = ["0.csv"]',
-        "Anna": 'ship = "esso_osaka_3m"\ntrials = ["1.csv"]',
-        "berta": 'ship = "kvlcc2_l7"\ntrials = ["2.csv"]',
-    }
-    with pytest.raises(BadValue):
-        read_plan(write_plan(tmp_path, ships, tail='[sisters]\nsome = ["anna", "berta"]'))
 
 
 def test_a_plan_lists_campaigns_patterns_and_particulars(tmp_path: Path) -> None:
