@@ -16,25 +16,22 @@ import datetime
 import functools
 import re
 import tempfile
-import time
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.file_faults.__main__ import ADVICE
-from benchmarks.record import Figure, keep, parser_of
+from benchmarks.record import Figure, parser_of, report
 from benchmarks.toml import tables
 from cases.checks import check
 from cases.checks.report import CONSISTENT
 from cases.importing.import_logs import import_logs, write_import
 from cases.importing.import_map import ImportMap
 from cases.io.read import read_trials
-from cases.io.sidecar import NAME as SIDECAR
 from cases.maneuvers.definitions import parse_maneuver
 from cases.quantities import wraps
 from cases.shipfiles.effects import with_effects
@@ -565,12 +562,10 @@ ROUTINE = {"clock", "local_frame", "derived", "joined", "inputs", "separator", "
 
 
 class Outcome(NamedTuple):
-    """kind: as in the docstring of the module; words: what is off, and said; advice: that of the check was followed:
-    "", "mended" or "harmful"."""
+    """kind: as in the docstring of the module; words: what is off, and said."""
 
     kind: str
     words: str
-    advice: str = ""
 
 
 def judged(log: Log, cause: str, folder: Path) -> Outcome:
@@ -600,38 +595,12 @@ def judged(log: Log, cause: str, folder: Path) -> Outcome:
             f"{len(trials)} runs; {codes}",
         )
     off, name = worst(trials[0], log.truth)
-    advice = followed(folder / "out", loud, files[0], log.truth, off)
     words = " | ".join([f"{log.form}: {name} off by {off:.0%}; {codes}", *notes])
     if off <= TOLERANCE:
-        return Outcome("doubted" if loud else "right", words, advice)
+        return Outcome("doubted" if loud else "right", words)
     named = any(re.search(f"(?i){cause}", word) for word in loud + notes)
     quiet = "consistent" if any(r.verdict == CONSISTENT for r in reports) else "silent"
-    return Outcome("named" if named else "otherwise" if loud else quiet, words, advice)
-
-
-def followed(folder: Path, loud: Sequence[str], file: Path, truth: Columns, before: float) -> str:
-    """What comes of the lines for trials.toml among ``loud`` when they are written there: "", "mended" or "harmful"."""
-    import tomlkit
-
-    lines = dict.fromkeys(pair for text in loud for pair in ADVICE.findall(text))
-    content = tables(folder / SIDECAR)
-    for table, line in lines:
-        for part in line.split(" and "):
-            _merge(content, tomlkit.parse(f"{table}\n{part}").unwrap())
-    (folder / SIDECAR).write_text(tomlkit.dumps(content), encoding="utf-8")
-    try:
-        after = worst(read_trials([file])[0], truth)[0] if lines else before
-    except UserError as error:
-        return f"harmful: {error}"
-    return "harmful" if after > max(before, TOLERANCE) else "mended" if lines and after <= TOLERANCE else ""
-
-
-def _merge(into: dict[str, Any], more: dict[str, Any]) -> None:
-    for key, value in more.items():
-        if isinstance(value, dict) and isinstance(into.get(key), dict):
-            _merge(into[key], value)
-        else:
-            into[key] = value
+    return Outcome("named" if named else "otherwise" if loud else quiet, words)
 
 
 def outcomes(ship: str, seed: int, only: str) -> Iterator[tuple[str, Outcome]]:
@@ -649,41 +618,26 @@ def outcomes(ship: str, seed: int, only: str) -> Iterator[tuple[str, Outcome]]:
 
 
 def main() -> None:
-    """Prints each log that was not right or named, a row per fault, and the sums."""
+    """Prints each log that was not right or named, and the sums."""
     parser = parser_of("import_faults", __doc__)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--ships", type=int, default=len(SHIPS))
     parser.add_argument("--only", default="", help="faults whose name holds these words")
-    args, began = parser.parse_args(), time.process_time()
-    rows: dict[str, Counter[str]] = {}
+    args, count = parser.parse_args(), {"sound": Counter[str](), "faulty": Counter[str]()}
     for ship in list(SHIPS)[: args.ships]:
         for title, one in outcomes(ship, args.seed, args.only):
-            row = rows.setdefault(title.rpartition(", ")[0] if title.startswith("sound") else title, Counter())
-            row.update([one.kind, *[one.advice.partition(":")[0]] * bool(one.advice)])
-            if (
-                one.kind not in ("right", "named", "doubted")[: 1 if title.startswith("sound") else 3]
-                or "harm" in one.advice
-            ):
-                print(f"{title}: {one.kind}: {ship}: {one.words} {one.advice}", flush=True)
-    kinds = ("right", "doubted", "named", "otherwise", "consistent", "silent", "crash", "mended", "harmful")
-    print(f"\n{'':40s}", *(f"{k:>10s}" for k in kinds))
-    for title, row in rows.items():
-        print(f"{title:40s}", *(f"{row[k] or '':>10}" for k in kinds))
-    sound, total = Counter[str](), Counter[str]()
-    for title, row in rows.items():
-        (sound if title.startswith("sound") else total).update(row)
-    count, good = (sum(c[k] for k in kinds[:7]) for c in (total, sound))
-    named, harmful = sum(total[k] for k in kinds[:3]), total["harmful"] + sound["harmful"]
-    print(f"{named} of {count} right or named, {total['consistent']} consistent, {total['silent']} silent, "
-          f"{harmful} harmful; "
-          f"{sound['right']} of {good} sound ones right; {time.process_time() - began:.0f} s")  # fmt: skip
-    if args.record:
-        figures = {"import_faults": Figure("faults of raw logs: imported right, or named", named, of=count),
-                   "import_consistent": Figure("faulty raw logs called consistent as far as it can be checked",
-                                               total["consistent"], of=count),
-                   "import_silent": Figure("faulty raw logs called ok though wrong", total["silent"], of=count),
-                   "import_sound": Figure("sound raw logs imported right and ok", sound["right"], of=good)}  # fmt: skip
-        keep(figures, f"python -m benchmarks.import_faults --seed {args.seed}")
+            is_sound = title.startswith("sound")
+            count["sound" if is_sound else "faulty"][one.kind] += 1
+            if one.kind not in ("right", "named", "doubted")[: 1 if is_sound else 3]:
+                print(f"{title}: {one.kind}: {ship}: {one.words}", flush=True)
+    faulty, sound = count["faulty"], count["sound"]
+    named, of = sum(faulty[kind] for kind in ("right", "doubted", "named")), faulty.total()
+    report({"import_faults": Figure("faults of raw logs: imported right, or named", named, of=of),
+            "import_consistent": Figure("faulty raw logs called consistent as far as it can be checked",
+                                        faulty["consistent"], of=of),
+            "import_silent": Figure("faulty raw logs called ok though wrong", faulty["silent"], of=of),
+            "import_sound": Figure("sound raw logs imported right and ok", sound["right"], of=sound.total())},
+           f"import_faults --seed {args.seed}", args.record)  # fmt: skip
 
 
 if __name__ == "__main__":

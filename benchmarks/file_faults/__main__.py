@@ -160,20 +160,14 @@ def tally(titles: Iterable[str], sets: Mapping[str, T], judge: Callable[[T, str,
     return total
 
 
-def _filtered(record: bool) -> None:
-    """Prints what is said of SOUND sets with filtered velocities that should not be."""
-    found = Counter(_one_filtered(seed) for seed in range(SOUND))
-    wrong = SOUND - found["quiet"]
-    print(dict(found))
-    made = Figure("sound sets with filtered velocities that are refuted or given a line", wrong, of=SOUND)
-    report({"files_filtered": made}, "file_faults --plant filtered", record)
-
-
-def _one_filtered(seed: int) -> str:
-    kind, words = simulated.judged_sound(simulated.filtered(seed))
-    if kind != "quiet":
-        print(f"     {kind}: {seed}: {words}", flush=True)
-    return kind
+def filtered(sets: Iterable[int]) -> Counter[str]:
+    """What is said of each of the ``sets`` with filtered velocities, by number; prints what should not be."""
+    found: Counter[str] = Counter()
+    for seed in sets:
+        kind, words = simulated.judged_sound(simulated.filtered(seed))
+        found[kind] += 1
+        print("" if kind == "quiet" else f"     {kind}: {seed}: {words}\n", end="", flush=True)
+    return found
 
 
 def main() -> None:
@@ -185,7 +179,9 @@ def main() -> None:
     parser.add_argument("--sets", default="", help="only those whose name holds these words")
     args = parser.parse_args()
     if args.plant == "filtered":
-        return _filtered(args.record)
+        wrong = SOUND - filtered(range(SOUND))["quiet"]
+        made = Figure("sound sets with filtered velocities that are refuted or given a line", wrong, of=SOUND)
+        return report({"files_filtered": made}, "file_faults --plant filtered", args.record)
     total: Counter[str] = Counter()
     for seed in args.seeds:
         if args.plant == "own":
