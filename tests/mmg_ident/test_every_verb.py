@@ -64,16 +64,12 @@ def test_a_function_takes_what_its_command_takes(verb: str) -> None:
 
 def test_what_contradicts_itself_is_refused_unless_told_to_take_it() -> None:
     trial = coarse_runs()[0][0]
-    wrong = mi.Trial.from_arrays(
-        name="other_frame", **{n: v for n, v in trial.columns.items() if n not in "uv"}, u=3.0 * trial["u"],
-        v=trial["v"],
-    )  # fmt: skip
+    wrong = trial.with_columns(u=3.0 * trial["u"])
     assert {report.verdict for report in mi.check([wrong])} == {"contradictory"}
     for verb in (mi.score, mi.predict):
         with pytest.raises(mi.UserError, match="contradictory"):
             verb("esso_osaka_3m", [wrong])
-    assert len(mi.predict("esso_osaka_3m", [wrong], unchecked=True)[0].windows) > 1
-    assert mi.score("esso_osaka_3m", [wrong], unchecked=True).window > 0
+        assert verb("esso_osaka_3m", [wrong], unchecked=True)
 
 
 # Inputs over time
@@ -150,18 +146,12 @@ def test_figures_of_standard_manoeuvres_and_trials_are_axes(axes: Callable[[], A
     assert judged.plot(ax) is ax and judged.plot("zigzag:10/10", ax=ax) is ax and judged.plot(ax, kind="turning") is ax
     with pytest.raises(mi.UserError):
         judged.plot("pirouette")
-    turn = mi.simulate("esso_osaka_3m", "turning:35", duration=20.0)
+    turn = mi.simulate("esso_osaka_3m", "turning:35", duration=150.0)
     ax = axes()
     assert turn.plot(ax) is ax and np.array_equal(ax.lines[0].get_xdata(), turn["y"])
-
-
-@pytest.mark.slow
-def test_measured_runs_are_judged_as_the_command_judges_them() -> None:
-    turn = mi.simulate("esso_osaka_3m", "turning:35", duration=150.0)
-    measured = mi.imo("esso_osaka_3m", [turn])
     simulated = mi.imo("esso_osaka_3m", scatter=0, speed=float(turn["u"][0]))
-    a, b = ({r.figure: r.value for r in f.rows if r.run in ("turning_35", "turning:35")} for f in (measured, simulated))
-    assert a["tactical_diameter"] == pytest.approx(b["tactical_diameter"], rel=0.02)
+    pair = [{r.figure: r.value for r in one.rows} for one in (mi.imo("esso_osaka_3m", [turn]), simulated)]
+    assert pair[0]["tactical_diameter"] == pytest.approx(pair[1]["tactical_diameter"], rel=0.02)
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from cases.simulation.demo_trials import demo_trials
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from mmg.errors import UserError, check_name
-from mmg_ident.commands.main import main
+from tests.support.commands import refusal
 from tests.support.synthetic_runs import coarse_runs
 from tests.support.trial_files import write_trials
 
@@ -190,12 +190,9 @@ def test_devices_are_refused_everywhere_and_on_windows_what_its_files_cannot_be_
     "names", [("Run", "run"), ("Überführung", unicodedata.normalize("NFD", "Überführung"))], ids=["case", "accents"]
 )
 def test_names_that_are_one_file_on_windows_or_macos_are_not_overwritten(
-    names: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    names: tuple[str, str], tmp_path: Path
 ) -> None:
-    trial = coarse_runs()[0][0]
     for number, name in enumerate(names):
-        (tmp_path / str(number)).mkdir()
-        write_trial(Trial(name, trial.columns), tmp_path / str(number) / f"{name}.csv")
-    files = [str(tmp_path / "0"), str(tmp_path / "1")]
-    assert main(["predict", "esso_osaka_3m", *files, "--window", "30", "--out", str(tmp_path / "out")]) == 2
+        write_trials(tmp_path / str(number), [Trial(name, coarse_runs()[0][0].columns)])
+    refusal("predict", "esso_osaka_3m", tmp_path / "0", tmp_path / "1", "--window", "30", "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()

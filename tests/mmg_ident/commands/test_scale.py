@@ -43,7 +43,6 @@ def test_the_folder_says_what_changed_and_what_is_assumed(folder: Path) -> None:
 def test_the_folder_is_read_back_and_its_model_with_it_and_exported(folder: Path, tmp_path: Path) -> None:
     assert main(["export", str(folder / "ship"), "--format", "toml", "--out", str(tmp_path / "ship.toml")]) == 0
     ship, model = read_fit(folder / "ship"), read_fit(folder / "model")
-    assert ship.model is not None
     assert ship.model.ship.values == pytest.approx(model.ship.values)
     assert ship.ship.particulars["L"] == pytest.approx(325.0)
     assert {c.value for c in ship.estimates.values()} == {ship.ship.coefficients[s].value for s in ship.estimates}

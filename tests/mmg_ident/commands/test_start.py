@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pandas as pd
@@ -20,7 +21,7 @@ from delivery.fmi import binaries
 from fitting.report import imo_form
 from mmg_ident import start as steps
 from mmg_ident.commands.main import main
-from tests.support.commands import refusal
+from tests.support.commands import refusal, shown
 from tests.support.diagnosis_cases import FEW, pushed_trials
 
 RUNS = (("zigzag:20/20", 60.0), ("turning:35", 60.0), ("random:11", 60.0))
@@ -100,14 +101,11 @@ def test_logs_whose_headers_say_nothing_are_imported_by_a_map(logs: Path, ship: 
 
 
 @pytest.mark.slow
-def test_a_second_call_makes_only_what_is_missing(
-    started: Path, logs: Path, ship: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_second_call_makes_only_what_is_missing(started: Path, logs: Path, ship: Path) -> None:
     before = (started / "run" / "result.json").stat().st_mtime_ns
     (started / "ship.fmu").unlink()
-    given = ["start", str(logs), "--ship", str(ship), "--out", str(started), "--yes", "--json"]
-    assert main(given) == 0
-    printed = json.loads(capsys.readouterr().out)
+    given = ["start", str(logs), "--ship", str(ship), "--out", str(started), "--yes"]
+    printed = shown(*given)
     assert (started / "run" / "result.json").stat().st_mtime_ns == before and (started / "ship.fmu").is_file()
     assert printed["converged"] and printed["fmu"] == str(started / "ship.fmu")
     rows = {(row["figure"], row["side"]): row for row in printed["figures"]}
@@ -143,14 +141,12 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 
 
 @pytest.mark.slow
-def test_a_folder_goes_on_with_the_answers_that_it_has(
-    started: Path, logs: Path, ship: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_folder_goes_on_with_the_answers_that_it_has(started: Path, logs: Path, ship: Path, tmp_path: Path) -> None:
     """Other answers are refused; a folder that has only its mark, as where the import was stopped, asks again."""
     other = tmp_path / "answers.toml"
     other.write_text("depth = 3.0\n")
     given = ["start", str(logs), "--ship", str(ship), "--yes", "--answers", str(other)]
-    assert main([*given, "--out", str(started)]) == 2 and "other answers" in capsys.readouterr().err
+    assert "other answers" in refusal(*given, "--out", started)
     mark = steps.digest([logs], load_ship(str(ship)))
     steps.write_mark(tmp_path / "begun", mark)
     known = steps.check_folder(tmp_path / "begun", mark, steps.read_answers(other))
@@ -192,17 +188,11 @@ def test_answers_reach_ship_and_sidecars(logs: Path, tmp_path: Path) -> None:
 def test_where_there_is_no_current_none_is_fitted_along(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: str, along: bool
 ) -> None:
-    class Called(Exception): ...
-
-    def calibrate(ship, trials, validate, settings, options, progress):
-        raise Called(options.surroundings, ship.effects)
-
-    monkeypatch.setattr("mmg_ident.api.calibrate", calibrate)
+    monkeypatch.setattr("mmg_ident.api.calibrate", calibrate := Mock(return_value=Mock(messages=())))
     answers = steps.answered(steps.Answers(), "current", answer)
-    ship = steps.with_answers(FEW, answers)
-    with pytest.raises(Called) as said:
-        steps.fitted(steps.StartedRun(tmp_path, ship, (), answers), "mmg start")
-    assert said.value.args == (along, FEW.effects)
+    steps.fitted(steps.StartedRun(tmp_path, steps.with_answers(FEW, answers), (), answers), "mmg start")
+    ship, _, _, _, options, _ = calibrate.call_args.args
+    assert (options.surroundings, ship.effects) == (along, FEW.effects)
 
 
 @pytest.mark.slow
