@@ -6,7 +6,6 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
 from safetensors import safe_open
@@ -73,15 +72,6 @@ def test_rates_are_those_of_the_forces_plus_the_mean_of_the_members():
     np.testing.assert_allclose(added[3:], np.mean(means, axis=0), atol=1e-13)
     assert np.abs(added[3:]).max() > 1e-3
     np.testing.assert_allclose(added[:3], 0.0, atol=0)
-
-
-def test_second_derivatives_are_finite_at_rest():
-    model = assemble(HYBRID, ())
-    z, c = ca.SX.sym("z", 6), ca.SX.sym("c", 4)
-    every = ca.vertcat(z, c)
-    rates = model.rates(z, c, [])
-    second = ca.Function("second", [z, c], [ca.hessian(rates[k], every)[0] for k in (3, 4, 5)])
-    assert all(np.isfinite(np.array(h)).all() for h in second(np.zeros(6), np.zeros(4)))
 
 
 def test_features_are_velocities_through_the_water_and_the_real_rudder():

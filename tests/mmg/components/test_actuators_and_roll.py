@@ -13,14 +13,11 @@ import pytest
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.simulation.simulate import simulate
-from fitting.calibration import estimate_coefficients
-from fitting.settings import Settings
 from mmg.components.roll import linear
 from mmg.model import assemble
 from mmg.motion.flow import Flow, Force
 from mmg.motion.froude import GRAVITY
-from mmg.motion.memory import Memory, clip, delayed, lagged, rate_limited
-from mmg.rollout import Simulator
+from mmg.motion.memory import Memory, clip
 from mmg.ship import Ship
 
 ESSO = load_ship("esso_osaka_3m")
@@ -29,45 +26,6 @@ ESSO = load_ship("esso_osaka_3m")
 def with_role(ship: Ship, role: str, name: str, **particulars: float) -> Ship:
     """The ship with one more component at its default coefficients."""
     return replace(ship, particulars={**ship.particulars, **particulars}).with_models(**{role: name})
-
-
-def response(make, orders: np.ndarray, dt: float) -> np.ndarray:  # type: ignore[no-untyped-def]
-    """What ``make(memory, x)`` puts out for orders held over steps of dt, integrated finely."""
-    memory, x = Memory(), ca.SX.sym("x")
-    out = make(memory, x)
-    z = ca.vertcat(*memory.symbols)
-    f = ca.Function("f", [z, x], [ca.vertcat(*memory.rates), out])
-    start = ca.Function("s", [x], [ca.vertcat(*memory.targets)])
-    state, result = np.array(start(orders[0])).ravel(), []
-    for order in orders:
-        rates, value = f(state, order)
-        state = state + dt * np.array(rates).ravel()
-        result.append(float(value))
-    return np.array(result)
-
-
-def test_a_rate_limit_is_never_exceeded_and_reached_far_from_the_order() -> None:
-    order, dt = np.where(np.arange(4000) > 100, 0.6, 0.0), 0.005
-    y = response(lambda m, x: rate_limited(m, "y", x, 0.1, 0.2, 1.0), order, dt)
-    speed = np.diff(y) / dt
-    assert np.abs(speed).max() <= 0.1 + 1e-12
-    assert speed[300] == pytest.approx(0.1, rel=1e-6)
-    assert y[-1] == pytest.approx(0.6, abs=1e-4)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("T", [0.0, 0.5])
-def test_lag_and_delay_shift_slow_signals_by_their_time(T: float) -> None:
-    """A slow sine comes T later; the delay keeps its amplitude, the lag loses what a lag loses."""
-    dt, period = 0.02, 60.0
-    t = np.arange(0, 180, dt)
-    w = 2 * math.pi / period
-    last = t > 120
-    for make, shrink in ((lagged, 1 / math.hypot(1, w * T)), (delayed, 1.0)):
-        y = response(lambda m, x, make=make: make(m, "y", x, T, 0.5, 1.0), np.sin(w * t), dt)
-        a, b = (2 * np.mean(y[last] * f(w * t[last])) for f in (np.sin, np.cos))
-        assert math.atan2(-b, a) / w == pytest.approx(T, abs=0.01 + 0.02 * T)
-        assert math.hypot(a, b) == pytest.approx(shrink, abs=0.005)
 
 
 def test_the_clip_is_smooth_and_stays_within_its_limits() -> None:
@@ -92,37 +50,9 @@ def test_a_ship_with_actuators_follows_orders(name: str) -> None:
     assert turned["r"][-1] == pytest.approx(ideal["r"][-1], rel=0.02)
 
 
-@pytest.mark.slow
-def test_a_rate_limit_can_be_calibrated() -> None:
-    """Greatest rudder rate of a slow steering gear from a zigzag under recorded orders."""
-    ship = with_role(ESSO, "actuators", "rate_limited")
-    true = ship.with_values({"K_delta": 0.10})
-    runs = [
-        simulate(true, parse_maneuver(text, true, n=10.0, duration=100.0)) for text in ("zigzag:30/20", "turning:-35")
-    ]
-    start = ship.fixing([s for s in ship.symbols if s != "K_delta"])
-    found = estimate_coefficients(start, runs, Settings(compiled=False))
-    assert found.ship.coefficients["K_delta"].value == pytest.approx(0.10, rel=0.03)
-
-
 # Roll
 
 ROLLING = with_role(ESSO, "roll", "linear", GM=0.02)
-
-
-@pytest.mark.slow
-def test_a_heeled_ship_at_rest_rolls_with_its_natural_period() -> None:
-    simulator = Simulator(ROLLING, compiled=False)
-    start = np.zeros((8, 1))
-    start[6] = 0.05
-    path = simulator.run(start, np.zeros((2000, 4, 1)), 0.02)
-    phi = path[:, 6, 0]
-    crossings = np.flatnonzero(np.diff(np.sign(phi)) != 0)
-    omega = math.sqrt(GRAVITY * 0.02) / ROLLING.coefficients["k_x_roll"].value
-    damped = omega * math.sqrt(1 - ROLLING.coefficients["zeta_roll"].value ** 2)
-    assert np.diff(crossings).mean() * 0.02 == pytest.approx(math.pi / damped, rel=0.01)
-    upright = Simulator(ESSO, compiled=False).run(np.zeros((6, 1)), np.zeros((2000, 4, 1)), 0.02)
-    assert np.array_equal(path[:, :6], upright), "roll does not act back on the ship"
 
 
 def test_the_steady_heel_balances_the_moments() -> None:

@@ -12,9 +12,9 @@ from fitting.selection.candidates import candidates
 from mmg.components.coefficients import names
 from mmg.components.expansion import hard_submodels, smooth_submodels
 from mmg.components.expansion import structure as structures
-from mmg.components.expansion.actuators import devices_of, parse_devices, variables, without_partner
+from mmg.components.expansion.actuators import devices_of, parse_devices, without_partner
 from mmg.components.expansion.series import DAMPING, STALL, speed_scale, variable
-from mmg.components.expansion.structure import Powers, Structure, monomials, regimes, term_list, terms
+from mmg.components.expansion.structure import Powers, Structure, monomials, regimes, terms
 from mmg.components.expansion.words import parse_monomial
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, Unsupported
 from mmg.motion.flow import INPUTS, Flow
@@ -245,13 +245,6 @@ def test_pairs_are_found_by_place_and_missing_partners_named() -> None:
     assert without_partner(VECTWIN, {}) == []
 
 
-def test_variables_of_a_pair_are_mean_and_difference_of_opposite_parity() -> None:
-    by_word = {str(x.word): x.odd for x in variables(parse_devices("n+n_2, delta_starboard+delta_port"))}
-    assert by_word["mean(n,n_2)"] is False and by_word["half(n,n_2)"] is True
-    assert by_word["mean(sin(delta_starboard),sin(delta_port))"] is True
-    assert by_word["half(sin(delta_starboard),sin(delta_port))"] is False
-
-
 def test_structures_that_cannot_be_are_refused_with_the_count() -> None:
     for structure, kind, number in (
         (lambda: Structure(PODS, 2, "SM-3"), Unsupported, "4"), (lambda: Structure(VECTWIN, 0), OutOfRange, "0"),
@@ -267,13 +260,6 @@ def test_signs_that_are_plain_are_bounds() -> None:
     rows = {row.symbol: row for row in terms(Structure(VECTWIN))}
     assert rows["X_u_1"].upper == rows["Y_v_1"].upper == rows["N_r_2"].upper == 0.0
     assert rows["X_n_1"].lower == 0.0 and rows["X_u_n_1"].lower < 0 < rows["X_u_n_1"].upper
-
-
-def test_the_printed_list_has_every_term_and_the_counts() -> None:
-    rows = terms(Structure(VECTWIN))
-    text = term_list(rows)
-    assert "X: 40 terms" in text and "Y: 40 terms" in text and "N: 40 terms" in text
-    assert all(f"  {row.symbol} " in text and row.monomial in text for row in rows)
 
 
 def test_beyond_its_range_a_polynomial_stays_at_the_edge_and_the_rest_is_damped() -> None:

@@ -17,7 +17,6 @@ from mmg.components.propeller import kang
 from mmg.components.rudder import vectwin
 from mmg.motion.flow import Flow, Force
 from mmg.motion.smooth import Exact, Smooth
-from mmg.rollout import Simulator
 from tests.support.force_numbers import number, particulars_and_coefficients, xyn
 
 SHIP = load_ship("vectwin_3m")
@@ -77,24 +76,6 @@ def test_sign_of_x_P_matters_in_a_turn() -> None:
     motion = flow(*ROWS[2][0])
     one, other = (xyn(kang.force(motion, P, c, EXACT))[0] for c in (C, PUBLISHED))
     assert one / other == pytest.approx(1.1045, abs=1e-3)
-
-
-@pytest.mark.slow
-def test_smooth_forces_stay_near_the_branches() -> None:
-    """By the thrust at rest, random motion and rudders: propeller within 0.6 %; rudders 0.02 % in the median, 0.5 % in
-    95 of 100. The rest lies in the blends of the source's jumps (stall, C_j, r_i): up to 29 %.
-    """
-    rng = np.random.default_rng(0)
-    deviation = []
-    for _ in range(150):
-        u, v, r, n, port, starboard = rng.uniform((0.1, -0.2, -0.1, 8, -1.83, -0.61), (0.5, 0.2, 0.1, 15, 0.61, 1.83))
-        motion = Flow(u=u, v=v, r=r, n=n, delta_port=port, delta_starboard=starboard)
-        unit = P.rho * n**2 * P.D_P**4 * C.k_0 * np.array([1, 1, P.L])
-        pairs = zip(forces(motion, C, EXACT), forces(motion, C, SMOOTH), strict=True)
-        deviation.append([np.abs((xyn(smooth) - xyn(exact)) / unit).max() for exact, smooth in pairs])
-    propeller, rudders = np.array(deviation).T
-    assert propeller.max() < 0.006
-    assert np.median(rudders) < 4e-4 and np.quantile(rudders, 0.95) < 0.01
 
 
 # Hovering
@@ -231,11 +212,6 @@ def test_mirrored_motion_gives_mirrored_forces(u: float, v: float, r: float, n: 
     np.testing.assert_allclose(xyn(there[1]), xyn(here[1]) * (1, -1, -1), rtol=1e-4, atol=1e-5)
 
 
-def test_the_published_rudders_are_not_mirror_images() -> None:
-    one, other = (xyn(forces(flow(0.3, 0, 0, 10, a, b), C, EXACT)[1]) for a, b in ((60, -10), (10, -60)))
-    assert np.abs(other - one * (1, -1, -1)).max() > 1e-2
-
-
 # Blades
 
 
@@ -266,19 +242,3 @@ def test_defaults_of_the_models_are_the_values_of_the_file() -> None:
     for row in (*kang.COEFFICIENTS, *vectwin.COEFFICIENTS):
         assert SHIP.coefficients[row.symbol].value == row.value
         assert SHIP.coefficients[row.symbol].fixed == row.fixed
-
-
-def test_empirical_cross_flow_coefficients_are_those_of_the_file() -> None:
-    assert pytest.approx(0.52 * P.L / P.B - 1.062, abs=1e-5) == C.C_rY
-    assert pytest.approx(0.0742 * P.L / P.d - 0.297, abs=1e-5) == C.C_rN
-
-
-def test_the_ship_turns_ahead_and_backs() -> None:
-    """Rudders to starboard turn it to starboard; rudders at 105 deg take it astern from rest."""
-    controls = np.zeros((6, 2))
-    controls[0] = 10.0
-    controls[1] = np.radians((35.0, -105.0))
-    controls[2] = np.radians((35.0, 105.0))
-    path = Simulator(SHIP).run(np.zeros((6, 2)), np.tile(controls, (600, 1, 1)), 0.1)
-    assert path[-1, 3, 0] > 0.1 and path[-1, 5, 0] > 0.01
-    assert path[-1, 3, 1] < -0.015

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.effects import freeing_effects, parse_effect, with_effects
-from cases.shipfiles.ship_file import check_needs, dump_ship, load_ship, parse_ship
+from cases.shipfiles.effects import freeing_effects, with_effects
+from cases.shipfiles.ship_file import check_needs, load_ship
 from cases.simulation.gusts import Wind
 from cases.simulation.simulate import simulate, simulate_controls
 from cases.trial import Trial
@@ -176,13 +176,6 @@ def test_a_drifting_ship_takes_up_a_changing_current() -> None:
     assert path[-1, 3, 0] == pytest.approx(0.2, rel=1e-3)
 
 
-def test_wind_force_stands_in_for_a_missing_wind_model() -> None:
-    blown = CALM.with_effect("wind_force", {"X": 1.0, "Y": 1.0, "N": 1.0})
-    state, controls = states_and_controls(ESSO, 10)
-    one, other = (np.array(assemble(ship).rates(state, controls, ship.values)) for ship in (blown, ESSO))
-    np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-14)
-
-
 def test_two_screws_that_turn_against_each_other_walk_by_their_difference() -> None:
     """Also by the side force that the effect brings for a propeller model without one: as of the model that has it."""
     walking = true_ship("twin")
@@ -209,28 +202,7 @@ def test_rudder_lag_and_delay_make_the_turn_late() -> None:
     assert np.all(np.abs(lagged["r"][start][10:]) < np.abs(plain["r"][start][10:]))
 
 
-def test_more_ship_more_resistance() -> None:
-    """A fouled ship is slower; a deeper one accelerates less; a stalled rudder turns less; a lossless one is as was."""
-    assert followed("fouling:share=1")["u"][300] < followed()["u"][300] - 0.01
-    heavy = assemble(with_effects(ESSO, ["draft:share=0.5"]))
-    plain = assemble(ESSO)
-    push = [0, 0, 0, 0.0, 0, 0], [10.0, 0, 0, 0]
-    ratio = float(heavy.rates(*push, heavy.ship.values)[3]) / float(plain.rates(*push, ESSO.values)[3])
-    assert ratio == pytest.approx(1 / 1.5, rel=1e-9)
-    plan = parse_maneuver("turning:35", ESSO, n=10.0, duration=60.0)
-    stalled = simulate(with_effects(ESSO, ["rudder_stall:loss=0.8,alpha_s=0.2"]), plan)
-    assert stalled.psi_unwrapped[-1] < 0.9 * simulate(ESSO, plan).psi_unwrapped[-1]
-
-
 # Text and ship files
-
-
-def test_a_ship_with_effects_is_a_ship_file() -> None:
-    ship = with_effects(ESSO, ["current:x=0.02", "rudder_lag:T=0.4"])
-    back = parse_ship(dump_ship(ship))
-    assert back.effects == ship.effects == ("current", "rudder_lag")
-    assert dict(back.coefficients) == dict(ship.coefficients)
-    assert np.array_equal(simulate_controls(back, inputs())["r"], simulate_controls(ship, inputs())["r"])
 
 
 def test_an_effect_of_a_fit_is_free_and_held_as_asked() -> None:
@@ -241,27 +213,17 @@ def test_an_effect_of_a_fit_is_free_and_held_as_asked() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("ship", "text", "words"),
     [
-        ("curent", "'curent'"), ("current:z=1", "'z'"), ("current:x=fast", "fast"), ("rudder_lag:T=-1", "T.* 0 "),
-        ("shallow_water:d_h=1.5", "0.9"),
+        (ESSO, "curent", "'curent'"), (ESSO, "current:z=1", "'z'"), (ESSO, "current:x=fast", "fast"),
+        (ESSO, "rudder_lag:T=-1", "T.* 0 "), (ESSO, "shallow_water:d_h=1.5", "0.9"),
+        (CALM, "wind_sensor_bias", "wind"), (load_ship("mariner"), "fouling:share=0.2", "needs a resistance apart"),
     ],
+    ids=lambda value: value if isinstance(value, str) else value.name,
 )  # fmt: skip
-def test_effects_that_make_no_sense_are_refused(text: str, words: str) -> None:
+def test_effects_that_make_no_sense_are_refused(ship: Ship, text: str, words: str) -> None:
     with pytest.raises(UserError, match=words):
-        parse_effect(text, ESSO, "--effect")
-
-
-def test_a_resistance_that_grows_is_apart_from_the_thrust() -> None:
-    mariner = load_ship("mariner")
-    assert "fouling" not in usable(mariner) and "shallow_water" in usable(mariner) and "fouling" in usable(ESSO)
-    with pytest.raises(UserError, match="fouling needs a resistance apart"):
-        with_effects(mariner, ["fouling:share=0.2"])
-
-
-def test_an_effect_needs_what_it_changes() -> None:
-    with pytest.raises(UserError):
-        with_effects(CALM, ["wind_sensor_bias"])
+        with_effects(ship, [text])
 
 
 def test_what_a_gyro_logs_is_corrected_back_to_the_true_turn_rate() -> None:

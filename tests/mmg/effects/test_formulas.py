@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
+from mmg.components.hull import unified
 from mmg.components.rigid_body import Inertia
 from mmg.effects import EFFECTS
 from mmg.effects.effect import Setting
@@ -19,6 +19,7 @@ from mmg.motion.flow import Blade, Flow, Force
 from mmg.motion.froude import time_scale
 from mmg.motion.memory import Memory, delayed, lagged, played, rate_limited
 from mmg.motion.smooth import Smooth
+from tests.support.force_numbers import particulars_and_coefficients
 
 P = SimpleNamespace(L=4.0, B=0.7, d=0.25, m=600.0, x_G=0.1, rho=1000.0)
 S = Smooth.for_length(4.0)
@@ -148,14 +149,6 @@ def test_a_rudder_offset_is_added_to_every_rudder_and_to_nothing_else() -> None:
     assert moved.delta_starboard == 0.0
 
 
-def test_what_is_not_said_of_a_flow_is_at_rest() -> None:
-    """Actuators that a ship does not have stand still, and there is no wind."""
-    plain = Flow(u=1.0, v=2.0, r=3.0)
-    others = {f.name: getattr(plain, f.name) for f in fields(Flow) if f.name not in ("u", "v", "r")}
-    assert others.pop("slipstream") is None and set(others.values()) == {0.0}
-    assert components(Force()) == (0.0, 0.0, 0.0)
-
-
 def test_a_wind_sensor_bias_is_added_to_the_air() -> None:
     assert EFFECTS["wind_sensor_bias"].air(1.0, 2.0, SimpleNamespace(x=0.3, y=-0.4)) == pytest.approx((1.3, 1.6))
 
@@ -163,6 +156,15 @@ def test_a_wind_sensor_bias_is_added_to_the_air() -> None:
 def test_a_current_flows_on_at_its_rate() -> None:
     e = SimpleNamespace(x=0.1, y=0.2, x_rate=0.01, y_rate=-0.02)
     assert EFFECTS["current"].water(MOVING.with_(time=5.0), e) == pytest.approx((0.15, 0.1, 0.01, -0.02))
+
+
+def test_a_fouled_hull_resists_as_much_more_as_in_straight_motion_at_her_speed() -> None:
+    p, c = particulars_and_coefficients("esso_osaka_3m")
+    at = Setting(p, {"hull": "unified"}, c, Memory(), S)
+    straight = unified.force(Flow(u=0.5, v=0.0, r=0.0), at.p, at.c, S)
+    fouled = EFFECTS["fouling"].forces({"hull": HULL}, MOVING, SimpleNamespace(share=0.2), at)["hull"]
+    assert float(straight.X) < 0
+    assert components(fouled) == pytest.approx((HULL.X + 0.2 * float(straight.X), HULL.Y, HULL.N))
 
 
 def test_more_draught_is_more_mass() -> None:

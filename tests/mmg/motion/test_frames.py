@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from types import SimpleNamespace
 
-import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -76,13 +75,6 @@ def test_apparent_wind_is_the_air_that_the_force_model_sees_and_leads_back_to_th
         assert_same_angle(back_direction, direction, 1e-10 / speed + 1e-9)
 
 
-def test_wind_functions_take_arrays() -> None:
-    psi = np.linspace(-3, 3, 7)
-    speed, angle = apparent_wind(np.full(7, 5.0), np.zeros(7), psi, np.zeros(7), np.zeros(7))
-    np.testing.assert_allclose(speed, 5.0)
-    np.testing.assert_allclose(angle, np.mod(-psi, 2 * np.pi), atol=1e-12)
-
-
 # Frames
 
 
@@ -105,15 +97,6 @@ def test_body_and_earth_are_inverse_and_keep_lengths(x: float, y: float, psi: fl
     assert np.hypot(*there) == pytest.approx(np.hypot(x, y), rel=1e-12, abs=1e-15)
 
 
-def test_frames_agree_on_numbers_and_expressions() -> None:
-    x, y, psi = ca.SX.sym("x"), ca.SX.sym("y"), ca.SX.sym("psi")
-    for function in (body_to_earth, earth_to_body):
-        symbolic = ca.Function("f", [x, y, psi], [ca.vertcat(*function(x, y, psi))])
-        np.testing.assert_allclose(
-            np.array(symbolic(1.3, -0.4, 2.2)).ravel(), function(1.3, -0.4, 2.2), rtol=1e-14, atol=0
-        )
-
-
 # Rigid body
 
 UNIT = 0.5 * 1000.0 * 4.0**2 * 0.25  # 1/2 rho L^2 d of the body below [kg]
@@ -127,17 +110,6 @@ def body(x_G: float) -> SimpleNamespace:
 def masses(m_x: float = 0.0, m_y: float = 0.0, inertia: float = 600.0) -> SimpleNamespace:
     """Mass coefficients from added masses [kg] and the yaw inertia about the centre of gravity [kg m^2]."""
     return SimpleNamespace(m_x=m_x / UNIT, m_y=m_y / UNIT, I_J_z=inertia / (UNIT * 16.0))
-
-
-@pytest.mark.parametrize("x_G", [0.3, 0.0, -0.2])
-def test_a_free_body_keeps_the_velocity_of_its_centre_of_gravity(x_G: float) -> None:
-    """No force, no added mass: the centre of gravity goes straight and the spin stays.
-
-    With v_G = v + x_G r the turning axes alone make u' = v_G r and v_G' = -u r, and r' = 0.
-    """
-    u, v, r = 0.8, -0.3, 0.4
-    got = accelerations(u, v, r, Force(), mass_of(body(x_G), masses()))
-    np.testing.assert_allclose(got, ((v + x_G * r) * r, -u * r, 0.0), atol=1e-14)
 
 
 @pytest.mark.parametrize("x_G", [0.3, 0.0, -0.2])
