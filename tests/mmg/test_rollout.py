@@ -14,7 +14,7 @@ from mmg.compile.fused import compile_rollout
 from mmg.effects import effect
 from mmg.model import columns
 from mmg.rollout import Simulator
-from mmg.runge_kutta import NODES, PARTS, WEIGHTS, rk4_step
+from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship
 from tests.support.networks import random_network
 
@@ -223,27 +223,6 @@ def test_the_step_has_fourth_order() -> None:
             z = rk4_step(lambda state, at, begin=k * h, h=h: state * np.cos(begin + at * h), z, h)
         errors.append(abs(float(z[0]) - np.exp(np.sin(1.0))))
     assert 12 < errors[0] / errors[1] < 20
-
-
-def test_expressions_and_tensors_take_the_same_step_as_arrays() -> None:
-    import torch
-
-    start, h = np.array([0.3, -1.2]), 0.1
-    expected = rk4_step(lambda z, _: z**2 - z, start, h)
-    z = ca.SX.sym("z", 2)
-    step = ca.Function("step", [z], [rk4_step(lambda state, _: state**2 - state, z, h)])
-    np.testing.assert_allclose(np.array(step(start)).ravel(), expected, rtol=1e-15)
-    np.testing.assert_allclose(rk4_step(lambda z, _: z**2 - z, torch.tensor(start), h).numpy(), expected, rtol=1e-15)
-
-
-def test_the_step_is_that_of_its_nodes_and_weights() -> None:
-    z, h = np.array([0.7]), 0.3
-    rate, total = np.zeros(1), np.zeros(1)
-    for node, weight in zip(NODES, WEIGHTS, strict=True):
-        rate = np.sin(z + node * h * rate)
-        total += weight * rate
-    np.testing.assert_allclose(rk4_step(lambda state, _: np.sin(state), z, h), z + h * total, rtol=1e-15)
-    assert sum(PARTS) == 6 and abs(sum(WEIGHTS) - 1) < 1e-15
 
 
 # Published check values of ESSO OSAKA 3 m under constant inputs (of a public published_simulator)

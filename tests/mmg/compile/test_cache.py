@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from pathlib import Path
 
@@ -13,7 +14,9 @@ from cases.shipfiles.ship_file import load_ship
 from mmg.compile import batch, cache
 from mmg.compile.batch import FLAGS, batch_functions
 from mmg.compile.cache import UNIT, LateSource, cache_folder, compile_library, compiler, load_library
+from mmg.compile.codegen import LANES
 from mmg.rollout import Simulator
+from tests.support.wrong_compiler import use_wrong_compiler
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
@@ -27,29 +30,18 @@ def simple(name: str, factor: float) -> ca.Function:
 # Without a compiler
 
 
-def short_run(compiled: bool = True) -> tuple[np.ndarray, str]:
-    """Ten steps of a turn, three ships at once, and why it was interpreted."""
-    simulator = Simulator(load_ship("esso_osaka_3m"), compiled)
-    start = np.zeros((6, 3))
-    start[3] = (0.2, 0.3, -0.1)
-    inputs = np.tile(np.array([[8.0], [0.3], [0.5], [0.0]]), (10, 1, 3))
-    return simulator.run(start, inputs, 0.1), simulator.interpreted_because
+def why_interpreted(compiled: bool = True) -> str:
+    """Why a simulator of a ship is interpreted."""
+    return Simulator(load_ship("esso_osaka_3m"), compiled).interpreted_because
 
 
 @pytest.mark.parametrize("name", ["none", "no-such-compiler-anywhere"])
 def test_without_a_compiler_it_works_and_says_so(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    expected, _ = short_run()
     monkeypatch.setenv("MMG_CC", name)
     monkeypatch.setenv("MMG_CACHE", str(tmp_path))
-    assert compiler() is None
-    got, reason = short_run()
-    assert reason.startswith("no C compiler") and repr(name) in reason
-    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-15)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_switched_off_says_so() -> None:
-    assert "switched off" in short_run(compiled=False)[1]
+    reason = why_interpreted()
+    assert compiler() is None and reason.startswith("no C compiler") and repr(name) in reason
+    assert list(tmp_path.iterdir()) == [] and "switched off" in why_interpreted(compiled=False)
 
 
 def script(folder: Path, body: str) -> str:
@@ -80,7 +72,7 @@ def test_a_broken_compiler_is_reported_in_one_sentence(
     assert path is None
     assert sentence in reason and "\n" not in reason
     assert list((tmp_path / "cache").iterdir()) == []
-    assert sentence in short_run()[1]
+    assert sentence in why_interpreted()
 
 
 def test_a_library_that_does_not_load_is_reported_and_interpreted(
@@ -88,12 +80,9 @@ def test_a_library_that_does_not_load_is_reported_and_interpreted(
 ) -> None:
     """A compiler that ends well but writes rubbish to the file after -o."""
     body = 'while [ "$1" != "-o" ]; do shift; done; echo rubbish > "$2"'
-    expected, _ = short_run()
     monkeypatch.setenv("MMG_CC", script(tmp_path, body))
     monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
-    got, reason = short_run()
-    assert reason
-    np.testing.assert_allclose(got, expected, rtol=1e-12, atol=1e-15)
+    assert why_interpreted()
 
 
 def test_a_cache_that_cannot_be_written_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -227,27 +216,26 @@ def test_without_a_home_there_is_no_cache(monkeypatch: pytest.MonkeyPatch) -> No
     assert library is None and "MMG_CACHE" in why
 
 
-WRONG = r"""for text; do
-case "$text" in *.c) sed -i 's/void store(double. p, V x) {{/& x *= 1.001;/' "$text";; esac
-done
-exec {compiler} "$@"
-"""
-"""A compiler that makes wrong code: it compiles another text than it was given."""
-
-
-@pytest.mark.slow
 @needs_compiler
 def test_code_that_gives_wrong_numbers_is_not_used(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    expected, _ = short_run(compiled=False)
-    monkeypatch.setenv("MMG_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("MMG_CC", script(tmp_path, WRONG.format(compiler=compiler())))
-    x, y = ca.SX.sym("x"), ca.SX.sym("y")
-    (batch,), reason = batch_functions([ca.Function("wrong", [x, y], [3.0 * x + y])])
-    assert batch.library is None
-    got, reason = short_run()
-    assert "cc.sh" in reason
-    np.testing.assert_allclose(got, expected, rtol=1e-12)
-    assert not list((tmp_path / "cache").glob("*.so"))
+    folder = use_wrong_compiler("s/void store(double. p, V x) {/& x *= 1.001;/", tmp_path, monkeypatch)
+    (batch,), reason = batch_functions([simple("wrong", 3.0)])
+    assert batch.library is None and "cc.sh" in reason and not list(folder.glob("*.so"))
+    np.testing.assert_array_equal(batch(*np.ones((2, 1, LANES)))[0], 4.0)
+
+
+@needs_compiler
+def test_one_line_of_a_process_says_what_is_compiled(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path))
+    # the first of a process, a second one, and the first one of another process from the cache
+    for said, factor, announced in ((1, 1, []), (0, 2, ["first"]), (0, 1, [])):
+        caplog.clear()
+        monkeypatch.setattr(cache, "announced", announced)
+        with caplog.at_level(logging.INFO):
+            batch_functions([simple("add", factor)])
+        assert [str(tmp_path) in r.message for r in caplog.records if "compiling" in r.message] == [True] * said
 
 
 @needs_compiler

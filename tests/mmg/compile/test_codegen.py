@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
 
-from mmg.compile import batch, codegen
+from mmg.compile import batch, codegen, stages
 from mmg.compile.batch import BatchFunction, batch_functions, padded
-from mmg.compile.cache import compiler
+from mmg.compile.cache import UNIT, compiler
 from mmg.compile.codegen import LANES
-from mmg.compile.stages import Program, staged_bodies
 
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 
@@ -199,33 +200,36 @@ def test_own_functions_at_the_edges(name: str) -> None:
         np.testing.assert_array_equal(np.signbit(got[0][there]), np.signbit(expected[there]))
 
 
-# A program whose last stage is divided hands on what later parts need, and computes nothing twice
-def program(terms: int) -> Program:
-    """A long sum of products of the two arguments, of which the second belongs to an early stage."""
+# Long functions are compiled in parts
+
+
+def long_function(terms: int) -> ca.Function:
+    """A long sum of products of two arguments."""
     x, p = ca.SX.sym("x", 3), ca.SX.sym("p", 2)
     total = p[0] * p[1]
     for k in range(terms):
         total = ca.sin(total + k * x[k % 3]) * p[k % 2]
-    return Program.of(ca.Function("f", [x, p], [total, x[0] * total]), (2, 1))
+    return ca.Function("sines", [x, p], [total, x[0] * total])
 
 
-@pytest.mark.parametrize("size", [7, 20, 1000])
-def test_each_value_is_in_one_part_and_known_where_it_is_used(size: int) -> None:
-    whole = program(30)
-    parted = whole.divided([0, 1], 2, size)
-    last = max(value.stage for value in parted.values)
-    count = len(whole.needed([0, 1], 1))
-    assert last - 2 == (len([v for v in whole.values if v.stage == 2 and v.argument is None]) - 1) // size
-    bodies = staged_bodies(parted, [0, 1], {0: "x", 1: "p"}, {k: f"m{k}" for k in range(1, last)}, "d")
-    made = [line for body in bodies.values() for line in body.text.split("\n") if "sin" in line]
-    assert len(made) == 30 and count > 90
-    for stage, body in bodies.items():
-        known: set[str] = set()
-        for line in (line.strip() for line in body.text.split("\n")):
-            if line.startswith("const V "):
-                name, words = line.removeprefix("const V ").split(" = ")
-                assert name not in known
-                used = {w.strip("();,-") for w in words.replace("(", " ").split() if w.strip("();,-")[:1] == "a"}
-                assert used <= known | {"a"}, (stage, line)
-                known.add(name)
-    assert whole.divided([0, 1], 2, 10**6) == whole
+@needs_compiler
+def test_a_function_in_parts_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    inputs, found = [np.random.default_rng(j).standard_normal((3 - j, 24)) for j in range(2)], []
+    for size in (10**6, 20, 7):
+        monkeypatch.setattr(stages, "FUNCTION_SIZE", size)
+        monkeypatch.setenv("MMG_CACHE", str(tmp_path / str(size)))
+        (whole,), reason = batch_functions([long_function(30)])
+        assert not reason
+        found.append(whole(*inputs))
+    for parts in found[1:]:
+        np.testing.assert_array_equal(parts, found[0])
+
+
+def test_no_part_has_more_instructions_than_a_compiler_likes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stages, "FUNCTION_SIZE", 50)
+    monkeypatch.setattr(stages, "UNIT_TEXT", 12_000)
+    units = batch.source([long_function(300)]).split(UNIT)
+    parts = [part for unit in units for part in unit.split("HIDDEN void ")[1:] if "{" in part]
+    operation = re.compile(r"^ *const V a\d+ = (?!x\d|fill\(|\(M \+)", re.MULTILINE)
+    assert max(len(operation.findall(part)) for part in parts) == stages.FUNCTION_SIZE
+    assert len(units) > 2 and sum(part.count("v_sin") for part in parts) == 300
