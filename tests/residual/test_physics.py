@@ -12,7 +12,7 @@ from mmg.compile.cache import compiler
 from mmg.model import assemble
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from residual.hybrid import Hybrid, Residual, to_network
+from residual.hybrid import Hybrid, Residual, Symmetric, to_network
 from residual.physics import FusedRollout, Operator, Physics
 from residual.system import TrainableSystem
 from tests.mmg.test_rollout import with_effects
@@ -171,6 +171,7 @@ def test_one_input_may_be_shared_by_all_points():
 
 
 FUSED = {"memory": OTHERS["memory"], "esso": ESSO, "vectwin": load_ship("vectwin_3m"), "hybrid": OTHERS["hybrid"]}
+FUSED["symmetric"] = ESSO
 
 
 @pytest.mark.slow
@@ -179,21 +180,20 @@ FUSED = {"memory": OTHERS["memory"], "esso": ESSO, "vectwin": load_ship("vectwin
 @pytest.mark.parametrize("name", first_quick(FUSED))
 def test_states_and_gradients_are_those_of_single_steps(name, method):
     ship = FUSED[name]
-    physics, residual = Physics(ship), Residual.of_network(random_network(ship, width=10))
+    residual = Residual.of_network(random_network(ship, width=10))
+    layered = Symmetric(residual, ship.actuators) if name == "symmetric" else residual
+    system = Hybrid(Physics(ship), layered, np.zeros((len(ship.features), 1)))
     z, c = (a[:, 6:19] for a in points(ship))
     inputs = torch.stack([c * (1 + 0.05 * k) for k in range(12)])
     draw = torch.Generator().manual_seed(0)
     weights = torch.randn((13, *z.shape), generator=draw, dtype=torch.float64)
     results = []
-    for fused in (True, False):
+    for simulate in (system.simulate, lambda *given: TrainableSystem.simulate(system, *given)):
         start = z.clone().requires_grad_()
-        if fused:
-            states = FusedRollout(physics, 10)(start, inputs, 0.05, residual.plain(), method)
-        else:
-            system = Hybrid(physics, residual, np.zeros((len(ship.features), 1)))
-            states = TrainableSystem.simulate(system, start, inputs, 0.05, method)
+        states = simulate(start, inputs, 0.05, method)
         gradients = torch.autograd.grad((states * weights).sum(), [start, *residual.parameters()])
         results.append([states.detach(), *gradients])
+    assert system.fused.library is not None
     for one, other in zip(*results, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-9, atol=1e-10 * float(other.abs().max()))
         assert other.abs().max() > 0

@@ -47,7 +47,7 @@ from residual.papers.comparison import (
 )
 from residual.settings import BlackBoxSettings
 from tests.support import hybrids
-from tests.support.commands import interrupted, refused, shown
+from tests.support.commands import refused, shown
 
 QUICK = ["--seeds", "2", "--epochs", "2", "--step", "1"]
 
@@ -167,16 +167,6 @@ def test_a_network_that_has_no_time_for_an_epoch_is_not_begun() -> None:
     trials = tuple(hybrids.trials(hybrids.ship(), 5, 150))
     found = compare(Study(hybrids.ship(), trials, trials[:1], ("fnn",), seeds=1, step=1.0, time_limit=1e-3))
     assert [e.status for e in found.entries] == ["not begun"] and found.interrupted
-
-
-@pytest.mark.slow
-def test_ctrl_c_keeps_what_is_done(folder: Path, tmp_path: Path) -> None:
-    arguments = ["compare", "--train", str(folder / "train"), "--test", str(folder / "test.csv"), "--seeds", "2"]
-    arguments += ["--models", "captive,rnn", "--epochs", "3000", "--step", "1", "--out", str(tmp_path / "cmp")]
-    code, *_ = interrupted(arguments, 15.0)
-    assert code == 130
-    content = json.loads((tmp_path / "cmp" / "result.json").read_text())
-    assert content["interrupted"] and [e["status"] for e in content["entries"]] == ["finished", "stopped", "not begun"]
 
 
 class Drifting:
