@@ -34,12 +34,6 @@ def test_values_of_arguments_share_functions_and_what_is_inside_does_not() -> No
     assert assemble(INSTRUMENTED.without_effect("velocity_filter")).states == assemble(INSTRUMENTED).states[:6]
 
 
-def test_sizes_of_the_memory_are_those_of_each_ship() -> None:
-    slow = INSTRUMENTED.with_effect("gyro")
-    model = assemble(slow)
-    assert model.sizes.shape == (len(model.states) - 6,) and (model.sizes > 0).all()
-
-
 @pytest.mark.parametrize("own", [False, True])
 def test_states_behind_columns_of_many_points_are_those_of_few(own: bool) -> None:
     model, rng, many = assemble(INSTRUMENTED), np.random.default_rng(0), 201

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mmg.compile import batch, codegen, stages
-from mmg.compile.batch import BatchFunction, batch_functions, padded
+from mmg.compile.batch import BatchFunction, batch_functions
 from mmg.compile.cache import UNIT, compiler
 from mmg.compile.codegen import LANES
 
@@ -108,12 +108,6 @@ def test_every_operation_that_has_c_is_in_an_expression_above() -> None:
     assert set(codegen.EXPRESSIONS) - {ca.OP_ASSIGN} | {ca.OP_CONST} == tested - {ca.OP_INPUT, ca.OP_OUTPUT}
 
 
-def test_an_operation_without_c_is_named() -> None:
-    x = ca.SX.sym("x")
-    with pytest.raises(NotImplementedError, match=str(ca.OP_ASINH)):
-        batch.kernel(ca.Function("f", [x], [ca.asinh(x)]))
-
-
 @needs_compiler
 def test_derivatives_and_sparse_results_come_out_as_nonzeros_in_order() -> None:
     x, p = ca.SX.sym("x", 4), ca.SX.sym("p", 3)
@@ -140,12 +134,6 @@ def test_a_number_of_points_that_fills_no_vector_is_refused(points: int) -> None
     assert reason == ""
     with pytest.raises(ValueError, match=f"{points} .*{LANES}"):
         add(np.zeros((1, points)), np.zeros((1, points)))
-
-
-@pytest.mark.parametrize(("points", "expected"), [(0, 8), (1, 8), (8, 8), (9, 16), (16, 16), (17, 24)])
-def test_padding_goes_to_the_next_multiple(points: int, expected: int) -> None:
-    assert LANES == 8
-    assert padded(points) == expected
 
 
 # Vector functions of the generated C: the C library's values to a few units of the last bit, and at the edges

@@ -179,13 +179,23 @@ def logged(name: str, **given: float) -> list[Any]:
     return EFFECTS[name].columns(COLUMNS, MOVING, Memory(), values(name, **given), P)
 
 
-def test_an_antenna_sees_the_position_and_velocity_of_its_place() -> None:
-    """Ahead it lies to the north by cos psi, to starboard to the east by cos psi; it moves by r x arm."""
-    c, s = math.cos(0.4), math.sin(0.4)
-    assert logged("antenna_offset", x=1.0) == pytest.approx([10 + c, 20 + s, 0.4, 0.5, -0.1 + 0.05, 0.05])
-    assert logged("antenna_offset", y=1.0) == pytest.approx([10 - s, 20 + c, 0.4, 0.5 - 0.05, -0.1, 0.05])
-    assert logged("antenna_offset", alone_x=1.0) == pytest.approx([10 + c, 20 + s, 0.4, 0.5, -0.1, 0.05])
-    assert logged("antenna_offset", alone_y=1.0) == pytest.approx([10 - s, 20 + c, 0.4, 0.5, -0.1, 0.05])
+COS, SIN = math.cos(0.4), math.sin(0.4)
+LOGGED = [
+    # ahead it lies to the north by cos psi, to starboard to the east by cos psi; it moves by r x arm
+    ("antenna_offset", {"x": 1.0}, [10 + COS, 20 + SIN, 0.4, 0.5, -0.1 + 0.05, 0.05]),
+    ("antenna_offset", {"y": 1.0}, [10 - SIN, 20 + COS, 0.4, 0.5 - 0.05, -0.1, 0.05]),
+    ("antenna_offset", {"alone_x": 1.0}, [10 + COS, 20 + SIN, 0.4, 0.5, -0.1, 0.05]),
+    ("antenna_offset", {"alone_y": 1.0}, [10 - SIN, 20 + COS, 0.4, 0.5, -0.1, 0.05]),
+    ("heading_bias", {"alone": 0.1}, [10, 20, 0.5, 0.5, -0.1, 0.05]),
+    ("log_scale", {"share": 0.1}, [10, 20, 0.4, 0.55, -0.1, 0.05]),
+]
+
+
+@pytest.mark.parametrize(("name", "given", "expected"), LOGGED)
+def test_instruments_log_what_is_true_at_their_place_and_by_their_scale(
+    name: str, given: dict[str, float], expected: list[float]
+) -> None:
+    assert logged(name, **given) == pytest.approx(expected)
 
 
 def test_a_turned_compass_turns_the_logged_velocity_back() -> None:
@@ -194,11 +204,9 @@ def test_a_turned_compass_turns_the_logged_velocity_back() -> None:
     assert (x, y, psi, r) == pytest.approx((10, 20, 0.5, 0.05))
     true = 0.5 * math.cos(0.4) + 0.1 * math.sin(0.4), 0.5 * math.sin(0.4) - 0.1 * math.cos(0.4)
     assert (u * math.cos(psi) - v * math.sin(psi), u * math.sin(psi) + v * math.cos(psi)) == pytest.approx(true)
-    assert logged("heading_bias", alone=0.1) == pytest.approx([10, 20, 0.5, 0.5, -0.1, 0.05])
 
 
-def test_a_log_and_a_gyro_are_wrong_by_a_share() -> None:
-    assert logged("log_scale", share=0.1) == pytest.approx([10, 20, 0.4, 0.55, -0.1, 0.05])
+def test_a_gyro_is_wrong_by_a_share() -> None:
     t, y = np.arange(3.0), [np.array(3 * [x]) for x in COLUMNS]
     gyro = EFFECTS["gyro"].samples(t, y, MOVING, values("gyro", share=0.1), P)
     assert [float(c[2]) for c in gyro] == pytest.approx([10, 20, 0.4, 0.5, -0.1, 0.055])

@@ -29,7 +29,6 @@ from residual.papers.black_box import (
     advance_columns,
     box_scales,
     build_box,
-    features,
     gridded,
     kinematics,
     load_box,
@@ -98,13 +97,6 @@ def numpy_step(row: np.ndarray, a: np.ndarray, h: float) -> np.ndarray:
     x, y, psi, u, v, r = row
     rates = [u * np.cos(psi) - v * np.sin(psi), u * np.sin(psi) + v * np.cos(psi), r, *a]
     return np.array([x, y, psi, u, v, r]) + h * np.array(rates)
-
-
-def test_features_are_motion_inputs_and_the_air_relative_to_the_hull() -> None:
-    rng = np.random.default_rng(0)
-    row, inputs = rng.normal(size=6), rng.normal(size=4)
-    seen = features(torch.as_tensor(row)[:, None], torch.as_tensor(inputs)[:, None])[:, 0]
-    np.testing.assert_allclose(seen.numpy(), numpy_features(row, inputs), atol=1e-14)
 
 
 @pytest.mark.parametrize(

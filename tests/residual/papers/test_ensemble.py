@@ -58,14 +58,6 @@ def test_ts_infinity_is_the_rollouts_of_the_members_one_by_one() -> None:
         np.testing.assert_array_equal(paths[:, :, p], rollout(members[p % 3], batch).numpy())
 
 
-@pytest.mark.parametrize("sampling", ["ts1", "ts-infinity"])
-def test_members_that_agree_are_one_model_without_spread(sampling: str) -> None:
-    batch = yaw_batch()
-    paths = particles([Yaw(0.1, 2.0), Yaw(0.1, 2.0)], batch, 5, sampling)
-    expected = rollout(Yaw(0.1, 2.0), batch).numpy()
-    np.testing.assert_allclose(paths, np.repeat(expected[:, :, None], 5, axis=2), rtol=0, atol=1e-14)
-
-
 def test_ts1_draws_a_member_anew_at_every_step_and_for_every_particle() -> None:
     """Of the members +a and -a, the turn rate after N steps is a times a random walk: variance N, not N^2."""
     N, P, a, h = 25, 4000, 0.1, 0.5
