@@ -22,15 +22,13 @@ from residual.physics import Physics
 from residual.pipeline import train
 from residual.settings import BlackBoxSettings, TrainSettings
 from residual.splits import Split
-from residual.system import TrainableSystem, acceleration_loss, squares, state_loss
+from residual.system import TrainableSystem, squares
 from residual.train import Task, train_one
 from residual.windows import Scales, windows
 from tests.support import hybrids
 from tests.support.c_products import product
-from tests.support.differences import check_gradients
 
 QUICK = TrainSettings(seeds=2, epochs=25, width=12, penalty=0.001, rate=1e-2, step=1.0, stride=5.0)
-SIGMA = torch.tensor([1.0, 1.0, 0.3, 0.1, 0.05, 0.02], dtype=torch.float64)
 
 
 def random_residual(seed: int = 0, width: int = 16, ship: Ship | None = None) -> Residual:
@@ -60,18 +58,6 @@ def hybrid_and_batch(h: float = 1.0, steps: int = 12):  # type: ignore[no-untype
     batch = windows(pieces, h, steps, steps)
     assert batch is not None
     return Hybrid(physics, random_residual(), np.ones((7, 4))), batch
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["rk4", "euler"])
-def test_gradient_of_the_rollout_loss_agrees_with_finite_differences(method: str) -> None:
-    hybrid, batch = hybrid_and_batch()
-
-    def loss() -> torch.Tensor:
-        a = acceleration_loss(hybrid, batch, torch.ones(3, dtype=torch.float64) * 1e-3)
-        return state_loss(hybrid, batch, SIGMA, method) + hybrid.penalty() + 0.1 * a
-
-    check_gradients(loss, hybrid.parameters())
 
 
 def test_the_state_loss_is_equation_23() -> None:

@@ -79,23 +79,6 @@ def test_force_and_its_first_and_second_derivatives_are_finite_everywhere(
 
 
 @pytest.mark.parametrize(("role", "name", "propeller"), FORCE_MODELS)
-def test_first_and_second_derivatives_agree_with_finite_differences(role: str, name: str, propeller: str) -> None:
-    """At full speed and near rest, by central differences of fourth order."""
-    f = symbolic(role, name, propeller)
-    rng = np.random.default_rng(1)
-    for k in range(15):
-        size = 1.0 if k % 3 else 0.03
-        point, direction = rng.uniform(-1, 1, len(SCALE)) * SCALE * size, rng.normal(size=len(SCALE)) * SCALE
-        h = 1e-6 * size
-        ahead, behind, twice, back = (f(point + share * h * direction) for share in (1, -1, 2, -2))
-        for order in (0, 1):
-            slope = np.array(8 * (ahead[order] - behind[order]) - (twice[order] - back[order])).ravel("F") / (12 * h)
-            exact = np.array(f(point)[order + 1]) @ direction
-            largest = np.abs(exact).max()
-            np.testing.assert_allclose(exact, slope, rtol=2e-5, atol=2e-5 * largest + 1e-8)
-
-
-@pytest.mark.parametrize(("role", "name", "propeller"), FORCE_MODELS)
 def test_nothing_acts_at_rest(role: str, name: str, propeller: str) -> None:
     """Exactly; the smooth rudders creep by 1e-5 N, as their inflow is held above a few mm/s."""
     at = np.where(

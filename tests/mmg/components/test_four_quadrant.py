@@ -103,26 +103,18 @@ UNIT = P_CPP.rho * P_CPP.D_P**4
 
 
 def published(u: float, n: float, degrees: float) -> tuple[float, float]:
-    """K_X and K_Y of the source, branch by branch, for n > 0."""
-    J, above = u / (n * P_CPP.D_P), degrees - 10.0
-    J_x0 = 0.7 * np.pi * np.tan(np.radians(above))
+    """K_X and K_Y of the source for n > 0; below the pitch of zero thrust, at 10 degrees, K_X is mirrored."""
+    side = 1.0 if degrees > 10.0 else -1.0
+    J, above = side * u / (n * P_CPP.D_P), side * (degrees - 10.0)
     alpha = 0.6 / (0.7 * np.pi * np.tan(np.radians(30.0)))
-    X_1, X_0 = alpha * J_x0, 0.4 * above / 30.0
-    if above > 0:
-        if J <= -0.5:
-            K_X = -alpha * J + X_0 - alpha * 0.5
-        elif J <= 0:
-            K_X = (X_1 - X_0) * J / 0.5 + X_1
-        else:
-            K_X = -alpha * (J - J_x0)
-        return K_X, 0.0
-    if J >= 0.5:
-        K_X = -alpha * J + X_0 + alpha * 0.5
-    elif J > 0:
-        K_X = -(X_1 - X_0) * J / 0.5 + X_1
+    J_x0, X_0 = 0.7 * np.pi * np.tan(np.radians(above)), 0.4 * above / 30.0
+    if J <= -0.5:
+        K_X = -alpha * (J + 0.5) + X_0
+    elif J <= 0:
+        K_X = (alpha * J_x0 - X_0) * J / 0.5 + alpha * J_x0
     else:
         K_X = -alpha * (J - J_x0)
-    return K_X, 0.178 * (above / 30.0) ** 2
+    return side * K_X, 0.0 if side > 0 else 0.178 * (above / 30.0) ** 2
 
 
 def force(u: float, n: float, degrees: float, s: Exact | Smooth = EXACT_CPP) -> np.ndarray:

@@ -53,11 +53,6 @@ def test_apparent_wind_by_hand(case: str) -> None:
     assert_same_angle(got[1], np.radians(expected_degrees), 1e-12)
 
 
-def test_a_northerly_blows_to_the_south() -> None:
-    np.testing.assert_allclose(wind_vector(4.0, 0.0), (-4.0, 0.0), atol=1e-15)
-    np.testing.assert_allclose(wind_vector(4.0, np.pi / 2), (0.0, -4.0), atol=1e-15)
-
-
 @settings(max_examples=300, deadline=None)
 @given(st.floats(0.0, 20.0), angles, angles, velocities, velocities)
 def test_apparent_wind_is_the_air_that_the_force_model_sees_and_leads_back_to_the_true_one(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import lru_cache
 
@@ -40,7 +41,6 @@ from residual.settings import KINDS, BlackBoxSettings
 from residual.system import Past, RolloutBatch, TrainableSystem, acceleration_loss, rollout, state_loss
 from residual.windows import augmented, windows
 from tests.support import hybrids
-from tests.support.differences import check_gradients
 from tests.support.quick import first_quick
 
 QUICK = BlackBoxSettings(seeds=1, epochs=20, width=12, rate=1e-2, step=1.0)
@@ -152,6 +152,28 @@ def test_the_output_of_the_untrained_network_is_standardised_to_the_measured_acc
     np.testing.assert_allclose((a.mean(axis=1) - known.acceleration_mean) / known.acceleration, 0, atol=0.05)
     velocities = np.vstack([np.diff(t.states[:, 3:], axis=0) for t in runs()])
     np.testing.assert_allclose(known.acceleration, velocities.std(axis=0), rtol=0.02)
+
+
+STEP = 1e-6
+
+
+def check_gradients(loss: Callable[[], torch.Tensor], parameters: Iterable[torch.Tensor]) -> None:
+    """Fails unless the gradient of ``loss`` by the middle entry of each of ``parameters`` is that by central
+    differences."""
+    chosen = list(parameters)
+    assert chosen
+    loss().backward()
+    for parameter in chosen:
+        at = tuple(s // 2 for s in parameter.shape)
+        assert parameter.grad is not None
+        gradient = parameter.grad[at].item()
+        with torch.no_grad():
+            parameter[at] += STEP
+            up = loss().item()
+            parameter[at] -= 2 * STEP
+            down = loss().item()
+            parameter[at] += STEP
+        assert gradient == pytest.approx((up - down) / (2 * STEP), rel=1e-4, abs=1e-7)
 
 
 @pytest.mark.parametrize(("kind", "initial"), [*((kind, 0) for kind in KINDS), ("fnn", 2), ("rnn-window", 4)])
