@@ -60,11 +60,18 @@ BAD = {
         "--window -3", "--fix Z_z | Z_z", "--without sails", "--sigma 1,2", "--loss absolute", "--run-weight 0",
         "--run-weight 0.5 --sigma 1,1,1,1,1,1 | --sigma", "--captive nowhere.csv | nowhere", "--captive-sigma 1,1,1",
         "--no-such-option", "--validate --out new | --validate",
+        "--per-run tide | tide", "--per-run current:z | 'z'", "--per-run current:x=9 | x=9",
+        "--per-run current --per-run current:x | current", "--per-run current --with current | current",
+        "--with disturbance | disturbance", "--per-run rudder_lag | rudder_lag",
         "--name ../x | --name", "--name a/b | --name", "--out taken", "--out nothing.csv/run |",
     ],
     "fit": [
         "nobody trials", "unknown.toml trials | Y_vvvv", "reversed.toml trials | below", "broken.toml trials | TOML",
         "esso_osaka_3m furlong.csv | furlong", "esso_osaka_3m empty | empty",
+    ],
+    "select esso_osaka_3m trials": [
+        "--objective luck", "--optimizer cmaes | --optimizer is gone", "--seeds 2", "--objective paper --seeds 0",
+        "--workers 0 | --workers 0",
     ],
     "predict esso_osaka_3m short.csv": ["--window 500 --stride 10 | --window", "--window nan"],
     "train esso_osaka_3m trials": [

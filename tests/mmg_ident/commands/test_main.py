@@ -17,9 +17,9 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import write_trial
 from fitting.solvers.control import INTERRUPTED, OBSERVER, interrupts_noted
 from mmg_ident.commands.main import expand, main
-from tests.fitting.nlp.test_captive import points, write
 from tests.support import calibrated
 from tests.support.commands import refusal, shown
+from tests.support.fit_problems import points, write_points
 from tests.support.synthetic_runs import coarse_runs, runs
 from tests.support.trial_files import motion_columns, write_csv, write_trials
 
@@ -239,7 +239,7 @@ UNITS = "u [m/s],v [m/s],r [rad/s],n [rps],delta [deg],X [N],Y [N],N [N m]"
 def test_captive_points_and_a_robust_loss_go_into_the_run(tmp_path: Path) -> None:
     """The first 80 s of three training trials with positions, and captive points of the same ship."""
     write_trials(tmp_path / "train", [trial[:80.0] for trial in runs()[0][:3]])
-    write(tmp_path / "tank.csv", UNITS, points(hidden_ship(), 1.0))
+    write_points(tmp_path / "tank.csv", UNITS, points(hidden_ship(), 1.0))
     captive = ("--captive", tmp_path / "tank.csv", "--captive-sigma", "0.5,0.5,0.3")
     assert main(fit(tmp_path, tmp_path / "run", *captive, "--loss", "student", "--starts", "2")) == 0
     result = result_of(tmp_path / "run")

@@ -1,4 +1,5 @@
-"""The compiled kernel of shooting intervals gives the numbers of the portable path for any ship, and is tried first."""
+"""Compiled kernels give the numbers of the portable ways for any ship, and are tried first: shooting intervals, the
+elimination of nodes, sums by group."""
 
 from __future__ import annotations
 
@@ -12,12 +13,18 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
-from fitting.nlp.shooting import Kernels, SampleCost, Shooting
+from fitting.nlp.fisher_information import Eliminated, Quadratics
+from fitting.nlp.prior import group_sums
+from fitting.nlp.problem import Problem
+from fitting.nlp.shooting import Kernels, SampleCost, Shooting, elimination
+from fitting.solvers.condensing import carried, gauss_newton
 from mmg.compile.batch import batch_functions
 from mmg.compile.cache import compiler
-from mmg.compile.intervals import Lanes
 from mmg.model import Model, assemble
 from mmg.ship import Ship
+from tests.support.fit_problems import with_constants
+from tests.support.quick import first_quick
+from tests.support.synthetic_runs import problem
 from tests.support.wrong_compiler import use_wrong_compiler
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -30,6 +37,11 @@ SHIPS = {
     "twin rudders": lambda: load_ship("vectwin_3m"),
     "depends on its position": lambda: load_ship("kvlcc2_l7").with_effect("bank"),
 }
+
+
+def assert_same(ours: np.ndarray, theirs: np.ndarray, rtol: float = 1e-11) -> None:
+    assert np.isfinite(theirs).all() and np.abs(theirs).max() > 0
+    np.testing.assert_allclose(ours, theirs, rtol=rtol, atol=1e-12 * np.abs(theirs).max())
 
 
 def case(ship: Ship, seed: int = 0) -> tuple[Kernels, tuple, tuple]:
@@ -63,31 +75,24 @@ LONGEST = ("twin rudders", "lags of instruments and of the hull")  # 12 to 20 s 
 def test_kernel_and_portable_path_agree(ship: str) -> None:
     kernels, held, (start, theta, cost, weight) = case(SHIPS[ship]())
     assert kernels.interval is not None
-    compiled, portable = (Shooting(way, *held) for way in (kernels.interval, kernels.portable))
-    every = start, theta, cost, weight
+    ways = compiled, portable = [Shooting(way, *held) for way in (kernels.interval, kernels.portable)]
+    diagonal = SampleCost(cost.pull, np.where(np.arange(kernels.S)[:, None] == 4, cost.pull, 0.0))  # of few samples
     pairs = [
         *zip(compiled.values(start, theta), portable.values(start, theta), strict=True),
         *zip(compiled.linearise(start, theta, cost.pull), portable.linearise(start, theta, cost.pull), strict=True),
     ]
-    for ours, theirs in (
-        tuple(way.hessian(start, theta, cost, by_window=True) for way in (compiled, portable)),
-        *((compiled.hessian(*every, middle), portable.hessian(*every, middle)) for middle in (False, True)),
+    if ship not in LONGEST:
+        pairs.append([way.gradient(start, theta, cost.pull, weight) for way in ways])
+    for more, options in (
+        ((cost,), {"by_window": True}),
+        ((cost, weight, False), {}),
+        ((cost, weight, True), {}),
+        ((diagonal, weight), {}),
     ):
-        pairs += [(getattr(ours, name), getattr(theirs, name)) for name in ("ends", "slope", "rows", "shared")]
+        curved = [way.hessian(start, theta, *more, **options) for way in ways]
+        pairs += [[getattr(one, name) for one in curved] for name in ("ends", "slope", "rows", "shared")]
     for ours, theirs in pairs:
-        assert np.isfinite(theirs).all() and np.abs(theirs).max() > 0
-        np.testing.assert_allclose(ours, theirs, rtol=1e-11, atol=1e-12 * np.abs(theirs).max())
-
-
-@pytest.mark.slow
-def test_a_weight_on_few_samples_is_the_same_with_and_without_the_other_rows() -> None:
-    kernels, held, (start, theta, cost, weight) = case(load_ship("esso_osaka_3m"))
-    diagonal = SampleCost(cost.pull, np.where(np.arange(kernels.S)[:, None] == 4, cost.pull, 0.0))
-    assert kernels.interval is not None
-    ways = kernels.interval, kernels.portable
-    found = [Shooting(way, *held).hessian(start, theta, diagonal, weight) for way in ways]
-    for ours, theirs in ([c.shared for c in found], [c.rows for c in found]):
-        np.testing.assert_allclose(ours, theirs, rtol=1e-11, atol=1e-12 * np.abs(theirs).max())
+        assert_same(ours, theirs)
 
 
 @pytest.mark.slow
@@ -105,18 +110,6 @@ def test_second_derivatives_in_the_middle_of_steps_tend_to_those_of_the_stages()
         away.append(np.linalg.norm(middle.rows - stages.rows, axis=(1, 2)) / np.linalg.norm(stages.rows, axis=(1, 2)))
         assert np.linalg.norm(middle.shared - stages.shared) < 0.01 * np.linalg.norm(stages.shared)
     np.testing.assert_allclose([np.median(away[k] / away[k + 1]) for k in (0, 1)], 4, rtol=0.01)
-
-
-def test_every_interval_is_calculated_once_and_each_window_in_one_share() -> None:
-    rng = np.random.default_rng(1)
-    window = np.sort(rng.integers(0, 40, 500))
-    steps = rng.integers(1, 6, 500)
-    lanes = Lanes.of(steps, np.zeros((5, 1, 500)), 0.1, np.zeros(500, dtype=int), window)
-    assert sorted(lanes.interval[lanes.slot >= 0]) == list(range(500))
-    assert (lanes.steps[lanes.slot < 0] == 0).all()
-    np.testing.assert_array_equal(lanes.interval[lanes.position], np.arange(500))
-    seen = [set(lanes.slot[8 * a : 8 * b]) - {-1} for a, b in lanes.shares]
-    assert len(seen) > 1 and sum(map(len, seen)) == len(set(window))
 
 
 def small_model(change: Callable[[ca.SX], ca.SX]) -> Model:
@@ -142,9 +135,15 @@ def partly(u: ca.SX) -> ca.SX:
 
 
 @pytest.mark.slow
-def test_where_the_equations_have_no_value_the_compiler_is_not_blamed() -> None:
-    kernels = Kernels(small_model(partly), np.arange(3))
+@pytest.mark.parametrize("law", [partly, lambda u: ca.sqrt(-1 - u * u)], ids=["partly", "nowhere"])
+def test_where_the_equations_have_no_value_the_code_is_used_and_no_compiler_is_blamed(
+    law: Callable[[ca.SX], ca.SX],
+) -> None:
+    kernels = Kernels(small_model(law), np.arange(3))
     assert kernels.interval is not None and not kernels.interpreted_because
+    q = ca.SX.sym("q")
+    (batch,), reason = batch_functions([ca.Function("nothing", [q], [law(q)])])
+    assert batch.library is not None and not reason
 
 
 @pytest.mark.slow
@@ -168,10 +167,38 @@ def test_wrong_code_of_a_compiler_is_found_also_beside_points_without_a_value_an
     assert float(re.findall(r"by ([0-9.e+-]+),", kernels.interpreted_because)[0]) > 1e-9
 
 
-@pytest.mark.slow
-def test_code_that_cannot_be_compared_is_used_and_no_compiler_is_blamed() -> None:
-    q = ca.SX.sym("q")
-    (batch,), reason = batch_functions([ca.Function("nothing", [q], [ca.sqrt(-1 - q * q)])])
-    kernels = Kernels(small_model(lambda u: ca.sqrt(-1 - u * u)), np.arange(3))
-    assert batch.library is not None and kernels.interval is not None
-    assert not reason and not kernels.interpreted_because
+PROBLEMS = {"plain": problem, "one interval": lambda: problem(200), "runs": lambda: with_constants(7, True)}
+
+
+@pytest.mark.parametrize("kind", first_quick(PROBLEMS))
+def test_nodes_are_eliminated_and_steps_carried_as_in_numpy(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    p: Problem = PROBLEMS[kind]()
+    x = p.start(0.1 * np.random.default_rng(1).normal(size=p.P))
+    parts, columns = Quadratics.of(p, x), p.columns
+    assert elimination(True) is not None
+    ours, theirs = (Eliminated.of(p.segments, parts, elimination(way)) for way in (True, False))
+    names = ("rows", "slope", "ahead", "pull")[: 3 if kind == "one interval" else 4]  # no defect that pulls there
+    pairs = [(getattr(ours, name), getattr(theirs, name)) for name in names]
+    pairs.append(tuple(e.shared_by_window(p.segments) for e in (ours, theirs)))
+    pairs.append(tuple(e.shared_by_group(columns.interval, columns.groups) for e in (ours, theirs)))
+    sub, rng, W = gauss_newton(p, x), np.random.default_rng(2), len(p.segments.run)
+    step = sub.maps, sub.off, rng.normal(size=(W, p.S)), rng.normal(size=(W, p.L))
+    compiled = carried(p, *step)
+    monkeypatch.setattr(Kernels, "elimination", None)
+    for one, other in [*pairs, (compiled, carried(p, *step))]:
+        assert_same(one, other, rtol=1e-9)
+
+
+# Sums by group are those of ``numpy.add.at`` to the last bit: what a fit ends at hangs on it in the fifth digit
+@pytest.mark.parametrize("shape", [(), (1, 1), (3,), (9, 72), (62, 62)])
+@pytest.mark.parametrize(("rows", "groups"), [(0, 3), (1, 1), (104, 26), (104, 400)])
+@pytest.mark.parametrize("in_order", [True, False])
+def test_sums_are_those_of_add_at(shape: tuple[int, ...], rows: int, groups: int, in_order: bool) -> None:
+    rng = np.random.default_rng(rows)
+    group = rng.integers(0, groups, rows)
+    group = np.sort(group) if in_order else group
+    values, expected = rng.standard_normal((rows, *shape)), np.zeros((groups, *shape))
+    np.add.at(expected, group, values)
+    for given in (values, np.asfortranarray(values)):
+        found = group_sums(group, given, groups)
+        assert found.shape == expected.shape and np.array_equal(found, expected)
