@@ -22,7 +22,7 @@ from fitting.solvers.solve import Solution, solve
 from fitting.uncertainty.refits import LIMIT, bootstrap, drawn_runs, profiles, refit, reweighted
 from fitting.uncertainty.sandwich import changes_without_each, robust
 from tests.support.calibrated import FREE, small_result
-from tests.support.disturbed_trials import Disturbed, disturbed_trials, drawn_ship, process
+from tests.support.disturbed_trials import process
 from tests.support.synthetic_runs import SIGMA, kernel, runs
 
 SYMBOLS = ("Y_v", "N_v", "N_r", "C_D", "k_x", "X_0F")
@@ -63,16 +63,14 @@ def covered(windows: int, per_run: int, P: int, inflation: float, shared: float 
     return float(np.mean(ours)), float(np.mean(theirs))
 
 
-@pytest.mark.parametrize("inflation", [1.0, 4.0, 16.0])
-@pytest.mark.parametrize(("windows", "per_run"), [(12, 3), (24, 3), (60, 5)])
+@pytest.mark.parametrize("inflation", [1.0, 16.0])
+@pytest.mark.parametrize(("windows", "per_run"), [(12, 3), (60, 5)])
 def test_intervals_hold_whatever_the_noise_is_like(inflation: float, windows: int, per_run: int) -> None:
     ours, theirs = covered(windows, per_run, 12, inflation)
     assert 0.9 <= ours <= 0.995
     assert inflation < 4 or theirs < 0.86
-
-
-def test_intervals_hold_when_windows_of_a_run_err_together() -> None:
-    assert covered(48, 6, 8, 4.0, shared=0.8)[0] >= 0.88
+    if windows < 60:  # also where windows of a run err together
+        assert covered(48, 6, 8, 4.0, shared=0.8)[0] >= 0.88
 
 
 def test_it_is_the_model_based_one_with_many_clusters_and_honest_noise_and_never_narrower_with_few() -> None:
@@ -84,7 +82,7 @@ def test_it_is_the_model_based_one_with_many_clusters_and_honest_noise_and_never
         assert (np.diag(found.covariance) > (1 - 1e-9) * np.diag(found.model)).all()
 
 
-def test_a_coefficient_that_nothing_excites_keeps_its_prior() -> None:
+def test_a_coefficient_that_nothing_excites_keeps_its_prior_and_broken_numbers_are_answers_not_errors() -> None:
     info, _ = linear(20, 4, 5, 4.0, 1)
     for part in (info.fisher, np.swapaxes(info.fisher, 1, 2), info.score, info.p, info.prior_score):
         part[..., 4] = 0
@@ -92,11 +90,8 @@ def test_a_coefficient_that_nothing_excites_keeps_its_prior() -> None:
     assert found.covariance[4, 4] == pytest.approx(1.0)
     np.testing.assert_allclose(found.covariance[4, :4], 0, atol=1e-12)
     assert (np.linalg.eigvalsh(found.covariance) > 0).all()
-
-
-def test_one_window_and_broken_numbers_are_answers_not_errors() -> None:
     info, _ = linear(1, 1, 4, 1.0, 0)
-    np.testing.assert_allclose(robust(info).covariance, robust(info).model)
+    np.testing.assert_allclose(robust(info).covariance, robust(info).model)  # one window
     info.score[0, 0] = np.nan
     assert np.isnan(robust(info).covariance).all()
 
@@ -186,24 +181,6 @@ def test_the_process_has_its_size_and_memory() -> None:
     assert np.mean(d[:-50] * d[50:]) == pytest.approx(np.exp(-1.0), abs=0.06)
 
 
-def test_a_drawn_ship_lies_within_its_bounds_and_spreads_like_the_prior() -> None:
-    prior = Prior.of(load_ship("esso_osaka_3m"))
-    rows = [drawn_ship(load_ship("esso_osaka_3m"), seed).coefficients for seed in range(20)]
-    values = np.array([[row[s].value for s in prior.symbols] for row in rows])
-    assert ((prior.lower < values) & (values < prior.upper)).all()
-    assert ((values - prior.mean) / prior.std).std() == pytest.approx(1.0, abs=0.1)
-
-
-def test_forces_and_defects_show_in_the_logged_columns() -> None:
-    ship = load_ship("esso_osaka_3m")
-    calm = Disturbed(X=1e-9, Y=1e-9, N=1e-9, defects=())
-    ways = (calm, calm, Disturbed(defects=()), Disturbed(X=1e-9, Y=1e-9, N=1e-9))
-    clean, again, *worse = (disturbed_trials(ship, [("turning:35", 60.0)], 1, how)[0] for how in ways)
-    for bad in worse:
-        assert np.hypot(bad["x"] - clean["x"], bad["y"] - clean["y"]).max() > 5 * calm.noise.x
-    np.testing.assert_array_equal(again["u"], clean["u"])
-
-
 @pytest.mark.longest
 @pytest.mark.slow
 def test_pooled_coverage_of_95_percent_intervals_is_90_to_98_percent() -> None:
@@ -229,6 +206,8 @@ def test_a_calibration_says_what_it_left_out_and_what_that_was_worth(tmp_path) -
     assert kept.whole is broken
     settings, options = Settings(passes=2, compiled=False), FitOptions(next_trial=False, instruments=())
     result = calibrate(start, [kept], held_out[-1:], settings, options)
+    whole = small_result()
+    assert whole.left_out is None and not [m for m in whole.warnings if m.code == "left_out_worth"]
     worth = result.left_out
     assert worth is not None and list(worth["trials"]) == [broken.name] and 7.0 < worth["seconds"] < 13.0
     errors = worth["scores"]["training"]["window"]
@@ -238,9 +217,3 @@ def test_a_calibration_says_what_it_left_out_and_what_that_was_worth(tmp_path) -
     assert "30 s" in message and broken.name not in message
     assert read_fit(result.save(tmp_path / "run").folder).left_out == worth
     assert broken.name in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-
-
-@pytest.mark.slow
-def test_a_calibration_of_whole_trials_has_nothing_to_say() -> None:
-    assert small_result().left_out is None
-    assert not [m for m in small_result().warnings if m.code == "left_out_worth"]
