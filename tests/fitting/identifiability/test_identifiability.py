@@ -1,4 +1,5 @@
-"""Verdicts on coefficients against cases whose answer is known, and predictions of new trials against new fits."""
+"""Verdicts on coefficients against cases whose answer is known, predictions of new trials against new fits, and what
+does not belong into a calibration."""
 
 from __future__ import annotations
 
@@ -6,13 +7,13 @@ import itertools
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.gusts import Wind
 from cases.simulation.simulate import SensorNoise, add_noise, simulate
@@ -30,13 +31,18 @@ from fitting.identifiability.analysis import (
     implausible,
     verdict,
 )
+from fitting.identifiability.data_checks import contradictions, refuse_outliers, unexcited_astern
 from fitting.nlp.problem import Prior
+from fitting.nlp.windows import cut
 from fitting.report.plots import profile_plot
 from fitting.report.sections import identifiability_section
-from fitting.settings import Settings
-from tests.fitting.report.test_report import EVIL, report, run_folder
+from fitting.settings import Settings, Start
+from fitting.solvers.solve import disagreement
+from mmg.errors import TooFewData, UserError
 from tests.support.calibrated import small_result
+from tests.support.synthetic_runs import runs
 
+ESSO = load_ship("esso_osaka_3m")
 SIGMA = (0.05, 0.05, 0.01, 0.01, 0.01, 0.003)
 FREE = ("X_0F", "Y_v", "N_r", "k_0", "t_P", "a_H", "ell_R", "gamma_P", "gamma_N", "X_0A", "Y_A1")
 RUDDER = ("a_H", "ell_R", "gamma_P", "gamma_N")
@@ -48,14 +54,12 @@ def prior_of(*symbols: str, mean: float = 1.0, std: float = 0.2) -> Prior:
 
 
 def trial(text: str, duration: float, seed: int = 0, wind: Wind | None = None) -> Trial:
-    ship = load_ship("esso_osaka_3m")
-    clean = simulate(ship, parse_maneuver(text, ship, duration=duration), 0.5, wind, seed)
+    clean = simulate(ESSO, parse_maneuver(text, ESSO, duration=duration), 0.5, wind, seed)
     return add_noise(clean, SensorNoise.for_length(3.0), seed)
 
 
 def fitted(trials: list[Trial]) -> Calibration:
-    ship = load_ship("esso_osaka_3m")
-    start = ship.fixing([s for s in ship.symbols if s not in FREE])
+    start = ESSO.fixing([s for s in ESSO.symbols if s not in FREE])
     return estimate_coefficients(start, trials, Settings(sigma=SIGMA, step=1.0))
 
 
@@ -146,6 +150,7 @@ def test_the_recommended_trial_does_what_was_predicted() -> None:
     assert believed.worth == pytest.approx(1.0)
     k = scored.options.index(option)
     run = trial(option.maneuver, 300.0, 7, option.wind)
+    assert "rudder movement" in fisher(calibration, [run], run.duration)[1][0]
     again = fitted([trial("acceleration", 120.0), trial("acceleration", 80.0, 1), run])
     fell = np.sqrt(np.diag(again.covariance_model) / np.diag(calibration.covariance_model))
     np.testing.assert_allclose(fell, np.sqrt(believed.left[0]), rtol=0.1)
@@ -182,18 +187,6 @@ def test_runs_count_for_less_where_the_residuals_prove_to_be_correlated() -> Non
 
 
 @pytest.mark.slow
-def test_information_of_a_run_is_that_of_the_fit_to_it() -> None:
-    """The covariance of a fit to one run is that of the information predicted for that run."""
-    ship = load_ship("esso_osaka_3m")
-    run = simulate(ship, parse_maneuver("zigzag:20/20", ship, duration=200.0), 1.0)
-    calibration = fitted([run])
-    F, seen = fisher(calibration, [run], run.duration)
-    predicted = np.linalg.inv(F[0] + np.eye(len(FREE)))
-    np.testing.assert_allclose(np.diag(predicted), np.diag(calibration.covariance_model), rtol=0.05)
-    assert {"rudder movement", "turning"} <= seen[0] and not {"wind", "sternway"} & seen[0]
-
-
-@pytest.mark.slow
 def test_nothing_helps_a_coefficient_that_no_trial_excites() -> None:
     calibration, found, _ = nearly_straight()
     only = next_trial(calibration, [Option("straight", "straight"), Option("fails", "turning:35", speed=99.0)])
@@ -222,35 +215,18 @@ def test_values_outside_their_physical_range_are_named() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("code", ["far_from_prior", "implausible", "added_mass_far_from_prior"])
-def test_a_coefficient_far_from_its_prior_leads_to_what_the_trials_hide(code: str) -> None:
+def test_a_coefficient_far_from_its_prior_leads_to_what_the_trials_hide_and_never_to_a_narrower_prior() -> None:
     calibration = small_result().calibration
     assert calibration is not None
     p = np.array([12.0, -5.0])  # a hull that pushes, and an added mass far off
     prior = replace(prior_of("Y_v", "m_y"), mean=np.array([-0.3, 0.25]), std=np.array([0.1, 0.02]))
     warnings = estimate_warnings(SimpleNamespace(prior=prior), calibration.solution, p, [])  # type: ignore[arg-type]
-    (said,) = [m for m in warnings if m.code == code]
-    for remedy in ("mmg diagnose", "--with current", "--with antenna_offset", "reference_point", "inputs"):
-        assert remedy in said
-    assert "narrow" not in said and "tighter" not in said
-
-
-def test_no_verdict_asks_for_a_narrower_prior() -> None:
-    for share, kind, words in itertools.product((0.05, 0.9, 3.0), KINDS, (verdict, cause)):
-        told = words(CoefficientFinding("a", kind, share, 0.9, shift=4.0))
+    said = {m.code: str(m) for m in warnings}
+    for code in ("far_from_prior", "implausible", "added_mass_far_from_prior"):
+        assert "mmg diagnose" in said[code] and "narrow" not in said[code], code
+    for kind, words in itertools.product(KINDS, (verdict, cause)):
+        told = words(CoefficientFinding("a", kind, 0.9, 0.9, shift=4.0))
         assert "narrow" not in told and ("mmg diagnose" in told) == (kind == "strained")
-
-
-@pytest.mark.slow
-def test_the_report_shows_and_escapes_the_section(tmp_path: Path) -> None:
-    _, found, scored = nearly_straight()
-    content = identifiability_dict(found, scored)
-    content["coefficients"]["Y_v"]["cause"] = content["next_trial"]["plan"][0]["name"] = EVIL
-    page = report(run_folder(tmp_path / "run", identifiability=content))
-    assert "<script" not in page and page.count("&lt;script") == 2
-    assert "not excited" in page and "Condition" in page
-    bare: dict = {"coefficients": {"a_H": {}}, "counts": {}}
-    assert "Condition" in report(run_folder(tmp_path / "bare", identifiability=bare))
 
 
 def test_the_section_names_what_each_trial_would_help_and_bears_missing_keys() -> None:
@@ -273,3 +249,92 @@ def test_a_profile_row_is_drawn_about_its_minimum_in_dispersions() -> None:
     parabola = dict(zip(*drawn.get_lines()[1].get_data(), strict=True))
     assert parabola[1.0] == pytest.approx(2.0)
     assert drawn.get_xlabel() == "Y_v [-]"
+
+
+# Trials and priors that do not belong into a calibration are named
+FAST = Settings(passes=2)
+NOISE = vars(SensorNoise.for_length(3.0))
+
+
+def scrambled(trial: Trial) -> Trial:
+    """Every sample an outlier."""
+    rng = np.random.default_rng(0)
+    sizes = {"x": 3.0, "y": 3.0, "psi": 0.3, "u": 0.2, "v": 0.1, "r": 0.05}
+    return trial.with_columns(**{s: trial[s] + size * rng.normal(size=len(trial)) for s, size in sizes.items()})
+
+
+def foreign(trial: Trial) -> Trial:
+    """A run of another ship under the same name: one that turns the other way and much faster."""
+    other = ESSO.with_values({s: k * ESSO.coefficients[s].value for s, k in (("N_r", 0.2), ("Y_v", 0.3), ("k_0", 1.5))})
+    plan = parse_maneuver("zigzag:20/20", ESSO, n=10.0, duration=120.0)
+    run = add_noise(simulate(other, plan, 0.1, None, 1), SensorNoise.for_length(3.0), 1)
+    return Trial(trial.name, {**run.columns, "delta": -run["delta"]})
+
+
+def named(trials: list[Trial]) -> list[str]:
+    return [w for w in estimate_coefficients(ESSO, trials, FAST).warnings if "leave it out" in w]
+
+
+@pytest.mark.slow
+def test_runs_that_belong_are_not_named() -> None:
+    assert named(list(runs()[0])) == []
+
+
+def test_a_run_that_is_all_outliers_is_refused_by_name_before_the_fit() -> None:
+    trials = list(runs()[0])
+    bad = replace(scrambled(trials[4]), name="spoilt")
+    with pytest.raises(UserError, match=r"^spoilt \(\d+"):
+        estimate_coefficients(ESSO, [*trials[:4], bad, *trials[5:]], FAST)
+    refuse_outliers(trials, 1.0)
+    refuse_outliers([bad, trials[0]], 1.0)  # two runs: nobody knows which
+
+
+@pytest.mark.slow
+def test_a_run_whose_residuals_are_white_is_called_outliers() -> None:
+    trials = list(runs()[0])
+    rng = np.random.default_rng(1)
+    noisy = {name: trials[4][name] + 7 * sd * rng.normal(size=len(trials[4])) for name, sd in NOISE.items()}
+    mild = replace(trials[4].with_columns(**noisy), name="noisy")
+    words = [w for w in estimate_coefficients(ESSO, [*trials[:4], mild, *trials[5:]], FAST).warnings if "noisy" in w]
+    assert len(words) == 1
+
+
+@pytest.mark.longest
+@pytest.mark.slow
+def test_a_run_of_another_ship_is_named_as_such() -> None:
+    trials = list(runs()[0])[:4]
+    words = named([*trials, replace(foreign(trials[0]), name="stranger")])
+    assert len(words) == 1
+
+
+def test_astern_coefficients_without_astern_motion_are_named_or_alone_refused_also_with_an_instrument() -> None:
+    ahead = [t for t in runs()[0] if t["u"].min() > 0.05 and t["n"].min() >= 0]
+    assert ahead
+    astern = ("A_5", "B_5", "C_6", "C_7", "A_6")
+    segments = cut(ahead, 1.0, 50.0, 5)
+    only = ESSO.fixing([s for s in ESSO.symbols if s not in astern])
+    for alone in (only, freeing_effects(only, ["velocity_filter"])):
+        with pytest.raises(TooFewData, match="A_5, A_6, B_5"):
+            unexcited_astern(alone, ahead, cut(ahead, 1.0, 50.0, 5, inputs=alone.inputs))
+    words = unexcited_astern(ESSO, ahead, segments)
+    assert len(words) == 1 and all(s in words[0] for s in astern)
+    assert not any(s in words[0].split(":")[0].split(", ") for s in ("Y_v", "N_r", "k_0", "X_0F", "ell_R"))
+
+
+def test_priors_that_contradict_themselves_are_said() -> None:
+    prior = Prior.of(ESSO)
+    assert contradictions(prior) == []
+    is_Y_v = np.array(prior.symbols) == "Y_v"
+    lower = np.where(is_Y_v, prior.mean + 4 * prior.std, prior.lower)
+    words = contradictions(replace(prior, lower=lower, upper=np.maximum(prior.upper, lower + prior.std)))
+    assert len(words) == 1 and words[0].startswith("Y_v") and "4.0" in words[0]
+    with pytest.raises(UserError, match="Y_v"):
+        contradictions(replace(prior, std=np.where(is_Y_v, 0.0, prior.std)))
+
+
+def test_starts_that_disagree_say_how_far() -> None:
+    starts = [Start(0, 100.0, True, 0.0), Start(1, 130.0, True, 2.5, True, {"Y_v": -2.5, "N_r": 0.4}),
+              Start(2, 1e9, False, 9.0)]  # fmt: skip
+    words = disagreement(starts, 100.0)
+    assert len(words) == 2 and "100" in words[0] and "Y_v by 2.5, N_r by 0.4" in words[0]
+    assert disagreement(starts[:1], 100.0) == []
