@@ -115,7 +115,7 @@ def test_a_physical_ship_is_stable_and_one_that_pushes_itself_is_not() -> None:
 
 @pytest.mark.longest
 @pytest.mark.slow
-def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(tmp_path: Path) -> None:
+def test_the_choice_has_less_error_than_the_start_and_thins_out() -> None:
     """From a ship whose coefficients are off, the polynomial learns from trials; the table has all that was tried."""
     runs = harbour(4, 200.0)
     wrong = ESSO.with_values({"Y_v": -0.2, "N_v": -0.08, "t_P": 0.4, "C_D": 0.6})
@@ -131,15 +131,6 @@ def test_the_choice_has_less_error_than_the_start_thins_out_and_is_a_whole_run(t
     assert choice.stability.sequences == 1000
     best = min(row.validation for row in rows.values())
     assert rows[choice.chosen].validation <= 1.02 * best or rows[choice.chosen].stable == 1000
-
-    def beside(folder: Path) -> None:
-        (folder / "selection.json").write_text(json.dumps(choice.to_dict()))
-
-    saved = choice.result.save(tmp_path / "run", attach=beside)
-    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-    assert all(f"<td>{name}</td>" in page or f"<b>{name}</b>" in page for name in rows)
-    assert f"{choice.test['chosen']:.3g}" in page
-    assert saved.folder is not None and load_ship(tmp_path / "run").monomials == choice.result.ship.monomials
 
 
 @pytest.mark.slow
