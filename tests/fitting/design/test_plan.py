@@ -122,18 +122,15 @@ def test_a_short_manoeuvre_is_repeated_with_way_between(ship: Ship) -> None:
     assert repetitions(lasting(100.0, u), 100.0, ship) == 1 and repetitions(lasting(10.0, 0.0), 200.0, ship) == 1
 
 
-def test_a_ship_with_a_diesel_engine_does_not_reverse(ship: Ship) -> None:
+def test_a_ship_with_a_diesel_engine_does_not_reverse_and_a_towing_tank_has_no_wind(ship: Ship) -> None:
+    assert not any(option.wind for option in library(load_ship("esso_osaka_3m"), wind=False))
+
     def task(model: Ship) -> PlanTask:
         return PlanTask(Wish("9000x9000", 600.0), Area.parse("9000x9000", model), 0.4, np.zeros((1, 1)))
 
     assert task(ship).reversible(ship)
     full = load_ship("kvlcc2_full")
     assert not task(full).reversible(full)
-
-
-def test_a_towing_tank_is_given_no_trial_in_wind() -> None:
-    ship = load_ship("esso_osaka_3m")
-    assert not any(option.wind for option in library(ship, wind=False))
 
 
 # The windows that are chosen tell more than as many others
@@ -147,13 +144,10 @@ def found(seed: int = 0) -> Innovations:
                        np.arange(24) % 6)  # fmt: skip
 
 
-def test_a_rare_manoeuvre_is_chosen_first() -> None:
+def test_a_rare_manoeuvre_is_chosen_one_moved_by_something_else_is_not_and_all_tell_more_than_random_ones() -> None:
     choice = choose_windows(found(), 3)
     assert set(choice.windows) & {5, 16, 30}
     assert list(choice.gains) == sorted(choice.gains, reverse=True)
-
-
-def test_chosen_windows_tell_more_than_random_ones() -> None:
     data = found(1)
     choice, (numbers, information) = choose_windows(data, 6), window_information(data)
     rng = np.random.default_rng(0)
@@ -161,9 +155,6 @@ def test_chosen_windows_tell_more_than_random_ones() -> None:
         chance = rng.choice(len(numbers), 6, replace=False)
         assert sum(choice.gains) > np.linalg.slogdet(np.eye(3) + information[chance].sum(axis=0))[1]
     assert sum(choice.gains) < choice.all
-
-
-def test_a_window_that_was_moved_by_something_else_is_not_chosen() -> None:
     data = found(2)
     data.errors[20] += 100.0
     assert 10 not in window_information(data)[0]

@@ -203,10 +203,7 @@ def test_a_fit_from_files_stops_and_resumes(tmp_path: Path, capsys: pytest.Captu
     assert set(result["coefficients"]) == set(SHARED) == set(result["bootstrap"]["coefficients"])
     assert len(result["starts"]) == 3 and result["bootstrap"]["failed"] == [] == result["profiles"][0]["failures"]
     assert set(result["identifiability"]["coefficients"]) == set(SHARED)
-    for name in ("ship.toml", "start.toml"):
-        assert "current" not in (out / name).read_text()
-    page = (out / "report.html").read_text()
-    assert "current.x [m/s]" in page and "<td>zigzag</td>" in page
+    assert "current" not in (out / "ship.toml").read_text() + (out / "start.toml").read_text()
     assert main(["score", str(out), str(tmp_path / "trials")]) == 0
 
 
@@ -217,20 +214,6 @@ HULL = ("X_0F", "Y_v", "Y_r", "N_v", "N_r", "C_D", "X_vr")
 def prepared(ship: Ship, tank: Captive) -> tuple[CaptiveForces, np.ndarray, Prior]:
     free = np.array([ship.symbols.index(s) for s in ship.free])
     return CaptiveForces(assemble(ship), free, tank, compiled=False), free, Prior.of(ship)
-
-
-def test_derivatives_of_captive_points_agree_with_finite_differences() -> None:
-    forces, free, prior = prepared(ESSO, points(hidden_ship()))
-    theta, rng = ESSO.values, np.random.default_rng(0)
-    d = np.zeros(len(theta))
-    d[free] = rng.normal(size=len(free)) * prior.std
-    e = 1e-5
-    slope = (forces.cost(theta + e * d) - forces.cost(theta - e * d)) / (2 * e)
-    assert forces.gradient(theta) @ d[free] == pytest.approx(slope, rel=1e-6)
-    bent = (forces.gradient(theta + e * d) - forces.gradient(theta - e * d)) / (2 * e)
-    H = forces.hessian(theta)
-    np.testing.assert_allclose(H @ d[free], bent, atol=1e-6 * np.abs(bent).max())
-    np.testing.assert_allclose(H, H.T)
 
 
 def test_a_thruster_without_a_column_is_at_rest_and_twin_rudders_follow_one() -> None:

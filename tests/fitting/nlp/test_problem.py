@@ -103,16 +103,6 @@ def test_the_default_step_follows_froude_scaling() -> None:
     assert default_step([large], 300.0) / default_step([trial], 3.0) == pytest.approx(10, rel=0.01)
 
 
-def test_a_subset_of_windows_keeps_their_data() -> None:
-    seg = cut([make_trial()], 1.0, 50.0, 7)
-    part = seg.subset(np.array([1, 3]))
-    assert len(part.run) == 2
-    one = np.flatnonzero(part.window == 1)
-    same = np.flatnonzero(seg.window == 3)
-    np.testing.assert_array_equal(part.nodes[part.start[one]], seg.nodes[seg.start[same]])
-    np.testing.assert_array_equal(part.controls[:, :, one], seg.controls[:, :, same])
-
-
 # Multiple shooting: values, derivatives and optima
 def test_intervals_end_where_the_simulator_does_also_short_last_ones() -> None:
     p = problem(K=7)

@@ -6,29 +6,37 @@ import multiprocessing
 import os
 import pickle
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from cases.criteria.imo import imo_figures
 from cases.shipfiles.ship_file import load_ship
 from fitting.calibrate import calibrate
 from fitting.calibration import estimate_coefficients
-from fitting.design.plan import Area, PlanTask, SequenceFound, Wish, search_plan
+from fitting.design.plan import Area, PlanTask, Wish, search_plan
 from fitting.design.trial_information import Present, TrialInformation
 from fitting.nlp.prior import Prior
 from fitting.parallel import Shared, executors, kept_workers, listening, run_all, width, with_one_thread
-from fitting.prediction.figure_intervals import with_intervals
+from fitting.parallel import dask_cluster as module
+from fitting.parallel.dask_cluster import dask_cluster
+from fitting.parallel.executors import AHEAD
 from mmg.errors import UserError
 from mmg.progress import Progress
 from mmg.rollout import Simulator
+from mmg_ident.commands.main import main
+from tests.support.dask_processes import fails, noted, root_of, scheduler, worker
 
 PROCESS = 1e12  # More than this process holds [bytes]
 
@@ -179,19 +187,7 @@ def test_a_planned_trial_is_the_same_on_processes() -> None:
     wish, area = Wish("60x25", 60.0, rudder_limit=0.6, effort=0.05), Area.parse("60x25", ship)
     tasks = (PlanTask(replace(wish, workers=workers), area, 0.4, draws) for workers in (1, 2))
     one, two = (search_plan(info, present, task) for task in tasks)
-    for name in SequenceFound.__annotations__:
-        a, b = getattr(one, name), getattr(two, name)
-        assert np.array_equal(a, b) if isinstance(a, np.ndarray) else name == "rows" or a == b, name
     assert [(r.option, r.gain, r.fits) for r in one.rows] == [(r.option, r.gain, r.fits) for r in two.rows]
-
-
-@pytest.mark.longest
-@pytest.mark.slow
-def test_intervals_of_figures_are_the_same_on_processes() -> None:
-    ship = load_ship("esso_osaka_3m")
-    found = imo_figures(ship)
-    one, two = (with_intervals(found, ship, {}, 20, 0, None, workers) for workers in (1, 2))
-    assert one.rows == two.rows and any(row.interval_90 for row in one.rows)
 
 
 # Large arrays that follow each other take the memory of the ones before
@@ -254,3 +250,122 @@ def test_a_pool_whose_parent_is_killed_ends() -> None:
     while any(alive(pid) for pid in children) and time.monotonic() < until:
         time.sleep(0.1)
     assert not any(alive(pid) for pid in children)
+
+
+# Tasks on a Dask cluster: a real scheduler and real workers on loopback
+LIST = ("select", "esso_osaka_3m", "--list", "--scheduler")
+needs_dask = pytest.mark.skipif(find_spec("distributed") is None, reason="pip install 'mmg-ident[dask]'")
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    folder = tmp_path_factory.mktemp("dask")
+    with ExitStack() as stack:
+        found, _ = stack.enter_context(scheduler(folder))
+        for name in ("first", "second"):
+            stack.enter_context(worker(found, folder, name))
+        yield found
+
+
+@needs_dask
+@pytest.mark.slow
+def test_outcomes_are_those_of_this_process_in_the_order_of_the_tasks_and_an_exception_ends_its_list_alone(
+    address: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tasks, told = list(range(12)), []
+    inline = [root for root, _ in run_all(root_of, tasks)]
+    with dask_cluster(address) as cluster:
+        cluster.client.wait_for_workers(2, timeout=60)
+        assert width(1) == cluster.width == 2
+        found = run_all(root_of, tasks, each=lambda outcome: told.append(outcome[0]))
+        with pytest.raises(ZeroDivisionError, match="three"):
+            run_all(fails, list(range(8)))
+        assert run_all(fails, [1, 2]) == [1, 2]
+    assert [root for root, _ in found] == told == inline  # bit for bit
+    assert len({pid for _, pid in found} - {os.getpid()}) == 2  # the second worker did some, this process none
+    assert width(3) == 3
+    assert main([*LIST, address]) == 0 and f"of {address}" in capsys.readouterr().err
+
+
+@needs_dask
+@pytest.mark.slow
+def test_a_killed_worker_changes_nothing_but_the_tasks_it_had_and_a_killed_scheduler_is_one_line(
+    tmp_path: Path,
+) -> None:
+    marks, count = tmp_path / "marks", 12
+    marks.mkdir()
+    with ExitStack() as stack:
+        at, process = stack.enter_context(scheduler(tmp_path))
+        doomed = stack.enter_context(worker(at, tmp_path, "doomed"))
+        stack.enter_context(worker(at, tmp_path, "other"))
+        cluster = stack.enter_context(dask_cluster(at))
+        cluster.client.wait_for_workers(2, timeout=60)
+
+        def kill(outcome: int) -> None:
+            if outcome == 4:  # the third: both are at work
+                os.kill(doomed.pid, signal.SIGKILL)
+
+        found = run_all(noted, [(i, str(marks)) for i in range(count)], each=kill)
+        threading.Timer(1.0, process.kill).start()
+        for work in (lambda: run_all(root_of, list(range(10**4))), lambda: width(1)):  # also before a list is begun
+            with pytest.raises(UserError, match=at):
+                work()
+    begun = [int(path.name.split("_")[0]) for path in marks.iterdir()]
+    assert found == [i * i for i in range(count)]
+    assert set(begun) == set(range(count)) and len(begun) <= count + AHEAD + 1
+
+
+@needs_dask
+@pytest.mark.slow
+def test_an_absent_scheduler_one_without_workers_and_something_else_that_listens_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(module, "TIMEOUT", 1.0)
+    for wrong in ("tcp://127.0.0.1:1", "nothing", "foo://x:1"):
+        assert main([*LIST, wrong]) == 2
+        assert wrong in capsys.readouterr().err.strip().splitlines()[-1]
+    with scheduler(tmp_path) as (at, _), pytest.raises(UserError, match="1 s"):
+        dask_cluster(at).__enter__()
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # takes the connection and says nothing
+        at = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(UserError, match=f"--scheduler {at}"):
+            dask_cluster(at).__enter__()
+
+
+@needs_dask
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"workers": {"tcp://w": ImportError("no")}}, "tcp://w"),
+        ({"workers": {"tcp://w": "0.0.1"}}, "tcp://w"),
+        ({"python": "3.7.1"}, "tcp://w"),
+        ({"scheduler": "1.2"}, "1.2"),
+    ],
+)
+def test_other_versions_are_one_line(changed: dict, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    import distributed
+
+    monkeypatch.setattr(module.importlib.metadata, "version", lambda _: "9.9")
+    python = {"packages": {"python": "3.11.2.final.0"}}
+    client = SimpleNamespace(
+        wait_for_workers=lambda *_, **__: None,
+        get_versions=lambda: {
+            "scheduler": {"packages": {"distributed": changed.get("scheduler", distributed.__version__)}},
+            "client": python,
+            "workers": {"tcp://w": {"packages": {"python": changed.get("python", "3.11.9.final.0")}}},
+        },
+        run=lambda *_, **__: changed.get("workers", {"tcp://w": "9.9"}),
+    )
+    with pytest.raises(UserError, match=words):
+        module.check_workers(client, "tcp://s")
+
+
+@pytest.mark.slow
+def test_without_dask_a_line_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main([*LIST, "tcp://127.0.0.1:1", "--json"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--scheduler" in line and "mmg-ident[dask]" in line and line.endswith("[not_installed]")
