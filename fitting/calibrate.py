@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +46,7 @@ from fitting.result import FitResult
 from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_asked, with_values
 from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.settings import Settings, check_estimator
-from fitting.solvers.control import Made, left_out_message, make_in_turn
+from fitting.solvers.control import Control, Made, OutOfTimeError, left_out_message, make_in_turn
 from fitting.uncertainty.posterior import APART, sampled_posterior
 from fitting.uncertainty.refits import check_request, refit_rows
 from mmg.errors import Conflict, refusing
@@ -57,6 +58,16 @@ from mmg.ship import Ship
 if TYPE_CHECKING:
     from fitting.nlp.captive import Captive
     from fitting.selection.sisters import UncertainMean
+
+
+# What is said where a fit asks for what a filter does not know.
+ALONE = (
+    "the estimate is that of multiple shooting alone, and the usual suspects (antenna, current, compass, log, sampled "
+    "inputs) were not looked for: the filter that finds them knows no values by run, captive tests, profiles, refits "
+    "and held values; fit without these to see"
+)
+# Most of the limit of time that the second estimate may take, which comes first. Set by hand: both take about as long.
+SHARE = 0.5
 
 
 @refusing
@@ -96,11 +107,13 @@ class FitOptions:
     estimator: str = "both"
     second: Second | None = None
 
-    def asks_second(self, settings: Settings) -> bool:
+    @property
+    def asks_second(self) -> bool:
         """Whether the second estimator is asked: it knows no other data than trials, and refits, profiles and held
-        values are those of multiple shooting alone; settings: of the solver."""
-        asked = (self.captive, self.per_run, self.bootstrap, self.profile, self.hold)
-        return self.estimator == "both" and not any(asked) and settings.time_limit is None
+        values are those of multiple shooting alone."""
+        return self.estimator == "both" and not any(
+            (self.captive, self.per_run, self.bootstrap, self.profile, self.hold)
+        )
 
 
 @with_one_thread
@@ -130,15 +143,20 @@ def calibrate(
         LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
     made, other = Made(), None
     # the second estimate comes first: it tells what else is to be free, and how inputs are joined
-    if (second := options.second) and options.asks_second(settings):
+    limit = Control.within(settings.time_limit)
+    if (second := options.second) and options.asks_second:
         frees, along = tuple(options.instruments) != ("none",), options.surroundings
-        make_in_turn({"second estimate": lambda: second(given, trials, frees, along)}, made)
+        with Control.within(SHARE * limit.seconds).in_force():
+            make_in_turn({"second estimate": lambda: second(given, trials, frees, along)}, made)
         other = made.get("second estimate", SecondEstimate("interrupted"))
         ship, remarks = with_suspects(ship, other.suspects), [*remarks, *other.messages]
         if other.is_sampled:
             trials, validation = trials.sampled, TrialSet.of(validation).sampled
         options = replace(options, start={**other.of_suspects(), **options.start})
-    fit = _estimated(ship, trials, settings, options, made, progress)
+    elif second and options.estimator == "both":
+        rates.append(Message(ALONE, "two_estimates"))
+    with limit.in_force():
+        fit = _estimated(ship, trials, settings, options, made, progress)
     found = fit.calibration
     if options.prior_mean is not None:
         from fitting.selection.sisters import with_uncertain_mean  # late: only the ships of a fleet have sisters
@@ -246,7 +264,8 @@ def _estimated(
     if constants or "held" in warm:
         messages = () if "held" in warm else not_asked(found.trials, options.per_campaign)
         return CampaignFit(found, messages=messages)
-    make_in_turn({"values by campaign": lambda: by_campaign(found, options.per_campaign, progress)}, made)
+    with suppress(OutOfTimeError):
+        make_in_turn({"values by campaign": lambda: by_campaign(found, options.per_campaign, progress)}, made)
     fit = made.get("values by campaign", CampaignFit(found))
     if not fit.calibration.draft:
         return fit

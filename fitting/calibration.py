@@ -196,7 +196,7 @@ def prepared(
         raise OutOfRange(f"a window of {window:g} s holds fewer than ten steps of {step:g} s; use a longer --window")
     segments = cut(trials, step, window, settings.interval, inputs=ship.inputs)
     refuse_outliers(trials, step)
-    unexcited = unexcited_astern(ship, trials, segments)
+    unexcited = unexcited_astern(ship, segments)
     own = per_run.symbols if isinstance(per_run, ByCampaign) else tuple(per_run)
     prior = prior_with(ship, per_run, segments.trials)
     warnings = [*contradictions(prior), *unexcited]
@@ -311,7 +311,8 @@ def estimated(
     statistics = _statistics(solves.problem.with_changes(prior=free), best, per_run)  # all coefficients move in these
     moves = statistics["spread"].moves
     # of a copy, whose caches are not kept with the calibration
-    outlying = [] if solves.draft else outlying_runs(statistics["problem"].with_changes(), best.x, moves)
+    is_judged = not solves.draft and np.isfinite(best.objective)
+    outlying = [] if not is_judged else outlying_runs(statistics["problem"].with_changes(), best.x, moves)
     return Calibration(
         **statistics,
         noise=solves.noise,

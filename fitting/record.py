@@ -6,10 +6,13 @@ A number that is not finite is None here and null in the file.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import BeforeValidator
 
 from cases.trial import Trial
 from cases.trial_set import TrialSet
@@ -154,6 +157,11 @@ class MessageRow:
     text: str
 
 
+def _with_nan(row: Any) -> Any:
+    """The ``row`` of a start of which the objective is not finite, where the model explodes: null in JSON."""
+    return {k: math.nan if v is None else v for k, v in row.items()} if isinstance(row, dict) else row
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FitRecord:
     """What a calibration found, as result.json holds it; ``docs/reference/files.md`` lists the keys.
@@ -179,7 +187,7 @@ class FitRecord:
     condition_number: float | None  # of the covariance in prior standard deviations [-]
     iterations: int  # of the last solve
     passes: tuple[SolveRow, ...]  # in the order in which they were made
-    starts: tuple[Start, ...]
+    starts: tuple[Annotated[Start, BeforeValidator(_with_nan)], ...]
     settings: Settings
     versions: dict[str, str]
     compiled: bool  # else interpreted

@@ -144,8 +144,8 @@ def ship_values(values: Mapping[str, float], change: Change) -> dict[str, float]
     w = change.wake(v["w_P0"], t)
     scaled_values["w_P0"] = w
     for symbol in ("tau", "tau_a", "C_P"):  # the change of wake in a drift is a share of the wake
-        if symbol in v and v["w_P0"] > 0:
-            scaled_values[symbol] = v[symbol] * w / v["w_P0"]
+        if symbol in v:  # without a wake it stays
+            scaled_values[symbol] = v[symbol] * (w / v["w_P0"] if v["w_P0"] > 0 else 1.0)
     if "epsilon" in v:
         behind = change.wake(1 - v["epsilon"] * (1 - v["w_P0"]), t)  # w_R, as the wake at the propeller
         scaled_values["epsilon"] = (1 - behind) / (1 - w)

@@ -191,7 +191,7 @@ class PlannedTrial:
         columns |= {"n_order": f.orders[:, 0], "delta_order": f.orders[:, 1]}
         columns |= {f"{name}_std": f.std[:, i] for i, name in enumerate(STATES)}
         units = {name: UNITS.get(name) or INPUTS.get(name, ("", ""))[1] for name in columns}
-        units |= {name: units[name.rpartition("_")[0]] for name in columns if name.endswith(("_order", "_std"))}
+        units |= {name: units[name.removesuffix("_std")] for name in columns if name.endswith("_std")}
         columns = {f"{name} [{units[name]}]": values for name, values in columns.items()}
         with replaced(path) as scratch:
             pd.DataFrame(columns).to_csv(scratch, index=False, lineterminator="\n")

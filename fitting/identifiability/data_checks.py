@@ -41,6 +41,13 @@ ASTERN = 1e-3
 # Standard deviations of prior and points together from which these contradict each other. Set by hand.
 CONTRADICTED = 5.0
 INFLUENCED = 300  # Most nodes at which influence is calculated. Set by hand: it bounds time.
+# Whether the ship has headway and her propellers turn ahead -> that in words, and a trial that shows it.
+STATES_OF_MOTION = {
+    (True, True): ("going ahead", "a trial ahead"),
+    (True, False): ("with headway and propellers astern", "a stopping trial"),
+    (False, True): ("with sternway and propellers ahead", "a trial that turns the propellers ahead with sternway"),
+    (False, False): ("going astern", "a trial astern"),
+}
 # By what surge velocity and revolutions of the data are multiplied to see what acts astern; first as they are.
 TURNED_ROUND = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -0.3), (-1.0, -0.3), (-1.0, 0.3))
 
@@ -145,36 +152,33 @@ def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return np.where(samples > 0, size, np.nan), mean
 
 
-def unexcited_astern(ship: Ship, trials: Sequence[Trial], segments: Segments) -> list[Message]:
-    """A warning on free coefficients of ``ship`` that act only astern (n < 0 or u < 0), or ahead, where no trial goes.
+def unexcited_astern(ship: Ship, segments: Segments) -> list[Message]:
+    """A warning on free coefficients of ``ship`` that act only in a state of motion that the trials do not show.
 
-    They are found by their influence on the accelerations, over the data (``trials``, cut into ``segments``) and over
-    the data with surge velocity, revolutions or both turned round. Raises UserError when no others are.
+    They are found by their influence on the accelerations, over the data (``segments``) and over the data with surge
+    velocity, revolutions or both turned round. Raises UserError when no others are.
     """
-    ahead, astern = _influence(ship, segments)
-    unmoved = [s for s, a, b in zip(ship.free, ahead, astern, strict=True) if b > 0 and a < ASTERN * b]
+    shown, turned, state = _influence(ship, segments)
+    rows = zip(ship.free, shown, turned, state, strict=True)
+    unmoved = [(s, at) for s, a, b, at in rows if b > 0 and a < ASTERN * b]
     if not unmoved:
         return []
-    names = ", ".join(unmoved)
-    turning = [t[name] for t in trials for name in t.columns if name == "n" or name.startswith("n_")]
-    backwards = bool(turning) and not any((a > 0).any() for a in turning)
-    if backwards:
-        text, wanted = f"{names}: act only going ahead, of which the trials have nothing", "a trial ahead"
-    else:
-        slowest = min(float(np.nanmin(t["u"])) for t in trials)
-        text = f"{names}: act only going astern, of which the trials have nothing (least u {slowest:.3g} m/s)"
-        wanted = "a stopping or astern trial"
+    lacking = [STATES_OF_MOTION[at] for at in dict.fromkeys(at for _, at in unmoved)]
+    names, states = ", ".join(s for s, _ in unmoved), " or ".join(words for words, _ in lacking)
+    wanted = " and ".join(trial for _, trial in lacking)
+    text = f"{names}: act only {states}, of which the trials show hardly anything"
     instruments = tuple(f"{name}." for name in ship.effects if effect(name).measures)
-    if all(s in unmoved or s.startswith(instruments) for s in ship.free):
+    if all(s in dict(unmoved) or s.startswith(instruments) for s in ship.free):
         raise TooFewData(f"{text}: nothing to identify; add {wanted}, or free other coefficients")
-    code = "not_excited_ahead" if backwards else "not_excited_astern"
+    code = "not_excited_ahead" if {at for _, at in unmoved} == {(True, True)} else "not_excited_astern"
     return [Message(f"{text}; the prior decides them: add {wanted}", code)]
 
 
-def _influence(ship: Ship, segments: Segments) -> tuple[np.ndarray, np.ndarray]:
+def _influence(ship: Ship, segments: Segments) -> tuple[np.ndarray, np.ndarray, list[tuple[bool, bool]]]:
     """Of each free coefficient: rms change of the scaled accelerations for one prior standard deviation.
 
-    Over the data (P,), and the largest one over the data turned round (P,).
+    Over the data (P,), the largest one over the data turned round (P,), and whether the ship has headway and her
+    propellers turn ahead where it is largest.
     """
     model = assemble(ship)
     free = [ship.symbols.index(s) for s in ship.free]
@@ -196,7 +200,10 @@ def _influence(ship: Ship, segments: Segments) -> tuple[np.ndarray, np.ndarray]:
     points = np.isfinite(total)  # none of them where the model has no value when it is turned round
     mean = np.where(points, total, 0.0).sum(axis=2) / np.maximum(points.sum(axis=2), 1)
     influence = np.sqrt(mean) * Prior.of(ship).std[:, None]  # (P, ways), the data as they are first
-    return influence[:, 0], np.max(influence[:, 1:], axis=1)
+    most = np.nanargmax(np.where(points, total, -1.0).reshape(len(free), -1), axis=1)
+    n = controls[propellers[0]] if propellers else states[3]
+    at = [(bool(states[3, i] > 0), bool(n[i] > 0)) for i in most]
+    return influence[:, 0], np.max(influence[:, 1:], axis=1), at
 
 
 def contradictions(prior: Prior) -> list[Message]:

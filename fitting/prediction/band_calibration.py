@@ -57,6 +57,7 @@ def sample_noise(trials: Sequence[Trial]) -> np.ndarray:
     return white_noise(stretches, slice(2, None))
 
 
+@np.errstate(all="ignore")  # a model that explodes has none
 def fit_bands(
     simulator: Simulator,
     trials: Sequence[Trial],

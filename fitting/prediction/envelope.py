@@ -43,8 +43,8 @@ QUANTITIES = {
     "n": ("revolutions", "1/s", 1.0),
     "delta": ("rudder angle", "deg", DEGREES),
 }
-# Yaw rate or drift angle over the greatest of the trials on that side, beyond which no trial came near: less than a
-# quarter of the nonlinear forces, which go with the square or more, acted in them. Set by hand.
+# Yaw rate, drift angle or revolutions astern over the greatest of the trials on that side, beyond which no trial came
+# near: less than a quarter of the nonlinear forces, which go with the square or more, acted in them. Set by hand.
 FAR = 2.0
 # How a manoeuvre is called that no trial came near.
 TITLES = {"turning": "a turn so tight", "zigzag": "a zigzag so wide", "spiral": "a spiral so wide",
@@ -124,7 +124,7 @@ def untried(kind: str, outside: Sequence[str]) -> str:
     """Why the figures of a manoeuvre of this ``kind`` are the prior's alone, "" where trials have a say in them;
     outside: how it leaves the trials, as of ``outside_of``."""
     turns = [_numbers_in(words) for words in outside if words.startswith(QUANTITIES["n"][0])]
-    if kind in STOPS and any(reached < limit for reached, limit in turns):
+    if kind in STOPS and any(reached < FAR * min(limit, 0.0) for reached, limit in turns):
         return "stopping was not in the trials: these figures are the prior's"
     turning = [_numbers_in(words) for words in outside if words.startswith((QUANTITIES["r"][0], QUANTITIES[DRIFT][0]))]
     if kind not in STOPS and any(abs(reached) > FAR * abs(limit) for reached, limit in turning):

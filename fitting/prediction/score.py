@@ -327,7 +327,7 @@ class ScorePair:
 
     def undescribed(self) -> list[Message]:
         """A message where the ship does not follow the trials that she was calibrated on."""
-        if not self.after.window > UNDESCRIBED:
+        if not UNDESCRIBED < self.after.window < math.inf:  # that it diverges is said
             return []
         share = (self.after.window / len(STATES)) ** 0.5  # the metric sums six squares: rms over states and rows
         words = (

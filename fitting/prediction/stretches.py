@@ -142,6 +142,9 @@ SIZE = 0.02
 # against these. Set by hand with SIZE, which they act through.
 ERRORS = (0.06, 0.04, 0.017, 0.011, 0.0066, 0.003)
 AT_ONCE = 256  # Windows adapted in one batch, which bounds the memory it takes
+# Sensitivity of a state to a current [SI] over the seconds of a restart, beyond which the rollout has diverged: a
+# current moves a position by its own way, at most a few times. Set by hand.
+DIVERGED = 1e3
 ROBUST = 3.0  # Errors count less beyond so many of these (Huber). Set by hand.
 # Seconds of past of a 3 m model that are used by default; 60 s are no better (as above). So it was measured.
 PAST = 30.0
@@ -247,7 +250,7 @@ def _equations(out: np.ndarray, piece: Stretch, now: float, a: Adaptation) -> tu
     # Huber (1964): weight 1 up to ROBUST, beyond it ROBUST / relative
     weight = share * np.exp(-2 * age / a.forget)[:, None] * ROBUST / np.maximum(relative, ROBUST)
     weight = weight / a.errors**2
-    usable = np.isfinite(error) & np.isfinite(J).all(axis=0)
+    usable = np.isfinite(error) & (np.abs(J) < DIVERGED * a.restart).all(axis=0)
     usable[:, :2] &= piece.record.has_position
     return np.where(usable, J, 0.0), np.where(usable, error, 0.0), np.where(usable, weight, 0.0)
 

@@ -119,6 +119,14 @@ def test_errors_of_the_model_are_carried_to_the_ship() -> None:
     assert ours == pytest.approx(np.cov(*scatter.values())[0, 1] / (std[0] * std[1]), abs=0.05)
 
 
+def test_a_ship_with_hardly_a_wake_is_scaled() -> None:
+    """As of twin screws: its wake may be none within its error, and what belongs to it stays then."""
+    esso = load_ship("esso_osaka_3m")
+    model = esso.with_coefficients({"w_P0": esso.coefficients["w_P0"].with_(value=0.02, std=0.05, lower=-0.1)})
+    found = scaled_ship(model, Scaling(320.0))
+    assert {"w_P0", "C_P"} <= set(found.symbols) and np.isfinite(found.correlation).all()
+
+
 def test_scaling_never_makes_a_coefficient_more_certain_by_itself() -> None:
     found = scaled_ship(MODEL, Scaling(320.0))
     kept = [s for s in found.doubts if s not in found.changed]

@@ -315,8 +315,8 @@ def test_astern_coefficients_without_astern_motion_are_named_or_alone_refused_al
     only = ESSO.fixing([s for s in ESSO.symbols if s not in astern])
     for alone in (only, freeing_effects(only, ["velocity_filter"])):
         with pytest.raises(TooFewData, match="A_5, A_6, B_5"):
-            unexcited_astern(alone, ahead, cut(ahead, 1.0, 50.0, 5, inputs=alone.inputs))
-    words = unexcited_astern(ESSO, ahead, segments)
+            unexcited_astern(alone, cut(ahead, 1.0, 50.0, 5, inputs=alone.inputs))
+    words = unexcited_astern(ESSO, segments)
     assert len(words) == 1 and all(s in words[0] for s in astern)
     assert not any(s in words[0].split(":")[0].split(", ") for s in ("Y_v", "N_r", "k_0", "X_0F", "ell_R"))
 

@@ -122,6 +122,14 @@ def test_a_lag_starts_from_what_the_past_left_in_it() -> None:
     assert adapted.window < 0.7 * without.window
 
 
+def test_a_model_that_explodes_along_the_past_is_not_adapted() -> None:
+    """As a model of 3 m does on the trials of a ship of 320 m."""
+    large = load_ship("kvlcc2_full")
+    trial = simulate(large, parse_maneuver("turning:35", large, n=1.2, duration=300.0), dt=1.0)
+    windows = predict(simulator(), trial, 30.0, 15.0, False, adaptation=past(100.0))[0]
+    assert len(windows) > 10
+
+
 def test_settings_and_the_past_scale_by_froudes_law() -> None:
     ships = load_ship("esso_osaka_3m"), load_ship("kvlcc2_full")
     (model, full), k = (Adaptation.of(ship, 30.0) for ship in ships), (ships[1].particulars["L"] / 3.0) ** 0.5

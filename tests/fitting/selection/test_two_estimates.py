@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from fitting.calibration import Calibration, SecondEstimate, averages, with_seco
 from fitting.identifiability.analysis import verdict
 from fitting.result import FitResult
 from fitting.settings import Settings
+from fitting.solvers.control import Control
 from fitting.solvers.reduced import ReducedProblem
 from mmg.errors import UserError
 from mmg.ship import Ship
@@ -131,10 +133,28 @@ def test_estimates_of_coefficients_and_instruments_alone_are_averaged() -> None:
     assert averages(freeing_effects(ship, ["velocity_filter"]))  # an instrument
 
 
+@pytest.mark.parametrize("limit", [None, 400.0])
+def test_a_limit_of_time_leaves_it_half_of_the_time_and_changes_nothing_else(limit: float | None) -> None:
+    asked = []
+
+    def second(*_: object) -> SecondEstimate:
+        asked.append(Control.within(None).seconds)
+        return SecondEstimate("nothing was tried")
+
+    settings = Settings(passes=1, compiled=False, time_limit=limit)
+    options = FitOptions(next_trial=False, instruments=(), second=second)
+    result = calibrate(small_result().start, coarse_runs()[0][:1], (), settings, options)
+    assert asked == [math.inf if limit is None else 0.5 * limit] and result.converged
+    assert [m.code for m in result.notices].count("two_estimates") == 1
+    held = replace(options, hold=True, start={"N_r": -0.05})
+    alone = calibrate(small_result().start, coarse_runs()[0][:1], (), settings, held)
+    assert len(asked) == 1 and [m.code for m in alone.notices].count("two_estimates") == 1
+
+
 def test_it_is_not_asked_where_more_is_fitted_or_less_and_an_unknown_one_is_refused() -> None:
-    assert FitOptions().asks_second(Settings()) and not FitOptions().asks_second(Settings(time_limit=9.0))
+    assert FitOptions().asks_second
     for options in ({"estimator": "windows"}, {"bootstrap": 3}, {"profile": ("X_0F",)}, {"per_run": ("current",)},
                     {"hold": True}, {"captive": object()}):  # fmt: skip
-        assert not FitOptions(**options).asks_second(Settings()), options  # type: ignore[arg-type]
+        assert not FitOptions(**options).asks_second, options  # type: ignore[arg-type]
     with pytest.raises(UserError, match="estimator best"):
         calibrate(small_result().start, (), options=FitOptions(estimator="best"))
