@@ -138,6 +138,9 @@ def calibrate(
     given, rates = with_own_rates(ship, trials)
     ship = with_instruments(given, options.instruments, trials)
     _check_options(ship, options)
+    if options.per_run:
+        own = f"the constants that runs have of their own ({', '.join(options.per_run)})"
+        rates.append(Message(f"scores and intervals are without {own}, as of runs never seen", "without_own_constants"))
     if options.per_run and len(trials) == 1:
         same = f"--with {' --with '.join(options.per_run)}"
         LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")

@@ -579,7 +579,11 @@ def write_report(
     folders = [Path(run) for run in ([runs] if isinstance(runs, (str, Path)) else runs)]
     if pdf is not None:
         needs_weasyprint()  # before the page is made, which takes longer
-    if read_result(folders[0])["kind"] == "training":
+    kinds = {folder: read_result(folder)["kind"] for folder in folders}
+    if len(set(kinds.values())) > 1:
+        words = ", ".join(f"{folder} of {kind}" for folder, kind in kinds.items())
+        raise Conflict(f"{words}: a page shows runs of mmg fit or of mmg train, not of both; make one of each")
+    if kinds[folders[0]] == "training":
         from residual.result import write_report as write_trainings
 
         write_trainings(folders, out, full_load, imo)

@@ -14,6 +14,7 @@ from typing import Any
 
 import casadi as ca
 
+from cases.maneuvers.self_propulsion import actuator_positions
 from delivery.product import QUANTITIES, Product
 from fitting.report.run_folder import plain, write_json
 from mmg.effects import effect
@@ -76,6 +77,7 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
     model = product.model
     steered = [n for n in ("delta", "delta_port", "delta_starboard") if n in model.controls]
     rudder = product.ranges.get("delta")
+    ahead = actuator_positions(product.ship, 1.0, 0.0)
     content = {
         "ship": product.ship.called,
         "title": product.ship.title,
@@ -93,6 +95,8 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
         "coefficients": [vars(c) for c in product.coefficients],
         "range_of_the_trials": {name: list(pair) for name, pair in product.ranges.items()},
         "rudders": steered,
+        "propellers": [n for n in model.controls if n.startswith("n") and ahead.get(n) == 1.0],
+        "straight_ahead": [float(ahead.get(n, 0.0)) for n in model.controls],  # of propellers at 1 1/s
         "largest_rudder_rad": max(map(abs, rudder)) if rudder else None,
         "caveats": [str(text) for text in product.caveats],
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -184,7 +185,10 @@ def study_months(
     by_window = window_scores(found, len(cut.windows), changes.spells.distance)
     scores["after" if most else "before"] = pooled(by_window)
     lap("score and date")
-    warnings = () if changes.tested else ("the log is too short to say what changed: it needs more spells under way",)
+    short = "the log is too short to say what changed: it needs more spells under way"
+    lost = "the predictions diverge: this ship does not follow the log; see that it is hers and in her size"
+    explodes = not all(math.isfinite(error) for errors in scores.values() for error in errors.values())
+    warnings = tuple(words for words, holds in ((lost, explodes), (short, not changes.tested)) if holds)
     columns = {
         "begin_s": np.array([w.begin for w in cut.windows]),
         "end_s": np.array([w.end for w in cut.windows]),

@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.special import bdtrc
 
 from cases.criteria import imo
 from cases.criteria.standard_runs import Run
@@ -60,6 +61,8 @@ def drawn_maneuvers(judged: JudgedFigures) -> dict[str, Any] | None:
     )  # fmt: skip
 
 
+# Probability by chance up to which figures outside of their intervals contradict the model. Set by hand.
+CHANCE = 0.05
 # Groups of the form: title, manoeuvre to starboard, figures with their words.
 FORM = (
     ("Turning circle, 35° rudder", "turning:35", (("advance", "Advance"), ("tactical_diameter", "Tactical diameter"))),
@@ -164,8 +167,12 @@ class ImoForm:
         outside = [row.name for row, excluded in judged if excluded]
         if not outside:
             return ""
-        words = f"The model contradicts its trials: {len(outside)} of {len(judged)} tested figures lie outside of its "
-        words += f"90 % intervals of a single trial, where {0.1 * len(judged):.1f} are expected by chance "
+        by_chance = bdtrc(len(outside) - 1, len(judged), 0.1) > CHANCE
+        words = "No more than chance against the model" if by_chance else "The model contradicts its trials"
+        words += (
+            f": {len(outside)} of {len(judged)} tested figures lie outside of its 90 % intervals of a single trial, "
+        )
+        words += f"where {0.1 * len(judged):.1f} are expected by chance "
         return words + f"({', '.join(dict.fromkeys(outside))})."
 
     @property

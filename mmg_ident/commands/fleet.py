@@ -65,12 +65,15 @@ def _summary(fleet: Fleet, out: Path) -> None:
         score = row["scores"].get("held_out") or row["scores"].get("training") or {}
         pair = list(score.get("window", {}).values())  # mean squared errors of 30 s windows, before and after
         errors = " -> ".join(f"{error:.3g}" for error in pair if None not in pair)
+        errors += "*" if errors and "held_out" not in row["scores"] else ""
         verdict = ", ".join(e["name"] for e in row["effects"]) or row["verdict"]
         drifted = ", ".join(f"{d['name']} ({d['campaign']})" for d in row["drifted"])
         counts = (str(len(row["instruments"])), str(len(row["moved"])))
         rows.append((row["name"], row["status"], errors, verdict, drifted, *counts))
     heads = ("ship", "status", "held out|n", "diagnosis", "drifted", "instruments|n", "moved|n")
     cli.print_table(heads, rows, f"{fleet.name}: {len(fleet.rows)} ships")
+    if any(row[2].endswith("*") for row in rows):
+        cli.say("*: of the training trials, as none are held out")
     for row in (row for row in fleet.rows if row["status"] != "done"):
         cli.say(f"{row['name']}: {row['status']}: {row['reason']}")
     for group in fleet.groups:

@@ -20,9 +20,7 @@ def main() -> None:
     functions = {name: ca.Function.load(str(FOLDER / f"{name}.casadi")) for name in about["functions"]}
     names = [row["name"] for row in about["controls"]]
     speed = about["service_speed_m_s"] or 0.07 * math.sqrt(9.81 * about["length_m"])
-    controls = np.zeros(len(names))
-    if "n" in names:
-        controls[names.index("n")] = steady_revolutions(FOLDER, speed)
+    controls = positions(about, steady_revolutions(FOLDER, speed))
     state = functions["initial"]([0, 0, 0, speed, 0, 0], controls)
     h = about["longest_step_s"]
     for k in range(121):
@@ -35,17 +33,23 @@ def main() -> None:
         state = functions["step"](state, controls, h)
 
 
+def positions(about: dict, n: float) -> np.ndarray:
+    """The controls (C,) with all propellers at ``n`` [1/s], rudders midships. about: content of model.json."""
+    controls = np.array(about["straight_ahead"], dtype=float)
+    controls[[row["name"] in about["propellers"] for row in about["controls"]]] = n
+    return controls
+
+
 def steady_revolutions(folder: Path, speed: float) -> float:
     """Revolutions [1/s] that hold ``speed`` [m/s] straight ahead in calm air. folder: with the functions."""
     about = json.loads((folder / "model.json").read_text(encoding="utf-8"))
     rates = ca.Function.load(str(folder / "rates.casadi"))
-    names, low, high = [row["name"] for row in about["controls"]], 0.0, 1000.0
+    low, high = 0.0, 1000.0
     state = np.zeros(len(about["states"]))
     state[3] = speed
     for _ in range(60):
         middle = 0.5 * (low + high)
-        controls = [middle if name == "n" else 0.0 for name in names]
-        low, high = (middle, high) if float(rates(state, controls)[3]) < 0 else (low, middle)
+        low, high = (middle, high) if float(rates(state, positions(about, middle))[3]) < 0 else (low, middle)
     return high
 
 

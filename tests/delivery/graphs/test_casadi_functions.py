@@ -20,6 +20,7 @@ from mmg.errors import Missing, NotInstalled
 from mmg.model import settled
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from tests.support.actuator_ships import true_ship
 from tests.support.c_products import product
 from tests.support.networks import random_network
 
@@ -123,6 +124,14 @@ def test_the_examples_run_with_casadi_and_numpy_alone(tmp_path: Path) -> None:
     assert found["floors"] == []
     assert abs(found["heading"] - 0.2) < 0.01 and 0.1 < found["rudder"] < 0.611
     assert abs(found["blown"]) > 0.01
+
+
+def test_the_example_sails_a_ship_of_two_screws_straight_on_both(tmp_path: Path) -> None:
+    export(Product(true_ship("twin"), "twin", {}, {"source": "", "kind": ""}, ()), "casadi", tmp_path / "ship")
+    run = subprocess.run([sys.executable, "example.py"], capture_output=True, text=True, cwd=tmp_path / "ship")
+    assert run.returncode == 0, run.stderr
+    headings = [float(line.split("heading")[1].split()[0]) for line in run.stdout.splitlines()]
+    assert headings[0] == headings[1] == 0.0 and headings[-1] > 5.0
 
 
 def test_a_delay_of_the_inputs_is_said_to_be_approximate(tmp_path: Path) -> None:
