@@ -170,7 +170,7 @@ class ImoForm:
         by_chance = bdtrc(len(outside) - 1, len(judged), 0.1) > CHANCE
         words = "No more than chance against the model" if by_chance else "The model contradicts its trials"
         words += (
-            f": {len(outside)} of {len(judged)} tested figures lie outside of its 90 % intervals of a single trial, "
+            f": {len(outside)} of {len(judged)} tested figures lie outside of the 90 % intervals of a single trial, "
         )
         words += f"where {0.1 * len(judged):.1f} are expected by chance "
         return words + f"({', '.join(dict.fromkeys(outside))})."
