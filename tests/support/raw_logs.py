@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from cases.importing.import_logs import Imported, import_logs
 from cases.importing.import_map import ImportMap
@@ -43,8 +44,8 @@ def stamp(t: float, begin: datetime.datetime = BEGIN) -> str:
 
 def globe(trial: Trial, origin: tuple[float, float] = ORIGIN) -> tuple[np.ndarray, np.ndarray]:
     """Latitude and longitude [deg] of the positions about an ``origin``."""
-    M = M_PER_DEG if origin == ORIGIN else (111133.0, 111320.0 * float(np.cos(np.radians(origin[0]))))
-    return origin[0] + trial["x"] / M[0], (origin[1] + trial["y"] / M[1] + 180) % 360 - 180
+    M = M_PER_DEG if origin == ORIGIN else (110942.0, 111320.0 * float(np.cos(np.radians(origin[0]))))
+    return origin[0] + trial["x"] / M[0], origin[1] + trial["y"] / M[1]
 
 
 def ground(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
@@ -56,17 +57,10 @@ def ground(trial: Trial) -> tuple[np.ndarray, np.ndarray]:
 
 def semicolons(path: Path, trial: Trial) -> Path:
     """Semicolons, decimal commas, ISO times, positions on the globe, knots, degrees, rpm, rudder positive to port."""
-    lat, lon = globe(trial)
-    sog, cog = ground(trial)
-    lines = [
-        "Exported by LOGGER 3000",
-        "Time;Latitude;Longitude;SOG [kn];COG [deg];Heading [deg];RPM;Rudder Angle [deg];Mood",
-    ]
-    columns = (lat, lon, sog, cog, np.degrees(trial["psi"]) % 360, 60 * trial["n"], -np.degrees(trial["delta"]))
-    for i, t in enumerate(trial.t):
-        cells = [f"{c[i]:.8f}".replace(".", ",") for c in columns]
-        lines.append(";".join([stamp(t), *cells, "good"]))
-    path.write_text("\r\n".join(lines) + "\r\n", encoding="cp1252")
+    log = bridge(trial)
+    log |= {"Rudder Angle [deg]": -np.asarray(log.pop("Rudder [deg]")), "Mood": ["good"] * len(trial)}
+    style = {"sep": ";", "decimal": ",", "float_format": "%.8f", "index": False, "lineterminator": "\r\n"}
+    path.write_bytes(f"Exported by LOGGER 3000\r\n{pd.DataFrame(log).to_csv(**style)}".encode("cp1252"))
     return path
 
 
@@ -75,15 +69,14 @@ def excel(path: Path, trial: Trial) -> Path:
     import openpyxl
 
     book = openpyxl.Workbook()
-    sheet = book.active
-    sheet.append(["Sea trial of the model"])
-    sheet.append(["Date and time", "North", "East", "Yaw", "Yaw rate", "Shaft speed", "Rudder"])
-    sheet["A2"] = "timestamp"
-    sheet.append(["", "m", "m", "deg", "deg/min", "rpm", "deg"])
-    for i, t in enumerate(trial.t):
-        when = (BEGIN + datetime.timedelta(seconds=float(t))).replace(tzinfo=None)
-        values = (trial["x"][i], trial["y"][i], np.degrees(trial["psi"][i]), np.degrees(trial["r"][i]) * 60)
-        sheet.append([when, *map(float, values), float(60 * trial["n"][i]), float(np.degrees(trial["delta"][i]))])
+    when = [(BEGIN + datetime.timedelta(seconds=float(t))).replace(tzinfo=None) for t in trial.t]
+    angles = [np.degrees(trial["psi"]), np.degrees(trial["r"]) * 60]
+    columns = [trial["x"], trial["y"], *angles, 60 * trial["n"], np.degrees(trial["delta"])]
+    book.active.append(["Sea trial of the model"])
+    book.active.append(["timestamp", "North", "East", "Yaw", "Yaw rate", "Shaft speed", "Rudder"])
+    book.active.append(["", "m", "m", "deg", "deg/min", "rpm", "deg"])
+    for row in zip(when, *(column.tolist() for column in columns), strict=True):
+        book.active.append(row)
     book.save(path)
     return path
 
@@ -93,29 +86,21 @@ def sentence(body: str) -> str:
     return f"${body}*{reduce(lambda a, c: a ^ ord(c), body, 0):02X}"
 
 
-def nmea(
-    path: Path,
-    trial: Trial,
-    damaged: bool = True,
-    origin: tuple[float, float] = ORIGIN,
-    begin: datetime.datetime = BEGIN,
-) -> Path:
+def nmea(path: Path, trial: Trial) -> Path:
     """Sentences of a satellite receiver, a gyro, a rudder indicator and a shaft, with a damaged line."""
-    lat, lon = globe(trial, origin)
+    lat, lon = globe(trial)
     sog, cog = ground(trial)
     lines = []
     for i, t in enumerate(trial.t):
-        now = begin + datetime.timedelta(seconds=float(t))
-        a, b = (f"{int(d):02d}{60 * (d - int(d)):09.6f}" for d in (abs(lat[i]), abs(lon[i])))
-        a, b = f"{a},{'N' if lat[i] >= 0 else 'S'}", f"{b},{'E' if lon[i] >= 0 else 'W'}"
+        now = BEGIN + datetime.timedelta(seconds=float(t))
+        a, b = (f"{int(d):02d}{60 * (d - int(d)):09.6f}" for d in (lat[i], lon[i]))
         clock = f"{now:%H%M%S}.{now.microsecond // 10000:02d}"
-        lines.append(sentence(f"GPRMC,{clock},A,{a},{b},{sog[i]:.4f},{cog[i]:.3f},{now:%d%m%y},,,A"))
+        lines.append(sentence(f"GPRMC,{clock},A,{a},N,{b},E,{sog[i]:.4f},{cog[i]:.3f},{now:%d%m%y},,,A"))
         lines.append(sentence(f"HEHDT,{np.degrees(trial['psi'][i]) % 360:.3f},T"))
         lines.append(sentence(f"TIROT,{np.degrees(trial['r'][i]) * 60:.3f},A"))
         lines.append(sentence(f"AGRSA,{np.degrees(trial['delta'][i]):.3f},A,,V"))
         lines.append(sentence(f"IIRPM,S,1,{60 * trial['n'][i]:.3f},100,A"))
-    if damaged:
-        lines[7] = lines[7][:12] + "9" + lines[7][13:]
+    lines[7] = lines[7][:12] + "9" + lines[7][13:]
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
     return path
 
@@ -126,25 +111,21 @@ def apart(folder: Path, trial: Trial) -> list[Path]:
     sog, cog = ground(trial)
     paths = [folder / f"run7_{name}.csv" for name in ("gnss", "gyro", "actuators")]
 
-    def table(path: Path, header: str, times: np.ndarray, columns: list[np.ndarray], epoch: bool) -> None:
-        rows = [header]
-        for i, t in enumerate(times):
-            begin = f"{1000 * (BEGIN.timestamp() + t):.0f}" if epoch else stamp(t)
-            rows.append(",".join([begin, *(f"{c[i]:.8f}" for c in columns)]))
-        path.write_text("\n".join(rows) + "\n", encoding="utf-8")
-
     def at(times: np.ndarray, values: np.ndarray) -> np.ndarray:
         return np.interp(times, trial.t, values)
 
+    def epochs(times: np.ndarray) -> list[str]:
+        return [f"{1000 * (BEGIN.timestamp() + t):.0f}" for t in times]
+
     end = trial.t[-1]
     one, two, three = np.arange(0, end, 1.0), np.arange(-3.0, end + 2, 0.2), np.arange(0.3, end, 0.5)
-    course = np.unwrap(np.radians(cog))
-    table(paths[0], "utc,lat,lon,sog_kn,cog_deg", one,
-          [at(one, lat), at(one, lon), at(one, sog), np.degrees(at(one, course)) % 360], False)  # fmt: skip
-    table(paths[1], "time,heading_deg,rot_deg_min", two,
-          [np.degrees(at(two, trial.psi_unwrapped)) % 360, np.degrees(at(two, trial["r"])) * 60], True)  # fmt: skip
-    table(paths[2], "time,rpm,rudder_deg", three,
-          [60 * at(three, trial["n"]), np.degrees(at(three, trial["delta"]))], True)  # fmt: skip
+    course = np.degrees(at(one, np.unwrap(np.radians(cog)))) % 360
+    gnss = {"utc": [stamp(t) for t in one], "lat": at(one, lat), "lon": at(one, lon)}
+    table(paths[0], gnss | {"sog_kn": at(one, sog), "cog_deg": course})
+    heading, rate = np.degrees(at(two, trial.psi_unwrapped)) % 360, np.degrees(at(two, trial["r"])) * 60
+    table(paths[1], {"time": epochs(two), "heading_deg": heading, "rot_deg_min": rate})
+    rpm, rudder = 60 * at(three, trial["n"]), np.degrees(at(three, trial["delta"]))
+    table(paths[2], {"time": epochs(three), "rpm": rpm, "rudder_deg": rudder})
     return paths
 
 
@@ -166,14 +147,14 @@ def plain(path: Path, header: str, **changed: np.ndarray) -> Path:
 UNITS = "time_s north_m east_m heading_rad surge_mps sway_mps yaw_rate_rad_s shaft_rps rudder_rad"
 
 
-def bridge(trial: Trial, origin: tuple[float, float] = ORIGIN) -> dict[str, np.ndarray | list[str]]:
+def bridge(trial: Trial, origin: tuple[float, float] = ORIGIN) -> dict[str, Any]:
     """The columns of a bridge's log of a ``trial``, by header, its first position at ``origin`` [deg]."""
     sog, cog = ground(trial)
-    scale = M_PER_DEG[0], 111320.0 * np.cos(np.radians(origin[0]))
+    latitude, longitude = globe(trial, origin)
     return {
         "Time": [stamp(t) for t in trial.t],
-        "Latitude": origin[0] + trial["x"] / scale[0],
-        "Longitude": origin[1] + trial["y"] / scale[1],
+        "Latitude": latitude,
+        "Longitude": longitude,
         "SOG [kn]": sog,
         "COG [deg]": cog,
         "Heading [deg]": np.degrees(trial["psi"]) % 360,

@@ -86,13 +86,6 @@ def test_a_frame_and_its_file_are_the_same_trial(tmp_path: Path) -> None:
     assert (made.role, made.meta["inputs"]) == (file.role, file.meta["inputs"]) == ("test", "sampled")
     by_index = file.to_pandas().set_index("t [s]")
     np.testing.assert_array_equal(Trial.from_pandas(by_index).t, file.t)
-    stamps = pd.DataFrame(by_index.to_numpy(), pd.to_datetime("2026-11-29") + pd.to_timedelta(file.t, "s"))
-    stamps.columns = by_index.columns
-    for zone in (None, "Asia/Tokyo"):
-        stamps.index = stamps.index.tz_localize(zone)
-        np.testing.assert_allclose(Trial.from_pandas(stamps).t, file.t - file.t[0], atol=1e-9)
-    column = stamps.reset_index(names="t [s]")
-    np.testing.assert_allclose(Trial.from_pandas(column).t, file.t - file.t[0], atol=1e-9)
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {

@@ -4,7 +4,6 @@ import math
 import re
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -163,21 +162,6 @@ def test_lines_lie_where_the_file_says(tmp_path, axis, side, value):
         assert beyond(held["bank"], "distance", *place) == pytest.approx(-expected, abs=1e-9)  # positive on land
         assert beyond(held["shallow_water"], "line", *place) == pytest.approx(expected, abs=1e-9)  # over the shelf
     assert set(held["bank"]) == {"distance", "bearing"} and set(held["shallow_water"]) == {"line", "bearing"}
-
-
-def test_the_bank_of_the_contract_pulls_towards_it(tmp_path):
-    held = site(tmp_path, '[bank]\ny = -6.0\nwater_side = "greater"').held["bank"]
-    assert held == pytest.approx({"distance": 6.0, "bearing": -math.pi / 2})
-    from mmg.effects import effect
-    from mmg.effects.effect import Setting
-    from mmg.motion.flow import Flow
-
-    values = SHIP.with_effect("bank", {**held, "suction": 0.03}).parameters_of("bank")
-    e = effect("bank")
-    at = Setting(**{**dict.fromkeys(Setting.__dataclass_fields__), "p": SHIP.namespace})
-    flows = (Flow(u=0.5, v=0.0, r=0.0, psi=0.0, x=0.0, y=y) for y in (-5.0, 5.0))
-    near, far = (float(ca.DM(e.forces({}, flow, values, at)["bank"].Y)) for flow in flows)
-    assert near < 10 * far < 0
 
 
 def test_lengths_and_depth_are_taken_over(tmp_path):
