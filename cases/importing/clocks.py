@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -92,7 +92,7 @@ def clock_of(
         return _stamps(joined, where, zone_hours, table.before, replace(clock, words=f"times of the days in '{date}'"))
     passed = pd.to_timedelta(text, errors="coerce")
     _refuse(passed.isna() & text.notna(), text, where, table.before)
-    t = _padded(lambda: text, passed.dt.total_seconds().to_numpy(dtype=float))
+    t = passed.dt.total_seconds().to_numpy(dtype=float)
     words, period = ("minutes and seconds of an hour", 3600.0) if of_hour else ("times of a day", DAY)
     return _going_on(Clock(t, False, header, words, period=period))
 
@@ -244,14 +244,13 @@ def _numbers(table: RawTable, header: str, unit: str, time_columns: Mapping[str,
             if words.startswith("days of a spread") and table.since_1904:
                 zero += SINCE_1904
             since = (values + zero / factor) * factor  # days since the year 0 have few digits left for parts of seconds
-            t = _padded(lambda: table.words(header), since) + part
-            return Clock(t, True, header, words)
+            return Clock(since + part, True, header, words)
     if not unit:
         raise Missing(f'{where}: numbers without a unit; say it: [columns] t = {{ from = "{header}", unit = "s" }}')
     scale = factor_of("s", unit)
     if scale is None:
         raise UnknownName(f"{where}: unknown unit '{unit}' of time; known: {', '.join(FACTORS['s'])}")
-    return Clock(_padded(lambda: table.words(header), values * scale) + part, False, header, f"in {unit}")
+    return Clock(values * scale + part, False, header, f"in {unit}")
 
 
 def _part_unit(table: RawTable, header: str) -> float:
@@ -261,35 +260,6 @@ def _part_unit(table: RawTable, header: str) -> float:
             return scale
     most = float(np.nanmax(table.numbers(header), initial=0.0))
     return next(scale for scale in (1e-3, 1e-6, 1e-9) if most * scale < 1.0 or scale == 1e-9)
-
-
-def _padded(written: Callable[[], Any], t: np.ndarray) -> np.ndarray:
-    """Times ``t`` (N,), or, where these go on unevenly, those whose digits behind the point are a count of nanoseconds
-    (or others) without leading zeros, as some programs write "12.5000000" for 12.005 s. written: gives the cells as
-    they are in the file, or None."""
-    uneven = _unevenness(t)
-    words = written() if uneven >= UNEVEN else None
-    parts = [str(word).replace(",", ".").rpartition(".") for word in words] if words is not None else []
-    longest = max((len(tail) for _, point, tail in parts if point), default=0)
-    if not 0 < longest <= 9:
-        return t
-    places = 3 * -(-longest // 3)  # milli-, micro- or nanoseconds
-    count = np.array([float(tail) if point and tail.isdigit() else np.nan for _, point, tail in parts])
-    mended = np.floor(t) + np.nan_to_num(count) * 10.0**-places
-    return mended if _unevenness(mended) < UNEVEN * uneven else t
-
-
-# Unevenness of steps from which digits behind the point are looked at, and that another reading has to leave of it.
-UNEVEN = 0.3  # set by hand
-
-
-def _unevenness(t: np.ndarray) -> float:
-    """How much usual steps of a clock (N,) differ, in steps."""
-    step = np.diff(t[np.isfinite(t)])
-    if len(step) < 10 or np.median(step) <= 0:
-        return 0.0 if len(step) < 10 or (step >= 0).all() else np.inf
-    low, high = np.quantile(step, (0.05, 0.95))  # gaps of a log are no unevenness of its clock
-    return float(high - low) / float(np.median(step))
 
 
 def _unit_of(table: RawTable, header: str) -> str:
@@ -340,7 +310,6 @@ def _stamps(cells: Any, where: str, zone_hours: float | None, before: int, clock
     if np.nanmax(since, initial=0.0) > LAST_STAMP:
         raise BadValue(f"{where}: holds a time after the year 9999, which no clock shows")
     _refuse(parsed.isna() & text.notna(), text, where, before)
-    since = _padded(lambda: text, since)
     zoned = text.astype(str).str.contains(ZONE, regex=True).to_numpy()
     naive = (text.notna() & ~zoned).to_numpy()
     if zoned.any() and naive.any():

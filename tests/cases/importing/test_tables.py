@@ -87,8 +87,6 @@ READ: dict[str, Callable[[Log], Log]] = {
     "nanoseconds beside": lambda log: {
         "secs": (1777886000 + T // 1).astype(int), "nsecs": (T % 1 * 1e9).astype(int),
         **without(log, "Time")},
-    "nanoseconds without zeros": lambda log: {
-        **log, "Time": [f"{1777886000 + int(t)}.{round((t + 0.003) % 1 * 1e9)}" for t in T]},
     **{f"epochs in {unit}": lambda log, unit=unit, second=second: {
         f"Time [{unit}]": second * (1.7779e9 + T), **without(log, "Time")}
        for unit, second in {"seconds": 1.0, "milliseconds": 1e3, "sec": 1.0, "ms": 1e3}.items()},
