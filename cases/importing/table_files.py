@@ -40,8 +40,6 @@ from mmg.messages import Message
 LARGEST_LOG, SMALL = 8 * 2**30, 2**25  # Most bytes of a log of text, and of one of which all columns are held
 LOOKED_AT, PREAMBLE = 400, 60  # Lines by which separator and header are found, and most before it. Set by hand.
 PLACES, SAMPLE = 40, 2**15  # Places at which a log whose rows are averaged is looked at before, and bytes at each
-# A reading of numbers is refuted where neighbours written in two ways then differ so many times more than others.
-ROUGHER = 3.0  # set by hand
 NUMBER = re.compile(rf"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|{GROUPED.format(mark=',.' + BLANKS, decimal='.,')}")
 # A cell such as "hh:mm:ss" or "ddmm.mmmm", in lower case.
 DATE_FORMAT = r"[dhmsyt:./°'\" _\-]*(?:[dhmsy]{2}|[hmsd]:)[dhmsyt:./°'\" _\-]*"
@@ -126,8 +124,7 @@ def _marks(
 ) -> tuple[list[int], dict[int, str]]:
     """Columns with decimal commas, and those with characters between thousands: number -> the characters. columns:
     cells of each; decimal: what the map says. "1,234" is 1234 or 1.234: the reading is taken that lies within the
-    limits of the quantity, along which the column runs smoothly, or that other columns of the file show. Raises
-    OpenQuestion where none of these tells."""
+    limits of the quantity, or that other columns of the file show. Raises OpenQuestion where neither tells."""
     cells = [[cell for cell in column if cell] for column in columns]
     shown = decimal or _decimal_of(cells)
     grouped: dict[int, str] = {}
@@ -143,9 +140,8 @@ def _marks(
             if any(cell.count(mark) > 1 or other in cell for cell in marked):  # "1,234,567" and "1,234.5" are clear
                 grouped[i] = mark
                 continue
-            decided[i] = _thousands(found.header[i], found.units[i], column, mark)
-            if decided[i] is None and shown:
-                decided[i] = shown != mark
+            refuted = _no_thousands(found.header[i], found.units[i], column, mark)
+            decided[i] = False if refuted else (shown != mark if shown else None)
             grouped |= {i: mark} if decided[i] else {}
     others = set(decided.values()) - {None} | ({True} if "," in grouped.values() else set())
     for i in [i for i, thousands in decided.items() if thousands is None]:  # as the other columns of the file
@@ -182,28 +178,18 @@ def _decimal_of(columns: Sequence[Sequence[str]]) -> str:
     return "" if point == comma else "." if point > comma else ","
 
 
-def _thousands(header: str, unit: str, column: Sequence[str], mark: str) -> bool | None:
-    """Whether ``mark`` is between thousands in a ``column`` of cells that may be read both ways; None where neither the
-    limits of the quantity nor the run of the numbers tells."""
-    thousands = np.array([as_number(cell.replace(mark, "")) for cell in column])
-    decimals = np.array([as_number(cell.replace(mark, ".")) for cell in column])
+def _no_thousands(header: str, unit: str, column: Sequence[str], mark: str) -> bool:
+    """Whether a ``column`` of cells that may be read both ways lies within the limits of its quantity only where
+    ``mark`` is not between thousands."""
+    read = [[as_number(cell.replace(mark, other)) for cell in column] for other in ("", ".")]
+    thousands, decimals = (float(np.nanmax(np.abs(values))) for values in read)
     title, inside = split_unit(header)
     known = QUANTITIES.get(meaning(title).quantity)
-    if known is not None:
-        scale = factor(known.name, unit or inside or meaning(title).unit or known.unit) or 1.0
-        most = 2 * known.period if known.period else known.limits[1]  # directions may go on beyond a turn
-        if np.nanmax(np.abs(thousands)) * scale > most >= np.nanmax(np.abs(decimals)) * scale:
-            return False
-    marked = np.array([mark in cell for cell in column])
-    rough = [_roughness(values, marked[1:] != marked[:-1]) for values in (thousands, decimals)]
-    return rough[0] < rough[1] if min(rough) * ROUGHER < max(rough) else None
-
-
-def _roughness(values: np.ndarray, change: np.ndarray) -> float:
-    """Usual step where the writing changes, in larger steps elsewhere; 1 where the writing never changes."""
-    step = np.abs(np.diff(values))
-    usual = float(np.quantile(step[~change], 0.95)) if (~change).any() else 0.0
-    return float(np.median(step[change])) / max(usual, 1e-9) if change.any() else 1.0
+    if known is None:
+        return False
+    scale = factor(known.name, unit or inside or meaning(title).unit or known.unit) or 1.0
+    most = 2 * known.period if known.period else known.limits[1]  # directions may go on beyond a turn
+    return thousands * scale > most >= decimals * scale
 
 
 def layout(path: Path, rows: list[list[str]], commented: Sequence[str], separator: str) -> Layout:
