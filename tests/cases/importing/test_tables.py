@@ -16,7 +16,7 @@ from cases.importing.import_logs import Imported, import_logs, write_import
 from cases.importing.import_map import ImportMap, read_map
 from mmg_ident.commands.main import main
 from tests.support import raw_logs
-from tests.support.raw_logs import BEGIN, UNITS, answers, bridge, chosen, codes, imported, plain, stamp, table
+from tests.support.raw_logs import BEGIN, UNITS, answers, bridge, chosen, codes, errors, imported, plain, stamp, table
 
 pytest.importorskip("pyproj", reason="needs the extra import")
 TRUTH = raw_logs.run()
@@ -404,12 +404,12 @@ def test_means_of_rows_of_a_log_hold_no_number_for_nothing(tmp_path: Path, piece
     run = imported(commas(tmp_path / "a.csv"), GIVEN).runs[0]
     t = run.columns["t"]
     assert 85 < len(t) <= 100
-    late = 0.75  # the mean of the first four rows
+    middle = 0.75  # s: the mean of the first four rows
     inside = slice(3, -3)
     for name, least in {"x": 0.1, "y": 0.1, "u": 0.03, "v": 0.03, "r": 4e-3, "n": 1e-3}.items():
-        off = (run.columns[name] - np.interp(t + late, T, TRUTH[name]))[inside]
+        off = (run.columns[name] - np.interp(t + middle, T, TRUTH[name]))[inside]
         assert np.abs(off).max() < least, (name, np.abs(off).max())
-    turned = run.columns["psi"] - np.interp(t + late, T, TRUTH.psi_unwrapped)
+    turned = run.columns["psi"] - np.interp(t + middle, T, TRUTH.psi_unwrapped)
     assert np.abs(np.angle(np.exp(1j * turned)))[inside].max() < 5e-3
     assert np.abs(run.columns["delta"]).max() < 0.7 and any("-999" in m for m in run.notices)
 
@@ -426,16 +426,11 @@ def test_a_last_line_that_is_cut_off_is_left_out(tmp_path: Path, pieces: Callabl
         assert len(found.runs[0].columns["t"]) == N - 1 and "last_line_cut" in codes(found)
 
 
-def shifts(found: Imported) -> dict[str, float]:
-    """By how much each channel of the import is late against the truth, as it fits best [s]."""
-    run, truth = found.runs[0].columns, TRUTH
-    rows = (run["t"] > 10) & (run["t"] < run["t"][-1] - 10)
-    tried, out = np.arange(-1.5, 1.51, 0.05), {}
-    for name in ("psi", "u", "v", "delta"):
-        values, true = (np.unwrap(run[name]), truth.psi_unwrapped) if name == "psi" else (run[name], truth[name])
-        off = [np.nanmean((np.interp(run["t"] + s, truth.t, true) - values)[rows] ** 2) for s in tried]
-        out[name] = float(tried[int(np.argmin(off))])
-    return out
+def late(found: Imported) -> float:
+    """About how late or early a channel is at most [s]: its largest error in its fastest changes."""
+    wrong = errors(found.runs[0].columns, TRUTH, inside=10.0)
+    rates = {c: np.gradient(TRUTH.psi_unwrapped if c == "psi" else TRUTH[c], T) for c in ("psi", "x", "y", "delta")}
+    return max(wrong[c] / float(np.abs(rate).max()) for c, rate in rates.items())
 
 
 @pytest.mark.parametrize("tick", [1.0, 2.0])
@@ -443,8 +438,7 @@ def test_rows_of_one_coarse_stamp_are_samples_of_it(tmp_path: Path, tick: float)
     """No channel is late against another, and the steps are those of the logger."""
     times = [stamp(tick * np.floor(t / tick)) for t in T]
     found = imported(table(tmp_path / "a.csv", {**bridge(TRUTH), "Time": times}))
-    late = shifts(found)
-    assert max(abs(s) for s in late.values()) < 0.1, late
+    assert late(found) < 0.1
     assert np.diff(found.runs[0].columns["t"]) == pytest.approx(0.5) and "time_spread" in codes(found)
 
 
@@ -463,7 +457,7 @@ def test_a_missing_row_and_a_gap_leave_the_others_in_their_second(tmp_path: Path
 def test_rows_that_were_written_twice_are_one(tmp_path: Path) -> None:
     columns = {name: np.repeat(values, 2) for name, values in bridge(TRUTH).items()}
     found = imported(table(tmp_path / "a.csv", columns))
-    assert max(abs(s) for s in shifts(found).values()) < 0.05
+    assert late(found) < 0.05
     assert len(found.runs[0].columns["t"]) == N and "time_repeated" in codes(found)
 
 
@@ -504,7 +498,7 @@ def test_times_of_twelve_hours_stand_in_a_column_of_their_own(tmp_path: Path, da
     times = [w.strftime(form.replace("pm", f" {h}.m.")) for w, h in zip(when, half, strict=True)]
     columns = {**bridge(TRUTH), "Time": times} | ({"Date": [w.strftime("%m/%d/%Y") for w in when]} if dated else {})
     found = imported(table(tmp_path / "a.csv", columns))
-    assert max(abs(s) for s in shifts(found).values()) < 0.3
+    assert late(found) < 0.6
     assert found.runs[0].columns["t"][-1] == pytest.approx(TRUTH.duration, abs=1.0)
 
 

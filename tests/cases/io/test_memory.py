@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -88,45 +89,38 @@ def test_a_frame_and_its_file_are_the_same_trial(tmp_path: Path) -> None:
     np.testing.assert_array_equal(Trial.from_pandas(by_index).t, file.t)
 
 
-WRONG: dict[str, tuple[dict[str, Any], str]] = {
-    "lengths": ({"u": np.ones(3)}, "u 3"),
-    "two dimensions": ({"u": np.ones((N, 2))}, "(60, 2)"),
-    "time backwards": ({"t": T[::-1]}, "backwards"),
-    "text": ({"u": np.full(N, "fast")}, "'u'"),
-    "not a number": ({"r": np.full(N, np.nan)}, "column r"),
-    "unit": ({"units": {"psi": "grad"}}, "accepted: rad, deg"),
-    "unit of no column": ({"units": {"phi": "deg"}}, "did you mean 'psi'"),
-    "setting": ({"rudder_positiv": "port"}, "did you mean 'rudder_positive'"),
-    "value of a setting": ({"rudder_positive": "left"}, "rudder_positive"),
-}
+def frame(given: Any) -> Callable[[], Trial]:
+    return lambda: Trial.from_pandas(given)
 
 
-@pytest.mark.parametrize("case", WRONG)
-def test_what_is_wrong_is_said_by_the_name_of_the_column(case: str) -> None:
-    changed, words = WRONG[case]
-    with pytest.raises(UserError) as error:
-        Trial.from_arrays(**{**COLUMNS, **changed})
-    assert words in str(error.value) and "\n" not in str(error.value)
+def arrays(**changed: Any) -> Callable[[], Trial]:
+    return lambda: Trial.from_arrays(**{**COLUMNS, **changed})
 
 
 HEADER = {name: f"{name} [{UNITS[name]}]" for name in COLUMNS} | {"psi": "psy [deg]"}  # misspelt
+WRONG: dict[str, tuple[Callable[[], Trial], str]] = {
+    "lengths": (arrays(u=np.ones(3)), "u 3"),
+    "two dimensions": (arrays(u=np.ones((N, 2))), "(60, 2)"),
+    "time backwards": (arrays(t=T[::-1]), "backwards"),
+    "text": (arrays(u=np.full(N, "fast")), "'u'"),
+    "not a number": (arrays(r=np.full(N, np.nan)), "column r"),
+    "unit": (arrays(units={"psi": "grad"}), "accepted: rad, deg"),
+    "unit of no column": (arrays(units={"phi": "deg"}), "did you mean 'psi'"),
+    "setting": (arrays(rudder_positiv="port"), "did you mean 'rudder_positive'"),
+    "value of a setting": (arrays(rudder_positive="left"), "rudder_positive"),
+    "no rows": (frame(pd.DataFrame({"t [s]": T}).iloc[:0]), "missing column psi"),
+    "units of none": (frame(pd.DataFrame({f"{k} [1]": v for k, v in COLUMNS.items()})), "unknown unit"),
+    "no units": (frame(pd.DataFrame(COLUMNS)), "column 't' has no unit"),
+    "misspelt": (frame(pd.DataFrame({HEADER[k]: v for k, v in COLUMNS.items()})), "psi; is it 'psy [deg]'?"),
+    "a dict": (frame(COLUMNS), "takes a DataFrame"),
+}
 
 
-@pytest.mark.parametrize(
-    ("frame", "words"),
-    [
-        (pd.DataFrame({"t [s]": T}).iloc[:0], "missing column psi"),
-        (pd.DataFrame({f"{k} [1]": v for k, v in COLUMNS.items()}), "unknown unit"),
-        (pd.DataFrame(COLUMNS), "column 't' has no unit"),
-        (pd.DataFrame({HEADER[k]: v for k, v in COLUMNS.items()}), "missing column psi; is it 'psy [deg]'?"),
-        (COLUMNS, "takes a DataFrame"),
-    ],
-    ids=["empty", "units", "no units", "misspelt", "a dict"],
-)
-def test_a_frame_that_is_none_is_refused(frame: Any, words: str) -> None:
+@pytest.mark.parametrize(("make", "words"), WRONG.values(), ids=WRONG)
+def test_what_is_wrong_is_said_by_the_name_of_the_column(make: Callable[[], Trial], words: str) -> None:
     with pytest.raises(UserError) as error:
-        Trial.from_pandas(frame)
-    assert words in str(error.value)
+        make()
+    assert words in str(error.value) and "\n" not in str(error.value)
 
 
 def test_a_trial_is_checked_when_it_is_made() -> None:

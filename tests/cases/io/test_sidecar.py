@@ -32,27 +32,33 @@ def test_a_file_entry_wins_over_the_default_and_tables_are_merged(tmp_path):
     assert sidecar_entry(tmp_path / "b.csv").units == {"u": "kn", "n": "rpm"}
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('[default]\nrudder = "port"', "'rudder'"),
-        ('[defaults]\nkind = "x"', "unknown section"),
-        ('[default]\nrudder_positive = "left"', "rudder_positive ="),
-        ('[default]\nunits = { u = "mph" }', "'mph'"),
-        ('[default]\nunits = { speed = "kn" }', "not a canonical column"),
-        ("[default]\nsign = { r = 2 }", "-1"),
-        ('[default]\nreference_point = "bow"', "reference_point"),
-        ('[files."a.csv"]\nname = "../../evil"', '= "../../evil"'),
-        ("[default\n", "not a valid TOML"),
-        ("[default]\n[all]\n", "keep one"),
-    ],
-)
+NINES = "9" * 4000
+WRONG = {
+    '[default]\nrudder = "port"': "'rudder'",
+    '[defaults]\nkind = "x"': "unknown section",
+    '[default]\nrudder_positive = "left"': "rudder_positive =",
+    '[default]\nunits = { u = "mph" }': "'mph'",
+    '[default]\nunits = { speed = "kn" }': "not a canonical column",
+    "[default]\nsign = { r = 2 }": "-1",
+    '[default]\nreference_point = "bow"': "reference_point",
+    '[files."a.csv"]\nname = "../../evil"': '= "../../evil"',
+    "[default\n": "not a valid TOML",
+    "[default]\n[all]\n": "keep one",
+    **{f"[default]\nreference_point = {{x = {x}, y = 0.0}}": "trials.toml" for x in ("nan", "inf", "1e300", NINES)},
+    f"[default]\nsign = {{u = {NINES}{NINES}}}": "trials.toml",
+    **{f"[default]\nkind = {deep}": "trials.toml" for deep in (
+        "[" * 3000 + "]" * 3000, "[" * 400 + "]" * 400, "{a = " * 400 + "1" + "}" * 400)},
+    '[default]\nname = "\\u0000"': "trials.toml",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "said"), WRONG.items(), ids=[text[:50] for text in WRONG])
 def test_a_wrong_sidecar_is_one_line(tmp_path, text, said):
     write_csv(tmp_path / "a.csv")
     sidecar(tmp_path, text)
     with pytest.raises(UserError, match=said) as error:
         read_trial(tmp_path / "a.csv")
-    assert "\n" not in str(error.value)
+    assert "\n" not in str(error.value) and len(str(error.value)) < 1000
 
 
 def test_a_sidecar_beside_a_part_of_its_files_is_said_and_no_error(tmp_path):

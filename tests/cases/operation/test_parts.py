@@ -131,11 +131,14 @@ def seconds_in(cut: Cut, begin: float, end: float) -> float:
     return sum(max(0.0, min(w.end, end) - max(w.begin, begin)) for w in cut.windows)
 
 
-@pytest.mark.parametrize("rows", [100_000, 1100])
-def test_no_window_lies_where_the_log_tells_nothing(log: dict[str, np.ndarray], rows: int) -> None:
-    cut = cut_log(pieces(log, rows), LENGTH)
-    for begin, end in ((1830, 2970), (3600, 3900), (4805, 4855), (6000, 6100)):
-        assert seconds_in(cut, begin, end) == 0, (begin, end)
+def test_no_window_lies_where_the_log_tells_nothing_however_it_is_read(log: dict[str, np.ndarray]) -> None:
+    sailed = []
+    for rows in (100_000, 1100):
+        cut = cut_log(pieces(log, rows), LENGTH)
+        sailed.append(cut.seconds["manoeuvring"] + cut.seconds["steady"])
+        for begin, end in ((1830, 2970), (3600, 3900), (4805, 4855), (6000, 6100)):
+            assert seconds_in(cut, begin, end) == 0, (rows, begin, end)
+    assert sailed[1] == pytest.approx(sailed[0], rel=0.05)
 
 
 def test_what_is_sound_is_cut_into_windows(log: dict[str, np.ndarray]) -> None:
@@ -145,12 +148,6 @@ def test_what_is_sound_is_cut_into_windows(log: dict[str, np.ndarray]) -> None:
     assert cut.seconds["moored"] == pytest.approx(1200, abs=60) and cut.seconds["gaps"] == pytest.approx(101)
     assert cut.seconds["missing values"] == pytest.approx(300)  # without a speed she is not known to be moored
     assert sum(cut.seconds.values()) == pytest.approx(cut.end - cut.begin, rel=0.01)
-
-
-def test_windows_hardly_depend_on_the_pieces(log: dict[str, np.ndarray]) -> None:
-    whole, parts = (cut_log(pieces(log, rows), LENGTH) for rows in (100_000, 1100))
-    kinds = [sum(cut.seconds[name] for name in ("manoeuvring", "steady")) for cut in (whole, parts)]
-    assert kinds[1] == pytest.approx(kinds[0], rel=0.05)
 
 
 def test_rudder_revolutions_and_turns_make_a_window_manoeuvring() -> None:
