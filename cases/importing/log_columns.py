@@ -195,7 +195,7 @@ def log_of(table: RawTable, chosen: ImportMap) -> Log:
     columns, frozen = stands_still(t, columns)
     notices += [*said, *frozen]
     return Log(
-        replace(table, frame=table.frame.iloc[:0].copy(), clock=None, source=None, text=None),  # without its cells
+        replace(table, frame=table.frame.iloc[:0].copy(), clock=None, source=None),  # without its cells
         t, clock.absolute, columns, mapped, tuple(unitless), tuple(of.unknown), of.unsure,
         "".join(words["ship"]) or table.ship, "".join(words["zone"]), tuple(notices),
         table.accounts or of.accounts(table), clock.zoned,
@@ -414,7 +414,7 @@ def unit_in(table: RawTable, quantity: str, column: ColumnMap) -> str:
 
 def _degrees_minutes(table: RawTable, quantity: str) -> bool:
     """Whether a column of latitudes or longitudes holds degrees and minutes in one number, as NMEA 0183 does: numbers
-    beyond the globe whose last two digits are minutes, zeros before them, or a partner of which this is so."""
+    beyond the globe whose last two digits are minutes, or a partner of which this is so."""
     shown = {}
     for name, header in ((q, h) for h in table.headers if (q := meaning(h).quantity) in ("latitude", "longitude")):
         if not table.numeric(header):
@@ -423,10 +423,7 @@ def _degrees_minutes(table: RawTable, quantity: str) -> bool:
         values = values[np.isfinite(values) & (values != 0) & ~np.isin(values, (99999.0, 9999.0, 91.0, 181.0))]
         if not len(values) or (values % 100 >= 60).any() or values.max() > 100 * known(name).limits[1]:
             return False
-        written = table.words(header)
-        digits = [str(w).lstrip("+-").partition(".")[0] for w in (() if written is None else written) if w]
-        padded = {len(w) for w in digits} == {4 if name == "latitude" else 5} and any(w[0] == "0" for w in digits)
-        shown[name] = padded or bool((values > 360).mean() > 0.5)  # up to 360 both may be exchanged
+        shown[name] = bool((values > 360).mean() > 0.5)  # up to 360 both may be exchanged
     return quantity in shown and any(shown.values())
 
 

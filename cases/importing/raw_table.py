@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +64,7 @@ class RawTable:
     known already; before: rows of the log before those of the table; ship: that lines above it name; rows: of the log;
     source: of the rows of a table that holds only a sample of them; accounts: of all its columns or sentences, where
     the reader of the format gives one; means: header -> what the format itself says of it (``vocabulary.Meaning``);
-    text: reads its columns again, as text; since_1904: whether its numbers of days are counted from 1904.
+    since_1904: whether its numbers of days are counted from 1904.
     """
 
     path: Path
@@ -80,7 +80,6 @@ class RawTable:
     source: TextTable | None = None
     accounts: tuple[Account, ...] = ()
     means: dict[str, Any] = field(default_factory=dict)
-    text: TextTable | None = None
     since_1904: bool = False
 
     def __len__(self) -> int:
@@ -102,13 +101,6 @@ class RawTable:
     def cells(self, header: str) -> Any:
         """The pandas series (N,) of cells below ``header``."""
         return self.frame.iloc[:, self.headers.index(header)]
-
-    def words(self, header: str) -> Any:
-        """The cells (N,) below ``header`` as they are written, None where the table does not know them any more."""
-        if self.text is None:
-            return None
-        i = int(self.frame.columns[self.headers.index(header)])  # the number of the column in the file
-        return np.concatenate([piece[i] for piece in replace(self.text, words=(i,)).pieces([i])])
 
     def numbers(self, header: str) -> np.ndarray:
         """The column below ``header`` as floats (N,), NaN where cells are empty. Raises UserError on text."""

@@ -107,7 +107,7 @@ def read_text_log(path: Path, decimal: str = "") -> RawTable:
         raise TooFewData(f"{path}: holds no rows of data below a header")
     said = [*notices, *(() if long else text.notices())]
     read = raw_table(path, str(path), head.header, head.units, pd.DataFrame(columns), said)
-    return replace(read, ship=head.ship, rows=count, source=text if long else None, text=None if long else text)
+    return replace(read, ship=head.ship, rows=count, source=text if long else None)
 
 
 def _from_places(path: Path) -> Iterator[bytes]:

@@ -221,10 +221,9 @@ class TextTable:
 
     path: of it; width: cells of the header; skipped: lines above the first row that are neither blank nor comments;
     log: a raw one, in which lines may be comments, and a row may lack cells only where the file is cut off; separator,
-    decimal: of its cells; grouped: column -> the characters between its thousands; words: columns that are kept as
-    text; source: blocks of a sample of the file, of which odd rows are left out. While it is read,
-    rows, comments and cut say how many rows and comments there were, and whether the last line was cut off; texts are
-    the numbers of columns that hold some.
+    decimal: of its cells; grouped: column -> the characters between its thousands; source: blocks of a sample of the
+    file, of which odd rows are left out. While it is read, rows, comments and cut say how many rows and comments there
+    were, and whether the last line was cut off; texts are the numbers of columns that hold some.
     """
 
     path: Path
@@ -234,7 +233,6 @@ class TextTable:
     separator: str = ","
     decimal: str = "."
     grouped: Mapping[int, str] = field(default_factory=dict)
-    words: Collection[int] = ()
     source: Callable[[], Iterator[tuple[bytes, bool]]] | None = None
     rows: int = 0
     comments: int = 0
@@ -284,7 +282,7 @@ class TextTable:
 
         def read(numbers: bool) -> Any:
             odd.clear()
-            words = {*self.texts, *self.grouped, *self.words}
+            words = {*self.texts, *self.grouped}
             kinds = {str(i): pa.float64() if numbers and i not in words else pa.string() for i in wanted}
             return pa.csv.read_csv(
                 pa.BufferReader(block),
@@ -332,8 +330,6 @@ class TextTable:
             empty = pc.is_in(pc.utf8_lower(column), value_set=pa.array(EMPTY))
             column = pc.if_else(empty, pa.scalar(None, pa.string()), column)
             column = pc.replace_substring(column, "\u2212", "-")  # a minus of typesetters
-            if i in self.words:
-                return np.asarray(column.to_numpy(zero_copy_only=False), dtype=object)
             if i in self.grouped:
                 column = pc.replace_substring_regex(column, rf"(\d)[{self.grouped[i]}]", r"\1")
             if self.separator != "," or self.decimal == ",":  # else only a quoted cell can hold one
