@@ -391,6 +391,13 @@ def _others(run: Run) -> list[Row]:
     return [_row(run, "course stability", name, unit, None) for name, unit in units.items()]
 
 
+# Key of a run in JSON -> attribute of a Run, beside its figures, notes and caveats.
+RUN_KEYS = {
+    "name": "name", "kind": "kind", "title": "title", "measured": "measured", "order_time_s": "order_time",
+    "end_s": "end", "rudder_rad": "rudder", "switch_heading_rad": "heading", "speed_m_s": "speed", "length_m": "length",
+}  # fmt: skip
+
+
 @dataclass(frozen=True, repr=False)
 class Assessment:
     """Figures of standard manoeuvres with limits and verdicts.
@@ -421,21 +428,8 @@ class Assessment:
     def to_dict(self) -> dict[str, Any]:
         """What ``mmg imo --json`` prints: SI and rad in the figures of the runs, L and deg in the rows."""
         runs = [
-            {
-                "name": run.name,
-                "kind": run.kind,
-                "measured": run.measured,
-                "order_time_s": run.order_time,
-                "rudder_rad": run.rudder,
-                "switch_heading_rad": run.heading,
-                "speed_m_s": run.speed,
-                "length_m": run.length,
-                "figures": dict(run.figures),
-                "notes": list(run.notes),
-                "caveats": list(run.caveats),
-                "title": run.title,
-                "end_s": run.end,
-            }
+            {key: getattr(run, name) for key, name in RUN_KEYS.items()}
+            | {"figures": dict(run.figures), "notes": list(run.notes), "caveats": list(run.caveats)}
             for run in self.runs
         ]
         head = {"ship": self.ship, "heading": self.heading, "standard": "IMO MSC.137(76)", "verdict": self.verdict}

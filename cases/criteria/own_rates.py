@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -328,22 +329,14 @@ def _approach(trials: Sequence[Trial], length: float) -> Approach | None:
 
 
 def _of_approach(ship: Ship, approach: Approach) -> dict[str, tuple[float, tuple[str, ...]]]:
-    """Particulars of the ``ship`` that an ``approach`` shows, and in which trials."""
+    """Particulars of the ``ship`` that an ``approach`` shows, and in which trials. Where D_P is by rule: the diameter
+    [m] with which she keeps its speed at its revolutions, if that is a usual one; not so before a gear."""
     estimates = {"approach_speed": approach.speed}
     if abs(approach.rudder) > LEAST_NEUTRAL:
         estimates["neutral_rudder"] = approach.rudder
-    by_rule = ship.sources.get("D_P", "").startswith((BY_RULE, MEASURED))
-    if by_rule and approach.n > 0 and (diameter := _diameter(ship, approach)):
-        estimates["D_P"] = diameter
+    if ship.sources.get("D_P", "").startswith((BY_RULE, MEASURED)) and approach.n > 0:
+        with suppress(UserError):
+            diameter = diameter_for(ship, approach.speed, approach.n)
+            if USUAL_DIAMETER[0] <= diameter / ship.particulars["d"] <= USUAL_DIAMETER[1]:
+                estimates["D_P"] = float(f"{diameter:.4g}")
     return {name: (value, approach.trials) for name, value in estimates.items()}
-
-
-def _diameter(ship: Ship, approach: Approach) -> float | None:
-    """Diameter of the propeller [m] with which the ``ship`` keeps the speed of the ``approach`` at its revolutions;
-    None where no usual one does, as where those are of the engine before a gear."""
-    low, high = (share * ship.particulars["d"] for share in USUAL_DIAMETER)
-    try:
-        diameter = diameter_for(ship, approach.speed, approach.n)
-    except UserError:
-        return None
-    return float(f"{diameter:.4g}") if low <= diameter <= high else None

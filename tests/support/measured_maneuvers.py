@@ -1,10 +1,9 @@
-"""Records of manoeuvres of a ship that is not the package's, as instruments log them, with what was ordered in them."""
+"""Records of manoeuvres of a ship that is not the package's, as instruments log them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,24 +11,8 @@ from benchmarks.file_faults.plant import SETS, Order, Plant, Weather, circle, ru
 from cases.trial import Trial
 
 
-@dataclass(frozen=True)
-class Case:
-    """A record of a ship of ``length`` [m], and what was ordered in it, as ``Execute.title`` says it."""
-
-    ship: str
-    trial: Trial
-    length: float
-    ordered: str
-
-
-def title(kind: str, side: int, steps: tuple[int, int]) -> str:
-    """What was ordered, as it is called."""
-    sign = "-" if side < 0 else ""
-    return f"zigzag {sign}{steps[0]}/{steps[1]}" if kind == "zigzag" else f"turning {sign}{steps[0]}"
-
-
-def foreign(name: str, kind: str, side: int, steps: tuple[int, int], rng: np.random.Generator) -> Case:
-    """A record of the foreign ship ``name``."""
+def foreign(name: str, kind: str, side: int, steps: tuple[int, int], rng: np.random.Generator) -> tuple[Trial, float]:
+    """A record of the foreign ship ``name``, and her length [m]."""
     some = SETS[name]
     hull, unit = some.hull, some.hull.length / some.hull.speed
     heading, towards = rng.uniform(-math.pi, math.pi, 2)
@@ -41,8 +24,7 @@ def foreign(name: str, kind: str, side: int, steps: tuple[int, int], rng: np.ran
     order = zigzag(rudder, heading, begin, steps[1]) if kind == "zigzag" else circle(rudder, heading, begin)
     dt = float(rng.choice([0.1, 0.2, 0.5, 1.0])) if hull.length > 20 else float(rng.choice([0.1, 0.2, 0.5]))
     out = run(plant, order, begin + 30 * unit, dt, heading)
-    return Case(name, logged(out | {"n": np.full(len(out["t"]), hull.revolutions)}, hull.length, rng), hull.length,
-                title(kind, side, steps))  # fmt: skip
+    return logged(out | {"n": np.full(len(out["t"]), hull.revolutions)}, hull.length, rng), hull.length
 
 
 def logged(columns: dict[str, np.ndarray], length: float, rng: np.random.Generator) -> Trial:

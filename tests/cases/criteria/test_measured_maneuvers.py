@@ -22,7 +22,7 @@ from cases.trial import Span, Trial, left_out
 from mmg.errors import Missing, UnknownName, UserError
 from mmg.messages import has_code
 from mmg_ident import simulate as simulated
-from tests.support.measured_maneuvers import foreign, logged, program, title
+from tests.support.measured_maneuvers import foreign, logged, program
 
 SHIP = load_ship("esso_osaka_3m")
 
@@ -140,18 +140,6 @@ MODEL, FULL_SIZE = "3 m tanker, hard, 10 Hz", "320 m tanker, mild and hard, 1 Hz
 SEED = 77
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "side", "steps"),
-    [(MODEL, 1, (5, 1)), (MODEL, -1, (20, 10)), (FULL_SIZE, -1, (5, 1)), (FULL_SIZE, 1, (20, 10))],
-)
-def test_zigzags_of_any_step_of_a_foreign_ship_are_read_as_ordered(
-    name: str, side: int, steps: tuple[int, int]
-) -> None:
-    case = foreign(name, "zigzag", side, steps, np.random.default_rng([SEED, *steps]))
-    assert [execute.title for execute in find_maneuvers(case.trial, case.length)] == [title("zigzag", side, steps)]
-
-
 def test_a_5_1_with_many_reversals_is_one_zigzag_with_all_its_reversals() -> None:
     clean = simulate(SHIP, parse_maneuver("zigzag:5/1", SHIP, speed=0.5, duration=260.0), 0.2)
     trial = logged(dict(clean.columns), 3.0, np.random.default_rng(SEED))
@@ -181,8 +169,7 @@ def test_several_manoeuvres_in_one_record_are_cut_judged_and_listed() -> None:
 @pytest.fixture(scope="module")
 def large_turn() -> Run:
     """A turning test of a 320 m ship."""
-    case = foreign(FULL_SIZE, "turning", 1, (35, 0), np.random.default_rng(SEED))
-    return measured_runs(case.trial, case.length)[0]
+    return measured_runs(*foreign(FULL_SIZE, "turning", 1, (35, 0), np.random.default_rng(SEED)))[0]
 
 
 @pytest.mark.slow
@@ -215,14 +202,14 @@ def test_a_turn_that_never_comes_round_says_what_it_does_not_reach(large_turn: R
 
 
 def test_a_rudder_that_is_logged_off_its_zero_is_told() -> None:
-    case = foreign(MODEL, "zigzag", -1, (10, 10), np.random.default_rng(SEED))
-    (found,) = find_maneuvers(case.trial.with_columns(delta=case.trial["delta"] + math.radians(2.5)), case.length)
+    trial, length = foreign(MODEL, "zigzag", -1, (10, 10), np.random.default_rng(SEED))
+    (found,) = find_maneuvers(trial.with_columns(delta=trial["delta"] + math.radians(2.5)), length)
     assert found.title == "zigzag -10/10"
 
 
 def test_a_zigzag_with_the_rudder_logged_the_wrong_way_round_is_named_and_not_judged() -> None:
-    case = foreign(MODEL, "zigzag", 1, (10, 10), np.random.default_rng(SEED))
-    found = imo_figures_of_trials([case.trial.with_columns(delta=-case.trial["delta"])], length=3.0, scale=108.0)
+    trial, length = foreign(MODEL, "zigzag", 1, (10, 10), np.random.default_rng(SEED))
+    found = imo_figures_of_trials([trial.with_columns(delta=-trial["delta"])], length=length, scale=108.0)
     assert found.runs[0].title == "zigzag 10/10"
     assert {row.verdict for row in found.rows if row.limit} == {"not judged"}
 
