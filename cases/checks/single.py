@@ -21,7 +21,7 @@ from cases.checks.breaks import PROPELLERS, runs
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckReport, Found
 from cases.evidence.competition import COST
 from cases.evidence.shifts import SIGMAS
-from cases.evidence.signals import MAD, PIECES, independent
+from cases.evidence.signals import MAD, PIECES, independent, jackknife
 from cases.inputs import is_sampled
 from cases.trial import REQUIRED, Trial
 from mmg.errors import UserError
@@ -314,10 +314,8 @@ def _regressed(trials: Sequence[Trial], most: float = math.inf) -> tuple[np.ndar
     size = np.sqrt(np.diag(N.sum(axis=0))) + 1e-12
     N, h = N / np.outer(size, size), h / size
     flat = 1e-6 * np.eye(4)  # keeps the system regular where the ship runs on one heading
-    values = np.linalg.solve(N.sum(axis=0) + flat, h.sum(axis=0)) / size
-    # jackknife (Kunsch 1989): without each piece in turn, as neighbouring rows err alike
-    without = np.linalg.solve(N.sum(axis=0) - N + flat, (h.sum(axis=0) - h)[..., None])[..., 0] / size
-    return values, np.sqrt((len(N) - 1) * without.var(axis=0)), float(np.linalg.eigvalsh(N.sum(axis=0))[0])
+    values, std = jackknife(N, h, flat)
+    return values / size, std / size, float(np.linalg.eigvalsh(N.sum(axis=0))[0])
 
 
 def sway_findings(trials: Sequence[Trial]) -> list[Found]:

@@ -21,6 +21,7 @@ from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
+from cases.evidence.signals import jackknife
 from cases.evidence.tails import normal_tail, student_quantile
 from cases.trial import Trial
 from mmg.errors import UserError
@@ -72,14 +73,12 @@ class Normal:
         """(values, std, std without regard to groups, drop of the weighted squares) with only these, the others 0."""
         c = np.array(chosen, dtype=int)
         N, h, wish = self.N[:, c[:, None], c], self.h[:, c], np.diag(self.prior[c] ** -2.0)
-        b, G = np.linalg.solve(N.sum(axis=0) + wish, h.sum(axis=0)), len(N)
+        b, std = jackknife(N, h, wish)
         drop = float(b @ h.sum(axis=0))
         # rows that scatter less once these faults are taken off know the faults better than their weights say
         sharper = max(self.rows / max(self.squares - drop, 1e-12 * self.squares), 1.0)
         plain = np.sqrt(np.diag(np.linalg.inv(sharper * N.sum(axis=0) + wish)))
-        # jackknife: without each group in turn
-        without = np.linalg.solve(N.sum(axis=0) - N + wish, (h.sum(axis=0) - h)[..., None])[..., 0]
-        return b, np.maximum(plain, np.sqrt((G - 1) * without.var(axis=0))), plain, drop
+        return b, np.maximum(plain, std), plain, drop
 
 
 def _normal(rows: Sequence[Rows], blocks: Sequence[np.ndarray], b: np.ndarray, prior: np.ndarray, few: float) -> Normal:

@@ -30,6 +30,7 @@ from cases.evidence.signals import (
     densest,
     evidence,
     independent,
+    jackknife,
     over_windows,
     relative,
     white_noise,
@@ -159,14 +160,10 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     told = gained > 0  # not of a column without motion and noise
     noisy = np.divide(0.5 * unexplained, gained, out=np.zeros(count), where=told) * values
     noisy = np.where(gains, np.where(told, noisy, np.inf), 0.0)
-    record = piece[edges] // PIECES
-    groups = [np.arange(len(edges)), *([record] if len(parts) > 2 else [])]  # files differ by more than their pieces
-    std = np.abs(noisy)
-    for group in groups:
-        each = [np.flatnonzero(group == one) for one in np.unique(group)]
-        # jackknife: the values without each group in turn (Kunsch 1989)
-        without = [np.linalg.solve(total - N[some].sum(axis=0), (h.sum(axis=0) - h[some].sum(axis=0))) for some in each]
-        std = np.maximum(std, np.hypot(noisy, np.sqrt((len(each) - 1) * np.var(without, axis=0))))
+    record, std = piece[edges] // PIECES, np.abs(noisy)
+    of_files = [np.array([some[record == one].sum(axis=0) for one in np.unique(record)]) for some in (N, h)]
+    for groups in ((N, h), *([of_files] if len(parts) > 2 else [])):  # files differ by more than their pieces
+        std = np.maximum(std, np.hypot(noisy, jackknife(*groups, flat * weight.sum())[1]))
     return values / size, std / size
 
 

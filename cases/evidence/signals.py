@@ -249,3 +249,11 @@ def white_noise(stretches: Sequence[np.ndarray], needed: slice = slice(None)) ->
     noise = np.zeros(6)
     noise[valid] = np.nanmedian(np.abs(d[:, valid]), axis=0) / 0.6745 / np.sqrt(20.0)  # 20: of 1, -3, 3, -1
     return noise
+
+
+def jackknife(N: np.ndarray, h: np.ndarray, ridge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (P,) of the normal equations N (G, P, P), h (G, P) of G groups of rows, with a ``ridge`` (P, P), and their
+    standard errors (P,) by the values without each group in turn (Kunsch 1989), as neighbouring rows err alike."""
+    values = np.linalg.solve(N.sum(axis=0) + ridge, h.sum(axis=0))
+    without = np.linalg.solve(N.sum(axis=0) - N + ridge, (h.sum(axis=0) - h)[..., None])[..., 0]
+    return values, np.sqrt((len(N) - 1) * without.var(axis=0))
