@@ -105,15 +105,14 @@ def test_the_rate_of_an_engine_and_a_rudder_that_is_not_midships_come_back() -> 
 def ordered(dt: float, delay: float, noise: float, seed: int, lag: float = 0.0) -> Trial:
     """A run of 600 s with ten orders at times of no grid, a rudder of 2.5 deg/s that waits so long, and logged orders;
     lag: time constant [s] with which the orders themselves are approached, as by an autopilot."""
-    rng, t, fine = np.random.default_rng(seed), np.arange(0.0, 600.0, dt), np.arange(60001) / 100
+    rng, t = np.random.default_rng(seed), np.arange(0.0, 600.0, dt)
     times = 30.0 + 55.0 * np.arange(10) + rng.uniform(0, 5, 10)
     steps = np.array([10.0, *[-20.0, 20.0] * 4, -20.0])
-    wanted, angle = (fine[:, None] >= times + delay) @ steps, np.zeros(len(fine))
-    for k in range(1, len(fine)):
-        angle[k] = angle[k - 1] + np.clip(wanted[k] - angle[k - 1], -0.025, 0.025)
+    begins, angles = times + delay, np.cumsum(steps)
+    corners, reached = np.stack([begins, begins + np.abs(steps) / 2.5], 1), np.stack([angles - steps, angles], 1)
     since = np.clip(t[:, None] - times, 0.0, None)
     order = np.where(since > 0, 1 - np.exp(-since / lag) if lag else 1.0, 0.0) @ steps
-    delta = np.radians(np.interp(t, fine, angle) + noise * rng.standard_normal(len(t)))
+    delta = np.radians(np.interp(t, corners.ravel(), reached.ravel()) + noise * rng.standard_normal(len(t)))
     run = straight(f"run_{seed}", t, delta=delta, delta_order=np.radians(order))
     return replace(run, meta={"inputs": "sampled"})
 
