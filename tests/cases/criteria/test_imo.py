@@ -12,22 +12,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from benchmarks.file_faults.plant import SETS, Plant, Weather, circle, run, zigzag
+from cases.criteria import imo
 from cases.criteria.figures import since, turning_figures
-from cases.criteria.imo import (
-    FAIL,
-    NONE,
-    OPEN,
-    PASS,
-    REFERENCES,
-    Row,
-    assess,
-    current_of,
-    first_overshoot_limit,
-    imo_figures,
-    imo_figures_of_trials,
-    second_overshoot_limit,
-    worst,
-)
+from cases.criteria.imo import FAIL, NONE, OPEN, PASS, assess
 from cases.criteria.measured_maneuvers import Execute
 from cases.criteria.standard_runs import Run, approach_speed, figures_of, measured_runs, simulated_run, simulated_trial
 from cases.maneuvers.definitions import Maneuver, parse_maneuver
@@ -97,17 +84,17 @@ def test_figures_are_judged_by_the_limits_of_the_standard_at_the_size_of_the_shi
     [(5, 10, 25), (10, 10, 25), (20, 15, 32.5), (25, 17.5, 36.25), (30, 20, 40), (60, 20, 40)],
 )
 def test_overshoot_limits_of_the_10_10_zigzag(ratio: float, first: float, second: float) -> None:
-    assert first_overshoot_limit(ratio) == pytest.approx(first)
-    assert second_overshoot_limit(ratio) == pytest.approx(second)
+    assert imo.first_overshoot_limit(ratio) == pytest.approx(first)
+    assert imo.second_overshoot_limit(ratio) == pytest.approx(second)
 
 
 def test_overall_verdict_fails_with_one_failure_and_passes_only_with_all() -> None:
-    def rows(*found: str) -> list[Row]:
-        return [Row("", "", "", 1.0, 1.0, "L", verdict) for verdict in found]
+    def rows(*found: str) -> list[imo.Row]:
+        return [imo.Row("", "", "", 1.0, 1.0, "L", verdict) for verdict in found]
 
-    assert worst(rows(PASS, NONE, PASS)) == PASS
-    assert worst(rows(PASS, OPEN, FAIL)) == FAIL
-    assert worst(rows(PASS, OPEN)) == worst(rows(NONE)) == worst([]) == OPEN
+    assert imo.worst(rows(PASS, NONE, PASS)) == PASS
+    assert imo.worst(rows(PASS, OPEN, FAIL)) == FAIL
+    assert imo.worst(rows(PASS, OPEN)) == imo.worst(rows(NONE)) == imo.worst([]) == OPEN
 
 
 def test_test_speed_is_as_given_or_the_ships_or_froude() -> None:
@@ -123,7 +110,7 @@ def test_test_speed_is_as_given_or_the_ships_or_froude() -> None:
 
 def test_measured_values_stand_beside_the_two_kvlcc2_ships_only() -> None:
     run = run_of("turning:35", {"advance": 600.0})
-    assert assess(run, None, "kvlcc2_full")[0].reference == 3.09 == REFERENCES["kvlcc2_l7"]["turning:35", "advance"]
+    assert assess(run, None, "kvlcc2_full")[0].reference == 3.09 == imo.REFERENCES["kvlcc2_l7"]["turning:35", "advance"]
     assert assess(run, None, "esso_osaka_3m")[0].reference is None
 
 
@@ -215,7 +202,7 @@ def test_a_calibration_is_named_and_keeps_the_published_values_of_the_ship_it_be
     monkeypatch.setattr("cases.criteria.imo.STANDARD", ("turning:35", "zigzag:10/10"))
     ship = load_ship("kvlcc2_full")
     mark = CalibrationMark("sea trial 3", "2026-01-02", "ab12", "kvlcc2_full")
-    plain, found = imo_figures(ship), imo_figures(replace(ship, name="our tanker", mark=mark))
+    plain, found = imo.imo_figures(ship), imo.imo_figures(replace(ship, name="our tanker", mark=mark))
     content = found.to_dict()
     assert content["ship"] == "our tanker" and content["calibration"] == {
         "name": "sea trial 3", "date": "2026-01-02", "data": "ab12", "start": "kvlcc2_full",
@@ -247,10 +234,10 @@ def drifting() -> list[Trial]:
 
 @pytest.mark.slow
 def test_the_current_of_a_circle_and_the_figures_without_it_are_those_of_still_water(drifting: list[Trial]) -> None:
-    found = current_of(measured_runs(drifting[0], HULL.length)[0])
+    found = imo.current_of(measured_runs(drifting[0], HULL.length)[0])
     assert found is not None and (found.north, found.east) == pytest.approx((0.5, -0.6), abs=0.01)
-    corrected = imo_figures_of_trials(drifting, length=HULL.length, correct=True)
-    still = imo_figures_of_trials(pair((0.0, 0.0)), length=HULL.length)
+    corrected = imo.imo_figures_of_trials(drifting, length=HULL.length, correct=True)
+    still = imo.imo_figures_of_trials(pair((0.0, 0.0)), length=HULL.length)
     for true, row in zip(still.rows, corrected.rows, strict=True):
         assert row.value == pytest.approx(true.value, abs=0.2 if row.unit == "deg" else 0.02), row.figure
     advance, diameter = (next(r for r in corrected.rows if r.figure == f) for f in ("advance", "tactical_diameter"))
@@ -263,8 +250,8 @@ def test_a_circle_that_is_too_short_gives_no_current_and_that_is_said(drifting: 
     psi = drifting[0].psi_unwrapped
     rows = np.abs(psi - psi[0]) < math.radians(400)
     short = Trial("short", {n: v[rows] for n, v in drifting[0].columns.items()})
-    assert current_of(measured_runs(short, HULL.length)[0]) is None
-    found = imo_figures_of_trials([short], length=HULL.length, correct=True)
+    assert imo.current_of(measured_runs(short, HULL.length)[0]) is None
+    found = imo.imo_figures_of_trials([short], length=HULL.length, correct=True)
     assert all(row.measured == row.value for row in found.rows)
 
 
@@ -272,8 +259,8 @@ def test_wind_is_taken_off_by_the_model_and_its_drift_is_not_taken_for_current()
     plan = parse_maneuver("turning:35", ESSO, speed=0.4)
     longer = replace(plan, duration=1.6 * plan.duration)
     calm, windy = (replace(simulated_trial(ESSO, longer, wind=wind), name="turn") for wind in (None, "1.2:40"))
-    still = imo_figures_of_trials([calm], ESSO).rows
-    corrected = imo_figures_of_trials([windy], ESSO, correct=True)
+    still = imo.imo_figures_of_trials([calm], ESSO).rows
+    corrected = imo.imo_figures_of_trials([windy], ESSO, correct=True)
     for a, b in zip(still, corrected.rows, strict=True):
         assert b.value == pytest.approx(a.value, abs=0.03) and abs(b.measured - a.value) > 0.1, a.figure
 
@@ -341,5 +328,5 @@ def test_figures_say_what_the_ship_file_left_to_defaults(monkeypatch: pytest.Mon
     content = dump_ship(ESSO)
     begin = content.index("[coefficients.X_0F]")
     bare = parse_ship(content[:begin] + content[content.index("[coefficients.", begin + 1) :])
-    assert has_code(imo_figures(bare).notices, "model_default")
-    assert not has_code(imo_figures(ESSO).notices, "model_default")
+    assert has_code(imo.imo_figures(bare).notices, "model_default")
+    assert not has_code(imo.imo_figures(ESSO).notices, "model_default")

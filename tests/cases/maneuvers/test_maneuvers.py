@@ -8,23 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cases.criteria.figures import (
-    figure_unit,
-    heading_figures,
-    initial_turning_figures,
-    overshoot_figures,
-    pull_out_figures,
-    since,
-    spiral_curve,
-    spiral_figures,
-    steady_rates,
-    stopping_figures,
-    turning_figures,
-    zigzag_figures,
-)
+from cases.criteria import figures as read
 from cases.criteria.imo import imo_figures
 from cases.criteria.measured_maneuvers import held_stretches
 from cases.criteria.standard_runs import check_completeness, figures_of, figures_of_each, simulated_run, simulated_trial
+from cases.maneuvers import self_propulsion
 from cases.maneuvers.definitions import (
     MOST_RUDDER,
     STEADY_CHANGE,
@@ -36,16 +24,6 @@ from cases.maneuvers.definitions import (
     random_telegraph,
     spiral_angles,
     stopping_notices,
-)
-from cases.maneuvers.self_propulsion import (
-    USUAL,
-    ZERO_THRUST,
-    Engine,
-    approach,
-    engine_of,
-    engine_words,
-    revolutions_for,
-    speed_for,
 )
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
@@ -94,8 +72,8 @@ def test_an_approach_that_cannot_be_held_is_refused(approach: dict[str, float]) 
 
 
 def test_self_propulsion_and_steady_speed_are_inverse() -> None:
-    assert speed_for(SHIP, revolutions_for(SHIP, 0.3)) == pytest.approx(0.3, rel=1e-9)
-    assert speed_for(SHIP, 10.0) == pytest.approx(0.39539, rel=5e-4)
+    assert self_propulsion.speed_for(SHIP, self_propulsion.revolutions_for(SHIP, 0.3)) == pytest.approx(0.3, rel=1e-9)
+    assert self_propulsion.speed_for(SHIP, 10.0) == pytest.approx(0.39539, rel=5e-4)
 
 
 def test_straight_running_keeps_the_approach_speed() -> None:
@@ -202,7 +180,7 @@ def test_crash_stop_ends_when_headway_is_lost() -> None:
     trial = simulate(SHIP, maneuver)
     assert trial["u"][-1] <= 0 < trial["u"][-2]
     assert trial["n"][-1] == pytest.approx(-maneuver.n)
-    figures = stopping_figures(since(trial, maneuver.parameters["order_time"]))
+    figures = read.stopping_figures(read.since(trial, maneuver.parameters["order_time"]))
     assert figures["track_reach"] >= figures["head_reach"] > 0
 
 
@@ -231,7 +209,7 @@ def moved(t: np.ndarray, **columns: np.ndarray) -> Trial:
 def test_figures_of_a_perfect_circle_are_its_radius_and_diameter() -> None:
     psi = np.linspace(0, 4, 401)
     circle = moved(np.arange(401.0), x=7 * np.sin(psi), y=7 * (1 - np.cos(psi)), psi=psi)
-    figures = turning_figures(since(circle, 0.0), 0.6)
+    figures = read.turning_figures(read.since(circle, 0.0), 0.6)
     assert figures["advance"] == pytest.approx(7, rel=1e-4) == figures["transfer"]
     assert figures["tactical_diameter"] == pytest.approx(14, rel=1e-4)
     assert figures["time_180"] == pytest.approx(100 * math.pi, rel=1e-6)
@@ -239,7 +217,7 @@ def test_figures_of_a_perfect_circle_are_its_radius_and_diameter() -> None:
 
 def test_overshoots_of_a_sine_are_its_amplitude_beyond_the_switch_heading() -> None:
     t = np.arange(0.0, 100.0, 0.1)
-    figures = zigzag_figures(since(moved(t, psi=-0.5 * np.sin(0.2 * t)), 0.0), -0.3, 0.35)
+    figures = read.zigzag_figures(read.since(moved(t, psi=-0.5 * np.sin(0.2 * t)), 0.0), -0.3, 0.35)
     assert len(figures) == 6
     np.testing.assert_allclose(list(figures.values()), 0.15, atol=1e-4)
 
@@ -250,12 +228,12 @@ def test_measured_overshoots_of_a_sine_count_from_the_heading_at_each_reversal()
     psi = 0.5 * np.sin(0.2 * t)
     trial = Trial("sine", {"t": t, "psi": psi + 3.0})
     first, second = math.asin(0.7) / 0.2, (math.pi + math.asin(0.8)) / 0.2
-    figures = overshoot_figures(trial, 0.3, (first, second, 38.0), 39.0)
+    figures = read.overshoot_figures(trial, 0.3, (first, second, 38.0), 39.0)
     assert figures == pytest.approx({"overshoot_1": 0.15, "overshoot_2": 0.1}, abs=1e-5)
     # where orders were logged they count from these: at 0.3 rad, and at 0.35 rad
     orders = [math.asin(0.6) / 0.2, (math.pi + math.asin(0.7)) / 0.2]
     ordered = trial.with_columns(delta_order=np.where(t < orders[0], 0.3, np.where(t < orders[1], -0.3, 0.3)))
-    figures = overshoot_figures(ordered, 0.3, (first, second, 38.0), 39.0)
+    figures = read.overshoot_figures(ordered, 0.3, (first, second, 38.0), 39.0)
     assert figures == pytest.approx({"overshoot_1": 0.2, "overshoot_2": 0.15}, abs=1e-3)
 
 
@@ -263,7 +241,7 @@ def test_initial_turning_is_the_way_along_the_track_to_10_degrees() -> None:
     """A circle of radius 7: 7 times 10 deg in radians, order between two samples."""
     t = np.arange(0.0, 60.0, 0.3)
     circle = moved(t, psi=np.maximum(t - 4.8, 0.0) * 0.01, u=np.full(len(t), 0.07))
-    figures = initial_turning_figures(since(circle, 5.0), 0.2)
+    figures = read.initial_turning_figures(read.since(circle, 5.0), 0.2)
     assert figures["initial_turning_track"] == pytest.approx(7 * math.radians(10), rel=2e-3)
     assert figures["time_10"] == pytest.approx(100 * math.radians(10), rel=2e-3)
 
@@ -273,7 +251,7 @@ def test_every_figure_has_its_unit() -> None:
              "overshoot_3": "rad", "loop_width": "rad", "steady_drift": "rad", "residual_rate": "rad/s",
              "rate_at_midships": "rad/s", "loop_height": "rad/s",
              "steady_speed": "m/s", "residual_share": ""}  # fmt: skip
-    assert {name: figure_unit(name) for name in units} == units
+    assert {name: read.figure_unit(name) for name in units} == units
 
 
 def test_spiral_goes_to_the_other_side_and_back() -> None:
@@ -288,9 +266,9 @@ def esso() -> Trial:
 
 def test_every_angle_of_the_spiral_is_held_until_steady(esso: Trial) -> None:
     maneuver = parse_maneuver("spiral:15/5", SHIP, speed=0.38)
-    run = since(esso, maneuver.parameters["order_time"])
+    run = read.since(esso, maneuver.parameters["order_time"])
     expected = [15, 10, 5, 0, -5, -10, -15, -10, -5, 0, 5, 10, 15]
-    np.testing.assert_allclose(np.degrees(steady_rates(run)[0]), expected, atol=0.01)
+    np.testing.assert_allclose(np.degrees(read.steady_rates(run)[0]), expected, atol=0.01)
     assert check_completeness(esso, maneuver) == ()
     for hold in held_stretches(run.t, run.delta):
         rows = (run.t > hold.end - 0.9 * maneuver.parameters["window"]) & (run.t <= hold.end)
@@ -300,14 +278,14 @@ def test_every_angle_of_the_spiral_is_held_until_steady(esso: Trial) -> None:
 def test_spiral_of_a_ship_stable_on_course_has_no_loop_and_rises_with_the_rudder(esso: Trial) -> None:
     maneuver = parse_maneuver("spiral:15/5", SHIP, speed=0.38)
     order_time = maneuver.parameters["order_time"]
-    figures = spiral_figures(since(esso, order_time))
+    figures = read.spiral_figures(read.since(esso, order_time))
     assert figures["loop_height"] * 3.0 / 0.38 < 0.01
     assert math.degrees(figures["loop_width"]) < 0.5
-    curve = spiral_curve(since(esso, order_time))
+    curve = read.spiral_curve(read.since(esso, order_time))
     assert curve is not None and curve.turn == 6
     for rudder, rate in curve.branches:
         assert (np.diff(rudder) > 0).all() and (np.diff(rate) > 0).all()
-    assert spiral_figures(since(simulated_run(SHIP, "turning:35", 0.38).trial, order_time)) == {}
+    assert read.spiral_figures(read.since(simulated_run(SHIP, "turning:35", 0.38).trial, order_time)) == {}
 
 
 def hysteresis(step: float, half_width: float, height: float, side: float = 1.0) -> Trial:
@@ -328,11 +306,11 @@ def hysteresis(step: float, half_width: float, height: float, side: float = 1.0)
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_loop_of_an_unstable_ship_has_the_height_and_width_it_was_made_with(side: float) -> None:
     """Branches 0.1 apart; each jumps between 4 and 5 deg on the other side, where it crosses zero."""
-    figures = spiral_figures(since(hysteresis(1.0, 4.5, 0.05, side), 0.0))
+    figures = read.spiral_figures(read.since(hysteresis(1.0, 4.5, 0.05, side), 0.0))
     assert figures["loop_height"] == pytest.approx(0.1)
     assert 8.0 <= math.degrees(figures["loop_width"]) <= 10.0
     assert figures["rate_at_midships"] == pytest.approx(0.0, abs=1e-12)
-    narrow = spiral_figures(since(hysteresis(1.0, 1.5, 0.05), 0.0))
+    narrow = read.spiral_figures(read.since(hysteresis(1.0, 1.5, 0.05), 0.0))
     assert 2.0 <= math.degrees(narrow["loop_width"]) <= 4.0
 
 
@@ -343,7 +321,7 @@ def test_a_heading_is_reached_and_its_figures_are_means_over_the_run() -> None:
     turning = moved(t, u=np.ones(len(t)), psi=0.002 * t, delta=np.full(len(t), 0.1))
     # of 0.002 t - 0.2 over 100 s: 0.2 / sqrt(3)
     wanted = {"rms_heading_error": 0.2 / math.sqrt(3), "rms_rudder": 0.1}
-    assert heading_figures(since(turning, 0.0), 0.2) == pytest.approx(wanted, rel=1e-4)
+    assert read.heading_figures(read.since(turning, 0.0), 0.2) == pytest.approx(wanted, rel=1e-4)
 
 
 def test_a_heading_is_held_by_pods_too_which_have_no_rudder() -> None:
@@ -362,8 +340,8 @@ def test_a_heading_in_a_wind_stands_off_by_the_rudder_that_holds_it_over_the_gai
 
 def test_a_spiral_without_a_way_back_has_no_loop_to_measure() -> None:
     there = hysteresis(2.0, 2.5, 0.05)[: 0.1 * 11 * 100 - 0.05]
-    assert spiral_curve(since(there, 0.0)) is not None
-    assert spiral_figures(since(there, 0.0)) == {}
+    assert read.spiral_curve(read.since(there, 0.0)) is not None
+    assert read.spiral_figures(read.since(there, 0.0)) == {}
 
 
 def test_pull_out_figures_are_the_ends_of_both_holds() -> None:
@@ -371,9 +349,9 @@ def test_pull_out_figures_are_the_ends_of_both_holds() -> None:
     t = np.arange(0.0, 200.0, 0.1)
     r = np.where(t < 100, 0.05, 0.01 + 0.04 * np.exp(-(t - 100) / 5))
     run = moved(t, u=np.ones(len(t)), r=r, delta=np.where(t < 100, 0.3, 0.0))
-    figures = pull_out_figures(since(run, 0.0))
+    figures = read.pull_out_figures(read.since(run, 0.0))
     assert figures == pytest.approx({"steady_rate": 0.05, "residual_rate": 0.01, "residual_share": 0.2}, rel=1e-6)
-    assert pull_out_figures(since(run.with_columns(delta=np.full(len(t), 0.3)), 0.0)) == {}
+    assert read.pull_out_figures(read.since(run.with_columns(delta=np.full(len(t), 0.3)), 0.0)) == {}
 
 
 # Engines
@@ -382,9 +360,9 @@ def kvlcc2(**particulars: float) -> Ship:
     return replace(ship, particulars={**ship.particulars, **particulars})
 
 
-def engine(**particulars: float) -> Engine:
+def engine(**particulars: float) -> self_propulsion.Engine:
     ship = kvlcc2(**particulars)
-    found = engine_of(ship, *approach(ship, None, None))
+    found = self_propulsion.engine_of(ship, *self_propulsion.approach(ship, None, None))
     assert found is not None
     return found
 
@@ -406,7 +384,7 @@ def test_the_torque_is_that_of_the_propeller_law_at_the_approach_and_of_the_seri
     bollard = e.torque(np.array([-0.5]), np.array([0.0]))[0]
     known = 0.25 * series(math.pi) / (series(beta) * (1 + e.advance**2))
     assert bollard == pytest.approx(known, rel=1e-3) and bollard < 0
-    assert pytest.approx(1.025, abs=2e-3) == ZERO_THRUST  # B4-70 with P/D = 1
+    assert pytest.approx(1.025, abs=2e-3) == self_propulsion.ZERO_THRUST  # B4-70 with P/D = 1
 
 
 def test_the_fuel_is_cut_after_the_delay_and_the_propeller_turns_on_in_the_wake() -> None:
@@ -497,8 +475,8 @@ def test_what_is_assumed_is_drawn_and_what_is_given_is_not() -> None:
     e = engine(restart=0.25, engine_delay=5.0)
     drawn = e.drawn(2000, 3)
     assert (np.asarray(drawn.restart) == 0.25).all() and (np.asarray(drawn.engine_delay) == 5.0).all()
-    assert np.std(drawn.astern_torque) == pytest.approx(USUAL["astern_torque"][1], rel=0.1)
-    assert "restart" not in engine_words(e) and "astern_torque" in engine_words(e)
+    assert np.std(drawn.astern_torque) == pytest.approx(self_propulsion.USUAL["astern_torque"][1], rel=0.1)
+    assert "restart" not in self_propulsion.engine_words(e) and "astern_torque" in self_propulsion.engine_words(e)
     assert np.asarray(drawn.repeated(2).engine_rise).shape == (4000,)
 
 

@@ -15,20 +15,8 @@ from benchmarks.literature import SHIPS
 from cases.criteria.standard_runs import figures_of
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.self_propulsion import actuator_positions
-from cases.shipfiles.new_ship import (
-    CORRECTIONS,
-    HULLS,
-    LINEAR,
-    ORDER,
-    STARTING,
-    complete,
-    estimates,
-    is_starting_ship,
-    new_ship,
-    parse_particulars,
-    resistance,
-    spread,
-)
+from cases.shipfiles import new_ship as starting
+from cases.shipfiles.new_ship import new_ship, parse_particulars
 from cases.shipfiles.particulars import unusual
 from cases.shipfiles.ship_file import LIBRARY, dump_ship, load_ship, parse_ship
 from cases.simulation.simulate import simulate
@@ -41,7 +29,7 @@ from mmg.model import assemble
 from mmg.ship import Ship
 from mmg_ident.commands.main import main
 
-KVLCC2 = dict(zip(ORDER, (7.0, 1.27, 0.455, 0.81, 0.216, 0.721, 0.0539, 1.179), strict=True))
+KVLCC2 = dict(zip(starting.ORDER, (7.0, 1.27, 0.455, 0.81, 0.216, 0.721, 0.0539, 1.179), strict=True))
 
 
 def test_b_series_check_values() -> None:
@@ -96,8 +84,8 @@ def test_a_starting_ship_may_turn_differently_to_port_and_to_starboard() -> None
 
 
 def test_what_is_not_given_is_said_and_the_resistance_is_that_of_the_kvlcc2_model() -> None:
-    assert resistance(complete(KVLCC2)[0]) == pytest.approx(0.022, rel=0.30)
-    p, notices = complete({"L": 180.0, "B": 30.0, "d": 10.0, "C_b": 0.75})
+    assert starting.resistance(starting.complete(KVLCC2)[0]) == pytest.approx(0.022, rel=0.30)
+    p, notices = starting.complete({"L": 180.0, "B": 30.0, "d": 10.0, "C_b": 0.75})
     for name in ("rho", "U_0", "x_G", "D_P", "A_R", "aspect_ratio"):
         assert any(line.startswith(f"{name} =") for line in notices), name
     assert 10 < p["U_0"] / 0.5144 < 22 and 0.012 < p["A_R"] / (180 * 10) < 0.03
@@ -157,7 +145,7 @@ def test_the_mean_of_the_regressions_is_near_the_captive_tests_of_the_kvlcc2() -
     """Published: Y_v -0.315, Y_r 0.083, N_v -0.137, N_r -0.049; single regressions are up to 42 % off."""
     found = empirical.linear_derivatives(**KVLCC2_HULL, m_x=0.022)
     assert len(found) == 6
-    published = {s: load_ship("kvlcc2_l7").coefficients[s].value for s in LINEAR}
+    published = {s: load_ship("kvlcc2_l7").coefficients[s].value for s in starting.LINEAR}
     for symbol, value in published.items():
         values = [each[symbol] for each in found.values()]
         assert np.mean(values) == pytest.approx(value, rel=0.17)
@@ -173,14 +161,14 @@ def test_regressions_by_hand() -> None:
     assert found["Lee (1998)"]["Y_v"] == pytest.approx(-0.4545 + 0.065 * 0.81 * 1.27 / 0.455)
 
 
-@pytest.mark.parametrize("hull", HULLS)
+@pytest.mark.parametrize("hull", starting.HULLS)
 def test_priors_are_no_narrower_than_the_regressions_scatter_and_factors_are_said(hull: str) -> None:
-    p = complete(KVLCC2_HULL)[0]
-    rows, scatter = estimates(p, hull), spread(p, 0.022)
+    p = starting.complete(KVLCC2_HULL)[0]
+    rows, scatter = starting.estimates(p, hull), starting.spread(p, 0.022)
     neutral = empirical.linear_derivatives(**KVLCC2_HULL, m_x=empirical.motora_added_mass(**KVLCC2_HULL)["m_x"])
-    for symbol in LINEAR:
+    for symbol in starting.LINEAR:
         value, share, source = rows[symbol]
-        factor = CORRECTIONS[hull].get(symbol, 1.0)
+        factor = starting.CORRECTIONS[hull].get(symbol, 1.0)
         assert value == pytest.approx(factor * np.mean([each[symbol] for each in neutral.values()]))
         assert share >= 0.99 * scatter[symbol] and ("times" in source) == (factor != 1.0)
 
@@ -191,10 +179,11 @@ def test_imo_gives_a_starting_ship_intervals_and_a_ship_of_the_library_none(
 ) -> None:
     monkeypatch.setattr("fitting.prediction.figure_intervals.DRAWS", 20)
     ship = new_ship("mine", KVLCC2_HULL)
-    assert ship.description == STARTING and is_starting_ship(ship) and not is_starting_ship(load_ship("kvlcc2_l7"))
+    assert ship.description == starting.STARTING and starting.is_starting_ship(ship)
+    assert not starting.is_starting_ship(load_ship("kvlcc2_l7"))
     symbol = ship.symbols[0]
     calibrated = ship.coefficients[symbol].with_(prior_value=1.0, prior_std=1.0)
-    assert not is_starting_ship(ship.with_coefficients({symbol: calibrated}))
+    assert not starting.is_starting_ship(ship.with_coefficients({symbol: calibrated}))
     (tmp_path / "mine.toml").write_text(dump_ship(ship), encoding="utf-8")
     command = ["imo", str(tmp_path / "mine.toml"), "--json"]
     assert main(command) == 0
