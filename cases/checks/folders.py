@@ -131,19 +131,8 @@ LOOKS = {
     "wind": single.wind,
     "excitation": single.excitation,
 }
-TOPICS = {
-    "unit": "units",
-    "rudder_sign": "rudder",
-    "revolutions_sign": "propeller",
-}  # Code -> topic, where it is not kinematics
-# Name of a lag -> what is said to be late, and its columns.
-LATE_WORDS = {
-    "w": ("u and v are", ("u", "v")),
-    "place": ("x and y are", ("x", "y")),
-    "psi": ("psi is", ("psi",)),
-    "psi, r": ("psi and r are", ("psi", "r")),
-    "r": ("r is", ("r",)),
-}
+# Code -> topic, where it is not kinematics.
+TOPICS = {"unit": "units", "rudder_sign": "rudder", "revolutions_sign": "propeller"}
 
 
 class Said(NamedTuple):
@@ -241,7 +230,7 @@ def _whole(trial: Trial, report: CheckReport) -> Trial:
 
 def _in_time(trial: Trial, shift: Shift) -> Trial:
     """``trial`` without the lag that ``shift`` says."""
-    late = LATE_WORDS[shift.name][1] if shift.name in LAGS else ()
+    late = LAGS[shift.name][1] if shift.name in LAGS else ()
     t, by = trial.t, float(np.real(shift.value))
     lagged = {name: trial.psi_unwrapped if name == "psi" else trial[name] for name in late if name in trial}
     in_time = {name: np.interp(t + by, t, values, np.nan, np.nan) for name, values in lagged.items()}
@@ -385,7 +374,7 @@ def _shift_said(shift: Shift, trial: Trial) -> Said:
     value, real = shift.value, float(np.real(shift.value))
     keys: Keys = {}
     if shift.name in LAGS:
-        who, columns = LATE_WORDS[shift.name]
+        _, columns, who = LAGS[shift.name]
         against, early = "the other columns", real < 0
         if early and shift.name == "r" and not independent(trial, "track"):  # it is compared with the heading alone
             who, columns, against, early = "psi is", ("psi",), "r", False
@@ -474,7 +463,7 @@ def _joined(
     arm, turned = alone.get("arm"), alone.get("heading")
     kinematics = {
         "frame_misfit": misfit,
-        "lag_s": {name: alone.get(key) for key, (_, columns) in LATE_WORDS.items() for name in [", ".join(columns)]},
+        "lag_s": {name: alone.get(key) for key, (_, columns, _) in LAGS.items() for name in [", ".join(columns)]},
         "gain": {name: alone.get(f"gain {name}") for name in "uvr"},
         "lever_arm_m": None if arm is None else {"x": float(np.real(arm)), "y": float(np.imag(arm))},
         "heading_offset_deg": None if turned is None else math.degrees(float(np.real(turned))),

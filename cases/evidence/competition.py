@@ -23,7 +23,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cases.evidence.signals import PIECES, STEPS, Signals, Stats, evidence, independent, over_windows, relative, signals
+from cases.evidence.signals import (
+    FLOOR,
+    PIECES,
+    STEPS,
+    Signals,
+    Stats,
+    evidence,
+    independent,
+    over_windows,
+    relative,
+    signals,
+)
 from cases.inputs import integral
 from cases.quantities import DEG, KNOT, quantity, to_si, unit_by_factor
 from cases.trial import Trial
@@ -296,10 +307,9 @@ def readings() -> list[ColumnReading]:
 # Nats by which another reading has to be better than that of the headers, for each choice that differs.
 COST = 8.0  # set by hand
 CLOSE = 4.0  # Readings that are closer than so many nats cannot be told apart. Set by hand.
-# Usual standard deviations of a heading's offset [rad] and of the logarithm of a log's gain, which are left free.
+# Usual standard deviations of a heading's offset [rad] and of the logarithm of a log's or a gyro's gain, left free.
 OFF = (0.035, 0.03)  # set by hand
 MOST_OFF = (0.09, 0.1)  # And the most that they are believed to be. Set by hand.
-GYRO = 0.03  # Usual deviation of a gyro's gain from one. Set by hand.
 APART = 10.0  # What a trial pays for each choice in which it differs from its folder. Set by hand.
 STRANGE = 6.0  # What a unit costs beside, that no header could have hidden behind the one that is written. Set by hand.
 UNTOLD = 100.0  # What a reading costs of columns that were derived from those it would be wrong against. Set by hand.
@@ -383,11 +393,14 @@ def scores(
             continue
         if not blind and s.has_turn:
             stats = s.stats(over_windows(s.psi), s.summed(s.r))
-            spin |= zip(((unit, rate) for rate in rates), _spun(stats, rates), strict=True)
+            spin |= zip(((unit, rate) for rate in rates), free_nats(stats, np.array(rates), False), strict=True)
         if s.has_track and not lost:
             for name, frame in FRAMES.items():  # that of the headers first: it may show that its units are right
                 stats = s.stats(over_windows(s.place), s.summed(frame.guess(s)))
-                track |= zip(((name, unit, factor) for factor in factors), _tracked(stats, factors), strict=True)
+                by = np.array(factors)
+                plain = np.sqrt(np.average(relative(stats, by), axis=-1, weights=stats.measured + 1e-30))
+                values = zip(free_nats(stats, by).tolist(), plain.tolist(), strict=True)
+                track |= zip(((name, unit, factor) for factor in factors), values, strict=True)
                 if len(factors) > 1 and track["body", 1.0, 1.0][1] < RIGHT:
                     factors = (1.0,)
         if factors == (1.0,):  # these units are right; what another one makes of them explains nothing
@@ -440,29 +453,17 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
     return out
 
 
-def _tracked(stats: Stats, factors: Sequence[float]) -> list[tuple[float, float]]:
-    """(nats, relative misfit) of predicted ways times each of the ``factors``, the heading's offset and the log's gain
-    left free within what is usual."""
-    both, predicted, by = complex(np.sum(stats.both)), float(np.sum(stats.predicted)), np.array(factors)
-    if not predicted > 0 or not abs(both) > 0:
-        return [(float(evidence(np.ones(PIECES))), 1.0)] * len(by)
-    best = both / (predicted * by)  # complex factor of least squares: gain and angle
-    angle = np.clip(np.angle(best), -MOST_OFF[0], MOST_OFF[0])
-    gain = np.clip(np.log(np.abs(best)), -MOST_OFF[1], MOST_OFF[1])
-    prior = 0.5 * (angle / OFF[0]) ** 2 + 0.5 * (gain / OFF[1]) ** 2
-    nats = evidence(relative(stats, by * np.exp(gain + 1j * angle))) + prior
-    plain = np.average(relative(stats, by), axis=-1, weights=stats.measured + 1e-30)
-    return list(zip(nats.tolist(), np.sqrt(plain).tolist(), strict=True))
-
-
-def _spun(stats: Stats, factors: Sequence[float]) -> list[float]:
-    """Nats of integrated turn rates times each of the ``factors``, the gain of the gyro left free within what is
-    usual."""
-    both, predicted, by = float(np.real(np.sum(stats.both))), float(np.sum(stats.predicted)), np.array(factors)
-    gain = both / (predicted * by) if predicted > 0 else np.ones(len(by))
-    gain = np.clip(gain, 1 - 3 * GYRO, 1 + 3 * GYRO)
-    nats: list[float] = (evidence(relative(stats, by * gain)) + 0.5 * ((gain - 1) / GYRO) ** 2).tolist()
-    return nats
+def free_nats(stats: Stats, by: float | np.ndarray = 1.0, turns: bool = True, floor: float = FLOOR) -> np.ndarray:
+    """Nats (...) of what is predicted in ``stats`` times ``by`` (...): a gain, and an angle where it ``turns``, are
+    left free at the price of what is usual. 0 where nothing is predicted. floor: as of ``evidence``."""
+    predicted = np.sum(stats.predicted, axis=-1)
+    best = np.sum(stats.both, axis=-1) / np.where(predicted > 0, predicted, 1.0) / by  # least squares: gain and angle
+    size = np.maximum(np.abs(best) if turns else np.real(best), 1e-9)
+    gain = np.clip(np.log(size), -MOST_OFF[1], MOST_OFF[1])
+    angle = np.clip(np.angle(best), -MOST_OFF[0], MOST_OFF[0]) if turns else np.zeros(np.shape(gain))
+    usual = 0.5 * (angle / OFF[0]) ** 2 + 0.5 * (gain / OFF[1]) ** 2
+    factor = by * np.exp(gain + 1j * angle if turns else gain)
+    return np.where(predicted > 0, evidence(relative(stats, factor), floor) + usual, 0.0)
 
 
 def _unlikely_units(labels: Mapping[str, str]) -> set[tuple[str, float]]:

@@ -22,19 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cases.evidence.competition import APART, COST, OFF
-from cases.evidence.signals import (
-    PIECES,
-    Signals,
-    Stats,
-    densest,
-    evidence,
-    independent,
-    jackknife,
-    over_windows,
-    relative,
-    white_noise,
-)
+from cases.evidence.competition import APART, COST, free_nats
+from cases.evidence.signals import PIECES, Signals, densest, independent, jackknife, over_windows, white_noise
 from cases.evidence.tails import normal_tail, student_quantile
 from cases.inputs import integral
 from cases.trial import Trial
@@ -161,9 +150,12 @@ def _fitted(trials: Sequence[Trial], count: int, rows: int, turns: bool) -> tupl
     noisy = np.divide(0.5 * unexplained, gained, out=np.zeros(count), where=told) * values
     noisy = np.where(gains, np.where(told, noisy, np.inf), 0.0)
     record, std = piece[edges] // PIECES, np.abs(noisy)
-    of_files = [np.array([some[record == one].sum(axis=0) for one in np.unique(record)]) for some in (N, h)]
-    for groups in ((N, h), *([of_files] if len(parts) > 2 else [])):  # files differ by more than their pieces
-        std = np.maximum(std, np.hypot(noisy, jackknife(*groups, flat * weight.sum())[1]))
+    groups = [(N, h)]
+    if len(parts) > 2:  # files differ by more than their pieces
+        of_file = (np.unique(record)[:, None] == record).astype(float)
+        groups.append((np.tensordot(of_file, N, 1), of_file @ h))
+    for normal, sums in groups:
+        std = np.maximum(std, np.hypot(noisy, jackknife(normal, sums, flat * weight.sum())[1]))
     return values / size, std / size
 
 
@@ -172,8 +164,14 @@ CLOSE = 6.0  # Explanations that are closer than so many nats cannot be told apa
 # late, or compass and gyro late together. A lever arm forward, or velocities that are late, look much like these.
 RARE = 6.0  # set by hand (1, 1)
 LEAST = 0.004  # Relative misfit below which nothing is compared: rounding. Set by hand.
-# Name -> signals that are late together.
-LAGS = {"w": ("w",), "place": ("place",), "psi": ("psi",), "psi, r": ("psi", "r"), "r": ("r",)}
+# Name -> signals that are late together, their columns, and what is said to be late.
+LAGS = {
+    "w": (("w",), ("u", "v"), "u and v are"),
+    "place": (("place",), ("x", "y"), "x and y are"),
+    "psi": (("psi",), ("psi",), "psi is"),
+    "psi, r": (("psi", "r"), ("psi", "r"), "psi and r are"),
+    "r": (("r",), ("r",), "r is"),
+}
 MOST_CENTRES = 4  # Of so many trials the grid is refined around their own best lag. Set by hand.
 ROOM = 400_000  # So many rows of a record that is moved by several lags are looked at at once. Set by hand.
 # Steps of the grid of lags on each side of zero, and of its refinement. Set by hand (0, 0 and 1, 0).
@@ -237,7 +235,7 @@ def nats_of_lags(s: Signals, name: str, lags: np.ndarray) -> np.ndarray:
     """Nats (n,) over those of no lag, of the same windows, where what ``name`` says is late by ``lags`` (n,) [s]."""
     at_once, out = max(1, ROOM // len(s.psi)), [np.empty(0)]
     for k in range(0, len(lags), at_once):
-        late = s.shifted(lags[k : k + at_once], *LAGS[name])
+        late = s.shifted(lags[k : k + at_once], *LAGS[name][0])
         out.append(_nats(late, s.has_track) - _nats(replace(s, good=late.good), s.has_track))
     return np.concatenate(out)
 
@@ -245,21 +243,12 @@ def nats_of_lags(s: Signals, name: str, lags: np.ndarray) -> np.ndarray:
 def _nats(s: Signals, has_track: bool) -> np.ndarray:
     """Nats (...) of the records ``s``, of turns alone where they have no track. A sum over windows that no record of
     ``s`` has of its own is made once."""
-    turn = _logged(s.stats(over_windows(s.psi), s.summed(s.r)), False) if s.has_turn else np.zeros(())
+    turn = np.zeros(())
+    if s.has_turn:
+        turn = free_nats(s.stats(over_windows(s.psi), s.summed(s.r)), turns=False, floor=LEAST)
     if not has_track:
         return turn
-    return turn + _logged(s.stats(over_windows(s.place), s.summed(s.w * np.exp(1j * s.psi))), True)
-
-
-def _logged(stats: Stats, turns: bool) -> np.ndarray:
-    """Nats (...) of a misfit, with the gain, and where it ``turns`` the angle, as are usual."""
-    total, both = np.sum(stats.predicted, axis=-1), np.sum(stats.both, axis=-1)
-    factor = both / np.where(total > 0, total, 1.0)
-    gain = np.clip(np.abs(factor), 0.9, 1.1)
-    angle = np.clip(np.angle(factor), -0.05, 0.05) if turns else np.zeros(np.shape(factor))
-    misfit = relative(stats, gain * np.exp(1j * angle) if turns else gain)
-    usual = 0.5 * (np.log(gain) / OFF[1]) ** 2 + 0.5 * (angle / OFF[0]) ** 2
-    return np.asarray(np.where(total > 0, evidence(misfit, LEAST) + usual, 0.0))
+    return turn + free_nats(s.stats(over_windows(s.place), s.summed(s.w * np.exp(1j * s.psi))), floor=LEAST)
 
 
 def _together(costs: np.ndarray) -> tuple[list[int | None], float]:
