@@ -24,7 +24,15 @@ from fitting.prediction.bands import (
 )
 from fitting.prediction.envelope import held_dict, held_motion
 from fitting.prediction.predict import record_of, window_rows
-from fitting.prediction.stretches import Adaptation, WindowBatch, adapt, default_past, rollout, wrapped_error
+from fitting.prediction.stretches import (
+    Adaptation,
+    WindowBatch,
+    adapt,
+    default_past,
+    measured_columns,
+    rollout,
+    wrapped_error,
+)
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -140,13 +148,8 @@ class _WindowErrors:
         self.scale = time_scale(self.length)
         rows = coarse_rows(batch, COARSE * self.scale)
         self.times, self.states = batch.times[rows], np.nan_to_num((out if along is None else along)[rows])
-        error = np.full(out.shape, np.nan)
-        for i, s in enumerate(stretches):
-            count = s.last - s.first + 1
-            error[:count, :, i] = wrapped_error(out[:count, :, i], s.logged)
-            if not s.record.has_position:
-                error[:, :2, i] = np.nan
-        self.error, self.counted = error[rows], np.isfinite(error[rows, 2:]).all(axis=1)
+        self.error = wrapped_error(out[rows], measured_columns(stretches)[rows])
+        self.counted = np.isfinite(self.error[:, 2:]).all(axis=1)
 
     def until(self, seconds: float) -> np.ndarray:
         """Which errors count up to ``seconds`` of a 3 m model after the start, (n, M)."""

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
 from fitting.prediction.predict import change_over, planned_windows
-from fitting.prediction.stretches import WindowBatch, wrapped_error
+from fitting.prediction.stretches import WindowBatch, measured_columns, wrapped_error
 from mmg.errors import TooFewData
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.motion.frames import body_to_earth, earth_to_body
@@ -99,7 +99,7 @@ def fit_grey_box(
     samples = WindowBatch.of(stretches)
     # integrated from node to node with mean inputs: STEPS a window, whatever the sampling
     nodes = np.unique(np.linspace(0, len(samples.steps), STEPS + 1).round().astype(int))
-    batch, measured = samples.between(nodes), _measured(stretches, len(samples.steps))[nodes]
+    batch, measured = samples.between(nodes), measured_columns(stretches)[nodes]
     speed, turn = np.nanmax(np.hypot(measured[:, 3], measured[:, 4])), np.nanmax(np.abs(measured[:, 5]))
     box = GreyBox(tuple(inputs), _places(particulars), np.zeros(18), BEYOND * np.array([speed, speed, turn]))
     actuation = _actuation(box, batch.inputs)
@@ -126,16 +126,6 @@ def fit_grey_box(
         max_nfev=EVALUATIONS,
     )
     return replace(box, coefficients=solution.x * size)
-
-
-def _measured(stretches: Sequence[Stretch], steps: int) -> np.ndarray:
-    """Logged states (steps + 1, 6, M) of ``stretches``, NaN where they were not measured or have ended."""
-    measured = np.full((steps + 1, 6, len(stretches)), np.nan)
-    for i, stretch in enumerate(stretches):
-        measured[: stretch.steps + 1, :, i] = stretch.logged
-        if not stretch.record.has_position:
-            measured[:, :2, i] = np.nan
-    return measured
 
 
 def _places(particulars: Mapping[str, float]) -> dict[str, tuple[float, float]]:

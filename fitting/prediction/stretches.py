@@ -106,8 +106,18 @@ def rollout(
     return out, states
 
 
+def measured_columns(stretches: Sequence[Stretch]) -> np.ndarray:
+    """Logged columns (N + 1, 6, M) of ``stretches``, NaN where they were not measured or have ended."""
+    measured = np.full((max(1, max(s.steps for s in stretches)) + 1, 6, len(stretches)), np.nan)
+    for i, stretch in enumerate(stretches):
+        measured[: stretch.steps + 1, :, i] = stretch.logged
+        if not stretch.record.has_position:
+            measured[:, :2, i] = np.nan
+    return measured
+
+
 def wrapped_error(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
-    """``predicted`` minus ``measured``, both (N, 6), the heading error wrapped into (-pi, pi]."""
+    """``predicted`` minus ``measured``, both (N, 6, ...), the heading error wrapped into (-pi, pi]."""
     error = predicted - measured
     error[:, 2] = np.pi - np.mod(np.pi - error[:, 2], 2 * np.pi)
     return error

@@ -19,11 +19,10 @@ from cases.quantities import UNITS
 from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
 from fitting.report import sections
-from fitting.report.first_screen import first_screen
 from fitting.report.plan_section import plan_section
 from fitting.report.plot_style import figures_of
 from fitting.report.run_folder import versions
-from fitting.report.use import Delivered, delivery_sections
+from fitting.report.use import Delivered, delivery_sections, first_screen
 from mmg.components.catalogue import summary
 from mmg.components.particulars import PARTICULARS
 from mmg.effects import effect

@@ -145,8 +145,7 @@ def _begin(
 
 def _print(result: FitResult, known: Delivered, started: StartedRun, out: Path) -> None:
     """The first screen of the report, what was measured, and where everything lies."""
-    from fitting.report.first_screen import first_screen
-    from fitting.report.use import use_rows
+    from fitting.report.use import first_screen, use_rows
     from mmg_ident import start as steps
 
     print(f"{result.ship.title}: {len(started.trials) or len(result.data)} trials, {result.seconds_used:.0f} s")

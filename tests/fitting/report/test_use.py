@@ -23,7 +23,6 @@ from fitting.identifiability.analysis import KINDS
 from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.figure_intervals import JudgedFigures
 from fitting.report import imo_form as imo_form_module
-from fitting.report.first_screen import first_screen
 from fitting.report.imo_form import drawn_maneuvers, imo_form, likely_causes, standard_figures
 from fitting.report.page import build_page, needs_weasyprint, write_pdf
 from fitting.report.use import (
@@ -34,6 +33,7 @@ from fitting.report.use import (
     Delivered,
     beaufort,
     condition_rows,
+    first_screen,
     limit_rows,
     use_rows,
 )
