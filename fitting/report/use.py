@@ -24,7 +24,7 @@ from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
 if TYPE_CHECKING:
-    from fitting.report.imo_form import FormRow, FormSide, ImoForm
+    from fitting.report.imo_form import ImoForm
 
 LATER = "mmg report RUN adds it (without --no-imo): its figures are simulated with draws of the coefficients."
 
@@ -391,7 +391,10 @@ def _form_table(form: ImoForm) -> tuple[tuple[tuple[str, tuple[str, ...]], ...],
     rows = []
     for row in form.rows:
         sides = [*row.sides, None][:2]  # a stop has one
-        tested = [_tested(side, row) for side in sides] if form.tested else []
+        tested = [
+            side.tested.words(row.unit) + OUTSIDE * bool(side.contradicts) if side and side.tested else ""
+            for side in sides * bool(form.tested)
+        ]
         modelled = [side.model.words(row.unit, of_trial=True) if side and side.model else "" for side in sides]
         name = f"{row.group.split(',')[0]}: {row.name.lower().removesuffix(' angle')} [{row.unit}]"
         rows.append((name, *tested, *modelled))
@@ -400,13 +403,6 @@ def _form_table(form: ImoForm) -> tuple[tuple[tuple[str, tuple[str, ...]], ...],
     read = any("±" in cell for row in rows for cell in row)
     note += "±: what a tested figure changes by between two samples. " * read
     return (("tested", SIDES), model) if form.tested else (model,), rows, note + "L: ship lengths."
-
-
-def _tested(side: FormSide | None, row: FormRow) -> str:
-    """The tested figure of a side, marked where the model contradicts it."""
-    if side is None or side.tested is None:
-        return ""
-    return side.tested.words(row.unit) + OUTSIDE * bool(side.contradicts)
 
 
 def _measured(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
