@@ -81,7 +81,8 @@ def test_bands_hold_nine_tenths_of_the_errors_of_other_runs(length: float, least
         for w in windows:
             inside.append(np.abs(w.error(trial.states)[1:]) < NORMAL * w.std[1:])
             assert (w.std[0] == 0).all() and (w.std[1:] > 0).all()
-        early, middle, late = (np.mean([w.std[row] for w in windows], axis=0) for row in (5, 25, 100))
+        whole = [w.std for w in windows if len(w.std) > 100]  # the last one may be short
+        early, middle, late = (np.mean([std[row] for std in whole], axis=0) for row in (5, 25, 100))
         assert (late > early).all() and (late[:3] > middle[:3]).all()
     share = np.vstack(inside).mean(axis=0)
     assert (share > least).all() and (share < most).all(), share

@@ -301,7 +301,6 @@ def test_the_counts_of_the_page_are_those_of_the_console_and_no_column_is_empty(
             assert any(re.sub(r"<.*?>", "", cell).strip() for cell in column), (table[:300], column)
 
 
-@pytest.mark.longest
 @pytest.mark.slow
 def test_the_pdf_holds_every_heading_and_the_pictures_of_its_page_and_no_others(run: Path, tmp_path: Path) -> None:
     try:
