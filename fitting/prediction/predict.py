@@ -74,7 +74,7 @@ def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -
         is_whole = t[min(last, len(t) - 1)] >= t[first] + length - 2 * tolerance
         if last > first and (is_whole or short_last):
             result.append((first, min(last, len(t) - 1)))
-        start += stride
+        start += max(stride, 2 * tolerance)  # no two windows begin at one sample, and 1e-9 s do not take for ever
     return result
 
 

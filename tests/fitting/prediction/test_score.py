@@ -137,6 +137,8 @@ def test_windows_are_301_rows_every_15_seconds_and_restarts_cover_the_run_with_a
     t = 1894.0 + np.arange(0, 250.05, 0.1)
     assert window_rows(t, 100.0, 100.0, short_last=True) == [(0, 1000), (1000, 2000), (2000, 2500)]
     assert window_rows(t, 0.0, 1.0, short_last=True) == [(0, 2500)]
+    every = window_rows(t, 30.0, 1e-9, short_last=False)  # one per sample at most, the last one within a sample
+    assert [first for first, _ in every] == list(range(2202))
 
 
 def test_heading_errors_are_wrapped() -> None:
