@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cases.criteria import imo
-from cases.criteria.imo import Assessment, assess, imo_figures, with_value
+from cases.criteria.imo import Assessment, assess, with_value
 from cases.criteria.scatter import draw_coefficients
 from cases.criteria.standard_runs import figures_of_each
 from cases.maneuvers.definitions import parse_maneuver
@@ -270,15 +270,12 @@ def test_draws_that_take_longer_to_stop_than_the_ship_go_on_being_pushed() -> No
 
 # One manoeuvre of many drawn ships: the intervals of the table of the standard, a criterion, tracks, a figure
 @pytest.mark.slow
-def test_one_manoeuvre_has_the_intervals_of_the_table_of_the_standard() -> None:
-    ship = some_ship()
+def test_one_manoeuvre_has_the_intervals_of_the_table_of_the_standard(turning: tuple[Any, Assessment]) -> None:
+    ship, one = turning
     plan = parse_maneuver("turning:35", ship, speed=SPEED)
     found, run, drawn = maneuver_scatter(ship, plan, content(ship), 60, seed=4)
-    whole = imo_figures(ship, SPEED, scale=325 / 3)
-    one = replace(whole, runs=tuple(r for r in whole.runs if r.name == "turning:35"))
-    table = with_intervals(one, ship, content(ship), 60, seed=4).rows
     rows = {row.figure: row for row in found.rows}
-    for row in (r for r in table if r.run == "turning:35"):
+    for row in with_intervals(one, ship, content(ship), 60, seed=4).rows:
         mine = rows[row.figure]
         assert row.interval_90 == pytest.approx([x / 3 for x in mine.interval_90], rel=1e-9)
         assert row.interval_90_trial == pytest.approx([x / 3 for x in mine.interval_90_trial], rel=1e-9)
