@@ -1,8 +1,7 @@
 """Dictionary of unnamed forms: what could be wrong with a model in ways that the library of effects does not hold.
 
-Forces in the three channels as products of velocities, inputs and wind, and as smooth functions of one of them; the
-action of each input scaled with the state, or late by several times; errors of each sensor: bias, gain, lag,
-cross-talk, drift.
+Forces in the three channels as products of velocities, inputs and wind; the action of each input scaled with the
+state, or late by several times; errors of each sensor: bias, gain, lag, cross-talk, drift.
 Every column is scaled so that its typical size is that of the latent force or of the sensor's noise.
 
 A force that depends on the state changes how the ship answers to the latent force, and so the log determinant of the
@@ -30,11 +29,10 @@ DELAYS = (0.5, 1.0, 2.0, 4.0)  # Times [s of a 3 m model] by which inputs may ac
 SHAPES = ("1", "u", "v", "r", "|r|", "delta", "n")  # Forms by which the action of an input is scaled
 AXES = ("surge", "sway", "yaw")
 FORCES = tuple(f"{axis} force" for axis in AXES)  # Kinds of the forces that are products
-BY_PLACE = " by place"  # End of the kinds that differ from place to place
 AFTER_RUDDER = "force that swings after the rudder"  # Kind of the forces of what the rudder sets swinging
 # Velocity of the water by its coefficient in the model.
 WATER = {"stream to the north": "current.x", "stream to the east": "current.y"}
-# Change of the water [m/s] and of the wind [its share] by which their action is differentiated. Set by hand.
+# Change of the water [m/s] by which its action is differentiated. Set by hand.
 SMALL = 1e-3
 Points = tuple[np.ndarray, np.ndarray, np.ndarray]  # States (S, M), inputs (C, M) and coefficients (all, M) of steps
 
@@ -76,8 +74,7 @@ class Dictionary:
         differences = _Differences(steps, data, points, begin, active)
         self.actions = {name: differences.of_input(name) for name in steps.model.controls if name in INPUTS}
         self.swings = self.force_forms.after_the_rudder(data)
-        self.place = self.force_forms.by_place(data, middle)
-        self.by_place = differences.of_places() if len(self.place.names) else {}
+        self.streams = differences.of_streams()
         held = np.concatenate([data.inputs, data.inputs[-1:]]).reshape((K + 1) * R, -1).T
         all_theta = steps.coefficients(point.theta, point.path.push.reshape(-1, 3).T)
         rate, J = steps.rates(z.reshape((K + 1) * R, -1).T, held, all_theta)
@@ -85,7 +82,7 @@ class Dictionary:
         self.rate_jacobian = J[:, active][:, :, wanted].reshape(K + 1, R, len(active), -1)
         self.states = _sensor_forms(z, data)
         self.labels = (
-            *((f"{self.force_forms.family(form)}{kind}", form) for form in self.forces.names for kind in FORCES),
+            *((kind, form) for form in self.forces.names for kind in FORCES),
             *(
                 (f"{what} of {name}", form)
                 for name in self.actions
@@ -93,7 +90,6 @@ class Dictionary:
                 for form in forms
             ),
             *((AFTER_RUDDER, f"{form} {axis}") for form in self.swings.names for axis in AXES[1:]),
-            *((f"{name}{BY_PLACE}", form) for name in self.by_place for form in self.place.names),
             *((f"sensor of {SENSORS[channel]}", name) for channel, names in ERRORS.items() for name in names),
         )
         self.kinds = tuple(kind for kind, _ in self.labels)
@@ -107,8 +103,6 @@ class Dictionary:
         for action, size in self.scaled(linear, self.actions):
             parts.append(ProductColumns(size * action.step[..., None], np.concatenate([shapes, action.delayed])))
         parts.append(ProductColumns(push[..., 1:], self.swings.values))
-        scaled = self.scaled(linear, self.by_place)
-        parts += [ProductColumns(size * action.step[..., None], self.place.values) for action, size in scaled]
         errors = self._errors(linear)
         observed = np.zeros((len(linear.F) + 1, linear.F.shape[1], 6, len(errors)))
         for i, (channel, values, _) in enumerate(errors):
@@ -126,8 +120,6 @@ class Dictionary:
             whole, scaled = self._along(at, action, forms.only(SHAPES))
             result += [size * scaled, size * np.einsum("mkr,kr->m", action.delayed, whole)]
         result.append(np.zeros(2 * len(self.swings.names)))  # they depend on inputs alone
-        for action, size in self.scaled(at.linear, self.by_place):
-            result.append(size * self._along(at, action, self.place)[1])
         by_Z = np.where(self.data.good[..., None], at.adjoint.by_Z[..., : len(self.active) + 3], 0.0)
         result.append(np.array([(by_Z[:, :, channel] * g).sum() for channel, _, g in self._errors(at.linear)]))
         return np.concatenate(result)
@@ -203,13 +195,13 @@ class _Differences:
     begin: Points
     active: np.ndarray
 
-    def action(self, of: int, rows: int | list[int], small: float, is_share: bool = False) -> Action:
-        """What ``rows`` of the inputs (``of`` 1) or coefficients (2) do, by central differences: moved by ``small``, or
-        by this share of what they are, to either side."""
+    def action(self, of: int, row: int, small: float) -> Action:
+        """What a ``row`` of the inputs (``of`` 1) or coefficients (2) does, by central differences: moved by ``small``
+        to either side."""
 
         def moved(at: Points, sign: int) -> Points:
             changed = at[of].copy()
-            changed[rows] = changed[rows] * (1 + sign * small) if is_share else changed[rows] + sign * small
+            changed[row] += sign * small
             return (at[0], changed, at[2]) if of == 1 else (at[0], at[1], changed)
 
         (K, R), A = self.data.inputs.shape[:2], len(self.active)
@@ -237,11 +229,8 @@ class _Differences:
         action = self.action(1, i, DIFFERENCE[INPUTS[name][1]])
         return replace(action, delayed=np.stack(delayed), per_second=np.array(per_second))
 
-    def of_places(self) -> dict[str, Action]:
-        """What may differ from place to place: the water's velocity, and how much of the logged wind there is."""
+    def of_streams(self) -> dict[str, Action]:
+        """The action of the water's velocity."""
         symbols = self.steps.ship.symbols
         actions = {name: self.action(2, symbols.index(s), SMALL) for name, s in WATER.items() if s in symbols}
-        wind = [self.steps.model.controls.index(name) for name in ("wind_north", "wind_east")]
-        if self.data.inputs[..., wind].any():
-            actions["wind"] = self.action(1, wind, SMALL, is_share=True)
         return {name: a for name, a in actions.items() if a.step.any()}

@@ -17,7 +17,7 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import DrivenColumns, ProductColumns
 from diagnosis.estimation.linearisation import Linearisation
 from diagnosis.estimation.transition_model import LinearModel
-from diagnosis.hypotheses.dictionary import DELAYS, WATER, Action, Dictionary
+from diagnosis.hypotheses.dictionary import DELAYS, Dictionary
 from diagnosis.hypotheses.score_test import projected
 from mmg.motion.froude import time_scale
 
@@ -84,7 +84,7 @@ class Events:
         kinds += [f"{SWINGING} {rate:g} times a length" for rate in SWINGS for _ in range(4)]
         k = time_scale(length)
         waves = _waves(np.arange(K)[:, None] * data.h, 2 * np.pi / (np.array(TURNS) * k))
-        for action, size in forms.scaled(linear, _streams(forms)):
+        for action, size in forms.scaled(linear, forms.streams):
             columns.append(ProductColumns((action.step * size)[..., None], waves.T[:, :, None]))
             kinds += [f"stream that turns in {period * k:.3g} s" for period in TURNS for _ in range(2)]
         return cls(tuple(kinds), tuple(columns), forms, own, waves, allowed)
@@ -97,7 +97,7 @@ class Events:
             whole = np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
             by_step = size * action.delayed[DELAYS.index(LATE)] * whole
             result[:, i * W : (i + 1) * W] = by_step.T @ self.stretches  # summed over the steps of each stretch
-        streams, w = self.forms.scaled(at.linear, _streams(self.forms)), self.waves.shape[1]
+        streams, w = self.forms.scaled(at.linear, self.forms.streams), self.waves.shape[1]
         for i, (action, size) in enumerate(streams, start=-len(streams)):
             whole = size * np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
             first = len(self.kinds) + i * w
@@ -119,11 +119,6 @@ def _swinging(data: GriddedTrials, forms: Dictionary, linear: LinearModel, lengt
 def _waves(phase: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """Sine and cosine of each of the ``rates`` (w,) times ``phase`` (..., 1), side by side: (..., 2 w)."""
     return np.stack([np.sin(rates * phase), np.cos(rates * phase)], axis=-1).reshape(*phase.shape[:-1], -1)
-
-
-def _streams(forms: Dictionary) -> dict[str, Action]:
-    """The actions of the water's velocity."""
-    return {name: action for name, action in forms.by_place.items() if name in WATER}
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,8 @@
-"""Forms of an unnamed force: products of velocities, inputs and wind, and smooth functions of one variable alone.
-
-Smooth functions of some variables are random features (Rahimi & Recht 2007), put into the order of what they contribute
-on the trials (principal components): an orthogonal basis whose size falls from component to component.
-"""
+"""Forms of an unnamed force: products of velocities, inputs and wind, and what the rudder sets swinging."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -20,8 +16,6 @@ from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.motion.frames import relative_air
 from mmg.motion.froude import time_scale
 
-FEATURES = 200  # Random features, more than the samples of a record tell apart. Set by hand: it bounds the cost.
-
 
 @dataclass(frozen=True)
 class Forms:
@@ -30,12 +24,6 @@ class Forms:
     names: tuple[str, ...]
     values: np.ndarray
     gradients: np.ndarray
-
-    @classmethod
-    def together(cls, some: Sequence[Forms]) -> Forms:
-        """All of ``some``, one after the other."""
-        join = (np.concatenate([getattr(forms, k) for forms in some]) for k in ("values", "gradients"))
-        return cls(tuple(name for forms in some for name in forms.names), *join)
 
     def at(self, name: str) -> int:
         """Position of a ``name``."""
@@ -64,69 +52,9 @@ def evaluated(
     return Forms(names, value, gradient)
 
 
-def spread_of(values: np.ndarray) -> np.ndarray:
-    """Standard deviation (m,) of ``values`` (m, M), 0 of what does not change."""
-    spread = values.std(axis=1)
-    return np.where(spread > 1e-3 * np.abs(values).max(axis=1, initial=0.0) + 1e-12, spread, 0.0)
-
-
-class SmoothBasis:
-    """Smooth functions of variables, whose units and order are taken from trials.
-
-    values: (m, M) of the variables; scale: length over which a function changes; components: functions kept.
-    """
-
-    def __init__(self, values: np.ndarray, scale: float, components: int) -> None:
-        rng = np.random.default_rng(0)
-        self._centre = values.mean(axis=1)
-        self._weight = rng.standard_normal((FEATURES, len(values))) / scale
-        self._phase = rng.uniform(0, 2 * np.pi, FEATURES)
-        # random Fourier features (Rahimi & Recht 2007)
-        features = np.cos(self._weight @ (values - self._centre[:, None]) + self._phase[:, None])
-        self._mean = features.mean(axis=1)
-        features -= self._mean[:, None]
-        sizes, vectors = np.linalg.eigh(features @ features.T / features.shape[1])
-        kept = np.argsort(-sizes)[:components]
-        kept = kept[sizes[kept] > 1e-9]  # components of rounding alone
-        # one factor for all: rougher ones stay smaller
-        self._mix = vectors[:, kept].T / np.sqrt(sizes[kept].max(initial=1e-300))
-
-    def on(self, known: Forms, name: str, mask: np.ndarray) -> Forms:
-        """The functions of the variables ``known``, by ``name`` and number; mask: (K, R) where they exist, else 0."""
-        angle = self._weight @ (known.values[:, mask] - self._centre[:, None]) + self._phase[:, None]
-        found = self._mix @ (np.cos(angle) - self._mean[:, None])
-        slope = np.zeros((*found.shape, known.gradients.shape[-1]))
-        for weight, along in zip(self._weight.T, known.gradients[:, mask], strict=True):
-            if along.any():  # an input has none
-                slope -= ((self._mix * weight) @ np.sin(angle))[..., None] * along
-        values, gradients = (np.zeros((len(found), *mask.shape, *x.shape[2:])) for x in (found, slope))
-        values[:, mask], gradients[:, mask] = found, slope
-        return Forms(tuple(f"{name} {i + 1}" for i in range(len(found))), values, gradients)
-
-
-OF_ONE = 8  # Functions of each variable alone that are kept. Set by hand.
-FINE = 0.35  # Length over which they change, in standard deviations of the variable. Set by hand.
-OF_PLACE = 12  # Functions of the place that are kept. Set by hand.
-PLACE = 2.0  # Length over which they change [lengths of the ship]. Set by hand.
 # Periods [s of a 3 m model] of what swings after the rudder, as roll does.
 SWINGS = tuple(round(2.2 * 1.18**i, 1) for i in range(10))
 DAMPING = 0.07  # Its share of the critical damping. Set by hand.
-
-
-HULL = (
-    "u", "v", "r", "uu", "uv", "ur", "vr", "v|v|", "r|r|", "v|r|", "r|v|", "vv", "rr", "|v|", "|r|", "u|u|", "uuu",
-)  # fmt: skip
-PROPELLER = ("1", "u", "uu", "u|u|", "uuu", "n", "nn", "n|n|", "un", "back", "back|back|")
-AIR = ("air x", "air y", "air xy", "cos", "sin", "cos 2", "sin 2")
-WASH = ("n", "nn", "n|n|", "un", "rn", "vn")
-
-
-def by_variables(products: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Those of the ``products`` that depend on the same few variables: what one part of a ship gives."""
-    known = {*HULL, *PROPELLER, *AIR, *WASH, "t", "x", "y"}
-    rudder = tuple(name for name in products if name in WASH or name not in known)
-    few = {"u, v, r": HULL, "u, n": PROPELLER, "delta, n": rudder, "air": AIR}
-    return {words: tuple(name for name in names if name in products) for words, names in few.items()}
 
 
 def unit(values: np.ndarray, mask: np.ndarray) -> float:
@@ -153,40 +81,19 @@ def _scaled(forms: Forms, middle: np.ndarray, factor: np.ndarray) -> Forms:
 
 
 class ForceForms:
-    """The forms, their units taken from trials.
+    """The products, their units taken from trials.
 
-    steps: the transition model; data: the trials; middle: (K, R, S) states in the middle of each step. products: names
-    of those forms that are products; the others are smooth functions of one variable; own: all of them on these trials.
+    steps: the transition model; data: the trials; middle: (K, R, S) states in the middle of each step. own: the forms
+    on these trials.
     """
 
     def __init__(self, steps: TransitionModel, data: GriddedTrials, middle: np.ndarray) -> None:
         self.steps = steps
-        raw = self._products(data, middle)
-        products, self._middle, self._factor = of_unit_size(raw, data.inside)
-        self.products = frozenset(raw.names)
-        known = self._variables(data, middle)
-        inside = known.values[:, data.inside]
-        spread = spread_of(inside)
-        scale = PLACE * float(steps.ship.particulars["L"])
-        self._place = SmoothBasis(_places(middle).values[:, data.inside], scale, OF_PLACE)
-        self._alone = {
-            name: SmoothBasis(inside[[i]], FINE * spread[i], OF_ONE) for i, name in enumerate(known.names) if spread[i]
-        }
-        self.own = self._with_smooth(products, known, data.inside)
+        self.own, self._middle, self._factor = of_unit_size(self._products(data, middle), data.inside)
 
     def on(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
         """The forms on trials ``data`` with states ``middle`` (K, R, S), in the same units."""
-        products = _scaled(self._products(data, middle), self._middle, self._factor)
-        return self._with_smooth(products, self._variables(data, middle), data.inside)
-
-    def _with_smooth(self, products: Forms, known: Forms, inside: np.ndarray) -> Forms:
-        """The ``products``, and the smooth functions of the ``known`` variables where a step is ``inside`` (K, R)."""
-        alone = [basis.on(known.only((name,)), f"{name} alone", inside) for name, basis in self._alone.items()]
-        return Forms.together([products, *alone])
-
-    def by_place(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
-        """Smooth functions of the place of trials ``data`` with states ``middle`` (K, R, S)."""
-        return self._place.on(_places(middle), "place", data.inside)
+        return _scaled(self._products(data, middle), self._middle, self._factor)
 
     def after_the_rudder(self, data: GriddedTrials) -> Forms:
         """What the rudders set swinging in trials ``data``: deflection, from where it would come to rest, and speed of
@@ -205,25 +112,15 @@ class ForceForms:
         names = tuple(f"{period:g} s {part}" for period in SWINGS for part in ("deflection", "speed"))
         return of_unit_size(Forms(names, values, np.zeros((*values.shape, 6))), data.inside)[0]
 
-    def family(self, name: str) -> str:
-        """Begin of the kinds of the form ``name``: "" for the products."""
-        return "" if name in self.products else f"{name.rpartition(' ')[0]} "
-
-    def _arguments(self) -> tuple[list[ca.SX], dict[str, ca.SX], dict[str, ca.SX]]:
-        """Symbols of states, inputs and time; the velocities (r times L) and air; the inputs by name."""
-        names = self.steps.model.controls
-        six, held, time = ca.SX.sym("six", 6), ca.SX.sym("held", len(names)), ca.SX.sym("time")
-        inputs = dict(zip(names, ca.vertsplit(held), strict=True))
-        psi, u, v, r = ca.vertsplit(six)[2:]
-        a_x, a_y = relative_air(inputs["wind_north"], inputs["wind_east"], psi, u, v)
-        motion = {"u": u, "v": v, "r": r * float(self.steps.ship.particulars["L"]), "air x": a_x, "air y": a_y}
-        return [six, held, time], motion, {name: x for name, x in inputs.items() if name in INPUTS}
-
     def _products(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
         """The products, not scaled yet. n and delta are means over the propellers and over the rudders."""
-        (six, held, time), motion, inputs = self._arguments()
-        x, y, psi = ca.vertsplit(six)[:3]
-        u, v, r, a_x, a_y = motion.values()
+        names = self.steps.model.controls
+        six, held, time = ca.SX.sym("six", 6), ca.SX.sym("held", len(names)), ca.SX.sym("time")
+        every = dict(zip(names, ca.vertsplit(held), strict=True))
+        inputs = {name: one for name, one in every.items() if name in INPUTS}
+        x, y, psi, u, v, r = ca.vertsplit(six)
+        a_x, a_y = relative_air(every["wind_north"], every["wind_east"], psi, u, v)
+        r = r * float(self.steps.ship.particulars["L"])
         n, delta = (_mean([inputs[name] for name in kind if name in inputs]) for kind in (PROPELLERS, RUDDERS))
         air, back = ca.sqrt(a_x**2 + a_y**2 + 1e-12), ca.fmin(n, 0)
         forms = {
@@ -240,20 +137,7 @@ class ForceForms:
             forms |= {name: inputs[name], f"{name}|{name}|": inputs[name] * ca.fabs(inputs[name])}
         return evaluated(forms, [six, held, time], [middle[..., :6], data.inputs, data.t[:-1]], data.inside)
 
-    def _variables(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
-        """What the smooth forms are functions of: velocities and inputs."""
-        arguments, motion, inputs = self._arguments()
-        variables = {name: x for name, x in motion.items() if not name.startswith("air")} | inputs
-        return evaluated(variables, arguments, [middle[..., :6], data.inputs, data.t[:-1]], np.asarray(data.inside))
-
 
 def _mean(inputs: list[ca.SX]) -> ca.SX:
     """Mean of some inputs, 0 without any."""
     return sum(inputs, ca.SX(0)) / max(len(inputs), 1)
-
-
-def _places(middle: np.ndarray) -> Forms:
-    """Position north and east in states ``middle`` (K, R, S)."""
-    gradients = np.zeros((2, *middle.shape[:2], 6))
-    gradients[0, ..., 0] = gradients[1, ..., 1] = 1.0
-    return Forms(("x", "y"), np.moveaxis(middle[..., :2], 2, 0), gradients)

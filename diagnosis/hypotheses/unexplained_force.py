@@ -1,6 +1,6 @@
 """What is left unexplained, as a force: its size by channel, what it follows, when it acts, and where it would show.
 
-The force is a sum of unnamed forms, products and smooth functions of motion, inputs and wind, whose coefficients have a
+The force is a sum of unnamed forms, products of motion, inputs and wind, whose coefficients have a
 Gaussian prior of one size in each channel. The sizes have the largest marginal likelihood (empirical Bayes), 0 where
 that is best; the force is the mean of the posterior, without what the free coefficients could imitate.
 """
@@ -57,7 +57,7 @@ class ForceEstimate:
 def estimated_force(unnamed: UnnamedForms) -> ForceEstimate:
     """The force that the tests of unnamed forms ``unnamed`` point to."""
     words = unnamed.slopes.dictionary
-    chosen = np.array([kind.endswith(FORCES) for kind in words.kinds])
+    chosen = np.array([kind in FORCES for kind in words.kinds])
     # the dictionary has the channels of a form side by side
     order = np.flatnonzero(chosen).reshape(-1, 3).T.ravel()
     g, S = unnamed.slopes.g[order], unnamed.slopes.S[np.ix_(order, order)]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -18,14 +17,11 @@ from diagnosis.estimation.kalman import DrivenColumns, ProductColumns
 from diagnosis.estimation.linearisation import Point, linearise_and_filter, timing_columns
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
-from diagnosis.hypotheses.dictionary import BY_PLACE, FORCES, Dictionary
+from diagnosis.hypotheses.dictionary import FORCES, Dictionary
 from diagnosis.hypotheses.events import Events, event_slopes, swing_backgrounds
-from diagnosis.hypotheses.force_forms import by_variables
 from diagnosis.hypotheses.score_test import dispersion, memory_steps, projected
 
 SENSOR = "sensor of "  # Begin of the kinds that are errors of a sensor
-# Kind of the share of the logged wind: gusts that are not logged make it vary from second to second.
-UNLOGGED = f"wind{BY_PLACE}"
 # Prior standard deviations of a column's coefficient, in the sizes of what is random.
 SIZES = (0.03, 0.1, 0.3, 1.0)  # set by hand: factors of three
 # Prior variances of a force along each direction of its kind, in squared standard errors of what the trials say of it
@@ -34,10 +30,6 @@ SIZES = (0.03, 0.1, 0.3, 1.0)  # set by hand: factors of three
 MULTIPLES = (0.25, 1.0, 4.0)
 # Errors of a sensor of this size, in standard deviations of its noise, are none: no instrument is exact.
 TOLERANCE = 0.05  # set by hand
-# Share of the logged wind's force that may be missing at a place where nothing is wrong, and prior standard deviations
-# of what may be wrong there. Of anemometers mean speeds within 10 % are required (WMO No. 8, 2023, annex 1.A), which is
-# 20 % of the force; gusts between the samples of 10 % of the speed with a memory of 1 s leave 6 % in a mean of 20 s.
-WIND_TOLERANCE, WIND_SIZES = 0.05, (0.1, 0.3, 1.0)
 # Information from which a direction is seen: forms that add up to nothing on the trials may have a slope yet.
 SEEN = 0.01  # set by hand
 
@@ -47,12 +39,11 @@ class UnnamedSlopes:
     """Slopes g (C,) of the log likelihood along the columns of a ``dictionary``, the free parameters projected out, and
     their information S (C, C).
 
-    dispersion: of errors of sensors, the share of the wind and forces that swing, by kind, the ratio of the slopes'
-    variance to that information, at least 1: it is larger where residuals are correlated in time, as of sensors with a
-    memory or in gusts, and where random forces are not as fast or as slow as in the model; taken: (P, c) multiples of
-    the free parameters that were projected out, by the columns of the dictionary, which are the first; those of
-    ``events`` follow, kind by kind, as if independent of all others; wind: share of the logged wind whose force is as
-    strong as what is random, the unit of its columns; of_events: size of events, by kind, that is nothing.
+    dispersion: of errors of sensors and forces that swing, by kind, the ratio of the slopes' variance to that
+    information, at least 1: it is larger where residuals are correlated in time, as of sensors with a memory, and where
+    random forces are not as fast or as slow as in the model; taken: (P, c) multiples of the free parameters that were
+    projected out, by the columns of the dictionary, which are the first; those of ``events`` follow, kind by kind, as
+    if independent of all others; of_events: size of events, by kind, that is nothing.
     """
 
     g: np.ndarray
@@ -61,7 +52,6 @@ class UnnamedSlopes:
     dispersion: dict[str, float]
     taken: np.ndarray
     events: tuple[str, ...] = ()
-    wind: float = 1.0
     of_events: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -72,42 +62,23 @@ class UnnamedSlopes:
     @property
     def allowed(self) -> np.ndarray:
         """What each column (C,) may be off where nothing is wrong."""
-        known = {UNLOGGED: WIND_TOLERANCE / self.wind, **self.of_events}
-        return np.array([TOLERANCE if k.startswith(SENSOR) else known.get(k, 0.0) for k in self.kinds])
-
-    @cached_property
-    def _of_few_variables(self) -> dict[str, np.ndarray]:
-        """Columns (C,) of the forces of each kind that depend on the same few variables."""
-        labels = self.dictionary.labels
-        groups = by_variables([form for kind, form in labels if kind == FORCES[0]])
-        columns = {
-            f"{axis} ({words})": np.array([kind == axis and form in names for kind, form in labels])
-            for axis in FORCES
-            for words, names in groups.items()
-        }
-        beyond = np.zeros(len(self.events), dtype=bool)
-        return {name: np.concatenate([at, beyond]) for name, at in columns.items() if at.any()}
-
-    def _sizes(self, kind: str) -> tuple[float, ...]:
-        """Prior standard deviations of the columns of a ``kind``, in the sizes of what is random."""
-        return tuple(share / self.wind for share in WIND_SIZES) if kind == UNLOGGED else SIZES
+        return np.array([TOLERANCE if k.startswith(SENSOR) else self.of_events.get(k, 0.0) for k in self.kinds])
 
     def statistics(self, g: np.ndarray) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
         """Log Bayes factors (...) of all kinds in equal parts, of the best force alone less the log of their number,
-        and of each kind, at slopes ``g`` (..., C). Forces are also taken together by the few variables they depend on
-        (``by_variables``)."""
+        and of each kind, at slopes ``g`` (..., C)."""
         kinds, allowed = np.array(self.kinds), self.allowed
         ratio = np.array([self.dispersion.get(k, 1.0) for k in self.kinds])
         g, S = g / ratio, self.S / ratio  # an overdispersed kind says less, slopes and information alike
         single = np.isin(kinds, FORCES)
-        own = {name: kinds == name for name in sorted(set(self.kinds))} | self._of_few_variables
+        own = {name: kinds == name for name in sorted(set(self.kinds))}
         logs = {
-            name: log_bayes(g, S, at, allowed[at].max(), self._sizes(name), MULTIPLES if single[at].all() else ())
+            name: log_bayes(g, S, at, allowed[at].max(), MULTIPLES if name in FORCES else ())
             for name, at in own.items()
         }
         # each kind as likely before
         mixture = np.logaddexp.reduce(np.stack(list(logs.values())), axis=0) - np.log(len(logs))
-        alone = _logs_of(g[..., single, None], np.diag(S)[single, None], 0.0, SIZES)  # each column by itself
+        alone = _logs_of(g[..., single, None], np.diag(S)[single, None], 0.0)  # each column by itself
         each = np.logaddexp.reduce(alone, axis=0) - np.log(len(alone))
         return mixture, each.max(axis=-1) - np.log(single.sum()), logs
 
@@ -162,7 +133,7 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, point: Point) ->
     rest = projected(gram, np.concatenate([by_free, forms.logdet_gradient(linearised)]), p)
     lags = memory_steps(length, data.h)
     ratios = {}
-    for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith(SENSOR) or k == UNLOGGED):
+    for name in (k for k in dict.fromkeys(forms.kinds) if k.startswith(SENSOR)):
         own = np.flatnonzero([k == name for k in forms.kinds])
         columns = white[..., P + own] - white[..., :P] @ rest.taken[:, own]
         S = rest.S[np.ix_(own, own)]
@@ -174,12 +145,7 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, point: Point) ->
     g = np.concatenate([rest.g, *(each.g for each in there.values())])
     S = block_diag(rest.S, *(each.S for each in there.values()))
     kinds = tuple(kind for kind, each in there.items() for _ in each.g)
-    units = dict(
-        zip(forms.by_place, (size for _, size in forms.scaled(linearised.linear, forms.by_place)), strict=True)
-    )
-    return UnnamedSlopes(
-        g, S, forms, ratios, rest.taken[: len(point.p)], kinds, units.get("wind", 1.0), events[0].allowed
-    )
+    return UnnamedSlopes(g, S, forms, ratios, rest.taken[: len(point.p)], kinds, events[0].allowed)
 
 
 def log_bayes(
@@ -187,10 +153,9 @@ def log_bayes(
     S: np.ndarray,
     chosen: np.ndarray,
     tolerance: float = 0.0,
-    sizes: Sequence[float] = SIZES,
     multiples: Sequence[float] = (),
 ) -> np.ndarray:
-    """Log Bayes factors (...) of the columns ``chosen`` (C,), averaged over the prior ``sizes`` above the tolerance.
+    """Log Bayes factors (...) of the columns ``chosen`` (C,), averaged over the prior SIZES above the tolerance.
 
     g: (..., C) slopes of the log likelihood along all columns; S: (C, C) their information; tolerance: standard
     deviation of what a column may be off where nothing is wrong, too; multiples: prior variances along each direction,
@@ -200,7 +165,7 @@ def log_bayes(
     values, vectors = np.linalg.eigh(0.5 * (S + S.T))
     seen = values > SEEN
     along = np.where(seen, g @ vectors, 0.0)  # rounding along what the trials do not see
-    logs = _logs_of(along, np.maximum(values, 0.0), tolerance, sizes)
+    logs = _logs_of(along, np.maximum(values, 0.0), tolerance)
     squared = along**2 / np.where(seen, values, 1.0)
     for m in (np.where(seen, np.minimum(multiple, max(SIZES) ** 2 * values), 0.0) for multiple in multiples):
         # g-prior: variance m / S along each direction
@@ -208,11 +173,11 @@ def log_bayes(
     return np.asarray(np.logaddexp.reduce(logs, axis=0) - np.log(len(logs)))
 
 
-def _logs_of(along: np.ndarray, values: np.ndarray, tolerance: float, sizes: Sequence[float]) -> list[np.ndarray]:
-    """The same for each of the ``sizes``."""
+def _logs_of(along: np.ndarray, values: np.ndarray, tolerance: float) -> list[np.ndarray]:
+    """The same for each of SIZES."""
     null = 1 + tolerance**2 * values
     logs = []
-    for a in [a for a in sizes if a > tolerance] or [3.0 * tolerance]:
+    for a in [a for a in SIZES if a > tolerance] or [3.0 * tolerance]:
         other = 1 + a**2 * values
         # of two Gaussian marginal likelihoods
         gain = along**2 * ((a**2 - tolerance**2) / (null * other)) - np.log(other / null)

@@ -23,7 +23,7 @@ from diagnosis.findings import (
     RankedCandidate,
     UnexplainedForce,
 )
-from diagnosis.hypotheses.dictionary import AFTER_RUDDER, BY_PLACE
+from diagnosis.hypotheses.dictionary import AFTER_RUDDER
 from diagnosis.hypotheses.events import AT_TIMES
 from diagnosis.hypotheses.forward_selection import ODDS
 from fitting.report.sections import plus_minus
@@ -180,21 +180,10 @@ def unexplained_hint(m: UnexplainedForce | None) -> str:
     return f" It acts mostly in {name}{follows}." if first.force_rms > 0 else ""
 
 
-# Words for the few variables of a kind of force (``force_forms.by_variables``).
-VARIABLES = {
-    "u, v, r": "the motion of the hull (u, v, r)",
-    "u, n": "speed ahead and revolutions (u, n)",
-    "delta, n": "rudder angle and wash (delta, n)",
-    "air": "the air and the heading",
-}
-
-
 def kind_words(kind: str) -> str:
     """A kind of function of the dictionary without names, in words."""
     if kind.endswith(AT_TIMES):
         return f"{kind_words(kind.removesuffix(AT_TIMES))} for some seconds, now and then"
-    if kind.endswith(BY_PLACE):
-        return f"a {kind.removesuffix(BY_PLACE).replace('wind', 'share of the logged wind')} that differs by place"
     if kind == AFTER_RUDDER:
         return f"a {kind}, as roll does"
     if kind.startswith("force that swings"):
@@ -208,13 +197,7 @@ def kind_words(kind: str) -> str:
     if what in ("action", "delay"):
         does = "do" if name.endswith("s") else "does"
         return f"a {'change in' if what == 'action' else 'delay of'} what the {name} {does}"
-    force, _, few = kind.removesuffix(")").partition(" (")
-    if few in VARIABLES:
-        return f"a {force} that follows {VARIABLES[few]}"
-    variable, alone, force = kind.partition(" alone ")
-    if alone:
-        return f"a {force} that follows {PLAIN.get(variable, variable)} alone"
-    return f"a {kind}" if " " in kind else f"a {kind} of its own"
+    return f"a {kind}"
 
 
 def likeness(log_bayes: Mapping[str, float]) -> str:

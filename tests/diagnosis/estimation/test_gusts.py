@@ -80,22 +80,6 @@ def test_a_gust_pushes_as_a_stronger_wind_does() -> None:
         assert (np.abs(pushed_rates - rates - change) <= 0.05 * np.abs(change).max(axis=0)).all()
 
 
-def test_of_a_ship_at_rest_it_grows_with_the_square_of_the_wind_and_turns_with_her() -> None:
-    steps, data = full_steps(STEP), blown()
-    at = [steps.model.controls.index(name) for name in ("wind_north", "wind_east")]
-    still = replace(data, y=np.zeros_like(data.y), measured=np.ones_like(data.measured))
-    inputs = np.zeros_like(data.inputs)
-    inputs[..., at] = np.array([[1.0, 0.5], [2.0, 1.0], [0.0, 0.0], [np.hypot(1.0, 0.5), 0.0]])
-    still.y[:, 3, 2] = -np.arctan2(0.5, 1.0)
-    gusts = with_gusts(steps, replace(still, inputs=inputs, gusts=None)).gusts
-    assert gusts is not None
-    np.testing.assert_allclose(gusts[5, 1], 4.0 * gusts[5, 0], rtol=0.02)
-    np.testing.assert_allclose(gusts[5, 3], gusts[5, 0], rtol=1e-6, atol=1e-9)
-    assert not gusts[5, 2].any()
-    calm = replace(still, gusts=None, inputs=np.zeros_like(inputs))
-    assert with_gusts(steps, calm) is calm
-
-
 @pytest.mark.slow
 def test_their_size_and_memory_are_found() -> None:
     """The wind's own speed along it, little across; the random force stays as small as gusts leave it."""

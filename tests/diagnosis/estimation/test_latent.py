@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from cases.trial import Trial
-from diagnosis.estimation import map_estimate
 from diagnosis.estimation.candidates import Column, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.gusts import with_gusts
 from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Linearisation, Point, Trajectory, linearise_and_filter
-from diagnosis.estimation.map_estimate import ROUGH, Estimate, estimate, initial_point
+from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_states
 from diagnosis.estimation.residual_checks import with_correlation_time
@@ -275,16 +274,3 @@ def test_a_step_at_which_the_filter_breaks_down_is_shortened_and_a_start_refused
     broken = {1}
     with pytest.raises(UserError):
         estimate(steps, data, start)
-
-
-@pytest.mark.slow
-def test_a_rough_fit_ends_where_nothing_is_gained_and_is_as_likely(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a tolerance that no step meets, only that nothing is gained can end it before its last linearisation. Near
-    the optimum of other seeds the model bends, where rounding decides how many steps both take."""
-    steps, data, found, _ = fitted(2)
-    start = replace(found, p=found.p - 0.1)
-    fits = [estimate(steps, data, start, 30, tolerance=1e-9, is_rough=rough) for rough in (False, True)]
-    assert fits[1].iterations < fits[0].iterations and not fits[1].converged
-    assert abs(fits[1].nll - fits[0].nll) < 3 * ROUGH
-    monkeypatch.setattr(map_estimate, "ROUGH", -np.inf)  # then no gain is small enough
-    assert estimate(steps, data, start, 30, tolerance=1e-9, is_rough=True).iterations == fits[0].iterations

@@ -171,19 +171,6 @@ def test_derivatives_of_what_is_logged_are_those_of_finite_differences(steps: Tr
     close(D_of(linear), D, 1e-6)
 
 
-def test_fewer_columns_and_states_are_a_part_of_all(steps: TransitionModel) -> None:
-    theta = steps.ship.values
-    states, inputs, force = path(steps)
-    whole = steps.linearise(states, inputs, theta, force, every_column(steps), np.arange(steps.S))
-    asked = np.array([steps.symbols.index(s) for s in ("tow.Y", "N_r", "current.x", "N_r")])
-    six = np.arange(6)  # nothing else is awake at neutral values
-    part = steps.linearise(states, inputs, theta, force, asked, six)
-    np.testing.assert_allclose(part.F, whole.F[:, :, :6, :6], rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(part.G, whole.G[:, :, :6][..., asked], rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(part.force, whole.force[:, :, :6], rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(D_of(part), D_of(whole)[..., asked], rtol=1e-12, atol=1e-14)
-
-
 @pytest.mark.parametrize("where", ["neutral", "off neutral"])
 def test_bend_is_the_slope_of_the_weighted_jacobian(steps: TransitionModel, where: str) -> None:
     """Of d rates / d (states, force) in the middle of the step, and of the logged columns by the states."""

@@ -43,20 +43,6 @@ def test_slopes_are_those_of_finite_differences() -> None:
 
 
 @pytest.mark.slow
-def test_information_is_about_that_of_the_likelihood() -> None:
-    """At the most likely sizes; there observed and expected information are the same but for chance."""
-    steps, data, found, _ = fitted(1)
-    here = linearise_and_filter(steps, data, found.fixed())
-    slope, information = noise_sizes.slope_and_information(here, *here.smoothed()[1:])
-    sure = np.diag(information) > 20.0
-    assert sure.sum() >= 6
-    for i in np.flatnonzero(sure):
-        step = 0.03 * np.eye(len(slope))[i]
-        observed = (nll(here, step) - 2 * nll(here, 0 * step) + nll(here, -step)) / 0.03**2
-        assert information[i, i] == pytest.approx(observed, rel=0.25)
-
-
-@pytest.mark.slow
 def test_they_end_where_steps_of_the_fixed_point_end(monkeypatch: pytest.MonkeyPatch) -> None:
     steps, data, found, _ = fitted(1)
     for factor in (0.3, 3.0):

@@ -90,20 +90,6 @@ def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_which_more_run
     np.testing.assert_allclose(less, (1 - 1 / 9) * (prior.std * scatter) ** 2, rtol=1e-6, atol=1e-12)
 
 
-@pytest.mark.longest
-@pytest.mark.slow
-def test_what_is_random_in_the_reference_is_usual_in_other_trials() -> None:
-    """One short record says little of its own noise: it stays near that of the reference."""
-    one = new()[:1]
-    ready, alone = (prepare(calibrated(), one, step=H, other_trials=True, reference=r) for r in (before(), ()))
-    usual = ready.null.noise.prior
-    assert usual is not None and usual.prior is None and alone.null.noise.prior is None
-    np.testing.assert_allclose(usual.white, known()[1].noise.white, rtol=0.05)
-    assert ready.null.noise.tau == usual.tau and ready.gap == alone.gap == 1
-    near, far = (np.abs(np.log(n.force / usual.force)).max() for n in (ready.null.noise, alone.null.noise))
-    assert near < 0.7 and near < far
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", first_quick(MODERATE, pytest.mark.longest))
 def test_an_effect_is_news_only_without_it_in_the_reference(name: str) -> None:

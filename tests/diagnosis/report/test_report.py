@@ -24,12 +24,10 @@ from diagnosis.findings import (
     UnexplainedForce,
     UnexplainedTime,
 )
-from diagnosis.hypotheses.force_forms import by_variables
 from diagnosis.location.where import where
 from diagnosis.report.page import FELT, build_report, figures_for, held_rows, to_port, track_figure, write_report
 from diagnosis.report.words import (
     BADGE,
-    VARIABLES,
     first_channel,
     force,
     held_words,
@@ -225,7 +223,6 @@ def test_numbers_are_rounded_by_what_is_known_of_them_and_forces_have_words() ->
         "0 N m", "14 µN m", "0.52 N m", "250 N m", "15 kN m",
     ]  # fmt: skip
     assert quantity(EstimatedParameter(np.radians(2.0), np.radians(0.1), "rad")) == "2.00 ± 0.10 deg"
-    assert set(by_variables(("u", "n", "delta", "air x"))) == set(VARIABLES)
     assert readable("by -3 (mmg simulate SHIP --n -7.7)") == "by −3 (mmg simulate SHIP --n -7.7)"
 
 

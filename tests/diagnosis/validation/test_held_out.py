@@ -35,7 +35,6 @@ from diagnosis.validation.held_out import (
 )
 from tests.support.diagnosis_cases import (
     OFF_NEUTRAL,
-    WHITE,
     candidate,
     compared,
     full_steps,
@@ -179,22 +178,6 @@ def test_the_true_model_closes_the_gap_and_the_interval_says_so() -> None:
     assert held.metric == "30 s" and held.horizons["30 s"] == (held.mse_before, held.mse_after)
     reductions = [1 - b / a for a, b in held.by_run.values()]
     assert min(reductions) - 1e-12 <= held.interval_90[0] and held.interval_90[1] <= max(reductions) + 1e-12
-
-
-def test_likelihood_of_single_steps_is_by_window_and_lower_for_a_sensor_gone_wrong(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    problem, _, true = fits()
-    data = others(OTHERS[:2])
-    right = one_step_likelihood(problem.steps, data, true)
-    assert right.shape == (2,) and np.isfinite(right).all()
-    wrong = data.y.copy()
-    wrong[..., 1, 3] += 5 * WHITE[3] * np.sign(np.sin(np.arange(len(wrong))))
-    worse = one_step_likelihood(problem.steps, replace(data, y=wrong), true)
-    assert worse.sum() > right.sum() + 100
-    monkeypatch.setattr(held_out, "FITS", 1)  # by the noise of the fit
-    alone, both = (one_step_likelihood(problem.steps, replace(data, y=y), true) for y in (wrong, data.y))
-    assert alone[0] == pytest.approx(both[0], rel=1e-9)
 
 
 def test_where_the_ship_explodes_single_steps_say_nothing_and_windows_stay() -> None:

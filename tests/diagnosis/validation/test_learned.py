@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 import diagnosis.validation.learned as module
-from cases.simulation.simulate import write_trial
 from diagnosis.diagnose import DiagnosisOptions, with_learned
 from diagnosis.findings import LearnedResidual
-from diagnosis.result import Diagnosis
 from diagnosis.validation.learned import measure_learned_residual as measure
 from diagnosis.validation.learned import sentence_of
 from mmg.errors import TooFewData, UserError
-from mmg_ident.commands.diagnose import diagnose
 from residual.settings import TrainSettings
 from tests.diagnosis.report.test_report import case
 from tests.support import hybrids
@@ -46,17 +41,6 @@ def test_nothing_missing_nothing_closed() -> None:
     quick = replace(QUICK, epochs=6, penalty=0.3)
     found = measure(ship, hybrids.trials(ship), hybrids.trials(ship, 3, 200, seed=9), settings=quick)
     assert abs(found.reduction) < 0.03 and not found.kept
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2])
-def test_the_seed_decides_and_the_workers_do_not(workers: int) -> None:
-    ship, few = hybrids.ship(), replace(QUICK, epochs=2)
-    trials, tests = hybrids.trials(hybrids.lacking(), 2, 200), hybrids.trials(hybrids.lacking(), 2, 60, seed=9)
-    one, again, other = (
-        measure(ship, trials, tests, replace(few, seed=s, workers=w)) for s, w in ((0, 1), (0, workers), (5, 1))
-    )
-    assert one == again and one.reduction != other.reduction
 
 
 @pytest.mark.slow
@@ -113,20 +97,3 @@ def test_missing_torch_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     trials = hybrids.trials(hybrids.ship(), 1, 60)
     found = with_learned(replace(case("unknown"), trials=trials, tests=trials), OPTIONS)
     assert found.learned is None and found.verdict == "unknown"
-
-
-@pytest.mark.parametrize("no_learn", [False, True])
-def test_the_option_leaves_it_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_learn: bool) -> None:
-    for role, trial in zip(("train", "test"), hybrids.trials(hybrids.ship(), 2, 60), strict=True):
-        (tmp_path / role).mkdir()
-        write_trial(trial, tmp_path / role / f"{trial.name}.csv")
-
-    def stub(ship: Any, train: Any, tests: Any, site: Any, options: DiagnosisOptions, *more: Any) -> Diagnosis:
-        found = replace(case("unknown"), trials=train, tests=tests)
-        return with_learned(found, options) if options.learn else found
-
-    monkeypatch.setattr("diagnosis.diagnose.diagnose", stub)
-    monkeypatch.setattr(module, "measure_learned_residual", lambda *given, **more: FOUND)
-    out = tmp_path / "out"
-    diagnose("esso_osaka_3m", [tmp_path / "train"], out, test=[tmp_path / "test"], learn=not no_learn)
-    assert (json.loads((out / "diagnosis.json").read_text())["learned"] is None) == no_learn
