@@ -8,11 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cases.criteria.standard_runs import simulated_trial
+from cases.io.site import Site
+from cases.shipfiles.ship_file import load_ship
+from cases.simulation.demo_trials import CURRENT, SHIP, demo_trials
+from cases.simulation.simulate import SensorNoise, add_noise
+from cases.trial import Trial
+from diagnosis.estimation.first_fit import fit_without_effects
+from diagnosis.estimation.noise_sizes import initial_noise
+from diagnosis.hypotheses.forward_selection import select_effects
+from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, independent_tests, parted
-from diagnosis.prepare import InputReading
+from diagnosis.prepare import InputReading, prepare
 from mmg.errors import Missing, TooFewData
+from mmg.ship import Ship
 from tests.diagnosis.judgement.test_verdict import RUNS
-from tests.support.diagnosis_cases import FEW, pushed_trials
+from tests.support.diagnosis_cases import BANK, FEW, pushed_trials
+from tests.support.quick import first_quick
 
 
 def test_trials_that_tell_nothing_are_refused_and_copies_count_once() -> None:
@@ -52,3 +64,59 @@ def test_trials_that_trials_toml_keeps_for_tests_take_no_part(tmp_path: Path) ->
 def test_a_reading_that_makes_the_ship_explode_has_no_likelihood() -> None:
     read, exploding = (InputReading(False, gain, 1.0, 3.0).notices[0] for gain in (2.0, float("inf")))
     assert read.code == exploding.code == "coarse_samples" and "2.0" in read and "inf" not in exploding
+
+
+SAMPLE, FINE = 0.2, 0.02
+QUIET_RUNS = ("zigzag:20/20", "turning:35", "turning:-20")
+
+
+def drawn_about(ship: Ship, rng: np.random.Generator) -> Ship:
+    """``ship`` with coefficients drawn_about about hers, 0.4 standard deviations of the prior wide."""
+    rows = {s: ship.coefficients[s] for s in ship.free}
+    moved = {s: float(np.clip(c.value + 0.4 * c.std * rng.normal(), c.lower, c.upper)) for s, c in rows.items()}
+    return ship.with_coefficients({s: rows[s].with_(value=value) for s, value in moved.items()})
+
+
+def quiet_runs(ship: Ship, held: bool, seed: int) -> list[Trial]:
+    """Noisy runs in steady wind, sampled every SAMPLE seconds."""
+    found = []
+    for k, words in enumerate(QUIET_RUNS):
+        dt = SAMPLE if held else FINE
+        run = simulated_trial(ship, words, None, f"1.5:{110 * k}", False, seed, dt)
+        every = round(SAMPLE / dt)
+        run = replace(run, columns={name: values[::every] for name, values in run.columns.items()}, name=f"run_{k}")
+        found.append(add_noise(run, SensorNoise.for_length(ship.particulars["L"]), 10 * seed + k))
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("held", first_quick([True, False]))
+def test_nothing_is_seen_in_trials_without_random_forces_however_actuators_are_sampled(held: bool) -> None:
+    ready = prepare(FEW, quiet_runs(drawn_about(FEW, np.random.default_rng(5)), held, 5), Site({"bank": BANK}, {}))
+    assert ready.reading.straight is not held and ready.problem.data.straight is not held
+    assert ready.reading.gain > 2.0
+    tests = score_tests(slopes(ready.problem.steps, ready.problem.data, ready.null, ready.full.candidates),
+                        ready.full.candidates)  # fmt: skip
+    assert tests[0].p_value > 0.01
+    draft = next(t for t in tests if t.candidate.effect == "draft")
+    assert draft.p_single > 0.01
+
+
+@pytest.mark.longest
+@pytest.mark.slow
+def test_a_current_that_the_reference_had_not_is_not_explained_by_another_ship() -> None:
+    """A fit that begins with the noise of a quiet reference could end where coefficients explain the current."""
+    before, after = demo_trials(1, 0.5)[0][:3], demo_trials(1001, 0.5, [CURRENT])[0][-2:]
+    ready = prepare(load_ship(SHIP), after, other_trials=True, reference=before)
+    p, known = ready.problem, ready.null.noise.prior
+    assert known is not None and (known.force < 0.02 * initial_noise(ready.full.ship).force).any()
+    theta = ready.full.ship.values
+    theta[[ready.full.ship.symbols.index(s) for s in p.base.symbols]] = p.base.mean
+    narrow = (
+        fit_without_effects(p.steps, p.data, theta, p.base, known.with_(prior=known), ready.gap).finished(p.steps).null
+    )
+    assert ready.null.nll < narrow.nll + 10.0
+    found = select_effects(p, ready.null)
+    assert [c.effect for c in found.effects] == ["current"]
+    for symbol, truth in (("current.x", 0.08), ("current.y", -0.05)):
+        assert abs(found.final.value(symbol) - truth) < 4.0 * found.final.std(symbol)

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import ctypes
+import logging
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from diagnosis.estimation import filtering, kalman
+from diagnosis.estimation.filtering import filtered_by, source, whitened_by
+from diagnosis.estimation.force_order import PAIRS, force_order, order_by_law, order_of, turning_scores, with_turning
 from diagnosis.estimation.kalman import (
+    DrivenColumns,
     Filtered,
     LinearSystem,
     NoiseModel,
+    ProductColumns,
     adjoint,
     filtered,
     linear_system,
@@ -18,6 +28,10 @@ from diagnosis.estimation.kalman import (
     smoothed,
 )
 from diagnosis.estimation.transition_model import LinearModel
+from diagnosis.judgement.verdict import not_random
+from mmg.compile.batch import LOOP_FLAGS
+from mmg.compile.cache import load_library
+from tests.diagnosis.judgement.test_verdict import ready
 
 K, R, S = 7, 2, 3
 STEPS = np.array([7, 5])
@@ -186,3 +200,250 @@ def test_diagonals_are_the_slopes_by_the_variances() -> None:
             up, down = (half_log_det(replace(s, **{name: changed(whole, (j,), e)})) for e in (small, -small))
             own = np.where(there, found_by, 0.0)[..., j].sum()
             assert own == pytest.approx((up - down) / small, rel=1e-5, abs=1e-7)
+
+
+SIDE_BY_SIDE, LENGTH = 3, 11
+
+
+@pytest.fixture(scope="module")
+def code() -> ctypes.CDLL:
+    library, why = load_library(source(), LOOP_FLAGS)
+    if library is None:
+        pytest.skip(why)
+    return library
+
+
+@pytest.fixture
+def forgotten() -> Iterator[None]:
+    """The choice between code and numpy is made again, before and after."""
+    filtering.compiled.cache_clear()
+    yield
+    filtering.compiled.cache_clear()
+
+
+def system(n: int, seed: int = 0) -> LinearSystem:
+    """A stable system of n states, some samples missing, the second window shorter."""
+    rng, K, R = np.random.default_rng(seed), LENGTH, SIDE_BY_SIDE
+    inside = np.arange(K)[:, None] < np.array([K, K - 4, K])
+    good = rng.random((K + 1, R, 6)) > 0.2
+    good[3:5] = False
+    good[:, 1] &= (np.arange(K + 1) <= K - 4)[:, None]
+    T = 0.8 * np.eye(n) + 0.2 * rng.standard_normal((K, R, n, n)) / np.sqrt(n)
+    S = max(n - 3, 0)
+    T[..., S:, :S] = 0.0  # as of the latent force, which no state of the ship moves
+    T[~inside] = np.eye(n)
+    Z = np.where(good[..., None], rng.standard_normal((K + 1, R, 6, n)), 0.0)
+    first = np.repeat(np.diag(1 + rng.random(n))[None], R, axis=0)
+    return LinearSystem(T, Z, 0.1 + rng.random(n), 0.1 + rng.random(6), first, good, inside, S)
+
+
+def close(found: np.ndarray, expected: np.ndarray) -> None:
+    """To 1e-12 of the largest."""
+    assert np.abs(found - expected).max(initial=0.0) <= 1e-12 * (1 + np.abs(expected).max(initial=0.0))
+
+
+@pytest.mark.parametrize("n", [1, 7, 8, 9, 22])
+def test_the_filter_is_that_of_numpy(code: ctypes.CDLL, n: int) -> None:
+    s = system(n)
+    f, own = kalman.filtered(s), filtered_by(code, s)
+    for name in ("gain", "P", "inverse", "root", "log_det"):
+        close(getattr(own, name), getattr(f, name))
+
+
+@pytest.mark.parametrize("c", [1, 8, 13, 128, 131])
+def test_responses_are_those_of_numpy_in_any_number_of_columns(code: ctypes.CDLL, c: int) -> None:
+    s, rng = system(9), np.random.default_rng(2)
+    f, d = kalman.filtered(s), min(c, 3)
+    columns = DrivenColumns(
+        forcing=rng.standard_normal((LENGTH, SIDE_BY_SIDE, 6, c)),
+        observed=rng.standard_normal((LENGTH + 1, SIDE_BY_SIDE, 6, d)),
+        observing=rng.permutation(c)[:d],
+        scale=rng.random((SIDE_BY_SIDE, c)),
+        start=rng.standard_normal((SIDE_BY_SIDE, 9, c)),
+    )
+    assert columns.scale is not None
+    scaled = columns.forcing * columns.scale[:, None], columns.dense_observed * columns.scale[:, None]
+    white, states = kalman.responses(s, f, *scaled, columns.start)
+    wide = np.full((LENGTH + 1, SIDE_BY_SIDE, 6, c + 5), np.nan)
+    own = whitened_by(code, s, f, columns, wide[..., 2 : c + 2], True)
+    close(wide[..., 2 : c + 2], white)
+    close(own, states)
+    assert np.isnan(wide[..., :2]).all() and np.isnan(wide[..., c + 2 :]).all(), "it wrote beside its columns"
+
+
+def test_observations_have_the_residuals_they_were_made_of(code: ctypes.CDLL) -> None:
+    s, rng = system(9), np.random.default_rng(3)
+    f = filtered_by(code, s)
+    white = np.where(s.good[..., None], rng.standard_normal((LENGTH + 1, SIDE_BY_SIDE, 6, 10)), 0.0)
+    logged = kalman.observations(s, f, white)
+    again = np.empty_like(white)
+    whitened_by(code, s, f, DrivenColumns.dense(np.zeros((LENGTH, SIDE_BY_SIDE, 0, 10)), -logged), again, False)
+    np.testing.assert_allclose(-again, white, atol=1e-10)
+
+
+def test_a_singular_covariance_is_one_error_in_both(code: ctypes.CDLL) -> None:
+    broken = replace(system(7), R=np.array([1.0, 1.0, 1.0, -1e6, 1.0, 1.0]))
+    for by in (kalman.filtered, partial(filtered_by, code)):
+        with pytest.raises(np.linalg.LinAlgError):
+            by(broken)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("forgotten")
+@pytest.mark.parametrize("right, wrong", [("+= root[6 * l + a]", "-= root[6 * l + a]"), ("+= scale[j]", "-= scale[j]")])
+def test_wrong_code_is_not_used_and_one_line_says_so(
+    code: ctypes.CDLL,
+    right: str,
+    wrong: str,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.setenv("MMG_CACHE", str(tmp_path))
+    text = source()
+    assert code and right in text
+    monkeypatch.setattr(filtering, "source", lambda: text.replace(right, wrong))
+    s = system(9)
+    with caplog.at_level(logging.WARNING):
+        found = filtering.filtered(s)
+        filtering.filtered(s)
+    assert len([r for r in caplog.records if r.levelno == logging.WARNING]) == 1
+    assert np.array_equal(found.P, kalman.filtered(s).P) and not list(tmp_path.glob("*.so"))
+
+
+@pytest.mark.usefixtures("forgotten")
+def test_without_a_compiler_numpy_does_it_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MMG_CC", "none")
+    s, rng = system(9), np.random.default_rng(4)
+    f = filtering.filtered(s)
+    assert np.array_equal(f.P, kalman.filtered(s).P)
+    columns = DrivenColumns.dense(
+        rng.standard_normal((LENGTH, SIDE_BY_SIDE, 4, 2)), rng.standard_normal((LENGTH + 1, SIDE_BY_SIDE, 6, 2))
+    )
+    white, none = filtering.whitened(s, f, columns)
+    whole, states = filtering.whitened(s, f, columns, np.empty((LENGTH + 1, SIDE_BY_SIDE, 6, 2)), with_states=True)
+    assert not none.size and np.array_equal(white, whole) and states.shape == (LENGTH + 1, SIDE_BY_SIDE, 9, 2)
+
+
+@pytest.mark.parametrize("windows", [1, 3])
+@pytest.mark.parametrize("most", [1, 4 * 3 * 2 * 5 * 2, 10**6])
+def test_blocks_are_the_products_in_their_order(most: int, windows: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """values: of each window, or the same in all."""
+    monkeypatch.setattr(kalman, "BLOCK", most)
+    rng = np.random.default_rng(0)
+    pushes, values = rng.standard_normal((4, 3, 2, 5)), rng.standard_normal((7, 4, windows))
+    columns = ProductColumns(pushes, values)
+    blocks = list(columns.blocks())
+    found = np.concatenate([block.forcing for block in blocks], axis=3)
+    expected = np.einsum("kraf,vkr->kravf", pushes, np.broadcast_to(values, (7, 4, 3))).reshape(4, 3, 2, 35)
+    np.testing.assert_array_equal(found, expected)
+    assert columns.width == 35 and len(blocks) == {1: 7, 240: 4}.get(most, 1)
+    assert not any(block.dense_observed.any() for block in blocks)
+
+
+COUNT, WINDOWS, STATES, SECONDS = 250, 3, 3, 0.8
+FORCE_NOISE = NoiseModel(
+    force=np.array([0.4, 0.7, 0.5]),
+    tau=3.0,
+    white=np.array([0.1, 0.2, 0.05, 0.3, 0.2, 0.1]),
+)
+
+
+def damped_ship() -> LinearSystem:
+    """Three windows of a damped ship that logs its velocities thrice as well as its positions; one ends early."""
+    rng = np.random.default_rng(5)
+    F = np.diag([0.9, 0.8, 0.7]) + 0.05 * rng.standard_normal((STATES, STATES))
+    see = np.vstack([0.3 * rng.standard_normal((3, STATES)), np.eye(STATES)])
+    model = LinearModel(
+        end=np.zeros((COUNT, WINDOWS, STATES)),
+        F=np.tile(F, (COUNT, WINDOWS, 1, 1)),
+        G=np.zeros((COUNT, WINDOWS, STATES, 0)),
+        force=np.tile(0.5 * np.eye(STATES), (COUNT, WINDOWS, 1, 1)),
+        logged=np.zeros((COUNT + 1, WINDOWS, 6)),
+        H=np.tile(see, (COUNT + 1, WINDOWS, 1, 1)),
+        observed=np.zeros((COUNT + 1, WINDOWS, 6, 0)),
+        observing=np.zeros(0, dtype=int),
+    )
+    steps = np.array([COUNT, COUNT, COUNT // 2])
+    inside = np.arange(COUNT)[:, None] < steps
+    good = np.repeat((np.arange(COUNT + 1)[:, None] <= steps)[..., None], 6, axis=2)
+    good[::7, 0] = False
+    return linear_system(model, FORCE_NOISE, np.tile(np.eye(STATES), (WINDOWS, 1, 1)), good, inside, SECONDS)
+
+
+def residuals_of(truth: LinearSystem, fitted: LinearSystem, draws: int, seed: int) -> np.ndarray:
+    """Whitened residuals (K + 1, R, 6, draws), by the filter of ``fitted``, of trials simulated with ``truth``."""
+    rng = np.random.default_rng(seed)
+    n = truth.T.shape[2]
+    state = np.linalg.cholesky(truth.first + 1e-12 * np.eye(n)) @ rng.standard_normal((WINDOWS, n, draws))
+    logged = np.empty((COUNT + 1, WINDOWS, 6, draws))
+    for k in range(COUNT + 1):
+        logged[k] = truth.Z[k] @ state + np.sqrt(truth.R)[:, None] * rng.standard_normal((WINDOWS, 6, draws))
+        if k < COUNT:
+            pushed = np.sqrt(truth.Q)[:, None] * rng.standard_normal((WINDOWS, n, draws))
+            state = truth.T[k] @ state + np.where(truth.inside[k][:, None, None], pushed, 0.0)
+    return responses(fitted, filtered(fitted), np.zeros((COUNT, WINDOWS, 0, draws)), -logged)[0]
+
+
+def scores_of(white: np.ndarray) -> np.ndarray:
+    """Scores (3, draws) of whitened residuals."""
+    s = damped_ship()
+    return turning_scores(s, filtered(s), FORCE_NOISE, SECONDS, lambda: iter([white]))
+
+
+@pytest.fixture(scope="module")
+def by_chance() -> np.ndarray:
+    """Scores of whitened residuals drawn as such, the law by chance."""
+    return scores_of(np.random.default_rng(0).standard_normal((COUNT + 1, WINDOWS, 6, 1000)))
+
+
+@pytest.mark.slow
+def test_independent_forces_are_random_at_the_nominal_level(by_chance: np.ndarray) -> None:
+    found = np.hstack([scores_of(residuals_of(damped_ship(), damped_ship(), 400, seed)) for seed in range(3)])
+    laws = np.random.default_rng(4).choice(by_chance, (1200, 200), axis=1)  # each has drawn a law of its own
+    p = np.array([order_by_law(score, laws[:, i]).p_value for i, score in enumerate(found.T)])
+    assert (p < 0.05).mean() == pytest.approx(0.05, abs=0.02)  # three standard errors
+    assert p.mean() == pytest.approx(0.5, abs=0.03)
+    ratio = found / np.sqrt((by_chance**2).mean(axis=1, keepdims=True))
+    assert np.abs(ratio.mean(axis=1)).max() < 0.15 and np.abs(ratio.std(axis=1) - 1).max() < 0.15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pair", [0, 1, 2])
+def test_forces_that_follow_each_other_are_found_with_their_angle(pair: int, by_chance: np.ndarray) -> None:
+    angles = np.zeros(3)
+    angles[pair] = -0.8
+    white = residuals_of(with_turning(damped_ship(), FORCE_NOISE, SECONDS, angles), damped_ship(), 40, 2)
+    found = [order_by_law(score, by_chance) for score in scores_of(white).T]
+    assert np.mean([o.pair == PAIRS[pair] and not o.is_random for o in found]) > 0.95
+    mean = np.mean([o.turning for o in found], axis=0)
+    assert mean[pair] == pytest.approx(-0.8, abs=0.2)  # to first order
+    assert np.abs(np.delete(mean, pair)).max() < 0.1
+
+
+def test_a_test_of_residuals_draws_its_own_law() -> None:
+    s = damped_ship()
+    white = residuals_of(with_turning(s, FORCE_NOISE, SECONDS, np.array([0.0, 0.0, 1.0])), s, 1, 3)[..., 0]
+    one, again, other = (order_of(s, filtered(s), white, FORCE_NOISE, SECONDS, seed) for seed in (1, 1, 2))
+    assert one.p_value == again.p_value != other.p_value and max(one.p_value, other.p_value) < 1e-6
+    assert one.turning == pytest.approx(other.turning, abs=0.3) and one.turning[2] > 0.5
+
+
+def test_a_turning_leaves_the_size_of_the_force_as_it_is() -> None:
+    turned = with_turning(damped_ship(), FORCE_NOISE, SECONDS, np.array([0.5, -1.0, 2.0]))
+    block, size = turned.T[0, 0, STATES : STATES + 3, STATES : STATES + 3], np.diag(FORCE_NOISE.force**2)
+    assert block @ size @ block.T + np.diag(turned.Q[STATES : STATES + 3]) == pytest.approx(size)
+    assert not np.allclose(block, block.T) and np.array_equal(turned.T[-1, 2], np.eye(turned.T.shape[2]))
+
+
+def test_what_is_found_is_said_unless_the_calibration_shows_it_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+    case = ready()
+    p = case.problem
+    order = force_order(p.steps, p.data, case.null)
+    assert order.is_random and not_random(case, case.null) == []
+    monkeypatch.setattr(
+        "diagnosis.judgement.verdict.force_order", lambda *_: replace(order, p_value=1e-5, scores=np.eye(3)[2])
+    )
+    (message,) = not_random(case, case.null)
+    assert message.code == "ordered_forces"
+    assert not_random(replace(case, is_order_usual=True), case.null) == []

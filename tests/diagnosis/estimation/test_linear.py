@@ -1,23 +1,50 @@
-"""One step of the ship with all effects and its derivatives, against the simulator and finite differences."""
+"""Steps on the grid of the trials: against the simulator and finite differences, with late inputs, by window."""
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cases.shipfiles.generated_ship import generated_ship, structure_of
 from cases.shipfiles.ship_file import load_ship
-from diagnosis.estimation.candidates import ship_with_all_effects
+from cases.trial import Trial
+from diagnosis.estimation.acting_inputs import acting, linearised
+from diagnosis.estimation.candidates import Column, ship_with_all_effects
+from diagnosis.estimation.gridded_trials import PARTS, GriddedTrials, can_divide, grid_trials
 from diagnosis.estimation.kalman import DrivenColumns
+from diagnosis.estimation.linearisation import (
+    TIMING,
+    Point,
+    initial_covariance,
+    initial_trajectory,
+    linearise_and_filter,
+    timing_columns,
+)
+from diagnosis.estimation.noise_sizes import MOST, initial_noise, swallows
+from diagnosis.estimation.parameters import NO_PRIORS, Priors, get_values, set_values
+from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import FORCE, LinearModel, TransitionModel
 from mmg.effects import EFFECTS
 from mmg.model import assemble
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from tests.support.diagnosis_cases import OFF_NEUTRAL, SHIP, full_model, full_steps, off_neutral, states_about
+from tests.support.diagnosis_cases import (
+    OFF_NEUTRAL,
+    RUNS,
+    SHIP,
+    full_model,
+    full_steps,
+    off_neutral,
+    path_near,
+    pushed_problem,
+    pushed_trials,
+    short_data,
+    states_about,
+    theta_of,
+)
 
 POINTS = 6
 
@@ -213,30 +240,6 @@ def test_a_wide_ship_at_neutral_values_moves_as_the_ship_itself(steps: Transitio
     np.testing.assert_allclose(end, own.run(z[:6], c[at][None], steps.h)[-1], rtol=1e-12, atol=1e-13)
 
 
-def test_passive_memory_is_simulated_along_the_path(steps: TransitionModel) -> None:
-    theta = steps.ship.values
-    z, c = states_about(steps, 3, 8)
-    K = 12
-    inputs = np.repeat(c.T[None], K, axis=0)
-    inputs[5:, :, steps.model.controls.index("delta")] += 0.2
-    force = 0.05 * np.ones((K + 1, 3, 3))
-    path = np.repeat(steps.settled(z[:6], c, theta).T[None], K + 1, axis=0)
-    for k in range(K):
-        path[k + 1] = steps.advance(path[k].T, inputs[k].T, steps.coefficients(theta, force[k].T)).T
-    spoilt = path.copy()
-    spoilt[..., 6:] = 99.0
-    back = steps.with_passive_states(spoilt, inputs, theta, force, np.arange(6, steps.S))
-    np.testing.assert_allclose(back, path, rtol=1e-10, atol=1e-12)
-
-
-def test_steps_travel_to_another_process(steps: TransitionModel) -> None:
-    again = pickle.loads(pickle.dumps(steps))
-    assert again.symbols == steps.symbols and again.h == steps.h
-    z, c = states_about(steps, 5, 9)
-    theta = off_neutral(steps)
-    assert np.array_equal(again.advance(z, c, theta), steps.advance(z, c, theta))
-
-
 @pytest.mark.parametrize("changes", [False, True])
 def test_without_a_compiler_it_is_the_same(steps: TransitionModel, changes: bool) -> None:
     slow = full_steps(compiled=False)
@@ -260,3 +263,228 @@ def test_without_a_compiler_it_is_the_same(steps: TransitionModel, changes: bool
         np.testing.assert_allclose(fast, expected, rtol=1e-9, atol=1e-11)
         if given:
             assert np.array_equal(fast[1:][~whole][:, :6], long[1:][~whole][:, :6]), "given states were overwritten"
+
+
+H = 1.0
+
+
+def moved(trial: Trial, delay: float) -> Trial:
+    """The trial whose rudder and revolutions were moved ``delay`` seconds later."""
+    later = {n: np.interp(trial.t - delay, trial.t, trial[n]) for n in ("n", "delta")}
+    return replace(trial, columns={**trial.columns, **later})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [0.3, 1.0, 2.7])
+def test_a_delay_moves_the_record_of_all_windows_with_what_was_before_them(delay: float) -> None:
+    steps = full_steps(H)
+    trials = pushed_trials(3, runs=(("random:11", 700.0),))  # more than a window
+    names = full_model().ship.inputs
+    data = grid_trials(trials, names, 3.0, H, straight=True)
+    assert len(data.steps) > 1
+    expected = grid_trials([moved(t, delay) for t in trials], names, 3.0, H, straight=True)
+    found = acting(steps, data, theta_of(steps, {"control_delay.tau": delay}))
+    delta = names.index("delta")
+    kept = data.inside
+    error = (found.inputs - expected.inputs)[kept]
+    assert np.abs(error[:, delta]).max() < 0.02 * np.ptp(data.inputs[kept][:, delta])
+    assert np.abs((found.changes - expected.changes)[kept][:, delta]).max() < 0.1 * np.abs(expected.changes).max()
+    wind = [names.index(n) for n in ("wind_north", "wind_east")]
+    np.testing.assert_array_equal(found.inputs[..., wind], data.inputs[..., wind])
+    back = acting(steps, found, steps.ship.values)
+    np.testing.assert_allclose(back.inputs, data.inputs, atol=1e-12)
+    np.testing.assert_allclose(back.changes, data.changes, atol=1e-12)
+
+
+def test_a_lag_answers_a_step_as_first_order_systems_do() -> None:
+    step, T = 0.05, 0.7
+    record = np.concatenate([np.zeros((10, 1, 1)), np.ones((200, 1, 1))])
+    found = EFFECTS["rudder_lag"].acted(record, step, T)[10:, 0, 0]
+    edges = step * np.arange(201)
+    expected = 1 + T / step * np.diff(np.exp(-edges / T))  # mean over each part of 1 - exp(-t / T)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_nothing_is_late_at_neutral_values_and_windows_may_differ() -> None:
+    steps, data = full_steps(H), short_data(H)
+    assert acting(steps, data, steps.ship.values) is data
+    theta = np.repeat(steps.ship.values[:, None], 2, axis=1)
+    theta[steps.ship.symbols.index("rudder_lag.T"), 1] = 1.0
+    found, alone = acting(steps, data, theta), acting(steps, data, theta[:, 1])
+    np.testing.assert_array_equal(found.inputs[:, 0], data.inputs[:, 0])
+    np.testing.assert_array_equal(found.inputs[:, 1], alone.inputs[:, 1])
+    assert np.abs(alone.inputs[:, 0] - data.inputs[:, 0]).max() > 0.01
+    # without a record means and changes stand for it
+    late = theta_of(steps, {"control_delay.tau": 0.5})
+    found, whole = (acting(steps, some, late) for some in (replace(data, record=None), data))
+    delta = full_model().ship.inputs.index("delta")
+    assert np.abs(found.inputs - whole.inputs)[1:, :, delta].max() < 0.1
+    assert np.abs(found.inputs - data.inputs)[..., delta].max() > 0.1
+
+
+@pytest.mark.parametrize("symbol", ["control_delay.tau", "rudder_lag.T"])
+@pytest.mark.parametrize("value", [0.0, 0.6])
+def test_responses_of_a_step_are_those_of_finite_differences(symbol: str, value: float) -> None:
+    steps, data = full_steps(H), short_data(H)
+    theta = theta_of(steps, {symbol: value})
+    path = path_near(steps, data, theta)
+    force, every = path.force[:-1], np.arange(steps.S)
+    at = steps.symbols.index(symbol)
+
+    def end(changed: float) -> np.ndarray:
+        there = theta_of(steps, {symbol: changed})
+        return linearised(steps, data, there, path.z, force, [], every).end
+
+    G = linearised(steps, data, theta, path.z, force, [steps.symbols.index("Y_v"), at], every).G[..., 1]
+    small = H / PARTS
+    low = value - small if value > 0 or EFFECTS[symbol.split(".")[0]].acts_before else value
+    expected = (end(value + small) - end(low)) / (value + small - low)
+    exist = data.inside
+    np.testing.assert_allclose(G[exist], expected[exist], atol=1e-9 * np.abs(expected[exist]).max())
+    assert np.abs(G[exist]).max() > 1e-3
+
+
+def ramp(rate: float = 0.01, dt: float = 0.1) -> Trial:
+    """A trial whose rudder rises at a ``rate`` [rad/s], sampled every ``dt`` [s]."""
+    trial = pushed_trials(1, runs=(("zigzag:20/20", 40.0),))[0]
+    t = np.arange(0.0, 40.0, dt)
+    columns = {k: np.interp(t, trial.t, v) for k, v in trial.columns.items()} | {"t": t, "delta": rate * t}
+    return replace(trial, columns=columns)
+
+
+def test_an_input_that_rises_steadily_changes_over_a_step_by_its_rate() -> None:
+    data = grid_trials([ramp()], SHIP.inputs, 3.0, 1.0, straight=True)
+    inside = data.inside[:, 0]
+    i = SHIP.inputs.index("delta")
+    np.testing.assert_allclose(data.changes[inside, 0, i], 0.01, rtol=0.03)
+    assert data.controls.shape[2] == 2 * data.inputs.shape[2] and data.sample == pytest.approx(0.1)
+
+
+def test_a_step_under_a_rising_input_is_that_of_many_short_ones() -> None:
+    steps, short = full_steps(1.0), full_steps(0.1)
+    theta, C = steps.ship.values, steps.C
+    mean, rise = np.zeros((C, 1)), np.zeros((C, 1))
+    n, delta = (steps.model.controls.index(name) for name in ("n", "delta"))
+    mean[n], mean[delta], rise[delta] = 9.0, 0.2, 0.2
+    z = steps.settled(np.array([[0.0, 0.0, 0.3, 0.4, 0.01, 0.005]]).T, mean, theta)
+    whole, held, fine = steps.advance(z, np.vstack([mean, rise]), theta), steps.advance(z, mean, theta), z
+    for k in range(10):
+        fine = short.advance(fine, mean + rise * ((k + 0.5) / 10 - 0.5), theta)
+    off, before = (np.abs(x - fine)[:6].max() for x in (whole, held))
+    assert off < 0.1 * before
+
+
+def test_quiet_sensors_ask_for_finer_steps_and_noisy_ones_do_not() -> None:
+    problem, null = pushed_problem(1, h=1.0)
+    assert finer_step(problem.steps, problem.data, null, 0.25) is None
+    quieter = replace(null, noise=null.noise.with_(white=0.02 * null.noise.white))
+    finer = finer_step(problem.steps, problem.data, quieter, 0.25)
+    assert finer is not None and finer < 1.0 and finer % 0.25 == pytest.approx(0.0)
+    # held over samples of 0.45 s, a random force passed for a memory of the hull where sensors were quiet
+    assert finer_step(problem.steps, problem.data, quieter, 1.0) is None
+    finer = finer_step(problem.steps, problem.data, quieter, 1.0, divisible=True)
+    assert finer is not None and 1.0 / finer == pytest.approx(round(1.0 / finer)) and 0.25 <= finer < 0.9
+
+
+def test_states_are_compared_where_they_were_measured_and_uneven_samples_are_not_divided() -> None:
+    trial = ramp(dt=0.6)
+    whole, parts = (grid_trials([trial], SHIP.inputs, 3.0, h) for h in (0.6, 0.2))
+    assert whole.steps_of_sample == 1 and parts.steps_of_sample == 3
+    assert parts.measured[::3].all() and not parts.measured[1::3].any() and not parts.measured[2::3].any()
+    np.testing.assert_allclose(parts.y[::3], whole.y, atol=1e-12)
+    np.testing.assert_array_equal(parts.thinned(4).good[::3], whole.thinned(4).good)
+    trial = ramp(dt=0.5)
+    assert can_divide([trial], 0.5) and not can_divide([trial, ramp(dt=0.3)], 0.5)
+    late = trial.t + 0.1 * np.sin(np.arange(len(trial.t)))
+    assert not can_divide([replace(trial, columns={**trial.columns, "t": late})], 0.5)
+
+
+def test_a_force_beyond_all_that_moves_the_ship_swallows_it() -> None:
+    noise = initial_noise(SHIP)
+    assert not swallows(noise, SHIP) and swallows(noise.with_(force=0.9 * MOST * noise.force), SHIP)
+
+
+def test_timing_columns_are_what_a_late_input_does() -> None:
+    """A rudder that acts TIMING of a sample late is behind by that share of its rate."""
+    steps = full_steps(1.0)
+    data = grid_trials([ramp(dt=0.5)], steps.ship.inputs, 3.0, 1.0, straight=True)
+    path = initial_trajectory(steps, data, steps.ship.values)
+    point = Point(steps.ship.values, NO_PRIORS, np.zeros(0), path, initial_noise(steps.ship))
+    found = timing_columns(steps, data, point, np.arange(6))
+    i = steps.model.controls.index("delta")
+    late = data.inputs.copy()
+    late[..., i] -= 0.01 * TIMING * 0.5
+    K, R = late.shape[:2]
+    z = path.z[:-1].reshape(K * R, -1).T
+    ends = [steps.advance(z, c.reshape(K * R, -1).T, steps.ship.values) for c in (late, data.inputs)]
+    expected = (ends[0] - ends[1])[:6].T.reshape(K, R, 6)
+    inside = data.inside
+    np.testing.assert_allclose(found[inside][:, :, 1], expected[inside], atol=0.05 * np.abs(expected).max())
+    assert not timing_columns(steps, replace(data, sample=0.0), point, np.arange(6)).size
+
+
+Y_V, CURRENT_0 = Column("Y_v"), Column("current.x", 0)
+
+
+def three_windows() -> GriddedTrials:
+    """Three windows of short runs without any effect, of which the first two are of one run."""
+    data = grid_trials(pushed_trials(1, runs=tuple((m, 40.0) for m, _ in RUNS)), full_model().ship.inputs, 3.0, H)
+    return replace(data, run=np.array([0, 0, 1]), trials=data.trials[:2])
+
+
+def window(data: GriddedTrials, r: int) -> GriddedTrials:
+    """One window alone."""
+    only = slice(r, r + 1)
+    cut = {k: getattr(data, k)[:, only] for k in ("t", "y", "good", "measured", "inputs", "changes", "record")}
+    return replace(data, steps=data.steps[only], run=data.run[only], **cut)
+
+
+def test_values_placed_by_run_change_that_runs_windows_alone_and_are_read_again() -> None:
+    data, ship = three_windows(), full_model().ship
+    columns, values = (Y_V, CURRENT_0, Column("current.y", 1), Column("tow.X", 1)), np.array([-0.4, 0.03, -0.02, 0.5])
+    theta = set_values(ship, data, ship.values, columns, values)
+    assert theta.shape == (len(ship.symbols), 3)
+    expected = np.repeat(ship.values[:, None], 3, axis=1)
+    for symbol, value, windows in (
+        ("Y_v", -0.4, [0, 1, 2]), ("current.x", 0.03, [0, 1]), ("current.y", -0.02, [2]), ("tow.X", 0.5, [2])
+    ):  # fmt: skip
+        expected[ship.symbols.index(symbol), windows] = value
+    np.testing.assert_array_equal(theta, expected)
+    np.testing.assert_allclose(get_values(ship, data, theta, columns), values, rtol=1e-15)
+    # a symbol of the ship is its mean over the windows, and what was there is no longer where it is placed for all
+    assert get_values(ship, data, theta, [Column("current.x")])[0] == pytest.approx(0.02)
+    again = set_values(ship, data, theta, [Column("current.x"), Column("current.y", 0)], np.array([0.01, 0.04]))
+    np.testing.assert_array_equal(again[ship.symbols.index("current.x")], 0.01)
+    np.testing.assert_array_equal(again[ship.symbols.index("current.y")], [0.04, 0.04, -0.02])
+
+
+def by_window() -> tuple[GriddedTrials, np.ndarray]:
+    """Two windows, in one of which all effects act and in the other some of them otherwise: (all, 2) coefficients."""
+    steps = full_steps(H)
+    second = {k: -0.5 * v for k, v in OFF_NEUTRAL.items() if k.split(".")[0] in ("current", "tow", "antenna_offset")}
+    second |= {"rudder_lag.T": 1.5, "control_delay.tau": 0.2, "hull_memory.T": 2.0, "Y_v": -0.3}
+    return short_data(H), np.column_stack([off_neutral(steps), theta_of(steps, second)])
+
+
+def test_a_likelihood_with_coefficients_by_window_is_the_sum_of_those_of_the_windows() -> None:
+    steps, (data, theta) = full_steps(H), by_window()
+    noise, every = initial_noise(steps.ship), np.arange(steps.S)
+    path = initial_trajectory(steps, data, theta)
+    columns = (Y_V, CURRENT_0, Column("tow.N", 1))
+    free = Priors(columns, np.zeros(3), np.array([0.1, 0.02, 0.05]), np.full(3, -np.inf), np.full(3, np.inf))
+    nowhere = np.zeros(3)
+    both = linearise_and_filter(steps, data, Point(theta, free, nowhere, path, noise), every)
+    start, total = initial_covariance(steps, data, path.z[0], theta, every), 0.0
+    for r in range(2):
+        own, w = window(data, r), slice(r, r + 1)
+        z = initial_trajectory(steps, own, theta[:, r])
+        np.testing.assert_allclose(path.z[:, w], z.z, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(start[w], initial_covariance(steps, own, z.z[0], theta[:, r], every), rtol=1e-9)
+        alone = linearise_and_filter(steps, own, Point(theta[:, r], free, nowhere, z, noise), every)
+        np.testing.assert_allclose(both.white[:, w], alone.white, rtol=1e-6, atol=1e-8)
+        np.testing.assert_allclose(both.logdet_gradient[w], alone.logdet_gradient, rtol=1e-6, atol=1e-8)
+        total += alone.nll
+    assert both.nll == pytest.approx(total, rel=1e-10)
+    for r, silent in ((0, 2), (1, 1)):  # the column of the other run
+        assert not both.white[:, r, :, silent].any() and both.logdet_gradient[r, silent] == 0
+        assert both.white[:, r, :, 3 - silent].any()

@@ -16,9 +16,8 @@ from cases.shipfiles.ship_file import dump_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from diagnosis.estimation.candidates import find
-from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.hypotheses.forward_selection import Selection, select_effects
-from diagnosis.hypotheses.reference import USUAL, Reference, fit_reference
+from diagnosis.hypotheses.reference import Reference, fit_reference
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.inputs import calibration_trials
@@ -26,7 +25,7 @@ from diagnosis.prepare import Prepared, prepare
 from fitting.report.run_folder import RESULT, data_rows, write_json
 from mmg.messages import has_code
 from mmg.ship import Ship
-from tests.support.diagnosis_cases import FEW, FREE, problem_of, pushed_problem, pushed_trials
+from tests.support.diagnosis_cases import FEW, problem_of, pushed_problem, pushed_trials
 from tests.support.quick import first_quick
 
 H = 1.0
@@ -69,25 +68,6 @@ def known(*effects: str, runs: int = 1) -> tuple[SearchProblem, Reference]:
     """Trials with these effects, and what they show as a reference for so many ``runs`` of others."""
     p, null = pushed_problem(1, *effects, runs=BEFORE, h=H)
     return p, fit_reference(p.steps, p.data, null, p.base, p.candidates, runs)
-
-
-@pytest.mark.slow
-def test_what_is_known_is_the_fit_with_its_errors_and_the_scatter_which_more_runs_average() -> None:
-    (problem, one), many, P = known(), known(runs=9)[1], len(FREE)
-    assert one.priors.symbols == (*FREE, *(c.symbol for c in one.shift))
-    assert (one.priors.std[:P] <= problem.base.std * (1 + 1e-9)).all()
-    prior = priors_of_effects(problem.candidates, 1.0)
-    shift, scatter = (np.array(list(x.values())) for x in (one.shift, one.scatter))
-    np.testing.assert_allclose(one.priors.mean[P:], prior.mean + prior.std * shift, rtol=1e-12)
-    reach = USUAL * one.priors.std[P:]  # farther off an effect is no usual misfit
-    np.testing.assert_array_equal(one.priors.upper[P:], np.minimum(prior.upper, one.priors.mean[P:] + reach))
-    for c in one.candidates:
-        where = [one.priors.symbols.index(s) for s in c.symbols]
-        np.testing.assert_allclose(c.neutral, one.priors.mean[where], rtol=1e-12)
-    np.testing.assert_array_equal(many.priors.std[:P], one.priors.std[:P])
-    np.testing.assert_array_equal(many.priors.mean, one.priors.mean)
-    less = one.priors.std[P:] ** 2 - many.priors.std[P:] ** 2
-    np.testing.assert_allclose(less, (1 - 1 / 9) * (prior.std * scatter) ** 2, rtol=1e-6, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -9,23 +11,39 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.stats import multivariate_normal
 
 import mmg.effects
 from cases.shipfiles.effects import with_effects
+from cases.shipfiles.ship_file import load_ship
+from cases.trial import Trial
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
-from diagnosis.estimation.kalman import NoiseModel
-from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
+from diagnosis.estimation.kalman import DrivenColumns, NoiseModel
+from diagnosis.estimation.linearisation import Point, Trajectory, initial_trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import NO_PRIORS
-from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.hypotheses.dictionary import Dictionary
-from diagnosis.hypotheses.forward_selection import ODDS
+from diagnosis.estimation.parameters import NO_PRIORS, active_states
+from diagnosis.estimation.transition_model import LinearModel, TransitionModel
+from diagnosis.hypotheses.dictionary import AFTER_RUDDER, DELAYS, Dictionary
+from diagnosis.hypotheses.events import (
+    AT_TIMES,
+    LATE,
+    MOST,
+    SWINGING,
+    TURNS,
+    Events,
+    EventSlopes,
+    event_slopes,
+    swing_backgrounds,
+)
+from diagnosis.hypotheses.force_forms import DAMPING, SWINGS, ForceForms
+from diagnosis.hypotheses.forward_selection import ODDS, select_effects
 from diagnosis.hypotheses.next_test import telling_test
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.score_test import dispersion
 from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
-from diagnosis.hypotheses.unnamed import MULTIPLES, SIZES, log_bayes, unnamed_forms, unnamed_slopes
+from diagnosis.hypotheses.unnamed import MULTIPLES, SIZES, UnnamedForms, log_bayes, unnamed_forms, unnamed_slopes
+from diagnosis.judgement.verdict import verdict_of
 from diagnosis.report.words import unexplained_hint
 from mmg.effects import Effect, Parameter
 from mmg.motion.flow import Flow, Force
@@ -33,13 +51,18 @@ from tests.support.diagnosis_cases import (
     FEW,
     SHIP,
     WHITE,
+    Act,
+    acted_windows,
+    fitted_to,
     full_model,
+    full_steps,
     problem_of,
     pushed_by,
     pushed_problem,
     pushed_trials,
     quiet,
 )
+from tests.support.quick import first_quick
 
 NOISE = NoiseModel(np.array([0.3, 0.6, 0.4]), 5.0, WHITE)
 LENGTH = 3.0
@@ -132,17 +155,12 @@ def test_the_slope_of_the_log_determinant_is_that_of_the_model(probed: Any, symb
     assert found == pytest.approx(unit * expected, rel=0.05, abs=0.02 * size)
 
 
-def without_effects() -> tuple[SearchProblem, Estimate]:
-    """Trials without effects in which the random forces are large."""
-    return pushed_problem(1, how=quiet(X=0.3, Y=0.6, N=0.4))
-
-
 @pytest.mark.slow
 def test_residuals_correlated_in_time_are_less_news() -> None:
     """White sensors: hardly any dispersion. Errors of v with a memory of 2 s: the slopes of its sensor vary more."""
-    plain = unnamed_slopes(*_parts(*without_effects())).dispersion
+    plain = unnamed_slopes(*_parts(*calm())).dispersion
     assert max(plain.values()) < 1.35
-    trials = pushed_trials(1, how=quiet(X=0.3, Y=0.6, N=0.4))
+    trials = pushed_trials(1, how=LARGE)
     rng = np.random.default_rng(0)
     rough = []
     for t in trials:
@@ -199,7 +217,7 @@ def test_a_force_of_many_small_parts_is_seen_though_each_is_seen_unlike_well() -
 
 def test_what_is_kept_of_compared_times_alone_says_the_same() -> None:
     """Rows of times at which nothing is compared are zero, so that sums, smoothing and dispersion do without them."""
-    problem, null = without_effects()
+    problem, null = calm()
     steps, data = problem.steps, problem.data.thinned(4)
     whole, brief = (linearise_and_filter(steps, data, null, is_brief=some) for some in (False, True))
     assert brief.rows is not None and len(brief.rows) < 0.4 * len(whole.white)
@@ -219,7 +237,7 @@ SIZE = 0.6
 
 
 @cache
-def pushed() -> tuple:
+def pushed_sideways() -> tuple:
     steps, seen, null = pushed_by(pushed_problem(1)[0], 1, 1, "cos", SIZE)
     unnamed = unnamed_forms(steps, seen, null)
     return seen, null, unnamed, estimated_force(unnamed)
@@ -227,7 +245,7 @@ def pushed() -> tuple:
 
 @pytest.mark.slow
 def test_the_force_is_that_which_acted() -> None:
-    data, null, unnamed, found = pushed()
+    data, null, unnamed, found = pushed_sideways()
     row = unexplained_force(data, null, unnamed.evidence, found, SHIP)
     true = SIZE * np.cos(null.path.z[:-1, :, 2])[data.inside]
     mine = row.force[data.inside][:, 1]
@@ -256,7 +274,263 @@ def test_nothing_is_estimated_where_nothing_acts() -> None:
 
 @pytest.mark.slow
 def test_a_manoeuvre_is_named_in_which_it_shows() -> None:
-    _, null, _, found = pushed()
+    _, null, _, found = pushed_sideways()
     assert "--maneuver" in telling_test(pushed_problem(1)[0], null, found, SHIP)
     nothing = ForceEstimate(0 * found.mean, found.covariance, found.dictionary, 0 * found.sizes, found.taken)
     assert "--maneuver" not in telling_test(pushed_problem(1)[0], null, nothing, SHIP)
+
+
+LARGE, MIDDLE = quiet(X=0.3, Y=0.6, N=0.4), quiet(X=0.1, Y=0.2, N=0.1)
+"""Random forces large against the sensors, and less so."""
+DELTA, POSITION = "delay of delta at times", "sensor of position at times"
+
+
+def calm(seed: int = 1) -> tuple[SearchProblem, Estimate]:
+    """Trials without effects in which the random forces are large."""
+    return pushed_problem(seed, how=LARGE)
+
+
+def of(trials: list[Trial]) -> UnnamedForms:
+    problem, null = problem_of(trials)
+    return unnamed_forms(problem.steps, problem.data, null)
+
+
+def of_acted(act: Act) -> UnnamedForms:
+    """Of windows in which ``act`` pushes the ship beside large random forces."""
+    return unnamed_forms(*fitted_to(calm()[0], acted_windows(calm()[0], 1, act)))
+
+
+def stream_that_turns() -> UnnamedForms:
+    """By 3 cm/s with a period of 50 s and another phase in each run, while the mean of each run is no stream."""
+    steps = calm()[0].steps
+    x, y = (steps.ship.symbols.index(f"current.{a}") for a in "xy")
+
+    def turned(k: int, z: np.ndarray, force: np.ndarray, theta: np.ndarray) -> None:
+        phase = 2 * np.pi * k * steps.h / 50.0 + np.arange(z.shape[1])
+        theta[x], theta[y] = 0.03 * np.sin(phase), 0.02 * np.cos(phase)
+
+    return of_acted(turned)
+
+
+def roll_after_turns() -> UnnamedForms:
+    """An oscillator with a period of 7 s and 5 % of the critical damping, driven by speed and turn rate, not by the
+    rudder, that pushes the hull to the side and turns it."""
+    steps, omega, heel = calm()[0].steps, 2 * np.pi / 7.0, np.zeros((2, calm()[0].data.inputs.shape[1]))
+
+    def rolled(k: int, z: np.ndarray, force: np.ndarray, theta: np.ndarray) -> None:
+        for _ in range(10):
+            h = steps.h / 10
+            heel[1] += h * (omega**2 * (10 * z[3] * z[5] - heel[0]) - 0.1 * omega * heel[1])
+            heel[0] += h * heel[1]
+        force[1] -= 2.0 * heel[0]
+        force[2] += 6.0 * heel[0]
+
+    return of_acted(rolled)
+
+
+def position_off_for_a_while() -> UnnamedForms:
+    """By 15 cm in the second third of each run, as where a building throws the signals back."""
+    off = []
+    for t in pushed_trials(1, how=LARGE):
+        third = (t.t - t.t[0]) * 3 // (t.t[-1] - t.t[0] + 1e-9)
+        off.append(t.with_columns(x=t["x"] + 0.15 * (third == 1)))
+    return of(off)
+
+
+def rudder_late_now_and_then() -> UnnamedForms:
+    """By 4 s in every other stretch of 10 s, and as early in the others."""
+    late = []
+    for i, t in enumerate(pushed_trials(1, how=MIDDLE)):
+        way = np.where((t.t + 7 * i) % 20 < 10, 4.0, -4.0)
+        late.append(t.with_columns(delta=np.interp(t.t + way, t.t, t["delta"])))
+    return of(late)
+
+
+def force_of(axis: int, form: str, size: float) -> UnnamedForms:
+    """A single force that the ship lacks."""
+    return unnamed_forms(*pushed_by(pushed_problem(1, h=1.0)[0], 1, axis, form, size))
+
+
+SHOWN: list[tuple[Callable[..., UnnamedForms], tuple[object, ...], str, bool]] = [
+    (stream_that_turns, (), f"stream that turns in {TURNS[2]:.3g} s", True),  # the nearest
+    (roll_after_turns, (), AFTER_RUDDER, False),
+    (position_off_for_a_while, (), POSITION, True),
+    (rudder_late_now_and_then, (), DELTA, False),
+    (force_of, (1, "nn", 0.5), "sway force", True),
+    (force_of, (2, "cos", 0.4), "yaw force", True),
+    (force_of, (2, "sin 2", 0.4), "yaw force", True),
+]
+"""How the trials come about, with what, the begin of the kind that shows it, and whether that shows most."""
+
+
+@pytest.mark.parametrize(("made", "given", "kind", "is_most"), first_quick(SHOWN))
+def test_what_has_no_name_shows_by_its_kind(
+    made: Callable[..., UnnamedForms], given: tuple[object, ...], kind: str, is_most: bool
+) -> None:
+    found = made(*given)
+    assert found.evidence > ODDS
+    if is_most:
+        assert max(found.by_kind, key=found.by_kind.__getitem__).startswith(kind)
+    assert max(value for name, value in found.by_kind.items() if name.startswith(kind)) > 3
+    assert found.mixture == pytest.approx(np.log(np.mean(np.exp(list(found.by_kind.values())))), rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", first_quick([1, 2, 3]))
+def test_chance_shows_no_kind(seed: int) -> None:
+    """Also where the random forces are large against the sensors."""
+    problem, null = calm(seed)
+    found = unnamed_forms(problem.steps, problem.data, null)
+    assert found.evidence < ODDS
+    events = [value for kind, value in found.by_kind.items() if kind == AFTER_RUDDER or kind.endswith((" s", "times"))]
+    assert len(events) > len(TURNS) + 2 and max(events) < 2.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("column", "by"), [("r", 0.002), ("v", 0.015)])
+def test_a_fault_of_a_sensor_without_a_name_is_unknown_or_leaves_a_remainder(column: str, by: float) -> None:
+    """A constant error of turn rate or sway velocity is no effect of the library."""
+    problem, null = problem_of([t.with_columns(**{column: t[column] + by}) for t in pushed_trials(2)])
+    before = unnamed_forms(problem.steps, problem.data, null)
+    assert before.mixture > 20 and max(before.by_kind, key=before.by_kind.__getitem__) == f"sensor of {column}"
+    found = select_effects(problem, null)
+    left = [unnamed_forms(problem.steps, problem.data, fit).evidence for fit in found.fits]
+    verdict, _, is_left = verdict_of(found.evidence, left.__getitem__, [c.measures for c in found.effects])
+    assert verdict == "unknown" or is_left
+
+
+def test_all_stretches_together_are_the_delay_of_the_dictionary() -> None:
+    """Responses, slopes of the log determinant, and so the slope of the likelihood, exactly."""
+    problem, null = calm()
+    steps, data = problem.steps, problem.data
+    active = active_states(steps, null.free.symbols, null.theta)
+    forms, made = Dictionary(steps, data, null, active), []
+
+    def columns(linear: LinearModel) -> list[DrivenColumns]:
+        made.append(Events.of(data, forms, linear, 3.0))
+        return [*forms.columns(linear), *made[0].columns]
+
+    at = linearise_and_filter(steps, data, null, active, columns)
+    place, first = forms.labels.index(("delay of delta", "4 s")), len(null.p)
+    own = np.array([kind == DELTA for kind in made[0].kinds])
+    white = at.white[..., first + len(forms.kinds) : -1][..., own]
+    np.testing.assert_allclose(white.sum(axis=3), at.white[..., first + place], atol=1e-9)
+    along = made[0].logdet_gradient(at)[:, own]
+    assert along.sum() == pytest.approx(forms.logdet_gradient(at)[place], rel=1e-9)
+    assert 0 < own.sum() * len(data.run) <= 2 * MOST
+
+    every = [*range(first), *(first + len(forms.kinds) + np.flatnonzero(own)), at.white.shape[3] - 1]
+    logdet = at.logdet_gradient.sum(axis=0)[:first]
+    kinds = tuple(kind for kind in made[0].kinds if kind == DELTA)
+    found = event_slopes(at.white[..., every], logdet, null.p, along, kinds)[DELTA]
+    flat = at.white[..., [*range(first), first + place, -1]].reshape(-1, first + 2)
+    gram, known = flat.T @ flat, np.eye(first)
+    taken = np.linalg.solve(gram[:first, :first] + known, gram[:first, first])
+    slope = -(gram[:-1, -1] + np.append(logdet, forms.logdet_gradient(at)[place])) - np.append(null.p, 0.0)
+    assert found.g.sum() == pytest.approx(slope[-1] - taken @ slope[:-1], rel=1e-6, abs=1e-6)
+    assert found.S.sum() == pytest.approx(gram[first, first] - gram[first, :first] @ taken, rel=1e-6)
+
+
+def swings(level: float, line: float = 1.0) -> dict[str, EventSlopes]:
+    """Forces that swing at twelve rates, of unit information: slopes of this variance, of ``line`` times it at one."""
+    rng, found = np.random.default_rng(3), {}
+    for i in range(12):
+        g = np.sqrt(level * (line if i == 6 else 1.0)) * rng.standard_normal(400)
+        found[f"{SWINGING} {i} times a length"] = EventSlopes(g, np.eye(400))
+    return found | {"sensor of position at times": EventSlopes(9.0 * np.ones(4), np.eye(4))}
+
+
+@pytest.mark.parametrize(("level", "expected"), [(0.7, 1.0), (1.0, 1.0), (1.5, 1.5)])
+def test_what_is_strong_at_all_rates_is_no_swing_and_a_line_does_not_hide_itself(level: float, expected: float) -> None:
+    for line in (1.0, 5.0):
+        ratios = swing_backgrounds(swings(level, line))
+        assert len(ratios) == 12 and all(name.startswith(SWINGING) for name in ratios)
+        np.testing.assert_allclose(list(ratios.values()), expected, rtol=0.1)
+
+
+def test_the_time_of_a_movement_between_two_samples_is_not_known() -> None:
+    """A delay of one second, over a whole run, as each of the dictionary's delays has it; and what of it is nothing."""
+    problem, null = calm()
+    steps, data = problem.steps, replace(problem.data, sample=0.4)
+    forms, made = Dictionary(steps, data, null, active_states(steps, null.free.symbols, null.theta)), []
+
+    def columns(linear: LinearModel) -> list[DrivenColumns]:
+        scaled = zip(forms.actions, forms.scaled(linear, forms.actions), strict=True)
+        made.append((Events.of(data, forms, linear, 3.0), dict(scaled)))
+        return []
+
+    linearise_and_filter(steps, data, null, forms.active, columns)
+    events, actions = made[0]
+    x = data.inputs[..., steps.model.controls.index("delta")]
+    action, size = actions["delta"]
+    for late, delayed, part in zip(DELAYS, action.delayed, action.per_second, strict=True):
+        m = max(1, round(late / data.h))
+        np.testing.assert_allclose((part * delayed * data.h).sum(axis=0), x[0] - x[-m:].mean(axis=0), atol=1e-9)
+    of_a_second = action.per_second[DELAYS.index(LATE)] / size
+    assert events.allowed[DELTA] == pytest.approx(0.4 / 12**0.5 * of_a_second)
+    throughout = events.allowed["delay of delta"] * size / action.per_second  # seconds, of each of the delays
+    assert 0.4 / 12**0.5 <= np.sqrt((throughout**2).sum()) < 2 * 0.4 / 12**0.5
+    assert set(events.allowed) == {f"delay of {name}{end}" for name in forms.actions for end in ("", AT_TIMES)}
+
+
+@pytest.fixture(scope="module")
+def arranged() -> tuple:
+    steps = full_steps(0.5)
+    data = grid_trials(pushed_trials(3), steps.ship.inputs, 3.0, steps.h)
+    z = initial_trajectory(steps, data, steps.ship.values).z
+    middle = 0.5 * (z[:-1] + z[1:])
+    return steps, data, middle, ForceForms(steps, data, middle)
+
+
+def test_gradients_are_those_of_finite_differences(arranged: tuple) -> None:
+    _, data, middle, forms = arranged
+    here = forms.on(data, middle)
+    for s in range(2, 6):
+        ends = []
+        for sign in (1, -1):
+            moved = middle.copy()
+            moved[..., s] += sign * 1e-5
+            ends.append(forms.on(data, moved).values)
+        slope = (ends[0] - ends[1]) / 2e-5
+        smooth = np.abs(middle[..., s]) > 1e-4  # a modulus has a kink at 0
+        np.testing.assert_allclose(here.gradients[:, smooth, s], slope[:, smooth], atol=1e-4 * np.abs(slope).max())
+
+
+def test_units_are_those_of_the_first_trials(arranged: tuple) -> None:
+    """On other trials a form keeps its unit, so that a coefficient means the same force there."""
+    _, data, middle, forms = arranged
+    u = forms.on(data, middle).at("u")
+    twice = middle.copy()
+    twice[..., 3] *= 2
+    np.testing.assert_allclose(forms.on(data, twice).values[u], 2 * forms.on(data, middle).values[u])
+
+
+def test_a_ship_with_twin_rudders_and_a_thruster_has_forms_of_each_input() -> None:
+    ship = with_effects(load_ship("vectwin_3m"), ["tow:X=0.0,Y=0.0,N=0.0"])
+    steps = TransitionModel(ship, [], 0.5, compiled=False)
+    trials = pushed_trials(3, runs=(("random:11", 40.0),), ship=load_ship("vectwin_3m"))
+    data = grid_trials(trials, ship.inputs, 3.0, steps.h)
+    z = initial_trajectory(steps, data, ship.values).z
+    middle = 0.5 * (z[:-1] + z[1:])
+    names = ForceForms(steps, data, middle).on(data, middle).names
+    assert {"delta_port", "delta_starboard|delta_starboard|"} <= set(names)
+
+
+def test_what_swings_after_the_rudder_is_an_oscillator(arranged: tuple) -> None:
+    """Against the differential equation with the rudder held over each step, by an integrator of scipy."""
+    steps, data, _, forms = arranged
+    made = forms.after_the_rudder(data)
+    delta = data.inputs[:, 0, steps.model.controls.index("delta")]
+    period = SWINGS[4]
+    omega = 2 * np.pi / period
+
+    def moved(_: float, q: np.ndarray, held: float) -> list[float]:
+        return [omega * q[1], omega * (held - q[0]) - 2 * DAMPING * omega * q[1]]
+
+    q, expected = np.array([delta[0], 0.0]), []
+    for held in delta:
+        q = solve_ivp(moved, (0.0, data.h), q, args=(held,), rtol=1e-9, atol=1e-12).y[:, -1]
+        expected.append([q[0] - held, q[1]])
+    for part, own in zip(("deflection", "speed"), np.array(expected).T, strict=True):
+        values = made.values[made.at(f"{period:g} s {part}"), :, 0]
+        np.testing.assert_allclose(values / np.abs(values).max(), own / np.abs(own).max(), atol=1e-3)
+    assert not made.gradients.any() and len(made.names) == 2 * len(SWINGS)

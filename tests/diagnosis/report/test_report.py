@@ -25,7 +25,7 @@ from diagnosis.findings import (
     UnexplainedTime,
 )
 from diagnosis.location.where import where
-from diagnosis.report.page import FELT, build_report, figures_for, held_rows, to_port, track_figure, write_report
+from diagnosis.report.page import build_report, figures_for, held_rows, write_report
 from diagnosis.report.words import (
     BADGE,
     first_channel,
@@ -238,13 +238,3 @@ def test_nothing_in_a_figure_is_told_by_its_colour_alone(verdict: str) -> None:
     found = case(verdict)
     looks = {name: told_by_colour_alone(draw(found)) for name, draw, *_ in figures_for(found)}
     assert looks == {name: [] for name in looks} and {"where_on_track", "where_in_state"} <= set(looks)
-
-
-def test_a_moment_to_port_is_dashed_along_the_track() -> None:
-    points = np.column_stack([np.arange(5.0), np.zeros(5)])
-    east, north = to_port(points, np.array([1.0, -1.0, -0.05, 0.5]), FELT)
-    assert np.isfinite(east).tolist() == [False, True, False, False, False] and north[1] == 0.0
-    dashed = [
-        line for ax in track_figure(case("unknown")).axes for line in ax.get_lines() if line.get_color() == "white"
-    ]
-    assert dashed and all(line.is_dashed() and np.isfinite(line.get_xdata()).any() for line in dashed)

@@ -12,7 +12,6 @@ import pytest
 from cases.shipfiles.effects import with_effects
 from cases.trial import Trial
 from diagnosis.findings import TESTS, Budget
-from diagnosis.report.page import gap_figure
 from diagnosis.validation.gap import BOTH, FLOOR, LEARNED, NAMED, REFITTED, GapRow, compared, sentence_of, witnessed
 from mmg.errors import TooFewData
 from mmg.network import Layers, Network
@@ -102,12 +101,3 @@ def test_a_network_is_explained_by_the_effect_that_it_imitates(trials: list[Tria
     assert len(channels["surge"].at) == len(channels["surge"].learned) == len(channels["surge"].named) > 3
     nothing, alone = witnessed(learning(FEW, -1e-3), FEW, [], trials)
     assert nothing == () and set(alone["surge"].named) == {0.0}
-
-
-def test_the_figure_has_a_bar_for_each_line(trials: list[Trial]) -> None:
-    from diagnosis.validation.gap import Gap
-
-    rows, run = compared({REFITTED: FEW, NAMED: with_effects(FEW, [CURRENT])}, trials, 30.0, budget(0.9))
-    found = Gap("", tuple(rows), 30.0, len(run), 3, "named", ("current",))
-    axes = gap_figure(found).axes
-    assert len(axes) == 2 and all(len(ax.patches) == len(rows) == 3 for ax in axes)

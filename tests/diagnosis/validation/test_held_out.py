@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ import pytest
 from cases.shipfiles.ship_file import load_ship
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
-from diagnosis.estimation.linearisation import Linearisation, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.findings import HeldOut
@@ -188,23 +186,6 @@ def test_where_the_ship_explodes_single_steps_say_nothing_and_windows_stay() -> 
     held = compared(problem.steps, data, null, exploding)
     assert held is not None
     assert np.isfinite([held.mse_before, held.mse_after, *held.interval_90]).all() and held.reduction < 0
-
-
-def test_a_path_about_which_the_filter_breaks_down_is_approached_by_less(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem, null, _ = fits()
-    data, calls = others(OTHERS[:2]), []
-    right = one_step_likelihood(problem.steps, data, null)
-
-    def breaking(*given: Any, **more: Any) -> Linearisation:
-        calls.append(given)
-        if len(calls) == 2:
-            raise np.linalg.LinAlgError("Matrix is not positive definite")
-        return linearise_and_filter(*given, **more)
-
-    monkeypatch.setattr("diagnosis.estimation.linearisation.linearise_and_filter", breaking)
-    near = one_step_likelihood(problem.steps, data, null)
-    assert len(calls) > 3
-    np.testing.assert_allclose(near, right, rtol=0.02)
 
 
 def test_windows_of_a_large_ship_are_called_by_the_seconds_that_they_have() -> None:
