@@ -21,7 +21,7 @@ from diagnosis.estimation.gusts import trials_in_gusts
 from diagnosis.estimation.kalman import DrivenColumns
 from diagnosis.estimation.linearisation import Point, Trajectory, linearise_and_filter
 from diagnosis.estimation.map_estimate import Estimate
-from diagnosis.estimation.parameters import get_values, priors_of_effects
+from diagnosis.estimation.parameters import NO_PRIORS, Priors, get_values, priors_of_effects
 from diagnosis.estimation.transition_model import LinearModel
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate
@@ -75,7 +75,9 @@ def telling_test(problem: SearchProblem, fit: Estimate, force: ForceEstimate, sh
     options, trials = _simulated(problem, ship)
     if not options:
         return ""
-    misfits = np.concatenate([_shown(problem, fit, force, some) for some in _together(trials)])
+    kept = [c.run is None for c in fit.free.columns]
+    rows = [_informations(problem, fit, kept, NO_PRIORS, some, force) for some in _together(trials)]
+    misfits = np.concatenate(rows)[:, 0, 0]
     best = int(np.argmax(misfits))
     seconds = SECONDS * time_scale(ship.particulars["L"])
     words = f"To know more of it: {_order(options[best])} of {seconds:.0f} s, in which it would show most"
@@ -90,35 +92,33 @@ def _together(trials: Sequence[Trial]) -> list[Sequence[Trial]]:
     return [trials[first : first + TOGETHER] for first in range(0, len(trials), TOGETHER)]
 
 
-def _shown(problem: SearchProblem, fit: Estimate, found: ForceEstimate, trials: Sequence[Trial]) -> np.ndarray:
-    """Misfit in one run of each of some manoeuvres of the model without the force."""
+def _informations(
+    problem: SearchProblem,
+    fit: Estimate,
+    kept: Sequence[bool],
+    more: Priors,
+    trials: Sequence[Trial],
+    force: ForceEstimate | None = None,
+) -> np.ndarray:
+    """Information (runs, c, c) in each of ``trials`` on parameters ``more`` or on the size of a ``force``, without what
+    the free parameters that are ``kept`` of the ``fit`` take, by what the present trials say of them; 0 where a run is
+    too short for a window, or the ship explodes."""
     data, path = _rolled_out(problem, fit.theta, trials)
-    force = found.on(data, 0.5 * (path.z[:-1] + path.z[1:]))
-    kept = [c.run is None for c in fit.free.columns]
-    free = fit.free.only(kept)
+    free, P = fit.free.only(kept) + more, sum(kept)
     point = Point(fit.theta, free, np.zeros(len(free.columns)), path, fit.noise)
 
     def pushed(linear: LinearModel) -> list[DrivenColumns]:
-        return [DrivenColumns.pushing(np.einsum("krac,krc->kra", linear.force, force)[..., None])]
+        if force is None:
+            return []
+        acts = force.on(data, 0.5 * (path.z[:-1] + path.z[1:]))
+        return [DrivenColumns.pushing(np.einsum("krac,krc->kra", linear.force, acts)[..., None])]
 
-    linearised = linearise_and_filter(problem.steps, data, point, extra=pushed)
+    white = np.nan_to_num(linearise_and_filter(problem.steps, data, point, extra=pushed).white[..., :-1])
+    grams = np.zeros((len(trials), white.shape[3], white.shape[3]))
+    np.add.at(grams, data.run, np.einsum("krca,krcb->rab", white, white, optimize=True))
     known = np.linalg.inv(fit.covariance[np.ix_(kept, kept)])
-    return np.array(
-        [
-            gram[-1, -1] - gram[-1, :-1] @ np.linalg.solve(gram[:-1, :-1] + known, gram[:-1, -1])
-            for gram in _grams(data, linearised.white[..., :-1], len(trials))
-        ]
-    )
-
-
-def _grams(data: GriddedTrials, white: np.ndarray, runs: int) -> np.ndarray:
-    """Products (runs, c, c) of the whitened columns (K + 1, R, 6, c) in each run; 0 where it is too short for a
-    window, or the ship explodes."""
-    grams = np.zeros((runs, white.shape[3], white.shape[3]))
-    for r, run in enumerate(data.run):
-        flat = np.nan_to_num(white[:, r]).reshape(-1, white.shape[3])
-        grams[run] += flat.T @ flat
-    return grams
+    taken = np.linalg.solve(grams[:, :P, :P] + known, grams[:, :P, P:])
+    return np.asarray(grams[:, P:, P:] - grams[:, P:, :P] @ taken)
 
 
 def _simulated(problem: SearchProblem, ship: Ship) -> tuple[list[Option], list[Trial]]:
@@ -149,26 +149,15 @@ def _misfits(
     problem: SearchProblem, first: Estimate, one: Candidate, others: Sequence[Candidate], trials: Sequence[Trial]
 ) -> np.ndarray:
     """Misfit (runs, others) in one run of each manoeuvre of each other effect, or of none, in place of the first."""
-    steps = problem.steps
-    data, path = _rolled_out(problem, first.theta, trials)
     effects = [one, *others]
-    more = priors_of_effects(effects)
-    tested = {c.effect for c in effects}
-    kept = [s in first.free.symbols and s.partition(".")[0] not in tested for s in problem.base.symbols]
-    base = problem.base.only(kept)
-    P, free = len(base.symbols), base + more
-    point = Point(first.theta, free, np.zeros(len(free.mean)), path, first.noise)
-    linearised = linearise_and_filter(steps, data, point)
-    known = [first.free.columns.index(c) for c in base.columns]
-    before = np.linalg.inv(first.covariance[np.ix_(known, known)])  # information of the present trials
+    more, tested = priors_of_effects(effects), {c.effect for c in effects}
+    kept = [s in problem.base.symbols and s.partition(".")[0] not in tested for s in first.free.symbols]
     q = len(one.columns)
     size = get_values(problem.steps.ship, problem.data, first.theta, one.columns)
     phi = (size - one.neutral) / more.std[:q]
     ends = np.cumsum([q, *(len(e.symbols) for e in others)])
     misfits = []
-    for gram in _grams(data, linearised.white[..., :-1], len(trials)):
-        # without what the coefficients take, with what is known of them
-        S = gram[P:, P:] - gram[P:, :P] @ np.linalg.solve(gram[:P, :P] + before, gram[:P, P:])
+    for S in _informations(problem, first, kept, more, trials):
         row = [] if others else [phi @ S[:q, :q] @ phi]
         for begin, end in pairwise(ends):
             own = slice(begin, end)

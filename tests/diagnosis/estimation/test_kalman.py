@@ -34,42 +34,23 @@ from mmg.compile.cache import load_library
 from tests.diagnosis.judgement.test_verdict import ready
 
 K, R, S = 7, 2, 3
-STEPS = np.array([7, 5])
-NOISE = NoiseModel(
-    force=np.array([0.4, 0.7, 0.5]),
-    tau=3.0,
-    white=np.array([0.1, 0.2, 0.05, 0.3, 0.2, 0.1]),
-)
-H_STEP = 0.8
-FIRST = np.array([1.0, 0.5, 2.0])
+K, R = 11, 3
 
 
-def linear(seed: int = 0) -> LinearModel:
-    """A stable random linear ship of three states, with forces and two columns."""
+def system(n: int = 6, seed: int = 0) -> LinearSystem:
+    """A stable system of n states, some samples missing, the second window shorter."""
     rng = np.random.default_rng(seed)
-    F = 0.8 * np.eye(S) + 0.15 * rng.standard_normal((K, R, S, S))
-    return LinearModel(
-        end=rng.standard_normal((K, R, S)),
-        F=F,
-        G=rng.standard_normal((K, R, S, 2)),
-        force=rng.standard_normal((K, R, S, 3)),
-        logged=rng.standard_normal((K + 1, R, 6)),
-        H=rng.standard_normal((K + 1, R, 6, S)),
-        observed=rng.standard_normal((K + 1, R, 6, 2)),
-        observing=np.arange(2),
-    )
-
-
-def case(noise: NoiseModel = NOISE, gusty: bool = False) -> tuple[LinearSystem, LinearModel]:
-    """Two windows, the second shorter, with samples missing in both, perhaps with gusts."""
-    inside = np.arange(K)[:, None] < STEPS[None]
-    good = np.ones((K + 1, R, 6), dtype=bool)
-    good[:, 1] &= (np.arange(K + 1) <= STEPS[1])[:, None]
-    good[2, 0, 3:] = good[0, 0, :2] = good[4, 1] = False
-    model = linear()
-    first = np.repeat(np.diag(FIRST**2)[None], R, axis=0)
-    gusts = np.random.default_rng(4).standard_normal((K, R, 3, 2)) * inside[..., None, None] if gusty else None
-    return linear_system(model, noise, first, good, inside, H_STEP, gusts), model
+    inside = np.arange(K)[:, None] < np.array([K, K - 4, K])
+    good = rng.random((K + 1, R, 6)) > 0.2
+    good[3:5] = False
+    good[:, 1] &= (np.arange(K + 1) <= K - 4)[:, None]
+    T = 0.8 * np.eye(n) + 0.2 * rng.standard_normal((K, R, n, n)) / np.sqrt(n)
+    S = max(n - 3, 0)
+    T[..., S:, :S] = 0.0  # as of the latent force, which no state of the ship moves
+    T[~inside] = np.eye(n)
+    Z = np.where(good[..., None], rng.standard_normal((K + 1, R, 6, n)), 0.0)
+    first = np.repeat(np.diag(1 + rng.random(n))[None], R, axis=0)
+    return LinearSystem(T, Z, 0.1 + rng.random(n), 0.1 + rng.random(6), first, good, inside, S)
 
 
 def dense(s: LinearSystem, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -98,8 +79,7 @@ def dense(s: LinearSystem, w: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def column(seed: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What a column adds to the states over each step, to the logged columns, and its start."""
-    rng = np.random.default_rng(seed)
-    n = S + 3
+    rng, n = np.random.default_rng(seed), 6
     return rng.standard_normal((K, R, n, 1)), rng.standard_normal((K + 1, R, 6, 1)), rng.standard_normal((R, n, 1))
 
 
@@ -111,23 +91,8 @@ def propagated(s: LinearSystem, forcing: np.ndarray, start: np.ndarray, w: int) 
     return np.concatenate(z)
 
 
-def test_gusts_push_along_with_the_latent_force_and_have_their_own_size_and_memory() -> None:
-    noise = NOISE.with_(gust=np.array([0.2, 0.1]), gust_tau=0.5)
-    bare, gusty = case(noise)[0], case(noise, gusty=True)[0]
-    own, others = np.arange(S + 3, S + 5), np.r_[: S + 3, S + 5 : gusty.T.shape[2]]
-    np.testing.assert_array_equal(gusty.T[:, :, others][..., others], bare.T)
-    gusts = np.random.default_rng(4).standard_normal((K, R, 3, 2))
-    expected = linear().force @ gusts
-    inside = gusty.inside
-    np.testing.assert_allclose(gusty.T[:, :, :S, own][inside], expected[inside], rtol=1e-12)
-    left = np.exp(-H_STEP / 0.5)
-    np.testing.assert_allclose(gusty.Q[own], noise.gust**2 * (1 - left**2))
-    np.testing.assert_allclose(np.diagonal(gusty.first[0])[own], noise.gust**2)
-    assert not gusty.Z[..., own].any() and (gusty.T[inside][:, own][..., own] == left * np.eye(2)).all()
-
-
 def test_whitened_sum_of_squares_and_log_det_are_those_of_the_dense_covariance() -> None:
-    s, _ = case()
+    s = system()
     forcing, observed, start = column()
     f = filtered(s)
     white, _ = responses(s, f, forcing, observed, start)
@@ -142,7 +107,7 @@ def test_whitened_sum_of_squares_and_log_det_are_those_of_the_dense_covariance()
 
 def test_smoothed_states_are_the_conditional_means() -> None:
     """The column is (defect, -residual): the states that it leaves are the mean given that it is nought."""
-    s, _ = case()
+    s = system()
     f = filtered(s)
     forcing, observed, start = column()
     white, states = responses(s, f, forcing, observed, start)
@@ -177,7 +142,7 @@ def changed(array: np.ndarray, at: tuple[int, ...], by: float) -> np.ndarray:
 
 
 def test_slopes_of_the_log_determinant_are_those_of_finite_differences() -> None:
-    s, _ = case()
+    s = system()
     found = adjoint(s, filtered(s))
     rng, small = np.random.default_rng(3), 1e-4
     for name, slope, there in (("T", found.by_T, s.inside), ("Z", found.by_Z, s.good)):
@@ -191,7 +156,7 @@ def test_slopes_of_the_log_determinant_are_those_of_finite_differences() -> None
 
 def test_diagonals_are_the_slopes_by_the_variances() -> None:
     """N and D are twice the slopes of 1/2 log det by a step's variance of change and by a sample's variance."""
-    s, _ = case()
+    s = system()
     found: Filtered = filtered(s)
     a = adjoint(s, found)
     for name, found_by, there in (("Q", a.N, s.inside[..., None]), ("R", a.D, s.good)):
@@ -202,7 +167,7 @@ def test_diagonals_are_the_slopes_by_the_variances() -> None:
             assert own == pytest.approx((up - down) / small, rel=1e-5, abs=1e-7)
 
 
-SIDE_BY_SIDE, LENGTH = 3, 11
+R, K = 3, 11
 
 
 @pytest.fixture(scope="module")
@@ -219,22 +184,6 @@ def forgotten() -> Iterator[None]:
     filtering.compiled.cache_clear()
     yield
     filtering.compiled.cache_clear()
-
-
-def system(n: int, seed: int = 0) -> LinearSystem:
-    """A stable system of n states, some samples missing, the second window shorter."""
-    rng, K, R = np.random.default_rng(seed), LENGTH, SIDE_BY_SIDE
-    inside = np.arange(K)[:, None] < np.array([K, K - 4, K])
-    good = rng.random((K + 1, R, 6)) > 0.2
-    good[3:5] = False
-    good[:, 1] &= (np.arange(K + 1) <= K - 4)[:, None]
-    T = 0.8 * np.eye(n) + 0.2 * rng.standard_normal((K, R, n, n)) / np.sqrt(n)
-    S = max(n - 3, 0)
-    T[..., S:, :S] = 0.0  # as of the latent force, which no state of the ship moves
-    T[~inside] = np.eye(n)
-    Z = np.where(good[..., None], rng.standard_normal((K + 1, R, 6, n)), 0.0)
-    first = np.repeat(np.diag(1 + rng.random(n))[None], R, axis=0)
-    return LinearSystem(T, Z, 0.1 + rng.random(n), 0.1 + rng.random(6), first, good, inside, S)
 
 
 def close(found: np.ndarray, expected: np.ndarray) -> None:
@@ -255,16 +204,16 @@ def test_responses_are_those_of_numpy_in_any_number_of_columns(code: ctypes.CDLL
     s, rng = system(9), np.random.default_rng(2)
     f, d = kalman.filtered(s), min(c, 3)
     columns = DrivenColumns(
-        forcing=rng.standard_normal((LENGTH, SIDE_BY_SIDE, 6, c)),
-        observed=rng.standard_normal((LENGTH + 1, SIDE_BY_SIDE, 6, d)),
+        forcing=rng.standard_normal((K, R, 6, c)),
+        observed=rng.standard_normal((K + 1, R, 6, d)),
         observing=rng.permutation(c)[:d],
-        scale=rng.random((SIDE_BY_SIDE, c)),
-        start=rng.standard_normal((SIDE_BY_SIDE, 9, c)),
+        scale=rng.random((R, c)),
+        start=rng.standard_normal((R, 9, c)),
     )
     assert columns.scale is not None
     scaled = columns.forcing * columns.scale[:, None], columns.dense_observed * columns.scale[:, None]
     white, states = kalman.responses(s, f, *scaled, columns.start)
-    wide = np.full((LENGTH + 1, SIDE_BY_SIDE, 6, c + 5), np.nan)
+    wide = np.full((K + 1, R, 6, c + 5), np.nan)
     own = whitened_by(code, s, f, columns, wide[..., 2 : c + 2], True)
     close(wide[..., 2 : c + 2], white)
     close(own, states)
@@ -274,10 +223,10 @@ def test_responses_are_those_of_numpy_in_any_number_of_columns(code: ctypes.CDLL
 def test_observations_have_the_residuals_they_were_made_of(code: ctypes.CDLL) -> None:
     s, rng = system(9), np.random.default_rng(3)
     f = filtered_by(code, s)
-    white = np.where(s.good[..., None], rng.standard_normal((LENGTH + 1, SIDE_BY_SIDE, 6, 10)), 0.0)
+    white = np.where(s.good[..., None], rng.standard_normal((K + 1, R, 6, 10)), 0.0)
     logged = kalman.observations(s, f, white)
     again = np.empty_like(white)
-    whitened_by(code, s, f, DrivenColumns.dense(np.zeros((LENGTH, SIDE_BY_SIDE, 0, 10)), -logged), again, False)
+    whitened_by(code, s, f, DrivenColumns.dense(np.zeros((K, R, 0, 10)), -logged), again, False)
     np.testing.assert_allclose(-again, white, atol=1e-10)
 
 
@@ -317,12 +266,10 @@ def test_without_a_compiler_numpy_does_it_all(monkeypatch: pytest.MonkeyPatch) -
     s, rng = system(9), np.random.default_rng(4)
     f = filtering.filtered(s)
     assert np.array_equal(f.P, kalman.filtered(s).P)
-    columns = DrivenColumns.dense(
-        rng.standard_normal((LENGTH, SIDE_BY_SIDE, 4, 2)), rng.standard_normal((LENGTH + 1, SIDE_BY_SIDE, 6, 2))
-    )
+    columns = DrivenColumns.dense(rng.standard_normal((K, R, 4, 2)), rng.standard_normal((K + 1, R, 6, 2)))
     white, none = filtering.whitened(s, f, columns)
-    whole, states = filtering.whitened(s, f, columns, np.empty((LENGTH + 1, SIDE_BY_SIDE, 6, 2)), with_states=True)
-    assert not none.size and np.array_equal(white, whole) and states.shape == (LENGTH + 1, SIDE_BY_SIDE, 9, 2)
+    whole, states = filtering.whitened(s, f, columns, np.empty((K + 1, R, 6, 2)), with_states=True)
+    assert not none.size and np.array_equal(white, whole) and states.shape == (K + 1, R, 9, 2)
 
 
 @pytest.mark.parametrize("windows", [1, 3])

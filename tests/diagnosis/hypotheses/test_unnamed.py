@@ -24,7 +24,7 @@ from diagnosis.estimation.linearisation import Point, Trajectory, initial_trajec
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import NO_PRIORS, active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
-from diagnosis.hypotheses.dictionary import AFTER_RUDDER, DELAYS, Dictionary
+from diagnosis.hypotheses.dictionary import AFTER_RUDDER, DAMPING, DELAYS, SWINGS, Dictionary, ForceForms
 from diagnosis.hypotheses.events import (
     AT_TIMES,
     LATE,
@@ -36,7 +36,6 @@ from diagnosis.hypotheses.events import (
     event_slopes,
     swing_backgrounds,
 )
-from diagnosis.hypotheses.force_forms import DAMPING, SWINGS, ForceForms
 from diagnosis.hypotheses.forward_selection import ODDS, select_effects
 from diagnosis.hypotheses.next_test import telling_test
 from diagnosis.hypotheses.refit import SearchProblem
