@@ -29,7 +29,6 @@ from fitting.report.page import build_page
 from fitting.result import FitResult, read_fit
 from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.settings import Settings
-from fitting.solvers.control import INTERRUPTED, interrupts_noted
 from mmg.errors import UserError
 from mmg.ship import Ship
 from mmg_ident import calibrate
@@ -216,22 +215,6 @@ def test_a_current_of_several_days_is_said_and_not_fitted_as_one() -> None:
     found = second_estimate(FEW, [replace(trial, meta={**trial.meta, "campaign": day}) for trial, day in days])
     assert found.suspects == () and set(found.values) == set(FEW.free)
     assert [m.code for m in found.messages] == ["suspect"] and "--per-run current" in str(found.messages[0])
-
-
-@pytest.mark.longest
-@pytest.mark.slow
-def test_a_fit_that_was_interrupted_before_its_suspects_were_known_goes_on(tmp_path: Path) -> None:
-    """Ctrl-C while the filter runs leaves a folder, of a ship without suspects; resumed, it ends where another does."""
-    whole, run = calibrated(FEW), tmp_path / "run"
-    with interrupts_noted():
-        INTERRUPTED.requested = True
-        stopped = calibrated(FEW)
-    assert not stopped.converged and set(stopped.estimates) == set(FEW.free)
-    stopped.save(run)
-    resumed = calibrated(FEW, resume=read_fit(run))
-    assert resumed.converged
-    for s, row in whole.estimates.items():
-        assert resumed.estimates[s].value == pytest.approx(row.value, abs=0.02 * row.std)
 
 
 @pytest.mark.slow

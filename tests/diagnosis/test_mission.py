@@ -78,11 +78,20 @@ def low_passed(trial: Trial, in_body_axes: bool) -> Trial:
     return trial.with_columns(u=logged.real, v=logged.imag)
 
 
+def filtered_runs(in_body_axes: bool) -> list[Trial]:
+    """Runs whose velocities are behind a low pass."""
+    return [low_passed(trial, in_body_axes) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("in_body_axes", first_quick([True, False]))
-def test_filtered_velocities_are_a_fault_of_an_instrument_and_no_cause(in_body_axes: bool) -> None:
-    trials = [low_passed(trial, in_body_axes) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]
-    found = diagnose(FEW, trials, options=DiagnosisOptions(step=1.0, learn=False))
+@pytest.mark.parametrize(("in_body_axes", "is_known"), first_quick([(True, False), (False, False), (True, True)]))
+def test_filtered_velocities_are_a_fault_of_an_instrument_and_no_cause(in_body_axes: bool, is_known: bool) -> None:
+    """Also where the ship has the filter already, as after ``mmg fit``, which frees it by default."""
+    ship = FEW.with_effect("velocity_filter", {"tau": TAU, "body_axes": 1.0}) if is_known else FEW
+    if is_known:
+        row = ship.coefficients["velocity_filter.tau"].with_(std=0.2)
+        ship = ship.with_coefficients({row.symbol: row})
+    found = diagnose(ship, filtered_runs(in_body_axes), options=DiagnosisOptions(step=1.0, learn=False))
     assert (found.verdict, found.effects) == ("none", ())
     faults = {fault.name: fault for fault in found.instruments}
     tau = faults["velocity_filter"].parameters["tau"]
@@ -92,23 +101,11 @@ def test_filtered_velocities_are_a_fault_of_an_instrument_and_no_cause(in_body_a
 
 
 @pytest.mark.slow
-def test_a_filter_that_the_ship_has_already_is_still_listed() -> None:
-    """As after ``mmg fit``, which frees it by default."""
-    trials = [low_passed(trial, True) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]
-    known = FEW.with_effect("velocity_filter", {"tau": TAU, "body_axes": 1.0})
-    row = known.coefficients["velocity_filter.tau"].with_(std=0.2)
-    known = known.with_coefficients({row.symbol: row})
-    found = diagnose(known, trials, options=DiagnosisOptions(step=0.5, learn=False))
-    assert found.effects == () and "velocity_filter" in {fault.name for fault in found.instruments}
-
-
-@pytest.mark.slow
 def test_a_filter_that_only_the_search_finds_is_no_cause_either(monkeypatch: pytest.MonkeyPatch) -> None:
     """As where too few positions are logged for the kinematics to show it."""
     monkeypatch.setattr(Kinematics, "effects", lambda sensors: {})
-    trials = [low_passed(trial, False) for trial in pushed_trials(210, ship=drawn_ship(FEW, 210))]
     began = time.perf_counter()
-    found = diagnose(FEW, trials, options=DiagnosisOptions(step=0.5, learn=False))
+    found = diagnose(FEW, filtered_runs(False), options=DiagnosisOptions(step=0.5, learn=False))
     assert found.timings["total"] > 0.9 * (time.perf_counter() - began), "the first pass counts as well"
     assert (found.verdict, found.effects) == ("none", ())
     assert "velocity_filter" in {fault.name for fault in found.instruments}

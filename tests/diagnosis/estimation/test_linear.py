@@ -178,26 +178,6 @@ def test_slopes_of_times_and_dead_bands_at_zero_point_into_what_they_allow(steps
     close(linear.G[0], G, 1e-3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("where", ["neutral", "off neutral"])
-def test_derivatives_of_what_is_logged_are_those_of_finite_differences(steps: TransitionModel, where: str) -> None:
-    theta = values(steps, where)
-    states, inputs, force = path(steps, 2)
-    columns = every_column(steps)
-    linear = steps.linearise(states, inputs, theta, force, columns, np.arange(steps.S))
-    flat = states.reshape(-1, steps.S).T
-
-    def seen(z: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        simulator, own = on_board(steps, theta)
-        return simulator.columns(z, own).T.reshape(*states.shape[:2], 6)
-
-    np.testing.assert_allclose(linear.logged, seen(flat, theta), rtol=1e-12, atol=1e-13)
-    H = slopes(lambda flat: seen(flat, theta), flat, range(steps.S), 1e-6, 1e-2)
-    D = slopes(lambda theta: seen(flat, theta), theta, steps.at, 1e-6, 1e-2)
-    close(linear.H, H, 1e-6)
-    close(D_of(linear), D, 1e-6)
-
-
 @pytest.mark.parametrize("where", ["neutral", "off neutral"])
 def test_bend_is_the_slope_of_the_weighted_jacobian(steps: TransitionModel, where: str) -> None:
     """Of d rates / d (states, force) in the middle of the step, and of the logged columns by the states."""
@@ -432,13 +412,6 @@ def three_windows() -> GriddedTrials:
     return replace(data, run=np.array([0, 0, 1]), trials=data.trials[:2])
 
 
-def window(data: GriddedTrials, r: int) -> GriddedTrials:
-    """One window alone."""
-    only = slice(r, r + 1)
-    cut = {k: getattr(data, k)[:, only] for k in ("t", "y", "good", "measured", "inputs", "changes", "record")}
-    return replace(data, steps=data.steps[only], run=data.run[only], **cut)
-
-
 def test_values_placed_by_run_change_that_runs_windows_alone_and_are_read_again() -> None:
     data, ship = three_windows(), full_model().ship
     columns, values = (Y_V, CURRENT_0, Column("current.y", 1), Column("tow.X", 1)), np.array([-0.4, 0.03, -0.02, 0.5])
@@ -476,7 +449,7 @@ def test_a_likelihood_with_coefficients_by_window_is_the_sum_of_those_of_the_win
     both = linearise_and_filter(steps, data, Point(theta, free, nowhere, path, noise), every)
     start, total = initial_covariance(steps, data, path.z[0], theta, every), 0.0
     for r in range(2):
-        own, w = window(data, r), slice(r, r + 1)
+        own, w = data.windows(np.arange(2) == r), slice(r, r + 1)
         z = initial_trajectory(steps, own, theta[:, r])
         np.testing.assert_allclose(path.z[:, w], z.z, rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(start[w], initial_covariance(steps, own, z.z[0], theta[:, r], every), rtol=1e-9)

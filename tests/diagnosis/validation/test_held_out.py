@@ -40,6 +40,7 @@ from tests.support.diagnosis_cases import (
     pushed_trials,
     theta_of,
 )
+from tests.support.quick import first_quick
 
 EFFECT = "current:x=0.03,y=-0.02"
 H = 0.5
@@ -87,14 +88,6 @@ def simulated(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray | N
     return replace(data, y=y)
 
 
-def test_the_true_model_predicts_its_own_motion_without_error() -> None:
-    steps = full_steps(H)
-    data = simulated(steps, others())
-    for length in (H, WINDOW, 0.0):
-        found = errors(steps, data, steps.ship.values, length).mean
-        assert len(found) and found.max() < 1e-18
-
-
 @pytest.mark.slow
 def test_what_another_size_of_the_noise_gains_is_no_gain_of_the_effect(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit with an effect has smaller random forces in its own trials, and too small ones in others."""
@@ -109,14 +102,20 @@ def test_what_another_size_of_the_noise_gains_is_no_gain_of_the_effect(monkeypat
     assert abs(once[1] - once[0]) > 30.0  # what it would count for
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("effect", ["rudder_backlash.b", "rudder_lag.T", "control_delay.tau", "hull_memory.T"])
-def test_a_window_begins_with_what_the_actuators_and_the_hull_remember_of_the_run_before(effect: str) -> None:
+REMEMBERED = ("rudder_backlash.b", "rudder_lag.T", "control_delay.tau", "hull_memory.T")
+
+
+@pytest.mark.parametrize("effect", first_quick(["", *REMEMBERED]))
+def test_the_true_model_predicts_its_own_motion_without_error(effect: str) -> None:
+    """A window begins with what the actuators and the hull remember of the run before."""
     steps = full_steps(H)
-    theta = theta_of(steps, {effect: OFF_NEUTRAL[effect]})
+    theta = theta_of(steps, {effect: OFF_NEUTRAL[effect]} if effect else {})
     data = simulated(steps, others(), theta)
-    found = errors(steps, data, theta, WINDOW).mean
-    assert len(found) and found.max() < 1e-12
+    for length in (WINDOW,) if effect else (H, WINDOW, 0.0):
+        found = errors(steps, data, theta, length).mean
+        assert len(found) and found.max() < (1e-12 if effect else 1e-18)
+    if not effect:
+        return
     middle = data.steps.min() // 2
     settled = steps.settled(data.y[middle].T, data.inputs[middle].T, theta)  # to the inputs as they were logged
     assert np.abs(start_states(steps, data, theta)[middle].T - settled).max() > 1e-4  # which being settled is not

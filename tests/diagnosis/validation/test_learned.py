@@ -13,7 +13,6 @@ import diagnosis.validation.learned as module
 from diagnosis.diagnose import DiagnosisOptions, with_learned
 from diagnosis.findings import LearnedResidual
 from diagnosis.validation.learned import measure_learned_residual as measure
-from diagnosis.validation.learned import sentence_of
 from mmg.errors import TooFewData, UserError
 from residual.settings import TrainSettings
 from tests.diagnosis.report.test_report import case
@@ -56,20 +55,6 @@ def test_too_little_data_is_said() -> None:
         measure(ship, hybrids.trials(ship, 1, 60), hybrids.trials(ship, 1, 60, seed=9), settings=QUICK)
     with pytest.raises(UserError, match="30 s"):
         measure(ship, hybrids.trials(ship, 2, 200), hybrids.trials(ship, 1, 25, seed=9), settings=QUICK)
-
-
-@pytest.mark.parametrize(
-    ("reduction", "interval", "words"),
-    [
-        (0.25, (0.1, 0.4), "25.0%"),
-        (0.25, None, "single"),
-        (0.02, (-0.1, 0.1), "+2.0%"),
-        (-0.25, (-0.4, -0.1), "25.0%"),
-        (0.004, (0.001, 0.006), "beyond chance"),
-    ],
-)
-def test_words_follow_the_numbers(reduction: float, interval: tuple[float, float] | None, words: str) -> None:
-    assert words in sentence_of(reduction, interval)
 
 
 def test_only_what_has_no_name_is_learned_and_only_with_tests(monkeypatch: pytest.MonkeyPatch) -> None:
