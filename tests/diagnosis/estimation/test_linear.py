@@ -14,7 +14,6 @@ from cases.trial import Trial
 from diagnosis.estimation.acting_inputs import acting, linearised
 from diagnosis.estimation.candidates import Column, ship_with_all_effects
 from diagnosis.estimation.gridded_trials import PARTS, GriddedTrials, can_divide, grid_trials
-from diagnosis.estimation.kalman import DrivenColumns
 from diagnosis.estimation.linearisation import (
     TIMING,
     Point,
@@ -26,7 +25,7 @@ from diagnosis.estimation.linearisation import (
 from diagnosis.estimation.noise_sizes import MOST, initial_noise, swallows
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, get_values, set_values
 from diagnosis.estimation.residual_checks import finer_step
-from diagnosis.estimation.transition_model import FORCE, LinearModel, TransitionModel
+from diagnosis.estimation.transition_model import FORCE, TransitionModel
 from mmg.effects import EFFECTS
 from mmg.model import assemble
 from mmg.rollout import Simulator
@@ -70,11 +69,6 @@ def on_board(steps: TransitionModel, theta: np.ndarray) -> tuple[Simulator, np.n
     """A simulator of the ship without what makes its inputs late, which no step does, and its coefficients."""
     ship = steps.ship.without_effect("control_delay").without_effect("rudder_lag")
     return Simulator(ship), theta[[steps.ship.symbols.index(s) for s in ship.symbols]]
-
-
-def D_of(linear: LinearModel) -> np.ndarray:
-    """What all columns add to the logged ones, (K + 1, R, 6, P)."""
-    return DrivenColumns(linear.G, linear.observed, linear.observing).dense_observed
 
 
 def every_column(steps: TransitionModel) -> np.ndarray:
