@@ -28,7 +28,7 @@ def acting(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> Gr
     values = _values(steps, theta)
     if values == data.acting_at:
         return data
-    record = _acted(steps, data, values) if values else data.whole_record
+    record = _acted(steps, data, values) if values else data.record
     # without what was before the window
     inputs, changes = means_and_changes(record[len(record) - PARTS * len(data.inputs) :])
     return replace(data, inputs=inputs, changes=changes, acting_at=values)
@@ -127,7 +127,7 @@ def _both_sides(
 
 def _acted(steps: TransitionModel, data: GriddedTrials, values: Sequence[Sequence[float]]) -> np.ndarray:
     """The record (N, R, C) of ``data`` in parts of steps, as it acts."""
-    names, record = list(steps.model.controls), data.whole_record.copy()
+    names, record = list(steps.model.controls), data.record.copy()
     for symbol, by_window in zip(steps.late, values, strict=True):
         effect = EFFECTS[symbol.partition(".")[0]]
         moved = np.array([names.index(n) for n in effect.moves if n in names], dtype=int)

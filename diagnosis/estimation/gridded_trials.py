@@ -38,9 +38,9 @@ class GriddedTrials:
     inputs: (K, R, C) of the model, means over each step; steps: (R,) steps of each window.
     run: (R,) number of the trial of each window; trials: their names; dropped: sentences on what was left out.
     changes: (K, R, C) by which inputs rise from the start to the end of each step (of the line with the same mean and
-    first moment), None: not at all; sample: longest sampling time of the trials [s], 0: not known; is_even: all have a
-    sample that often; straight: inputs were joined by lines between samples, not held.
-    record: (N, R, C) of the inputs, means over PARTS of each step, with what was before the first one, None: not known;
+    first moment); sample: longest sampling time of the trials [s]; is_even: all have a sample that often; straight:
+    inputs were joined by lines between samples, not held.
+    record: (N, R, C) of the inputs, means over PARTS of each step, with what was before the first one;
     acting_at: values of what makes ``inputs`` and ``changes`` late of it, by window where they differ, (): nothing.
     gusts: (K, R, 3, 2) force X, Y, N [N, N, N m] over each step by a gust of the wind's own speed, along it and across;
     None: none are thought of (``with_gusts``).
@@ -55,12 +55,12 @@ class GriddedTrials:
     steps: np.ndarray
     run: np.ndarray
     trials: tuple[str, ...]
+    changes: np.ndarray
+    record: np.ndarray
+    sample: float
     dropped: tuple[str, ...] = ()
-    changes: np.ndarray | None = None
-    sample: float = 0.0
     is_even: bool = True
     straight: bool = False
-    record: np.ndarray | None = None
     acting_at: tuple[tuple[float, ...], ...] = ()
     gusts: np.ndarray | None = None
 
@@ -71,18 +71,8 @@ class GriddedTrials:
 
     @property
     def controls(self) -> np.ndarray:
-        """Inputs and their changes over each step, (K, R, 2 C), as ``TransitionModel`` takes them; or inputs alone."""
-        return self.inputs if self.changes is None else np.concatenate([self.inputs, self.changes], axis=2)
-
-    @property
-    def whole_record(self) -> np.ndarray:
-        """``record``, or what the means and changes say of it."""
-        if self.record is not None:
-            return self.record
-        place = ((np.arange(PARTS) + 0.5) / PARTS - 0.5)[:, None, None]
-        changes = np.zeros_like(self.inputs) if self.changes is None else self.changes
-        parts = self.inputs[:, None] + place * changes[:, None]
-        return parts.reshape(-1, *self.inputs.shape[1:])
+        """Inputs and their changes over each step, (K, R, 2 C), as ``TransitionModel`` takes them."""
+        return np.concatenate([self.inputs, self.changes], axis=2)
 
     @property
     def samples(self) -> int:

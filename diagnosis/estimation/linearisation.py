@@ -327,8 +327,6 @@ def timing_columns(steps: TransitionModel, data: GriddedTrials, at: Point, activ
     data = acting(steps, data, at.theta)
     K, R = data.inputs.shape[:2]
     names = [name for name in steps.model.controls if name in INPUTS]
-    if data.changes is None or not data.sample:
-        return np.zeros((K, R, len(active), 0))
     begin = at.path.z[:-1].reshape(K * R, -1).T
     held = data.inputs.reshape(K * R, -1).T
     theta = steps.coefficients(at.theta, at.path.push[:-1].reshape(-1, 3).T)

@@ -36,7 +36,8 @@ def weaving(seed: int = 1) -> tuple[GriddedTrials, np.ndarray]:
     steps = np.array([K] * (R - 1) + [K - 100])
     names = tuple(f"run_{i}" for i in range(R))
     seen = np.isfinite(z)
-    return GriddedTrials(H, t, z.copy(), seen, seen, inputs, steps, np.arange(R), names), z
+    still = np.zeros_like(inputs)
+    return GriddedTrials(H, t, z.copy(), seen, seen, inputs, steps, np.arange(R), names, still, still, H), z
 
 
 def fitted(z: np.ndarray, force: np.ndarray) -> Estimate:
@@ -163,8 +164,7 @@ def test_phases_of_a_manoeuvre() -> None:
 def test_no_wind_columns_and_one_run() -> None:
     data, z = weaving()
     data.inputs[..., 2:] = 0.0
-    y, good = data.y[:, :1], data.good[:, :1]
-    one = GriddedTrials(H, data.t[:, :1], y, good, good, data.inputs[:, :1], data.steps[:1], data.run[:1], ("a",))
+    one = data.windows(np.arange(R) == 0)
     found = where(INPUTS, one, fitted(z[:, :1], coloured(6)[:, :1]), SHIP)
     json.dumps(found, allow_nan=False)
     assert not any("wind" in row["variable"] for row in found["variables"] + found["regions"])
