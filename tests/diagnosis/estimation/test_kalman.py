@@ -349,7 +349,7 @@ def test_independent_forces_are_random_at_the_nominal_level(by_chance: np.ndarra
     found = np.hstack([scores_of(residuals_of(damped_ship(), damped_ship(), 400, seed)) for seed in range(3)])
     laws = np.random.default_rng(4).choice(by_chance, (1200, 200), axis=1)  # each has drawn a law of its own
     p = np.array([order_by_law(score, laws[:, i]).p_value for i, score in enumerate(found.T)])
-    assert (p < 0.05).mean() == pytest.approx(0.05, abs=0.02)  # three standard errors
+    assert (p < 0.05).mean() == pytest.approx(0.05, abs=0.025)  # three standard errors, with that of the pool of laws
     assert p.mean() == pytest.approx(0.5, abs=0.03)
     ratio = found / np.sqrt((by_chance**2).mean(axis=1, keepdims=True))
     assert np.abs(ratio.mean(axis=1)).max() < 0.15 and np.abs(ratio.std(axis=1) - 1).max() < 0.15
