@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from types import SimpleNamespace
 
 import casadi as ca
@@ -11,10 +10,8 @@ import numpy as np
 from cases.shipfiles.ship_file import load_ship
 from mmg.components.catalogue import module
 from mmg.components.coefficients import names
-from mmg.motion.flow import Flow, Force
+from mmg.motion.flow import Force
 from mmg.motion.smooth import Smooth, Smoothing
-
-FORCE = Callable[[Flow, SimpleNamespace, SimpleNamespace, Smoothing], Force]
 
 
 def particulars_and_coefficients(name: str, **changes: float) -> tuple[SimpleNamespace, SimpleNamespace]:
@@ -45,16 +42,6 @@ def table_values(*tables: tuple) -> SimpleNamespace:
     rows = [row for table in tables for row in table]
     assert len({row.symbol for row in rows}) == len(rows)
     return names({row.symbol: row.value for row in rows})
-
-
-def behind(propeller: FORCE, rudder: FORCE) -> FORCE:
-    """The force of a propeller and of the rudder in its slipstream."""
-
-    def force(flow: Flow, p: SimpleNamespace, c: SimpleNamespace, s: Smoothing) -> Force:
-        push = propeller(flow, p, c, s)
-        return push + rudder(flow.with_(slipstream=push.slipstream), p, c, s)
-
-    return force
 
 
 def smooth(p: SimpleNamespace) -> Smoothing:

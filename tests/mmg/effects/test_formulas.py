@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any
 
@@ -147,6 +148,14 @@ def test_a_rudder_offset_is_added_to_every_rudder_and_to_nothing_else() -> None:
     moved = EFFECTS["rudder_offset"].actuators(given, Memory(), SimpleNamespace(delta=0.03), P, S)
     assert [float(ca.DM(ca.SX(x))) for x in (moved.delta, moved.delta_port, moved.n)] == pytest.approx([0.13, -0.17, 7])
     assert moved.delta_starboard == 0.0
+
+
+def test_what_is_not_said_of_a_flow_is_at_rest() -> None:
+    """Actuators that a ship does not have stand still, and there is no wind."""
+    plain = Flow(u=1.0, v=2.0, r=3.0)
+    others = {f.name: getattr(plain, f.name) for f in fields(Flow) if f.name not in ("u", "v", "r")}
+    assert others.pop("slipstream") is None and set(others.values()) == {0.0}
+    assert components(Force()) == (0.0, 0.0, 0.0)
 
 
 def test_a_wind_sensor_bias_is_added_to_the_air() -> None:
