@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from functools import cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -39,34 +39,35 @@ ACTUATORS = {name: 12.0 if unit == "rps" else 0.6 for name, (_, unit) in INPUTS.
 SCALE = np.array([*SIZES.values(), *ACTUATORS.values()])
 
 
-@cache
-def symbolic(role: str, name: str, propeller: str, low_rudder: bool = False, exact: bool = False) -> ca.Function:
-    """Force (3,), and for a rudder the sine of its blades, with first and second derivatives by motion and
-    actuators; low_rudder: lower than the propeller's diameter, and all of it in the slipstream."""
+def force_at(point: Any, model: tuple[str, str, str], low_rudder: bool = False, exact: bool = False) -> Any:
+    """Force, and for a rudder the sine of its blades, at a ``point`` (numbers or an expression) of SIZES and ACTUATORS;
+    low_rudder: lower than the propeller's diameter, and all of it in the slipstream."""
+    role, name, propeller = model
     particulars = {**PARTICULARS, "aspect_ratio": (0.25 if low_rudder else 1.0) * PARTICULARS["aspect_ratio"]}
     components = ({"propeller": propeller} if role == "rudder" else {}) | {role: name}
     c = names({s: row.value for s, row in coefficient_table(components, particulars).items()})
     p, s = names(particulars), Exact() if exact else Smooth.for_length(3.0)
-    x = ca.SX.sym("x", len(SCALE))
-    flow = Flow(**{key: x[i] for i, key in enumerate([*SIZES, *ACTUATORS])})
+    flow = Flow(**{key: point[i] for i, key in enumerate([*SIZES, *ACTUATORS])})
     if role == "rudder":
         flow = flow.with_(slipstream=module("propeller", propeller).force(flow, p, c, s).slipstream)
     force = module(role, name).force(flow, p, c, s)
-    y = ca.vertcat(force.X, force.Y, force.N, *[blade.sin2_alpha for blade in force.blades])
-    J = ca.densify(ca.jacobian(y, x))
-    return ca.Function("f", [x], [y, J, ca.densify(ca.jacobian(ca.vec(J), x))], {"cse": True})
+    return ca.vertcat(force.X, force.Y, force.N, *[blade.sin2_alpha for blade in force.blades])
 
 
 @pytest.mark.parametrize(
-    ("role", "name", "propeller", "low_rudder"),
-    [(*model, False) for model in FORCE_MODELS] + [(*model, True) for model in FORCE_MODELS if model[0] == "rudder"],
+    ("model", "low_rudder"),
+    [(model, False) for model in FORCE_MODELS] + [(model, True) for model in FORCE_MODELS if model[0] == "rudder"],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else ("low" if value else ""),
 )
 def test_force_and_its_first_and_second_derivatives_are_finite_everywhere(
-    role: str, name: str, propeller: str, low_rudder: bool
+    model: tuple[str, str, str], low_rudder: bool
 ) -> None:
     """On a grid of zero and non-zero speeds, all quadrants, actuators stopped and moving, wind and calm."""
-    f, size = symbolic(role, name, propeller, low_rudder), len(SCALE)
-    rng = np.random.default_rng(0)
+    size, rng = len(SCALE), np.random.default_rng(0)
+    x = ca.SX.sym("x", size)
+    y = force_at(x, model, low_rudder)
+    J = ca.densify(ca.jacobian(y, x))
+    f = ca.Function("f", [x], [y, J, ca.densify(ca.jacobian(ca.vec(J), x))], {"cse": True})
     points = [np.zeros(size)]
     for signs in np.array(np.meshgrid(*[(-1, 0, 1)] * 4)).reshape(4, -1).T:
         point = rng.uniform(-1, 1, size)
@@ -78,14 +79,12 @@ def test_force_and_its_first_and_second_derivatives_are_finite_everywhere(
         assert np.isfinite(np.array(part)).all()
 
 
-@pytest.mark.parametrize(("role", "name", "propeller"), FORCE_MODELS)
-def test_nothing_acts_at_rest(role: str, name: str, propeller: str) -> None:
+@pytest.mark.parametrize("model", FORCE_MODELS, ids=" ".join)
+def test_nothing_acts_at_rest(model: tuple[str, str, str]) -> None:
     """Exactly; the smooth rudders creep by 1e-5 N, as their inflow is held above a few mm/s."""
-    at = np.where(
-        np.arange(len(SCALE)) < len(SIZES), 0.0, SCALE * [not n.startswith("n") for n in [*SIZES, *ACTUATORS]]
-    )
+    at = [*np.zeros(len(SIZES)), *(0.0 if name.startswith("n") else angle for name, angle in ACTUATORS.items())]
     for exact, most in ((True, 0.0), (False, 1e-4)):
-        assert np.abs(np.array(symbolic(role, name, propeller, exact=exact)(at)[0]))[:3].max() <= most
+        assert np.abs(np.array(ca.DM(force_at(at, model, exact=exact))))[:3].max() <= most
 
 
 MIRRORED = {"n": "n_2", "n_2": "n", "delta_port": "delta_starboard", "delta_starboard": "delta_port"}
