@@ -175,41 +175,7 @@ def test_smooth_advance_ratio_is_limited_and_vanishes_at_rest() -> None:
         assert advance(0.5, 0.0, s) == advance(0.0, 0.0, s) == 0.0
 
 
-# Symmetry
-
-
-def mirrored() -> SimpleNamespace:
-    """Coefficients whose port rudder is the mirror image of the starboard one, and a symmetric wake."""
-    c = dict(vars(C), b_1=0.0, d_1=0.0)
-    odd_powers = {"a": (1, 3), "b": (0, 1), "e": (0, 1, 2), "h": (0, 1, 2)}
-    for letter in "abdeghk":
-        for i in range(len([n for n in c if n.startswith(f"{letter}s_")])):
-            sign = -1 if i in odd_powers.get(letter, ()) else 1
-            c[f"{letter}p_{i}"] = sign * c[f"{letter}s_{i}"]
-    for start, image in ((0, 12), (4, 8), (8, 4), (12, 0)):
-        for i, sign in enumerate((1, 1, -1, -1)):
-            c[f"rp_{image + i}"] = sign * c[f"rs_{start + i}"]
-    for start, image in ((0, 3), (1, 2), (2, 1), (3, 0)):
-        c[f"Cp_{image}"] = c[f"Cs_{start}"]
-    return SimpleNamespace(**c)
-
-
 outward = st.floats(-35.0, 105.0)
-
-
-@settings(max_examples=200, deadline=None)
-@given(st.floats(-0.4, 0.5), st.floats(-0.2, 0.2), st.floats(-0.1, 0.1), st.floats(-5, 15), outward, outward)
-def test_mirrored_motion_gives_mirrored_forces(u: float, v: float, r: float, n: float, one: float, two: float) -> None:
-    """Up to the switches that rest on one side of zero (angle of the rudder, yaw rate): beyond 5 widths of them."""
-    c = mirrored()
-    here = forces(flow(u, v, r, n, one, -two), c, SMOOTH)
-    there = forces(flow(u, -v, -r, n, two, -one), c, SMOOTH)
-    motion = flow(u, v, r, n, one, -two).with_(slipstream=here[0].slipstream)
-    angles = [number(vectwin.inflow(motion, port, P, c, SMOOTH)[2]) for port in (False, True)]
-    if min(map(abs, angles)) < 0.15 or abs(r) < 0.02:
-        return
-    np.testing.assert_allclose(xyn(there[0]), xyn(here[0]) * (1, -1, -1), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(xyn(there[1]), xyn(here[1]) * (1, -1, -1), rtol=1e-4, atol=1e-5)
 
 
 # Blades
