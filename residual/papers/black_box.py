@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,7 +21,6 @@ from torch import nn
 from cases.inputs import step_means
 from cases.io.files import parse_json
 from cases.shipfiles.network_file import BLACK_BOX, NETWORK, members_in, read_tensors, save_tensors, ship_hash
-from cases.trial import Trial
 from fitting.nlp.windows import Stretch
 from mmg.errors import BadValue, Conflict, NoSolution, NotWritable
 from mmg.motion.flow import INPUTS
@@ -262,16 +262,13 @@ def build_box(ship: Ship | None, scales: Scales, settings: TrainSettings, seed: 
     return InitialState(system, scales, settings, seed) if settings.initial else system
 
 
-def box_scales(ship: Ship, pieces: Sequence[Stretch], trials: Sequence[Trial], h: float) -> Scales:
-    """Scales from the training rows ``pieces`` of ``trials`` of a ``ship`` on a grid of ``h`` [s].
-
-    Raises UserError where there are no rows, or nothing moves in them.
-    """
-    return training_scales(ship, pieces, trials, h, features)
-
-
 # A network without physics; of a ship only actuators and length are used.
-BOX_KIND = ModelKind(build_box, box_scales, lambda ship: (*ship.actuators, *AIR), lambda ship: features)
+BOX_KIND = ModelKind(
+    build_box,
+    partial(training_scales, features_at=features),
+    lambda ship: (*ship.actuators, *AIR),
+    lambda ship: features,
+)
 
 
 @dataclass(frozen=True)

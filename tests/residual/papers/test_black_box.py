@@ -32,7 +32,6 @@ from residual.papers.black_box import (
     Windowed,
     advance_columns,
     box_of,
-    box_scales,
     build_box,
     gridded,
     kinematics,
@@ -66,7 +65,7 @@ def batch_of(past: int, steps: int = 12) -> RolloutBatch:
 
 
 def scales():  # type: ignore[no-untyped-def]
-    return box_scales(hybrids.ship(), pieces_of(runs(), 1.0, hybrids.ship().inputs), runs(), 1.0)
+    return BOX_KIND.scales(hybrids.ship(), pieces_of(runs(), 1.0, hybrids.ship().inputs), runs(), 1.0)
 
 
 def box(kind: str, seed: int = 0, **options: object) -> TrainableSystem:
