@@ -20,6 +20,7 @@ from delivery.dictionaries import gazebo, shipmmg, vehicle_simulator
 from delivery.dictionaries.projection import ChannelError, Motions, motions
 from delivery.export import FORMATS, export
 from fitting.selection.candidates import candidate
+from mmg.effects import EFFECTS
 from mmg.errors import Unsupported, UserError
 from mmg.model import assemble
 from mmg.runge_kutta import rk4_step
@@ -193,12 +194,12 @@ def test_a_plugin_moves_the_hull_as_well_as_it_says(name: str, form: str) -> Non
     assert max(e.share for e in errors) < (0.12 if form == "gazebo" else 0.5)
 
 
-def with_effect(name: str) -> Ship:
-    return load_ship("esso_osaka_3m").with_effect(name)
-
-
-def generated() -> Ship:
-    return candidate(load_ship("esso_osaka_3m"), "sm2-order2").ship
+def given_ship(name: str) -> Ship:
+    """A ship of the library, one of generated terms, or one with the effect of this name."""
+    esso = load_ship("esso_osaka_3m")
+    if name == "generated":
+        return candidate(esso, "sm2-order2").ship
+    return esso.with_effect(name) if name in EFFECTS else load_ship(name)
 
 
 @pytest.mark.parametrize(
@@ -207,17 +208,14 @@ def generated() -> Ship:
         ("kvlcc2_l7", "vrx", "--format gazebo"),
         *(("mariner", form, "propeller") for form in ("shipmmg", "pvs", "gazebo")),
         ("vectwin_3m", "shipmmg", "delta_port, delta_starboard"),
-        *((generated(), form, "") for form in ("shipmmg", "pvs", "gazebo", "vrx")),
-        *((with_effect(name), "shipmmg", f"{name}.*surroundings.*--without {name}") for name in ("current", "bank")),
-        (with_effect("rudder_lag"), "shipmmg", "rudder_lag.*remembers.*--without rudder_lag"),
+        *(("generated", form, form) for form in ("shipmmg", "pvs", "gazebo", "vrx")),
+        *((name, "shipmmg", f"{name}.*surroundings.*--without {name}") for name in ("current", "bank")),
+        ("rudder_lag", "shipmmg", "rudder_lag.*remembers.*--without rudder_lag"),
     ],
-    ids=str,
 )
-def test_what_a_target_cannot_hold_is_refused_with_the_reason(
-    ship: str | Ship, form: str, words: str, tmp_path: Path
-) -> None:
-    with pytest.raises(UserError, match=words) as error:
-        export(product(ship, {}), form, tmp_path / f"x{FORMATS[form].suffix}")
+def test_what_a_target_cannot_hold_is_refused_with_the_reason(ship: str, form: str, words: str, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=words if ship != "generated" else None) as error:
+        export(product(given_ship(ship), {}), form, tmp_path / f"x{FORMATS[form].suffix}")
     assert error.value.code in ("unsupported", "missing") and list(tmp_path.iterdir()) == []
 
 

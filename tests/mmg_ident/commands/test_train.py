@@ -1,31 +1,50 @@
-"""``mmg train`` and a hybrid in the other commands: run folder, decision, envelope, one clear line for bad input."""
+"""``mmg train``, what goes on into its folders, and a hybrid in every other verb."""
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
+import mmg_ident
 import mmg_ident as mi
+from cases.criteria.standard_runs import figures_of, simulated_trial
 from cases.io.read import read_trial
-from cases.shipfiles.ship_file import load_ship
+from cases.maneuvers.definitions import parse_maneuver
+from cases.shipfiles.model_changes import reduced_ship
+from cases.shipfiles.ship_file import dump_ship, load_ship
+from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import write_trial
+from delivery.full_scale.result import result_of
+from diagnosis import diagnose as diagnosis
+from diagnosis.estimation.map_estimate import BrokenModelError
+from diagnosis.inputs import told_of_predictions
 from fitting.prediction.predict import outside_share, predict
 from fitting.report.run_folder import read_result
+from mmg.network import Layers
 from mmg.progress import Progress
 from mmg.rollout import Simulator
+from mmg.ship import Ship
+from mmg_ident.api import content_of
 from mmg_ident.commands.main import main
 from residual.result import page_of, read_training
 from residual.settings import TrainSettings
+from tests.fitting.prediction.test_adaptation import PAID, runs
 from tests.support import hybrids
+from tests.support.calibrated import small_result
 from tests.support.commands import interrupted, refusal, shown
+from tests.support.figures import unrendered
 from tests.support.trial_files import write_trials
 
+# ``mmg train`` and a hybrid in the other commands: run folder, decision, envelope, one clear line for bad input
 QUICK = ["--seeds", "2", "--epochs", "12", "--width", "8", "--rate", "1e-2", "--penalty", "0.001", "--step", "1"]
 LONG = [*QUICK[:2], "--epochs", "3000", "--step", "1"]
 
@@ -282,3 +301,216 @@ def test_a_torch_that_cannot_be_imported_is_said_before_anything_is_read(monkeyp
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(mi.UserError, match="torch"):
         mi.train("esso_osaka_3m", "nowhere")
+
+
+# What a calibration knows of predictions goes on into every folder made of its ship, and models are compared alike
+KNOWN = ("coefficients", "correlation", "uncertainty", "bands", "adaptation", "campaigns")
+"""Of a calibration with bands, a past that pays and values by campaign."""
+CAMPAIGNS = {"values": {"2026-11-01": {"gyro.share": {"value": 0.1, "std": 0.01}}}}
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A calibration that knows that the past pays, in ``run``, trials, and trainings that begin at its ship."""
+    root = tmp_path_factory.mktemp("past")
+    with unrendered():
+        small_result(3).save(root / "run")
+        (root / "run" / "ship.toml").write_text(dump_ship(hidden_ship(), ""), encoding="utf-8")
+        content = read_result(root / "run") | {"adaptation": PAID, "campaigns": CAMPAIGNS}
+        (root / "run" / "result.json").write_text(json.dumps(content), encoding="utf-8")
+        (root / "trials").mkdir()
+        for k, trial in enumerate(runs(True)):
+            write_trial(trial, root / "trials" / f"run{k}.csv")
+        quick = ["--seeds", "1", "--epochs", "1", "--width", "4", "--rate", "1e-6", "--step", "1"]
+        for out, more in (("declined", []), ("always", ["--keep", "always"])):
+            given = [str(root / "run"), str(root / "trials"), *quick, *more]
+            assert main(["train", *given, "--out", str(root / out)]) == 0
+    return root
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("out", ["declined", "always"])
+def test_a_training_has_what_its_calibration_knows_of_predictions(root: Path, out: str) -> None:
+    before, after = read_result(root / "run"), read_result(root / out)
+    assert {key: after.get(key) for key in KNOWN} == {key: before[key] for key in KNOWN}
+    assert after["recommended"] == ("hybrid" if out == "always" else "calibrated")
+    # decided and scored without a past, which is said
+    assert after["decision"]["past_s"] == 0.0
+    assert {part["past_s"] for pair in after["scores"].values() for part in pair.values()} == {0.0}
+    saved = root / f"{out} saved"
+    read_training(root / out).save(saved)
+    assert {key: read_result(saved).get(key) for key in KNOWN} == {key: before[key] for key in KNOWN}
+
+
+@pytest.mark.slow
+def test_a_declined_folder_predicts_as_the_calibrated_one_to_the_digit(root: Path, tmp_path: Path) -> None:
+    common = (root / "trials" / "run0.csv", "--window", "30", "--stride", "15", "--out")
+    tables, pasts = {}, {}
+    for name in ("run", "declined", "declined/hybrid", "always", "always/calibrated"):
+        out = tmp_path / f"{name.replace('/', '_')}.csv"
+        pasts[name] = shown("predict", root / name, *common, out)["past_s"]
+        tables[name] = out.read_text()
+    assert set(pasts.values()) == {30.0}
+    assert tables["run"] == tables["declined"] == tables["always/calibrated"]
+    assert tables["always"] == tables["declined/hybrid"]
+    header = {table.splitlines()[0] for table in tables.values()}
+    assert len(header) == 1 and "x_std" in header.pop(), "bands go along"
+
+
+@pytest.mark.slow
+def test_score_compares_models_with_as_much_past(root: Path) -> None:
+    models = ("esso_osaka_3m", str(root / "run"), str(root / "declined" / "hybrid"))
+    found = shown("score", *models, root / "trials" / "run0.csv")
+    assert found["past_s"] == 30.0
+    past = {name: score["past_s"] for name, score in found["models"].items()}
+    assert past == {name: 0.0 for name in models} | {f"{name} --adapt 30": 30.0 for name in models}
+    bare = shown("score", *models, root / "trials" / "run0.csv", "--adapt", "0")
+    assert bare["past_s"] == 0.0 and set(bare["models"]) == set(models)
+
+
+@pytest.mark.slow
+def test_a_diagnosis_has_what_the_calibration_knows_of_predictions(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # in place of a fit that takes long: a diagnosis then says that nothing can be said
+    monkeypatch.setattr(diagnosis, "prepare_with_sensors", Mock(side_effect=BrokenModelError("it explodes")))
+    known = read_result(root / "run")
+    for k, model in enumerate(("run", "always", "always/calibrated")):
+        with unrendered():
+            mmg_ident.diagnose(root / model, list(runs(True))).save(tmp_path / f"{k}")
+        for content in (read_result(tmp_path / f"{k}"), content_of(tmp_path / f"{k}")):
+            assert {key: content.get(key) for key in KNOWN} == {key: known[key] for key in KNOWN}
+    quick = TrainSettings(seeds=1, epochs=1, width=4, step=1.0, penalty=0.3)
+    assert mmg_ident.train(tmp_path / "0", list(runs(True)), settings=quick).details["adaptation"] == PAID
+    memory = replace(small_result(3), adaptation=PAID)
+    assert mmg_ident.diagnose(memory, list(runs(True))).inputs.of_predictions["adaptation"] == PAID
+
+
+@pytest.mark.slow
+def test_a_diagnosis_of_another_model_tells_nothing_of_its_predictions(root: Path) -> None:
+    ship = load_ship(root / "run")
+    assert told_of_predictions(ship, root / "run")["adaptation"] == PAID
+    assert told_of_predictions(reduced_ship(ship, ["wind"]), root / "run") == {}
+    assert told_of_predictions(ship, None) == told_of_predictions(ship, runs(True)) == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["run", "declined", "always/calibrated"])
+def test_a_scaled_ship_has_the_past_in_her_own_time(root: Path, name: str) -> None:
+    scaled = mmg_ident.scale(result_of(root / name), 300.0)
+    assert scaled.adaptation is not None and scaled.bands is not None
+    assert scaled.adaptation["past_s"] == 300.0 and scaled.adaptation["worthwhile"]
+
+
+# Every verb that takes a run folder takes that of a hybrid, or says in one line that it does not
+ONE_EPOCH = ["--seeds", "2", "--epochs", "1", "--width", "4", "--step", "1", "--keep", "always"]
+
+
+@pytest.fixture(scope="module")
+def hybrid_runs(blank_figures: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Trials, a calibration, and a hybrid trained on it."""
+    hybrid_runs = tmp_path_factory.mktemp("hybrid")
+    small_result().save(hybrid_runs / "fit")
+    write_trials(hybrid_runs / "trials", hybrids.trials(hybrids.lacking(), 2, 300))
+    words = [
+        "train",
+        str(hybrid_runs / "fit"),
+        str(hybrid_runs / "trials"),
+        *ONE_EPOCH,
+        "--out",
+        str(hybrid_runs / "run"),
+    ]
+    assert main(words) == 0 and (hybrid_runs / "run" / "network.safetensors").exists()
+    return hybrid_runs
+
+
+VERBS = {
+    "simulate": ["RUN", "--maneuver", "turning:20", "--wind", "1.5:60", "--duration", "20", "--out", "OUT.csv"],
+    "simulate scattered": ["RUN", "--maneuver", "turning:20", "--scatter", "2", "--duration", "20"],
+    "predict": ["RUN", "TRIALS", "--out", "OUT"],
+    "predict by members": ["RUN", "TRIALS", "--members", "ts1", "--window", "30", "--out", "OUT"],
+    "score": ["RUN", "TRIALS"],
+    "imo": ["RUN", "--scatter", "0"],
+    "card": ["RUN", "--scatter", "20", "--out", "OUT.html"],
+    "scale": ["RUN", "--length", "100", "--out", "OUT"],
+    "export": ["RUN", "--format", "c", "--out", "OUT"],
+    "report": ["RUN", "--no-imo", "--out", "OUT.html"],
+    "view": ["RUN", "--trials", "TRIALS", "--out", "OUT.html"],
+    "check": ["TRIALS", "--ship", "RUN"],
+    "ships": ["RUN"],
+    "train": ["RUN", "TRIALS", *ONE_EPOCH, "--out", "OUT"],
+    "compare": ["--ship", "RUN", "--train", "TRIALS/run0.csv", "--test", "TRIALS/run1.csv", "--models", "captive"],
+    "fit": ["RUN", "TRIALS", "--only", "X_0F", "--measurement", "none", "--no-next-trial", "--out", "OUT"],
+    "select": ["RUN", "--list"],
+    "diagnose": ["RUN", "TRIALS", "--out", "OUT"],
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", VERBS)
+def test_every_verb_takes_a_hybrid(
+    name: str, hybrid_runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    places = {"RUN": str(hybrid_runs / "run"), "TRIALS": str(hybrid_runs / "trials"), "OUT": str(tmp_path / "out")}
+    words = VERBS[name]
+    for word, place in places.items():
+        words = [text.replace(word, place) if text.startswith(word) else text for text in words]
+    assert main([name.split()[0], *words]) == 0, capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("maneuver", ["turning:20", "heading:20/1.5/4"])
+def test_figures_are_those_of_each_member_of_the_ensemble(maneuver: str, hybrid_runs: Path) -> None:
+    found = shown("simulate", hybrid_runs / "run", "--maneuver", maneuver, "--members")["members"]
+    hybrid = mi.load_ship(hybrid_runs / "run")
+    ships, plan = hybrid.members, parse_maneuver(maneuver, hybrid)
+    each = [figures_of(simulated_trial(ship, plan), plan) for ship in ships]
+    assert len(ships) == 2 and {*found} == {*each[0]}
+    for name, row in found.items():
+        values = [own[name] for own in each]
+        assert row == pytest.approx(
+            {"mean": np.mean(values), "std": np.std(values), "lowest": min(values), "highest": max(values), "count": 2}
+        )
+    refusal("simulate", hybrid_runs / "run", "--controls", hybrid_runs / "trials" / "run0.csv", "--members")
+    refusal("simulate", hybrid_runs / "fit", "--maneuver", "turning:20", "--members")
+
+
+@pytest.mark.slow
+def test_a_prediction_by_members_has_no_past(hybrid_runs: Path) -> None:
+    trial = hybrid_runs / "trials" / "run0.csv"
+    (found,) = mi.predict(hybrid_runs / "run", trial, members="ts-infinity")
+    assert found.past_s == 0.0 and found.table.shape[1] == 14 and {m.code for m in found.notes} >= {"spread_of_members"}
+    for run, past in (("run", {"adapt": 30.0}), ("fit", {})):
+        with pytest.raises(mi.UserError):
+            mi.predict(hybrid_runs / run, trial, members="ts-infinity", **past)
+
+
+@pytest.mark.slow
+def test_a_plan_of_a_hybrid_moves_the_hybrid_with_the_noise_of_her_calibration(
+    hybrid_runs: Path, tmp_path: Path
+) -> None:
+    words = ["--area", "60x25", "--time", "45", "--effort", "0.02", "--time-limit", "0.5"]
+    content = shown("plan", hybrid_runs / "run", *words, "--out", tmp_path / "plan.csv")
+    assert all(row["std_after"] <= row["std_before"] for row in content["wanted"].values())
+    kept = mi.load_run(hybrid_runs / "run").to_dict()["calibration"]
+    fit = mi.load_run(hybrid_runs / "fit").to_dict()
+    assert kept["sigma"] == fit["sigma"] and kept["settings"] == fit["settings"]
+
+
+def calm_ship_with_network(air: float) -> Ship:
+    """A ship without a wind model whose network takes the air relative to the hull with the weight ``air``."""
+    ship = hybrids.lacking()
+    assert ship.network is not None
+    member = ship.network.members[0]
+    first = member.weights[0].copy()
+    first[:, ship.features.index("a_y")] = air
+    layers = Layers((first, *member.weights[1:]), member.biases)
+    parts = {role: model for role, model in ship.components.items() if role != "wind"}
+    return replace(ship, components=parts, network=replace(ship.network, members=(layers,)))
+
+
+@pytest.mark.parametrize(("air", "codes"), [(0.0, {"no_wind_model"}), (0.1, set())])
+def test_a_simulation_asks_ship_and_network_whether_they_feel_the_wind(air: float, codes: set[str]) -> None:
+    trial = mi.simulate(calm_ship_with_network(air), "straight", wind="2:90", duration=20)
+    assert {getattr(note, "code", "") for note in trial.notices} & {"no_wind_model"} == codes
+    assert (np.abs(trial["v"]).max() > 1e-4) == bool(air)
