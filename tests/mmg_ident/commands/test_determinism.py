@@ -117,7 +117,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def python(folder: Path, *words: str, before: str = "", **environment: str) -> subprocess.CompletedProcess[str]:
     """A command in a Python of its own; before: statements that it runs first."""
     program = f"{before}\nimport sys\nfrom mmg_ident.commands.main import main\nsys.exit(main())"
-    return subprocess.python(
+    return subprocess.run(
         [sys.executable, "-c", program, *words], cwd=folder, capture_output=True, text=True, encoding="utf-8",
         errors="replace", env={**os.environ, **environment}, check=False,
     )  # fmt: skip
@@ -168,7 +168,7 @@ def test_faults_of_the_machine_are_one_line(command: str, said: str, folder: Pat
     environment = {**os.environ, "MMG": f"{sys.executable} -m mmg_ident.commands.main", "PYTHONPATH": str(ROOT)}
     environment.pop("PYTHONUNBUFFERED", None)  # as for most people: what is printed waits until the end
     before = sorted(folder.iterdir())
-    done = subprocess.python(["sh", "-c", command], cwd=folder, env=environment, capture_output=True, text=True)
+    done = subprocess.run(["sh", "-c", command], cwd=folder, env=environment, capture_output=True, text=True)
     lines = done.stderr.strip().splitlines()
     assert done.returncode == 2 and len(lines) == 1 and said in lines[0], done
     assert sorted(folder.iterdir()) == before

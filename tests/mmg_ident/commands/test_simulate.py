@@ -62,7 +62,7 @@ def test_a_run_is_logged_by_the_instruments_of_its_campaign(tmp_path: Path) -> N
     """The turn rate is as late against the heading as that campaign's gyro is; without a name, as the mean of all."""
     ship = replace(load_ship("esso_osaka_3m").with_effect("gyro", {"T": 0.4}), campaigns={"spring": {"gyro.T": 0.0}})
     (tmp_path / "ship.toml").write_text(dump_ship(ship), encoding="utf-8")
-    words = ["simulate", tmp_path / "ship.toml", "--maneuver", "zigzag:20/20", "--duration", "60"]
+    words: list[str | Path] = ["simulate", tmp_path / "ship.toml", "--maneuver", "zigzag:20/20", "--duration", "60"]
     for lag, chosen in ((0.0, ["--campaign", "spring"]), (0.4, [])):
         mmg(*words, *chosen, "--out", tmp_path / f"{lag}.csv")
         trial = read_trial(tmp_path / f"{lag}.csv")
