@@ -69,60 +69,43 @@ class Compiled:
     real: Any
     model: Any
 
-    def _call(self, name: str, *given: Any, size: int = 0) -> np.ndarray:
-        out = np.full(size, np.nan, dtype=self.real)
-        arrays = [np.ascontiguousarray(a, dtype=self.real) for a in given]
-        pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*arrays, out)]
-        getattr(self.library, f"{self.of.identifier}_{name}")(self.model, *pointers)
-        return out
+    def _call(self, name: str, *given: Any, shapes: Sequence[Any] = ()) -> tuple[int, list[np.ndarray]]:
+        """What a function returns, and its arrays: those ``given``, and those of these ``shapes`` that it fills."""
+        plain = (int, ctypes.c_double, type(None))
+        arguments = [a if isinstance(a, plain) else np.array(a, dtype=self.real) for a in given]
+        arguments += [np.full(shape, np.nan, dtype=self.real) for shape in shapes]
+        pointers = [a.ctypes.data_as(ctypes.c_void_p) if isinstance(a, np.ndarray) else a for a in arguments]
+        code = getattr(self.library, f"{self.of.identifier}_{name}")(self.model, *pointers)
+        return code, [a for a in arguments if isinstance(a, np.ndarray)]
 
     def init(self, coefficients: np.ndarray | None = None) -> None:
-        array = None if coefficients is None else np.ascontiguousarray(coefficients, dtype=self.real)
-        pointer = None if array is None else array.ctypes.data_as(ctypes.c_void_p)
-        getattr(self.library, f"{self.of.identifier}_init")(self.model, pointer)
+        self._call("init", coefficients)
 
     def settle(self, columns: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-        return self._call("settle", columns, inputs, size=len(self.of.model.states))
+        return self._call("settle", columns, inputs, shapes=[len(self.of.model.states)])[1][-1]
 
     def rates(self, state: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-        return self._call("rates", state, inputs, size=len(self.of.model.states))
+        return self._call("rates", state, inputs, shapes=[len(self.of.model.states)])[1][-1]
 
     def forces(self, state: np.ndarray, inputs: np.ndarray) -> np.ndarray:
-        return self._call("forces", state, inputs, size=3 * len(self.of.model.roles)).reshape(-1, 3)
+        return self._call("forces", state, inputs, shapes=[(len(self.of.model.roles), 3)])[1][-1]
 
     def columns(self, state: np.ndarray) -> np.ndarray:
-        return self._call("columns", state, size=6)
+        return self._call("columns", state, shapes=[6])[1][-1]
 
-    def jacobians(self, state: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def jacobians(self, state: np.ndarray, inputs: np.ndarray) -> list[np.ndarray]:
         S, C = len(self.of.model.states), len(self.of.model.controls)
-        by_inputs = np.full(S * C, np.nan, dtype=self.real)
-        by_state = np.full(S * S, np.nan, dtype=self.real)
-        arrays = [np.ascontiguousarray(a, dtype=self.real) for a in (state, inputs)]
-        pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*arrays, by_state, by_inputs)]
-        getattr(self.library, f"{self.of.identifier}_jacobians")(self.model, *pointers)
-        return by_state.reshape(S, S), by_inputs.reshape(S, C)
+        return self._call("jacobians", state, inputs, shapes=[(S, S), (S, C)])[1][-2:]
 
     def step(self, state: np.ndarray, inputs: np.ndarray, h: float) -> tuple[np.ndarray, int]:
         """The next state, and what the step returns."""
-        z, c = (np.array(a, dtype=self.real) for a in (state, inputs))
-        code = getattr(self.library, f"{self.of.identifier}_step")(
-            self.model, z.ctypes.data_as(ctypes.c_void_p), c.ctypes.data_as(ctypes.c_void_p), ctypes.c_double(h)
-        )
-        return z, code
+        code, (found, _) = self._call("step", state, inputs, ctypes.c_double(h))
+        return found, code
 
     def step_many(self, states: np.ndarray, inputs: np.ndarray, h: float) -> tuple[np.ndarray, int]:
         """The next states (M, S) of ships with inputs (M, C), and what the step returns."""
-        z, c = (np.array(a, dtype=self.real) for a in (states, inputs))
-        code = getattr(self.library, f"{self.of.identifier}_step_many")(
-            self.model, len(z), z.ctypes.data_as(ctypes.c_void_p), c.ctypes.data_as(ctypes.c_void_p), ctypes.c_double(h)
-        )
-        return z, code
-
-    def extrapolation(self, state: np.ndarray, inputs: np.ndarray) -> float:
-        function = getattr(self.library, f"{self.of.identifier}_extrapolation")
-        function.restype = ctypes.c_double
-        arrays = [np.ascontiguousarray(a, dtype=self.real) for a in (state, inputs)]
-        return float(function(self.model, *[a.ctypes.data_as(ctypes.c_void_p) for a in arrays]))
+        code, (found, _) = self._call("step_many", len(states), states, inputs, ctypes.c_double(h))
+        return found, code
 
 
 def compiled(
