@@ -98,26 +98,17 @@ def fit(
     # --with is split by nobody: the parameters of an effect have commas of their own
     start = reduced_ship(start, names_of(without), with_ or (), names_of(fix), names_of(only))
     train, held_out = ready(trials, validate or (), unchecked=unchecked)
-    points = None
-    if captive:
-        from fitting.nlp.captive import read_captive  # here, as few fits have captive tests
-
-        points = read_captive(captive, captive_std)
     options = FitOptions(
-        bootstrap=bootstrap,
-        profile=tuple(names_of(profile)),
-        posterior=posterior,
-        next_trial=next_trial,
-        per_run=tuple(per_run or ()),
-        per_campaign=tuple(names_of(per_campaign)),
-        instruments=tuple(names_of(measurement)),
-        captive=points,
         resume=earlier,
         command=cli.command_line(),
         # without --name a resumed run keeps the name it was given; one that is still her start's was given none
         name=name or (earlier.ship.name if earlier and earlier.ship.name != earlier.start.name else ""),
-        estimator=estimator,
     )
+    given = {
+        "bootstrap": bootstrap, "profile": profile, "posterior": posterior, "next_trial": next_trial,
+        "per_run": per_run, "per_campaign": per_campaign, "measurement": measurement, "estimator": estimator,
+        "captive": captive, "captive_sigma": captive_std,
+    }  # fmt: skip
     reading = time.perf_counter() - began
     for line in start.notices:
         cli.say(line)
@@ -125,7 +116,7 @@ def fit(
         interrupts_noted(lambda: cli.say("interrupted: stopping at the next iterate and writing the run folder")),
         reserved(out),
     ):
-        result = calibrate(start, train, held_out, Settings(**settings), options, cli.progress())
+        result = calibrate(start, train, held_out, Settings(**settings), options, cli.progress(), **given)
         # [s]: the calibration is handed trials and cannot time their reading
         timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
         result = replace(result, timings_s=timings)
