@@ -12,12 +12,12 @@ import pytest
 
 import mmg_ident as mi
 from cases.inputs import assumed, model_inputs
-from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
+from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg_ident.commands.main import main
-from tests.cases.shipfiles.test_new_ship import AZIMUTH
+from tests.support.actuator_ships import true_ship
 from tests.support.calibrated import FREE, small_result
 from tests.support.commands import printed, refusal
 from tests.support.diagnosis_cases import FEW, SHIP
@@ -174,7 +174,7 @@ def test_bad_input_is_one_line_and_writes_nothing(
 
 
 # A ship and trials that do not belong together by their actuators: refused by every verb that reads both
-PODS = AZIMUTH.replace("y_az = 0.0", "y_az = 0.1\nx_az_2 = -1.4\ny_az_2 = -0.1")
+PODS = true_ship("pods")
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +186,7 @@ def trial() -> Trial:
 @pytest.mark.parametrize("verb", ["score", "predict", "fit", "train", "diagnose", "simulate", "imo"])
 def test_a_ship_none_of_whose_propulsors_is_in_the_file_is_refused(verb: str, trial: Trial, tmp_path: Path) -> None:
     ship, file, out = tmp_path / "pods.toml", tmp_path / "run.csv", tmp_path / "out"
-    ship.write_text(dump_ship(parse_ship(PODS)), encoding="utf-8")
+    ship.write_text(dump_ship(PODS), encoding="utf-8")
     write_trial(trial, file)
     words: dict[str, list[object]] = {
         "score": [ship, file],
@@ -214,7 +214,7 @@ def test_a_propeller_or_rudder_that_moves_and_that_nobody_uses_is_refused(idle: 
     still = {name: np.zeros(len(trial)) for name in ("n", "delta") if name != idle}
     pods = {"n_azimuth": np.full(len(trial), 5.0), "azimuth": np.zeros(len(trial))}
     with pytest.raises(UserError, match=f"{idle} reaches"):
-        mi.score(parse_ship(PODS), [trial.with_columns(**still, **pods)])
+        mi.score(PODS, [trial.with_columns(**still, **pods)])
 
 
 def test_rudders_that_another_column_stands_for_are_used(trial: Trial) -> None:
