@@ -224,11 +224,8 @@ def test_a_force_model_in_one_file_is_a_choice_of_a_ship(monkeypatch: pytest.Mon
     monkeypatch.setitem(sys.modules, "mmg.components.wind.flat_plate", module_of(FORCE, "flat_plate"))
     monkeypatch.setitem(catalogue.MODELS["wind"], "flat_plate", "wind.flat_plate")
     bare = load_ship("kvlcc2_l7")
-    components = {**bare.components, "wind": "flat_plate"}
     particulars = {**bare.particulars, "A_T": 0.5, "A_L": 1.5, "C": 0.1, "rho_a": 1.2}
-    rows = catalogue.coefficient_table(components, particulars)
-    coefficients = {symbol: bare.coefficients.get(symbol, row) for symbol, row in rows.items()}
-    ship = replace(bare, components=components, particulars=particulars, coefficients=coefficients)
+    ship = replace(bare, particulars=particulars).with_models(wind="flat_plate")
     simulator = Simulator(ship, compiled=False)
     controls = np.zeros((len(ship.inputs), 1))
     calm = simulator.rates(STATE, controls)

@@ -19,8 +19,6 @@ from fitting.report.run_folder import RESULT, data_rows, read_result, write_json
 from tests.diagnosis.report.test_report import case
 from tests.support.calibrated import small_result
 
-EVIL = '</script><script>alert("x")</script><!--'
-
 
 def campaign(folder: Path) -> Path:
     """A run folder of the small calibration whose trials lie as files in ``folder``/trials; returns it."""

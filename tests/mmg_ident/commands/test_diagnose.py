@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import json
-import re
 import shutil
 import time
 from dataclasses import fields, replace
@@ -29,7 +28,6 @@ from mmg_ident import simulate
 from mmg_ident.commands.main import main
 from mmg_ident.model_gap import GapOptions
 from residual import settings as residual_settings
-from tests.diagnosis.report.test_report import case
 from tests.support.commands import refusal, shown
 from tests.support.diagnosis_cases import FEW, RUNS, pushed_trials
 from tests.support.figures import unrendered
@@ -106,19 +104,15 @@ def test_candidates_are_all_that_could_be_screened_by_their_evidence_and_shares_
 
 
 @pytest.mark.slow
-def test_the_folder_is_complete_and_stands_alone(folder: Path, content: dict[str, Any]) -> None:
+def test_the_folder_holds_what_was_printed_with_the_trials_that_it_is_of(folder: Path, content: dict[str, Any]) -> None:
     run = folder / "run"
     assert json.loads((run / "diagnosis.json").read_text()) == content
-    html = (run / "report.html").read_text(encoding="utf-8")
-    assert "data:image/png;base64," in html and not re.search(r'(src|href)="(?!data:|#)', html)
     result = json.loads((run / "result.json").read_text())
-    assert result["kind"] == "diagnosis" and result["seed"] == 0 and result["versions"]["casadi"]
     for key, role, count in (("data", "train", 3), ("test", "test", 2)):
         assert len(result[key]) == count and all(len(row["sha256"]) == 64 for row in result[key])
         assert {Path(row["path"]).parent.name for row in result[key]} == {role}
     assert result["figures"] and all((run / f["file"]).stat().st_size > 5000 for f in result["figures"])
-    assert result["warnings"] == content["warnings"] and result["timings_s"]["wall"] > 0
-    assert not [p for p in folder.iterdir() if p.name.startswith(".")]
+    assert result["warnings"] == content["warnings"] and not [p for p in folder.iterdir() if p.name.startswith(".")]
 
 
 @pytest.mark.slow
@@ -237,24 +231,6 @@ def test_records_without_noise_and_tests_that_are_too_short_are_concluded_from_w
     assert {"no_noise", "tests_too_short"} <= set(said) and "no_tests" not in said
     assert content["verdict"] in ("none", "named", "unknown") and content["held_out"] is None
     assert "NaN" not in (tmp_path / "run" / "diagnosis.json").read_text()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("verdict", ["named", "none"])
-def test_a_person_is_told_the_verdict_the_ranking_and_the_warnings(
-    verdict: str, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Of a diagnosis made by hand."""
-    monkeypatch.setattr("diagnosis.diagnose.diagnose", lambda *arguments, **more: case(verdict))
-    capsys.readouterr()
-    with unrendered():
-        assert main(["diagnose", *map(str, (folder / "ship.toml", folder / "train", "--out", tmp_path / "run"))]) == 0
-    out, err = capsys.readouterr()
-    assert f"verdict: {verdict}" in out
-    assert "current" in out and "0.7" in out
-    assert ("next: " in out) == (verdict == "named")
-    assert f"diagnosis: {tmp_path / 'run'}" in err
-    assert json.loads((tmp_path / "run" / "diagnosis.json").read_text())["verdict"] == verdict
 
 
 # ``mmg gap``: one call makes all parts, another goes on with them, bad input is one line

@@ -126,17 +126,9 @@ def test_a_declined_residual_is_not_recommended_and_can_still_be_used(folder: Pa
     assert load_ship(run / "hybrid").network is not None
     models = shown("score", run, run / "hybrid", folder / "held_out.csv")["models"]
     assert len({m["window"] for m in models.values()}) == 2
-    assert "<code>hybrid/</code>" in (run / "report.html").read_text()
-
-
-@pytest.mark.slow
-def test_always_recommends_the_hybrid_and_says_that_the_decision_declines_it(declined: Path) -> None:
-    run = declined / "always"
-    content = read_result(run)
-    assert content["kept"] and not content["decision"]["kept"]
-    assert (content["recommended"], content["other"]) == ("hybrid", "calibrated")
-    assert load_ship(run).network is not None and load_ship(run / "calibrated").network is None
-    assert [m["code"] for m in content["messages"] if m["level"] == "notice"] == ["kept_always", "no_wind"]
+    always = read_result(declined / "always")
+    assert always["kept"] and not always["decision"]["kept"]
+    assert [m["code"] for m in always["messages"] if m["level"] == "notice"] == ["kept_always", "no_wind"]
 
 
 KEYS = {
@@ -271,12 +263,9 @@ def test_a_time_limit_leaves_a_folder_to_resume(
 
 
 @pytest.mark.slow
-def test_the_report_says_what_was_decided_can_be_made_again_and_needs_no_figure(folder: Path) -> None:
+def test_the_report_can_be_made_again_and_needs_no_figure(folder: Path) -> None:
     page = folder / "run" / "report.html"
     text = page.read_text()
-    assert text.index("seed 1") > text.index("<table")
-    for words in ("run0", "held_out", "2 training(s)"):
-        assert words in text, words
     assert text.count("data:image/png;base64,") == 2
     page.unlink()
     assert main(["report", str(folder / "run"), "--no-imo"]) == 0 and page.read_text() == text
