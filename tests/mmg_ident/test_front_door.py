@@ -26,6 +26,7 @@ from mmg_ident import shadowing_mmg
 from mmg_ident.commands.main import main
 from residual.settings import KINDS
 from tests.support.calibrated import FREE
+from tests.support.commands import shown
 from tests.support.quick import first_quick
 from tests.support.synthetic_runs import coarse_runs
 from tests.support.trial_files import write_trials
@@ -115,15 +116,11 @@ def test_a_notebook_and_the_command_leave_the_same_folder(folder: Path, tmp_path
 
 
 @pytest.mark.slow
-def test_scores_are_those_of_the_command_and_tables_as_predictions_are(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_scores_are_those_of_the_command_and_tables_as_predictions_are(folder: Path) -> None:
     held_out = mmg_ident.read_trials([folder / "held_out.csv"])
     ours = mmg_ident.score(mmg_ident.load_run(folder / "run"), held_out)
     assert ours.window < mmg_ident.score("esso_osaka_3m", held_out).window
-    capsys.readouterr()
-    assert main(["score", str(folder / "run"), str(folder / "held_out.csv"), "--json"]) == 0
-    theirs = json.loads(capsys.readouterr().out)["models"][str(folder / "run")]
+    theirs = shown("score", folder / "run", folder / "held_out.csv")["models"][str(folder / "run")]
     assert (theirs["window"], theirs["paper"]) == (ours.window, ours.paper)
     assert theirs["units"]["pooled"]["v_m_s"] == ours.units.pooled.v_m_s
     table = ours.to_pandas()

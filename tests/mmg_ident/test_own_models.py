@@ -64,17 +64,9 @@ def as_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 def notebook_hull(flow: Any, p: Any, c: Any, s: Any) -> tuple[Any, Any, Any]:
-    """Notebook hull: the unified low-speed hull, written once more."""
-    u, v, r = flow.u, flow.v, flow.r
-    small = 0.1 * s.speed
-    U, abs_u = s.root(u * u + v * v, small), s.absolute(u, small)
-    I_Y, _ = unified.cross_flow(v, c.C_rY * r * p.L, small)
-    _, I_N = unified.cross_flow(v, c.C_rN * r * p.L, small)
-    X = (c.X_0F + (c.X_0A - c.X_0F) * (s.angle(u, v, small) / ca.pi)) * u * U + c.X_vr * p.L * v * r
-    Y = c.Y_v * v * abs_u + c.Y_r * p.L * r * u - c.C_D * I_Y
-    N = c.N_v * v * u + c.N_r * p.L * r * abs_u - c.C_D * I_N
-    unit = 0.5 * p.rho * p.L * p.d
-    return unit * X, unit * Y, unit * p.L * N
+    """Notebook hull: the unified low-speed hull under another name."""
+    force = unified.force(flow, p, c, s)
+    return force.X, force.Y, force.N
 
 
 def drag(flow: Any, p: Any, c: Any, s: Any) -> tuple[Any, float, float]:

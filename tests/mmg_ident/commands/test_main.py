@@ -33,7 +33,7 @@ from mmg_ident.commands.output import each, narration, progress, working
 from mmg_ident.settings import GONE, checked_settings, given_settings, settings_of
 from residual.settings import BlackBoxSettings, TrainSettings
 from tests.support import calibrated
-from tests.support.commands import refusal, shown
+from tests.support.commands import printed, refusal, shown
 from tests.support.fit_problems import points, write_points
 from tests.support.synthetic_runs import coarse_runs, runs
 from tests.support.trial_files import motion_columns, write_csv, write_trials
@@ -85,13 +85,9 @@ def test_options_that_take_several_values_are_expanded() -> None:
     assert expand(["fit", "--validate", "--out", "run"]) == ["fit", "--validate"]  # what is missing ends the line
 
 
-def test_the_bare_command_prints_the_help_and_another_the_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--help"]) == 0
-    text = capsys.readouterr()
-    assert main([]) == 0
-    assert capsys.readouterr() == text and not text.err
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out.split() == ["mmg-ident", mmg_ident.__version__]
+def test_the_bare_command_prints_the_help_and_another_the_version() -> None:
+    assert printed() == printed("--help")
+    assert printed("--version").split() == ["mmg-ident", mmg_ident.__version__]
 
 
 @pytest.mark.slow
@@ -267,11 +263,9 @@ def test_captive_points_and_a_robust_loss_go_into_the_run(tmp_path: Path) -> Non
 MOST = 8
 
 
-def page(capsys: pytest.CaptureFixture[str], *words: str) -> list[str]:
+def page(*words: str) -> list[str]:
     """Lines of a help page."""
-    capsys.readouterr()
-    assert main([*words, "--help"]) == 0
-    return capsys.readouterr().out.splitlines()
+    return printed(*words, "--help").splitlines()
 
 
 def panels(lines: list[str]) -> dict[str, list[str]]:
@@ -285,16 +279,16 @@ def panels(lines: list[str]) -> dict[str, list[str]]:
     return found
 
 
-def test_the_first_page_has_every_verb_in_its_panel(capsys: pytest.CaptureFixture[str]) -> None:
-    lines = page(capsys)
+def test_the_first_page_has_every_verb_in_its_panel() -> None:
+    lines = page()
     found = panels(lines)
     assert {title: found[title] for title in PANELS} == {title: list(verbs) for title, verbs in PANELS.items()}
     assert len(lines) <= 50
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_options_stand_in_panels_that_read_at_a_glance(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = page(capsys, verb)
+def test_options_stand_in_panels_that_read_at_a_glance(verb: str) -> None:
+    lines = page(verb)
     found = panels(lines)
     assert "\n".join(lines).encode("cp1252")  # on every console of Windows
     assert all(len(rows) <= MOST for rows in found.values()) and len(lines) <= 60
