@@ -50,7 +50,7 @@ mi.fleet( "nope.toml"
 mi.view( "nope","out.html" 3,"out.html"
 mi.report( "nope","out.html" 3,"out.html"
 mi.export( "nope","c","out" SHIP,"foo","out" 3,"c","out"
-mi.scale( SHIP,"x" 3,100.
+mi.scale( SHIP,"x" SHIP,-3 3,100.
 mi.load_run( "nope" 3
 mi.load_ship( "nope" 3
 mi.new_ship("x", {"L":3} {"L":"a","B":1,"d":1,"C_b":.6}
