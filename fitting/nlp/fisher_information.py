@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fitting.nlp.prior import group_sums
+from fitting.nlp.prior import group_sums, product_sums
 from fitting.nlp.problem import Problem
 from fitting.nlp.shooting import Elimination
 from fitting.nlp.windows import Segments
@@ -157,12 +157,7 @@ class Eliminated:
 
     def shared_by_group(self, group: np.ndarray, groups: int) -> np.ndarray:
         """The same, summed over the intervals of each ``group`` (M,): (groups, L, L)."""
-        total = np.empty((groups, *2 * self.factors[0].shape[2:]))
-        for g in range(groups):
-            rows = np.flatnonzero(group == g)
-            together = len(rows) and rows[-1] - rows[0] == len(rows) - 1  # no copy then
-            A, B = (f[rows[0] : rows[-1] + 1] if together else f[rows] for f in self.factors)
-            total[g] = A.reshape(-1, A.shape[2]).T @ B.reshape(-1, B.shape[2])
+        total = product_sums(*self.factors, group, groups)
         return total + np.swapaxes(total, 1, 2)
 
 

@@ -24,6 +24,18 @@ def group_sums(group: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
     return sums
 
 
+def product_sums(A: np.ndarray, B: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
+    """Sums (count, a, b) of A^T B over the matrices (m, S, a) and (m, S, b) of each ``group`` (m,), a number below
+    ``count``: one product of tall matrices each."""
+    total = np.empty((count, A.shape[2], B.shape[2]))
+    for g in range(count):
+        rows = np.flatnonzero(group == g)
+        together = len(rows) and rows[-1] - rows[0] == len(rows) - 1  # no copy then
+        some = slice(rows[0], rows[-1] + 1) if together else rows
+        total[g] = A[some].reshape(-1, A.shape[2]).T @ B[some].reshape(-1, B.shape[2])
+    return total
+
+
 @dataclass(frozen=True)
 class Prior:
     """Gaussian prior and bounds of the free coefficients, each of shape (P,).

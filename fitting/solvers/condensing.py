@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fitting.nlp.fisher_information import Eliminated, Quadratics, intervals_by_level, prior_parts, transitions
-from fitting.nlp.prior import Columns
+from fitting.nlp.prior import product_sums
 from fitting.nlp.problem import Problem
 
 
@@ -95,8 +95,8 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     border = eliminated.rows[:, :, S:]
     gain = np.linalg.solve(first, np.concatenate([border, eliminated.slope[:, :S, None]], axis=2))
     local = eliminated.shared_by_group(columns.interval, columns.groups)
-    # Schur complement of the first states
-    reduced = sub.shared + columns.matrix(local - _by_group(columns, border, gain[:, :, :L]), P)
+    local -= product_sums(border, gain[:, :, :L], columns.window, columns.groups)  # Schur complement of first states
+    reduced = sub.shared + columns.matrix(local, P)
     slopes = eliminated.slope[:, S:] - (np.swapaxes(border, 1, 2) @ gain[:, :, L:])[:, :, 0]
     reduced_slope = sub.shared_slope + columns.vector(columns.total(slopes, columns.window), P)
     (dense,) = _positive(0.5 * (reduced + reduced.T)[None])  # rounding makes it a little lopsided
@@ -112,15 +112,6 @@ def solved(problem: Problem, sub: Subproblem, p: np.ndarray) -> Step | None:
     bound = -(dense @ dp + reduced_slope)  # stationarity: slope + multipliers = 0
     bound[(dp > lower - p) & (dp < upper - p)] = 0.0  # rounding, where no bound holds
     return Step(nodes, dp, multipliers.reshape(-1), bound, decrease)
-
-
-def _by_group(columns: Columns, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Sums by group (G, L, L) of left^T right over the windows, both (W, S, L): one product of tall matrices each."""
-    total = np.empty((columns.groups, left.shape[2], right.shape[2]))
-    for g in range(columns.groups):
-        A, B = (f if columns.groups == 1 else f[columns.window == g] for f in (left, right))
-        total[g] = A.reshape(-1, A.shape[2]).T @ B.reshape(-1, B.shape[2])
-    return total
 
 
 def carried(problem: Problem, maps: np.ndarray, off: np.ndarray, first: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -208,8 +208,7 @@ def _without_last(
 ) -> NoiseSolves:
     """Solves in turn, of which the last one, that of this ``number``, is left out: ``problem`` and x (n,) where it
     begins, ``passes`` and ``settings`` as there."""
-    status, violation = "Solved_To_Acceptable_Level", float(np.abs(problem.defects(x)).max())
-    start = Solution(x, problem.objective(x), violation, status, converged=False, iterations=0, seconds=0.0)
+    start = Solution.at(problem, x, "Solved_To_Acceptable_Level")
     last = Resumption.of((number, number + 1), problem, x, x, "User_Requested_Stop", settings)
     return NoiseSolves(problem, start, noise_of(problem, start), tuple(passes), last, draft=True)
 
@@ -271,8 +270,8 @@ def solve_with_noise_estimation(
         number += 1
     if problem.segments is not full.segments:  # stopped early: carried over with nodes on the measurements
         problem, x = full, full.start(p)
-        violation = float(np.abs(full.defects(x)).max())
-        solution = replace(solution, x=x, objective=full.objective(x), violation=violation)
+        here = Solution.at(full, x, solution.status)
+        solution = replace(solution, x=x, objective=here.objective, violation=here.violation)
     # as asked, where a rough pass was the last
     problem = problem.with_changes(loss=replace(problem.loss, name=full.loss.name))
     return NoiseSolves(problem, solution, noise, tuple(passes), last)

@@ -40,6 +40,13 @@ class Solution:
     advice: str = ""
     history: list[tuple[float, float]] = field(default_factory=list)
 
+    @classmethod
+    def at(cls, problem: Problem, x: np.ndarray, status: str, seconds: float = 0.0, **more: Any) -> Solution:
+        """That of ``problem`` at x (n,), which took ``seconds``; status, more: the other fields."""
+        more = {"iterations": 0, "converged": False} | more
+        violation = float(np.abs(problem.defects(x)).max())
+        return cls(x, problem.objective(x), violation, status, seconds=seconds, **more)
+
 
 # What a status of IPOPT asks of a user.
 ADVICE = {
@@ -199,17 +206,9 @@ def by_ipopt(
     # the last iterate may be a bad one
     end = np.array(out["x"]).ravel() if converged or watch.best is None else watch.best[2]
     x_end = np.clip(end, lower, upper)  # IPOPT relaxes bounds by 1e-8
-    return Solution(
-        x=x_end,
-        objective=program.objective(x_end),
-        violation=float(np.abs(program.defects(x_end)).max()),
-        status=status,
-        converged=converged,
-        iterations=int(stats["iter_count"]),
-        seconds=time.perf_counter() - began,
-        advice=ADVICE.get(status, "IPOPT stopped early" if not converged else ""),
-        history=watch.history,
-    )
+    advice, seconds = ADVICE.get(status, "IPOPT stopped early" if not converged else ""), time.perf_counter() - began
+    more = {"converged": converged, "iterations": int(stats["iter_count"]), "advice": advice, "history": watch.history}
+    return Solution.at(program, x_end, status, seconds, **more)
 
 
 STEPS = 30  # Steps of the leading method before IPOPT is left alone. Set by hand: IPOPT decides in any case.
@@ -241,16 +240,8 @@ def solve(
         change, gain, feasible = (ROUGH_CHANGE, ROUGH_CHANGE, FEASIBLE) if rough else (NEAR, 0.0, np.inf)
         led = lead(problem, x, change, min(STEPS, control.iterations), at_iterate, gain, feasible)
         if led.reached and rough:
-            return Solution(
-                x=led.x,
-                objective=problem.objective(led.x),
-                violation=float(np.abs(problem.defects(led.x)).max()),
-                status="Solved_To_Acceptable_Level",
-                converged=False,
-                iterations=len(led.history),
-                seconds=time.perf_counter() - began,
-                history=led.history,
-            )
+            more = {"iterations": len(led.history), "history": led.history}
+            return Solution.at(problem, led.x, "Solved_To_Acceptable_Level", time.perf_counter() - began, **more)
         # IPOPT then stops at once
         start: np.ndarray | Lead = led.x if INTERRUPTED.requested and len(led.history) > 1 else x
         if led.reached:
