@@ -19,7 +19,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -189,24 +189,17 @@ def acceleration_limits(trials: Sequence[Trial], seconds: float) -> np.ndarray:
     return np.percentile(rates, PERCENTILE, axis=0)
 
 
-@dataclass(frozen=True)
-class Penalties:
-    """Weights of the objective: ``deviation`` w_D and ``sparsity`` w_1."""
-
-    deviation: float = 0.01  # set by hand
-    sparsity: float = 0.0
-
-
 class SubsequenceObjective:
     """The objective for the free coefficients of ``ship`` on training trials, and its error on validation trials.
 
-    train, validate: trials; compiled: use a C compiler if there is one. penalties: its weights. Scaled coefficients p
-    are (P,) or, for K candidates, (P, K); p = 0 are the values of the ship. Raises UserError for trials without motion
-    or without a piece long enough.
+    train, validate: trials; compiled: use a C compiler if there is one. deviation, sparsity: its weights w_D and w_1.
+    Scaled coefficients p are (P,) or, for K candidates, (P, K); p = 0 are the values of the ship. Raises UserError for
+    trials without motion or without a piece long enough.
     """
 
     def __init__(self, ship: Ship, train: Sequence[Trial], validate: Sequence[Trial], compiled: bool = True) -> None:
-        self.ship, self.penalties, self.prior, self.P = ship, Penalties(), Prior.of(ship), len(ship.free)
+        self.ship, self.prior, self.P = ship, Prior.of(ship), len(ship.free)
+        self.deviation, self.sparsity = 0.01, 0.0  # the former set by hand
         self.simulator = Simulator(ship, compiled)
         self.free = np.array([ship.symbols.index(s) for s in self.prior.symbols], dtype=int)
         L = ship.particulars["L"]
@@ -230,10 +223,10 @@ class SubsequenceObjective:
 
     def values(self, p: np.ndarray) -> np.ndarray:
         """J (K,) of the candidates ``p`` (P, K)."""
-        weights, total = self.penalties, self.errors(p, self.train)
-        if weights.deviation:
-            total = total + weights.deviation * self.deviations(p)
-        return total + weights.sparsity * (self.sparse @ np.abs(p))
+        total = self.errors(p, self.train)
+        if self.deviation:
+            total = total + self.deviation * self.deviations(p)
+        return total + self.sparsity * (self.sparse @ np.abs(p))
 
     @np.errstate(all="ignore")
     def errors(self, p: np.ndarray, data: Subsequences) -> np.ndarray:
@@ -283,11 +276,11 @@ class SubsequenceObjective:
             J[:, some] = (moved - e[counted][:, None]) / DIFFERENCE  # (errors that count, unknowns)
         n = 3 * data.samples
         gradient, hessian = 2 / n * (e[counted] @ J), 2 / n * (J.T @ J)
-        if self.penalties.deviation:
+        if self.deviation:
             now, *others = self._accelerations(np.column_stack([p, near]))
             over = np.abs(now) > 1  # elsewhere D is flat
             A = np.transpose([(one - now)[over] / DIFFERENCE for one in others]) * np.sign(now[over])[:, None]
-            share = 2 * self.penalties.deviation / now.size
+            share = 2 * self.deviation / now.size
             gradient, hessian = gradient + share * ((np.abs(now[over]) - 1) @ A), hessian + share * (A.T @ A)
         return gradient, hessian
 
@@ -322,14 +315,13 @@ class Lesson:
 class Learning:
     """The learning curve of one run on ``objective``, which began at ``began`` by the clock of ``time.perf_counter``.
 
-    lessons: the curve; best: least objective; chosen, p: the least validation error and where.
+    lessons: the curve; chosen, p: the lesson of least validation error and where.
     """
 
     def __init__(self, objective: SubsequenceObjective, began: float | None = None) -> None:
         self.objective, self.began = objective, time.perf_counter() if began is None else began
         self.lessons: list[Lesson] = []
-        self.best = self.chosen = float("inf")
-        self.p = np.zeros(objective.P)
+        self.chosen: Lesson
 
     @property
     def seconds(self) -> float:
@@ -344,23 +336,18 @@ class Learning:
         training, validation = (float(problem.errors(p[:, None], d)[0]) for d in (problem.train, problem.validate))
         problem.evaluations = evaluations
         lesson = Lesson(evaluations, self.seconds, value, training, validation)
+        if not self.lessons or validation < self.chosen.validation:
+            self.chosen, self.p = lesson, p.copy()
         self.lessons.append(lesson)
-        self.best = min(self.best, value)
-        if validation < self.chosen:
-            self.chosen, self.p = validation, p.copy()
         return lesson
 
 
 def write_learning(runs: Sequence[Learned], path: Path) -> None:
     """Writes the learning curves of ``runs`` as CSV to ``path``."""
-    rows = ["candidate,seed,evaluations,seconds,objective,training,validation"]
-    for run in runs:
-        rows += [
-            f"{run.name},{run.seed},{s.evaluations},{s.seconds:.3f},{s.objective:.9g},{s.training:.9g},"
-            f"{s.validation:.9g}"
-            for s in run.lessons
-        ]
-    replace_text(path, "\n".join(rows) + "\n")
+    import pandas as pd
+
+    rows = [{"candidate": run.name, "seed": run.seed} | vars(lesson) for run in runs for lesson in run.lessons]
+    replace_text(path, pd.DataFrame(rows).to_csv(index=False, float_format="%.9g"))
 
 
 @dataclass(frozen=True)
@@ -444,9 +431,9 @@ def learn_one(
         seed=seed,
         values={s: ship.coefficients[s].value for s in symbols},
         vanished=tuple(s for s, x, sparse in zip(symbols, p, problem.sparse, strict=True) if sparse and x == 0),
-        training=float(problem.errors(p[:, None], problem.train)[0]),
-        validation=float(problem.errors(p[:, None], problem.validate)[0]),
-        objective=learning.best,
+        training=learning.chosen.training,
+        validation=learning.chosen.validation,
+        objective=min(lesson.objective for lesson in learning.lessons),
         seconds=learning.seconds,
         evaluations=learning.lessons[-1].evaluations,
         lessons=tuple(learning.lessons),
@@ -461,7 +448,7 @@ def follow(learning: Learning, p: np.ndarray, limit: float = float("inf")) -> No
     """
     problem, worse = learning.objective, 0
     for weight in (*SPARSITIES, 0.0):
-        problem.penalties = replace(problem.penalties, sparsity=weight)
+        problem.sparsity = weight
         if learning.seconds <= limit:
             for step in descent(problem, p, ON_PATH if weight else LAST):
                 p = step
@@ -470,7 +457,7 @@ def follow(learning: Learning, p: np.ndarray, limit: float = float("inf")) -> No
                 if learning.seconds > limit:
                     break
         lesson = learning.note(p)
-        worse = worse + 1 if lesson.validation > WORSE * learning.chosen else 0
+        worse = worse + 1 if lesson.validation > WORSE * learning.chosen.validation else 0
         if worse >= PATIENCE or learning.seconds > limit:
             break
 
@@ -484,7 +471,7 @@ def regression(problem: SubsequenceObjective, trials: Sequence[Trial]) -> np.nda
 def descent(problem: SubsequenceObjective, p: np.ndarray, most: int) -> Iterator[np.ndarray]:
     """Points (P,) of at most ``most`` steps that lower the objective of ``problem`` from ``p`` on."""
     value, damping, past = float(problem.values(p[:, None])[0]), 1.0, []
-    weight, box = problem.penalties.sparsity * problem.sparse, (problem.lower, problem.upper)
+    weight, box = problem.sparsity * problem.sparse, (problem.lower, problem.upper)
     for _ in range(most):
         gradient, hessian = problem.quadratic(p)
         diagonal = np.diag(hessian)

@@ -28,7 +28,6 @@ from fitting.selection.learning import (
     LIMIT,
     Learned,
     Learning,
-    Penalties,
     SubsequenceObjective,
     acceleration_limits,
     descent,
@@ -66,11 +65,11 @@ def harbour(count: int = 3, seconds: float = 220.0) -> tuple[Trial, ...]:
     return tuple(add_noise(run, noise, seed) for seed, run in enumerate(runs))
 
 
-def problem(name: str = "sm1-order1", penalties: Penalties | None = None) -> SubsequenceObjective:
+def problem(name: str = "sm1-order1", **weights: float) -> SubsequenceObjective:
     """The objective of the candidate ``name``: two runs to train on, one to validate."""
     runs = harbour()
     one = SubsequenceObjective(candidate(ESSO, name).ship, runs[:2], runs[2:])
-    one.penalties = penalties or one.penalties
+    vars(one).update(weights)
     return one
 
 
@@ -297,7 +296,7 @@ def test_acceleration_limits_are_of_differences_over_a_second() -> None:
 
 
 def test_the_deviation_counts_accelerations_beyond_their_limits() -> None:
-    one = problem(penalties=Penalties(deviation=0.5))
+    one = problem(deviation=0.5)
     p = np.random.default_rng(1).normal(size=one.P)
     model, far, values = assemble(one.ship_at(p)), one.extremes, one.ship_at(p).values
     excess = [
@@ -311,7 +310,7 @@ def test_the_deviation_counts_accelerations_beyond_their_limits() -> None:
 
 
 def test_the_sparsity_penalises_generated_terms_only() -> None:
-    one = problem(penalties=Penalties(deviation=0.0, sparsity=0.01))
+    one = problem(deviation=0.0, sparsity=0.01)
     p = 0.1 * np.ones(one.P)
     added = one.values(p[:, None])[0] - one.errors(p[:, None], one.train)[0]
     assert added == pytest.approx(0.001 * len(one.ship.monomials))
@@ -319,7 +318,7 @@ def test_the_sparsity_penalises_generated_terms_only() -> None:
 
 
 def test_derivatives_agree_with_differences() -> None:
-    one = problem("sm2-order2", Penalties(deviation=0.3))
+    one = problem("sm2-order2", deviation=0.3)
     rng = np.random.default_rng(2)
     p = regression(one, harbour()[:2]) + 0.01 * rng.normal(size=one.P)
     gradient, hessian = one.quadratic(p)
@@ -383,7 +382,7 @@ def test_the_regression_predicts_ten_seconds_better_than_no_force_at_all() -> No
 
 
 def test_the_descent_converges_where_no_slope_is_left() -> None:
-    one = problem(penalties=Penalties(deviation=0.02))
+    one = problem(deviation=0.02)
     start = regression(one, harbour()[:2])
     *_, p = descent(one, start, 200)
     first, last = one.values(np.transpose([start, p]))
@@ -400,7 +399,7 @@ def test_more_sparsity_leaves_fewer_terms_and_none_of_it_most() -> None:
     errors: list[float] = []
     p = regression(problem("sm1-order2"), harbour()[:2])
     for weight in (1e-1, 1e-2, 1e-4):
-        one = problem("sm1-order2", Penalties(0.0, weight))
+        one = problem("sm1-order2", deviation=0.0, sparsity=weight)
         *_, p = descent(one, p, 12)
         terms.append(int((p != 0).sum()))
         errors.append(float(one.errors(p[:, None], one.train)[0]))
