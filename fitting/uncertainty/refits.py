@@ -25,7 +25,7 @@ from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
 from fitting.parallel import Shared, run_all, width
 from fitting.solvers.control import Control
-from fitting.solvers.solve import solve
+from fitting.solvers.solve import Solution, solve
 from fitting.uncertainty.posterior import needs_nutpie
 from mmg.errors import OutOfRange, UnknownName
 
@@ -122,6 +122,18 @@ def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
     return part, kept_nodes
 
 
+def _resolved(problem: Problem, nodes: np.ndarray, p: np.ndarray, tolerance: float) -> tuple[Solution | None, str]:
+    """The solution of ``problem`` from ``nodes`` (B, S) and p (P,), else None and why: what breaks is a result, not the
+    end of the others."""
+    try:
+        with np.errstate(all="ignore"):
+            start = problem.join(nodes, np.clip(p, *problem.p_bounds()))
+            s = solve(problem, start, Control(iterations=REFIT_ITERATIONS), tolerance)
+    except Exception as error:
+        return None, f"{type(error).__name__}: {error}"
+    return (s, "") if s.converged or s.status == "Solved_To_Acceptable_Level" else (None, s.status)
+
+
 def refit(task: tuple[Shared[tuple[Problem, np.ndarray]], np.ndarray, np.ndarray]) -> list[tuple[np.ndarray, str]]:
     """(p relative to the original prior (P,), reason of failure or "") of each replicate of a ``task``.
 
@@ -133,20 +145,12 @@ def refit(task: tuple[Shared[tuple[Problem, np.ndarray]], np.ndarray, np.ndarray
 
 
 def _refit_one(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, str]:
-    nothing = np.full(problem.P, np.nan)
     if not (counts > 0).any():
-        return nothing, "no window is left"
-    try:
-        nodes, p = problem.split(x)
-        part, kept = reweighted(problem, x, counts, shift)
-        start = part.join(nodes[kept], np.clip(p - shift, *part.p_bounds()))
-        with np.errstate(all="ignore"):
-            s = solve(part, start, Control(iterations=REFIT_ITERATIONS), REFIT_TOLERANCE)
-    except Exception as error:  # a replicate that breaks is a result, not the end of the others
-        return nothing, f"{type(error).__name__}: {error}"
-    if not s.converged and s.status != "Solved_To_Acceptable_Level":
-        return nothing, s.status
-    return part.split(s.x)[1] + shift, ""
+        return np.full(problem.P, np.nan), "no window is left"
+    nodes, p = problem.split(x)
+    part, kept = reweighted(problem, x, counts, shift)
+    s, why = _resolved(part, nodes[kept], p - shift, REFIT_TOLERANCE)
+    return (part.split(s.x)[1] + shift if s else np.full(problem.P, np.nan)), why
 
 
 def drawn_runs(run: np.ndarray, replicates: int, rng: np.random.Generator) -> np.ndarray:
@@ -206,18 +210,9 @@ def refit_along(side: tuple[Problem, np.ndarray, int, np.ndarray]) -> list[tuple
     for value in values:
         lower, upper = problem.prior.lower.copy(), problem.prior.upper.copy()
         lower[i] = upper[i] = problem.prior.mean[i] + problem.prior.std[i] * value
-        try:
-            held = problem.with_bounds(lower, upper)
-            nodes, p = held.split(x)
-            with np.errstate(all="ignore"):
-                start = held.join(nodes, np.clip(p, *held.p_bounds()))
-                s = solve(held, start, Control(iterations=REFIT_ITERATIONS), PROFILE_TOLERANCE)
-        except Exception as error:  # a point that breaks is a result, not the end of the others
-            found.append((np.nan, f"{type(error).__name__}: {error}"))
-            continue
-        good = s.converged or s.status == "Solved_To_Acceptable_Level"
-        found.append((s.objective, "") if good else (np.nan, s.status))
-        x = s.x if good else x
+        s, why = _resolved(problem.with_bounds(lower, upper), *problem.split(x), PROFILE_TOLERANCE)
+        found.append((s.objective if s else np.nan, why))
+        x = s.x if s else x
     return found
 
 
