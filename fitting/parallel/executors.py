@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import hashlib
+import itertools
 import multiprocessing
 import os
 import pickle
@@ -19,9 +20,8 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
-from itertools import islice
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
@@ -99,13 +99,17 @@ def width(workers: int) -> int:
 
 
 @contextmanager
-def executing(workers: Workers) -> Iterator[None]:
-    """Within this, ``run_all`` hands its tasks to these ``workers``."""
-    before = _WORKERS.set(workers)
+def _in_force(variable: ContextVar[Value], value: Value) -> Iterator[None]:
+    before = variable.set(value)
     try:
         yield
     finally:
-        _WORKERS.reset(before)
+        variable.reset(before)
+
+
+def executing(workers: Workers) -> AbstractContextManager[None]:
+    """Within this, ``run_all`` hands its tasks to these ``workers``."""
+    return _in_force(_WORKERS, workers)
 
 
 @contextmanager
@@ -119,28 +123,17 @@ def kept_workers(workers: int) -> Iterator[None]:
         yield
 
 
-@contextmanager
-def listening(listener: OnProgress | None) -> Iterator[None]:
+def listening(listener: OnProgress | None) -> AbstractContextManager[None]:
     """Within this, the ``listener`` is told how many tasks of each list with a name are done, whoever does them."""
-    before = _LISTENER.set(listener)
-    try:
-        yield
-    finally:
-        _LISTENER.reset(before)
+    return _in_force(_LISTENER, listener)
 
 
 def _counted(name: str, count: int) -> Callable[[], None]:
     """What tells the listener that one more of ``count`` tasks of this ``name`` is done."""
-    listener, done = _LISTENER.get(), 0
+    listener, numbers = _LISTENER.get(), itertools.count(1)
     if listener is None or not name:
         return lambda: None
-
-    def finished() -> None:
-        nonlocal done
-        done += 1
-        listener(Progress(name, done, count))
-
-    return finished
+    return lambda: listener(Progress(name, next(numbers), count))
 
 
 def _handed_over(
@@ -152,7 +145,7 @@ def _handed_over(
     try:
         for number in range(len(tasks)):
             while number not in done:
-                for i, task in islice(waiting, max(0, AHEAD * workers.width - len(running))):
+                for i, task in itertools.islice(waiting, max(0, AHEAD * workers.width - len(running))):
                     running[workers.submit(function, task)] = i
                 # a limit, as a lock without one answers no signal on Windows, nor one that another thread was given
                 for future in wait(running, SIGNALS_SEEN, FIRST_COMPLETED).done:
