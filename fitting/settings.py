@@ -70,10 +70,10 @@ class Wish:
     margin: float | None = setting(None, "From the edges [m]; default half a beam.")
     start: tuple[float, float, float] | None = None
     ahead: bool = setting(False, "The propeller is not reversed.")
-    seed: int = setting(0, "Seed of all random numbers.")
+    seed: int = setting(0, "Seed of all random numbers.", ge=0)
     effort: float = setting(1.0, "Factor on the length of the search.", gt=0, le=100)
     rudder_limit: float = math.radians(35.0)
-    time_limit: float = setting(150.0, "Limit of the search [s].")
+    time_limit: float = setting(150.0, "Limit of the search [s].", gt=0)
     workers: int = setting(1, "Processes over which tasks are spread.", ge=1)
 
 

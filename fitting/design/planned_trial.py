@@ -229,13 +229,13 @@ def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnP
         raise Missing(f"{ship.called} has no propeller in its model that could be ordered; no trial can be planned")
     if wish.coefficients and wish.figures:
         raise Conflict("give either --coefficients or --figures, one of them")
-    if wish.seed < 0:
-        raise OutOfRange(f"--seed {wish.seed} must not be negative")
     area = Area.parse(wish.area, ship, wish.margin)
     prior, covariance = known_now(calibrated, ship)
     if wish.start is not None:
         area.check_start(wish.start, ship)
-    _check_limits(wish)
+    angle = math.degrees(wish.rudder_limit)
+    if not 1 <= angle <= STEEPEST:
+        raise OutOfRange(f"--rudder-limit {angle:g} deg: give 1 to {STEEPEST:g} deg")
     speed, settings = _speed(ship, calibrated, wish), calibrated["settings"]
     step = settings.get("step") or longest_step(ship)
     dt = min(step, longest_step(ship))
@@ -272,17 +272,6 @@ def _calibration_in(content: Mapping[str, Any]) -> Mapping[str, Any]:
             "run folder of mmg fit"
         )
     return {**content, "sigma": {}, **(content.get("calibration") or {})}  # no sigma: that of usual sensors
-
-
-def _check_limits(wish: Wish) -> None:
-    """UserError for a rudder angle or a time of the search that makes no sense."""
-    angle = math.degrees(wish.rudder_limit)
-    if not 1 <= angle <= STEEPEST:
-        raise OutOfRange(f"--rudder-limit {angle:g} deg: give 1 to {STEEPEST:g} deg")
-    if wish.workers < 1:
-        raise OutOfRange(f"--workers {wish.workers} must be at least 1")
-    if not wish.time_limit > 0:
-        raise OutOfRange(f"--time-limit {wish.time_limit:g} s: give a positive number of seconds")
 
 
 def _speed(ship: Ship, calibrated: Mapping[str, Any], wish: Wish) -> float:
