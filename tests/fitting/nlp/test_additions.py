@@ -1,5 +1,5 @@
 """What a fit holds beside the coefficients: effects, constants of single runs, points of captive tests. They are
-recovered, equal shared ones where there is one run, and bad input is refused."""
+recovered, and bad input is refused."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
 from cases.shipfiles.effects import freeing_effects, varies, varying_effects, with_effects
 from cases.shipfiles.ship_file import load_ship
@@ -40,7 +39,7 @@ from tests.support.fit_problems import (
     with_constants,
     write_points,
 )
-from tests.support.synthetic_runs import SIGMA, runs
+from tests.support.synthetic_runs import runs
 from tests.support.trial_files import write_trials
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
@@ -107,22 +106,6 @@ def test_information_and_its_shared_part_are_those_of_the_whole_program() -> Non
 
 
 @pytest.mark.slow
-def test_constants_of_a_single_run_are_those_of_an_effect_freed_for_all() -> None:
-    ship, constants = varying_effects(start(), ["current"])
-    settings = Settings(sigma=tuple(SIGMA), compiled=False)
-    own = estimate_coefficients(ship, trials_in_currents()[:1], settings, per_run=constants)
-    free = ship.with_coefficients({s: ship.coefficients[s].with_(fixed=False) for s in constants})
-    shared = estimate_coefficients(free, trials_in_currents()[:1], settings)
-    assert own.solution.objective == pytest.approx(shared.solution.objective, rel=1e-8)
-    assert own.constants is not None
-    both = [shared.ship.coefficients[s] for s in constants]
-    np.testing.assert_allclose(own.constants.value[0], [c.value for c in both], atol=1e-6)
-    np.testing.assert_allclose(own.constants.std[0], [c.std for c in both], rtol=1e-3)
-    for s in SHARED:
-        assert own.ship.coefficients[s].value == pytest.approx(shared.ship.coefficients[s].value, rel=1e-4)
-
-
-@pytest.mark.slow
 def test_each_run_gets_its_current_and_the_shared_coefficients_do_not_bend() -> None:
     own, without, truth = fitted(True), fitted(False), shifted_ship()
     assert own.converged and own.constants is not None
@@ -145,18 +128,6 @@ def test_each_run_gets_its_current_and_the_shared_coefficients_do_not_bend() -> 
     moves, owner = own.spread.moves, own.information.owner
     assert owner is not None and moves[:, owner < 0].any()
     assert (moves[np.arange(3)[:, None] == owner] == 0).all()  # a run left out says nothing of its own constants
-
-
-@pytest.mark.slow
-def test_runs_without_data_keep_the_prior() -> None:
-    ship, constants = varying_effects(start(), ["rudder_offset:delta=0.01"])
-    whole = trials_in_currents()[2]
-    short = replace(whole, name="short", columns={k: v[:50] for k, v in whole.columns.items()})
-    trials, settings = [*trials_in_currents()[:2], short], Settings(passes=1, compiled=False)
-    found = estimate_coefficients(ship, trials, settings, per_run=constants)
-    assert found.constants is not None
-    row = found.constants.rows()["short"]["rudder_offset.delta"]
-    assert row["value"] == pytest.approx(0.01, abs=1e-6) and row["std"] == pytest.approx(0.05, rel=1e-3)
 
 
 def test_equal_names_of_runs_are_told_apart() -> None:
@@ -241,20 +212,6 @@ def test_captive_points_determine_the_hull_but_never_the_masses() -> None:
         true = (truth.coefficients[symbol].value - prior.mean[i]) / prior.std[i]
         assert spread[symbol] < 0.5
         assert abs(found[i] - true) < 4 * spread[symbol] + 1e-3
-
-
-def test_the_estimate_from_captive_points_is_that_of_scipy() -> None:
-    ship = ESSO.fixing([s for s in ESSO.symbols if s not in HULL])
-    forces, free, prior = prepared(ship, points(hidden_ship()))
-
-    def residuals(p: np.ndarray) -> np.ndarray:
-        theta = ship.values
-        theta[free] = prior.mean + prior.std * p
-        return np.concatenate([(np.sqrt(forces.weight) * forces.residuals(theta)).ravel(), p])
-
-    ours, _ = estimate_from_captive(forces, ship.values, free, prior.mean, prior.std)
-    theirs = least_squares(residuals, np.zeros(len(free)), xtol=1e-14, ftol=1e-14, gtol=1e-14)
-    np.testing.assert_allclose(ours, theirs.x, atol=1e-5)
 
 
 @pytest.mark.slow

@@ -24,24 +24,7 @@ from fitting.report.parts import Store, hashes_of_trials
 from fitting.report.run_folder import plain
 from fitting.selection import learning
 from fitting.selection.candidates import Rules, StructureCandidate, candidate, candidates
-from fitting.selection.learning import (
-    LIMIT,
-    Learned,
-    Learning,
-    SubsequenceObjective,
-    acceleration_limits,
-    descent,
-    extremes_of,
-    follow,
-    kept_run,
-    learn_all,
-    learn_one,
-    minimise_quadratic,
-    regression,
-    spread_of,
-    subsequences,
-    write_learning,
-)
+from fitting.selection.learning import Learned, SubsequenceObjective, regression
 from fitting.selection.polynomial_regression import Regression, increments, regress
 from fitting.selection.structure_choice import BEYOND, bounded, choose_structure, fault, stability
 from fitting.settings import Settings
@@ -201,10 +184,10 @@ def test_parts_of_another_choice_are_refused_and_named(tmp_path: Path) -> None:
         stored(tmp_path, True, **wanted | {"trials": hashes_of_trials(harbour()[:2])}).open()
     again = stored(tmp_path, True, **wanted)
     again.open()
-    assert repr(kept_run(again, "one")) == repr(part)
-    assert kept_run(again, "two") is None
+    assert repr(learning.kept_run(again, "one")) == repr(part)
+    assert learning.kept_run(again, "two") is None
     again.save("two", {})  # a broken part is made again
-    assert kept_run(again, "two") is None
+    assert learning.kept_run(again, "two") is None
 
 
 @pytest.mark.slow
@@ -215,9 +198,9 @@ def test_learned_runs_are_taken_up_to_the_last_digit_and_the_result_is_that_with
     names = ("sm1-order1", "sm2-order1")
     runs, ones = harbour(), [candidate(ESSO, name) for name in names]
     trials, settings = (runs[:2], runs[2:]), Settings()
-    whole, store = learn_all(ones, trials, settings, 2), stored(tmp_path)
-    (one, _), done = learn_all(ones[:1], trials, settings, 2, store)["sm1-order1"], list[str]()
-    assert kept_run(store, f"sm1-order1_seed{one.seed}") == one
+    whole, store = learning.learn_all(ones, trials, settings, 2), stored(tmp_path)
+    (one, _), done = learning.learn_all(ones[:1], trials, settings, 2, store)["sm1-order1"], list[str]()
+    assert learning.kept_run(store, f"sm1-order1_seed{one.seed}") == one
     assert one.lessons and one.values.keys() == set(ones[0].ship.free)
     original = learning.learn_one
 
@@ -226,7 +209,7 @@ def test_learned_runs_are_taken_up_to_the_last_digit_and_the_result_is_that_with
         return original(run, **given)
 
     monkeypatch.setattr(learning, "learn_one", counted)
-    resumed = learn_all(ones, trials, settings, 2, stored(tmp_path, resume=True))
+    resumed = learning.learn_all(ones, trials, settings, 2, stored(tmp_path, resume=True))
     assert done == ["sm2-order1_seed0", "sm2-order1_seed1"]
     for name in names:
         assert [run.values for run in resumed[name]] == [run.values for run in whole[name]]
@@ -250,8 +233,8 @@ def plain_error(one: SubsequenceObjective, p: np.ndarray) -> float:
                 with np.errstate(all="ignore"):
                     z = rk4_step(lambda s, at, c=c: np.array(model.rates(s, c, ship.values)).reshape(-1), z, h)
                     e = (z[3:] - rows[k + 1]) / one.sigma
-                out = out or not (np.abs(e) < LIMIT).all()
-                total += 3 * LIMIT**2 if out else float(e @ e)
+                out = out or not (np.abs(e) < learning.LIMIT).all()
+                total += 3 * learning.LIMIT**2 if out else float(e @ e)
                 count += 3
                 z = np.where(np.isfinite(z), z, 0.0) if out else z
     return total / count
@@ -273,7 +256,7 @@ def test_a_runaway_has_a_finite_error_that_grows_the_earlier_it_leaves() -> None
     values = one.errors(np.outer(astray, [2.0, 20.0, 200.0, 1e6]), one.train)
     assert np.isfinite(values).all()
     assert (np.diff(values) > 0).all()
-    assert values[-1] == pytest.approx(LIMIT**2)
+    assert values[-1] == pytest.approx(learning.LIMIT**2)
 
 
 def test_vectwin_has_the_1350_combinations_of_the_paper() -> None:
@@ -282,7 +265,7 @@ def test_vectwin_has_the_1350_combinations_of_the_paper() -> None:
     t = np.arange(50.0)
     names = ("psi", "u", "v", "r", "n", "delta_port", "delta_starboard")
     trial = Trial("one", {"t": t, **{name: rng.normal(size=50) for name in names}})
-    far = extremes_of(vectwin, [trial])
+    far = learning.extremes_of(vectwin, [trial])
     assert far.state.shape == (6, 1350)
     assert len(np.unique(np.vstack([far.state, far.controls]).T, axis=0)) == 1350
     assert far.state[3].max() == pytest.approx(1.2 * trial["u"].max())
@@ -292,7 +275,7 @@ def test_vectwin_has_the_1350_combinations_of_the_paper() -> None:
 def test_acceleration_limits_are_of_differences_over_a_second() -> None:
     t = np.arange(0, 100, 0.1)
     trial = Trial("one", {"t": t, "u": 0.3 * t, "v": 0.1 * (-1.0) ** np.arange(len(t)), "r": 0 * t})
-    assert acceleration_limits([trial], 1.0) == pytest.approx([0.3, 0.0, 0.0], abs=1e-12)
+    assert learning.acceleration_limits([trial], 1.0) == pytest.approx([0.3, 0.0, 0.0], abs=1e-12)
 
 
 def test_the_deviation_counts_accelerations_beyond_their_limits() -> None:
@@ -339,7 +322,7 @@ def test_the_domain_is_that_of_the_ship_file_and_p_0_the_ship() -> None:
 
 def test_subsequences_follow_each_other_and_the_last_one_is_shorter() -> None:
     run = harbour()[0]
-    found = subsequences([run], 1.0, 100.0, ESSO.inputs)
+    found = learning.subsequences([run], 1.0, 100.0, ESSO.inputs)
     assert found.count == 3
     assert found.weight.sum(axis=0).tolist() == [100, 100, 20]
     assert found.start[3, 1] == run["u"][100]
@@ -348,10 +331,10 @@ def test_subsequences_follow_each_other_and_the_last_one_is_shorter() -> None:
 
 def test_a_step_longer_than_a_subsequence_and_still_trials_are_refused() -> None:
     with pytest.raises(OutOfRange):
-        subsequences(harbour(), 300.0, 100.0, ESSO.inputs)
+        learning.subsequences(harbour(), 300.0, 100.0, ESSO.inputs)
     still = Trial("still", {"t": np.arange(9.0), "u": np.ones(9), "v": np.zeros(9), "r": np.arange(9.0)})
     with pytest.raises(UserError, match="u, v"):
-        spread_of([still])
+        learning.spread_of([still])
 
 
 # The optimiser of the objective: the step, the descent, the path of the sparsity
@@ -366,7 +349,7 @@ def test_the_step_is_the_minimum_of_quadratic_and_moduli_in_the_box(seed: int) -
         d = z[:n] - z[n:] - p
         return float(g @ d + 0.5 * d @ H @ d + weight @ (z[:n] + z[n:]))
 
-    x = minimise_quadratic(H, g, p, (-np.ones(n), np.ones(n)), weight)
+    x = learning.minimise_quadratic(H, g, p, (-np.ones(n), np.ones(n)), weight)
     start, found = (np.concatenate([np.maximum(at, 0), np.maximum(-at, 0)]) for at in (p, x))
     options = {"maxiter": 10**5, "maxfun": 10**7, "ftol": 1e-15, "gtol": 1e-10}
     least = minimize(split, start, bounds=[(0, 1)] * 2 * n, method="L-BFGS-B", options=options)
@@ -377,14 +360,14 @@ def test_the_step_is_the_minimum_of_quadratic_and_moduli_in_the_box(seed: int) -
 def test_the_regression_predicts_ten_seconds_better_than_no_force_at_all() -> None:
     one = problem("sm2-order2")
     tried = np.transpose([np.zeros(one.P), regression(one, harbour()[:2])])
-    nothing, found = one.errors(tried, subsequences(harbour()[:2], 1.0, 10.0, one.ship.inputs))
+    nothing, found = one.errors(tried, learning.subsequences(harbour()[:2], 1.0, 10.0, one.ship.inputs))
     assert found < 0.85 * nothing
 
 
 def test_the_descent_converges_where_no_slope_is_left() -> None:
     one = problem(deviation=0.02)
     start = regression(one, harbour()[:2])
-    *_, p = descent(one, start, 200)
+    *_, p = learning.descent(one, start, 200)
     first, last = one.values(np.transpose([start, p]))
     assert last < 0.9 * first
     inside = (p > one.lower + 1e-9) & (p < one.upper - 1e-9)
@@ -400,7 +383,7 @@ def test_more_sparsity_leaves_fewer_terms_and_none_of_it_most() -> None:
     p = regression(problem("sm1-order2"), harbour()[:2])
     for weight in (1e-1, 1e-2, 1e-4):
         one = problem("sm1-order2", deviation=0.0, sparsity=weight)
-        *_, p = descent(one, p, 12)
+        *_, p = learning.descent(one, p, 12)
         terms.append(int((p != 0).sum()))
         errors.append(float(one.errors(p[:, None], one.train)[0]))
     assert terms[0] < terms[1] < terms[2] and errors[0] > errors[1] > errors[2]
@@ -411,14 +394,14 @@ def test_the_learning_keeps_the_best_on_validation_and_writes_its_curve(
 ) -> None:
     monkeypatch.setattr(learning, "SPARSITIES", (1e-2,))
     one = problem()
-    learned = Learning(one)
-    follow(learned, regression(one, harbour()[:2]))
+    learned = learning.Learning(one)
+    learning.follow(learned, regression(one, harbour()[:2]))
     validation = [lesson.validation for lesson in learned.lessons]
     assert one.validate is not None and len(validation) > 3
     assert one.errors(learned.p[:, None], one.validate)[0] == pytest.approx(min(validation))
     assert [s.evaluations for s in learned.lessons] == sorted(s.evaluations for s in learned.lessons)
     one_run = Learned("sm1-order1", 0, {}, (), 0.0, 0.0, 0.0, 0.0, 0, tuple(learned.lessons))
-    write_learning([one_run], tmp_path / "learning.csv")
+    learning.write_learning([one_run], tmp_path / "learning.csv")
     lines = (tmp_path / "learning.csv").read_text().splitlines()
     assert len(lines) == 1 + len(validation)
     assert lines[0].split(",")[-1] == "validation" and lines[-1].startswith("sm1-order1,0,")
@@ -436,7 +419,7 @@ def test_preparing_counts_against_the_time_limit(monkeypatch: pytest.MonkeyPatch
 
     monkeypatch.setattr(learning, "SubsequenceObjective", slow)
     runs = harbour()
-    found = learn_one((candidate(ESSO, "sm1-order1"), 0), (runs[:2], runs[2:]), Settings(time_limit=40.0))
+    found = learning.learn_one((candidate(ESSO, "sm1-order1"), 0), (runs[:2], runs[2:]), Settings(time_limit=40.0))
     assert len(found.lessons) == 1 and found.seconds == 100.0 and any(found.values.values())
 
 

@@ -141,10 +141,8 @@ def test_windows_that_count_twice_cost_twice_and_a_refit_without_some_is_nearly_
 
 
 @pytest.mark.slow
-def test_refits_do_not_depend_on_workers_and_where_one_fails_the_others_stand(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_a_refit_fails_the_others_stand(monkeypatch: pytest.MonkeyPatch) -> None:
     p, s, info = small()
-    alone, shared = (bootstrap(info, 4, 3, p, s.x, workers) for workers in (1, 2))
-    np.testing.assert_allclose(alone.p, shared.p, atol=1e-9)
     fails = iter([True, False])
 
     def sometimes(*args, **kwargs):  # type: ignore[no-untyped-def]
