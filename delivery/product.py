@@ -179,7 +179,7 @@ def product_of(where: str | Path, force: bool = False, without: Sequence[str] = 
     is_run = (path.is_dir() or path.name == SHIP) and (folder / RESULT).is_file()
     place = folder if is_run else None
     content = read_result(place) if place else {}
-    content = {**content, **(content.get("calibration") or {})}  # of a hybrid: what her calibration knows
+    content = {**(content.get("calibration") or {}), **content}  # of a hybrid: what her calibration knows, too
     ship = load_ship(place or where)
     caveats = _blocking(ship, content)
     if caveats and not force:
