@@ -190,12 +190,14 @@ def _hybrid(
 
 
 def _calibration_in(known: Mapping[str, Any]) -> dict[str, Any]:
-    """What is ``known`` of the calibration itself: when and how it was made, and what mmg plan asks for."""
+    """What is ``known`` of the calibration itself: when and how it was made, and what mmg plan and mmg export ask for."""
     if known.get("kind") == "training":
         return dict(known.get("calibration") or {})
     rows = {key: known.get(key) for key in ("created", "command", "converged", "settings", "sigma", "scaling")}
-    next_trial = (known.get("identifiability") or {}).get("next_trial") or {}
-    return rows | {"identifiability": {"next_trial": {"worth": next_trial.get("worth")}}}
+    identifiability = known.get("identifiability") or {}
+    worth = (identifiability.get("next_trial") or {}).get("worth")
+    kinds = {symbol: {"kind": row["kind"]} for symbol, row in (identifiability.get("coefficients") or {}).items()}
+    return rows | {"identifiability": {"next_trial": {"worth": worth}, "coefficients": kinds}}
 
 
 def _black_box(task: Task, outcomes: Sequence[Outcome], name: str) -> dict[str, Any]:
