@@ -48,7 +48,7 @@ from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.settings import Settings, check_estimator
 from fitting.solvers.control import Control, Made, OutOfTimeError, left_out_message, make_in_turn
 from fitting.uncertainty.posterior import APART, sampled_posterior
-from fitting.uncertainty.refits import check_request, refit_rows
+from fitting.uncertainty.refits import check_request, failed_refits, refit_rows
 from mmg.errors import Conflict, refusing
 from mmg.messages import Message, message_rows
 from mmg.progress import LOGGER, OnProgress
@@ -184,9 +184,9 @@ def calibrate(
     if options.next_trial and found.converged and np.isfinite(found.covariance).all():
         parts["next trial"] = lambda: next_trial(found)
     if options.bootstrap:
-        parts["--bootstrap"] = lambda: refit_rows(found, options.bootstrap)
+        parts["--bootstrap"] = lambda: refit_rows(found, options.bootstrap, (), limit.end)
     if options.profile:
-        parts["--profile"] = lambda: refit_rows(found, 0, options.profile)
+        parts["--profile"] = lambda: refit_rows(found, 0, options.profile, limit.end)
     if options.posterior and found.converged:
         parts["--posterior"] = lambda: sampled_posterior(found, options.posterior, settings.seed)
     make_in_turn(parts, made)
@@ -234,6 +234,8 @@ def _result(
     warnings += [*shared_rows(trials, validation), *_of_scores(content["scores"])]
     warnings += [left_out_message(made.missing)] if made.missing else []
     warnings += doubtful_revolutions(start, trials)
+    for option in ("--bootstrap", "--profile"):
+        warnings += failed_refits(made.get(option, {}))
     drawn = objects.posterior.messages if objects.posterior else ()
     warnings += [message for message in drawn if message.code == APART]
     said: dict[str, Sequence[Message]] = {

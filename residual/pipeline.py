@@ -190,7 +190,7 @@ def _hybrid(
 
 
 def _calibration_in(known: Mapping[str, Any]) -> dict[str, Any]:
-    """What is ``known`` of the calibration itself: when and how it was made, and what mmg plan and mmg export ask for."""
+    """What is ``known`` of the calibration itself: when and how it was made, and what plans and exports ask for."""
     if known.get("kind") == "training":
         return dict(known.get("calibration") or {})
     rows = {key: known.get(key) for key in ("created", "command", "converged", "settings", "sigma", "scaling")}

@@ -12,8 +12,9 @@ says that the data and the prior leave the coefficient open on that side.
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,11 +29,13 @@ from fitting.solvers.control import Control
 from fitting.solvers.solve import Solution, solve
 from fitting.uncertainty.posterior import needs_nutpie
 from mmg.errors import OutOfRange, UnknownName
+from mmg.messages import Message
 
 REFIT_TOLERANCE = 1e-4  # Of a refit of the bootstrap: a spread needs no more digits. Set by hand.
 PROFILE_TOLERANCE = 1e-5  # Of one along a profile, whose rises are differences of objectives. Set by hand.
 REFIT_ITERATIONS = 100  # Most of a refit. Set by hand: one that takes more counts as failed.
 CHUNK = 5  # Refits of a task: few, so that workers end together and little is lost with one of them. Set by hand.
+OUT_OF_TIME = "not made within the time limit"  # Why a refit is missing, in words
 LIMIT = 1.9207  # Half the 95 % quantile of chi-squared with one degree of freedom. (Wilks 1938.)
 STEPS = 5  # Points on either side of the estimate: the last at 3.75 robust standard errors. Set by hand.
 STRIDE = 0.75  # Between these points [robust standard errors]. Set by hand.
@@ -51,20 +54,38 @@ def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str], 
         raise UnknownName(f"--profile: {', '.join(unknown)} is not among the free coefficients: {', '.join(free)}")
 
 
-def refit_rows(calibration: Calibration, replicates: int = 0, profiled: Sequence[str] = ()) -> dict:
+def refit_rows(
+    calibration: Calibration, replicates: int = 0, profiled: Sequence[str] = (), end: float = math.inf
+) -> dict:
     """Keys "bootstrap" (when ``replicates`` > 0) and "profiles" (of the ``profiled``) of a ``calibration``.
 
-    Refits are spread over the calibration's workers. What fails is listed, never raised.
+    Refits are spread over the calibration's workers. end: when time is over, by ``time.time`` [s]. What fails is
+    listed, never raised.
     """
     spread, content = calibration.spread, dict[str, Any]()
     problem, x, settings = calibration.problem, calibration.solution.x, calibration.settings
     if replicates:
         began = time.perf_counter()
-        drawn = bootstrap(calibration.information, replicates, settings.seed, problem, x, settings.workers)
+        drawn = bootstrap(calibration.information, replicates, settings.seed, problem, x, settings.workers, end)
         content["bootstrap"] = _row(drawn, calibration) | {"seconds": time.perf_counter() - began}
     if profiled:
-        content["profiles"] = profiles(problem, x, profiled, spread.covariance, spread.model, settings.workers)
+        content["profiles"] = profiles(problem, x, profiled, spread.covariance, spread.model, settings.workers, end)
     return content
+
+
+def failed_refits(content: Mapping[str, Any]) -> list[Message]:
+    """Warnings on refits of ``refit_rows`` that failed; content: with its keys."""
+    drawn, messages = content.get("bootstrap") or {}, []
+    reasons = [row["reason"] for row in drawn.get("failed", ())]
+    rows = [("--bootstrap", drawn.get("replicates", 0), reasons)]
+    for profile in content.get("profiles") or ():
+        reasons = [failure.partition(": ")[2] for failure in profile.failures]
+        rows.append((f"--profile {profile.symbol}", len(profile.values) - 1, reasons))
+    for option, count, reasons in rows:
+        if reasons:
+            why = ", ".join(f"{reason} ({reasons.count(reason)})" for reason in dict.fromkeys(reasons))
+            messages.append(Message(f"{option}: {len(reasons)} of {count} refits are missing: {why}", "refits_missing"))
+    return messages
 
 
 def _row(drawn: Replicates, calibration: Calibration) -> dict:
@@ -122,34 +143,44 @@ def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.nd
     return part, kept_nodes
 
 
-def _resolved(problem: Problem, nodes: np.ndarray, p: np.ndarray, tolerance: float) -> tuple[Solution | None, str]:
+def _resolved(
+    problem: Problem, nodes: np.ndarray, p: np.ndarray, tolerance: float, end: float
+) -> tuple[Solution | None, str]:
     """The solution of ``problem`` from ``nodes`` (B, S) and p (P,), else None and why: what breaks is a result, not the
-    end of the others."""
+    end of the others. end: of the time [s]."""
+    if time.time() > end:
+        return None, OUT_OF_TIME
     try:
         with np.errstate(all="ignore"):
             start = problem.join(nodes, np.clip(p, *problem.p_bounds()))
-            s = solve(problem, start, Control(iterations=REFIT_ITERATIONS), tolerance)
+            s = solve(problem, start, Control(iterations=REFIT_ITERATIONS, end=end), tolerance)
     except Exception as error:
         return None, f"{type(error).__name__}: {error}"
-    return (s, "") if s.converged or s.status == "Solved_To_Acceptable_Level" else (None, s.status)
+    if s.converged or s.status == "Solved_To_Acceptable_Level":
+        return s, ""
+    return None, OUT_OF_TIME if time.time() > end else s.status
 
 
-def refit(task: tuple[Shared[tuple[Problem, np.ndarray]], np.ndarray, np.ndarray]) -> list[tuple[np.ndarray, str]]:
+def refit(
+    task: tuple[Shared[tuple[Problem, np.ndarray, float]], np.ndarray, np.ndarray],
+) -> list[tuple[np.ndarray, str]]:
     """(p relative to the original prior (P,), reason of failure or "") of each replicate of a ``task``.
 
-    A task is a problem with x (n,) at its estimate, how often each window counts (replicates, W), and the shifts of the
-    prior's centres in prior standard deviations (replicates, P).
+    A task is a problem with x (n,) at its estimate and the end of its time [s], how often each window counts
+    (replicates, W), and the shifts of the prior's centres in prior standard deviations (replicates, P).
     """
-    (problem, x), counts, shifts = task[0].value, *task[1:]
-    return [_refit_one(problem, x, c, s) for c, s in zip(counts, shifts, strict=True)]
+    (problem, x, end), counts, shifts = task[0].value, *task[1:]
+    return [_refit_one(problem, x, end, c, s) for c, s in zip(counts, shifts, strict=True)]
 
 
-def _refit_one(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[np.ndarray, str]:
+def _refit_one(
+    problem: Problem, x: np.ndarray, end: float, counts: np.ndarray, shift: np.ndarray
+) -> tuple[np.ndarray, str]:
     if not (counts > 0).any():
         return np.full(problem.P, np.nan), "no window is left"
     nodes, p = problem.split(x)
     part, kept = reweighted(problem, x, counts, shift)
-    s, why = _resolved(part, nodes[kept], p - shift, REFIT_TOLERANCE)
+    s, why = _resolved(part, nodes[kept], p - shift, REFIT_TOLERANCE, end)
     return (part.split(s.x)[1] + shift if s else np.full(problem.P, np.nan)), why
 
 
@@ -161,13 +192,19 @@ def drawn_runs(run: np.ndarray, replicates: int, rng: np.random.Generator) -> np
 
 
 def bootstrap(
-    info: Information, replicates: int, seed: int, problem: Problem, x: np.ndarray, workers: int = 1
+    info: Information,
+    replicates: int,
+    seed: int,
+    problem: Problem,
+    x: np.ndarray,
+    workers: int = 1,
+    end: float = math.inf,
 ) -> Replicates:
     """Estimates of ``replicates`` data sets: runs drawn with replacement, prior centres drawn from the prior, and
     refits over ``workers`` processes.
 
     info: of the windows of the ``problem`` at its solution x (n,). The draws depend on the ``seed`` only, not on the
-    number of workers. A single run is replaced by its windows.
+    number of workers. A single run is replaced by its windows. end: of the time [s], by ``time.time``.
     """
     rng = np.random.default_rng([11, seed])
     clusters = info.run if len(np.unique(info.run)) > 1 else np.arange(len(info.run))
@@ -175,7 +212,7 @@ def bootstrap(
     # a centre outside the bounds is no prior of this ship
     shifts = np.clip(rng.standard_normal((replicates, len(info.p))), *problem.p_bounds())
     parts = -(-replicates // CHUNK) if width(workers) > 1 else 1  # rounded up
-    shared = Shared((problem, x))
+    shared = Shared((problem, x, end))
     tasks = [(shared, counts[i], shifts[i]) for i in np.array_split(np.arange(replicates), parts)]
     outcomes = [outcome for part in run_all(refit, tasks, workers, name="bootstrap, parts") for outcome in part]
     failures = tuple((str(i), why) for i, (_, why) in enumerate(outcomes) if why)
@@ -200,17 +237,18 @@ class Profile:
     failures: tuple[str, ...]
 
 
-def refit_along(side: tuple[Problem, np.ndarray, int, np.ndarray]) -> list[tuple[float, str]]:
+def refit_along(side: tuple[Problem, np.ndarray, int, np.ndarray, float]) -> list[tuple[float, str]]:
     """(objective, reason of failure or "") along one ``side`` of a profile; each solve starts from the one before.
 
-    A side is a problem, x (n,) at its estimate, i, and the values of p[i] to hold in turn, ever further from it.
+    A side is a problem, x (n,) at its estimate, i, the values of p[i] to hold in turn, ever further from it, and the
+    end of the time [s].
     """
-    problem, x, i, values = side
+    problem, x, i, values, end = side
     found = []
     for value in values:
         lower, upper = problem.prior.lower.copy(), problem.prior.upper.copy()
         lower[i] = upper[i] = problem.prior.mean[i] + problem.prior.std[i] * value
-        s, why = _resolved(problem.with_bounds(lower, upper), *problem.split(x), PROFILE_TOLERANCE)
+        s, why = _resolved(problem.with_bounds(lower, upper), *problem.split(x), PROFILE_TOLERANCE, end)
         found.append((s.objective if s else np.nan, why))
         x = s.x if s else x
     return found
@@ -218,11 +256,12 @@ def refit_along(side: tuple[Problem, np.ndarray, int, np.ndarray]) -> list[tuple
 
 def profiles(
     problem: Problem, x: np.ndarray, symbols: Sequence[str], covariance: np.ndarray, model: np.ndarray,
-    workers: int = 1,
+    workers: int = 1, end: float = math.inf,
 ) -> list[Profile]:  # fmt: skip
     """Profiles of the free coefficients ``symbols`` about the solution x (n,) of ``problem``.
 
-    covariance, model: robust and model-based (P, P); workers: processes. Raises ValueError for what is not free.
+    covariance, model: robust and model-based (P, P); workers: processes; end: of the time [s], by ``time.time``. Raises
+    ValueError for what is not free.
     """
     names, (_, p) = list(problem.prior.symbols), problem.split(x)
     lower, upper = problem.p_bounds()
@@ -237,13 +276,13 @@ def profiles(
             held = np.clip(p[i] + sign * STRIDE * se * np.arange(1, STEPS + 1), lower[i], upper[i])
             held = held[np.abs(held - p[i]) > 1e-9]  # where the estimate is at the bound
             held = held[np.r_[True, np.abs(np.diff(held)) > 1e-9]] if len(held) else held  # one of those
-            tasks.append((problem, x, i, held))
+            tasks.append((problem, x, i, held, end))
     outcomes, found = run_all(refit_along, tasks, workers, name="profiles"), []
     for k, symbol in enumerate(symbols):
         sides, i = slice(2 * k, 2 * k + 2), names.index(symbol)
         ratio = covariance[i, i] / model[i, i]
         dispersion = float(ratio) if np.isfinite(ratio) and ratio > 0 else 1.0
-        held = [mean[i] + std[i] * values for *_, values in tasks[sides]]
+        held = [mean[i] + std[i] * values for *_, values, _ in tasks[sides]]
         found.append(_profile(symbol, mean[i] + std[i] * p[i], best, dispersion, held, outcomes[sides]))
     return found
 

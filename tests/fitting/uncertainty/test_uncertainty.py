@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -26,7 +27,7 @@ from fitting.settings import Settings
 from fitting.solvers.solve import Solution, solve
 from fitting.uncertainty import posterior as room
 from fitting.uncertainty.posterior import JointDensity
-from fitting.uncertainty.refits import LIMIT, bootstrap, drawn_runs, profiles, refit, reweighted
+from fitting.uncertainty.refits import LIMIT, OUT_OF_TIME, bootstrap, drawn_runs, profiles, refit, reweighted
 from fitting.uncertainty.sandwich import changes_without_each, robust
 from mmg.errors import Missing, NotCalibrated, NotInstalled, OutOfRange, UnknownName
 from tests.support.calibrated import FREE, small_result
@@ -142,7 +143,7 @@ def test_windows_that_count_twice_cost_twice_and_a_refit_without_some_is_nearly_
     assert part.objective(s.x) - prior == pytest.approx(2 * (p.objective(s.x) - prior))
     step, runs_left = changes_without_each(info.by_run()), info.by_run().run
     counts = np.array([info.run != r for r in runs_left], dtype=int)
-    outcomes = refit((Shared((p, s.x)), counts, np.zeros((len(step), p.P))))
+    outcomes = refit((Shared((p, s.x, math.inf)), counts, np.zeros((len(step), p.P))))
     assert len(step) == len(p.segments.trials) and not any(why for _, why in outcomes)
     moved = np.array([found for found, _ in outcomes]) - info.p
     assert np.abs(step - moved).max() < 0.2 * np.abs(moved).max()
@@ -160,6 +161,8 @@ def test_where_a_refit_fails_the_others_stand(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr("fitting.uncertainty.refits.solve", sometimes)
     found = bootstrap(info, 2, 0, p, s.x)
+    late = bootstrap(info, 2, 0, p, s.x, end=0.0)
+    assert np.isnan(late.p).all() and [why for _, why in late.failures] == [OUT_OF_TIME] * 2
     assert [label for label, _ in found.failures] == ["0"]
     assert np.isnan(found.p[0]).all() and np.isfinite(found.p[1]).all()
 
