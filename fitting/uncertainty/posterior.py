@@ -183,7 +183,7 @@ def needs_nutpie() -> None:
         import nutpie  # noqa: F401
     except ImportError:
         raise NotInstalled(
-            'draws by "nuts" need nutpie and ArviZ: pip install "mmg-ident[bayes]", or take method="laplace"'
+            'draws by "nuts" need nutpie and ArviZ: pip install "mmg-ident[bayes]", or draw by the normal distribution: fit.sample(n)'
         ) from None
 
 

@@ -95,7 +95,7 @@ def simulate(
         others = {"--controls": controls, "--wind": wind, "--noise": noise or None, "--members": members or None}
         cli.refuse_given(others, "does not belong to --scatter, which is a manoeuvre in calm air; leave it out")
         if plan is None:
-            raise Conflict("--scatter is a standard manoeuvre, not random inputs; leave it out")
+            raise Conflict("--scatter is of standard manoeuvres, not of random inputs; leave it out")
         with cli.working(f"simulating {plan.name} {scatter} times"):
             figures_drawn, run, drawn = maneuver_scatter(model, plan, content_on(Path(ship)), scatter, seed, dt)
         if plot is not None:
