@@ -454,8 +454,9 @@ def judged(found: Sequence[Scores]) -> list[Judged]:
 
 
 def free_nats(stats: Stats, by: float | np.ndarray = 1.0, turns: bool = True, floor: float = FLOOR) -> np.ndarray:
-    """Nats (...) of what is predicted in ``stats`` times ``by`` (...): a gain, and an angle where it ``turns``, are
-    left free at the price of what is usual. 0 where nothing is predicted. floor: as of ``evidence``."""
+    """Nats (F,) of what is predicted in ``stats`` times ``by`` (F,): a gain, and an angle where it ``turns``, are left
+    free at the price of what is usual. 0 where nothing is predicted. floor: as of ``evidence``. Of ``stats`` of many
+    records, (..., PIECES) each, ``by`` and nats are (...)."""
     predicted = np.sum(stats.predicted, axis=-1)
     best = np.sum(stats.both, axis=-1) / np.where(predicted > 0, predicted, 1.0) / by  # least squares: gain and angle
     size = np.maximum(np.abs(best) if turns else np.real(best), 1e-9)
