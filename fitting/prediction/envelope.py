@@ -95,47 +95,46 @@ def ranges_of(runs: SimulatedRuns) -> dict[str, tuple[float, float]]:
     return {name: (ranges[name][0], ranges[name][1]) for name in QUANTITIES if name in ranges}
 
 
-def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> tuple[str, ...]:
-    """Which quantities of the first of ``runs`` leave the ranges of an ``envelope``, in words with the worst value."""
-    sentences = []
+# A quantity of QUANTITIES that leaves the trials: its name, what a manoeuvre reaches, and the limit of the trials [SI].
+Excess = tuple[str, float, float]
+
+
+def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> tuple[Excess, ...]:
+    """Which quantities of the first of ``runs`` leave the ranges of an ``envelope``, with the worst value."""
+    excesses: list[Excess] = []
     for name, (least, most) in ranges_of(runs).items():
         if name not in envelope:
             continue
         low, high = (float(x) for x in envelope[name])
         # of its greatest value too: revolutions that all trials held are a range of width 0
         slack = max(BEYOND * max(high - low, abs(low), abs(high)), ANGLE if name in (DRIFT, "delta") else 0.0)
-        words, unit, factor = QUANTITIES[name]
-        for reached, limit, over in ((least, low, least < low - slack), (most, high, most > high + slack)):
-            if over:
-                sentences.append(f"{words} {factor * reached:.3g} {unit}, in the trials {factor * limit:.3g}")
-    return tuple(sentences)
+        excesses += [(name, least, low)] if least < low - slack else []
+        excesses += [(name, most, high)] if most > high + slack else []
+    return tuple(excesses)
 
 
-def outside_words(name: str, kind: str, outside: Sequence[str], widened: bool = True) -> str:
+def outside_words(name: str, kind: str, outside: Sequence[Excess], widened: bool = True) -> str:
     """A sentence on a manoeuvre of this ``name`` and ``kind`` that leaves what the trials held; outside: how; widened:
     whether its intervals grow by that."""
+    parts = []
+    for quantity, reached, limit in outside:
+        words, unit, factor = QUANTITIES[quantity]
+        parts.append(f"{words} {factor * reached:.3g} {unit}, in the trials {factor * limit:.3g}")
     if why := untried(kind, outside):
-        return f"{name}: {why} ({'; '.join(outside)})"
+        return f"{name}: {why} ({'; '.join(parts)})"
     effect = "so its intervals are wider" if widened else "which its intervals do not cover"
-    return f"{name}: outside the trials, {effect}: {'; '.join(outside)}"
+    return f"{name}: outside the trials, {effect}: {'; '.join(parts)}"
 
 
-def untried(kind: str, outside: Sequence[str]) -> str:
+def untried(kind: str, outside: Sequence[Excess]) -> str:
     """Why the figures of a manoeuvre of this ``kind`` are the prior's alone, "" where trials have a say in them;
-    outside: how it leaves the trials, as of ``outside_of``."""
-    turns = [_numbers_in(words) for words in outside if words.startswith(QUANTITIES["n"][0])]
-    if kind in STOPS and any(reached < FAR * min(limit, 0.0) for reached, limit in turns):
-        return "stopping was not in the trials: these figures are the prior's"
-    turning = [_numbers_in(words) for words in outside if words.startswith((QUANTITIES["r"][0], QUANTITIES[DRIFT][0]))]
-    if kind not in STOPS and any(abs(reached) > FAR * abs(limit) for reached, limit in turning):
+    outside: how it leaves the trials."""
+    if kind in STOPS:
+        astern = any(name == "n" and reached < FAR * min(limit, 0.0) for name, reached, limit in outside)
+        return "stopping was not in the trials: these figures are the prior's" if astern else ""
+    if any(name in ("r", DRIFT) and abs(reached) > FAR * abs(limit) for name, reached, limit in outside):
         return f"no trial came near {TITLES.get(kind, 'such a manoeuvre')}: these figures are the prior's"
     return ""
-
-
-def _numbers_in(words: str) -> tuple[float, float]:
-    """What a manoeuvre reaches and the limit of the trials, as ``outside_of`` words them."""
-    reached, _, limit = words.partition(", ")
-    return float(reached.split()[-2]), float(limit.split()[-1])
 
 
 def motion(states: np.ndarray, inputs: np.ndarray, names: Sequence[str], length: float) -> np.ndarray:

@@ -27,7 +27,7 @@ from cases.simulation.simulate_batch import Push, SimulatedRuns, input_array, si
 from fitting.parallel import Shared, run_all
 from fitting.prediction.band_calibration import student_factor
 from fitting.prediction.bands import Bands, acceleration_sizes, bands_of, correlation_in
-from fitting.prediction.envelope import HeldMotion, outside_of, outside_words, ranges_of, untried
+from fitting.prediction.envelope import Excess, HeldMotion, outside_of, outside_words, ranges_of, untried
 from mmg.effects import EFFECTS
 from mmg.errors import OutOfRange, refusing
 from mmg.messages import Message
@@ -68,7 +68,7 @@ class FigureScatter:
     """One manoeuvre over all draws.
 
     ship, trial: figure -> values (count,), SI and rad, NaN where it is not reached, of the ship and of a single trial;
-    outside: what leaves the range of the trials, in words, None where that range is not known; lost: draws that
+    outside: what leaves the range of the trials, None where that range is not known; lost: draws that
     diverge; shown: some of the draws of single trials from the order on; ranges: quantity of ``QUANTITIES`` -> least
     and greatest value of the ship as it is in this manoeuvre, SI and rad; widened: whether the figures' scatter grows
     where the manoeuvre leaves the trials.
@@ -76,7 +76,7 @@ class FigureScatter:
 
     ship: Mapping[str, np.ndarray]
     trial: Mapping[str, np.ndarray]
-    outside: tuple[str, ...] | None
+    outside: tuple[Excess, ...] | None
     lost: int
     shown: tuple[Since, ...]
     ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -101,7 +101,7 @@ def test_intervals_hold_the_figure_and_grow_with_what_is_not_known(figures: tupl
     assert all(named <= set(row) for row in judged.to_dict()["rows"])
 
 
-ASTERN = ("revolutions -19 1/s, in the trials 5",)
+ASTERN = (("n", -19.0, 5.0),)
 """How a crash stop leaves trials without revolutions astern."""
 
 
