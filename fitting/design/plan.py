@@ -99,12 +99,10 @@ class Area:
         placed = []
         for psi in headings:
             c, s = math.cos(psi), math.sin(psi)
-            low, high = [], []
-            for along in (c * px - s * py, s * px + c * py):  # north, east
-                spread = 2 * np.std(along, axis=2, where=np.isfinite(along)) if along.shape[2] > 1 else 0.0
-                low.append(np.fmin.reduce(along[:, :, 0] - spread, axis=(0, 1)))
-                high.append(np.fmax.reduce(along[:, :, 0] + spread, axis=(0, 1)))
-            lows, highs = np.array(low), np.array(high)  # (2, K)
+            along = np.array([c * px - s * py, s * px + c * py])  # north, east: (2, 4, N, D, K)
+            spread = 2 * np.std(along, axis=3, where=np.isfinite(along)) if along.shape[3] > 1 else 0.0
+            lows = np.fmin.reduce(along[:, :, :, 0] - spread, axis=(1, 2))  # (2, K)
+            highs = np.fmax.reduce(along[:, :, :, 0] + spread, axis=(1, 2))
             if start:
                 begin = np.repeat(np.array(start[:2])[:, None], lows.shape[1], axis=1)
                 ends = self.margin + inner

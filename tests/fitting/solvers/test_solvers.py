@@ -36,7 +36,7 @@ from fitting.solvers.control import (
     unbroken,
 )
 from fitting.solvers.control import unless_interrupted as unless
-from fitting.solvers.noise import NoiseSolves, Resumption, correlation_time, solve_with_noise_estimation
+from fitting.solvers.noise import NoiseSolves, correlation_time, solve_with_noise_estimation
 from fitting.solvers.solve import by_ipopt, solve
 from fitting.uncertainty.refits import reweighted
 from mmg.messages import has_code
@@ -294,23 +294,17 @@ def test_a_wider_iteration_limit_changes_no_value_and_the_same_one_goes_on_from_
 
 
 # Sizes of noise from residuals, and solves in turn that use them
-def in_turn(p: Problem, resumed: Resumption | None = None, draft: bool = False, **settings: object) -> NoiseSolves:
-    return solve_with_noise_estimation(p, p.start(), Settings(**settings), Control(), resumed, draft=draft)
+def in_turn(p: Problem, **settings: object) -> NoiseSolves:
+    return solve_with_noise_estimation(p, p.start(), Settings(**settings), Control())
 
 
 @pytest.mark.slow
-def test_few_windows_come_first_and_the_last_solve_can_be_left_out_and_made_later() -> None:
+def test_few_windows_come_first_and_known_noise_needs_one_solve() -> None:
     p = problem(window=10.0, trials=runs()[0])
-    whole, early, once = in_turn(p), in_turn(p, draft=True), in_turn(p, sigma=tuple(SIGMA))
+    whole, once = in_turn(p), in_turn(p, sigma=tuple(SIGMA))
     every = len(p.segments.run)
     assert every > 54 and [row["windows"] for row in whole.passes] == [12, 36, every, every]
     assert once.solution.converged and [row["windows"] for row in once.passes] == [every]
-    assert early.draft and not whole.draft and len(early.passes) == 3 and not early.solution.converged
-    assert [row["objective"] for row in early.passes] == [row["objective"] for row in whole.passes[:3]]
-    late = in_turn(early.problem, early.resumption)
-    assert late.solution.converged and not late.draft and len(late.passes) == 1
-    assert late.solution.objective == pytest.approx(whole.solution.objective, rel=1e-9)
-    np.testing.assert_allclose(late.problem.sigma, whole.problem.sigma, rtol=1e-12)
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.5, 0.8, 0.9])  # 0: white
