@@ -187,9 +187,7 @@ def choose_structure(
     runs: dict[str, list[Learned]] = {}
     if seeds:
         say(f"learning {len(able)} candidates", 0)
-        runs = learn_all(
-            [work.prepared(one) for one in able if one.order], (train, validate), work.settings, seeds, store
-        )
+        runs = learn_all([one for one in able if one.order], (train, validate), work.settings, seeds, store)
     fitted: list[_Fitted] = []
     for number, one in enumerate(able):
         say(f"fitting {one.name}", number)
@@ -226,7 +224,8 @@ def choose_structure(
 def _able(
     given: Sequence[StructureCandidate], train: Sequence[Trial], named: bool
 ) -> tuple[list[StructureCandidate], list[Tried]]:
-    """The candidates that the trials may determine, the ship as given first, and rows on the others."""
+    """The candidates that the trials may determine, polynomials bounded to the motions of these, the ship as given
+    first, and rows on the others."""
     able, left_out = [], []
     for one in sorted(given, key=lambda one: one.name != GIVEN):
         reason = fault(one, train) or ("" if named or one.unknowns <= LARGEST else f"more than {LARGEST} unknowns")
@@ -235,7 +234,7 @@ def _able(
         if reason:
             left_out.append(_row(one, left_out=reason))
         else:
-            able.append(one)
+            able.append(replace(one, ship=bounded(one.ship, train)) if one.order else one)
     return able, left_out
 
 
@@ -289,7 +288,7 @@ class _Work:
     def regressed(self, one: StructureCandidate) -> list[_Fitted]:
         """A polynomial by regression: whole, and without the terms that vanish."""
         fitted: list[_Fitted] = []
-        one = replace(one, ship=bounded(with_instruments(one.ship, INSTRUMENTS, self.train), self.train))
+        one = replace(one, ship=with_instruments(one.ship, INSTRUMENTS, self.train))
         system = None
         for sparse in (False, True):
             began = time.perf_counter()
@@ -305,13 +304,9 @@ class _Work:
             fitted.append(_Fitted(self.row(start, model, began, converged=True), model, start, estimate.values))
         return fitted
 
-    def prepared(self, one: StructureCandidate) -> StructureCandidate:
-        """The candidate as it is learned by the objective of the paper: bounded to the motions of the trials."""
-        return replace(one, ship=bounded(one.ship, self.train))
-
     def learned(self, one: StructureCandidate, best: Learned) -> _Fitted:
         """A polynomial by its best run on the objective of the paper, without the terms that are zero."""
-        ship = with_instruments(self.prepared(one).ship, INSTRUMENTS, self.train)
+        ship = with_instruments(one.ship, INSTRUMENTS, self.train)
         values = {s: x for s, x in best.values.items() if s not in best.vanished}
         start = replace(one, ship=Regression(values, {}, best.vanished).ship(ship))
         model = start.ship.with_values(values)
