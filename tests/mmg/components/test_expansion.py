@@ -8,16 +8,18 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from fitting.selection.candidates import candidates
 from mmg.components.coefficients import names
 from mmg.components.expansion import hard_submodels, smooth_submodels
 from mmg.components.expansion import structure as structures
 from mmg.components.expansion.actuators import devices_of, parse_devices, variables, without_partner
 from mmg.components.expansion.series import DAMPING, STALL, speed_scale, variable
-from mmg.components.expansion.structure import Powers, Structure, monomials, regimes, terms
+from mmg.components.expansion.structure import Powers, Structure, monomials, regimes, term_list, terms
 from mmg.components.expansion.words import parse_monomial
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, Unsupported
 from mmg.motion.flow import INPUTS, Flow
 from mmg.motion.smooth import Smooth
+from tests.support.actuator_ships import true_ship
 from tests.support.force_numbers import xyn
 
 VECTWIN = parse_devices("n, delta_port, delta_starboard")
@@ -256,6 +258,13 @@ def test_signs_that_are_plain_are_bounds() -> None:
     assert rows["X_n_1"].lower == 0.0 and rows["X_u_n_1"].lower < 0 < rows["X_u_n_1"].upper
 
 
+def test_the_printed_list_has_every_term_and_the_counts() -> None:
+    rows = terms(Structure(VECTWIN))
+    text = term_list(rows)
+    assert "X: 40 terms" in text and "Y: 40 terms" in text and "N: 40 terms" in text
+    assert all(f"  {row.symbol} " in text and row.monomial in text for row in rows)
+
+
 def test_beyond_its_range_a_polynomial_stays_at_the_edge_and_the_rest_is_damped() -> None:
     limits = {"u_ahead": 0.5, "u_astern": 0.2, "v_most": 0.2, "r_most": 0.2}
     rows = {"X_1": "u u u", "Y_1": "v v v", "N_1": "r r r"}
@@ -306,3 +315,10 @@ def test_no_term_multiplies_actuators_of_two_units_and_all_differ(force: str, or
         assert len(actions) <= 1
         if actions:
             assert [part.inputs <= set(unit) for part, unit in zip(actions[0].parts, units, strict=True)] == [True] * 2
+
+
+def test_the_family_is_among_the_candidates_where_there_are_units() -> None:
+    names = {one.name: one.unknowns for one in candidates(true_ship("twin"))}
+    assert {"units-order2", "units-order3", "units-order4"} <= set(names)
+    assert names["units-order3"] < names["full-order3"]
+    assert not any(one.name.startswith("units") for one in candidates(true_ship("pods")))

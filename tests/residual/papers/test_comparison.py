@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -161,6 +162,14 @@ def test_the_time_limit_keeps_what_is_done() -> None:
     assert [(e.model, e.status) for e in found.entries] == entries
     assert found.interrupted and found.entries[1].score is not None and found.entries[2].score is None
     assert "100%" in tables_text(found)
+
+
+def test_ctrl_c_keeps_what_is_done() -> None:
+    trials = tuple(hybrids.trials(hybrids.ship(), 5, 150))
+    study = Study(hybrids.ship(), trials, trials[:1], ("captive", "fnn"), seeds=1, step=1.0)
+    found = compare(study, progress=lambda made: signal.raise_signal(signal.SIGINT) if made.step == 1 else None)
+    entries = [("captive", "finished"), ("fnn", "not begun")]
+    assert [(e.model, e.status) for e in found.entries] == entries and found.interrupted
 
 
 def test_a_network_that_has_no_time_for_an_epoch_is_not_begun() -> None:
