@@ -345,8 +345,11 @@ def test_figures_of_standard_manoeuvres_and_trials_are_axes(axes: Callable[[], A
     ax = axes()
     assert turn.plot(ax) is ax and np.array_equal(ax.lines[0].get_xdata(), turn["y"])
     simulated = mi.imo("esso_osaka_3m", scatter=0, speed=float(turn["u"][0]))
-    pair = [{r.figure: r.value for r in one.rows} for one in (mi.imo("esso_osaka_3m", [turn]), simulated)]
-    assert pair[0]["tactical_diameter"] == pytest.approx(pair[1]["tactical_diameter"], rel=0.02)
+    pair = [
+        {r.figure: r.value for r in one.rows if r.run in ("turning_35", "turning:35")}
+        for one in (mi.imo("esso_osaka_3m", [turn]), simulated)
+    ]
+    assert pair[0]["tactical_diameter"] == pytest.approx(pair[1]["tactical_diameter"], rel=1e-5)
 
 
 @pytest.mark.slow
