@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
@@ -104,7 +104,7 @@ def fit(
         # without --name a resumed run keeps the name it was given; one that is still her start's was given none
         name=name or (earlier.ship.name if earlier and earlier.ship.name != earlier.start.name else ""),
     )
-    given = {
+    given: dict[str, Any] = {
         "bootstrap": bootstrap, "profile": profile, "posterior": posterior, "next_trial": next_trial,
         "per_run": per_run, "per_campaign": per_campaign, "measurement": measurement, "estimator": estimator,
         "captive": captive, "captive_sigma": captive_std,
