@@ -18,7 +18,7 @@ from diagnosis.estimation.kalman import DrivenColumns, ProductColumns
 from diagnosis.estimation.linearisation import Linearisation
 from diagnosis.estimation.transition_model import LinearModel
 from diagnosis.hypotheses.dictionary import DELAYS, Dictionary
-from diagnosis.hypotheses.score_test import projected
+from diagnosis.hypotheses.score_test import Projected, projected
 from mmg.motion.froude import time_scale
 
 # Length [s of a 3 m model] of a stretch; longer where there would be more than MOST of them. Set by hand.
@@ -32,11 +32,9 @@ UNKNOWN = 12**-0.5
 SWINGS = tuple(round(0.2 + 0.15 * i, 2) for i in range(12))
 # Periods [s of a 3 m model] in which a stream turns; shorter ones are waves, longer ones the mean of a run.
 TURNS = (24.0, 34.0, 48.0, 68.0, 96.0)  # set by hand: factors of root two
-MEDIAN = 0.454936423119572  # Median of chi-squared of one degree of freedom. (Abramowitz & Stegun 1964, chapter 26.)
 SEEN = 1e-9  # Information from which a column is seen at all. Set by hand: bounds rounding.
 AT_TIMES = " at times"  # End of the kinds of what is wrong for a while
 SWINGING = "force that swings"  # Begin of the kinds of forces that swing with the way made
-NEAR = range(2, 6)  # Places among SWINGS by which swings are neighbours that do not show each other
 POSITION = (0, 1)  # Logged columns of the position
 
 
@@ -121,37 +119,10 @@ def _waves(phase: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return np.stack([np.sin(rates * phase), np.cos(rates * phase)], axis=-1).reshape(*phase.shape[:-1], -1)
 
 
-@dataclass(frozen=True)
-class EventSlopes:
-    """Slopes g (c,) along the events of one kind and their information S (c, c), the free parameters projected out."""
-
-    g: np.ndarray
-    S: np.ndarray
-
-    @property
-    def dispersion(self) -> float:
-        """How much more the slopes vary than the information says, at least 1: by the median of their squares, so that
-        what is wrong in few stretches does not count."""
-        return max(1.0, float(np.median(self.g**2 / np.diag(self.S)) / MEDIAN))
-
-
-def swing_backgrounds(slopes: Mapping[str, EventSlopes]) -> dict[str, float]:
-    """Ratio of the slopes' variance to their information for each kind of force that swings, at least 1, by its
-    neighbours' median: random forces may have more at all swings near than their model says (gusts that are not
-    logged, for instance), as a line of a spectrum is judged beside its surroundings (Thomson 1982).
-
-    slopes: the slopes by kind, as of ``event_slopes``.
-    """
-    sizes = {k: float(np.mean(one.g**2 / np.diag(one.S))) for k, one in slopes.items() if k.startswith(SWINGING)}
-    each = list(sizes.values())
-    near = [[each[j] for j in range(len(each)) if abs(i - j) in NEAR] for i in range(len(each))]
-    return {k: max(1.0, float(np.median(some))) if some else 1.0 for k, some in zip(sizes, near, strict=True)}
-
-
 def event_slopes(
     white: np.ndarray, logdet: np.ndarray, p: np.ndarray, along: np.ndarray, kinds: tuple[str, ...]
-) -> dict[str, EventSlopes]:
-    """The slopes by kind of events; those that nothing shows are left out.
+) -> dict[str, Projected]:
+    """The slopes by kind of events, with their information; those that nothing shows are left out.
 
     white: (K + 1, R, 6, P + E + 1) whitened columns, P free ones first, the negative residual last; logdet: (P,) slopes
     of half the log determinant by the free ones, along: (R, E) by those of events; p: (P,); kinds: (E,).
@@ -176,6 +147,5 @@ def event_slopes(
         same = run[:, None] == run
         # runs do not touch each other
         gram[P : P + n, P : P + n] = np.where(same, squares[run[:, None], number[:, None], number], 0.0)
-        left = projected(gram, np.concatenate([logdet, along[:, at][run, number]]), p)
-        slopes[kind] = EventSlopes(left.g, left.S)
+        slopes[kind] = projected(gram, np.concatenate([logdet, along[:, at][run, number]]), p)
     return slopes

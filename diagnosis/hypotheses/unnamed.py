@@ -18,7 +18,7 @@ from diagnosis.estimation.linearisation import Point, linearise_and_filter, timi
 from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import FORCES, Dictionary
-from diagnosis.hypotheses.events import Events, event_slopes, swing_backgrounds
+from diagnosis.hypotheses.events import Events, event_slopes
 from diagnosis.hypotheses.score_test import dispersion, memory_steps, projected
 
 SENSOR = "sensor of "  # Begin of the kinds that are errors of a sensor
@@ -39,11 +39,10 @@ class UnnamedSlopes:
     """Slopes g (C,) of the log likelihood along the columns of a ``dictionary``, the free parameters projected out, and
     their information S (C, C).
 
-    dispersion: of errors of sensors and forces that swing, by kind, the ratio of the slopes' variance to that
-    information, at least 1: it is larger where residuals are correlated in time, as of sensors with a memory, and where
-    random forces are not as fast or as slow as in the model; taken: (P, c) multiples of the free parameters that were
-    projected out, by the columns of the dictionary, which are the first; those of ``events`` follow, kind by kind, as
-    if independent of all others; of_events: size of events, by kind, that is nothing.
+    dispersion: of errors of sensors, by kind, the ratio of the slopes' variance to that information, at least 1: it is
+    larger where residuals are correlated in time, as of sensors with a memory; taken: (P, c) multiples of the free
+    parameters that were projected out, by the columns of the dictionary, which are the first; those of ``events``
+    follow, kind by kind, as if independent of all others; of_events: size of events, by kind, that is nothing.
     """
 
     g: np.ndarray
@@ -140,8 +139,6 @@ def unnamed_slopes(steps: TransitionModel, data: GriddedTrials, point: Point) ->
         ratios[name] = dispersion(columns, white[..., -1], rest.g[own], S, lags, linearised.rows)
     others = white[..., [*range(P), *range(C, white.shape[3])]]
     there = event_slopes(others, by_free, p, events[0].logdet_gradient(linearised), events[0].kinds)
-    ratios |= {kind: each.dispersion for kind, each in there.items() if kind.startswith(SENSOR)}
-    ratios |= swing_backgrounds(there)
     g = np.concatenate([rest.g, *(each.g for each in there.values())])
     S = block_diag(rest.S, *(each.S for each in there.values()))
     kinds = tuple(kind for kind, each in there.items() for _ in each.g)

@@ -29,12 +29,9 @@ from diagnosis.hypotheses.events import (
     AT_TIMES,
     LATE,
     MOST,
-    SWINGING,
     TURNS,
     Events,
-    EventSlopes,
     event_slopes,
-    swing_backgrounds,
 )
 from diagnosis.hypotheses.forward_selection import ODDS, select_effects
 from diagnosis.hypotheses.next_test import telling_test
@@ -427,23 +424,6 @@ def test_all_stretches_together_are_the_delay_of_the_dictionary() -> None:
     slope = -(gram[:-1, -1] + np.append(logdet, forms.logdet_gradient(at)[place])) - np.append(null.p, 0.0)
     assert found.g.sum() == pytest.approx(slope[-1] - taken @ slope[:-1], rel=1e-6, abs=1e-6)
     assert found.S.sum() == pytest.approx(gram[first, first] - gram[first, :first] @ taken, rel=1e-6)
-
-
-def swings(level: float, line: float = 1.0) -> dict[str, EventSlopes]:
-    """Forces that swing at twelve rates, of unit information: slopes of this variance, of ``line`` times it at one."""
-    rng, found = np.random.default_rng(3), {}
-    for i in range(12):
-        g = np.sqrt(level * (line if i == 6 else 1.0)) * rng.standard_normal(400)
-        found[f"{SWINGING} {i} times a length"] = EventSlopes(g, np.eye(400))
-    return found | {"sensor of position at times": EventSlopes(9.0 * np.ones(4), np.eye(4))}
-
-
-@pytest.mark.parametrize(("level", "expected"), [(0.7, 1.0), (1.0, 1.0), (1.5, 1.5)])
-def test_what_is_strong_at_all_rates_is_no_swing_and_a_line_does_not_hide_itself(level: float, expected: float) -> None:
-    for line in (1.0, 5.0):
-        ratios = swing_backgrounds(swings(level, line))
-        assert len(ratios) == 12 and all(name.startswith(SWINGING) for name in ratios)
-        np.testing.assert_allclose(list(ratios.values()), expected, rtol=0.1)
 
 
 def test_the_time_of_a_movement_between_two_samples_is_not_known() -> None:
