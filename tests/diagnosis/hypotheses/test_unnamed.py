@@ -25,14 +25,7 @@ from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import NO_PRIORS, active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
 from diagnosis.hypotheses.dictionary import AFTER_RUDDER, DAMPING, DELAYS, SWINGS, Dictionary, ForceForms
-from diagnosis.hypotheses.events import (
-    AT_TIMES,
-    LATE,
-    MOST,
-    TURNS,
-    Events,
-    event_slopes,
-)
+from diagnosis.hypotheses.events import AT_TIMES, LATE, MOST, TURNS, Events, event_slopes
 from diagnosis.hypotheses.forward_selection import ODDS, select_effects
 from diagnosis.hypotheses.next_test import telling_test
 from diagnosis.hypotheses.refit import SearchProblem
@@ -58,6 +51,7 @@ from tests.support.diagnosis_cases import (
     pushed_trials,
     quiet,
 )
+from tests.support.disturbed_trials import process
 from tests.support.quick import first_quick
 
 NOISE = NoiseModel(np.array([0.3, 0.6, 0.4]), 5.0, WHITE)
@@ -156,15 +150,8 @@ def test_residuals_correlated_in_time_are_less_news() -> None:
     """White sensors: hardly any dispersion. Errors of v with a memory of 2 s: the slopes of its sensor vary more."""
     plain = unnamed_slopes(*_parts(*calm())).dispersion
     assert max(plain.values()) < 1.35
-    trials = pushed_trials(1, how=LARGE)
-    rng = np.random.default_rng(0)
-    rough = []
-    for t in trials:
-        error = np.zeros(len(t.t))
-        for k in range(1, len(error)):
-            left = np.exp(-(t.t[k] - t.t[k - 1]) / 2.0)
-            error[k] = left * error[k - 1] + np.sqrt(1 - left**2) * rng.standard_normal()
-        rough.append(t.with_columns(v=t["v"] + 0.008 * error))
+    rng, trials = np.random.default_rng(0), pushed_trials(1, how=LARGE)
+    rough = [t.with_columns(v=t["v"] + 0.008 * process(len(t.t), t.dt, 2.0, rng)) for t in trials]
     coloured = unnamed_slopes(*_parts(*problem_of(rough))).dispersion
     assert coloured["sensor of v"] > 1.5 * plain["sensor of v"]
 
@@ -198,15 +185,10 @@ def test_log_bayes_is_the_ratio_of_the_marginal_likelihoods(tolerance: float, mu
     assert log_bayes(np.zeros(4), np.zeros((4, 4)), some, tolerance) == pytest.approx(0.0, abs=1e-12)
 
 
-def information_of_unlike_directions() -> tuple[np.ndarray, np.ndarray]:
-    """Information S (12, 12) from 1 to 1e5 along the columns of an orthogonal matrix, and a square root of it."""
-    turn = np.linalg.qr(np.random.default_rng(5).standard_normal((12, 12)))[0]
-    sizes = 10 ** np.linspace(0, 5, 12)
-    return turn * sizes @ turn.T, turn * np.sqrt(sizes)
-
-
 def test_a_force_of_many_small_parts_is_seen_though_each_is_seen_unlike_well() -> None:
-    S, root = information_of_unlike_directions()
+    """With information from 1 to 1e5 along orthogonal directions."""
+    turn, sizes = np.linalg.qr(np.random.default_rng(5).standard_normal((12, 12)))[0], 10 ** np.linspace(0, 5, 12)
+    S, root = turn * sizes @ turn.T, turn * np.sqrt(sizes)
     g, every = root @ np.resize([2.3, -2.3], 12), np.ones(12, dtype=bool)  # 2.3 standard errors in each direction
     assert log_bayes(g, S, every) < 5 < 9 < log_bayes(g, S, every, multiples=MULTIPLES)
 
