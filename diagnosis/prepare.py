@@ -95,7 +95,8 @@ class Prepared:
     """The problem and the fit without any effect.
 
     trials: fitted; tests: to check on; reading: how samples of the actuators were read; gap: one in so many grid times
-    is compared; is_order_usual: channels of the latent force follow each other in trials of the calibration, too.
+    is compared; line: of ``spectral_line``; is_order_usual: channels of the latent force follow each other in trials of
+    the calibration, too.
     """
 
     trials: TrialSet
@@ -105,6 +106,7 @@ class Prepared:
     reading: InputReading
     gap: int
     notices: tuple[Message, ...]
+    line: tuple[float, float]
     is_order_usual: bool = False
     tests: Sequence[Trial] = ()
 
@@ -209,7 +211,7 @@ def prepare(
         notices.append(Message("the fit without any effect has not fully converged", "not_converged"))
     expected, of_null = (data.samples * usual).tolist()
     problem = SearchProblem(steps, data, base, full.candidates, expected, of_null)
-    return Prepared(TrialSet.of(trials), problem, full, null, reading, gap, tuple(notices), is_order_usual)
+    return Prepared(TrialSet.of(trials), problem, full, null, reading, gap, tuple(notices), first.line, is_order_usual)
 
 
 def prepare_with_sensors(

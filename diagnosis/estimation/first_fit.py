@@ -16,6 +16,7 @@ from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.residual_checks import (
     lag_correlation,
     residuals,
+    spectral_line,
     with_correlation_time,
     with_gust_memory,
 )
@@ -39,21 +40,25 @@ MAX_FITS = 12
 
 @dataclass(frozen=True)
 class FirstFit:
-    """The fit ``null`` without effects of ``data``, one in ``gap`` grid times compared; correlation: of
-    neighbouring residuals where all are."""
+    """The fit ``null`` without effects of ``data``, one in ``gap`` grid times compared; dense: all of them with their
+    residuals; correlation: of neighbouring ones of these; line: sharpest in their spectrum (``spectral_line``)."""
 
     data: GriddedTrials
     null: Estimate
     gap: int
+    dense: tuple[GriddedTrials, np.ndarray]
     correlation: float
+    line: tuple[float, float] = (1.0, 0.0)
 
     def finished(self, steps: TransitionModel) -> FirstFit:
-        """With the memories of the random forces, and converged; steps: the transition model."""
+        """With the memories of the random forces, converged, and with the ``line``; steps: the transition model."""
         data, null = self.data, self.null
         null = null if null.noise.prior else with_gust_memory(steps, data, with_correlation_time(steps, data, null))
         if not null.converged:  # the slopes of all tests are those at the optimum
             null = estimate(steps, data, null, MAX_FITS)
-        return replace(self, null=null)
+        if self.gap == 1:
+            return replace(self, null=null, line=spectral_line(*self.dense))
+        return replace(self, null=null, line=spectral_line(data, residuals(steps, data, null), self.dense))
 
 
 def fit_without_effects(
@@ -69,18 +74,19 @@ def fit_without_effects(
     each = [min(gap or max(1, round(s * time_scale(steps.ship.particulars["L"]) / data.h)), most) for s in APART]
     enough = partial(_surely_correlated, 0.0 if gap else CORRELATED) if each[0] > 1 else never
     null, p = _first_fit(steps, data, theta, base, noise, p, enough)
-    dense, correlation = data, lag_correlation(data, residuals(steps, data, null))
+    dense = (data, residuals(steps, data, null))
+    correlation = lag_correlation(*dense)
     apart, crowded = 1, correlation > CORRELATED or swallows(null.noise, steps.ship)
     for number, apart in enumerate(each if gap or crowded else ()):
         enough = never if gap or number == len(each) - 1 else partial(_surely_correlated, 0.5 * CORRELATED)
         if apart > 1:
-            data = dense.thinned(apart)
+            data = dense[0].thinned(apart)
             start = initial_point(steps, data, theta, base, noise, p)
             null = estimate(steps, data, start, MAX_FITS, is_enough=enough)
             left = lag_correlation(data, residuals(steps, data, null))
         if gap or apart == 1 or (left < 0.5 * CORRELATED and not swallows(null.noise, steps.ship)):
             break
-    return FirstFit(data, null, apart, correlation)
+    return FirstFit(data, null, apart, dense, correlation)
 
 
 def _surely_correlated(limit: float, here: Linearisation, gain: float) -> bool:

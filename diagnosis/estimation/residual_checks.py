@@ -1,4 +1,4 @@
-"""Checks after a fit: step, correlation time of the latent force, memory of gusts, correlation of the residuals."""
+"""Checks after a fit: correlation time of the latent force, whiteness of the residuals."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import fdtrc
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import NoiseModel
@@ -15,6 +16,19 @@ from diagnosis.estimation.parameters import active_states
 from diagnosis.estimation.transition_model import TransitionModel
 from mmg.motion.froude import time_scale
 
+# Of a spectrum. Set by hand.
+LEAST_ROWS = 24  # Samples that a piece of a window needs
+BINS = 30  # Bands at most
+NEIGHBOURS = 3  # Bands on either side that a line is compared with, without those next to it
+SLOWEST = 4  # Bands of the longest periods that are not looked at: the latent force follows them
+
+
+IN_ANOTHER = 1e-3  # Probability of a line in a second sensor below which it is none of one sensor alone. Set by hand.
+# Power of a line over that beside it, and the probability that one with less has at least: many samples show surely
+# what a sensor or a random force of another shape makes, a hill of the spectrum, which is not as high. Set by hand.
+TWICE, RARE = 2.0, 1e-6
+# Ratio of the shortest periods of spectra that follow each other; each begins to look at SLOWEST times its own.
+COARSER = 4.0  # set by hand
 # Error of a velocity over a step, in the noise of its sensor, that the latent force may make by being held over it.
 HELD = 0.3  # set by hand
 FINEST = 4  # Parts into which a step is divided at most. Set by hand.
@@ -139,3 +153,97 @@ def lag_correlation(data: GriddedTrials, w: np.ndarray) -> float:
     # autocorrelation by sensor at lags 1 and 2
     pairs = [np.abs((w[lag:] * w[:-lag]).sum(axis=(0, 1))) / np.maximum(square, 1e-300) for lag in (1, 2)]
     return float(np.max(pairs)) if len(w) > 4 else 0.0
+
+
+def spectral_line(
+    data: GriddedTrials, w: np.ndarray, dense: tuple[GriddedTrials, np.ndarray] | None = None
+) -> tuple[float, float]:
+    """(p, period [s]) of the sharpest line in the spectrum of whitened residuals w (K + 1, R, 6) of ``data``.
+
+    dense: the same trials with all samples compared, and their residuals. Where ``data`` resolve a period (twice their
+    spacing), both must show a line, since a line above that has an alias below it. A shorter period counts where
+    ``dense`` shows it in two sensors, as waves do that move the ship; in one it is the sensor's. p: probability of such
+    a line by chance, 1 where too few samples are left. Periodograms are summed over windows and bands; by chance that
+    of a band over the mean of neighbouring bands has an F distribution. It must stand out of those on either side, so
+    that a coloured spectrum has no lines, and clearly (TWICE), so that a hill of it is none. The slowest bands are left
+    out: the latent force follows them. A periodic force, as of waves, it cannot follow.
+    """
+    spacing, pieces = _equally_spaced(data)
+    if not pieces:
+        return 1.0, float("inf")
+    shortest, bands = 2 * spacing * data.h, _bands(pieces)
+    p = _band_probabilities(data.h * spacing, w, pieces, shortest, bands)
+    if dense is None:
+        return _sharpest(p, shortest)
+    every, dense_pieces = _equally_spaced(dense[0])
+    step, finest, parts = dense[0].h * every, 2 * dense[0].h * every, _bands(dense_pieces)
+    p = np.maximum(p, _band_probabilities(step, dense[1], dense_pieces, shortest, bands))  # both must show a line
+    lines, down_to = [_sharpest(p, shortest)], finest
+    while down_to < shortest:
+        q = _band_probabilities(step, dense[1], dense_pieces, down_to, parts)
+        slow = down_to * parts / (np.arange(parts) + 0.5) > shortest
+        q[slow | (np.partition(q, 1, axis=1)[:, 1] > IN_ANOTHER)] = 1.0
+        lines.append(_sharpest(q, down_to))
+        down_to *= COARSER
+    least, period = min(lines)
+    return min(1.0, least * len(lines)), period  # Bonferroni over the spectra
+
+
+def _bands(pieces: list[tuple[int, np.ndarray]]) -> int:
+    """Number of bands that the shortest piece can fill."""
+    return min(BINS, (min(len(rows) for _, rows in pieces) - 1) // 2)
+
+
+def _sharpest(p: np.ndarray, shortest: float) -> tuple[float, float]:
+    """Probability by chance of the least of ``p`` (bands, 6), and the period [s] of its band, down to ``shortest``."""
+    band = int(np.argmin(p.min(axis=1)))
+    return min(1.0, p[SLOWEST:].size * float(p.min())), shortest * len(p) / (band + 0.5)
+
+
+def _equally_spaced(data: GriddedTrials) -> tuple[int, list[tuple[int, np.ndarray]]]:
+    """The usual spacing [grid times] of what is compared, and windows and rows of all pieces that keep it and are long
+    enough; the first rows of a window are left out."""
+    compared = np.asarray(data.good.any(axis=2))
+    every = [np.flatnonzero(compared[:, r])[4:] for r in range(compared.shape[1])]
+    gaps = np.concatenate([np.diff(rows) for rows in every])
+    if not len(gaps):
+        return 1, []
+    spacing = int(np.bincount(gaps).argmax())
+    parts = [
+        (r, part)
+        for r, rows in enumerate(every)
+        for part in np.split(rows, 1 + np.flatnonzero(np.diff(rows) != spacing))
+    ]
+    return spacing, [(r, rows) for r, rows in parts if len(rows) >= LEAST_ROWS]
+
+
+def periodogram(x: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (F,) [1/s] of x (N, ...), N samples every ``step`` [s], and the mean square (F, ...) of x less its
+    mean at each, as ``scipy.signal.periodogram`` scales a spectrum: that takes half a second to import."""
+    power = np.abs(np.fft.rfft(x - x.mean(axis=0), axis=0) / len(x)) ** 2
+    power[1 : (len(x) + 1) // 2] *= 2.0  # the negative frequencies; that of two samples a period has none
+    return np.fft.rfftfreq(len(x), step), power
+
+
+def _band_probabilities(
+    step: float, w: np.ndarray, pieces: list[tuple[int, np.ndarray]], shortest: float, bands: int
+) -> np.ndarray:
+    """Probability (bands, 6) by chance of the power in each of so many bands of the spectrum of w (K + 1, R, 6) down to
+    periods of ``shortest`` [s], beside its neighbours on either side; 1 for the slowest. step: between rows [s]."""
+    total, count = np.zeros((bands, w.shape[2])), np.zeros(bands)
+    for r, rows in pieces:
+        frequency, power = periodogram(w[rows, r], step)
+        inside = (np.arange(len(power)) > 0) & (frequency < (1 - 1e-9) / shortest)
+        power = power[inside] / np.maximum(power[inside].mean(axis=0), 1e-300)  # pieces count alike
+        at = (frequency[inside] * shortest * bands).astype(int)
+        np.add.at(total, at, power)
+        count += np.bincount(at, minlength=bands)
+    away = np.abs(np.subtract.outer(np.arange(bands), np.arange(bands)))  # bands between any two
+    near = np.argsort(np.where(away < 2, bands, away), axis=1, kind="stable")[:, : 2 * NEIGHBOURS]
+    neighbour_power, size = total[near].sum(axis=1), count[near].sum(axis=1)
+    ratio = (total * size[:, None]) / np.maximum(neighbour_power * count[:, None], 1e-300)
+    # a periodogram is chi-squared of 2 degrees
+    p = np.asarray(fdtrc(2 * np.maximum(count, 1)[:, None], 2 * np.maximum(size, 1)[:, None], ratio))
+    p = np.where(ratio < TWICE, np.maximum(p, RARE), p)
+    p[:SLOWEST] = 1.0
+    return p

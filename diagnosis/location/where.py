@@ -22,6 +22,7 @@ import numpy as np
 
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
+from diagnosis.estimation.residual_checks import periodogram
 from mmg.components.rigid_body import Inertia, inertia
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
 from mmg.motion.frames import body_to_earth, relative_air
@@ -287,14 +288,6 @@ def _channels(data: GriddedTrials, z: np.ndarray, mass: Inertia, s: Samples) -> 
             row["share_after"] = float(later[c] / later.sum()) if later.sum() > 0 else 1 / 3
         result[name] = row
     return result
-
-
-def periodogram(x: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (F,) [1/s] of x (N, ...), N samples every ``step`` [s], and the mean square (F, ...) of x less its
-    mean at each, as ``scipy.signal.periodogram`` scales a spectrum: that takes half a second to import."""
-    power = np.abs(np.fft.rfft(x - x.mean(axis=0), axis=0) / len(x)) ** 2
-    power[1 : (len(x) + 1) // 2] *= 2.0  # the negative frequencies; that of two samples a period has none
-    return np.fft.rfftfreq(len(x), step), power
 
 
 def _bands(data: GriddedTrials, before: Estimate, after: Estimate | None, length: float) -> list[dict[str, Any]]:

@@ -387,10 +387,12 @@ def test_what_is_found_is_said_unless_the_calibration_shows_it_as_well(monkeypat
     case = ready()
     p = case.problem
     order = force_order(p.steps, p.data, case.null)
-    assert order.is_random and not_random(case, case.null) == []
+    assert order.is_random and not_random(replace(case, line=(1.0, 3.0)), case.null) == []
     monkeypatch.setattr(
         "diagnosis.judgement.verdict.force_order", lambda *_: replace(order, p_value=1e-5, scores=np.eye(3)[2])
     )
-    (message,) = not_random(case, case.null)
+    (message,) = not_random(replace(case, line=(1.0, 3.0)), case.null)
     assert message.code == "ordered_forces"
-    assert not_random(replace(case, is_order_usual=True), case.null) == []
+    assert not_random(replace(case, line=(1.0, 3.0), is_order_usual=True), case.null) == []
+    both = not_random(replace(case, line=(1e-9, 3.0)), case.null)
+    assert [m.code for m in both] == ["oscillating_residuals", "ordered_forces"]

@@ -37,7 +37,7 @@ RUNS = (("zigzag:20/20", 40.0), ("turning:-20", 40.0))
 def ready() -> Prepared:
     problem, null = pushed_problem(1, runs=RUNS, h=1.0)
     trials, reading = TrialSet.of(pushed_trials(1, runs=RUNS)), InputReading(False, None, 0.1, 3.0)
-    return Prepared(trials, problem, full_model(), null, reading, 1, (), tests=trials)
+    return Prepared(trials, problem, full_model(), null, reading, 1, (), (1.0, float("inf")), tests=trials)
 
 
 @pytest.mark.parametrize(

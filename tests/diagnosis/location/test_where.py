@@ -6,7 +6,6 @@ import json
 
 import numpy as np
 import pytest
-from scipy import signal
 
 from cases.shipfiles.ship_file import load_ship
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -14,7 +13,7 @@ from diagnosis.estimation.kalman import NoiseModel
 from diagnosis.estimation.linearisation import Trajectory
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import Priors
-from diagnosis.location.where import PHASES, periodogram, phases, variables_of, where
+from diagnosis.location.where import PHASES, phases, variables_of, where
 
 INPUTS = ("n", "delta", "wind_north", "wind_east")
 SHIP = load_ship("esso_osaka_3m")
@@ -172,25 +171,3 @@ def test_no_wind_columns_and_one_run() -> None:
     still = where(INPUTS, one, fitted(z[:, :1], np.zeros((K + 1, 1, 3))), SHIP)
     json.dumps(still, allow_nan=False)
     assert sum(row["share"] for row in still["channels"].values()) == pytest.approx(1)
-
-
-def test_a_constant_force_in_the_earth_frame_points_its_way_in_every_run() -> None:
-    data, z = weaving()
-    psi = z[..., 2]
-    force = np.zeros((*psi.shape, 3))
-    force[..., 0], force[..., 1] = 0.6 * np.cos(psi - 2.0), -0.6 * np.sin(psi - 2.0)
-    rows = where(INPUTS, data, fitted(z, force), SHIP)["earth"]
-    assert [row["run"] for row in rows] == list(data.trials)
-    for row in rows:
-        assert row["force"] == pytest.approx(0.6, rel=1e-6) and row["towards"] == pytest.approx(2.0, abs=1e-6)
-        assert row["north"] == pytest.approx(0.6 * np.cos(2.0)) and row["east"] == pytest.approx(0.6 * np.sin(2.0))
-
-
-@pytest.mark.parametrize("count", [64, 65, 2, 3])
-def test_a_periodogram_is_that_of_scipy(count: int) -> None:
-    x = np.random.default_rng(count).normal(1.0, 2.0, (count, 3))
-    frequency, power = periodogram(x, 0.5)
-    expected = signal.periodogram(x, 2.0, scaling="spectrum", axis=0)
-    np.testing.assert_allclose(frequency, expected[0])
-    np.testing.assert_allclose(power, expected[1], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(power.sum(axis=0), x.var(axis=0))
