@@ -183,8 +183,8 @@ def needs_nutpie() -> None:
         import nutpie  # noqa: F401
     except ImportError:
         raise NotInstalled(
-            'draws by "nuts" need nutpie and ArviZ: pip install "mmg-ident[bayes]", or draw from the normal distribution by '
-            "fit.sample(n)"
+            'draws by "nuts" need nutpie and ArviZ: pip install "mmg-ident[bayes]", or draw from the normal '
+            "distribution: fit.sample(n)"
         ) from None
 
 
