@@ -22,7 +22,6 @@ from cases.io.read import read_trial, read_trials
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
-from diagnosis.hypotheses import events
 from tests.support.trial_files import make_trial, motion_columns, shifted, write_csv
 
 Columns = dict[str, np.ndarray]
@@ -289,4 +288,3 @@ def test_tails_and_quantiles_are_those_of_scipy() -> None:
         assert tails.gamma_tail(value, 1.7, 2.0) == pytest.approx(stats.gamma.sf(value, 1.7, scale=2.0), rel=1e-12)
     for probability in (1e-300, 0.01, 0.5, 0.9):
         assert tails.student_quantile(probability, 5) == pytest.approx(stats.t.ppf(probability, 5), rel=1e-9)
-    assert pytest.approx(stats.chi2.median(1), rel=1e-12) == events.MEDIAN
