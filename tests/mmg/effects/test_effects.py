@@ -76,6 +76,13 @@ def test_the_library_has_the_effects_of_the_contract() -> None:
             assert p.typical > 0 and p.description
 
 
+def test_what_belongs_to_a_place_and_what_is_an_instrument_is_neither_the_ship_nor_a_cause() -> None:
+    at_a_place = {"bank", "current", "shallow_water", "tow", "wave_drift", "wind_force", "wind_sensor_bias"}
+    instruments = {"antenna_offset", "gnss_delay", "gyro", "heading_bias", "log_scale", "velocity_filter"}
+    assert {name for name in EFFECTS if EFFECTS[name].surroundings} == at_a_place
+    assert {name for name in EFFECTS if EFFECTS[name].measures} == instruments
+
+
 @pytest.mark.parametrize("ship_name", SHIPS)
 @pytest.mark.parametrize("name", sorted(EFFECTS))
 def test_at_its_neutral_value_an_effect_changes_nothing_to_the_last_bit(name: str, ship_name: str) -> None:
