@@ -100,7 +100,7 @@ def _write_diagnosis(folder: Path) -> None:
         equivalence_class=("wave_drift",), warnings=("beware of the tide.",), not_screened={"bank": "no line is known"},
         candidates=(findings.RankedCandidate("current", 300.0, 1e-12, 280.0, True, 0.3, current),),
         where={"channels": {"surge": {"share": 0.5}}},
-        noise=findings.RandomSizes((1.0, 2.0, 3.0), 4.0, (0.1,) * 6, (0.2,) * 6),
+        noise=findings.RandomSizes((1.0, 2.0, 3.0), 4.0, (0.1,) * 6),
         held_out=findings.HeldOut(0.4, 0.2, 0.5, (0.3, 0.6), 12, {"test": (0.5, 0.2)}, horizons={"30 s": (0.4, 0.2)}),
         unnamed={"all": 20.0, "sway force": 15.0}, kinematics=("late by 0.7 s",),
         timings={"total": 1.0}, inputs=findings.DiagnosisInputs(({"name": "run"},)), ship=load_ship("esso_osaka_3m"),

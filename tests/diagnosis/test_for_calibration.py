@@ -134,7 +134,7 @@ def test_the_folder_the_page_and_the_console_have_the_probability(
     page = build_page([(read, read.ship, tmp_path / "run")])
     test = only(result)
     assert test.sentence in page
-    monkeypatch.setattr("mmg_ident.api.calibrate", lambda *_: result)
+    monkeypatch.setattr("mmg_ident.api.calibrate", lambda *_, **__: result)
     monkeypatch.setattr("cases.trial_set.read_trials", lambda *_, **__: list(trials(0.06)))
     fit_command("esso_osaka_3m", [tmp_path], tmp_path / "again", with_=["rudder_offset"])
     said = capsys.readouterr().err
