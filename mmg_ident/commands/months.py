@@ -56,12 +56,14 @@ def months(
 
 def _summary(study: MonthStudy, out: Path) -> None:
     """A few lines for a person."""
+    from cases.quantities import UNITS
+
     cut = study.cut
     cli.say(f"{study.days:.1f} days, {cut.rows} rows in {len(study.log.parts)} parts, every {cut.step:g} s")
     cli.say("; ".join(f"{what} {seconds / 3600:.1f} h" for what, seconds in cut.seconds.items() if seconds))
     for name, errors in study.scores.items():
-        words = ", ".join(f"{channel} {value:.3g}" for channel, value in errors.items())
-        cli.say(f"errors of all windows {name}: {words}")
+        words = ", ".join(f"{channel} {value:.3g} {UNITS.get(channel, 'm')}" for channel, value in errors.items())
+        cli.say(f"errors of all windows {name}: {words}")  # along and across the track: positions
     for row in study.changes.named:
         cli.say(study.words(row))
         if row.company:
