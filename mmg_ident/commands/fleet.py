@@ -60,12 +60,16 @@ def fleet(
 
 def _summary(fleet: Fleet, out: Path) -> None:
     """A few lines for a person."""
-    rows = []
+    rows, worse = [], []
     for row in fleet.rows:
         score = row["scores"].get("held_out") or row["scores"].get("training") or {}
         pair = list(score.get("window", {}).values())  # mean squared errors of 30 s windows, before and after
         errors = " -> ".join(f"{error:.3g}" for error in pair if None not in pair)
         errors += "*" if errors and "held_out" not in row["scores"] else ""
+        if None not in (alone := score.get("alone"), *pair) and pair and pair[-1] > alone:
+            worse.append(
+                f"{row['name']}: an error of {alone:.3g} by her own trials alone, with her sisters {pair[-1]:.3g}"
+            )
         verdict = ", ".join(e["name"] for e in row["effects"]) or row["verdict"]
         drifted = ", ".join(f"{d['name']} ({d['campaign']})" for d in row["drifted"])
         counts = (str(len(row["instruments"])), str(len(row["moved"])))
@@ -74,6 +78,8 @@ def _summary(fleet: Fleet, out: Path) -> None:
     cli.print_table(heads, rows, f"{fleet.name}: {len(fleet.rows)} ships")
     if any(row[2].endswith("*") for row in rows):
         cli.say("*: of the training trials, as none are held out")
+    for line in worse:
+        cli.say(line)
     for row in (row for row in fleet.rows if row["status"] != "done"):
         cli.say(f"{row['name']}: {row['status']}: {row['reason']}")
     for group in fleet.groups:
