@@ -66,8 +66,9 @@ ALONE = (
     "inputs) were not looked for: the filter that finds them knows no values by run, captive tests, profiles, refits "
     "and held values; fit without these to see"
 )
-# Most of the limit of time that the second estimate may take, which comes first. Set by hand: both take about as long.
-SHARE = 0.5
+# Share [-] of the limit of time that the second estimate may take, which comes first. Set by hand: both take about as
+# long.
+TIME_SHARE = 0.5
 
 
 @refusing
@@ -135,21 +136,21 @@ def calibrate(
     began = time.perf_counter()
     settings, options = settings or Settings(), options or FitOptions()
     trials, remarks = TrialSet.of(trials).training(validation)
-    given, rates = with_own_rates(ship, trials)
+    given, notes = with_own_rates(ship, trials)
     ship = with_instruments(given, options.instruments, trials)
     _check_options(ship, options)
     if options.per_run:
         own = f"the constants that runs have of their own ({', '.join(options.per_run)})"
-        rates.append(Message(f"scores and intervals are without {own}, as of runs never seen", "without_own_constants"))
-    if options.per_run and len(trials) == 1:
-        same = f"--with {' --with '.join(options.per_run)}"
-        LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
+        notes.append(Message(f"scores and intervals are without {own}, as of runs never seen", "without_own_constants"))
+        if len(trials) == 1:
+            same = f"--with {' --with '.join(options.per_run)}"
+            LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
     made, other = Made(), None
     # the second estimate comes first: it tells what else is to be free, and how inputs are joined
     limit = Control.within(settings.time_limit)
     if (second := options.second) and options.asks_second:
         frees, along = tuple(options.instruments) != ("none",), options.surroundings
-        with Control.within(SHARE * limit.seconds).in_force():
+        with Control.within(TIME_SHARE * limit.seconds).in_force():
             make_in_turn({"second estimate": lambda: second(given, trials, frees, along)}, made)
         other = made.get("second estimate", SecondEstimate("interrupted"))
         ship, remarks = with_suspects(ship, other.suspects), [*remarks, *other.messages]
@@ -157,7 +158,7 @@ def calibrate(
             trials, validation = trials.sampled, TrialSet.of(validation).sampled
         options = replace(options, start={**other.of_suspects(), **options.start})
     elif second and options.estimator == "both":
-        rates.append(Message(ALONE, "two_estimates"))
+        notes.append(Message(ALONE, "two_estimates"))
     with limit.in_force():
         fit = _estimated(ship, trials, settings, options, made, progress)
     found = fit.calibration
@@ -191,7 +192,7 @@ def calibrate(
         parts["--posterior"] = lambda: sampled_posterior(found, options.posterior, settings.seed)
     make_in_turn(parts, made)
     objects = replace(objects, next_trial=made.get("next trial"), posterior=made.get("--posterior"))
-    return _result(replace(fit, messages=(*fit.messages, *rates)), made, objects, ship, options, remarks, began)
+    return _result(replace(fit, messages=(*fit.messages, *notes)), made, objects, ship, options, remarks, began)
 
 
 @with_one_thread

@@ -312,7 +312,7 @@ def estimated(
     moves = statistics["spread"].moves
     # of a copy, whose caches are not kept with the calibration
     is_judged = not solves.draft and np.isfinite(best.objective)
-    outlying = [] if not is_judged else outlying_runs(statistics["problem"].with_changes(), best.x, moves)
+    outlying = outlying_runs(statistics["problem"].with_changes(), best.x, moves) if is_judged else []
     return Calibration(
         **statistics,
         noise=solves.noise,

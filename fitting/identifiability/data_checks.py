@@ -41,6 +41,7 @@ ASTERN = 1e-3
 # Standard deviations of prior and points together from which these contradict each other. Set by hand.
 CONTRADICTED = 5.0
 INFLUENCED = 300  # Most nodes at which influence is calculated. Set by hand: it bounds time.
+THRUSTERS = ("n_bow", "n_stern")  # Inputs that drive no ship ahead
 # Whether the ship has headway and her propellers turn ahead -> that in words, and a trial that shows it.
 STATES_OF_MOTION = {
     (True, True): ("going ahead", "a trial ahead"),
@@ -177,8 +178,8 @@ def unexcited_astern(ship: Ship, segments: Segments) -> list[Message]:
 def _influence(ship: Ship, segments: Segments) -> tuple[np.ndarray, np.ndarray, list[tuple[bool, bool]]]:
     """Of each free coefficient: rms change of the scaled accelerations for one prior standard deviation.
 
-    Over the data (P,), the largest one over the data turned round (P,), and whether the ship has headway and her
-    propellers turn ahead where it is largest.
+    Over the data (P,), the largest one over the data turned round (P,), and the first of STATES_OF_MOTION in which it
+    is half of its largest.
     """
     model = assemble(ship)
     free = [ship.symbols.index(s) for s in ship.free]
@@ -200,10 +201,13 @@ def _influence(ship: Ship, segments: Segments) -> tuple[np.ndarray, np.ndarray, 
     points = np.isfinite(total)  # none of them where the model has no value when it is turned round
     mean = np.where(points, total, 0.0).sum(axis=2) / np.maximum(points.sum(axis=2), 1)
     influence = np.sqrt(mean) * Prior.of(ship).std[:, None]  # (P, ways), the data as they are first
-    most = np.nanargmax(np.where(points, total, -1.0).reshape(len(free), -1), axis=1)
-    n = controls[propellers[0]] if propellers else states[3]
-    at = [(bool(states[3, i] > 0), bool(n[i] > 0)) for i in most]
-    return influence[:, 0], np.max(influence[:, 1:], axis=1), at
+    squares_at = np.where(points, total, 0.0).reshape(len(free), -1)
+    drives = [i for i in propellers if ship.inputs[i] not in THRUSTERS]
+    n = controls[drives[0]] if drives else states[3]
+    inside = {at: ((states[3] > 0) == at[0]) & ((n > 0) == at[1]) for at in STATES_OF_MOTION}
+    most = np.array([squares_at[:, where].max(axis=1, initial=0.0) for where in inside.values()])  # (4, P)
+    first = np.argmax(most >= 0.25 * most.max(axis=0), axis=0)  # half of the largest influence, squared
+    return influence[:, 0], np.max(influence[:, 1:], axis=1), [tuple(inside)[i] for i in first]
 
 
 def contradictions(prior: Prior) -> list[Message]:

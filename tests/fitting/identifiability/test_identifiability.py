@@ -4,9 +4,10 @@ trials would tell more: those of the library against new fits, and one of one's 
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,6 +23,7 @@ from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.next_trial import NextTrial, Option, fisher, identifiability_dict, library, next_trial, repetitions
 from fitting.design.plan import RUN_UP, Area, Evolution, PlanTask, Sequences, SequenceSearch, Wish, corners, table_of
+from fitting.design.planned_trial import PlannedTrial
 from fitting.design.trial_information import Present, TrialInformation, choose_windows, window_information
 from fitting.identifiability.analysis import (
     DETERMINED,
@@ -34,11 +36,12 @@ from fitting.identifiability.analysis import (
     implausible,
     verdict,
 )
-from fitting.identifiability.data_checks import contradictions, refuse_outliers, unexcited_astern
+from fitting.identifiability.data_checks import STATES_OF_MOTION, contradictions, refuse_outliers, unexcited_astern
 from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
 from fitting.prediction.innovations import Innovations
+from fitting.record import FitRecord
 from fitting.report.plots import profile_plot
 from fitting.report.sections import identifiability_section
 from fitting.settings import Settings, Start
@@ -46,6 +49,7 @@ from fitting.solvers.solve import disagreement
 from mmg.errors import TooFewData, UserError
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+from tests.support.actuator_ships import true_ship
 from tests.support.calibrated import small_result
 from tests.support.synthetic_runs import runs
 
@@ -323,6 +327,25 @@ def test_astern_coefficients_without_astern_motion_are_named_or_alone_refused_al
     assert not any(s in words[0].split(":")[0].split(", ") for s in ("Y_v", "N_r", "k_0", "X_0F", "ell_R"))
 
 
+@pytest.mark.parametrize(("symbol", "state"), [("A_6", (False, True)), ("C_6", (True, False))])
+def test_the_state_in_which_a_coefficient_acts_is_named(symbol: str, state: tuple[bool, bool]) -> None:
+    """A_6 is of the side force with sternway and a propeller ahead, C_6 of the thrust of a reversed one (Hachii)."""
+    ahead = [t for t in runs()[0] if t["u"].min() > 0.05 and t["n"].min() >= 0]
+    ship = ESSO.fixing([s for s in ESSO.symbols if s not in (symbol, "Y_v")])
+    (message,) = unexcited_astern(ship, cut(ahead, 1.0, 50.0, 5))
+    named = [at for at, (words, _) in STATES_OF_MOTION.items() if words in message]
+    assert message.code == "not_excited_astern" and message.startswith(f"{symbol}:") and named == [state]
+
+
+def test_a_planned_trial_of_two_rudders_is_written_with_the_unit_of_each_column(tmp_path: Path) -> None:
+    found = SimpleNamespace(
+        states=np.zeros((3, 6)), inputs=np.ones((3, 2)), orders=np.ones((3, 2)), std=np.ones((3, 6))
+    )
+    PlannedTrial(true_ship("twin"), None, found, None, 1.0, ()).write(tmp_path / "next.csv")  # type: ignore[arg-type]
+    header = (tmp_path / "next.csv").read_text().splitlines()[0].split(",")
+    assert {"n_2 [rps]", "delta_port [rad]", "delta_order [rad]", "n_order [rps]", "r_std [rad/s]"} <= set(header)
+
+
 def test_priors_that_contradict_themselves_are_said() -> None:
     prior = Prior.of(ESSO)
     assert contradictions(prior) == []
@@ -332,6 +355,12 @@ def test_priors_that_contradict_themselves_are_said() -> None:
     assert len(words) == 1 and words[0].startswith("Y_v") and "4.0" in words[0]
     with pytest.raises(UserError, match="Y_v"):
         contradictions(replace(prior, std=np.where(is_Y_v, 0.0, prior.std)))
+
+
+def test_a_start_at_which_the_model_explodes_is_read_back() -> None:
+    start = {"number": 0, "objective": None, "converged": False, "distance": None}
+    record = FitRecord.of({f.name: getattr(small_result(), f.name) for f in fields(FitRecord)} | {"starts": [start]})
+    assert np.isnan([record.starts[0].objective, record.starts[0].distance]).all()
 
 
 def test_starts_that_disagree_say_how_far() -> None:

@@ -20,7 +20,7 @@ from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate import simulate
 from cases.simulation.simulate_batch import simulate_batch
 from fitting.prediction.bands import Process, process_dict
-from fitting.prediction.envelope import held_dict, held_motion
+from fitting.prediction.envelope import held_dict, held_motion, untried
 from fitting.prediction.figure_intervals import (
     FigureScatter,
     drawn_figures,
@@ -323,3 +323,8 @@ def test_draws_are_put_about_the_figures_of_fine_steps() -> None:
     np.testing.assert_allclose(found["overshoot_1"], [0.015, 0.06])
     np.testing.assert_allclose(found["lateral_deviation"], 2.0)
     assert np.isnan(found["advance"]).all() and drawn["overshoot_1"][0] == 0.01
+
+
+@pytest.mark.parametrize(("limit", "is_untried"), [(2.0, True), (-0.5, True), (-2.4, False)])
+def test_a_stop_is_the_priors_alone_unless_trials_came_near_it(limit: float, is_untried: bool) -> None:
+    assert bool(untried("crash-stop", (("n", -4.0, limit),))) == is_untried
