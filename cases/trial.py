@@ -41,11 +41,13 @@ def unwrapped(values: np.ndarray) -> np.ndarray:
 
 
 def _array(trial: str, name: str, values: Any) -> np.ndarray:
-    """The ``values`` of the column ``name`` of a ``trial`` as an array. Raises UserError where they are none."""
+    """The ``values`` of the column ``name`` of a ``trial``, read-only. Raises UserError where they are none."""
     try:
-        return np.asarray(values)
+        column = np.asarray(values).view()
     except ValueError:
         raise BadValue(f"{trial}: column {name} holds what is no number") from None
+    column.flags.writeable = False
+    return column
 
 
 @refusing
@@ -87,9 +89,9 @@ class Trial:
         check_name(self.name, str(self.path or "trial"))
         if not isinstance(given := by_name(self.columns), dict):
             raise BadValue(f"{self.name}: columns: {given!r}: give arrays by name, such as {{'t': times}}")
-        if not all(isinstance(values, np.ndarray) for values in given.values()):  # lists, or columns of pandas
-            given = {name: _array(self.name, name, values) for name, values in given.items()}
-            object.__setattr__(self, "columns", given)  # as a frozen dataclass is completed
+        # lists, or columns of pandas, become arrays; none is written to, as what is known of a trial is kept
+        given = {name: _array(self.name, name, values) for name, values in given.items()}
+        object.__setattr__(self, "columns", given)  # as a frozen dataclass is completed
         for name, values in given.items():
             if values.dtype.kind not in "fiub":
                 raise BadValue(f"{self.name}: column {name} holds what is no number")

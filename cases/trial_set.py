@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias, overload
@@ -32,6 +32,7 @@ from mmg.ship import Ship
 Given: TypeAlias = "str | Path | Trial | Sequence[str | Path | Trial]"
 DOUBT = "doubtful"  # Code of the notice on what mmg check doubts of a trial
 JUDGED = {"judged": "yes"}  # Mark of trials that went through ``ready``
+KEPT = 4  # Sets that are known in a session, which fits and judges a few again and again. Set by hand.
 MOST_LISTED = 5  # Of names and pairs in one message. Set by hand: display.
 
 
@@ -58,8 +59,12 @@ class TrialSet(Sequence[Trial]):
                     "of a frame Trial.from_pandas"
                 )
         paths = [item for item in several if not isinstance(item, Trial)]
-        if len(paths) == len(several):  # in one call: each file once, and all that cannot be read said together
-            return cls(tuple(read_trials(paths) if paths else ()))
+        if paths and len(paths) == len(
+            several
+        ):  # in one call: each file once, all that cannot be read said together
+            return cls(tuple(read_trials(paths)))
+        if not paths:
+            return _set_of(tuple(several))
         each = ([item] if isinstance(item, Trial) else read_trials(item) for item in several)
         return cls(tuple(trial for some in each for trial in some))
 
@@ -208,6 +213,11 @@ class TrialSet(Sequence[Trial]):
         return once, [*TrialSet((*once, *judges)).remarks, *messages, *copies]
 
 
+@lru_cache(maxsize=KEPT)
+def _set_of(trials: tuple[Trial, ...]) -> TrialSet:
+    return TrialSet(trials)
+
+
 def ready(*sets: Given, unchecked: bool = False) -> tuple[TrialSet, ...]:
     """The ``sets`` as they may be fitted and judged: without broken stretches, doubts among their notices.
 
@@ -219,7 +229,13 @@ def ready(*sets: Given, unchecked: bool = False) -> tuple[TrialSet, ...]:
         return tuple(given)
     if unchecked:
         return tuple(some.as_they_are for some in given)
-    every = given[0] if len(given) == 1 else TrialSet(tuple(trial for some in given for trial in some))
+    return _judged(tuple(given))
+
+
+@lru_cache(maxsize=KEPT)
+def _judged(sets: tuple[TrialSet, ...]) -> tuple[TrialSet, ...]:
+    """The ``sets`` as ``ready`` gives them; the same for the same, so that what is known of them stays known."""
+    every = sets[0] if len(sets) == 1 else TrialSet(tuple(trial for some in sets for trial in some))
     wrong = [report for report in every.reports if report.verdict == CONTRADICTORY]
     if wrong:
         text = next(f.text for f in wrong[0].findings if f.level == CONTRADICTORY).rstrip(".")
@@ -227,7 +243,7 @@ def ready(*sets: Given, unchecked: bool = False) -> tuple[TrialSet, ...]:
         advice = "correct it in trials.toml, or add --unchecked (unchecked=True)"
         raise Conflict(f"{names}: contradictory, as mmg check says ({text}); {advice}")
     rows = iter(zip(every, every.reports, strict=True))
-    return tuple(TrialSet(tuple(_judged(*row) for row in islice(rows, len(some)))) for some in given)
+    return tuple(TrialSet(tuple(_judged_trial(*row) for row in islice(rows, len(some)))) for some in sets)
 
 
 def shared_rows(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[Message]:
@@ -250,7 +266,7 @@ def shared_rows(train: Sequence[Trial], held_out: Sequence[Trial]) -> list[Messa
     return out
 
 
-def _judged(trial: Trial, report: CheckReport) -> Trial:
+def _judged_trial(trial: Trial, report: CheckReport) -> Trial:
     """``trial`` without the broken stretches of its ``report``, with a notice on each doubt."""
     if not looked_at(trial):
         trial = _without(trial, [BrokenStretch(**row) for row in report.numbers["stretches"]["broken"]])

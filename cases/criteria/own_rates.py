@@ -14,6 +14,7 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -145,6 +146,13 @@ def order_delay(
     return (delay, tuple(dict.fromkeys(name for *_, name in measured))) if known else None
 
 
+@lru_cache(maxsize=1)  # of the trials of a session, that are fitted again and again
+def _logged_ramps(trials: tuple[Trial, ...]) -> list[tuple[Trial, list[list[Ramp]]]]:
+    """Those of the ``trials`` that log rudder and revolutions, and the largest moves of both (``ramps_of``)."""
+    logged = [t for t in trials if np.isfinite(np.column_stack(steering(t))).any(axis=0).all()]
+    return [(trial, [ramps_of(trial, values) for values in steering(trial)]) for trial in logged]
+
+
 def ramps_of(trial: Trial, values: np.ndarray) -> list[Ramp]:
     """The largest moves in a column of ``values`` (N,) of a ``trial``, with the reading of its samples that fits."""
     good = np.isfinite(values)
@@ -252,13 +260,12 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
         return ship, []
     estimates: dict[str, tuple[float, tuple[str, ...]]] = {}
     messages = []
-    logged = [t for t in trials if np.isfinite(np.column_stack(steering(t))).any(axis=0).all()]
-    usual = Limits.for_length(ship.particulars["L"])
+    logged, usual = _logged_ramps(tuple(trials)), Limits.for_length(ship.particulars["L"])
     rates = ("rudder_rate", usual.rudder_rate), ("propeller_rate", usual.propeller_rate)
     engine = USUAL["engine_delay"][3] if has_engine(ship) else 0.0
     most = {"rudder_delay": MOST_DELAY * time_scale(ship.particulars["L"]), "engine_delay": engine}
     for k, ((name, rule), (late, column, highest)) in enumerate(zip(rates, DELAYS, strict=True)):  # rudder, propeller
-        moves = [(trial, ramps_of(trial, steering(trial)[k])) for trial in logged]
+        moves = [(trial, ramps[k]) for trial, ramps in logged]
         slew = slew_rate([ramp for _, ramps in moves for ramp in ramps])
         if slew and slew.limit and slew.rate <= FASTEST * rule:
             estimates[name] = slew.rate, slew.trials

@@ -15,7 +15,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate, write_trial
 from cases.trial import Trial
-from cases.trial_set import TrialSet, shared_rows
+from cases.trial_set import TrialSet, ready, shared_rows
 from diagnosis.estimation.gridded_trials import possible_readings
 from mmg.errors import UserError
 from tests.support.trial_files import make_trial
@@ -170,7 +170,10 @@ def test_what_is_known_is_worked_out_once(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("cases.trial_set.check", counted)
     some = TrialSet.of([make_trial("a")])
     assert some.reports is some.reports and some.sound is some.sound and some.copies is some.copies
-    assert calls == [1]
+    ready([some[0]])  # the same trials once more, as a second fit of a session asks for them
+    assert calls == [1] and ready([some[0]])[0] is ready(some)[0]
+    with pytest.raises(ValueError, match="read-only"):
+        some[0]["u"][0] = 9.0
 
 
 def test_a_measured_column_is_its_own_root_and_a_derived_one_rests_on_others() -> None:
