@@ -184,6 +184,7 @@ _ROWS = (
                headers="(magnetic|mag|compass)_(heading|hdg)|(heading|hdg)_(magnetic|mag|m|compass)|hdm|compass",
                valid=r"(heading|hdg|hdm|compass)_(status|mode|valid|validity|ok)"),
     Quantity("variation", "rad", False, headers="(magnetic_|mag_)?(variation|declination|decl)|mag_?var|var_mag"),
+    Quantity("deviation", "rad", False, headers="(compass_|magnetic_|mag_)?(deviation|dev)"),
     *(
         Quantity(f"{name}_{part}", "", False, headers=rf"({short}|{name})_({words})")
         for name, short in (("latitude", "lat"), ("longitude", "lon|long|lng"))
@@ -200,7 +201,10 @@ QUANTITIES = {row.name: row for row in _ROWS}  # By name; of a ship with more th
 # What was ordered of rudder and revolutions: no input, but what shows how long these wait.
 ORDERS = ("delta_order", "n_order")
 # Quantities whose sign another column of a raw log may say, in words.
-SIGNED = ("latitude", "longitude", *(name for name in INPUTS if name.startswith(("n", "delta"))))
+SIGNED = (
+    *("latitude", "longitude", "variation", "deviation"),
+    *(name for name in INPUTS if name.startswith(("n", "delta"))),
+)
 QUANTITIES |= {f"t_{part}": Quantity(f"t_{part}", "", False) for part in ("year", "month", "day", "hour", "minute")}
 QUANTITIES |= {f"{name}_sign": Quantity(f"{name}_sign", "", canonical=False) for name in SIGNED}
 UNITS = {row.name: row.unit for row in _ROWS if row.canonical}  # Canonical columns and the unit they have in a Trial

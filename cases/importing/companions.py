@@ -38,7 +38,7 @@ AHEAD = Kind(
 KINDS = (
     SIDE,
     Kind("latitude", ("n", "north"), ("s", "south"), "place"),
-    Kind("longitude", ("e", "east"), ("w", "west"), "place"),
+    Kind("longitude|variation|deviation", ("e", "east"), ("w", "west"), "place"),
     AHEAD,
 )
 # Words of what rests; its numbers are zero or nearly so.

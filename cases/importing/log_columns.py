@@ -27,6 +27,8 @@ HULL = r"(?:^|[^a-z])(?:roll|heave|yaw)(?![a-z])(?!.*(?:rate|vel|speed|moment))"
 PITCH = "pitch (of the propeller's blades) or nothing (of the hull)"
 # Quantities that complete others, or are words.
 TEXT = ("ship", "zone", "date", *(name for name in QUANTITIES if name.endswith("_sign") or name.startswith("t_")))
+# What is added to the heading of a compass [deg], positive to the east.
+OF_COMPASS = ("variation", "deviation")
 # Words of columns that together are a clock.
 PARTS = {"t_year": "years?|yr|yyyy", "t_month": "months?|mon", "t_day": "days?|dd", "t_hour": "hours?|hr|hh|h",
          "t_minute": "minutes?|mins?|mi", "t": "seconds?|secs?|ss|s"}  # fmt: skip
@@ -248,7 +250,9 @@ def _true_heading(
     if variation is None:
         need = "give variation = ... in the map [deg, positive to the east]"
         raise Missing(f"{table.name}: the log has a magnetic heading ({header}): {need}")
-    columns["psi"] = heading + variation
+    if "deviation" in columns:
+        header += f"', the deviation '{mapped['deviation'].header}"
+    columns["psi"] = heading + variation + columns.pop("deviation", 0.0)
     return Message(f"psi is the magnetic heading '{header}' and the variation {words}", "magnetic")
 
 
@@ -273,7 +277,7 @@ def _values(
         values = np.sign(values) * (np.abs(values) // 100 + np.abs(values) % 100 / 60)
     for part, size in (("min", 60.0), ("s", 3600.0)):
         if f"{quantity}_{part}" in mapped:
-            values = values + np.where(values < 0, -1, 1) * piece.numbers(mapped[f"{quantity}_{part}"].header) / size
+            values = values + np.copysign(piece.numbers(mapped[f"{quantity}_{part}"].header), values) / size
     sign = mapped.get(f"{quantity}_sign")
     return signed(values, quantity, piece, sign.header, chosen) if sign else values
 
@@ -327,7 +331,7 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
         else:
             of.unknown.append(header)
     if {"psi", "heading_magnetic"} <= set(mapped):
-        for name in sorted({"heading_magnetic", "variation"} & set(mapped)):
+        for name in sorted({"heading_magnetic", *OF_COMPASS} & set(mapped)):
             of.account[mapped.pop(name).header] = ((), f"the true heading '{mapped['psi'].header}' is used")
     if "t" not in mapped and "t_part" in mapped:  # "milliseconds" without others are the clock itself
         mapped["t"] = mapped.pop("t_part").model_copy(update={"unit": "ms"})
@@ -409,7 +413,7 @@ def unit_in(table: RawTable, quantity: str, column: ColumnMap) -> str:
         return unit if factor(quantity, unit) else "deg"
     if re.fullmatch(REFERENCE, unit.strip().lower()) and known(quantity).period:
         return "deg"
-    return unit
+    return unit or ("deg" if quantity in OF_COMPASS else "")  # nobody writes them in radians without a word
 
 
 def _degrees_minutes(table: RawTable, quantity: str) -> bool:
@@ -429,19 +433,21 @@ def _degrees_minutes(table: RawTable, quantity: str) -> bool:
 
 def _numbers(table: RawTable, quantity: str, column: ColumnMap) -> np.ndarray:
     """The ``quantity`` in the ``column`` of a ``table``, (N,) in the unit of the file. Raises UserError on text."""
-    if quantity in ("latitude", "longitude") and not table.numeric(column.header):
+    if quantity in ("latitude", "longitude", *OF_COMPASS) and not table.numeric(column.header):
         return np.array([_degrees(cell, table.name, column.header) for cell in table.cells(column.header)])
     return table.numbers(column.header)
 
 
 def _degrees(cell: Any, where: str, header: str) -> float:
-    """Decimal degrees of "34.5N", "34 30.0 N", "34°30'00.0\\"N" or "3430.00,N"."""
+    """Decimal degrees of "34.5N", "34 30.0 N", "34°30,5'N", "34°30'00.0\\"N" or "3430.00,N"."""
     if cell is None or cell != cell or not str(cell).strip():
         return np.nan
-    text = str(cell).strip().upper()
+    text = re.sub(r"(?<=\d),(?=\d)", ".", str(cell).strip().upper())
     parts = re.findall(r"\d+(?:\.\d+)?", text)
     if not 1 <= len(parts) <= 3 or not re.fullmatch(r"[-+NSEW\d.,\s°º'′\"″:]+", text):
-        raise BadValue(f"{where}: column '{header}': '{text[:40]}' is no latitude or longitude")
+        raise BadValue(
+            f"{where}: column '{header}': '{text[:40]}' is no latitude or longitude, nor an angle to one side"
+        )
     values = [float(p) for p in parts]
     if len(values) == 1 and (values[0] > 180 or re.match(r"\d{4,5}(\.|$)", parts[0])):  # in one number, as in NMEA
         values = [float(int(values[0] // 100)), values[0] % 100]

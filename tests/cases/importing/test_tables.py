@@ -94,6 +94,8 @@ READ: dict[str, Callable[[Log], Log]] = {
     "days of MATLAB": lambda log: {**log, "Time": [f"{739740.4 + t / 86400:.10f}" for t in T]},
     "ddmm": lambda log: {**log, **{h: minutes(log[h]) for h in ("Latitude", "Longitude")}},
     "degrees, then minutes": degrees_and_minutes,
+    "minutes with a comma": lambda log: {
+        **log, "Latitude": [f'"{cell.replace(".", ",")}"' for cell in minutes(log["Latitude"], "{:d}° {:.6f}' N")]},
     "dashes": lambda log: {**log, "Latitude": minutes(log["Latitude"], "{:d}-{:09.6f}N")},
     "typesetter's minus": lambda log: {
         **log, "Rudder [deg]": [f"{d:.6f}".replace("-", "\u2212") for d in log["Rudder [deg]"]]},
@@ -107,6 +109,12 @@ READ: dict[str, Callable[[Log], Log]] = {
     "variation": lambda log: {
         **without(log, "Heading [deg]"), "Variation [deg]": [-7.5] * N,
         "HDG (M)": np.asarray(log["Heading [deg]"]) + 7.5},
+    "variation and deviation beside their sides": lambda log: {
+        **without(log, "Heading [deg]"), "Variation": [7.5] * N, "Variation E/W": ["W"] * N, "Deviation": [2.0] * N,
+        "HDG (M)": np.asarray(log["Heading [deg]"]) + 5.5},
+    "variation and deviation with a side": lambda log: {
+        **without(log, "Heading [deg]"), "Mag var": ["7.5W"] * N, "Compass deviation": ["2.0 E"] * N,
+        "HDG (M)": np.asarray(log["Heading [deg]"]) + 5.5},
     "orders beside": lambda log: {**log, "Rudder order [deg]": [20.0] * N, "Target heading [deg]": [90.0] * N},
     "the same twice": lambda log: {**log, "SOG [m/s]": np.asarray(log["SOG [kn]"]) * 1852 / 3600},
     "French": lambda log: dict(zip(
