@@ -18,7 +18,7 @@ from cases.importing.array_files import MATLAB, is_hdf5, read_arrays
 from cases.importing.assembled_run import CONVENTIONS, ImportedRun, assembled, globe_positions, with_units_of_size
 from cases.importing.import_map import NAME as MAP
 from cases.importing.import_map import POINT, ImportMap, OpenQuestion, Question, names_apart
-from cases.importing.log_columns import Log, log_of
+from cases.importing.log_columns import Log, either, log_of
 from cases.importing.message_logs import reader_of, with_local_ids
 from cases.importing.raw_table import RawTable, split_unit
 from cases.importing.robot_bags import MAGIC, bag_of, read_bag
@@ -111,12 +111,7 @@ def import_logs(
 
 def _questions(log: Log) -> list[Question]:
     """What the headers of ``log`` leave open, though a run can be made without it."""
-    questions = []
-    for header, may_be in log.unsure.items():
-        names = [word for word in re.split(r" or |\s*\([^)]*\)", may_be) if word and word != "nothing"]
-        choices: dict[str, dict[str, Any]] = {name: {"columns": {name: {"from": header}}} for name in names}
-        choices["nothing"] = {"ignore": [header]}
-        questions.append(Question(log.table.path, f"'{header}' may be {may_be}", choices))
+    questions = [Question(log.table.path, *either(header, may_be)) for header, may_be in log.unsure.items()]
     return questions + [log.unit_question(q) for q in log.unitless if q not in ("r", "sog", "u")]  # others show those
 
 

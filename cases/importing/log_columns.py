@@ -14,7 +14,17 @@ from cases.importing.clocks import check_clock, check_forward, clock_of, mixed_z
 from cases.importing.companions import Masks, hold_signs, masked_rows, masks_of, sided, sign_columns, signed
 from cases.importing.import_map import ColumnMap, ImportMap, OpenQuestion, Question
 from cases.importing.raw_table import NUMBERED, Account, Clock, RawTable, split_unit
-from cases.importing.vocabulary import WATER, factor, is_order, known_units, meaning, ordered, plain_words, turn_in
+from cases.importing.vocabulary import (
+    EITHER_SIDE,
+    WATER,
+    factor,
+    is_order,
+    known_units,
+    meaning,
+    ordered,
+    plain_words,
+    turn_in,
+)
 from cases.io.conventions import remarks, sentinels_in, without_dropouts
 from cases.io.text_table import BlockMeans, rows_together
 from cases.quantities import ORDERS, QUANTITIES, wraps
@@ -339,6 +349,10 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
     of.masks = masks_of(table, mapped, [*of.unknown, *of.unsure, *filter(is_order, of.account)], signs, chosen)
     mapped |= sign_columns(table, mapped, [h for h in signs if h not in of.masks.account], chosen)
     _orders(table, of)
+    for header in of.unsure:  # "RPM 2" beside "RPM": one of two shafts is no only one
+        one = next((q for q in of.mapped if EITHER_SIDE.get(q, "-") in of.unsure[header]), "")
+        if one and one not in chosen.columns_of(table.path):
+            raise OpenQuestion(table.path, *either(header, of.unsure[header]))
     taken = {*(column.header for column in mapped.values()), *of.masks.account, *of.account}
     of.unknown = [header for header in [*of.unknown, *signs] if header not in taken]
     of.unsure = {header: what for header, what in of.unsure.items() if header not in taken}
@@ -352,6 +366,13 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
         headers = ", ".join(table.headers)
         raise Missing(f'{table.name}: no clock; found: {headers}. Name it in the map: [columns] t = "HEADER"')
     return of
+
+
+def either(header: str, may_be: str) -> tuple[str, dict[str, dict[str, Any]]]:
+    """The words of a question on a ``header`` that ``may_be`` one of several quantities or nothing, and its answers."""
+    names = [word for word in re.split(r" or |\s*\([^)]*\)", may_be) if word and word != "nothing"]
+    choices: dict[str, dict[str, Any]] = {name: {"columns": {name: {"from": header}}} for name in names}
+    return f"'{header}' may be {may_be}", choices | {"nothing": {"ignore": [header]}}
 
 
 def _orders(table: RawTable, of: Assigned) -> None:

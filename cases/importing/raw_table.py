@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.importing.vocabulary import meaning
+from cases.importing.vocabulary import SIDES, meaning, of_side
 from cases.io.text_table import TextTable, floats_of_cells
 from cases.io.trial_table import MOST_COLUMNS
 from mmg.errors import Conflict, OutOfRange, TooFewData
@@ -116,11 +116,16 @@ class RawTable:
 
 
 def split_unit(cell: str) -> tuple[str, str]:
-    """("SOG", "kn") of "SOG [kn]", "SOG (kn)", "SOG / kn" or "SOG, kn"; the unit is "" when the cell has none."""
+    """("SOG", "kn") of "SOG [kn]", "SOG (kn)", "SOG / kn" or "SOG, kn"; the unit is "" when the cell has none, or
+    one that is the side of a rudder or shaft."""
     cell = " ".join(cell.split())
     match = re.fullmatch(r"(.*?)\s*[\[({<]\s*([^\])}>]*?)\s*[\])}>]\s*", cell)
     match = match or re.fullmatch(r"(.*?)\s*(?:,|\s/)\s+([^\s,]+(?:\s?/\s?\w+)?)", cell)
-    return (match[1].strip(), match[2].strip()) if match and match[1].strip() else (cell, "")
+    if match is None or not match[1].strip():
+        return cell, ""
+    title, unit = match[1].strip(), match[2].strip()
+    of_one = meaning(title).quantity if unit.lower() in SIDES else ""
+    return (title, unit) if of_side(of_one, "port") == of_one else (cell, "")
 
 
 def _with_index(cells: list[str], frame: Any) -> list[str]:

@@ -35,8 +35,13 @@ GIVEN_UNITS = {  # Cells of a line of units, in lower case; some are units of no
     *("h", "-", "%", "utc", "iso", "n", "e", "t", "°m", "bool", "v", "a", "kw", "nm", "hpa", "mbar", "knm", "°c", "st"),
 }  # fmt: skip
 BEYOND_A_TURN = 6.6  # No direction in radians is larger. Set by hand: 2 pi and a margin for noise.
-SIDES = dict.fromkeys(("port", "ps", "bb"), "port")
-SIDES |= dict.fromkeys(("stbd", "starboard", "sb", "stb", "strb"), "starboard")
+_PORT = "port ps bb p babord backbord bakbord babor bakboord sinistra sx 左舷"
+_STARBOARD = "stbd starboard sb stb strb s tribord steuerbord styrbord estribor stuurboord dritta dx 右舷"
+# Words of a side, in several languages without accents -> the side.
+SIDES = dict.fromkeys(_PORT.split(), "port") | dict.fromkeys(_STARBOARD.split(), "starboard")
+# What a number behind the name of an actuator may mean.
+EITHER_SIDE = {"n": "n or n_2", "delta": "delta_starboard or delta_port", "azimuth": "azimuth or azimuth_2",
+               "n_azimuth": "n_azimuth or n_azimuth_2"}  # fmt: skip
 UNSURE = {  # Headers that may mean one of several quantities.
     r"wind_?(speed|velocity)|ws": "wind_speed or apparent_wind_speed",
     r"wind_?(direction|dir|angle)|wd": "wind_direction or apparent_wind_direction",
@@ -96,7 +101,15 @@ def meaning(header: str) -> Meaning:
     for name, known in QUANTITIES.items():  # first, as "lat_sec" is no latitude in seconds
         if name.endswith(("_min", "_s", "_magnetic")) and re.fullmatch(known.headers, full):
             return Meaning(name)
-    words, unit = _without_unit(full)
+    meant = _meant(*_without_unit(full))
+    if meant.unit and meant.quantity not in ("", "t") and factor(meant.quantity, meant.unit) is None:
+        whole = _meant(full, "")  # "rudder_s" is a side, no seconds
+        return whole if whole.quantity else meant
+    return meant
+
+
+def _meant(words: str, unit: str) -> Meaning:
+    """What ``words`` mean, of which a ``unit`` was taken."""
     words = TRANSLATIONS.get(words, "_".join(TRANSLATIONS.get(word, word) for word in words.split("_")))
     if is_order(words) or re.fullmatch(WATER, words):
         return Meaning("", unit)
@@ -106,15 +119,22 @@ def meaning(header: str) -> Meaning:
             side = SIDES[word]
         elif word not in FILLERS or words == word:
             kept.append(word)
-    for tried in dict.fromkeys((words, "_".join(kept))):
-        for name, known in QUANTITIES.items():
-            if known.headers and re.fullmatch(known.headers, tried):
-                if words.endswith(("rpm", "rps")):
-                    unit = unit or words[-3:]
-                unit = "" if name == "t" else unit  # the clock knows more of them
-                return Meaning(_of_side(name, side), unit)
-    may_be = next((what for pattern, what in UNSURE.items() if re.fullmatch(pattern, "_".join(kept))), "")
-    return Meaning("", unit, may_be)
+    short = "_".join(kept)
+    for tried in dict.fromkeys((words, short)):
+        if name := _named(tried):
+            if tried.endswith(("rpm", "rps")):
+                unit = unit or tried[-3:]
+            unit = "" if name == "t" else unit  # the clock knows more of them
+            return Meaning(of_side(name, side), unit)
+    may_be = next((what for pattern, what in UNSURE.items() if re.fullmatch(pattern, short)), "")
+    one = _named(re.sub(r"_?[1-4](?=_|$)", "", short))  # "rpm_2" does not say of which side it is
+    return Meaning("", unit, may_be or (f"{EITHER_SIDE.get(one, one)} or nothing" if one else ""))
+
+
+def _named(words: str) -> str:
+    """The quantity whose headers ``words`` are, or ""."""
+    fits = (name for name, known in QUANTITIES.items() if known.headers and re.fullmatch(known.headers, words))
+    return next(fits, "")
 
 
 def is_order(header: str) -> bool:
@@ -137,7 +157,7 @@ def _without_unit(words: str) -> tuple[str, str]:
     return (words if ending in ("rpm", "rps") else words[: -len(ending) - 1]), ENDINGS[ending]
 
 
-def _of_side(quantity: str, side: str) -> str:
+def of_side(quantity: str, side: str) -> str:
     """The column of that side: two rudders; the port one of two propellers or pods is the second."""
     if quantity == "delta" and side:
         return f"delta_{side}"

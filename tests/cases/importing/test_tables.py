@@ -165,6 +165,26 @@ def test_what_stays_open_is_asked_and_the_printed_line_leads_on(tmp_path: Path, 
         assert questions[0].words not in [q.words for q in import_logs([path], given).questions]
 
 
+@pytest.mark.parametrize(
+    ("port", "starboard"),
+    [("{} P", "{} S"), ("{} (P)", "{} (S)"), ("{} Backbord", "{} Steuerbord"), ("babord {}", "{} tribord")],
+)
+def test_words_and_letters_of_a_side(tmp_path: Path, port: str, starboard: str) -> None:
+    """A bracket with one is no unit, and "_s" of a rudder no second."""
+    log = without(bridge(TRUTH), "RPM", "Rudder [deg]")
+    for name, values in (("RPM", 60 * TRUTH["n"]), ("Rudder", 20 + T / T[-1])):
+        log |= {port.format(name): values / 2, starboard.format(name): values}
+    run = imported(table(tmp_path / "a.csv", log)).runs[0].columns
+    assert run["n_2"] == pytest.approx(run["n"] / 2) and run["n"] == pytest.approx(TRUTH["n"])
+    assert run["delta_port"] == pytest.approx(run["delta_starboard"] / 2)
+
+
+@pytest.mark.parametrize("header", ["RPM 2", "Shaft2 rpm", "Rudder 2 [deg]"])
+def test_a_second_actuator_without_a_side_is_asked_for(tmp_path: Path, header: str) -> None:
+    path = table(tmp_path / "a.csv", bridge(TRUTH) | {header: 20.0 + T / T[-1]})
+    assert len(answers(path)) == 3 and right(path, answers(path)[-1])
+
+
 def test_revolutions_that_lost_their_sign_are_asked_for(tmp_path: Path) -> None:
     from mmg_ident import simulate
 
