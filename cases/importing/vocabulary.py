@@ -158,7 +158,7 @@ def _without_unit(words: str) -> tuple[str, str]:
 
 
 def of_side(quantity: str, side: str) -> str:
-    """The column of that side: two rudders; the port one of two propellers or pods is the second."""
+    """The column of a ``quantity`` on that side: two rudders; the port one of two propellers or pods is the second."""
     if quantity == "delta" and side:
         return f"delta_{side}"
     if quantity in ("n", "n_azimuth", "azimuth") and side == "port":
