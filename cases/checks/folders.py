@@ -197,7 +197,8 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
         for k, found in zip(quiet, look([trials[k] for k in quiet]), strict=True):
             said[k].findings.extend(found)
             if any(code == "revolutions_sign" for _, code, _ in found):
-                said[k].keys["sign"] = {name: -1 for name in PROPELLERS if name in trials[k]}
+                shafts = [name for name in PROPELLERS if name in trials[k]]
+                said[k].keys["sign"] = {name: -1 for name in shafts if np.nanmedian(trials[k][name]) < 0}
     # Then lags, of files that no reading refutes; what is late is taken back before gains are compared with the track.
     quiet = [k for k, each in enumerate(said) if not each.findings and not frozen[k]]
     for k, (shift, values) in zip(quiet, _shifted([some[k] for k in quiet], [records[k] for k in quiet]), strict=True):

@@ -403,11 +403,12 @@ def revolutions_sign(trials: Sequence[Trial]) -> list[list[Found]]:
     revolutions do not tell."""
     speeds = [np.hypot(trial["u"], trial["v"]) for trial in trials]
     greatest = max((float(np.nanquantile(s, 0.95)) for s in speeds if np.isfinite(s).any()), default=0.0)
-    kept, pushed_back = [(0.0, 0.0)], []  # revolutions astern and speed after them; share of the rows at speed
+    kept, pushed_back = [(0.0, 0.0, "n")], []  # revolutions astern, speed after them, shaft; share of the rows at speed
     for trial in trials:
         names, u = [name for name in PROPELLERS if name in trial], trial["u"]
         told = names and "pitch" not in trial and not any(name.startswith("n_azimuth") for name in trial.columns)
-        n = _pushed(trial) / len(names) if told else np.zeros(len(trial))
+        name = min(names, key=lambda shaft: float(np.nanmean(trial[shaft])), default="n")  # of two, either may be wrong
+        n = trial[name] if told else np.zeros(len(trial))
         fast = u > AHEAD * greatest
         astern = fast & (n < -0.1 * np.nanmax(np.abs(n), initial=0.0))
         pushed_back.append(float(astern.sum()) / max(float(fast.sum()), 1.0))
@@ -415,11 +416,11 @@ def revolutions_sign(trials: Sequence[Trial]) -> list[list[Found]]:
             made, third = -float(n[first:last].sum()) * trial.dt, (last - first) // 3
             if made > ASTERN and third:
                 end = float(np.mean(u[last - third : last]))
-                kept += [(made, end)] if end > (1 - LOST) * np.mean(u[last - 2 * third : last - third]) else []
-    made, end = max(kept)
+                kept += [(made, end, name)] if end > (1 - LOST) * np.mean(u[last - 2 * third : last - third]) else []
+    made, end, name = max(kept)
     text = (
         f"Under revolutions astern the ship goes on ahead, at {end:.3g} m/s after {made:.0f} of them, which would stop "
-        "her: n is positive astern, or u is, as where the heading is turned by 180 deg"
+        f"her: {name} is positive astern, or u is, as where the heading is turned by 180 deg"
     )
     said: list[Found] = [(CONTRADICTORY, "revolutions_sign", text)]
     return [said if made and share > MOSTLY else [] for share in pushed_back]

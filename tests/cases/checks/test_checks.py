@@ -374,6 +374,8 @@ def test_revolutions_astern_that_never_stop_the_ship_have_the_other_sign() -> No
     assert [codes(report, "contradictory") for report in reports] == [{"revolutions_sign"}] * 2
     texts = {f.text for report in reports for f in report.findings if f.code == "revolutions_sign"}
     assert len(texts) == 1 and "[default]: sign = { n = -1 }" in texts.pop()
+    one = [trial.with_columns(n_2=-trial["n"]) for trial in runs]  # of two shafts
+    assert ["n_2 is positive" in f.text for f in check(one)[0].findings if f.level == "contradictory"] == [True]
     pitch = [trial.with_columns(pitch=np.full(len(trial), -0.7)) for trial in turned]
     stop = simulated("kvlcc2_full", "crash-stop", noise=True, dt=1.0, duration=1500)
     astern = stop[float(stop.t[stop["n"] < 0][0]) :]
