@@ -1,4 +1,4 @@
-"""Arrays of MATLAB (.mat, by scipy, of version 7.3 by h5py) and HDF5 (also netCDF 4) as tables.
+"""Arrays of MATLAB (.mat, by scipy, of version 7.3 by h5py), HDF5 and netCDF (of version 3 by scipy) as tables.
 
 Vectors of one length in a struct or group are a table; time and values in a struct are one series. Tables whose columns
 have different names are parts of one log; of those with the same names each is a log.
@@ -58,8 +58,8 @@ def is_hdf5(content: bytes) -> bool:
 
 
 def read_arrays(path: Path, chosen: ImportMap) -> list[RawTable]:
-    """The tables of the MATLAB or HDF5 file ``path``. chosen: the map. Raises UserError where h5py is missing, for a
-    damaged file, and for one without vectors of one length."""
+    """The tables of the MATLAB, HDF5 or netCDF file ``path``. chosen: the map. Raises UserError where h5py is missing,
+    for a damaged file, and for one without vectors of one length."""
     import pandas as pd
 
     content = read_bytes(path)
@@ -71,13 +71,17 @@ def read_arrays(path: Path, chosen: ImportMap) -> list[RawTable]:
                 h5py = needed("h5py", f"{path}: HDF5, also of MATLAB 7.3,")
                 with h5py.File(io.BytesIO(content), "r") as file:  # bytes in memory: links to other files lead nowhere
                     tree = _group(file, accounts, h5py)
+            elif content.startswith(b"CDF"):
+                tree = _classic(content)
             else:
                 tree = _matlab(path, content, accounts)
         groups = list(_vectors(tree, "", accounts))
     except UserError:
         raise
     except Exception as error:  # both libraries raise many kinds for damaged files
-        raise Unreadable(f"{path}: is cut off, damaged or no file of MATLAB or HDF5 ({reason(error)})") from None
+        raise Unreadable(
+            f"{path}: is cut off, damaged or no file of MATLAB, HDF5 or netCDF ({reason(error)})"
+        ) from None
     if not groups:
         words = "; ".join(f"{a.what} is {a.why}" for a in accounts[:3])
         raise TooFewData(f"{path}: holds no vectors of one length{': ' + words if words else ''}")
@@ -257,7 +261,7 @@ def _group(group: Any, accounts: list[Account], h5py: Any, depth: int = 0) -> di
         elif _text(node.attrs.get("MATLAB_class")) in ("table", "timetable", "datetime", "timeseries", "categorical"):
             accounts.append(Account(node.name.strip("/"), 1, (), OBJECTS))
         elif node.size and node.size <= MOST_CELLS and node.dtype.kind in "iuf":
-            tree[name] = _dataset(node)
+            tree[name] = _dataset(node[()], node.attrs)
         elif node.size and node.size <= MOST_CELLS and node.dtype.names:
             tree[name] = Array(node[()])
         else:
@@ -265,19 +269,34 @@ def _group(group: Any, accounts: list[Account], h5py: Any, depth: int = 0) -> di
     return tree
 
 
-def _dataset(node: Any) -> Array:
-    """Numbers of a dataset: fill values are NaN, times "seconds since ..." of netCDF are counted from 1970."""
+def _classic(content: bytes) -> dict[str, Any]:
+    """The variables of a file of netCDF before version 4."""
+    from scipy.io import netcdf_file
+
+    with netcdf_file(io.BytesIO(content), mmap=False) as file:
+        found = {name: (np.array(one.data), vars(one)) for name, one in file.variables.items()}
+    return {
+        name: _dataset(values.astype(values.dtype.newbyteorder("=")), attributes)
+        for name, (values, attributes) in found.items()
+        if values.dtype.kind in "iuf"
+    }
+
+
+def _dataset(values: np.ndarray, attributes: Mapping[str, Any]) -> Array:
+    """Numbers of a dataset with its attributes: fill values are NaN, packed numbers are unpacked, and times "seconds
+    since ..." of netCDF are counted from 1970 (CF conventions 1.10, 2.5.1, 8.1 and 4.4)."""
     import pandas as pd
 
-    values, unit = node[()], _text(node.attrs.get("units", node.attrs.get("unit", "")))
-    fill = node.attrs.get("_FillValue")  # attributes of the CF conventions 1.10, 2.5.1 and 4.4
+    unit, fill = _text(attributes.get("units", attributes.get("unit", ""))), attributes.get("_FillValue")
     if fill is not None and np.size(fill) == 1:
         values = np.where(values == np.ravel(fill)[0], np.nan, values)
+    if "scale_factor" in attributes or "add_offset" in attributes:
+        values = values * float(attributes.get("scale_factor", 1.0)) + float(attributes.get("add_offset", 0.0))
     if since := re.fullmatch(r"(\w+) since (.+)", unit.strip()):
         with contextlib.suppress(ValueError):  # other words are no unit of times, and refused as such
             factor, begin = pd.Timedelta(f"1 {since[1].lower()}"), pd.Timestamp(since[2])
             values, unit = values * factor.total_seconds() + begin.timestamp(), "s"
-    names = node.attrs.get("columns", node.attrs.get("names", node.attrs.get("headers", ())))
+    names = next((attributes[key] for key in ("columns", "names", "headers") if key in attributes), ())
     listed = np.ravel(names).tolist() if np.size(names) > 1 else _text(names).split(",") if np.size(names) else []
     return Array(values, unit, tuple(_text(n).strip() for n in listed))
 

@@ -73,7 +73,9 @@ def clock_of(
     clock = Clock(np.zeros(0), True, header, "dates and times")
     cells, date = table.cells(header), time_columns.get("date")
     first = next((value for value in cells if value is not None and value == value), None)  # NaN is not itself
-    if getattr(cells.dtype, "kind", "O") in "mM" or isinstance(first, datetime.datetime):
+    if isinstance(first, datetime.timedelta):  # pandas makes them of durations as well
+        return Clock(pd.to_timedelta(cells).dt.total_seconds().to_numpy(dtype=float), False, header, "durations")
+    if getattr(cells.dtype, "kind", "O") == "M" or isinstance(first, datetime.datetime):
         return _stamps(cells, where, zone_hours, table.before, clock)
     if isinstance(first, datetime.time):  # of a workbook
         cells = cells.map(lambda value: None if value is None else str(value))

@@ -251,6 +251,22 @@ def hdf5(path: Path, trial: Trial, kind: str) -> Path:
                 for name, unit in units.items():
                     top[name] = trial[name][::every]
                     top[name].attrs["units"] = unit
+                if kind == "netcdf":  # packed
+                    del top["delta"]
+                    top["delta"] = np.round((trial["delta"] - 0.1) * 1e8).astype("i4")
+                    top["delta"].attrs.update({"units": "rad", "scale_factor": 1e-8, "add_offset": 0.1})
+    return path
+
+
+def netcdf_3(path: Path, trial: Trial) -> Path:
+    """A file of netCDF before version 4."""
+    from scipy.io import netcdf_file
+
+    with netcdf_file(str(path), "w") as file:
+        file.createDimension("time", len(trial))
+        for name, unit in {"time": f"seconds since {stamp(0.0)[:19]}", **STATES, **INPUTS}.items():
+            variable = file.createVariable(name, "f8", ("time",))
+            variable[:], variable.units = trial.t if name == "time" else trial[name], unit
     return path
 
 

@@ -60,6 +60,7 @@ FORMATS: dict[str, tuple[Write, dict[str, Any], bool]] = {
     "HDF5 groups": (lambda d: hdf5(d / "a.h5", TRUTH, "groups"), {}, EXACTLY),
     "HDF5 matrix": (lambda d: hdf5(d / "a.h5", TRUTH, "matrix"), NAMED, EXACTLY),
     "netCDF": (lambda d: hdf5(d / "a.nc", TRUTH, "netcdf"), {}, EXACTLY),
+    "netCDF 3": (lambda d: format_logs.netcdf_3(d / "a.nc", TRUTH), {}, EXACTLY),
     "long table": (lambda d: format_logs.long_rows(d / "a.csv", TRUTH), {}, EXACTLY),
     "SIMMAN": (lambda d: format_logs.without_headers(d / "a.dat", TRUTH), NUMBERED, EXACTLY),
 }  # fmt: skip

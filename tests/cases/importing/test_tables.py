@@ -207,6 +207,13 @@ def test_a_stamp_after_the_year_9999_is_one_line(tmp_path: Path) -> None:
     assert len(import_logs([tmp_path / "a.parquet"]).problems) == 1
 
 
+def test_durations_are_a_clock(tmp_path: Path) -> None:
+    """Also beyond a day, as cells "[hh]:mm:ss" of a workbook are."""
+    frame = pd.DataFrame({**bridge(TRUTH), "Time": pd.to_timedelta(90000.0 + T, unit="s")})
+    frame.to_parquet(tmp_path / "a.parquet")
+    assert imported(tmp_path / "a.parquet").runs[0].columns["t"] == pytest.approx(T - T[0])
+
+
 @pytest.mark.parametrize("index", [None, "time", "t [s]"])
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "xlsx"])
 def test_the_index_of_a_frame_is_its_clock(tmp_path: Path, suffix: str, index: str | None) -> None:
