@@ -80,7 +80,11 @@ def clock_of(
     if isinstance(first, datetime.time):  # of a workbook
         cells = cells.map(lambda value: None if value is None else str(value))
     elif table.numeric(header):
-        return _numbers(table, header, unit or _unit_of(table, header), time_columns)
+        unit = unit or _unit_of(table, header)
+        digits = _of_digits(table.numbers(header), table.before > 0) if not unit else None
+        if digits is None:
+            return _numbers(table, header, unit, time_columns)
+        cells, first = pd.Series(digits), next(filter(None, digits))
     text = cells.astype(object).where(cells.notna(), None).map(_of_24_hours)
     sample = "" if first is None else str(_of_24_hours(first)).strip()
     of_hour = re.fullmatch(r"\d{1,2}:\d{2}[.,]\d+", sample)
@@ -97,6 +101,24 @@ def clock_of(
     t = passed.dt.total_seconds().to_numpy(dtype=float)
     words, period = ("minutes and seconds of an hour", 3600.0) if of_hour else ("times of a day", DAY)
     return _going_on(Clock(t, False, header, words, period=period))
+
+
+def _of_digits(values: np.ndarray, goes_on: bool) -> list[str | None] | None:
+    """The ``values`` (N,) as text, such as 93000.5 as "09:30:00.500" and 20260504093000 with its date; None where they
+    are no such digits: seconds that are counted on would go beyond 59 in some places. goes_on: whether rows of the log
+    before them are."""
+    known = values[np.isfinite(values)]
+    day, clock = np.divmod(known, 1e6)
+    seconds = clock % 100
+    if not len(known) or (clock >= 240000).any() or (clock // 100 % 100 >= 60).any() or (seconds >= 60).any():
+        return None
+    dated = day.min() >= 19000101 and day.max() <= 21001231
+    by_chance = not goes_on and (np.ptp(known) < 100 or len(np.unique(seconds // 1)) < 10)  # a count may look so
+    if not dated and (day.any() or by_chance):
+        return None
+    texts = [f"{value:.3f}".zfill(18 if dated else 10) if value == value else None for value in values]
+    parts = r"(....)(..)(..)(..)(..)(......)" if dated else r"(..)(..)(......)"
+    return [text and re.sub(parts, r"\1-\2-\3T\4:\5:\6" if dated else r"\1:\2:\3", text) for text in texts]
 
 
 def _day(value: Any) -> Any:

@@ -91,6 +91,8 @@ READ: dict[str, Callable[[Log], Log]] = {
         f"Time [{unit}]": second * (1.7779e9 + T), **without(log, "Time")}
        for unit, second in {"seconds": 1.0, "milliseconds": 1e3, "sec": 1.0, "ms": 1e3}.items()},
     "digits": lambda log: {**log, "Time": times("%Y%m%d_%H%M%S.%f")},
+    "digits of a time": lambda log: {"UTC": times("%H%M%S.%f"), **without(log, "Time")},
+    "digits of a date and time": lambda log: {**log, "Time": times("%Y%m%d%H%M%S.%f")},
     "days of MATLAB": lambda log: {**log, "Time": [f"{739740.4 + t / 86400:.10f}" for t in T]},
     "ddmm": lambda log: {**log, **{h: minutes(log[h]) for h in ("Latitude", "Longitude")}},
     "degrees, then minutes": degrees_and_minutes,
