@@ -101,6 +101,7 @@ def import_logs(
             runs.append(assembled(_run_name(group, chosen), group, chosen, origin))
         except UserError as error:
             refused(error)
+            problems[-1] += _not_joined(group, logs) if isinstance(error, Missing) else ""
     questions += [question for log in logs for question in _questions(with_units_of_size(log))]
     if chosen.reference_point is None and any(has_code(run.notices, "reference_point_unknown") for run in runs):
         words = "where was the position measured, in m from midship: forward and to starboard, such as 12.0 0.0?"
@@ -238,6 +239,23 @@ def _completes(log: Log, run: Sequence[Log]) -> bool:
     begin, end = max(other.t[0] for other in run), min(other.t[-1] for other in run)
     common = min(end, log.t[-1]) - max(begin, log.t[0])
     return bool(common > OVERLAP * min(end - begin, log.t[-1] - log.t[0]))
+
+
+def _not_joined(run: Sequence[Log], logs: Sequence[Log]) -> str:
+    """Why another of the ``logs`` that lies beside those of a ``run`` and holds what it lacks is not joined with it; ""
+    where there is none."""
+    theirs, folder = set().union(*(log.columns for log in run)), run[0].table.path.parent
+    more = (log for log in logs if log.table.path.parent == folder and not _complete(set(log.columns)))
+    log = next((log for log in more if set(log.columns) - theirs), None)
+    if log is None:
+        return ""
+    words = "a clock of both has no date: say the same run = ... of both in the map"
+    if log.absolute and run[0].absolute:
+        off = run[0].t[0] - log.t[0]
+        words = (
+            f"it begins {off:.6g} s before: where the clocks have different zones, say clock_offset = {off:.6g} of it"
+        )
+    return f"; not joined with {log.table.path.name}, as {words}"
 
 
 def write_import(imported: Imported, chosen: ImportMap, folder: Path, force: bool = False) -> list[Path]:

@@ -176,6 +176,13 @@ def test_clocks_that_do_not_overlap(tmp_path: Path) -> None:
     for late, problems in ((0.0, 0), (1e4, 1)):
         files = {p.name: {"run": "seven", "clock_offset": late * i} for i, p in enumerate(paths)}
         assert len(import_logs(paths, chosen(files=files)).problems) == problems
+    header, *rows = paths[1].read_text().splitlines()  # with a clock of another zone
+    zoned = [f"{int(row.partition(',')[0]) + 3600_000},{row.partition(',')[2]}" for row in rows]
+    raw_logs.rows(paths[1], header, zoned)
+    said = import_logs(paths).problems
+    assert any("clock_offset = 3" in problem for problem in said), said
+    apart = chosen(files={paths[1].name: {"clock_offset": -3600.0}})
+    assert len(import_logs(paths, apart).runs) == 1
 
 
 @pytest.mark.parametrize(
