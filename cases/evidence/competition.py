@@ -130,8 +130,10 @@ def wrong_inputs(trial: Trial, turning: float | None) -> list[tuple[str, float, 
         if np.sum(n > 0) >= max(0.5 * len(n), 1):
             made = float(np.median(n[n > 0])) * tau
             out += _outside(name, made, REVOLUTIONS, ("rps", "rpm", 60.0), "revolutions while the ship begins to turn")
-    size = float(np.sqrt(np.nanmean(trial.rudder**2))) if np.isfinite(trial.rudder).any() else 0.0
-    if turning is not None and abs(turning) >= FOLLOWS and size > 0:
+    rudder = trial.rudder[np.isfinite(trial.rudder)]
+    size = float(np.sqrt(np.mean(rudder**2))) if len(rudder) > 1 else 0.0
+    # a rudder that changes from row to row by more than its size is at rest under a noisy sensor, as in a crash stop
+    if turning is not None and abs(turning) >= FOLLOWS and size > float(np.sqrt(np.mean(np.diff(rudder) ** 2))):
         response = tau * float(np.sqrt(np.mean(rate**2))) / size
         for name in [name for name in RUDDERS if name in trial]:
             out += _outside(name, response, RESPONSE, ("degrees", "rad", math.pi / 180), "times the rudder is her turn")

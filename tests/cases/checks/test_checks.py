@@ -15,6 +15,7 @@ from cases.checks import CheckFinding, CheckReport, check, inputs_are_constant, 
 from cases.checks.folders import duplicates
 from cases.checks.single import doubtful_revolutions, steady_ahead
 from cases.criteria.standard_runs import simulated_trial
+from cases.evidence.competition import wrong_inputs
 from cases.io.read import read_trials
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.self_propulsion import revolutions_for
@@ -427,6 +428,14 @@ def sailed(order: str, wind: float, direction: float, sign: int = 1) -> Trial:
     maneuver = parse_maneuver(order, SHIP, duration=150.0)
     trial = simulate(SHIP, maneuver, 0.5, Wind(wind, np.radians(direction)))
     return replace(trial, columns={**trial.columns, "delta": sign * trial["delta"]})
+
+
+def test_a_stop_with_the_rudder_at_rest_under_a_noisy_sensor_says_nothing_of_its_unit() -> None:
+    stop = simulated("esso_osaka_3m", "crash-stop", dt=1.0, duration=900)
+    noise = np.random.default_rng(0).normal(size=len(stop))
+    assert wrong_inputs(stop.with_columns(delta=np.radians(0.05) * noise), 0.9) == []
+    turn = simulated("kvlcc2_full", "zigzag:10/10", dt=1.0, duration=900)
+    assert [name for name, *_ in wrong_inputs(turn.with_columns(delta=turn["delta"] / 57.3), 0.9)] == ["delta"]
 
 
 def rudder_signs(trials: list[Trial]) -> list[list[CheckFinding]]:
