@@ -128,8 +128,9 @@ def _lacks(trial: Trial, signals: Mapping[str, np.ndarray], group: tuple[str, ..
     drift = (mismatch[-1] - mismatch[0] - off[-1]) / rest if rest > since[-1] else 0.0  # bias of a rate, elsewhere
     missing = min(float(np.abs(off).max()), float(np.abs(off - drift * since).max()))
     place, rate = (resolution(trial, columns) for columns in COLUMNS[name])
-    noise = white_noise([trial.states])[[NAMES.index(column) for column in COLUMNS[name][1]]]
-    wander = WANDER * math.hypot(*noise) * math.sqrt(float(since[-1]) * trial.dt)  # sigma dt sqrt(n), n = T / dt
+    noise = white_noise([trial.states])
+    placed, rated = (math.hypot(*noise[[NAMES.index(column) for column in columns]]) for columns in COLUMNS[name])
+    wander = WANDER * (placed + rated * math.sqrt(float(since[-1]) * trial.dt))  # sigma dt sqrt(n), n = T / dt
     return missing > place + rate * float(since[-1]) + wander
 
 

@@ -125,6 +125,17 @@ def test_a_simulated_run_has_no_broken_stretch(ship: str, maneuver: str, dt: flo
     assert broken_stretches(simulate(ship, maneuver, noise=noise, dt=dt, duration=300)) == []
 
 
+def test_a_coarse_turn_rate_that_repeats_itself_by_chance_is_not_frozen_beside_a_noisy_heading() -> None:
+    step, run = np.radians(0.5) / 60, simulate("kvlcc2_full", "zigzag:10/10", dt=1.0, duration=900)
+    rng = np.random.default_rng(1)
+    r = np.round((run["r"] + np.radians(0.012) * rng.normal(size=len(run))) / step) * step
+    psi = run.psi_unwrapped + np.radians(0.05) * rng.normal(size=len(run))
+    r[300:307] = r[300]
+    assert broken_stretches(run.with_columns(r=r, psi=psi)) == []
+    r[300:360] = r[300]
+    assert len(broken_stretches(run.with_columns(r=r, psi=psi))) == 1
+
+
 def codes(trial: Trial) -> set[str]:
     return {finding.code for finding in check([trial])[0].findings}
 
