@@ -188,10 +188,11 @@ def _ordered(trial: Trial, rudder: float, reversals: tuple[float, ...]) -> tuple
     if "delta_order" not in trial.columns:
         return reversals
     t = trial.t - trial.t[0]
-    steps = t[1:][np.abs(np.diff(trial["delta_order"])) > abs(rudder)]  # a counter order goes over to the other side
+    over = np.flatnonzero(np.abs(np.diff(trial["delta_order"])) > abs(rudder))  # a counter order goes to the other side
     spans = zip((0.0, *reversals), reversals, strict=False)
-    given = [steps[(steps > before) & (steps <= moved)] for before, moved in spans]
-    return tuple(float(own[-1]) if len(own) else moved for own, moved in zip(given, reversals, strict=True))
+    # a rudder that moves between two rows moves before the row that shows its order
+    given = [t[over[(t[over] >= before) & (t[over] < moved)] + 1] for before, moved in spans]
+    return tuple(float(min(own[-1], moved)) if len(own) else moved for own, moved in zip(given, reversals, strict=True))
 
 
 # Change of heading at which the initial turning ability is read [rad] (IMO MSC.137(76), 5.3.2)

@@ -235,6 +235,11 @@ def test_measured_overshoots_of_a_sine_count_from_the_heading_at_each_reversal()
     ordered = trial.with_columns(delta_order=np.where(t < orders[0], 0.3, np.where(t < orders[1], -0.3, 0.3)))
     figures = read.overshoot_figures(ordered, 0.3, (first, second, 38.0), 39.0)
     assert figures == pytest.approx({"overshoot_1": 0.2, "overshoot_2": 0.15}, abs=1e-3)
+    # at rows of a second the rudder moves before the row that shows its order: no order is that of the next move
+    t, moves = np.arange(0.0, 40.0), (first, second, 38.0)
+    coarse = Trial("sine", {"t": t, "psi": 0.5 * np.sin(0.2 * t)})
+    over = coarse.with_columns(delta_order=np.where(t < first, 0.3, np.where(t < second, -0.3, 0.3)))
+    assert read.overshoot_figures(over, 0.3, moves, 39.0) == read.overshoot_figures(coarse, 0.3, moves, 39.0) != {}
 
 
 def test_initial_turning_is_the_way_along_the_track_to_10_degrees() -> None:
