@@ -31,8 +31,7 @@ FOREIGN = ("foreign", "strangers")
 @dataclass(frozen=True)
 class Case:
     """An opened case: world, kind, folder; truth: parameters of the hidden effects that the library holds; label: all
-    of them in words; strength; floor: error of the true model over 30 s windows of the held-out runs, with what is
-    hidden and real actuators, from the true states, without the random force."""
+    of them in words; strength."""
 
     world: str
     kind: str
@@ -40,7 +39,6 @@ class Case:
     truth: dict[str, dict[str, float]]
     label: str
     strength: str
-    floor: float
 
 
 @cache
@@ -82,8 +80,7 @@ def opened(folder: Path, digest: str) -> list[Case]:
         truth = {e["name"]: e["parameters"] for e in effects if entry["kind"] not in FOREIGN}
         kind = entry["kind"] if key["kind"] == "mix" else key["kind"]
         label, strength = " + ".join(e["name"] for e in effects), effects[0]["strength"] if effects else ""
-        floor = json.loads(sealed.read_text(encoding="utf-8"))["floor"]
-        found.append(Case(key["world"], kind, case, truth, label, strength, floor))
+        found.append(Case(key["world"], kind, case, truth, label, strength))
     return found
 
 

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.blind.generator.cases import WINDOW, Case, Runs, floors, run
+from benchmarks.blind.generator.cases import Case, Runs, run
 from benchmarks.blind.generator.controls import SETS
 from benchmarks.blind.generator.deal import LIBRARY, NULL_SHARE, Hand, deal
 from benchmarks.blind.generator.effect import Drawn, Effect
@@ -154,7 +154,7 @@ def test_a_wide_world_draws_every_case_anew_over_the_whole_ranges() -> None:
         assert 0.0 < own.step <= STEP and own.sample == pytest.approx(own.step * own.every)
         assert own.sample * np.sqrt(world.scale) == pytest.approx(conditions["sample"])
         assert min(len(train), len(test)) >= 1 and len(train) + len(test) == conditions["runs"]
-        assert own.duration * np.sqrt(world.scale) * conditions["runs"] <= TOTAL and own.duration > WINDOW
+        assert own.duration * np.sqrt(world.scale) * conditions["runs"] <= TOTAL and own.duration > 30.0
         drawn.append(conditions)
     for key, (low, high) in RANGES.items():
         values = np.array([one[key] for one in drawn])
@@ -168,7 +168,7 @@ def test_the_library_effects_are_those_of_the_contract() -> None:
 
 @pytest.mark.longest
 @pytest.mark.slow
-def test_a_neutral_effect_leaves_a_trial_as_it_is_and_a_medium_one_changes_it_and_its_floor() -> None:
+def test_a_neutral_effect_leaves_a_trial_as_it_is_and_a_medium_one_changes_it() -> None:
     cases, runs = with_each_effect()
     plain = alone()
     each = np.split(runs.columns, len(cases), axis=2)
@@ -177,19 +177,6 @@ def test_a_neutral_effect_leaves_a_trial_as_it_is_and_a_medium_one_changes_it_an
     for effect, changed in zip(EFFECTS, each[1:], strict=True):
         size = np.sqrt(np.mean((changed - plain.columns) ** 2, axis=(0, 2)))
         assert np.max(size / np.array(WORLDS["pond"].noise)) > 0.5, effect.name
-    floor, without = floors(cases, runs), floors(cases, runs, with_effects=False)
-    assert np.all(floor > 0) and np.all(floor < 0.3)
-    assert np.all(without[1:] > 0.8 * floor[1:]) and np.mean(without[1:] > 1.1 * floor[1:]) > 0.6
-    assert without[0] == pytest.approx(floor[0], rel=0.05)
-
-
-@pytest.mark.slow
-def test_without_random_force_the_floor_is_the_noise() -> None:
-    case = prepared()
-    quiet = replace(case, force=0 * case.force)
-    noise = quiet.noise[:, :, quiet.training :]
-    expected = np.mean((noise / np.array([0.3, 0.3, np.radians(5), 0.05, 0.05, 0.01])[:, None]) ** 2)
-    assert floors([quiet], run([quiet]))[0] == pytest.approx(expected, rel=0.05)
 
 
 def test_the_lag_of_a_ramp_is_its_time_constant() -> None:
@@ -209,7 +196,6 @@ def test_a_world_scales_the_size_of_a_stranger_and_of_nothing_else() -> None:
     np.testing.assert_array_equal(here.force, plain.force)
 
 
-@pytest.mark.slow
 def test_a_twin_has_the_same_chance_and_hides_nothing() -> None:
     limit = next(one for one in NEW if one.name == "rudder_rate_limit")
     case = prepared(Hand("foreign", ((limit, "medium"),)))
@@ -217,7 +203,6 @@ def test_a_twin_has_the_same_chance_and_hides_nothing() -> None:
     assert case.drawn and not twin.drawn and not twin.hand.effects and twin.coefficients == case.coefficients
     np.testing.assert_array_equal(twin.force, case.force)
     np.testing.assert_array_equal(twin.noise, case.noise)
-    assert floors([twin], run([twin])) < floors([case], run([case]), with_effects=False)
 
 
 def test_the_mix_is_dealt_in_its_shares() -> None:
@@ -239,7 +224,7 @@ def test_the_hash_is_that_of_the_key_and_the_key_of_all_files(written: tuple[Pat
             path = folder / "sealed" / f"{entry['case']}.json" if name == "sealed" else folder / entry["case"] / name
             assert hashlib.sha256(path.read_bytes()).hexdigest() == expected
         truth = json.loads((folder / "sealed" / f"{entry['case']}.json").read_text())
-        assert truth["floor"] > 0 and set(WORLDS["pond"].drawn) <= set(truth["nominal_true_coefficients"])
+        assert set(WORLDS["pond"].drawn) <= set(truth["nominal_true_coefficients"])
 
 
 @pytest.mark.longest

@@ -30,7 +30,7 @@ def row(verdict: str, *names: str, left: bool = False, first: str = "") -> dict[
 
 def pair(kind: str, truth: Parameters, given: dict[str, Any], strength: str = "weak") -> Pair:
     hidden, strength = {name: dict(values) for name, values in truth.items()}, "" if kind == "null" else strength
-    return Case("pond", kind, Path("case_0000"), hidden, " + ".join(truth) or kind, strength, 1.0), given
+    return Case("pond", kind, Path("case_0000"), hidden, " + ".join(truth) or kind, strength), given
 
 
 def pairs() -> list[Pair]:
@@ -75,7 +75,7 @@ def test_a_key_is_read_only_as_it_was_sealed(tmp_path: Path) -> None:
     digest = dealt(folder, "pond", "library", 1, 11)
     assert dealt(folder, "pond", "library", 1, 11) == digest
     (case,) = opened(folder, digest)
-    assert case.kind == "library" and case.label in case.truth and case.floor > 0
+    assert case.kind == "library" and case.label in case.truth
     trial = next((case.folder / "train").iterdir())
     before = trial.read_bytes()
     trial.write_text("another")

@@ -1,4 +1,4 @@
-"""One batch of cases from hands to logged columns: runs, sensors, and the error floor of the true model."""
+"""One batch of cases from hands to logged columns: runs and sensors."""
 
 from __future__ import annotations
 
@@ -12,13 +12,8 @@ from benchmarks.blind.generator.controls import SETS, Helm, Orders, begin, order
 from benchmarks.blind.generator.deal import Hand, site_of
 from benchmarks.blind.generator.effect import Drawn, Effect, History
 from benchmarks.blind.generator.library import DRAUGHT
-from benchmarks.blind.generator.plant import Array, Plant, Signals, plant_of, rollout, step
+from benchmarks.blind.generator.plant import Array, Plant, Signals, plant_of, step
 from benchmarks.blind.generator.world import WORLDS, World
-
-SCALES = np.array([0.3, 0.3, np.radians(5.0), 0.05, 0.05, 0.01])
-"""What errors of the six columns are divided by in J."""
-WINDOW = 30.0
-"""Length of an open-loop window [s]."""
 
 
 @dataclass
@@ -87,15 +82,13 @@ class Case:
 
 @dataclass
 class Runs:
-    """A batch that has been run: truth on the fine grid, and the records. R rows, B runs of all cases side by side.
+    """The records of a batch that has been run: R rows, B runs of all cases side by side.
 
     columns: logged x, y, psi, u, v, r (R, 6, B); n, delta, speed, direction, port, bow: logged actuators and wind
     (R, B).
     """
 
     plant: Plant
-    states: Array
-    signals: Signals
     columns: Array
     n: Array
     delta: Array
@@ -185,45 +178,4 @@ def run(cases: list[Case]) -> Runs:
     columns[:, 5] *= 1 + np.repeat([c.gyro for c in cases], runs)
     columns += np.concatenate([c.noise for c in cases], axis=2)
     logged = (helm.n, helm.delta, speed, direction, helm.port, helm.bow)
-    return Runs(plant, states, signals, columns, *(a[rows] for a in logged))
-
-
-def floors(cases: list[Case], runs: Runs, with_effects: bool = True) -> Array:
-    """Mean J per case over the 30 s windows of the held-out runs, of the true model from the true state; (cases,).
-
-    The model has the true coefficients and, if asked, every hidden effect with the memory that the truth
-    has, real actuators and true wind, but not the random force. J is the mean over windows, samples after the first
-    and the six columns of the squared error against the record, by SCALES. Without effects: the same ship, taken at
-    its logged actuators; what the hidden cause costs before any calibration.
-    """
-    world, each = cases[0].world, len(cases[0].kinds)
-    apart, dt, count = world.every, world.step, world.rows
-    length = apart * round(WINDOW / world.sample)
-    held = np.array([i * each + j for i, c in enumerate(cases) for j in range(c.training, each)])
-    begins = np.arange(0, count - length, length)
-    columns, starts = np.repeat(held, len(begins)), np.tile(begins, len(held))
-    plant = runs.plant.take(columns, with_effects)
-    source = runs.signals if with_effects else _as_logged(runs, world)
-    first = runs.states[starts, :, columns].T[: 6 + plant.states]
-    ahead = rollout(plant, first, source.windows(starts, columns, length + 1), starts * dt)
-    rows = np.arange(apart, length + 1, apart)
-    past = min(int(8.0 / dt), count)  # what late instruments may still show of the time before the window
-    before = np.clip(starts[None, :] + np.arange(-past, 0)[:, None], 0, None)
-    history = np.concatenate([runs.states[before, : 6 + plant.states, columns[None, :]].transpose(0, 2, 1), ahead])
-    predicted = measured(plant, history, past + rows)
-    record = runs.columns[(starts[None, :] + rows[:, None]) // apart, :, columns[None, :]].transpose(0, 2, 1)
-    error = predicted - record
-    error[:, 2] = (error[:, 2] + np.pi) % (2 * np.pi) - np.pi
-    J = np.mean((error / SCALES[:, None]) ** 2, axis=(0, 1))
-    return J.reshape(len(cases), -1).mean(axis=1)
-
-
-def _as_logged(runs: Runs, world: World) -> Signals:
-    """The signals with actuators as logged, straight lines between the samples."""
-    t, s = np.arange(world.rows) * world.step, runs.signals
-    at = np.arange(len(runs.n)) * world.sample
-    n, delta, port, bow = (
-        np.stack([np.interp(t, at, a[:, i]) for i in range(a.shape[1])], 1)
-        for a in (runs.n, runs.delta, runs.port, runs.bow)
-    )
-    return Signals(n, delta, s.north, s.east, s.force, port, bow)
+    return Runs(plant, columns, *(a[rows] for a in logged))

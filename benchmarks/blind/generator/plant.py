@@ -8,7 +8,7 @@ state holds x, y, psi and velocities over ground, then the states of the effects
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -39,14 +39,6 @@ class Signals:
         """Row k of all but the force."""
         return self.n[k], self.delta[k], self.north[k], self.east[k], self.port[k], self.bow[k]
 
-    def windows(self, starts: Array, columns: Array, length: int) -> Signals:
-        """Pieces of ``length`` rows that begin at ``starts`` (W,) of these columns (W,), without the force."""
-        rows = starts[None, :] + np.arange(length)[:, None]
-        n, delta, north, east, port, bow = (
-            a[rows, columns[None, :]] for a in (self.n, self.delta, self.north, self.east, self.port, self.bow)
-        )
-        return Signals(n, delta, north, east, np.zeros((length, 3, len(starts))), port, bow)
-
 
 @dataclass
 class Plant:
@@ -73,14 +65,6 @@ class Plant:
     def states(self) -> int:
         """States of the effects."""
         return sum(effect.states for effect, _ in self.effects)
-
-    def take(self, columns: Array, with_effects: bool = True) -> Plant:
-        """The plant of these runs (W,); without effects if asked."""
-        c = {name: value[columns] for name, value in self.c.items()}
-        kept = self.effects if with_effects else []
-        effects = [(f, SimpleNamespace(**{k: v[columns] for k, v in vars(e).items()})) for f, e in kept]
-        low_pass = None if self.low_pass is None else self.low_pass[columns]
-        return replace(self, c=c, effects=effects, runs=len(columns), low_pass=low_pass)
 
 
 def plant_of(
@@ -189,12 +173,3 @@ def step(plant: Plant, state: Array, signals: Signals, k: int, t: Array) -> Arra
         return state + dt / 6 * (first + 2 * two + 2 * three + four)
     second = rates(plant, state + dt * first, then, signals.force[k + 1], t + dt)
     return state + 0.5 * dt * (first + second)
-
-
-def rollout(plant: Plant, start: Array, signals: Signals, t_0: Array) -> Array:
-    """States (K, 6 + S, B) from ``start`` (6 + S, B) under given signals of K rows that begin at t_0 (B,) [s]."""
-    states = np.empty((len(signals.n), *start.shape))
-    states[0] = start
-    for k in range(len(signals.n) - 1):
-        states[k + 1] = step(plant, states[k], signals, k, t_0 + k * plant.dt)
-    return states

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.generator.cases import Case, Runs, floors, run
+from benchmarks.blind.generator.cases import Case, Runs, run
 from benchmarks.blind.generator.deal import deal
 from benchmarks.blind.generator.world import AIR, COLUMNS, POWERS, WORLDS, World
 
@@ -34,8 +34,8 @@ def generate(
 
     ``out`` must not exist yet or be empty (FileExistsError). Layout: case_0000/{train,test}/*.csv and perhaps
     site.toml; ship.json (the ship file, which is no secret); key.json (kinds, effects, parameters, strengths);
-    key.sha256 (the hash of its bytes); sealed/case_0000.json (true coefficients, floor). The key holds the hashes of
-    all trials and sealed files, so one hash commits to all.
+    key.sha256 (the hash of its bytes); sealed/case_0000.json (true coefficients, random force). The key holds the
+    hashes of all trials and sealed files, so one hash commits to all.
     """
     if out.exists() and any(out.iterdir()):
         raise FileExistsError(f"{out} is not empty")
@@ -50,9 +50,8 @@ def generate(
         if twins:
             cases = [case.twin for case in cases]
         runs = run(cases)
-        floor, without = floors(cases, runs), floors(cases, runs, with_effects=False)
         for j, i in enumerate(numbers):
-            entries.append(_write_case(out, i, j, cases[j], runs, float(floor[j]), float(without[j]), seed))
+            entries.append(_write_case(out, i, j, cases[j], runs, seed))
     head = {"seed": seed, "kind": kind, "set": chosen, "world": world.name, "ship": world.ship, "cases": entries}
     content = (json.dumps(head, indent=1) + "\n").encode()
     (out / "key.json").write_bytes(content)
@@ -62,9 +61,7 @@ def generate(
     return digest
 
 
-def _write_case(
-    out: Path, number: int, place: int, case: Case, runs: Runs, floor: float, without: float, seed: int
-) -> dict[str, Any]:
+def _write_case(out: Path, number: int, place: int, case: Case, runs: Runs, seed: int) -> dict[str, Any]:
     """Writes one case; returns its entry in the key."""
     name = f"case_{number:04d}"
     folder = out / name
@@ -81,12 +78,7 @@ def _write_case(
         hashes["site.toml"] = hashlib.sha256((folder / "site.toml").read_bytes()).hexdigest()
     sealed = out / "sealed" / f"{name}.json"
     sealed.parent.mkdir(exist_ok=True)
-    truth = {
-        "floor": floor,
-        "true_model_without_effects": without,
-        "nominal_true_coefficients": case.coefficients,
-        "random_force": case.process,
-    }
+    truth = {"nominal_true_coefficients": case.coefficients, "random_force": case.process}
     sealed.write_text(json.dumps(truth, indent=1) + "\n")
     hashes["sealed"] = hashlib.sha256(sealed.read_bytes()).hexdigest()
     scale = case.world.scale
