@@ -19,64 +19,29 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.ablation.switches import Switch, constantly, replaced
-from benchmarks.accuracy import NORMAL, PAST, SHIP, Fold, inside_bands, records
+from benchmarks.ablation.switches import Switch, replaced
+from benchmarks.accuracy import NORMAL, PAST, Fold, inside_bands, records
 from benchmarks.blind.cases import blind_ship, dealt, folders
 from benchmarks.blind.generator.world import WORLDS
-from benchmarks.coverage import figure_hits
 from cases.io import published_splits as splits
 from cases.shipfiles.new_ship import new_ship
-from cases.shipfiles.ship_file import load_ship
 from cases.trial_set import TrialSet
 from fitting.calibrate import FitOptions
-from fitting.prediction.figure_intervals import accelerations
 from fitting.prediction.score import pooled_sigma, score
 from fitting.result import FitResult
 from fitting.settings import Settings
-from fitting.uncertainty.sandwich import Robust, changes_without_each
 from mmg_ident.api import calibrate
-
-FIGURES, SEEDS = "figures", range(500, 508)
-"""Ground of the intervals of manoeuvring figures, and seeds of its ships, 3 m and 7 m in turn."""
-SANDWICH = "fitting.uncertainty.sandwich:robust"
-
-
-def by_the_model(info: Any) -> Any:
-    """The covariance without the scores' own scatter, in place of the robust one."""
-    model, runs = np.linalg.inv(info.hessian), info.by_run()
-    clusters = (len(info.run), len(runs.run))
-    moves = changes_without_each(runs) if clusters[1] > 1 else np.zeros((1, len(model)))
-    return Robust(model, model, np.full(len(model), 1e9), 1.0, clusters, moves)
-
-
-def without_lasting(*given: Any) -> Any:
-    """Unexplained accelerations in a manoeuvre without their lasting part, whose share is the last of the arguments."""
-    return accelerations(*given[:-1], 0.0)
-
 
 SWITCHES = (
     Switch("as it is", "nothing"),
     Switch("no campaigns", "no values by campaign", options={"per_campaign": ("none",)}),
-    Switch("no gyro by campaign", "one lag and gain of the gyro in all campaigns",
-           options={"per_campaign": ("log_scale",)}),
-    Switch("no log by campaign", "one scale of the log in all campaigns", options={"per_campaign": ("gyro",)}),
     Switch("windows of 100 s", "windows of 100 s, which is usual for a ship of 3 m", settings={"window": 100.0}),
     Switch("windows of 50 s", "windows of 50 s", settings={"window": 50.0}),
     Switch("windows alone", "no second estimate (multiple shooting alone)", options={"estimator": "windows"}),
     Switch("filter alone", "the second estimate alone", replaced={"fitting.calibration:SHARE": 1.0}),
-    Switch("velocity filter always", "the lag of the velocity filter is always fitted along",
-           options={"instruments": ("velocity_filter",)}),
     Switch("no velocity filter", "no lag of the velocity filter", options={"instruments": ()}),
-    Switch("weight 0.3", "each run counts with 30 % of its information", settings={"weight": 0.3}),
     Switch("weight 0.1", "each run counts with 10 % of its information", settings={"weight": 0.1}),
     Switch("student", "Student's loss", settings={"loss": "student"}),
-    Switch("huber", "Huber's loss", settings={"loss": "huber"}),
-    Switch("one pass", "one solve, no second with re-estimated noise", settings={"passes": 1}),
-    Switch("white residuals", "no correlation time of the residuals (tau = 1)",
-           replaced={"fitting.solvers.noise:correlation_time": constantly(1.0)}),
-    Switch("lasting accelerations", "figures of manoeuvres: drawn ships have no lasting unexplained accelerations",
-           replaced={"fitting.prediction.figure_intervals:accelerations": without_lasting}, ground=FIGURES),
-    Switch("model covariance", "covariance by the model alone, not robust", replaced={SANDWICH: by_the_model}),
 )  # fmt: skip
 """Each is measured against the first."""
 BANDS = {
@@ -120,13 +85,7 @@ def generated(work: Path, world: str) -> Iterator[Fold]:
 
 def grounds(work: Path) -> list[Fold]:
     """All folds; work: folder of what is generated."""
-    figures = [Fold(FIGURES, str(seed), load_ship(SHIP), (), (), np.zeros(6), {}) for seed in SEEDS]
-    return [*records(), *gunnerus(work), *(fold for world in GENERATED for fold in generated(work, world)), *figures]
-
-
-def is_for(switch: Switch, fold: Fold) -> bool:
-    """Whether a ``switch`` is measured on a ``fold``: the first on all, others where they may matter."""
-    return switch.name == SWITCHES[0].name or (fold.ground == FIGURES) == (switch.ground == FIGURES)
+    return [*records(), *gunnerus(work), *(fold for world in GENERATED for fold in generated(work, world))]
 
 
 def fitted(switch: Switch, fold: Fold) -> FitResult:
@@ -140,10 +99,6 @@ def fitted(switch: Switch, fold: Fold) -> FitResult:
 def measured(switch: Switch, fold: Fold) -> dict[str, Any]:
     """What is kept of a ``switch`` on a ``fold``: errors by trial and metric, bands, intervals of coefficients."""
     began, used = time.perf_counter(), time.process_time()
-    if fold.ground == FIGURES:
-        with replaced(switch.replaced):
-            hits = figure_hits(int(fold.name))
-        return {"hits": [[sum(some), len(some)] for some in hits], "processor": time.process_time() - used}
     found = fitted(switch, fold)
     seconds = {"seconds": time.perf_counter() - began, "processor": time.process_time() - used}
     assert found.objects is not None
@@ -152,7 +107,7 @@ def measured(switch: Switch, fold: Fold) -> dict[str, Any]:
         for row in score(found.objects.after, fold.out, fold.sigma, adapt=past).trials:
             files[row.name] += [row.window if row.windows else None, row.paper if row.restarts else None]
     kept = {"converged": found.converged, **seconds, "files": files, "intervals": inside_intervals(found, fold.truth)}
-    if switch.name in ("as it is", "model covariance"):
+    if switch is SWITCHES[0]:
         kept["bands"] = {name: inside_bands(found, fold, part) for name, part in BANDS.items()}
     return kept
 

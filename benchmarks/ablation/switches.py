@@ -28,7 +28,7 @@ class Switch:
     name: of its row; off: what its row says; replaced: "module:name" or "module:Class.name" -> what stands there
     instead, a function that is to be called being given as it is; settings, options: fields of ``Settings`` and
     ``FitOptions`` (of a calibration); inside: names of memoised functions that the switch changes from within (of a
-    diagnosis, see ``Memo``); ground: where it alone matters, "": on all of predictions.
+    diagnosis, see ``Memo``).
     """
 
     name: str
@@ -37,7 +37,6 @@ class Switch:
     settings: Mapping[str, Any] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
     inside: tuple[str, ...] = ()
-    ground: str = ""
 
 
 @cache

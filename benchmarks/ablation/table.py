@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.ablation.diagnoses import BETTER, RARE, RULES, UNNAMED
-from benchmarks.ablation.fits import BANDS, FIGURES, METRICS, SWITCHES, change
+from benchmarks.ablation.fits import BANDS, METRICS, SWITCHES, change
 from benchmarks.ablation.switches import Switch
-from benchmarks.ablation.yard_figures import yard_lines, yard_rows
 from benchmarks.blind.score import Answer, is_right, is_wrong
 from benchmarks.measured import ROOT, Record
 from benchmarks.record import table
@@ -51,19 +50,11 @@ that something without a name is there, of nothing hidden that nothing is missin
 Change of right answers [%], with its paired error; worlds in which it is 1 % or more."""
 
 
-YARDS = """## Figures of new ships
-
-IMO figures after `mmg start --yes`, by ships of three generators that no rule was made on (`benchmarks/yards.py`): 90 %
-intervals that hold the true figure, their median width by it, error of the figures, hidden antennas and currents that
-are said, suspects said that are not there."""
-
-
-def write_table(fits: Record, diagnoses: Record, yards: Record) -> None:
+def write_table(fits: Record, diagnoses: Record) -> None:
     """Bring what was measured into the kept rows, and write the page."""
     kept = json.loads(KEPT.read_text(encoding="utf-8")) if KEPT.exists() else {"fits": {}, "diagnoses": {}}
     kept["fits"] |= {s.name: row for s in SWITCHES if (row := fit_row(fits, s))}
     kept["diagnoses"] |= diagnosis_rows(diagnoses)
-    kept["yards"] = kept.get("yards", {}) | yard_rows(yards)
     sections = [f'"{part}": {{\n{_rows(rows)}\n}}' for part, rows in kept.items()]  # a line a row
     KEPT.write_text("{\n" + ",\n".join(sections) + "\n}\n", encoding="utf-8")
     PAGE.write_text(page(kept, datetime.date.today().isoformat()), encoding="utf-8")
@@ -80,9 +71,6 @@ def fit_row(record: Record, switch: Switch) -> dict[str, Any] | None:
         return None
     code = rows[-1]["code"]
     found: dict[str, Any] = {"off": switch.off, "commit": rows[-1]["commit"], "grounds": {}}
-    hits = [r["hits"] for r in record.of(row=switch.name, code=code, ground=FIGURES)]
-    if hits:
-        found["figures"] = np.sum(hits, axis=0).tolist()
     for ground in GROUNDS:
         after = {r["fold"]: r for r in record.of(row=switch.name, code=code, ground=ground)}
         before = {r["fold"]: r for r in record.of(row=FIRST, code=code, ground=ground) if r["fold"] in after}
@@ -192,7 +180,7 @@ def page(kept: Mapping[str, Any], date: str) -> str:
     lines += table(
         head, [_diagnosis_cells(n, row, n in own[1] or REPLAYED in row["off"]) for n, row in kept["diagnoses"].items()]
     )
-    return "\n".join([*lines, "", YARDS, "", *yard_lines(kept["yards"]), ""])
+    return "\n".join([*lines, ""])
 
 
 def _percent(value: float | None, error: float | None) -> str:
@@ -221,21 +209,14 @@ def _fit_cells(name: str, row: Mapping[str, Any], is_there: bool) -> list[str]:
 
 def _coverage(rows: Mapping[str, Any]) -> list[str]:
     """A table of coverage: intervals of coefficients, and bands by part left out."""
-    lines = []
-    for name in (FIRST, "model covariance"):
-        grounds = rows.get(name, {}).get("grounds", {})
-        held = {g: v["intervals"] for g, v in grounds.items() if v["intervals"][1]}
-        lines.append([f"{name}: coefficients", *(_share(held.get(g)) for g in GROUNDS)])
-        for part in BANDS:
-            for length in ("30 s", "100 s"):
-                cells = [_share(grounds.get(g, {}).get("bands", {}).get(part, {}).get(length)) for g in GROUNDS]
-                lines.append([f"{name}: bands {part}, {length}", *cells])
-    made = table(["", *GROUNDS], [row for row in lines if any(row[1:])])
-    for name, row in rows.items():
-        if "figures" in row:
-            inside, outside = map(_share, row["figures"])
-            made += ["", f"Manoeuvring figures, {name}: {inside} where the trials went, {outside} outside of that."]
-    return made
+    grounds = rows.get(FIRST, {}).get("grounds", {})
+    held = {g: v["intervals"] for g, v in grounds.items() if v["intervals"][1]}
+    lines = [[f"{FIRST}: coefficients", *(_share(held.get(g)) for g in GROUNDS)]]
+    for part in BANDS:
+        for length in ("30 s", "100 s"):
+            cells = [_share(grounds.get(g, {}).get("bands", {}).get(part, {}).get(length)) for g in GROUNDS]
+            lines.append([f"{FIRST}: bands {part}, {length}", *cells])
+    return table(["", *GROUNDS], [row for row in lines if any(row[1:])])
 
 
 def _share(counted: Sequence[int] | None) -> str:

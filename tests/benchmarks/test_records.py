@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks import pages, record
-from benchmarks.ablation import switches, yard_figures
+from benchmarks.ablation import switches
 from benchmarks.ablation.diagnoses import RARE, REMEMBERED, RULES, TOLD_ONLY
 from benchmarks.ablation.fits import SWITCHES, change
 from benchmarks.ablation.switches import Memo, Switch, place_of, replaced
@@ -84,7 +84,7 @@ def test_measured_figures_precede_those_of_models() -> None:
 
 
 # The judge names switches that exist, and replays decisions without changing them
-EVERY = (*SWITCHES, *RULES, *RARE, *yard_figures.SWITCHES)
+EVERY = (*SWITCHES, *RULES, *RARE)
 
 
 @pytest.mark.parametrize("switch", EVERY, ids=lambda s: s.name)
@@ -105,7 +105,7 @@ def test_what_is_remembered_exists() -> None:
 
 def test_names_of_rows_are_unique() -> None:
     """Each row of a table has its own."""
-    for some in (SWITCHES, (*RULES, *RARE), yard_figures.SWITCHES):
+    for some in (SWITCHES, (*RULES, *RARE)):
         assert len({s.name for s in some}) == len(some)
 
 
