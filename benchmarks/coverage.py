@@ -213,7 +213,7 @@ def rest_inside(task: tuple[str, str, int]) -> list[bool]:
     with TemporaryDirectory() as scratch:
         hidden, twins = (Path(scratch) / name for name in ("hidden", "twins"))
         for folder in (hidden, twins):
-            generate(folder, COUNT, seed, kind, "mixed", WORLDS[world], twins=folder == twins)
+            generate(folder, COUNT, seed, kind, WORLDS[world], twins=folder == twins)
         for case in folders(hidden):
             budget, complete = (question(folder / case.name)().budget for folder in (hidden, twins))
             if budget is None or complete is None or budget.unexplained is None:

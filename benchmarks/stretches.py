@@ -186,7 +186,7 @@ def judged(before: Trial, after: Trial, span: tuple[float, float]) -> tuple[bool
 def clean_runs(world: World, least: int, seed: int) -> list[Trial]:
     """At least so many runs of a ``world`` without any hidden effect, from a seed."""
     with tempfile.TemporaryDirectory() as scratch:
-        generate(Path(scratch) / "out", -(-least // 12), seed, "null", "mixed", world)
+        generate(Path(scratch) / "out", -(-least // 12), seed, "null", world)
         trials = read_trials([Path(scratch) / "out"])
     return trials[:least]
 

@@ -1,8 +1,8 @@
 """What a calibration's mechanisms are worth: predictions of runs that it did not see, with each switched off.
 
 Three grounds. Records: the 35 of Train-TZRB+ in five folds by day and kind. Gunnerus: seven runs of a full-scale ship,
-by a fit to eleven others. Two generators of ``benchmarks/blind``: the test trials of cases of which most have a cause
-that the model lacks. Errors are those of ``mmg score``, mean of files, of windows of 30 s and restarts every 100 s,
+by a fit to eleven others. Two generators of ``benchmarks/blind``: the test trials of cases that have a cause which
+the model lacks. Errors are those of ``mmg score``, mean of files, of windows of 30 s and restarts every 100 s,
 without and with 30 s of past.
 """
 
@@ -73,9 +73,9 @@ def gunnerus(work: Path) -> Iterator[Fold]:
 
 
 def generated(work: Path, world: str) -> Iterator[Fold]:
-    """Cases of a ``world`` of ``benchmarks/blind``, of all kinds."""
+    """Cases of a ``world`` of ``benchmarks/blind``, each with an effect of the library."""
     folder = work / f"fits_{world}"
-    dealt(folder, world, "mix", GENERATED[world], SEED)
+    dealt(folder, world, "library", GENERATED[world], SEED)
     for case in folders(folder):
         train, out = (TrialSet.of(case / part).sound for part in ("train", "test"))
         sealed = json.loads((folder / "sealed" / f"{case.name}.json").read_text(encoding="utf-8"))

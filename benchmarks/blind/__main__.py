@@ -1,7 +1,7 @@
 """Blind benchmark of ``mmg diagnose``: cases whose key is sealed, answers, and only then the score.
 
 Run from the repository root: python -m benchmarks.blind [--cases 100] [--seed 1] [--workers 2]
-[--kinds mix,pair] [--sets mixed] [--world pond] [--out runs/blind] [--record].
+[--kinds null,pair] [--world pond] [--out runs/blind] [--record].
 Begun again with the same arguments it goes on where it stopped.
 """
 
@@ -26,11 +26,10 @@ def main(arguments: list[str] | None = None) -> int:
     """Generates, solves, scores; 2 on bad input or a key that was changed."""
     parser = parser_of("blind", "Blind benchmark of mmg diagnose.")
     parser.epilog = "strangers:\n" + "\n".join(f"  {e.name}: {(e.__doc__ or '').splitlines()[0]}" for e in STRANGERS)
-    parser.add_argument("--cases", type=int, default=100, help="cases of each kind and set")
+    parser.add_argument("--cases", type=int, default=100, help="cases of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--kinds", default="mix", help="comma-separated: " + ", ".join(KINDS))
-    parser.add_argument("--sets", default="mixed", help="comma-separated: mixed, zigzag, turn, random, berthing")
+    parser.add_argument("--kinds", default=",".join(KINDS), help="comma-separated: " + ", ".join(KINDS))
     parser.add_argument("--world", default="pond", choices=tuple(WORLDS), help="ship, noise and numerics")
     parser.add_argument("--out", type=Path, default=Path("runs") / "blind", help="folder")
     given = parser.parse_args(arguments)
@@ -54,10 +53,9 @@ def _answered(given: argparse.Namespace) -> list[Pair]:
     """All cases with their answers; the hashes of the keys are printed before any case is answered."""
     record, keys = Record(given.out / "answers.jsonl"), {}
     for kind in given.kinds.split(","):
-        for chosen in given.sets.split(","):
-            folder = given.out / f"{given.world}_{kind}_{chosen}_{given.seed}_{given.cases}"
-            keys[folder] = dealt(folder, given.world, kind, given.cases, given.seed, chosen)
-            print(f"{folder.name}: SHA-256 of the key {keys[folder]}", flush=True)
+        folder = given.out / f"{given.world}_{kind}_{given.seed}_{given.cases}"
+        keys[folder] = dealt(folder, given.world, kind, given.cases, given.seed)
+        print(f"{folder.name}: SHA-256 of the key {keys[folder]}", flush=True)
     tasks = [({"key": key, "case": case.name}, (case,)) for folder, key in keys.items() for case in folders(folder)]
     record.measure(answered, tasks, given.workers)
     return [

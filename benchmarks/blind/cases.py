@@ -24,8 +24,8 @@ from mmg.ship import Ship
 
 PRIOR, LEAST = 0.08, 1e-5
 """Prior standard deviation of the ship's coefficients: this share of their value, at least ``LEAST``."""
-FOREIGN = ("foreign", "strangers")
-"""Kinds of cases with a cause that the library does not hold."""
+FOREIGN = "strangers"
+"""Kind of the cases with a cause that the library does not hold."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +49,11 @@ def blind_ship(name: str = "esso_osaka_3m") -> Ship:
     return ship.with_coefficients({s: c.with_(std=max(PRIOR * abs(c.value), LEAST)) for s, c in rows.items()})
 
 
-def dealt(folder: Path, world: str, kind: str, count: int, seed: int, chosen: str = "mixed") -> str:
-    """Generate ``count`` cases of a ``kind`` and a set of manoeuvres in ``folder``, unless they are there; returns the
-    SHA-256 of their key."""
+def dealt(folder: Path, world: str, kind: str, count: int, seed: int) -> str:
+    """Generate ``count`` cases of a ``kind`` in ``folder``, unless they are there; returns the SHA-256 of their key."""
     if not (folder / "key.json").is_file():
         folder.parent.mkdir(parents=True, exist_ok=True)
-        return generate(folder, count, seed, kind, chosen, WORLDS[world])
+        return generate(folder, count, seed, kind, WORLDS[world])
     return hashlib.sha256((folder / "key.json").read_bytes()).hexdigest()
 
 
@@ -77,10 +76,9 @@ def opened(folder: Path, digest: str) -> list[Case]:
             if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != wanted:
                 raise UserError(f"{path} was changed after the key was sealed: nothing is scored")
         effects = entry["effects"]
-        truth = {e["name"]: e["parameters"] for e in effects if entry["kind"] not in FOREIGN}
-        kind = entry["kind"] if key["kind"] == "mix" else key["kind"]
+        truth = {e["name"]: e["parameters"] for e in effects if key["kind"] != FOREIGN}
         label, strength = " + ".join(e["name"] for e in effects), effects[0]["strength"] if effects else ""
-        found.append(Case(key["world"], kind, case, truth, label, strength))
+        found.append(Case(key["world"], key["kind"], case, truth, label, strength))
     return found
 
 

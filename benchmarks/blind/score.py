@@ -15,9 +15,11 @@ Answer = Sequence[Any]
 """Verdict, names, whether something is left over."""
 Pair = tuple[Case, Mapping[str, Any]]
 """A case, and the row of its answer."""
-KINDS = {"null": "nothing there: none", "foreign": "a cause without a name: unknown or a remainder",
+KINDS = {"null": "nothing there: none", FOREIGN: "a cause without a name: unknown or a remainder",
          "pair": "two effects: both named, nothing else", "library": "an effect: named"}  # fmt: skip
 """What each kind is to be answered."""
+ANCHORS = {FOREIGN: "foreign"}
+"""Words of the anchors of figures where they are not the kind."""
 
 
 def is_right(kind: str, truth: Sequence[str], answer: Answer) -> bool:
@@ -26,7 +28,7 @@ def is_right(kind: str, truth: Sequence[str], answer: Answer) -> bool:
     verdict, names, left = answer
     if kind == "null":
         return bool(verdict == "none")
-    if kind in FOREIGN:
+    if kind == FOREIGN:
         return verdict == "unknown" or (verdict == "named" and left)
     return verdict == "named" and (set(names) == set(truth) if kind == "pair" else names[0] in truth)
 
@@ -73,11 +75,11 @@ def figures(pairs: Sequence[Pair], name: str) -> dict[str, Figure]:
     """Figures for the record, their anchors ending with ``name``: what each kind is to be answered."""
     made = {}
     for kind, words in KINDS.items():
-        some = [p for p in pairs if kind == (FOREIGN[0] if p[0].kind in FOREIGN else p[0].kind)]
+        some = [p for p in pairs if kind == p[0].kind]
         for strength in STRENGTHS if kind == "library" else ("",):
             part = [p for p in some if strength in ("", p[0].strength)]
             if part:
-                mark = "_".join(word for word in ("blind", kind, strength, name) if word)
+                mark = "_".join(word for word in ("blind", ANCHORS.get(kind, kind), strength, name) if word)
                 what = f"blind cases, {name}: {strength + ' ' if strength else ''}{words}"
                 made[mark] = Figure(what, sum(map(right, part)), of=len(part))
     what = f"blind cases, {name}: a name that is not there"

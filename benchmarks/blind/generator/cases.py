@@ -47,10 +47,10 @@ class Case:
         return replace(self, hand=Hand(self.hand.kind, ()), drawn=[])
 
     @classmethod
-    def prepared(cls, hand: Hand, chosen: str, seed: np.random.SeedSequence, world: World = WORLDS["pond"]) -> Case:
-        """A case of a manoeuvre set in a ``world``, from its own seed."""
+    def prepared(cls, hand: Hand, seed: np.random.SeedSequence, world: World = WORLDS["pond"]) -> Case:
+        """A case in a ``world``, from its own seed."""
         rng = np.random.default_rng(seed)
-        train, test = map(tuple, SETS[world.sets.get(chosen, chosen)])
+        train, test = map(tuple, SETS[world.runs])
         conditions: dict[str, float] = {}
         if world.wide:
             world, conditions = worlds.own_world(world, rng)

@@ -16,9 +16,7 @@ DURATION = 150.0
 RUDDER_RATE, SHAFT_RATE, BOW_RATE = np.radians(20.0), 10.0, 30.0
 """Rate limits of the steering gear [rad/s], of the shaft and of the bow thruster [1/s^2]."""
 
-SETS = tables(Path(__file__).with_suffix(".toml")) | {
-    kind: ((kind,) * 7, (kind,) * 5) for kind in ("zigzag", "turn", "random", "berthing")
-}
+SETS = tables(Path(__file__).with_suffix(".toml"))
 """Runs for training and runs held out, by manoeuvre set."""
 
 

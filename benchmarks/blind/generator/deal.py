@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blind.generator.effect import LEVELS, Drawn, Effect
-from benchmarks.blind.generator.foreign import FOREIGN, STRANGERS
+from benchmarks.blind.generator.foreign import STRANGERS
 from benchmarks.blind.generator.library import LIBRARY, SIDES
 
-Effects = Sequence[Effect]
-KINDS = ("library", "null", "foreign", "strangers", "pair", "mix")
-NULL_SHARE, FOREIGN_SHARE, DECOYS = 0.10, 0.15, 0.25
-"""Shares of null and foreign cases in a mix, and of other cases with a site file that explains nothing."""
+KINDS = ("null", "library", "strangers", "pair")
+DECOYS = 0.25
+"""Share of the cases with a site file that explains nothing."""
 
 
 @dataclass(frozen=True)
@@ -34,35 +33,22 @@ def _cycled(pool: list[Any], count: int, rng: np.random.Generator) -> list[Any]:
     return out[:count]
 
 
-def _hands_of(kind: str, count: int, rng: np.random.Generator, library: Effects, strangers: Effects) -> list[Hand]:
+def deal(kind: str, count: int, rng: np.random.Generator, without: Sequence[str] = ()) -> list[Hand]:
+    """The hands of ``count`` cases; without: names of effects that the ship cannot have."""
+    library, strangers = ([e for e in pool if e.name not in without] for pool in (LIBRARY, STRANGERS))
     if kind == "null":
         return [Hand(kind, ())] * count
     if kind == "library":
         # every block of twenty holds each effect once, and three blocks each of its strengths once
         first = {effect.name: int(rng.integers(3)) for effect in library}
-        blocks = [_cycled(list(library), len(library), rng) for _ in range(-(-count // len(library)))]
+        blocks = [_cycled(library, len(library), rng) for _ in range(-(-count // len(library)))]
         dealt = [(effect, LEVELS[(first[effect.name] + b) % 3]) for b, block in enumerate(blocks) for effect in block]
         return [Hand(kind, (one,)) for one in dealt[:count]]
-    if kind in ("foreign", "strangers"):
-        among = FOREIGN if kind == "foreign" else strangers
-        pool = [(effect, level) for effect in among for level in LEVELS[1:]]
-        return [Hand("foreign", (one,)) for one in _cycled(pool, count, rng)]
+    if kind == "strangers":
+        pool = [(effect, level) for effect in strangers for level in LEVELS[1:]]
+        return [Hand(kind, (one,)) for one in _cycled(pool, count, rng)]
     pairs = [(a, b) for i, a in enumerate(library) for b in library[i + 1 :]]
     return [Hand(kind, tuple((effect, "medium") for effect in pair)) for pair in _cycled(pairs, count, rng)]
-
-
-def deal(kind: str, count: int, rng: np.random.Generator, without: Sequence[str] = ()) -> list[Hand]:
-    """The hands of ``count`` cases; a mix is 10 % null, 15 % foreign, the rest library effects, shuffled.
-
-    without: names of effects that the ship cannot have. The hands of the strangers are of the kind "foreign", too.
-    """
-    pools = [[e for e in pool if e.name not in without] for pool in (LIBRARY, STRANGERS)]
-    if kind != "mix":
-        return _hands_of(kind, count, rng, *pools)
-    null, foreign = round(NULL_SHARE * count), round(FOREIGN_SHARE * count)
-    parts = {"null": null, "foreign": foreign, "library": count - null - foreign}
-    hands = [hand for part, size in parts.items() for hand in _hands_of(part, size, rng, *pools)]
-    return [hands[i] for i in rng.permutation(count)]
 
 
 def decoy(rng: np.random.Generator) -> dict[str, dict[str, Any]]:

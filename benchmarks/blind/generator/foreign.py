@@ -1,7 +1,7 @@
-"""Causes that no library of effects holds. Not for the eyes of who diagnoses.
+"""Causes that no library of effects holds, and that no single form of state and inputs spells.
 
-STRANGERS are those that no single form of state and inputs spells. The levels of the later ones are such that the
-median case costs, in 30 s errors against the floor, about what those of FOREIGN do.
+Not for the eyes of who diagnoses. The levels of the later ones, from ``thrust_loss_at_high_n`` on, are such that the
+median case costs, in 30 s errors against the floor of noise, about what those of the earlier ones do.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import numpy as np
 
 from benchmarks.blind.generator.controls import RUDDER_RATE
 from benchmarks.blind.generator.effect import Array, Drawn, OneNumber, effect, scaled, sign
-from benchmarks.blind.generator.library import turned
 
 
 class Sized(OneNumber):
@@ -26,13 +25,6 @@ class Sized(OneNumber):
 
 
 foreign = partial(effect, base=Sized)
-
-
-@foreign("forces", (0.02, 0.04, 0.10))
-def quadratic_yaw_damping(parts: Any, m: Any, e: Any, z: Array, p: Any) -> None:
-    """Moment -size r |r| 1/2 rho L^5 d, quadratic in the yaw rate."""
-    N = -e.size * 0.5 * p["rho"] * p["L"] ** 4 * p["d"] * m.r * np.abs(m.r)
-    parts["quadratic_yaw_damping"] = (0.0 * N, 0.0 * N, N)
 
 
 @foreign("forces", (0.2, 0.35, 0.9), two_sided=True, lever=(0.3, 1.2), soft=(0.002, 0.006))
@@ -62,16 +54,6 @@ def thrust_drop_in_turn(parts: Any, m: Any, e: Any, z: Array, p: Any) -> None:
     """Thrust lost at high yaw rate."""
     lost = e.size * m.r**4 / (m.r**4 + e.r_0**4)
     parts["propeller"] = scaled(parts["propeller"], np.where(m.n > 0, 1 - lost, 1.0), 1.0, 1.0)
-
-
-@foreign("columns", tuple(np.radians((1.0, 2.5, 6.0))), two_sided=True, pole=(-3.1, 3.1), second=(-0.4, 0.4))
-def compass_deviation(y: Array, history: Any, rows: Array, e: Any) -> Array:
-    """Compass deviation with the heading; u and v are turned with it."""
-    out, psi = y.copy(), history.states[rows, 2]
-    error = e.size * (np.sin(psi - e.pole) + e.second * np.sin(2 * psi))
-    out[:, 2] += error
-    out[:, 3], out[:, 4] = turned(y[:, 3], y[:, 4], error)
-    return out
 
 
 @foreign("forces", (1.0, 2.5, 6.0), to=(-3.1, 3.1), period=(2.2, 4.0), phase=(-3.1, 3.1), yaw=(0.3, 0.7))
@@ -116,14 +98,6 @@ def swinging_mass(parts: Any, m: Any, e: Any, z: Array, p: Any) -> Array:
     Y = e.size * (spring + m.u * m.r)
     parts["swinging_mass"] = (0.0 * Y, Y, e.at * Y)
     return np.stack([z[1], -spring - m.u * m.r])
-
-
-FOREIGN = (
-    quadratic_yaw_damping, one_sided_drag, propeller_walk_ahead, rudder_loss_at_low_n, thrust_drop_in_turn,
-    compass_deviation, oscillating_waves, dragged_weight, eddy, shaft_droop, swinging_mass,
-)  # fmt: skip
-SPELLED = ("quadratic_yaw_damping", "compass_deviation")
-"""Effects of FOREIGN that are one of the forms of state, inputs and sensors which a diagnosis may well list."""
 
 
 def above(x: Array, width: Any) -> Array:
@@ -329,10 +303,11 @@ def irregular_swell(parts: Any, m: Any, e: Any, z: Array, p: Any) -> None:
     parts["irregular_swell"] = (X, Y, N)
 
 
-NEW = (
+STRANGERS = (
+    one_sided_drag, propeller_walk_ahead, rudder_loss_at_low_n, thrust_drop_in_turn, oscillating_waves, dragged_weight,
+    eddy, shaft_droop, swinging_mass,
     thrust_loss_at_high_n, roll_coupling, rudder_rate_limit, jammed_bearing, steering_dropout, rudder_stops_short,
     passing_ships, asymmetric_rudder, wavy_engine_map, thrust_deduction_at_low_advance, ventilating_propeller,
     separation_at_large_drift, fish_tailing, towed_boat, one_sided_fouling, lee_of_a_wall, weed_patch,
     gathering_weed, position_multipath, reversing_stream, irregular_swell,
 )  # fmt: skip
-STRANGERS = (*(effect for effect in FOREIGN if effect.name not in SPELLED), *NEW)

@@ -33,8 +33,8 @@ class World:
     standard deviations of the errors of x, y [m], psi [rad], u, v [m/s], r [rad/s]; colour: range of the memory of the
     errors of u, v and r [s], (0, 0): white; low_pass: range of the time constant of a first-order filter of the logged
     u and v [s], (0, 0): none; gyro: largest scale error of r; gust: wind that the log does not show, as share of the
-    mean; sample: of the records [s]; without: effects that the ship cannot have; resistance: X_0' that
-    fouling adds a share of; draught: by which the depth in a site file is told [m]; soft:
+    mean; sample: of the records [s]; without: effects that the ship cannot have; runs: manoeuvre set;
+    resistance: X_0' that fouling adds a share of; draught: by which the depth in a site file is told [m]; soft:
     angle over which the flow at two rudders changes sides [rad]; sizes: factors on the sizes of causes without a name,
     which cost more or less here than in the pond; runge_kutta: fourth order with inputs in between, else Heun; step:
     of the integration and of all signals [s], a whole part of the sample; duration: of a run [s]; wide: every case
@@ -57,7 +57,7 @@ class World:
     sample: float = 0.5
     without: tuple[str, ...] = ()
     runge_kutta: bool = False
-    sets: Mapping[str, str] = field(default_factory=dict)
+    runs: str = "mixed"
     resistance: float = 0.02139
     draught: float = DRAUGHT
     soft: float = 0.0

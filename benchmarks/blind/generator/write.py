@@ -24,12 +24,11 @@ def generate(
     out: Path,
     count: int,
     seed: int,
-    kind: str = "mix",
-    chosen: str = "mixed",
+    kind: str,
     world: World = WORLDS["pond"],
     twins: bool = False,
 ) -> str:
-    """Writes ``count`` cases of a kind and a manoeuvre set in a ``world`` into ``out``, or their ``twins`` that hide
+    """Writes ``count`` cases of a kind in a ``world`` into ``out``, or their ``twins`` that hide
     nothing; returns the SHA-256 of the key.
 
     ``out`` must not exist yet or be empty (FileExistsError). Layout: case_0000/{train,test}/*.csv and perhaps
@@ -46,13 +45,13 @@ def generate(
     batch = 1 if world.wide else BATCH
     for first in range(0, count, batch):
         numbers = range(first, min(first + batch, count))
-        cases = [Case.prepared(hands[i], chosen, seeds[i], world) for i in numbers]
+        cases = [Case.prepared(hands[i], seeds[i], world) for i in numbers]
         if twins:
             cases = [case.twin for case in cases]
         runs = run(cases)
         for j, i in enumerate(numbers):
             entries.append(_write_case(out, i, j, cases[j], runs, seed))
-    head = {"seed": seed, "kind": kind, "set": chosen, "world": world.name, "ship": world.ship, "cases": entries}
+    head = {"seed": seed, "kind": kind, "world": world.name, "ship": world.ship, "cases": entries}
     content = (json.dumps(head, indent=1) + "\n").encode()
     (out / "key.json").write_bytes(content)
     (out / "ship.json").write_text(json.dumps({"ship": world.ship}) + "\n")
