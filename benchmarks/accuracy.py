@@ -46,8 +46,7 @@ NORMAL = 1.6448536269514722
 
 @dataclass(frozen=True)
 class Fold:
-    """One fit and what it is judged by: ground, its own name, ship, trials to fit, trials left out, sigma (6,); truth:
-    true coefficients by symbol, where they are known."""
+    """One fit and what it is judged by: ground, its own name, ship, trials to fit, trials left out, sigma (6,)."""
 
     ground: str
     name: str
@@ -55,7 +54,6 @@ class Fold:
     train: Sequence[Trial]
     out: Sequence[Trial]
     sigma: np.ndarray
-    truth: dict[str, float]
 
 
 def trials_of(names: Sequence[str]) -> list[Trial]:
@@ -83,45 +81,28 @@ def records() -> Iterator[Fold]:
     sigma, ship = pooled_sigma(trials), load_ship(SHIP)
     for k, out in enumerate(folds_of(trials)):
         rest = [t for i, t in enumerate(trials) if i not in out]
-        yield Fold("records", str(k), ship, rest, [trials[i] for i in out], sigma, {})
+        yield Fold("records", str(k), ship, rest, [trials[i] for i in out], sigma)
 
 
-def inside_bands(found: FitResult, fold: Fold, part: dict[str, Any]) -> dict[str, list[int]]:
-    """How many numbers of the runs left out of ``fold`` the 90 % bands hold, of how many, by length of the windows
-    and kind of manoeuvre. part: what becomes of a part of the bands."""
+def inside_bands(found: FitResult, trials: Sequence[Trial]) -> dict[str, np.ndarray]:
+    """How many numbers of the ``trials`` the 90 % bands of ``found`` hold, and of how many, by length of the windows
+    [s]."""
     assert found.objects is not None
-    bands, counted = bands_of(found.to_dict(), found.ship), dict[str, list[int]]()
+    bands, rows = bands_of(found.to_dict(), found.ship), {"30": np.zeros(2), "100": np.zeros(2)}
     if bands is None:
-        return counted
-    if "factor" in part:
-        one = np.ones_like(bands.process.factor)
-        bands = replace(bands, process=replace(bands.process, factor=one, adapted=one))
-    if "held" in part:
-        bands = replace(bands, held=None)
-    if "root" in part:
-        bands = replace(bands, root=bands.root[:, :0])
-    for trial in fold.out:
-        for length, stride in ((30.0, 15.0), (100.0, 100.0)):
-            made = predict_all(found.objects.after, [trial], length, stride, length > 50, bands=bands)
-            rows = counted.setdefault(f"{length:g} s {trial.kind}", [0, 0])
+        return rows
+    for trial in trials:
+        for name, stride in (("30", 15.0), ("100", 100.0)):
+            made = predict_all(found.objects.after, [trial], float(name), stride, name == "100", bands=bands)
             for window in made[0][0]:
                 error = window.error(trial.states)[1:]
                 known = np.isfinite(error)
-                rows[0] += int((np.abs(error) < NORMAL * window.std[1:])[known].sum())
-                rows[1] += int(known.sum())
-    return counted
-
-
-def by_length(found: FitResult, fold: Fold) -> dict[str, np.ndarray]:
-    """Numbers inside the 90 % bands, and numbers, of ``inside_bands``, by the length of the windows [s]."""
-    rows = {"30": np.zeros(2), "100": np.zeros(2)}
-    for words, counted in inside_bands(found, fold, {}).items():
-        rows[words.split()[0]] += counted
+                rows[name] += (np.abs(error) < NORMAL * window.std[1:])[known].sum(), known.sum()
     return rows
 
 
 def mean_bands(words: str, name: str, rows: Mapping[str, np.ndarray]) -> dict[str, Figure]:
-    """Figures of the shares of ``by_length``."""
+    """Figures of the shares of ``inside_bands``."""
     what = f"rows inside the 90 % band, mean of the states: {words}"
     return {f"bands_{name}_{s}": Figure(f"{what}, {s} s", inside / of, "%") for s, (inside, of) in rows.items()}
 
@@ -136,7 +117,7 @@ def folds() -> dict[str, Figure]:
         for mark, past in zip(errors, (None, PAST), strict=True):
             made = score(found, list(fold.out), fold.sigma, adapt=past).trials
             errors[mark] += [[r.window, r.paper] for r in made if r.windows]
-        for length, counted in by_length(found, fold).items():
+        for length, counted in inside_bands(found, fold.out).items():
             rows[length] += counted
     figures = mean_bands("records left out", "records", rows)
     for mark, words in zip(errors, ("without a past", f"{PAST:g} s of past"), strict=True):

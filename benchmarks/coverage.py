@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -26,7 +26,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.accuracy import SHIP, Fold, by_length, mean_bands, trials_of
+from benchmarks.accuracy import SHIP, inside_bands, mean_bands, trials_of
 from benchmarks.blind.cases import folders, question
 from benchmarks.blind.generator.world import WORLDS
 from benchmarks.blind.generator.write import generate
@@ -44,7 +44,6 @@ from cases.trial import Trial
 from fitting.calibrate import FitOptions
 from fitting.calibration import estimate_coefficients
 from fitting.prediction.figure_intervals import with_intervals
-from fitting.result import FitResult
 from fitting.settings import Settings
 from mmg.errors import UserError
 from mmg.ship import Ship
@@ -180,21 +179,16 @@ def plant_trials(seed: int) -> tuple[Ship, list[Trial], list[Trial]]:
     return new_ship("plant", {"L": 7.0, "B": 1.27, "d": 0.46, "C_b": 0.81, "U_0": 1.2}), sets[0], sets[1]
 
 
-def held_by_bands(found: FitResult, trials: Sequence[Trial]) -> dict[str, np.ndarray]:
-    """Rows of ``trials`` inside the bands of ``found``, and rows, by the length of the windows [s]."""
-    return by_length(found, Fold("", "", found.ship, (), trials, np.ones(6), {}))
-
-
 def manoeuvres() -> dict[str, Figure]:
     """Manoeuvres of a kind that the calibration did not have."""
     options = FitOptions(next_trial=False)
     trials = trials_of([n for n in splits.TRAIN_TZRB_PLUS if n not in splits.DEVELOPMENT_HOLDOUT])
     found = calibrate(SHIP, [t for t in trials if t.kind in ("zigzag", "random")], (), None, options)
-    records = held_by_bands(found, [t for t in trials if t.kind == "turning"])
+    records = inside_bands(found, [t for t in trials if t.kind == "turning"])
     plants = {"30": np.zeros(2), "100": np.zeros(2)}
     for seed in (41, 42, 43):
         ship, zigzags, circles = plant_trials(seed)
-        for length, rows in held_by_bands(calibrate(ship, zigzags, (), None, options), circles).items():
+        for length, rows in inside_bands(calibrate(ship, zigzags, (), None, options), circles).items():
             plants[length] += rows
     made = mean_bands("turnings from zigzags and random runs", "turnings", records)
     return made | mean_bands("circles of a plant from zigzags", "plant", plants)

@@ -8,7 +8,6 @@ without and with 30 s of past.
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 import time
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.ablation.switches import Switch, replaced
-from benchmarks.accuracy import NORMAL, PAST, Fold, inside_bands, records
+from benchmarks.accuracy import PAST, Fold, records
 from benchmarks.blind.cases import blind_ship, dealt, folders
 from benchmarks.blind.generator.world import WORLDS
 from cases.io import published_splits as splits
@@ -44,13 +43,6 @@ SWITCHES = (
     Switch("student", "Student's loss", settings={"loss": "student"}),
 )  # fmt: skip
 """Each is measured against the first."""
-BANDS = {
-    "as they are": {},
-    "no factors": {"factor": 1.0},
-    "no novelty": {"held": None},
-    "no coefficients": {"root": 0.0},
-}
-"""Parts of the bands that are left out, by what becomes of them; measured at the first switch."""
 METRICS = ("30 s", "100 s", "30 s, past", "100 s, past")
 GENERATED = {"pond": 12, "kvlcc2": 12}
 """Worlds whose cases are fitted, and how many of each."""
@@ -69,7 +61,7 @@ def gunnerus(work: Path) -> Iterator[Fold]:
         (cut / "raw" / record.name).write_bytes(record.read_bytes())
         subprocess.run([sys.executable, str(data / "prepare.py"), "rudder"], cwd=cut, check=True)
     train, out = (TrialSet.of(cut / "rudder" / part).sound for part in ("train", "held"))
-    yield Fold("gunnerus", "all", new_ship("gunnerus", GUNNERUS), train, out, pooled_sigma(out), {})
+    yield Fold("gunnerus", "all", new_ship("gunnerus", GUNNERUS), train, out, pooled_sigma(out))
 
 
 def generated(work: Path, world: str) -> Iterator[Fold]:
@@ -78,9 +70,7 @@ def generated(work: Path, world: str) -> Iterator[Fold]:
     dealt(folder, world, "library", GENERATED[world], SEED)
     for case in folders(folder):
         train, out = (TrialSet.of(case / part).sound for part in ("train", "test"))
-        sealed = json.loads((folder / "sealed" / f"{case.name}.json").read_text(encoding="utf-8"))
-        true = {s: v for s, v in sealed["nominal_true_coefficients"].items() if s in WORLDS[world].drawn}
-        yield Fold(world, case.name, blind_ship(WORLDS[world].ship), train, out, pooled_sigma(out), true)
+        yield Fold(world, case.name, blind_ship(WORLDS[world].ship), train, out, pooled_sigma(out))
 
 
 def grounds(work: Path) -> list[Fold]:
@@ -97,7 +87,7 @@ def fitted(switch: Switch, fold: Fold) -> FitResult:
 
 
 def measured(switch: Switch, fold: Fold) -> dict[str, Any]:
-    """What is kept of a ``switch`` on a ``fold``: errors by trial and metric, bands, intervals of coefficients."""
+    """What is kept of a ``switch`` on a ``fold``: errors by trial and metric."""
     began, used = time.perf_counter(), time.process_time()
     found = fitted(switch, fold)
     seconds = {"seconds": time.perf_counter() - began, "processor": time.process_time() - used}
@@ -106,17 +96,7 @@ def measured(switch: Switch, fold: Fold) -> dict[str, Any]:
     for past in (None, PAST):
         for row in score(found.objects.after, fold.out, fold.sigma, adapt=past).trials:
             files[row.name] += [row.window if row.windows else None, row.paper if row.restarts else None]
-    kept = {"converged": found.converged, **seconds, "files": files, "intervals": inside_intervals(found, fold.truth)}
-    if switch is SWITCHES[0]:
-        kept["bands"] = {name: inside_bands(found, fold, part) for name, part in BANDS.items()}
-    return kept
-
-
-def inside_intervals(found: FitResult, truth: dict[str, float]) -> list[int]:
-    """How many true coefficients lie in the 90 % intervals of ``found``, of how many."""
-    rows = [(found.ship.coefficients[s], truth[s]) for s in found.ship.free if s in truth]
-    inside = [abs(c.value - true) <= NORMAL * c.std for c, true in rows]
-    return [sum(inside), len(inside)]
+    return {"converged": found.converged, **seconds, "files": files}
 
 
 def change(before: dict[str, Any], after: dict[str, Any], metric: int) -> tuple[float, float, float]:

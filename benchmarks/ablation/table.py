@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.ablation.diagnoses import BETTER, RARE, RULES, UNNAMED
-from benchmarks.ablation.fits import BANDS, METRICS, SWITCHES, change
+from benchmarks.ablation.fits import METRICS, SWITCHES, change
 from benchmarks.ablation.switches import Switch
 from benchmarks.blind.score import Answer, is_right, is_wrong
 from benchmarks.measured import ROOT, Record
@@ -83,8 +83,6 @@ def fit_row(record: Record, switch: Switch) -> dict[str, Any] | None:
             "fits": len(after),
             "changes": {name: _rounded(change(*pair, i)) for i, name in enumerate(METRICS)},
             "processor": round(float(np.mean(spent[1])), 1) if spent[1] else None,
-            "intervals": np.sum([r["intervals"] for r in after.values()], axis=0).tolist(),
-            "bands": _bands(after.values()),
         }
     return found
 
@@ -98,17 +96,6 @@ def _by_cluster(rows: Mapping[str, Mapping[str, Any]], ground: str) -> dict[str,
 
 def _rounded(values: Sequence[float]) -> list[float | None]:
     return [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
-
-
-def _bands(rows: Any) -> dict[str, dict[str, list[int]]]:
-    """Numbers inside the bands, and of how many, by part left out and length."""
-    found: dict[str, dict[str, list[int]]] = {}
-    for row in rows:
-        for part, counts in row.get("bands", {}).items():
-            for name, (inside, count) in counts.items():
-                total = found.setdefault(part, {}).setdefault(" ".join(name.split()[:2]), [0, 0])
-                total[0], total[1] = total[0] + inside, total[1] + count
-    return found
 
 
 def two_numbers(evidence: Mapping[str, Any]) -> Answer:
@@ -174,7 +161,7 @@ def page(kept: Mapping[str, Any], date: str) -> str:
     lines = [HEAD.format(date=date), ""]
     head = ["switch", *(f"{g} {m}" for g, metrics in GROUNDS.items() for m in metrics), "fits", "processor", "commit"]
     lines += table(head, [_fit_cells(n, row, n in own[0]) for n, row in kept["fits"].items()])
-    lines += ["", "Share of what 90 % intervals and bands hold:", "", *_coverage(kept["fits"]), "", MIDDLE, ""]
+    lines += ["", MIDDLE, ""]
     head = ["rule switched off", "cases", "weak", "medium", "strong", "strangers", "nothing", "wrong names",
             "gained", "lost", "change", "worlds", "commit"]  # fmt: skip
     lines += table(
@@ -205,22 +192,6 @@ def _fit_cells(name: str, row: Mapping[str, Any], is_there: bool) -> list[str]:
     spent = [g["processor"] for g in row["grounds"].values() if g["processor"]]
     fits = sum(ground["fits"] for ground in row["grounds"].values())
     return [*cells, str(fits), f"{np.mean(spent):.0f} s a fit" if spent else "", commit]
-
-
-def _coverage(rows: Mapping[str, Any]) -> list[str]:
-    """A table of coverage: intervals of coefficients, and bands by part left out."""
-    grounds = rows.get(FIRST, {}).get("grounds", {})
-    held = {g: v["intervals"] for g, v in grounds.items() if v["intervals"][1]}
-    lines = [[f"{FIRST}: coefficients", *(_share(held.get(g)) for g in GROUNDS)]]
-    for part in BANDS:
-        for length in ("30 s", "100 s"):
-            cells = [_share(grounds.get(g, {}).get("bands", {}).get(part, {}).get(length)) for g in GROUNDS]
-            lines.append([f"{FIRST}: bands {part}, {length}", *cells])
-    return table(["", *GROUNDS], [row for row in lines if any(row[1:])])
-
-
-def _share(counted: Sequence[int] | None) -> str:
-    return f"{counted[0] / counted[1]:.3f} ({counted[1]})" if counted and counted[1] else ""
 
 
 def _diagnosis_cells(name: str, row: Mapping[str, Any], is_there: bool) -> list[str]:

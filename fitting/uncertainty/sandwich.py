@@ -20,7 +20,7 @@ import numpy as np
 from fitting.nlp.fisher_information import Information
 
 # Degrees of freedom of the dispersion shared by all coefficients, against those of each coefficient's clusters. Set by
-# hand; coverage of the intervals is in benchmarks/ablation.md.
+# hand; coverage of the intervals is in benchmarks/RESULTS.md (``coverage intervals``).
 SHARED_FREEDOM = 5.0
 # Degrees of freedom at which clusters by run and by window count alike. Set by hand, as are the next two.
 RUNS_NEEDED = 10.0
