@@ -16,12 +16,9 @@ from typing import TypeVar
 import numpy as np
 
 from cases.evidence.kinematics import Kinematics
-from cases.inputs import assumed
-from cases.io.campaigns import Groups, ship_in
-from cases.io.site import Site, read_site
-from cases.shipfiles.effects import freeing_effects, without_suspects
+from cases.io.site import Site
+from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from cases.trial_set import TrialSet
 from diagnosis import summary
 from diagnosis.estimation.candidates import FITTED_ALONG, find
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
@@ -31,20 +28,11 @@ from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.next_test import next_test, telling_test
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
-from diagnosis.inputs import (
-    CalibrationTrials,
-    DiagnosisOptions,
-    calibration_trials,
-    diagnosable,
-    diagnosable_trials,
-    independent_tests,
-    parted,
-    told_of_predictions,
-)
+from diagnosis.inputs import Case, DiagnosisOptions, case_of, told_of_predictions
 from diagnosis.judgement.budget import budget_of
 from diagnosis.judgement.verdict import judged_search, limits
 from diagnosis.location.where import where
-from diagnosis.prepare import Prepared, prepare_with_sensors
+from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import likeness, sentence_of
 from diagnosis.result import Diagnosis
 from diagnosis.validation.held_out import compare, prediction_errors
@@ -84,57 +72,36 @@ def diagnose(
     o, began = options or DiagnosisOptions(), time.perf_counter()
     control = Control.within(o.time_limit, progress)
     with control.in_force():
-        trials, tests, by_role = parted(trials, tests, o.between)
-        trials, copies = diagnosable_trials(trials)
-        groups = trials.groups(o.between) if o.between else None
-        ship, of_campaign = ship_in(ship, trials)
-        ship, remarks = diagnosable(ship)
-        remarks += of_campaign
-        place = site if isinstance(site, Site) else read_site(trials, ship, site)
-        tests, shared = independent_tests(trials, tests)
-        calibration = calibration_trials(ship, trials, calibrated_on)
-        ship = without_suspects(ship, surroundings_only=calibration.other)
-        every = TrialSet((*trials, *tests))
-        remarks += [*every.remarks, *by_role, *copies, *shared, *calibration.remarks, *place.notices]
-        remarks += assumed(every, ship.inputs)
-        rows, test_rows = tuple(data_rows(trials)), tuple(data_rows(tests))
-        predictions = told_of_predictions(ship, calibrated_on)
+        case = case_of(ship, trials, tests, site, o.between, calibrated_on)
+        rows, test_rows = tuple(data_rows(case.trials)), tuple(data_rows(case.tests))
+        predictions = told_of_predictions(case.ship, calibrated_on)
         inputs = DiagnosisInputs(rows, test_rows, o.command, o.seed, versions(), predictions)
         try:
-            diagnosis = _diagnosed(ship, trials, tests, place, o, calibration, groups, control.note)
+            diagnosis = _diagnosed(case, o, control.note)
         except (BrokenModelError, np.linalg.LinAlgError) as error:
-            why = str(error) if isinstance(error, UserError) else f"{ship.name}: {BREAKS_DOWN} ({error})"
-            return no_answer(ship, why, remarks, inputs, time.perf_counter() - began)
+            why = str(error) if isinstance(error, UserError) else f"{case.ship.name}: {BREAKS_DOWN} ({error})"
+            return no_answer(case.ship, why, case.remarks, inputs, time.perf_counter() - began)
         except OutOfTimeError as error:
             words = "before anything could be concluded; give more time, or fewer trials, or a coarser --step"
-            raise OutOfTimeError(f"{ship.name}: {error} {words}") from None
+            raise OutOfTimeError(f"{case.ship.name}: {error} {words}") from None
         timings = {**diagnosis.timings, "total": time.perf_counter() - began}  # with all passes, see ``_diagnosed``
-        diagnosis = replace(diagnosis, warnings=(*remarks, *diagnosis.warnings), inputs=inputs, timings=timings)
-        diagnosis = replace(diagnosis, trials=trials, tests=tests)
+        diagnosis = replace(diagnosis, warnings=(*case.remarks, *diagnosis.warnings), inputs=inputs, timings=timings)
         return with_learned(diagnosis, o, control.note) if o.learn else diagnosis
 
 
-def _diagnosed(
-    given: Ship,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
-    site: Site,
-    options: DiagnosisOptions,
-    calibration: CalibrationTrials,
-    groups: Groups | None,
-    progress: OnProgress | None,
-) -> Diagnosis:
-    """The diagnosis; no test shares rows with the trials. All is done again where the search shows a sensor's fault."""
-    began = time.perf_counter()
-    sensors, ship, repairs, ready = prepare_with_sensors(given, trials, tests, site, options.step, calibration)
+def _diagnosed(case: Case, options: DiagnosisOptions, progress: OnProgress | None) -> Diagnosis:
+    """The diagnosis of a ``case``. All is done again where the search shows a sensor's fault."""
+    began, given, sensors = time.perf_counter(), case.ship, case.sensors
+    faulty, repairs = with_sensor_faults(case)
+    ready = prepare(faulty, options.step)
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
     result = judged_search(ready, options.seed, options.workers, progress)
     selection = result.found
     if faults := [sensors.form_of(c.effect) for c in selection.effects if c.effect in FITTED_ALONG]:  # no cause
-        return _diagnosed(freeing_effects(given, faults), trials, tests, site, options, calibration, groups, progress)
+        return _diagnosed(replace(case, ship=freeing_effects(given, faults)), options, progress)
     missing = estimated_force(result.free) if result.is_left or result.verdict == "unknown" else None
-    is_fitted = not calibration.other and any(c.prior_std is not None for c in given.coefficients.values())
+    is_fitted = not case.calibration.other and any(c.prior_std is not None for c in given.coefficients.values())
     budget = budget_of(p, selection, missing, options.seed, None if is_fitted else ready.full.ship.values)
     time_error, final, is_found = ready.reading.time_error, selection.final, bool(selection.effects)
     same = summary.equivalence_class(selection) if is_found else ()
@@ -142,7 +109,7 @@ def _diagnosed(
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in selection.effects) or "no effect stands out"))
     held_out = _held_out(p, selection.null, final, options.seed)
     instruments = summary.instrument_faults(ready.full, final)
-    ship = summary.without_exact_gyro(ship, given, instruments)
+    ship = summary.without_exact_gyro(faulty.ship, given, instruments)
     ship_before = summary.fitted_ship(ship, ready.full, selection.null, ())
     remainder = result.is_left and (budget is None or budget.matters)
     reasons = [*result.reasons] if remainder or result.verdict != "named" else []
@@ -157,7 +124,7 @@ def _diagnosed(
     if missing is not None and (remainder or result.verdict == "unknown"):
         describe = partial(_unexplained, p, final, result.free.evidence, missing, after_all)
         unexplained = _unless_impossible(describe, "the unexplained force", None, reasons)
-    between = _between(ready, sensors, groups, reasons)
+    between = _between(ready, reasons)
     nearest = next((r.candidate.effect for s in selection.searches[:1] for r in s.refitted), "")
     off = tuple(f for f in instruments if f.name in {c.effect for c in selection.effects})
     sentence = sentence_of(result.verdict, effects, off, same, remainder, budget, nearest, unexplained)
@@ -189,6 +156,8 @@ def _diagnosed(
         null=selection.null,
         final=final,
         data=p.data,
+        trials=case.trials,
+        tests=case.tests,
         between=between,
     )
 
@@ -211,11 +180,12 @@ def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, r
         return otherwise
 
 
-def _between(ready: Prepared, sensors: Kinematics, groups: Groups | None, reasons: list[Message]) -> Between | None:
+def _between(ready: Prepared, reasons: list[Message]) -> Between | None:
     """What differs between the groups, where this was asked."""
-    if groups is None:
+    case = ready.case
+    if case.groups is None:
         return None
-    work = partial(compare_groups, ready.problem, ready.null, sensors, groups, ready.trials)
+    work = partial(compare_groups, ready.problem, ready.null, case.sensors, case.groups, case.trials)
     return _unless_impossible(work, "what differs between the groups", None, reasons)
 
 

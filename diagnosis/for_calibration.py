@@ -16,11 +16,11 @@ from dataclasses import replace
 import numpy as np
 
 from cases.criteria.standard_runs import approach_speed, simulated_run
-from cases.evidence.kinematics import consistency
 from cases.evidence.tails import chi2_tail
 from cases.io.campaigns import campaign_labels
 from cases.shipfiles.effects import calm_and_deep, parameters
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.gridded_trials import grids_as_read, possible_readings
 from diagnosis.estimation.map_estimate import Estimate
@@ -29,7 +29,7 @@ from diagnosis.estimation.parameters import priors_of_effects, set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
 from diagnosis.hypotheses.forward_selection import Selection, select_effects
 from diagnosis.hypotheses.refit import SearchProblem, gained, refit
-from diagnosis.inputs import diagnosable_trials
+from diagnosis.inputs import Case, diagnosable_trials
 from diagnosis.prepare import (
     InputReading,
     Prepared,
@@ -87,20 +87,20 @@ def second_estimate(
     """
     own = {s.partition(".")[0] for s in ship.free if "." in s}
     try:
-        full, kept, few = _for_filter(_as_stated(ship), trials)
-        ready, few = _prepared(full, kept, few)
+        case, few = _for_filter(_as_stated(ship), trials)
+        ready = _prepared(case, few)
         mine = tuple(c for c in ready.problem.candidates if c.effect not in own)
         found = _standing(select_effects(replace(ready.problem, candidates=mine), ready.null), ready)
         rows = [(k, c) for k, c in enumerate(found.effects) if c.effect not in BESIDE]
         read = _of_reading(ready.reading, frees)
         # instruments stay from day to day, surroundings do not: one current of several days is none
-        stays = surroundings and len(set(campaign_labels(kept))) == 1
+        stays = surroundings and len(set(campaign_labels(case.trials))) == 1
         along = {k: frees and (stays or not EFFECTS[c.effect].surroundings) for k, c in rows}
         messages = (*read, *(_of_suspect(ship, ready, found, k, along[k]) for k, _ in rows))
         suspects = [c for k, c in rows if along[k]]
         final, free = found.null, ready.problem.base + priors_of_effects(suspects)
-        if suspects or len(few) < len(kept):
-            final = fit_of_more(ready, kept, free, found.final)
+        if suspects or len(ready.case.trials) < len(case.trials):
+            final = fit_of_more(ready, case.trials, free, found.final)
     except Exception as error:  # a fit is not lost by what it is compared with
         return SecondEstimate(f"a filter could not be fitted ({error or type(error).__name__})")
     symbols = tuple(s for c in suspects for s in c.symbols)
@@ -122,14 +122,14 @@ def _standing(found: Selection, ready: Prepared) -> Selection:
     return found.first(standing(found.evidence, left))
 
 
-def _prepared(ship: Ship, trials: Sequence[Trial], few: Sequence[Trial]) -> tuple[Prepared, Sequence[Trial]]:
-    """The fit without effects to a ``few`` of the ``trials``, or to all where those cannot be fitted; and to which."""
+def _prepared(case: Case, few: TrialSet) -> Prepared:
+    """The fit without effects to a ``few`` of the trials of a ``case``, or to all where those cannot be fitted."""
     try:
-        return prepare(ship, few, straight=_clear_reading(trials, ship), effects=(*SUSPECTS, *BESIDE)), few
+        return prepare(replace(case, trials=few), None, _clear_reading(case), (*SUSPECTS, *BESIDE))
     except UserError:
-        if len(few) == len(trials):
+        if len(few) == len(case.trials):
             raise
-        return _prepared(ship, trials, trials)
+        return _prepared(case, case.trials)
 
 
 def _of_reading(reading: InputReading, frees: bool) -> list[Message]:
@@ -173,18 +173,18 @@ def _tactical_diameter(ship: Ship, fit: Estimate) -> float | None:
     return run.figures["tactical_diameter"] / run.length if "tactical_diameter" in run.figures else None
 
 
-def _for_filter(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, Sequence[Trial], Sequence[Trial]]:
-    """The ``ship`` with the faults of instruments that her ``trials`` show, those of them that can be diagnosed, and a
-    few of these for a first fit. Raises UserError where a filter would take too much memory."""
+def _for_filter(ship: Ship, trials: Sequence[Trial]) -> tuple[Case, TrialSet]:
+    """The case of a ``ship`` with the faults of instruments that her ``trials`` show and of those of them that can be
+    diagnosed, and a few of these for a first fit. Raises UserError where a filter would take too much memory."""
     kept, _ = diagnosable_trials(trials)
-    ship, _ = with_sensor_faults(ship, consistency(kept, ship))
+    case, _ = with_sensor_faults(Case(ship, kept))
     length = ship.particulars["L"]
     step = default_step(kept, length)
     steps = _duration(kept) / step
     if steps > MOST:
         raise Unsupported(f"a filter of {steps:.0f} steps would take too much memory (at most {MOST})")
     few = _some(kept, max(1, int(steps // FEW)))
-    return ship, kept, few if default_step(few, length) == step else kept
+    return case, few if default_step(few, length) == step else kept
 
 
 def _as_stated(ship: Ship) -> Ship:
@@ -193,10 +193,10 @@ def _as_stated(ship: Ship) -> Ship:
     return ship.without_network().with_coefficients({s: c for s, c in rows.items() if c != ship.coefficients[s]})
 
 
-def _clear_reading(trials: Sequence[Trial], ship: Ship) -> bool | None:
+def _clear_reading(case: Case) -> bool | None:
     """How actuators are read where samples are so short that it hardly matters, None where it does."""
-    is_fine = max(t.dt for t in trials) <= FINE * default_step(trials, ship.particulars["L"])
-    return possible_readings(trials)[-1] if is_fine else None
+    is_fine = max(t.dt for t in case.trials) <= FINE * default_step(case.trials, case.ship.particulars["L"])
+    return possible_readings(case.trials)[-1] if is_fine else None
 
 
 def _duration(trials: Sequence[Trial]) -> float:
@@ -204,10 +204,10 @@ def _duration(trials: Sequence[Trial]) -> float:
     return sum(trial.duration for trial in trials)
 
 
-def _some(trials: Sequence[Trial], every: int) -> Sequence[Trial]:
+def _some(trials: TrialSet, every: int) -> TrialSet:
     """One in ``every`` of the ``trials``, beginning where they last nearest to that share of all."""
     share = _duration(trials) / every
-    each = [trials[first::every] for first in range(min(every, len(trials)))]
+    each = [TrialSet(trials[first::every]) for first in range(min(every, len(trials)))]
     return min(each, key=lambda some: abs(_duration(some) - share))
 
 

@@ -1,4 +1,4 @@
-"""What a diagnosis is given, looked at first: options, test trials that are none, what the ship was calibrated on."""
+"""What a diagnosis goes by, looked at first: options, test trials that are none, what the ship was calibrated on."""
 
 from __future__ import annotations
 
@@ -8,9 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from cases.checks import inputs_are_constant
-from cases.evidence.kinematics import consistency
+from cases.evidence.kinematics import Kinematics, consistency
+from cases.inputs import assumed
+from cases.io.campaigns import Groups, ship_in
 from cases.io.read import read_trials
 from cases.io.sidecar import line_for
+from cases.io.site import Site, read_site
+from cases.shipfiles.effects import without_suspects
 from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from cases.trial_set import TrialSet
@@ -188,6 +192,53 @@ def calibration_trials(
         words = f"{known}; they cannot be read as they were, so they are no reference for their usual misfit"
         return CalibrationTrials(True, (), (Message(words, "calibration_trials_missing"),))
     return CalibrationTrials(True, tuple(same), _faults(ship, same))
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a diagnosis goes by.
+
+    ship: with her priors; trials: to diagnose by; tests: to check on; place: what is known of it; calibration: what the
+    ship was calibrated on; groups: of the trials, to be compared (None: not asked); remarks: messages on all of these.
+    """
+
+    ship: Ship
+    trials: TrialSet
+    tests: Sequence[Trial] = ()
+    place: Site = field(default_factory=lambda: Site({}, {}))
+    calibration: CalibrationTrials = CalibrationTrials()
+    groups: Groups | None = None
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def sensors(self) -> Kinematics:
+        """What the columns of the trials say of one another."""
+        return consistency(self.trials, self.ship)
+
+
+def case_of(
+    ship: Ship,
+    trials: Sequence[Trial],
+    tests: Sequence[Trial],
+    site: Site | Path | None,
+    between: str | None,
+    calibrated_on: Path | str | Sequence[Trial] | None,
+) -> Case:
+    """What a diagnosis goes by. ship, trials, tests, site, calibrated_on: as given to ``diagnose``; between: the groups
+    to compare, as of ``DiagnosisOptions``. Raises UserError for input from which nothing can be concluded."""
+    trials, tests, by_role = parted(trials, tests, between)
+    trials, copies = diagnosable_trials(trials)
+    groups = trials.groups(between) if between else None
+    ship, of_campaign = ship_in(ship, trials)
+    ship, remarks = diagnosable(ship)
+    place = site if isinstance(site, Site) else read_site(trials, ship, site)
+    tests, shared = independent_tests(trials, tests)
+    calibration = calibration_trials(ship, trials, calibrated_on)
+    ship = without_suspects(ship, surroundings_only=calibration.other)
+    every = TrialSet((*trials, *tests))
+    remarks += [*of_campaign, *every.remarks, *by_role, *copies, *shared, *calibration.remarks, *place.notices]
+    remarks += assumed(every, ship.inputs)
+    return Case(ship, trials, tests, place, calibration, groups, tuple(remarks))
 
 
 def told_of_predictions(ship: Ship, calibrated_on: Path | str | Sequence[Trial] | None) -> dict[str, Any]:

@@ -9,11 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cases.evidence.kinematics import Kinematics, consistency
-from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
-from cases.trial_set import TrialSet
 from diagnosis.estimation.candidates import FITTED_ALONG, Candidate, Column, FullModel, ship_with_all_effects
 from diagnosis.estimation.first_fit import MAX_FITS, FirstFit, fit_without_effects
 from diagnosis.estimation.gridded_trials import COARSE, GriddedTrials, grids_as_read
@@ -25,7 +22,7 @@ from diagnosis.estimation.parameters import Priors, set_values
 from diagnosis.estimation.residual_checks import finer_step
 from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.refit import SearchProblem
-from diagnosis.inputs import CalibrationTrials
+from diagnosis.inputs import Case
 from mmg.errors import Missing, UserError
 from mmg.messages import Message
 from mmg.motion.froude import time_scale
@@ -94,12 +91,12 @@ class InputReading:
 class Prepared:
     """The problem and the fit without any effect.
 
-    trials: fitted; tests: to check on; reading: how samples of the actuators were read; gap: one in so many grid times
-    is compared; line: of ``spectral_line``; is_order_usual: channels of the latent force follow each other in trials of
-    the calibration, too.
+    case: whose ship and trials were fitted; reading: how samples of the actuators were read; gap: one in so many grid
+    times is compared; line: of ``spectral_line``; is_order_usual: channels of the latent force follow each other in
+    trials of the calibration, too.
     """
 
-    trials: TrialSet
+    case: Case
     problem: SearchProblem
     full: FullModel
     null: Estimate
@@ -108,7 +105,6 @@ class Prepared:
     notices: tuple[Message, ...]
     line: tuple[float, float]
     is_order_usual: bool = False
-    tests: Sequence[Trial] = ()
 
 
 def priors_before(ship: Ship, other_trials: bool = False) -> Priors:
@@ -144,26 +140,19 @@ def _of_reference(shown: Sequence[ScoreTest], strong: Sequence[Candidate]) -> li
 
 
 def prepare(
-    ship: Ship,
-    trials: Sequence[Trial],
-    site: Site | None = None,
-    step: float | None = None,
-    other_trials: bool = False,
-    reference: Sequence[Trial] = (),
-    straight: bool | None = None,
-    effects: Collection[str] | None = None,
+    case: Case, step: float | None = None, straight: bool | None = None, effects: Collection[str] | None = None
 ) -> Prepared:
-    """Put the trials on a grid, choose how inputs are interpolated, and fit without any effect.
+    """Put the trials of a ``case`` on a grid, choose how inputs are interpolated, and fit without any effect.
 
-    ship: with its priors; trials: to diagnose; site: what is known of the place; step: of the grid [s]; other_trials:
-    the ship was calibrated on others; reference: those trials, beyond whose usual misfit an effect must go; straight:
-    whether the actuators of ``trials`` are joined, where it is known; effects: those that the model has at most, beside
-    the ship's own, None for all that can be tested. Returns the problem with its first fit. Raises UserError where
-    every coefficient is fixed, or all trials are too short.
+    step: of the grid [s], None: by the trials; straight: whether the actuators are joined, where it is known; effects:
+    those that the model has at most, beside the ship's own, None for all that can be tested. An effect must go beyond
+    the usual misfit of the trials of the calibration. Tests are left out of the problem where none is long enough.
+    Returns the problem with its first fit. Raises UserError where every coefficient is fixed, or all trials are too
+    short.
     """
-    place = site or Site({}, {})
+    ship, trials, place, reference = case.ship, case.trials, case.place, case.calibration.reference
     full = ship_with_all_effects(ship, [*trials, *reference], place.held, place.start, effects)
-    base = priors_before(ship, other_trials and not reference)
+    base = priors_before(ship, case.calibration.other and not reference)
     if {c.symbol.partition(".")[0] for c in base.columns} <= set(FITTED_ALONG):
         raise Missing(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
     length = float(ship.particulars["L"])
@@ -198,7 +187,7 @@ def prepare(
         finer = finer_step(steps, data, null, data.sample, data.is_even)
     if finer is not None:
         LOGGER.info(f"the random force changes too much over {data.h:g} s for sensors as quiet as these: {finer:g} s")
-        finely = prepare(ship, trials, site, finer, other_trials, straight=reading.chosen, effects=effects)
+        finely = prepare(case, finer, reading.chosen, effects)
         notices = [*reading.notices, *finely.notices]
         return finely if reading.chosen is None else replace(finely, reading=reading, notices=tuple(notices))
     if gap > 1:
@@ -210,40 +199,18 @@ def prepare(
     if not null.converged:
         notices.append(Message("the fit without any effect has not fully converged", "not_converged"))
     expected, of_null = (data.samples * usual).tolist()
-    problem = SearchProblem(steps, data, base, full.candidates, expected, of_null)
-    return Prepared(TrialSet.of(trials), problem, full, null, reading, gap, tuple(notices), first.line, is_order_usual)
+    unseen = _like_training(case, steps, data, gap)
+    problem = SearchProblem(steps, data, base, full.candidates, expected, of_null, unseen)
+    return Prepared(case, problem, full, null, reading, gap, tuple(notices), first.line, is_order_usual)
 
 
-def prepare_with_sensors(
-    given: Ship,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
-    site: Site,
-    step: float | None,
-    calibration: CalibrationTrials,
-) -> tuple[Kinematics, Ship, list[Message], Prepared]:
-    """``prepare`` with the faults of instruments that the logs show in the model of the ship.
-
-    given: the ship, with her priors; trials: to diagnose; tests: to check on, left out of the problem where none is
-    long enough; site: what is known of the place; step: of the grid [s],
-    None: by the trials; calibration: what she was calibrated on. Returns what the logs say of one another, the ship
-    with those faults, messages on them, and the problem with its first fit. Raises UserError as ``prepare``.
-    """
-    sensors = consistency(trials, given)
-    ship, repairs = with_sensor_faults(given, sensors)
-    ready = prepare(ship, trials, site, step, calibration.other, calibration.reference)
-    ready = replace(ready, problem=replace(ready.problem, tests=_like_training(tests, ready)), tests=tests)
-    return sensors, ship, repairs, ready
-
-
-def _like_training(tests: Sequence[Trial], ready: Prepared) -> GriddedTrials | None:
-    """The test trials on the grid of the training trials, or None without any that is long enough."""
+def _like_training(case: Case, steps: TransitionModel, data: GriddedTrials, gap: int) -> GriddedTrials | None:
+    """The test trials on the grid ``data`` of the training trials, or None without any that is long enough."""
     try:
-        p = ready.problem
-        data = trials_in_gusts(p.steps, tests, p.data.straight) if tests else None
+        tests = trials_in_gusts(steps, case.tests, data.straight) if case.tests else None
     except UserError:
         return None
-    return data.thinned(ready.gap) if data is not None else None
+    return tests.thinned(gap) if tests is not None else None
 
 
 def fit_as_read(
@@ -298,15 +265,16 @@ def fit_of_more(few: Prepared, trials: Sequence[Trial], free: Priors, begin: Est
     return found if found.converged else estimate(steps, data, found, MAX_FITS)
 
 
-def with_sensor_faults(ship: Ship, sensors: Kinematics) -> tuple[Ship, list[Message]]:
-    """The ``ship`` with a free gain of the gyro and the faults that the ``sensors`` show, and a sentence on these.
+def with_sensor_faults(case: Case) -> tuple[Case, list[Message]]:
+    """The ``case`` of a ship with a free gain of the gyro and the faults that its sensors show, and words on these.
 
     No gyro is exact: an error of its gain within the prior is none of the ship's dynamics.
     """
+    ship, sensors = case.ship, case.sensors
     faults = [name for name in sensors.effects() if name in FITTED_ALONG and name not in ship.effects]
     free = [sensors.form_of(name) for name in dict.fromkeys([*faults, "gyro"]) if name not in ship.effects]
-    ship = freeing_effects(ship, free)
+    case = replace(case, ship=freeing_effects(ship, free))
     if not faults:
-        return ship, []
+        return case, []
     words = f"the logged columns disagree with each other: {' and '.join(faults)} was put into the model of the sensors"
-    return ship, [Message(words, "sensor_fault_modelled")]
+    return case, [Message(words, "sensor_fault_modelled")]

@@ -30,7 +30,7 @@ forms from which the answer is "unknown"."""
 SEARCH, JUDGE = "diagnosis.hypotheses.forward_selection", "diagnosis.judgement"
 FORMS = "diagnosis.hypotheses.unnamed:UnnamedSlopes.statistics"
 REMEMBERED = (
-    "diagnosis.prepare:prepare_with_sensors",
+    "diagnosis.prepare:prepare",
     "diagnosis.prepare:TransitionModel",
     "diagnosis.estimation.candidates:ship_with_all_effects",
     "diagnosis.estimation.first_fit:fit_without_effects",
@@ -78,7 +78,7 @@ def of_all_kinds(self: UnnamedSlopes, g: np.ndarray) -> tuple[np.ndarray, np.nda
 WHOLE: Callable[..., Any] = UnnamedSlopes.statistics
 """The statistics of the unnamed forms as they are; remembered while cases are replayed."""
 ONCE = ("unnamed_forms",)
-FIRST = ("prepare_with_sensors",)
+FIRST = ("prepare",)
 
 RULES = (
     Switch("as it is", "nothing"),
@@ -112,7 +112,7 @@ RARE = (
     Switch("correlated samples", "neighbouring samples are compared though their errors are correlated",
            {"diagnosis.estimation.first_fit:CORRELATED": 9.0}, inside=(*FIRST, "fit_without_effects")),
     Switch("sensor faults", "faults of sensors that the columns show are not modelled",
-           {"diagnosis.prepare:with_sensor_faults": lambda ship, sensors: (ship, [])}, inside=FIRST),
+           {"diagnosis.prepare:with_sensor_faults": lambda case: (case, [])}),
     Switch("dispersion", "residuals count as independent",
            {"diagnosis.hypotheses.score_test:dispersion": constantly(1.0)}, inside=("slopes", *ONCE, "unnamed_slopes")),
 )  # fmt: skip

@@ -201,7 +201,7 @@ def limits(
     """What cannot be concluded from this input; ready: trials, tests and the fit without effects, selection: the
     selection, budget: of the errors of tests, named: the fit with what was named, None: nothing was.
     Returns one sentence for each reason."""
-    rows, trials = list[tuple[str, str]](), ready.trials
+    rows, trials, tests = list[tuple[str, str]](), ready.case.trials, ready.case.tests
     every = [s for s in selection.searches[0].scores if not s.candidate.form]
     quiet = [s.candidate.effect for s in every if not s.excited]
     if quiet:
@@ -221,9 +221,9 @@ def limits(
         rows.append(("one_kind", f"all trials are of one kind ({trials[0].kind}): many effects look alike in them"))
     rows += _doubts(ready, named)
     if budget is None or budget.by != TESTS:
-        why = "the test trials hold no whole window without a gap" if ready.tests else "no --test trials"
+        why = "the test trials hold no whole window without a gap" if tests else "no --test trials"
         way = "each run was predicted without it" if budget else "how far the gap closes was not checked"
-        rows.append(("tests_too_short" if ready.tests else "no_tests", f"{why}: {way}"))
+        rows.append(("tests_too_short" if tests else "no_tests", f"{why}: {way}"))
     return [Message(words, code) for code, words in rows]
 
 

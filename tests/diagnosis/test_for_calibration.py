@@ -17,11 +17,13 @@ from benchmarks.yards import of_library
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.new_ship import new_ship
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from diagnosis import for_calibration
 from diagnosis.estimation.candidates import find
 from diagnosis.estimation.random_states import Noise
 from diagnosis.for_calibration import effect_tests, second_estimate, with_effect_tests
 from diagnosis.hypotheses.refit import gained, refit
+from diagnosis.inputs import Case
 from diagnosis.prepare import prepare
 from fitting.calibrate import FitOptions
 from fitting.record import EffectTest
@@ -65,7 +67,7 @@ def test_an_effect_that_is_there_has_its_size_and_the_small_probability_of_a_dia
     assert value.value == pytest.approx(0.06, abs=3 * value.std) and value.std < 0.015
     assert f"p = {test.p_value:.2g}" in test.sentence
     # the probability is that of the diagnosis of the same trials
-    ready = prepare(FEW, trials(0.06), None, 1.0)
+    ready = prepare(Case(FEW, TrialSet.of(trials(0.06))), 1.0)
     p = ready.problem
     c = find(p.candidates, "rudder_offset")
     with_it = refit(p, ready.null, [c], {})
@@ -280,8 +282,8 @@ def test_many_trials_begin_at_the_fit_of_a_few(
     whole, fitted, prepare = filter_estimate(FEW, disturbed_runs), [], module.prepare
 
     def noted(*given: Any, **more: Any) -> Any:
-        fitted.append(len(given[1]))
-        if not can_be_fitted and len(given[1]) < len(disturbed_runs):
+        fitted.append(len(given[0].trials))
+        if not can_be_fitted and len(given[0].trials) < len(disturbed_runs):
             raise UserError("too short")
         return prepare(*given, **more)
 

@@ -14,11 +14,20 @@ from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import CURRENT, SHIP, demo_trials
 from cases.simulation.simulate import SensorNoise, add_noise
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from diagnosis.estimation.first_fit import fit_without_effects
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.hypotheses.forward_selection import select_effects
 from diagnosis.hypotheses.score_test import score_tests, slopes
-from diagnosis.inputs import DiagnosisOptions, diagnosable_trials, diagnosis_store, independent_tests, parted
+from diagnosis.inputs import (
+    CalibrationTrials,
+    Case,
+    DiagnosisOptions,
+    diagnosable_trials,
+    diagnosis_store,
+    independent_tests,
+    parted,
+)
 from diagnosis.prepare import InputReading, prepare
 from mmg.errors import Missing, TooFewData
 from mmg.ship import Ship
@@ -92,7 +101,8 @@ def quiet_runs(ship: Ship, held: bool, seed: int) -> list[Trial]:
 @pytest.mark.slow
 @pytest.mark.parametrize("held", first_quick([True, False]))
 def test_nothing_is_seen_in_trials_without_random_forces_however_actuators_are_sampled(held: bool) -> None:
-    ready = prepare(FEW, quiet_runs(drawn_about(FEW, np.random.default_rng(5)), held, 5), Site({"bank": BANK}, {}))
+    trials = TrialSet.of(quiet_runs(drawn_about(FEW, np.random.default_rng(5)), held, 5))
+    ready = prepare(Case(FEW, trials, place=Site({"bank": BANK}, {})))
     assert ready.reading.straight is not held and ready.problem.data.straight is not held
     assert ready.reading.gain > 2.0
     tests = score_tests(slopes(ready.problem.steps, ready.problem.data, ready.null, ready.full.candidates),
@@ -107,7 +117,7 @@ def test_nothing_is_seen_in_trials_without_random_forces_however_actuators_are_s
 def test_a_current_that_the_reference_had_not_is_not_explained_by_another_ship() -> None:
     """A fit that begins with the noise of a quiet reference could end where coefficients explain the current."""
     before, after = demo_trials(1, 0.5)[0][:3], demo_trials(1001, 0.5, [CURRENT])[0][-2:]
-    ready = prepare(load_ship(SHIP), after, other_trials=True, reference=before)
+    ready = prepare(Case(load_ship(SHIP), TrialSet.of(after), calibration=CalibrationTrials(True, tuple(before))))
     p, known = ready.problem, ready.null.noise.prior
     assert known is not None and (known.force < 0.02 * initial_noise(ready.full.ship).force).any()
     theta = ready.full.ship.values

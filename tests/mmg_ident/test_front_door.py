@@ -197,7 +197,7 @@ assert {{row["num_threads"] for row in threadpool_info()}} == {{2}}
     first_quick(
         [
             ("fitting.calibration", "estimate_coefficients", "prepared", "(None, [])"),
-            ("diagnosis.diagnose", "diagnose", "parted", "(None, [])"),
+            ("diagnosis.diagnose", "diagnose", "case_of", "(None, [])"),
             ("residual.pipeline", "train", "_start", "(None, [])"),
         ]
     ),

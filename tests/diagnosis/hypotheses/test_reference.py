@@ -15,12 +15,13 @@ from cases.io.read import read_trials
 from cases.shipfiles.ship_file import dump_ship
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from diagnosis.estimation.candidates import find
 from diagnosis.hypotheses.forward_selection import Selection, select_effects
 from diagnosis.hypotheses.reference import Reference, fit_reference
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unnamed import unnamed_forms
-from diagnosis.inputs import calibration_trials
+from diagnosis.inputs import CalibrationTrials, Case, calibration_trials
 from diagnosis.prepare import Prepared, prepare
 from fitting.report.run_folder import RESULT, data_rows, write_json
 from mmg.messages import has_code
@@ -58,8 +59,13 @@ def calibrated() -> Ship:
     return FEW.with_coefficients({s: c.with_(prior_value=c.value, prior_std=c.std) for s, c in rows.items()})
 
 
+def case(trials: Sequence[Trial], reference: Sequence[Trial] = (), other: bool = False) -> Case:
+    """Of ``trials`` of the ship; reference: trials of her calibration; other: they are others."""
+    return Case(calibrated(), TrialSet.of(trials), calibration=CalibrationTrials(other, tuple(reference)))
+
+
 def diagnosed(trials: Sequence[Trial], reference: Sequence[Trial]) -> tuple[Prepared, Selection]:
-    ready = prepare(calibrated(), trials, step=H, other_trials=True, reference=reference)
+    ready = prepare(case(trials, reference, True), H)
     return ready, select_effects(ready.problem, ready.null)
 
 
@@ -124,11 +130,11 @@ def wrong(trials: Sequence[Trial]) -> list[Trial]:
 
 @pytest.mark.slow
 def test_what_has_no_name_in_the_reference_either_is_usual_and_grows_with_the_number_of_samples() -> None:
-    few, many = (prepare(calibrated(), wrong(t), step=H, reference=wrong(before())) for t in (new()[:1], new()))
+    few, many = (prepare(case(wrong(t), wrong(before())), H) for t in (new()[:1], new()))
     assert many.problem.data.samples > 2.5 * few.problem.data.samples
     usual = [ready.problem.expected_unnamed / ready.problem.data.samples for ready in (few, many)]
     assert usual[0] == pytest.approx(usual[1], rel=1e-9) and few.problem.expected_unnamed > LIMIT
-    alone = prepare(calibrated(), wrong(new()), step=H)
+    alone = prepare(case(wrong(new())), H)
     assert alone.problem.expected_unnamed == 0.0
     left = [unnamed_forms(r.problem.steps, r.problem.data, r.null).mixture for r in (many, alone)]
     assert min(left) > 10 * LIMIT  # it is seen

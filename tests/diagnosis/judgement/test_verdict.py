@@ -22,6 +22,7 @@ from diagnosis.hypotheses.forward_selection import ODDS, Selection, select_effec
 from diagnosis.hypotheses.refit import SearchProblem, refit
 from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import unnamed_forms
+from diagnosis.inputs import Case
 from diagnosis.judgement.budget import budget_of, left_out_errors
 from diagnosis.judgement.verdict import another_ship, impossible_size, limits, verdict_of
 from diagnosis.prepare import InputReading, Prepared
@@ -37,7 +38,9 @@ RUNS = (("zigzag:20/20", 40.0), ("turning:-20", 40.0))
 def ready() -> Prepared:
     problem, null = pushed_problem(1, runs=RUNS, h=1.0)
     trials, reading = TrialSet.of(pushed_trials(1, runs=RUNS)), InputReading(False, None, 0.1, 3.0)
-    return Prepared(trials, problem, full_model(), null, reading, 1, (), (1.0, float("inf")), tests=trials)
+    return Prepared(
+        Case(problem.steps.ship, trials, trials), problem, full_model(), null, reading, 1, (), (1.0, float("inf"))
+    )
 
 
 @pytest.mark.parametrize(

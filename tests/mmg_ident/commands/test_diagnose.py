@@ -186,7 +186,7 @@ def test_a_breakdown_of_the_numerics_is_unknown_with_the_reason(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken = Mock(side_effect=np.linalg.LinAlgError("Matrix is not positive definite"))
-    monkeypatch.setattr("diagnosis.diagnose.prepare_with_sensors", broken)
+    monkeypatch.setattr("diagnosis.diagnose.prepare", broken)
     content = shown("diagnose", folder / "ship.toml", folder / "train", "--out", tmp_path / "run")
     assert content["verdict"] == "unknown"
     assert content["messages"][0]["code"] == "model_breaks_down" and not content["effects"]

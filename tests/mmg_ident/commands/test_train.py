@@ -362,7 +362,7 @@ def test_a_diagnosis_has_what_the_calibration_knows_of_predictions(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # in place of a fit that takes long: a diagnosis then says that nothing can be said
-    monkeypatch.setattr(diagnosis, "prepare_with_sensors", Mock(side_effect=BrokenModelError("it explodes")))
+    monkeypatch.setattr(diagnosis, "prepare", Mock(side_effect=BrokenModelError("it explodes")))
     known = read_result(root / "run")
     for k, model in enumerate(("run", "always", "always/calibrated")):
         with unrendered():
