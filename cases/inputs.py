@@ -14,8 +14,7 @@ from cases.quantities import wraps
 from cases.trial import Trial
 from mmg.errors import BadValue, Conflict, Missing, UnknownName, in_order, unknown
 from mmg.messages import Message
-from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
-from mmg.states import STATES
+from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS, STATES
 
 if TYPE_CHECKING:
     from mmg.ship import Ship

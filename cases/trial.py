@@ -17,8 +17,7 @@ import numpy as np
 from cases.quantities import UNITS, is_canonical, quantity
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName, by_name, check_name, refusing
 from mmg.messages import Message, html_table
-from mmg.motion.flow import INPUTS, RUDDERS
-from mmg.states import STATES
+from mmg.motion.flow import INPUTS, RUDDERS, STATES
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -41,8 +41,7 @@ from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions
 from fitting.solvers.control import Control, OutOfTimeError
 from mmg.errors import UserError
-from mmg.messages import Message
-from mmg.progress import LOGGER, OnProgress
+from mmg.messages import LOGGER, Message, OnProgress
 from mmg.ship import Ship
 
 Value = TypeVar("Value")

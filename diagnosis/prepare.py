@@ -24,9 +24,8 @@ from diagnosis.estimation.transition_model import TransitionModel
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.inputs import Case
 from mmg.errors import Missing, UserError
-from mmg.messages import Message
+from mmg.messages import LOGGER, Message
 from mmg.motion.froude import time_scale
-from mmg.progress import LOGGER
 from mmg.ship import Ship
 
 if TYPE_CHECKING:

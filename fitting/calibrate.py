@@ -50,8 +50,7 @@ from fitting.solvers.control import Control, Made, OutOfTimeError, left_out_mess
 from fitting.uncertainty.posterior import APART, sampled_posterior
 from fitting.uncertainty.refits import check_request, failed_refits, refit_rows
 from mmg.errors import Conflict, refusing
-from mmg.messages import Message, message_rows
-from mmg.progress import LOGGER, OnProgress
+from mmg.messages import LOGGER, Message, OnProgress, message_rows
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 

@@ -49,8 +49,7 @@ from fitting.solvers.solve import Solution, solve, solve_starts
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.effects import EFFECTS
 from mmg.errors import BadValue, Missing, OutOfRange, TooFewData, UnknownName
-from mmg.messages import Message, as_messages
-from mmg.progress import OnProgress
+from mmg.messages import Message, OnProgress, as_messages
 from mmg.ship import Ship
 
 if TYPE_CHECKING:

@@ -1,8 +1,14 @@
-"""What results say: notices and warnings as sentences with a code for programs, and tables for a notebook."""
+"""What is said: notices and warnings as sentences with a code for programs, tables for a notebook, progress.
+
+A callback of long work takes a ``Progress``. Its sentences for a person go to ``LOGGER``, to which the command line
+attaches a handler; in a notebook ``logging.basicConfig(level="INFO")`` shows them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from html import escape
 
 
@@ -77,3 +83,24 @@ def html_table(caption: str, header: Sequence[str], rows: Iterable[Sequence[obje
     return (
         f"<table><caption>{cell(caption)}</caption><thead><tr>{names}</tr></thead><tbody>{body}</tbody></table>{more}"
     )
+
+
+LOGGER = logging.getLogger("mmg_ident")  # Takes the sentences that long work says on its way, at level INFO
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where long work stands.
+
+    task: what is being done, such as "noise pass 2" or "seed 3"; step: iterations, epochs or parts done so far; of: how
+    many there are in all, None where that is not known; values: what is watched, such as {"objective": 12.3}.
+    """
+
+    task: str
+    step: int
+    of: int | None = None
+    values: Mapping[str, float] = field(default_factory=dict)
+
+
+OnProgress = Callable[[Progress], None]
+"""What ``progress=`` takes: called with each event, in the process and thread that does the work."""

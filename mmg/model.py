@@ -17,12 +17,11 @@ from mmg.components.coefficients import names
 from mmg.components.rigid_body import accelerations, inertia
 from mmg.effects import effect
 from mmg.effects.effect import Setting
-from mmg.motion.flow import Flow, Force
+from mmg.motion.flow import STATES, Flow, Force
 from mmg.motion.frames import body_to_earth, earth_to_body, relative_air
 from mmg.motion.memory import Memory
 from mmg.motion.smooth import Exact, Smooth, Smoothing
 from mmg.ship import Ship
-from mmg.states import STATES
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,9 @@ import numpy as np
 
 from mmg.errors import BadValue, Missing, UnknownName, by_name, in_order, refusing
 from mmg.model import settled
-from mmg.motion.flow import INPUTS
+from mmg.motion.flow import INPUTS, STATES
 from mmg.rollout import Simulator
 from mmg.ship import AIR, Ship
-from mmg.states import STATES
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -33,9 +33,8 @@ if TYPE_CHECKING:
     from mmg.components.coefficients import Coefficient
     from mmg.effects.effect import Parameter
     from mmg.errors import UserError
-    from mmg.messages import Message
+    from mmg.messages import Message, OnProgress, Progress
     from mmg.motion.flow import Force, Slipstream
-    from mmg.progress import OnProgress, Progress
     from mmg.ship import Ship
     from mmg_ident.api import (
         Prediction,
@@ -66,8 +65,8 @@ _HOMES = {
     "Coefficient": "mmg.components.coefficients", "Diagnosis": "diagnosis.result",
     "DiagnosisOptions": "diagnosis.inputs", "FitOptions": "fitting.calibrate", "FitResult": "fitting.result",
     "Force": "mmg.motion.flow", "Gap": "diagnosis.validation.gap", "GapOptions": "mmg_ident.model_gap", "Message":
-    "mmg.messages", "OnProgress": "mmg.progress", "Parameter": "mmg.effects.effect", "Posterior":
-    "fitting.uncertainty.posterior", "Progress": "mmg.progress", "ReducedProblem": "fitting.solvers.reduced", "Score":
+    "mmg.messages", "OnProgress": "mmg.messages", "Parameter": "mmg.effects.effect", "Posterior":
+    "fitting.uncertainty.posterior", "Progress": "mmg.messages", "ReducedProblem": "fitting.solvers.reduced", "Score":
     "fitting.prediction.score", "Settings": "fitting.settings", "Ship": "mmg.ship", "Slipstream": "mmg.motion.flow",
     "Tracker": "mmg_ident.tracker", "TrainResult": "residual.result", "TrainSettings": "residual.settings", "Trial":
     "cases.trial", "TrialSet": "cases.trial_set", "UserError": "mmg.errors", "effect": "mmg_ident.own_models", "export":

@@ -39,8 +39,7 @@ from mmg.errors import (
     finite,
     needs_torch,
 )
-from mmg.messages import Message, html_table
-from mmg.progress import OnProgress, Progress
+from mmg.messages import Message, OnProgress, Progress, html_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg_ident.settings import check_settings, checked_settings, effects_of, keywords, names_of, refuse_gone, taken

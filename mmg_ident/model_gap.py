@@ -38,8 +38,7 @@ from fitting.report.parts import hash_of_ship, hashes_of_trials
 from fitting.report.run_folder import RESULT, trial_rows
 from fitting.solvers.control import check_time
 from mmg.errors import Missing, TooFewData, needs_torch, refusing
-from mmg.messages import Message
-from mmg.progress import LOGGER, OnProgress
+from mmg.messages import LOGGER, Message, OnProgress
 from mmg.ship import Ship
 
 if TYPE_CHECKING:

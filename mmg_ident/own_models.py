@@ -13,9 +13,8 @@ import casadi as ca
 import numpy as np
 
 from mmg.components.catalogue import FORCES, INERTIA, MODELS, OwnForce, coefficient_table, required_particulars
-from mmg.components.coefficients import Coefficient, table
+from mmg.components.coefficients import PARTICULARS, Coefficient, table
 from mmg.components.own import Own, origin_of
-from mmg.components.particulars import PARTICULARS
 from mmg.effects.effect import Parameter
 from mmg.effects.own import HOOKS, OwnEffect
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, UserError, refusing

@@ -29,9 +29,9 @@ from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.trial import Trial
 from fitting.calibrate import FitOptions
 from fitting.result import FitResult, read_fit
-from mmg.components.particulars import PARTICULARS
+from mmg.components.coefficients import PARTICULARS
 from mmg.errors import Conflict, Missing, TargetExists, UserError, name_fault, writing
-from mmg.progress import OnProgress
+from mmg.messages import OnProgress
 from mmg.ship import Ship
 
 ANSWERS, TRIALS, RUN, FMU = "answers.toml", "trials", "run", "ship.fmu"  # What the folder holds

@@ -18,8 +18,7 @@ from cases.trial import Trial
 from cases.trial_set import TrialSet, ready
 from fitting.settings import Rules, Settings, Wish
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName, needs_torch, together
-from mmg.messages import Message
-from mmg.progress import OnProgress
+from mmg.messages import Message, OnProgress
 from mmg_ident.api import content_of, load_run
 from mmg_ident.settings import checked_settings, keywords, listed, names_of, settings_of, taken
 

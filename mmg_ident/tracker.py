@@ -29,10 +29,10 @@ from mmg.compile.intervals import IntervalKernel, Lanes
 from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, UnknownName, Unsupported, by_name, refusing, unknown
 from mmg.model import Model as SymbolicModel
 from mmg.model import assemble, states_behind
+from mmg.motion.flow import STATES
 from mmg.motion.froude import state_scale, time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg.states import STATES
 from mmg_ident.api import content_of, predictor
 
 if TYPE_CHECKING:

@@ -26,11 +26,10 @@ from fitting.result import FitResult
 from fitting.solvers.control import OutOfTimeError
 from fitting.solvers.rollout_loss import RolloutLoss, loss_in
 from mmg.errors import Missing, UnknownName, UserError
-from mmg.messages import Message
+from mmg.messages import Message, OnProgress
+from mmg.motion.flow import STATES
 from mmg.network import Network
-from mmg.progress import OnProgress
 from mmg.ship import Ship
-from mmg.states import STATES
 from residual.decide import decide, judged_by_whole_runs
 from residual.hybrid import HYBRID_KIND, OUTPUT, network_of
 from residual.papers.black_box import BOX_KIND, box_of

@@ -30,7 +30,7 @@ from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
 from fitting.solvers.control import Control, interrupts_noted
 from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import BadValue
-from mmg.progress import LOGGER, OnProgress, Progress
+from mmg.messages import LOGGER, OnProgress, Progress
 from mmg.ship import Ship
 from residual.settings import TrainSettings
 from residual.splits import Split, splits_of

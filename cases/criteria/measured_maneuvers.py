@@ -27,8 +27,7 @@ from cases.evidence.signals import MAD
 from cases.io.sidecar import line_for
 from cases.trial import Trial, bridged, inside, spans_left_out
 from mmg.errors import BadValue, Missing, UnknownName
-from mmg.motion.flow import RUDDERS
-from mmg.states import STATES
+from mmg.motion.flow import RUDDERS, STATES
 
 # An angle is held while the rudder stays within 1 deg, 4 % of it or 3.5 times its noise, the most of them [rad]. Set
 # by hand.

@@ -41,8 +41,7 @@ from mmg.errors import (
     unknown,
 )
 from mmg.messages import Message
-from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS
-from mmg.states import STATES
+from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS, STATES
 
 FRT_NAMES = {  # Header names of the FRT-DS-ESSO records -> canonical names (data set README, "Measurement items").
     "x_position_mid": "x", "y_position_mid": "y", "psi_hat": "psi", "u_velo": "u", "vm_velo": "v", "r_angvelo": "r",

@@ -45,7 +45,7 @@ from cases.io.toml_file import Name, Section, number, read_toml, validated
 from cases.quantities import is_canonical, to_si
 from mmg.errors import UserError
 from mmg.messages import Message, listed
-from mmg.states import STATES
+from mmg.motion.flow import STATES
 
 NAME = "trials.toml"
 TABLES = ("columns", "units", "sign", "lag", "std", "derived")  # Of a file they are merged into those of the default

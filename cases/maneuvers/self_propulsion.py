@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from cases.shipfiles.particulars import BY_RULE
-from mmg.components.particulars import ENGINE
+from mmg.components.coefficients import ENGINE
 from mmg.components.propeller.four_quadrant import A_Q, A_T, B_Q, B_T
 from mmg.errors import Conflict, Missing, NoSolution, OutOfRange
 from mmg.model import assemble

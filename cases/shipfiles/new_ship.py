@@ -19,8 +19,7 @@ import numpy as np
 from cases.shipfiles.particulars import BY_RULE, impossible, unusual, wrong_particulars
 from mmg.components import empirical, friction
 from mmg.components.catalogue import coefficient_table, required_particulars
-from mmg.components.coefficients import Coefficient
-from mmg.components.particulars import ENGINE
+from mmg.components.coefficients import ENGINE, Coefficient
 from mmg.components.propeller.b_series import thrust_parabola
 from mmg.components.propeller.wake import ASYMMETRY
 from mmg.effects.wind_force import upper_works

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from cases.quantities import KNOT
-from mmg.components.particulars import PARTICULARS
+from mmg.components.coefficients import PARTICULARS
 from mmg.motion.flow import PODS
 from mmg.motion.froude import reference_speed, time_scale
 

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, create_model
 
 from cases.io.toml_file import Name, Section, number
 from mmg.components.catalogue import ROLES, model_names
-from mmg.components.particulars import PARTICULARS
+from mmg.components.coefficients import PARTICULARS
 from mmg.effects import present_name
 from mmg.ship import Ship
 

@@ -21,9 +21,8 @@ from cases.shipfiles.network_file import NETWORK, NetworkTable, is_black_box, lo
 from cases.shipfiles.particulars import RATES, wrong_particulars
 from cases.shipfiles.schema import CoefficientEntry, ShipFile, model_table
 from mmg.components.catalogue import ROLES, coefficient_table, derived, model_names, required_particulars
-from mmg.components.coefficients import Coefficient
+from mmg.components.coefficients import ENGINE, PARTICULARS, Coefficient
 from mmg.components.own import PLUG_IN
-from mmg.components.particulars import ENGINE, PARTICULARS
 from mmg.effects import EFFECTS, GONE
 from mmg.errors import BadValue, OutOfRange, UnknownName, UserError, refusing, unknown
 from mmg.messages import Message

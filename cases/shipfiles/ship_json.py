@@ -14,7 +14,7 @@ from typing import Any
 
 from cases.shipfiles.network_file import network_table
 from cases.shipfiles.schema import CoefficientEntry, model_table
-from mmg.components.particulars import PARTICULARS
+from mmg.components.coefficients import PARTICULARS
 from mmg.errors import BadValue
 from mmg.motion.flow import INPUTS
 from mmg.ship import Ship

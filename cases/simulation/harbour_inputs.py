@@ -15,10 +15,9 @@ from cases.maneuvers.definitions import Limits
 from cases.trial import Trial
 from mmg.components.expansion.series import REVOLUTIONS, speed_scale
 from mmg.errors import BadValue, OutOfRange
-from mmg.motion.flow import INPUTS
+from mmg.motion.flow import INPUTS, STATES
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
-from mmg.states import STATES
 
 # Range of each angle [deg]: hard over of a rudder, all round of a pod.
 RANGES = {

@@ -24,12 +24,11 @@ from mmg.effects import effect
 from mmg.errors import BadValue, Missing, NoSolution, NotWritable, OutOfRange
 from mmg.messages import Message
 from mmg.model import Model, assemble
-from mmg.motion.flow import Flow
+from mmg.motion.flow import STATES, Flow
 from mmg.motion.frames import earth_to_body, wind_vector
 from mmg.motion.froude import GRAVITY, reference_speed, state_scale, time_scale
 from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship
-from mmg.states import STATES
 
 
 def logged(ship: Ship, t: np.ndarray, states: np.ndarray) -> np.ndarray:

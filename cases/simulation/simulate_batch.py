@@ -30,9 +30,9 @@ from cases.simulation.simulate import integration_steps
 from cases.trial import Trial
 from mmg.errors import OutOfRange, Unsupported
 from mmg.model import settled
+from mmg.motion.flow import STATES
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg.states import STATES
 
 # Change of heading behind which no figure of a turning circle is read but its steady turn [rad]: the 180 deg of the
 # tactical diameter (IMO MSC.137(76)) with a margin. Set by hand.

@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from delivery.c.tracker import TrackedShip
 from delivery.fmi.ship import TIME, WATER, CoSimulatedShip
 from delivery.product import QUANTITIES, ProductCoefficient, unit_of
-from mmg.motion.flow import PROPELLERS, RUDDERS
+from mmg.motion.flow import PROPELLERS, RUDDERS, STATES
 from mmg.motion.froude import time_scale
 from mmg.ship import AIR
-from mmg.states import STATES
 
 # Exponents of the units that a ship file may name, alone or as products; FMI has the radian as a base unit.
 BASES = {"kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {"rad": 1}, "N": {"kg": 1, "m": 1, "s": -2}}

@@ -17,7 +17,7 @@ import numpy as np
 from cases.shipfiles.particulars import BY_RULE
 from delivery.product import unit_of
 from fitting.prediction.bands import SIZES
-from mmg.components.particulars import PARTICULARS
+from mmg.components.coefficients import PARTICULARS
 from mmg.effects import effect
 from mmg.errors import UnknownName
 from mmg.motion.flow import INPUTS

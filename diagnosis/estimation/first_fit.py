@@ -21,8 +21,8 @@ from diagnosis.estimation.residual_checks import (
     with_gust_memory,
 )
 from diagnosis.estimation.transition_model import TransitionModel
+from mmg.messages import LOGGER
 from mmg.motion.froude import time_scale
-from mmg.progress import LOGGER
 
 # Correlation of neighbouring whitened residuals from which only samples APART are compared. On the records of the 3 m
 # tanker it is .65; the latent force is then three times what it is with samples every 3, 5 or 10 s, and predictions are

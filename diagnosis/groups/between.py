@@ -46,9 +46,8 @@ from fitting.uncertainty.group_test import (
 )
 from mmg.effects import EFFECTS
 from mmg.errors import TooFewData
-from mmg.messages import Message
+from mmg.messages import LOGGER, Message
 from mmg.motion.froude import time_scale
-from mmg.progress import LOGGER
 from mmg.ship import Ship
 
 Of = TypeVar("Of", Candidate, SensorFault)

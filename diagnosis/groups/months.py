@@ -25,7 +25,7 @@ from fitting.result import FitResult
 from fitting.settings import Settings
 from mmg.effects import Parameter
 from mmg.errors import BadValue, TooFewData
-from mmg.progress import LOGGER, OnProgress
+from mmg.messages import LOGGER, OnProgress
 from mmg.ship import Ship
 
 WHOLE = 13.0  # Ship lengths of the prediction by which windows are chosen: nearly a whole window. Set by hand.

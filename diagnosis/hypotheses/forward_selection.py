@@ -21,7 +21,7 @@ from diagnosis.estimation.residual_checks import WORTH, with_correlation_time
 from diagnosis.hypotheses.refit import SearchProblem, gained, refit
 from diagnosis.hypotheses.score_test import ScoreTest, followed, score_tests, slopes
 from fitting.parallel import run_all
-from mmg.progress import OnProgress, Progress
+from mmg.messages import OnProgress, Progress
 
 # Candidates refitted, the best by the score test: twice the three that held 93 % of the true effects of a prototype. So
 # it was measured.

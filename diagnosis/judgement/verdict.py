@@ -25,10 +25,9 @@ from diagnosis.hypotheses.forward_selection import MOST, ODDS, Selection, select
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.prepare import Prepared
 from diagnosis.summary import parameters_of
-from mmg.messages import Message
-from mmg.progress import OnProgress
+from mmg.messages import Message, OnProgress
+from mmg.motion.flow import STATES
 from mmg.ship import Ship
-from mmg.states import STATES
 
 
 def verdict_of(

@@ -23,8 +23,7 @@ from fitting.prediction.predict import change_over
 from fitting.report.parts import Store
 from fitting.solvers.control import OutOfTimeError, check_time
 from mmg.errors import NoSolution, UserError, needs_torch
-from mmg.messages import Message
-from mmg.progress import LOGGER, OnProgress
+from mmg.messages import LOGGER, Message, OnProgress
 from mmg.ship import Ship
 from residual.settings import TrainSettings
 

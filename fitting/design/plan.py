@@ -26,8 +26,8 @@ from fitting.design.trial_information import Present, TrialInformation
 from fitting.parallel import Shared, kept_workers, run_all, width
 from fitting.settings import Wish
 from mmg.errors import BadValue, NoSolution, OutOfRange
+from mmg.messages import OnProgress, Progress
 from mmg.motion.froude import time_scale
-from mmg.progress import OnProgress, Progress
 from mmg.ship import Ship
 
 # Headings [rad] in which a track is tried; the opposite ones leave as much room. Set by hand.

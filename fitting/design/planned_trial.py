@@ -24,12 +24,11 @@ from fitting.nlp.prior import Prior
 from fitting.prediction.bands import correlation_in, draws_of
 from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.errors import Conflict, Missing, NoSolution, NotCalibrated, OutOfRange, UnknownName, Unsupported
-from mmg.motion.flow import INPUTS
+from mmg.messages import OnProgress
+from mmg.motion.flow import INPUTS, STATES
 from mmg.motion.froude import reference_speed, time_scale
-from mmg.progress import OnProgress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg.states import STATES
 
 # Draws of the coefficients whose tracks must stay inside the area.
 DRAWS = 8  # set by hand: of eight all inside says about 75 % with 90 % confidence

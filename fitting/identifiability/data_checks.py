@@ -20,8 +20,8 @@ from mmg.effects import effect
 from mmg.errors import BadValue, Conflict, OutOfRange, TooFewData
 from mmg.messages import Message
 from mmg.model import assemble
+from mmg.motion.flow import STATES
 from mmg.ship import Ship
-from mmg.states import STATES
 
 if TYPE_CHECKING:
     from fitting.nlp.captive import CaptiveForces

@@ -18,8 +18,8 @@ from cases.inputs import STANDARD, model_inputs, step_means
 from cases.trial import Trial
 from mmg.errors import TooFewData
 from mmg.messages import Message
+from mmg.motion.flow import STATES
 from mmg.motion.froude import reference_speed
-from mmg.states import STATES
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from typing import Any
 from fitting.parallel.executors import executing
 from fitting.report.run_folder import NOT_INSTALLED, versions
 from mmg.errors import Conflict, NotInstalled, ProgramFailed, UserError, reason
-from mmg.progress import LOGGER
+from mmg.messages import LOGGER
 
 PACKAGE = "mmg-ident"  # Of which client and workers must have the same version
 TIMEOUT = 10.0  # Seconds within which a scheduler answers and has a worker. Set by hand.

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any, Generic, ParamSpec, Protocol, TypeVar
 
 from mmg.errors import ProgramFailed
-from mmg.progress import LOGGER, OnProgress, Progress
+from mmg.messages import LOGGER, OnProgress, Progress
 
 Task = TypeVar("Task")
 Outcome = TypeVar("Outcome")

@@ -18,10 +18,10 @@ import numpy as np
 
 from fitting.prediction.envelope import HeldMotion, held_of, met_so_far
 from fitting.prediction.stretches import WindowBatch
+from mmg.motion.flow import STATES
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg.states import STATES
 
 # Draws of the coefficients, and the factor by which they are shrunk, their effect rescaled, to stay linear. Set by
 # hand; without them bands held .877 of the rows of 35 records for .906 over 30 s, .839 for .893 over 100 s.

@@ -27,11 +27,11 @@ from cases.shipfiles.ship_file import check_needs
 from cases.trial import Trial
 from mmg.effects import EFFECTS
 from mmg.errors import TooFewData, UserError
+from mmg.motion.flow import STATES
 from mmg.motion.frames import earth_to_body
 from mmg.motion.froude import reference_speed
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg.states import STATES
 
 # Parameters that change with the months: of hull and loading, of instruments, of the steering gear.
 CANDIDATES = ("fouling.share", "draft.share", "gyro.T", "gyro.share", "log_scale.share", "heading_bias.psi",

@@ -31,9 +31,8 @@ from fitting.prediction.unit_errors import REFERENCES, STATE_ERRORS, RunErrors, 
 from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError
 from mmg.messages import Message, html_table, listed
-from mmg.motion.flow import INPUTS
+from mmg.motion.flow import INPUTS, STATES
 from mmg.rollout import Simulator
-from mmg.states import STATES
 
 MOST_NAMED = 5  # Of trials in one message. Set by hand: display.
 PAPER_WINDOW = 100.0  # Length of the restarts [s] of Wakita et al. (2022), Eq. 25.

@@ -23,8 +23,8 @@ from fitting.prediction.predict import Forecaster, Predicted, Window, change_ove
 from fitting.prediction.stretches import Adaptation
 from fitting.report.run_folder import Real
 from mmg.errors import UserError
+from mmg.motion.flow import STATES
 from mmg.rollout import Simulator
-from mmg.states import STATES
 
 # Window [s] of the 30 s metric of a 3 m model; ship times L/U below which it is too short; those of a longer one.
 SHORTEST, LEAST, MOST = 30.0, 2.5, 4.0  # set by hand

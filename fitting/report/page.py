@@ -24,7 +24,7 @@ from fitting.report.plot_style import figures_of
 from fitting.report.run_folder import versions
 from fitting.report.use import Delivered, delivery_sections, first_screen
 from mmg.components.catalogue import summary
-from mmg.components.particulars import PARTICULARS
+from mmg.components.coefficients import PARTICULARS
 from mmg.effects import effect
 from mmg.errors import Missing, NotInstalled, writing
 from mmg.ship import Ship

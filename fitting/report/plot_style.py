@@ -14,8 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from mmg.messages import Message
-from mmg.progress import LOGGER
+from mmg.messages import LOGGER, Message
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

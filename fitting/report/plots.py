@@ -36,9 +36,9 @@ from fitting.report.plot_style import (
     own_axes,
 )
 from mmg.errors import Missing, OutOfRange, UnknownName, refusing, unknown
+from mmg.motion.flow import STATES
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg.states import STATES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

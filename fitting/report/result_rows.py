@@ -16,8 +16,8 @@ from fitting.calibration import Calibration, condition_number
 from fitting.record import CoefficientRow
 from fitting.report.run_folder import versions
 from fitting.uncertainty.sandwich import changes_without_each
+from mmg.motion.flow import STATES
 from mmg.ship import CalibrationMark, Ship
-from mmg.states import STATES
 
 
 def marked(calibrated: Ship, ship: Ship, trials: Sequence[Trial], name: str) -> Ship:

@@ -27,7 +27,7 @@ from fitting.prediction.figure_intervals import FigureScatter, JudgedFigures
 from fitting.report.page import rendered
 from fitting.report.plot_maneuvers import maneuver_figure
 from fitting.report.plot_style import figure_entry, png_of
-from mmg.components.particulars import PARTICULARS
+from mmg.components.coefficients import PARTICULARS
 from mmg.messages import Message
 from mmg.rollout import Simulator
 from mmg.ship import Ship

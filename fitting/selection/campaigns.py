@@ -34,10 +34,9 @@ from fitting.solvers.control import Control
 from fitting.uncertainty.group_test import group_test, holm
 from mmg.effects import EFFECTS
 from mmg.errors import UnknownName
-from mmg.messages import Message
+from mmg.messages import Message, OnProgress
 from mmg.model import assemble, states_behind
 from mmg.motion.froude import time_scale
-from mmg.progress import OnProgress
 from mmg.ship import Ship
 
 # Probability by chance, corrected for the number of instruments, below which an instrument differs. Set by hand:

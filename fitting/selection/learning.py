@@ -39,10 +39,10 @@ from fitting.selection.candidates import StructureCandidate
 from fitting.selection.polynomial_regression import increments, regress
 from fitting.settings import Settings
 from mmg.errors import OutOfRange, TooFewData
+from mmg.messages import LOGGER
 from mmg.model import settled
 from mmg.motion.flow import INPUTS
 from mmg.motion.froude import time_scale
-from mmg.progress import LOGGER
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 

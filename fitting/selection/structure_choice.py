@@ -34,8 +34,8 @@ from fitting.solvers.control import INTERRUPTED
 from mmg.components.expansion.series import STALL, speed_scale
 from mmg.components.expansion.words import Word, parse_monomial
 from mmg.errors import Missing, NoSolution, TooFewData
+from mmg.messages import LOGGER, OnProgress, Progress
 from mmg.motion.froude import reference_speed, time_scale
-from mmg.progress import LOGGER, OnProgress, Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 

@@ -19,8 +19,7 @@ from types import SimpleNamespace
 from typing import Any, TypeVar
 
 from mmg.errors import UserError
-from mmg.messages import Message
-from mmg.progress import OnProgress, Progress
+from mmg.messages import Message, OnProgress, Progress
 
 # Code of the warning that Ctrl-C left out parts of a calibration, which can be made by resuming it.
 LEFT_OUT = "parts_left_out"

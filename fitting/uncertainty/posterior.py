@@ -28,8 +28,7 @@ from fitting.parallel import with_one_thread
 from fitting.prediction.band_calibration import NORMAL
 from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import NotCalibrated, NotInstalled, OutOfRange
-from mmg.messages import Message, html_table
-from mmg.progress import LOGGER
+from mmg.messages import LOGGER, Message, html_table
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -23,7 +23,7 @@ from types import ModuleType
 
 import casadi as ca
 
-from mmg.progress import LOGGER
+from mmg.messages import LOGGER
 
 # Flags tried in this order: compilers that do not know the first ones compile for the generic processor in the end.
 # Without the width some make vectors of half the registers, whose halves are stored and then read as a whole, which

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from mmg.errors import Conflict, Unsupported
-from mmg.progress import LOGGER
+from mmg.messages import LOGGER
 
 GROUP, PLUG_IN = "mmg_ident.models", "the plug-in"  # Entry points, and how the origin of what comes by them begins
 loading: list[str] = []  # Empty until plug-ins were asked for; then "", and behind it the one that is being imported

@@ -10,6 +10,10 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+# Names of the six states of a ship in the horizontal plane, in their fixed order: m, m, rad, m/s, m/s, rad/s; x north,
+# y east, psi clockwise, velocities over ground.
+STATES = ("x", "y", "psi", "u", "v", "r")
+
 # Actuators that a force model may ask for: words and unit. They are columns of trial files and fields of Flow.
 INPUTS = {
     "n": ("propeller revolutions (of the starboard one of two), positive ahead", "rps"),

@@ -42,7 +42,7 @@ def demo(
     from cases.simulation.demo_trials import CURRENT, FOULING, SHIP, compare_with_truth, hidden_ship
     from diagnosis.diagnose import DiagnosisOptions, diagnose
     from fitting.calibrate import FitOptions
-    from mmg.progress import LOGGER
+    from mmg.messages import LOGGER
     from mmg_ident.api import calibrate
 
     names = ["mmg-demo", *(f"mmg-demo-{i}" for i in range(2, 1000))]

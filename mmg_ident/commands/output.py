@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fitting.prediction.score import ScorePair
     from fitting.prediction.unit_errors import UnitErrors
     from fitting.result import FitResult
-    from mmg.progress import OnProgress, Progress
+    from mmg.messages import OnProgress, Progress
     from residual.result import TrainResult
 
 
@@ -219,8 +219,8 @@ _for_machines: ContextVar[bool] = ContextVar("for_machines", default=False)
 
 @contextmanager
 def narration(for_machines: bool = False) -> Iterator[None]:
-    """While it lasts, the sentences of ``mmg.progress.LOGGER`` go to stderr, but not ``for_machines`` (--json)."""
-    from mmg.progress import LOGGER
+    """While it lasts, the sentences of ``mmg.messages.LOGGER`` go to stderr, but not ``for_machines`` (--json)."""
+    from mmg.messages import LOGGER
 
     handler, level = _ToStderr(logging.WARNING if for_machines else logging.INFO), LOGGER.level
     before = _for_machines.set(for_machines)
@@ -256,7 +256,7 @@ T = TypeVar("T")
 
 def each(items: Sequence[T], task: str) -> Iterator[T]:
     """The ``items`` of long work one by one, with a line on a terminal that says how far the ``task`` has come."""
-    from mmg.progress import Progress
+    from mmg.messages import Progress
 
     show = progress()
     for step, item in enumerate(items):

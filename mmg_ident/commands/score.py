@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from mmg.errors import Conflict, Missing, NoSolution, OutOfRange, TooFewData, UnknownName
-from mmg.states import STATES
+from mmg.motion.flow import STATES
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 

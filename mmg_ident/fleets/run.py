@@ -39,7 +39,7 @@ from fitting.selection import sisters
 from fitting.selection.sisters import SisterStart
 from fitting.settings import Settings
 from mmg.errors import Conflict, NotCalibrated, UserError, writing
-from mmg.progress import LOGGER, OnProgress, Progress
+from mmg.messages import LOGGER, OnProgress, Progress
 from mmg_ident.api import calibrate
 from mmg_ident.fleets.plan import FleetPlan, FleetTable, PlannedShip
 from mmg_ident.fleets.rows import DIAGNOSIS, SHIPS, Fleet, SisterGroup, failed_row, ship_row

@@ -33,8 +33,7 @@ from fitting.report.run_folder import SCHEMA_VERSION, Real, adapter, data_rows, 
 from fitting.settings import Settings
 from fitting.solvers.control import interrupts_noted
 from mmg.errors import Missing, NoSolution, TooFewData, UserError
-from mmg.messages import Message, message_rows
-from mmg.progress import LOGGER, OnProgress, Progress
+from mmg.messages import LOGGER, Message, OnProgress, Progress, message_rows
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.hybrid import HYBRID_KIND, network_of

@@ -19,8 +19,7 @@ from cases.io.read import read_trial
 from cases.io.toml_file import validated
 from cases.quantities import FACTORS, QUANTITIES, UNITS, is_canonical, quantity, to_si
 from mmg.errors import UserError
-from mmg.motion.flow import INPUTS, RUDDERS
-from mmg.states import STATES
+from mmg.motion.flow import INPUTS, RUDDERS, STATES
 from mmg_ident import simulate
 from tests.support import raw_logs
 from tests.support.trial_files import write_csv

@@ -18,10 +18,10 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from diagnosis.estimation.random_states import CURRENT, FADES, FORCE, Noise
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, Unsupported, UserError
+from mmg.motion.flow import STATES
 from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg.states import STATES
 from mmg_ident.api import simulate
 from mmg_ident.tracker import State, Tracker
 from tests.support.hybrids import lacking

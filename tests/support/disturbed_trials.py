@@ -22,9 +22,9 @@ from cases.simulation.simulate import SensorNoise, logged, simulate, wrap
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.model import assemble
+from mmg.motion.flow import STATES
 from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship
-from mmg.states import STATES
 
 DEFECTS = ("velocity_filter:tau=0.7", "gyro:share=-0.013", "antenna_offset:x=0.1")
 """Measurement effects of the real records of the 3 m model."""

@@ -21,10 +21,10 @@ from delivery.fmi import binaries
 from delivery.fmi.variables import input_name
 from delivery.fmi.write import write_fmu
 from mmg.compile.cache import compiler
+from mmg.motion.flow import STATES
 from mmg.motion.frames import wind_vector
 from mmg.network import Network
 from mmg.ship import Ship
-from mmg.states import STATES
 from tests.support.c_products import product
 from tests.support.networks import random_network
 

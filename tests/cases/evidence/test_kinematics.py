@@ -16,7 +16,7 @@ from cases.simulation.demo_trials import TRAIN, demo_trials
 from cases.simulation.simulate import logged
 from cases.trial import Trial
 from mmg.effects.gyro import low_passed_samples
-from mmg.states import STATES
+from mmg.motion.flow import STATES
 from tests.support.disturbed_trials import Disturbed, disturbed_trials
 from tests.support.trial_files import make_trial, motion_columns
 

@@ -22,10 +22,9 @@ from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch, simul
 from cases.trial import Trial
 from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, Unsupported, UserError
 from mmg.messages import has_code
-from mmg.motion.flow import INPUTS
+from mmg.motion.flow import INPUTS, STATES
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg.states import STATES
 from tests.support.actuator_ships import FERRY as FOUR_PODS
 
 ESSO = load_ship(SHIP)

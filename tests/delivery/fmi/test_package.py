@@ -23,7 +23,7 @@ from delivery.product import NOT_CONVERGED, Product
 from mmg.compile.cache import compiler
 from mmg.errors import Conflict, NotInstalled, TargetExists, UnknownName
 from mmg.messages import Message, has_code
-from mmg.states import STATES
+from mmg.motion.flow import STATES
 from mmg_ident.commands.main import main
 from tests.docs.pages import ROOT, blocks
 from tests.support.c_products import STRICT, library_product, product

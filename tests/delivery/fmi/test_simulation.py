@@ -16,9 +16,9 @@ from delivery.c.tracker import TrackedShip
 from delivery.fmi.binaries import MAIN
 from delivery.fmi.variables import input_name
 from delivery.fmi.write import fmu_files, write_fmu, write_fmu_tracker
+from mmg.motion.flow import STATES
 from mmg.motion.frames import earth_to_body
 from mmg.ship import Ship
-from mmg.states import STATES
 from mmg_ident.tracker import Tracker
 from tests.delivery.c.test_source import record
 from tests.support.c_products import STRICT, compiler, product

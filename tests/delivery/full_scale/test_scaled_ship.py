@@ -20,8 +20,8 @@ from delivery.full_scale.similarity import Similarity, dropped_effects, similar_
 from delivery.full_scale.viscous import Change, HullInWater, ship_values
 from fitting.prediction.bands import SIZES, Process, bands_of, process_dict
 from fitting.prediction.envelope import HeldMotion, held_dict, held_of
+from mmg.components.coefficients import PARTICULARS
 from mmg.components.friction import allowance, form_factor, friction_line, wetted_surface
-from mmg.components.particulars import PARTICULARS
 from mmg.effects import EFFECTS
 from mmg.errors import BadValue, Missing, OutOfRange, UnknownName
 from mmg.motion.flow import INPUTS

@@ -33,7 +33,7 @@ from fitting.parallel import dask_cluster as module
 from fitting.parallel.dask_cluster import dask_cluster
 from fitting.parallel.executors import AHEAD
 from mmg.errors import UserError
-from mmg.progress import Progress
+from mmg.messages import Progress
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
 from tests.support.dask_processes import fails, noted, root_of, scheduler, worker

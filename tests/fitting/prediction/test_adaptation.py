@@ -25,8 +25,8 @@ from fitting.prediction.stretches import (
     restarts,
     rollout,
 )
+from mmg.motion.flow import STATES
 from mmg.rollout import Simulator
-from mmg.states import STATES
 
 CURRENT = {"x": 0.03, "y": -0.04}
 

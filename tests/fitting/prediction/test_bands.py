@@ -42,9 +42,9 @@ from fitting.prediction.figure_intervals import (
 )
 from fitting.prediction.predict import predict, predict_all, record_of
 from fitting.prediction.stretches import WindowBatch
+from mmg.motion.flow import STATES
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg.states import STATES
 from tests.support.disturbed_trials import Disturbed, disturbed_trials
 from tests.support.synthetic_runs import coarse_runs
 

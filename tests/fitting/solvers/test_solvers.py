@@ -39,8 +39,7 @@ from fitting.solvers.control import unless_interrupted as unless
 from fitting.solvers.noise import NoiseSolves, correlation_time, solve_with_noise_estimation
 from fitting.solvers.solve import by_ipopt, solve
 from fitting.uncertainty.refits import reweighted
-from mmg.messages import has_code
-from mmg.progress import Progress
+from mmg.messages import Progress, has_code
 from tests.support.calibrated import FREE
 from tests.support.fit_problems import crowded, with_constants
 from tests.support.synthetic_runs import SIGMA, coarse_runs, matrix, problem, runs

@@ -29,8 +29,8 @@ from diagnosis.estimation.map_estimate import BrokenModelError
 from diagnosis.inputs import told_of_predictions
 from fitting.prediction.predict import outside_share, predict
 from fitting.report.run_folder import read_result
+from mmg.messages import Progress
 from mmg.network import Layers
-from mmg.progress import Progress
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from mmg_ident.api import content_of
