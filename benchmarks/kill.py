@@ -58,7 +58,7 @@ def values(content: Any) -> Any:
 
 def trials(folder: Path) -> None:
     """Two short trials in ``folder``/trials, one in ``folder``/others, and a ship with few free coefficients."""
-    from cases.shipfiles.model_changes import reduced_ship
+    from cases.shipfiles.effects import reduced_ship
     from cases.shipfiles.ship_file import dump_ship, load_ship
 
     made = demo_trials(3, dt=0.5)[0][:3]

@@ -19,8 +19,16 @@ from cases.shipfiles.ship_file import load_ship
 from cases.trial import Trial
 from cases.trial_set import TrialSet
 from diagnosis.estimation.candidates import FITTED_ALONG
-from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
-from fitting.report.run_folder import RESULT, SHIP, content_on, of_predictions, trial_rows
+from fitting.report.run_folder import (
+    RESULT,
+    SHIP,
+    Store,
+    content_on,
+    hash_of_ship,
+    hashes_of_trials,
+    of_predictions,
+    trial_rows,
+)
 from fitting.settings import setting
 from mmg.errors import Missing, TooFewData, UserError, refusing
 from mmg.messages import Message

@@ -1,25 +1,30 @@
-"""Calibration from trials to a result: estimate, scores, what the trials determine, uncertainty, prediction bands."""
+"""Calibration from trials to a result: estimate, scores, what the trials determine, uncertainty, prediction bands, and
+the rows of result.json on them."""
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cases.checks.single import doubtful_revolutions
 from cases.criteria.own_rates import with_own_rates
-from cases.shipfiles.effects import suspects_in, varying_effects, with_suspects
-from cases.shipfiles.model_changes import with_instruments
+from cases.quantities import UNITS
+from cases.shipfiles.effects import suspects_in, varying_effects, with_instruments, with_suspects
 from cases.trial import Trial
 from cases.trial_set import TrialSet, shared_rows
 from fitting.calibration import (
+    Calibration,
     Second,
     SecondEstimate,
     averages,
+    condition_number,
     estimate_coefficients,
     finished,
     solve_again,
@@ -39,20 +44,20 @@ from fitting.prediction.score import (
     worth_message,
     worth_of_left_out,
 )
-from fitting.record import FitObjects, FitRecord
-from fitting.report.result_rows import coefficient_rows, correlation_of, marked, solved, uncertainty_rows
-from fitting.report.run_folder import data_rows, plain
+from fitting.record import CoefficientRow, FitObjects, FitRecord
+from fitting.report.run_folder import data_rows, plain, versions
 from fitting.result import FitResult
 from fitting.selection.campaigns import CampaignFit, by_campaign, may_keep, not_asked, with_values
 from fitting.selection.left_out_runs import coefficients_without, each_alone
 from fitting.settings import Settings, check_estimator
 from fitting.solvers.control import Control, Made, OutOfTimeError, left_out_message, make_in_turn
-from fitting.uncertainty.posterior import APART, sampled_posterior
 from fitting.uncertainty.refits import check_request, failed_refits, refit_rows
+from fitting.uncertainty.sandwich import changes_without_each
 from mmg.errors import Conflict, refusing
 from mmg.messages import LOGGER, Message, OnProgress, message_rows
+from mmg.motion.flow import STATES
 from mmg.rollout import Simulator
-from mmg.ship import Ship
+from mmg.ship import CalibrationMark, Ship
 
 if TYPE_CHECKING:
     from fitting.nlp.captive import Captive
@@ -188,6 +193,8 @@ def calibrate(
     if options.profile:
         parts["--profile"] = lambda: refit_rows(found, 0, options.profile, limit.end)
     if options.posterior and found.converged:
+        from fitting.uncertainty.posterior import sampled_posterior  # late: few ask for draws
+
         parts["--posterior"] = lambda: sampled_posterior(found, options.posterior, settings.seed)
     make_in_turn(parts, made)
     objects = replace(objects, next_trial=made.get("next trial"), posterior=made.get("--posterior"))
@@ -236,11 +243,11 @@ def _result(
     warnings += doubtful_revolutions(start, trials)
     for option in ("--bootstrap", "--profile"):
         warnings += failed_refits(made.get(option, {}))
-    drawn = objects.posterior.messages if objects.posterior else ()
-    warnings += [message for message in drawn if message.code == APART]
+    apart, drawn = objects.posterior.by_agreement if objects.posterior else ((), ())
+    warnings += apart
     said: dict[str, Sequence[Message]] = {
         "warning": warnings,
-        "notice": [*found.notices, *fit.messages, *(m for m in drawn if m.code != APART)],
+        "notice": [*found.notices, *fit.messages, *drawn],
     }
     rows = [{"level": level, **row} for level, some in said.items() for row in message_rows(dict.fromkeys(some))]
     content |= {
@@ -365,3 +372,97 @@ def _check_options(ship: Ship, options: FitOptions) -> None:
         )
     check_estimator(options.estimator)
     check_request(options.bootstrap, options.profile, ship.free, options.posterior)
+
+
+def marked(calibrated: Ship, ship: Ship, trials: Sequence[Trial], name: str) -> Ship:
+    """The ship ``calibrated`` with the ``name`` that was given, marked as calibrated today on ``trials`` from
+    ``ship``."""
+    hashes = sorted(trial.sha256 for trial in trials)  # one data set whatever the order of its files
+    data = hashlib.sha256("\n".join(hashes).encode()).hexdigest() if all(hashes) else ""
+    today = datetime.now(timezone.utc).date().isoformat()
+    mark = CalibrationMark(name, today, data, ship.mark.name if ship.mark else ship.name)
+    return replace(calibrated, name=name or calibrated.name, mark=mark)
+
+
+def solved(calibration: Calibration, command: str) -> dict[str, Any]:
+    """What the solver of a ``calibration`` says of itself, by attribute of the result; command: its maker."""
+    solution, seg, noise = calibration.solution, calibration.segments, calibration.noise
+    return {
+        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "command": command,
+        "ship_name": calibration.ship.name,
+        **{name: getattr(solution, name) for name in ("converged", "status", "advice", "objective", "iterations")},
+        "constraint_violation": solution.violation,
+        "condition_number": condition_number(calibration.covariance),
+        "passes": calibration.passes,
+        "starts": calibration.starts,
+        "settings": calibration.settings,
+        "versions": versions(),
+        "compiled": not calibration.problem.kernels.interpreted_because,
+        "windows": len(seg.run),
+        "intervals": seg.intervals,
+        "seconds_used": seg.duration,
+        "sigma": dict(zip(STATES, calibration.sigma, strict=True)),
+        "noise": {
+            s: {"rms": noise.rms[i], "correlation_time_samples": noise.tau[i], "unit": UNITS[s]}
+            for i, s in enumerate(STATES)
+        },
+        "fixed": [s for s in calibration.ship.symbols if s not in calibration.prior.symbols],
+        "per_run": calibration.constants.rows()
+        if calibration.constants and not calibration.problem.prior.campaign
+        else None,
+    }
+
+
+def coefficient_rows(calibration: Calibration) -> dict[str, dict[str, Any]]:
+    """What became of each free coefficient of a ``calibration``, by symbol, as of ``CoefficientRow``."""
+    kept = {field.name for field in fields(CoefficientRow)}
+    return {
+        f.symbol: {name: value for name, value in vars(calibration.ship.coefficients[f.symbol]).items() if name in kept}
+        | {"at_bound": f.bound or None, "prior_share": share}
+        for f, share in zip(calibration.identifiability.findings, np.diag(calibration.covariance), strict=True)
+    }
+
+
+def correlation_of(calibration: Calibration) -> dict[str, Any]:
+    """Correlation of the estimates of a ``calibration``, as of ``Correlation``: with the standard errors it is her
+    covariance. That of the discounted information is weaker, so that together with robust errors sums and products of
+    coefficients that trials know well would seem unknown, and figures up to three times as uncertain."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        size = np.sqrt(np.diag(calibration.covariance))
+        matrix = calibration.covariance / np.outer(size, size)
+    return {"symbols": calibration.prior.symbols, "matrix": np.round(matrix, 6)}
+
+
+def uncertainty_rows(calibration: Calibration) -> dict:
+    """Key "uncertainty" of a ``calibration``."""
+    symbols, info, spread = calibration.prior.symbols, calibration.information, calibration.spread
+    by_run, unit, sizes = info.by_run(), calibration.prior.std, np.sqrt(np.diag(spread.covariance))
+    return {
+        "uncertainty": {
+            "windows": spread.clusters[0],
+            "runs": spread.clusters[1],
+            "dispersion": spread.dispersion,
+            "coefficients": {
+                s: {
+                    "std": float(sizes[i] * unit[i]),
+                    "std_model": float(np.sqrt(spread.model[i, i]) * unit[i]),
+                    "degrees_of_freedom": float(spread.freedom[i]),
+                }
+                for i, s in enumerate(symbols)
+            },
+            "without_run": {
+                "method": "step",
+                "change_in_standard_errors": {
+                    calibration.segments.trials[run]: _most_moved(change[: len(symbols)], symbols)
+                    for run, change in zip(by_run.run, changes_without_each(by_run) / sizes, strict=True)
+                },
+            },
+        }
+    }
+
+
+def _most_moved(moved: np.ndarray, symbols: Sequence[str]) -> dict:
+    """What leaving a run out moves, in standard errors: the coefficients it moves most."""
+    most = np.argsort(-np.abs(np.nan_to_num(moved)))[:5]  # set by hand: what a person reads
+    return {"largest": {symbols[i]: float(moved[i]) for i in most}, "rms": float(np.sqrt(np.mean(moved**2)))}

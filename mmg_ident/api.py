@@ -18,8 +18,7 @@ import numpy as np
 
 from cases.inputs import assumed
 from cases.io.campaigns import campaigns_taken, ship_of_campaign
-from cases.shipfiles.effects import with_effects, without_suspects
-from cases.shipfiles.model_changes import reduced_ship
+from cases.shipfiles.effects import reduced_ship, with_effects, without_suspects
 from cases.shipfiles.network_file import is_black_box
 from cases.shipfiles.ship_file import load_ship, ship_of
 from cases.trial import Trial

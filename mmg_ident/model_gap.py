@@ -34,8 +34,7 @@ from diagnosis.validation.gap import (
     witnessed,
 )
 from diagnosis.validation.held_out import window_length
-from fitting.report.parts import hash_of_ship, hashes_of_trials
-from fitting.report.run_folder import RESULT, trial_rows
+from fitting.report.run_folder import RESULT, hash_of_ship, hashes_of_trials, trial_rows
 from fitting.solvers.control import check_time
 from mmg.errors import Missing, TooFewData, needs_torch, refusing
 from mmg.messages import LOGGER, Message, OnProgress

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from cases.io.read import read_trials
 from cases.io.toml_file import validated
-from cases.shipfiles.model_changes import with_instruments
+from cases.shipfiles.effects import with_instruments
 from cases.shipfiles.new_ship import is_starting_ship
 from cases.shipfiles.ship_file import ship_of
 from cases.trial import Trial

@@ -21,7 +21,7 @@ from fitting.prediction.envelope import envelope_of
 from fitting.prediction.score import score_pairs, scores_by_set
 from fitting.record import read_record
 from fitting.report import run_folder
-from fitting.report.parts import Store
+from fitting.report.run_folder import Store
 from fitting.result import FitResult
 from fitting.solvers.control import OutOfTimeError
 from fitting.solvers.rollout_loss import RolloutLoss, loss_in

@@ -26,7 +26,7 @@ from cases.trial import Trial
 from fitting.nlp.windows import Stretch, default_step, pieces_of
 from fitting.parallel import run_all, width
 from fitting.prediction.score import WINDOW
-from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
+from fitting.report.run_folder import Store, hash_of_ship, hashes_of_trials
 from fitting.solvers.control import Control, interrupts_noted
 from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import BadValue

@@ -20,7 +20,7 @@ from diagnosis.result import Diagnosis
 from diagnosis.validation.gap import held_out_errors
 from diagnosis.validation.held_out import interval_of, window_length
 from fitting.prediction.predict import change_over
-from fitting.report.parts import Store
+from fitting.report.run_folder import Store
 from fitting.solvers.control import OutOfTimeError, check_time
 from mmg.errors import NoSolution, UserError, needs_torch
 from mmg.messages import LOGGER, Message, OnProgress

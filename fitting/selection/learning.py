@@ -33,8 +33,7 @@ from cases.trial import Trial
 from fitting.nlp.prior import Prior
 from fitting.nlp.windows import default_step, pieces_of
 from fitting.parallel import run_all
-from fitting.report.parts import Store
-from fitting.report.run_folder import Real, adapter, plain
+from fitting.report.run_folder import Real, Store, adapter, plain
 from fitting.selection.candidates import StructureCandidate
 from fitting.selection.polynomial_regression import increments, regress
 from fitting.settings import Settings

@@ -16,15 +16,14 @@ from typing import Any
 
 import numpy as np
 
-from cases.shipfiles.model_changes import with_instruments
+from cases.shipfiles.effects import with_instruments
 from cases.simulation.harbour_inputs import harbour_inputs
 from cases.trial import Trial
 from fitting.calibrate import FitOptions, calibrate
 from fitting.calibration import estimate_coefficients
 from fitting.prediction.score import check_scorable, pooled_sigma, score
 from fitting.record import MessageRow
-from fitting.report.parts import Store
-from fitting.report.run_folder import plain
+from fitting.report.run_folder import Store, plain
 from fitting.result import FitResult
 from fitting.selection.candidates import GIVEN, StructureCandidate
 from fitting.selection.learning import Learned, learn_all

@@ -20,7 +20,7 @@ from cases.trial import Trial
 from fitting.calibration import Calibration
 from fitting.nlp.loss import Loss
 from fitting.nlp.problem import Problem
-from fitting.report.parts import hashes_of_trials
+from fitting.report.run_folder import hashes_of_trials
 from mmg.errors import BadValue, Unreadable
 
 SCHEMA = 1  # Of that file; it grows when an older reader would misread it

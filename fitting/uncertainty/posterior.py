@@ -61,6 +61,12 @@ class Posterior:
         """The draws: a row by (chain, draw), a column by coefficient [its own unit]."""
         return self.trace.posterior.to_dataframe()[list(self.table.index)]
 
+    @property
+    def by_agreement(self) -> tuple[tuple[Message, ...], tuple[Message, ...]]:
+        """The message that its chains do not agree, if they do not, and the others."""
+        apart = tuple(m for m in self.messages if m.code == APART)
+        return apart, tuple(m for m in self.messages if m.code != APART)
+
     def to_dict(self) -> dict[str, Any]:
         """What result.json holds under "posterior"."""
         rows = self.table.to_dict(orient="index")

@@ -27,7 +27,6 @@ from fitting.nlp.problem import Problem
 from fitting.parallel import Shared, run_all, width
 from fitting.solvers.control import Control
 from fitting.solvers.solve import Solution, solve
-from fitting.uncertainty.posterior import needs_nutpie
 from mmg.errors import OutOfRange, UnknownName
 from mmg.messages import Message
 
@@ -48,6 +47,8 @@ def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str], 
         if count < 0:
             raise OutOfRange(f"{option} {count} must not be negative")
     if draws:
+        from fitting.uncertainty.posterior import needs_nutpie  # late: few ask for draws
+
         needs_nutpie()
     unknown = [s for s in symbols if s not in free]
     if unknown:

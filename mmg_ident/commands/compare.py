@@ -53,8 +53,17 @@ def compare(
 
     Example: mmg compare --train train-tzrb --seeds 5 --fractions 0.1,0.3,1 --no-random --workers 2 --out comparison
     """
-    from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
-    from fitting.report.run_folder import PENDING, RESULT, check_target, reserved, write_json, write_whole
+    from fitting.report.run_folder import (
+        PENDING,
+        RESULT,
+        Store,
+        check_target,
+        hash_of_ship,
+        hashes_of_trials,
+        reserved,
+        write_json,
+        write_whole,
+    )
     from mmg.messages import message_rows
 
     if paper:

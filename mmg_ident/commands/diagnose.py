@@ -55,7 +55,7 @@ def diagnose(
     """
     from dataclasses import replace
 
-    from cases.shipfiles.model_changes import reduced_ship
+    from cases.shipfiles.effects import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from cases.trial_set import ready
     from diagnosis import diagnose as pipeline

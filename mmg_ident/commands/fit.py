@@ -63,7 +63,7 @@ def fit(
     import time
     from dataclasses import replace
 
-    from cases.shipfiles.model_changes import reduced_ship
+    from cases.shipfiles.effects import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from cases.trial_set import ready
     from fitting.calibrate import FitOptions

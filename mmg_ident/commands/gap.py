@@ -45,9 +45,8 @@ def gap(
     from cases.shipfiles.ship_file import load_ship
     from cases.trial_set import ready
     from diagnosis.report.page import gap_figure
-    from fitting.report.parts import Store
     from fitting.report.plot_style import png_of
-    from fitting.report.run_folder import check_target, write_json
+    from fitting.report.run_folder import Store, check_target, write_json
     from fitting.solvers.control import Control, OutOfTimeError
     from mmg_ident.api import gap as gap_of
     from mmg_ident.model_gap import GapOptions, about

@@ -118,8 +118,7 @@ def _choose(study: dict[str, Any], same: dict[str, Any], resume: bool, report: b
     run must have alike."""
     from dataclasses import replace
 
-    from fitting.report.parts import Store, hash_of_ship, hashes_of_trials
-    from fitting.report.run_folder import reserved
+    from fitting.report.run_folder import Store, hash_of_ship, hashes_of_trials, reserved
     from fitting.selection.structure_choice import choose_structure
 
     # fits of other trials or rules are no part of this choice

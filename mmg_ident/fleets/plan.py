@@ -18,7 +18,7 @@ from pydantic import Field
 from cases.io.files import file_hash, file_key
 from cases.io.read import SUFFIXES, trial_files
 from cases.io.toml_file import Section, checked, header, number, read_toml, refuse
-from cases.shipfiles.model_changes import reduced_ship, with_instruments
+from cases.shipfiles.effects import reduced_ship, with_instruments
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from mmg.errors import BadValue, Conflict, Missing, UserError, name_fault

@@ -32,8 +32,7 @@ from diagnosis.result import Diagnosis
 from fitting.calibrate import FitOptions
 from fitting.nlp.windows import default_step
 from fitting.parallel import run_all
-from fitting.report.parts import Store
-from fitting.report.run_folder import plain, versions
+from fitting.report.run_folder import Store, plain, versions
 from fitting.result import FitResult
 from fitting.selection import sisters
 from fitting.selection.sisters import SisterStart

@@ -20,16 +20,15 @@ import numpy as np
 
 from cases.inputs import assumed
 from cases.io.published_splits import SPLITS
-from cases.shipfiles.model_changes import with_instruments
+from cases.shipfiles.effects import with_instruments
 from cases.trial import Trial
 from cases.trial_set import TrialSet
 from fitting.calibration import estimate_coefficients
 from fitting.parallel import run_all
 from fitting.prediction.predict import Forecaster, predict, predict_all
 from fitting.prediction.score import PAPER_WINDOW, Score, pooled_sigma, score
-from fitting.report.parts import Store
 from fitting.report.plot_style import DASHES, FigureFolder, dress, new_figure
-from fitting.report.run_folder import SCHEMA_VERSION, Real, adapter, data_rows, plain
+from fitting.report.run_folder import SCHEMA_VERSION, Real, Store, adapter, data_rows, plain
 from fitting.settings import Settings
 from fitting.solvers.control import interrupts_noted
 from mmg.errors import Missing, NoSolution, TooFewData, UserError

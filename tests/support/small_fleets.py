@@ -8,8 +8,7 @@ from pathlib import Path
 
 from cases.criteria.standard_runs import simulated_trial
 from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.effects import with_effects
-from cases.shipfiles.model_changes import reduced_ship
+from cases.shipfiles.effects import reduced_ship, with_effects
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate import SensorNoise, add_noise, simulate, write_trial
 from cases.trial import Trial

@@ -10,7 +10,7 @@ import pytest
 from benchmarks.coverage import plant_trials
 from cases.evidence.kinematics import consistency
 from cases.io.read import read_trials
-from cases.shipfiles.model_changes import with_instruments
+from cases.shipfiles.effects import with_instruments
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import TRAIN, demo_trials
 from cases.simulation.simulate import logged

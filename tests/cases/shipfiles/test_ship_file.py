@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from safetensors import safe_open
 from safetensors.numpy import load_file
 
-from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.effects import freeing_effects, reduced_ship, with_instruments
 from cases.shipfiles.generated_ship import generated_ship, structure_of
-from cases.shipfiles.model_changes import reduced_ship, with_instruments
 from cases.shipfiles.network_file import save_network, save_tensors
 from cases.shipfiles.schema import ShipFile
 from cases.shipfiles.ship_file import dump_ship, dump_whole_ship, library, load_ship, parse_ship

@@ -20,8 +20,7 @@ from cases.simulation.simulate import SensorNoise, add_noise, simulate_controls
 from cases.trial import Trial
 from fitting.calibrate import started_from
 from fitting.calibration import Calibration, estimate_coefficients
-from fitting.report.parts import Store, hashes_of_trials
-from fitting.report.run_folder import plain
+from fitting.report.run_folder import Store, hashes_of_trials, plain
 from fitting.selection import learning
 from fitting.selection.candidates import Rules, StructureCandidate, candidate, candidates
 from fitting.selection.learning import Learned, SubsequenceObjective, regression

@@ -19,7 +19,7 @@ import mmg_ident as mi
 from cases.criteria.standard_runs import figures_of, simulated_trial
 from cases.io.read import read_trial
 from cases.maneuvers.definitions import parse_maneuver
-from cases.shipfiles.model_changes import reduced_ship
+from cases.shipfiles.effects import reduced_ship
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import write_trial
