@@ -19,8 +19,8 @@ import numpy as np
 
 from cases.maneuvers import self_propulsion
 from delivery.product import Product, filled, identifiers, unit_of
+from mmg.compile.codegen import Program
 from mmg.compile.portable_c import LANES, Emitter, LaneEmitter, functions_used, lane_functions, literal, prelude
-from mmg.compile.stages import Program
 from mmg.effects import effect
 from mmg.errors import Unsupported, UserError
 from mmg.model import INVERSIONS

@@ -15,10 +15,9 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from mmg.compile import codegen, stages
+from mmg.compile import codegen
 from mmg.compile.cache import LONG, UNIT, LateSource, load_library
-from mmg.compile.codegen import HIDDEN, LANES, prelude
-from mmg.compile.stages import Program, divided_code, units_of
+from mmg.compile.codegen import HIDDEN, LANES, Program, divided_code, prelude, units_of
 
 _SHARED = ("-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w")
 # -ftree-vectorize makes vectors of the loops over lanes (square roots). Without contraction a product and a sum are
@@ -27,7 +26,7 @@ FLAGS: tuple[str, ...] = ("-O1", "-ftree-vectorize", "-ffp-contract=off", *_SHAR
 # Of loops over matrices that are written by hand, the filter's and the elimination's.
 LOOP_FLAGS = ("-O2", "-ftree-vectorize", "-ffp-contract=fast", *_SHARED)
 
-GENERATORS = (sys.modules[__name__], codegen, stages)  # Modules that the source of batch kernels comes from
+GENERATORS = (sys.modules[__name__], codegen)  # Modules that the source of batch kernels comes from
 
 # Largest difference by another order of sums, over the largest number of its kind. Set by hand, far above rounding.
 CLOSE = 1e-7

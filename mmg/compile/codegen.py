@@ -1,13 +1,18 @@
-"""C text of what an instruction of a CasADi function does, on a vector of LANES points (GCC/Clang vector extension).
+"""C of the instructions of a CasADi function, on vectors of LANES points (GCC/Clang vector extension).
 
 CasADi's own C evaluates one point per call. Here each instruction acts on a vector, so that simulation, sensitivities
 and Hessians of thousands of points run at SIMD speed from the very expression that defines the ship.
+
+The instructions are values, each computed once, in stages by what they depend on: those of a ship's right-hand side
+that hang on the coefficients alone need no second evaluation within an interval, those of the inputs none within a
+step. Each stage becomes the body of a C function; what it hands on lies in arrays.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import casadi as ca
@@ -136,3 +141,208 @@ def constant(value: float) -> str:
     if math.isinf(value):
         return "INFINITY" if value > 0 else "-INFINITY"
     return repr(value)
+
+
+CONSTANT = 0  # Stage of a value that depends on no argument
+
+# Instructions in one C function: registers are given out in more than twice the time for twice as many. Of 11,000
+# instructions gcc 12 makes code in 1.4 s, in 2.4 s with 3,000 a function, and that code is as fast to some per cent. So
+# it was measured; the number was set by hand.
+FUNCTION_SIZE = 800
+# Characters of such functions that are compiled together: each start of a compiler takes some .02 s. Set by hand.
+UNIT_TEXT = 150_000
+
+
+@dataclass(frozen=True)
+class Value:
+    """A value of a program: an operation of CasADi on earlier values, an argument, or a constant.
+
+    operation: CasADi's number; operands: places of earlier values; stage: the latest stage of its operands; number: of
+    a constant; argument: (argument, element) of an input.
+    """
+
+    operation: int
+    operands: tuple[int, ...]
+    stage: int
+    number: float = 0.0
+    argument: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True)
+class Program:
+    """All values of a function in their order, and the places of its outputs.
+
+    results: per output the place of each element, column by column as CasADi has them; None for a structural zero.
+    """
+
+    values: tuple[Value, ...]
+    results: tuple[tuple[int | None, ...], ...]
+
+    @classmethod
+    def of(cls, function: ca.Function, stages: Sequence[int]) -> Program:
+        """The program of an SXFunction. function: it; stages: the stage of each of its arguments, 1 or later."""
+        values: list[Value] = []
+        at: dict[int, int] = {}  # register of CasADi -> place of the value that it holds now
+        results: list[list[int | None]] = [[None] * function.numel_out(j) for j in range(function.n_out())]
+        rows = [function.sparsity_out(j).find() for j in range(function.n_out())]
+        for k in range(function.n_instructions()):
+            operation = function.instruction_id(k)
+            inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+            if operation == ca.OP_OUTPUT:  # CasADi numbers nonzeros, results count all elements
+                results[outputs[0]][rows[outputs[0]][outputs[1]]] = at[inputs[0]]
+                continue
+            if operation == ca.OP_CONST:
+                value = Value(operation, (), CONSTANT, number=function.instruction_constant(k))
+            elif operation == ca.OP_INPUT:
+                value = Value(operation, (), stages[inputs[0]], argument=(inputs[0], inputs[1]))
+            else:
+                operands = tuple(at[i] for i in inputs)
+                value = Value(operation, operands, max(values[i].stage for i in operands))
+            at[outputs[0]] = len(values)  # CasADi uses a register again: the newest value counts
+            values.append(value)
+        return cls(tuple(values), tuple(tuple(row) for row in results))
+
+    def needed(self, outputs: Iterable[int], after: int = CONSTANT) -> list[int]:
+        """Places, in order, of the values of stages later than ``after`` that lead to these ``outputs``."""
+        return self.leading_to((place for j in outputs for place in self.results[j]), after)
+
+    def leading_to(self, places: Iterable[int | None], after: int = CONSTANT) -> list[int]:
+        """As ``needed``, for the values at these ``places`` and those of stages later than ``after`` behind them."""
+        todo = [place for place in places if place is not None]
+        reached: set[int] = set()
+        while todo:
+            place = todo.pop()
+            if place not in reached and self.values[place].stage > after:  # earlier stages have handed theirs on
+                reached.add(place)
+                todo += self.values[place].operands
+        return sorted(reached)
+
+    def divided(self, outputs: Iterable[int], last: int, size: int) -> Program:
+        """The same with its ``last`` stage divided after each ``size`` of its values behind these ``outputs``: a later
+        part is a later stage."""
+        values = list(self.values)
+        places = [place for place in self.needed(outputs, last - 1) if values[place].argument is None]
+        for count, place in enumerate(places):  # in order: no part takes up what a later one makes
+            values[place] = replace(values[place], stage=last + count // size)
+        return replace(self, values=tuple(values))
+
+    def handed_on(self, outputs: Iterable[int], stage: int) -> list[int]:
+        """Places, in order, of the results of a ``stage`` that later stages or these ``outputs`` themselves take up;
+        arguments and constants are not among them."""
+        outputs = list(outputs)
+        read = {i for place in self.needed(outputs, stage) for i in self.values[place].operands}
+        # an output may be made early
+        read |= {place for j in outputs for place in self.results[j] if place is not None}
+        return sorted(i for i in read if self.values[i].stage == stage and self.values[i].argument is None)
+
+
+@dataclass(frozen=True)
+class StagedBody:
+    """C statements of one stage, and the number of values that it hands on."""
+
+    text: str
+    handed: int
+
+
+@dataclass(frozen=True)
+class DividedCode:
+    """C functions of a program whose last stage is divided among several.
+
+    early: bodies of the stages before the last one; functions: C text of each part of the last stage; declared: what a
+    caller has to know of them; call: statements that call them one after the other, with the names that they were made
+    with and an array d for the results.
+    """
+
+    early: dict[int, StagedBody]
+    functions: list[str]
+    declared: str
+    call: str
+
+
+def divided_code(
+    name: str, program: Program, outputs: Sequence[int], arguments: Mapping[int, str], arrays: Mapping[int, str]
+) -> DividedCode:
+    """Code for some ``outputs`` of a ``program``, its last stage in functions NAME_0, NAME_1, ... of at most
+    FUNCTION_SIZE instructions. name: NAME; arguments, arrays: as of ``staged_bodies``, arrays for early stages only."""
+    last = max(arrays, default=CONSTANT) + 1
+    divided = program.divided(outputs, last, FUNCTION_SIZE)
+    parts = max([last, *(value.stage for value in divided.values)]) + 1 - last
+    # each part hands on in a share of the array M, all as long as the longest
+    between = {last + i: f"(M + {i} * {name}_most)" for i in range(parts - 1)}
+    bodies = staged_bodies(divided, outputs, arguments, {**arrays, **between}, "d")
+    most = max([bodies[stage].handed for stage in between], default=0) + 1
+    given = [*arguments.values(), *arrays.values()]
+    parameters = ", ".join([*(f"const V* {one}" for one in given), "V* M", "V* d"])
+    heads = [f"HIDDEN void {name}_{i}({parameters})" for i in range(parts)]
+    size = f"#define {name}_most {most}\n"
+    texts = [bodies[last + i].text for i in range(parts)]
+    functions = [f"{size}{head} {{\n  {t}\n}}\n#undef {name}_most\n" for head, t in zip(heads, texts, strict=True)]
+    calls = " ".join(f"{name}_{i}({', '.join([*given, 'M', 'd'])});" for i in range(parts))
+    declared = "".join(f"{head};\n" for head in heads)
+    return DividedCode({stage: bodies[stage] for stage in arrays}, functions, declared, f"V M[{most * parts}]; {calls}")
+
+
+def units_of(head: str, functions: Sequence[str]) -> list[str]:
+    """C ``functions`` in units of about UNIT_TEXT characters, each behind the same ``head``."""
+    units: list[str] = []
+    for text in functions:
+        if not units or len(units[-1]) - len(head) + len(text) > UNIT_TEXT:
+            units.append(head)
+        units[-1] += text
+    return units
+
+
+def staged_bodies(
+    program: Program, outputs: Sequence[int], arguments: Mapping[int, str], arrays: Mapping[int, str], result: str
+) -> dict[int, StagedBody]:
+    """Bodies by stage for some ``outputs`` of a ``program``.
+
+    arguments: argument -> name of its C array; arrays: stage, from the first to the one before the last -> name of the
+    array for what it hands on; the last stage is one more. result: name of the array to which the last stage writes the
+    nonzeros of the outputs, one output after the other. Raises NotImplementedError for an operation without C.
+    """
+    elements: dict[int, str] = {}  # place of a value that an earlier stage has handed on -> C text of it
+    bodies = {}
+    for stage in [*arrays, max(arrays, default=CONSTANT) + 1]:
+        lines: list[str] = []
+        declared: set[int] = set()
+        for at in program.needed(outputs):
+            value = program.values[at]
+            if value.stage == stage and value.argument is None:
+                for operand in value.operands:
+                    lines += _declarations(program, operand, arguments, elements, declared)
+                declared.add(at)
+                lines.append(_assigned(value, at))
+        if stage in arrays:
+            given = program.handed_on(outputs, stage)
+            elements |= {at: f"{arrays[stage]}[{row}]" for row, at in enumerate(given)}
+            lines += [f"{elements[at]} = a{at};" for at in given]
+        else:
+            given = [at for j in outputs for at in program.results[j] if at is not None]
+            for row, at in enumerate(given):  # a result may come from an earlier stage, or be an argument itself
+                lines += _declarations(program, at, arguments, elements, declared)
+                lines.append(f"{result}[{row}] = a{at};")
+        bodies[stage] = StagedBody("\n  ".join(lines), len(given))
+    return bodies
+
+
+def _assigned(value: Value, at: int) -> str:
+    return f"const V a{at} = {expression(value.operation, [f'a{i}' for i in value.operands])};"
+
+
+def _declarations(
+    program: Program, at: int, arguments: Mapping[int, str], elements: Mapping[int, str], declared: set[int]
+) -> list[str]:
+    """Statements that name a value from outside of a stage, unless it is ``declared``, which it is afterwards."""
+    value = program.values[at]
+    if at in declared:
+        return []
+    declared.add(at)
+    if value.argument is not None:
+        return [f"const V a{at} = {arguments[value.argument[0]]}[{value.argument[1]}];"]
+    if value.stage == CONSTANT and not value.operands:
+        return [f"const V a{at} = fill({constant(value.number)});"]
+    if value.stage == CONSTANT:  # cheaper made again than handed on
+        before = [line for i in value.operands for line in _declarations(program, i, arguments, elements, declared)]
+        return [*before, _assigned(value, at)]
+    return [f"const V a{at} = {elements[at]};"]

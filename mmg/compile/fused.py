@@ -17,8 +17,7 @@ import numpy as np
 from mmg import runge_kutta
 from mmg.compile.batch import FLAGS, GENERATORS, BatchFunction, differences, finite_points, points
 from mmg.compile.cache import LateSource, load_library
-from mmg.compile.codegen import LANES, c_file, prelude
-from mmg.compile.stages import Program, staged_bodies
+from mmg.compile.codegen import LANES, Program, c_file, prelude, staged_bodies
 from mmg.runge_kutta import NODES, PARTS, rk4_step
 
 

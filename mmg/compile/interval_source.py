@@ -19,8 +19,7 @@ import casadi as ca
 import numpy as np
 
 from mmg.compile.cache import LONG, UNIT
-from mmg.compile.codegen import HIDDEN, c_file, prelude
-from mmg.compile.stages import Program, divided_code, units_of
+from mmg.compile.codegen import HIDDEN, Program, c_file, divided_code, prelude, units_of
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS
 
 # Rows and columns of the products that are kept in registers; columns are padded to whole tiles.

@@ -11,7 +11,7 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from mmg.compile import codegen, interval_source, stages
+from mmg.compile import codegen, interval_source
 from mmg.compile.batch import FLAGS, filled, padded
 from mmg.compile.cache import LateSource, load_library
 from mmg.compile.codegen import LANES
@@ -143,7 +143,7 @@ class IntervalKernel:
         def kernel(library: ctypes.CDLL) -> IntervalKernel:
             return cls(library, whole.size1_out(0), whole.size2_out(1) - whole.size1_in(0))
 
-        generators = (codegen, stages, interval_source)
+        generators = (codegen, interval_source)
         text = LateSource.of([whole], lambda: interval_source.interval_source(_without_repetition(whole)), *generators)
         library, reason = load_library(text, FLAGS, (lambda new: check(kernel(new))) if check else None, what)
         return (None if library is None else kernel(library)), reason

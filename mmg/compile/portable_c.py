@@ -14,8 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import casadi as ca
 
 from mmg.compile import codegen
-from mmg.compile.codegen import ARITHMETIC, COMPARISONS, LANES, OF_ONE, OF_TWO, calls
-from mmg.compile.stages import CONSTANT, Program
+from mmg.compile.codegen import ARITHMETIC, COMPARISONS, CONSTANT, LANES, OF_ONE, OF_TWO, Program, calls
 
 # C expression of each CasADi operation on its operands.
 EXPRESSIONS: dict[int, str] = {

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mmg.compile import batch, codegen, stages
+from mmg.compile import batch, codegen
 from mmg.compile.batch import BatchFunction, batch_functions
 from mmg.compile.cache import UNIT, compiler
 from mmg.compile.codegen import LANES
@@ -204,7 +204,7 @@ def long_function(terms: int) -> ca.Function:
 def test_a_function_in_parts_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     inputs, found = [np.random.default_rng(j).standard_normal((3 - j, 24)) for j in range(2)], []
     for size in (10**6, 20, 7):
-        monkeypatch.setattr(stages, "FUNCTION_SIZE", size)
+        monkeypatch.setattr(codegen, "FUNCTION_SIZE", size)
         monkeypatch.setenv("MMG_CACHE", str(tmp_path / str(size)))
         (whole,), reason = batch_functions([long_function(30)])
         assert not reason
@@ -214,10 +214,10 @@ def test_a_function_in_parts_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch
 
 
 def test_no_part_has_more_instructions_than_a_compiler_likes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stages, "FUNCTION_SIZE", 50)
-    monkeypatch.setattr(stages, "UNIT_TEXT", 12_000)
+    monkeypatch.setattr(codegen, "FUNCTION_SIZE", 50)
+    monkeypatch.setattr(codegen, "UNIT_TEXT", 12_000)
     units = batch.source([long_function(300)]).split(UNIT)
     parts = [part for unit in units for part in unit.split("HIDDEN void ")[1:] if "{" in part]
     operation = re.compile(r"^ *const V a\d+ = (?!x\d|fill\(|\(M \+)", re.MULTILINE)
-    assert max(len(operation.findall(part)) for part in parts) == stages.FUNCTION_SIZE
+    assert max(len(operation.findall(part)) for part in parts) == codegen.FUNCTION_SIZE
     assert len(units) > 2 and sum(part.count("v_sin") for part in parts) == 300
