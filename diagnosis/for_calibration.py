@@ -254,7 +254,7 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
     without = ship.with_coefficients({s: ship.coefficients[s].with_(value=v, fixed=True) for s, v in rows})
     base = priors_before(without)
     full = without if "tow" in without.effects else without.with_effect("tow", {})
-    grids = grids_as_read(trials, full.inputs, float(full.particulars["L"]), result.settings.step)
+    grids = grids_as_read(trials, full, result.settings.step)
     steps = TransitionModel(full, [*base.symbols, *symbols, *FORCE], grids[0].h)
     ready = fit_as_read(steps, grids, full.values, base, initial_noise(full))[0]
     data, null = ready.data, ready.null

@@ -154,9 +154,8 @@ def prepare(
     base = priors_before(ship, case.calibration.other and not reference)
     if {c.symbol.partition(".")[0] for c in base.columns} <= set(FITTED_ALONG):
         raise Missing(f"{ship.name}: every coefficient is fixed, so nothing is known of how far each may be off")
-    length = float(ship.particulars["L"])
     notices: list[Message] = []
-    grids = grids_as_read(trials, full.ship.inputs, length, step, straight)  # before a minute of compiling
+    grids = grids_as_read(trials, full.ship, step, straight)  # before a minute of compiling
     steps = TransitionModel(full.ship, [*base.symbols, *full.symbols], grids[0].h)
     values = full.ship.values
     at = [full.ship.symbols.index(s) for s in base.symbols]
@@ -167,7 +166,7 @@ def prepare(
         from diagnosis.hypotheses.reference import fit_reference
         from diagnosis.hypotheses.score_test import score_tests, slopes
 
-        old_grids = grids_as_read(reference, full.ship.inputs, length, steps.h)
+        old_grids = grids_as_read(reference, full.ship, steps.h)
         known_fit = fit_as_read(steps, old_grids, values, base, initial_noise(full.ship))[0]
         old, null, gap = known_fit.data, known_fit.null, known_fit.gap
         is_order_usual = not force_order(steps, old, null).is_random

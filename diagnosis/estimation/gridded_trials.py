@@ -13,6 +13,7 @@ from cases.trial import Trial
 from fitting.nlp.windows import default_step, pieces_of
 from mmg.errors import TooFewData
 from mmg.motion.froude import time_scale
+from mmg.ship import Ship
 
 LONGEST = 600  # Steps of a window; a longer piece is divided evenly: the filter is fast at windows side by side
 SHORTEST = 20  # Steps of a window; a shorter piece is left out. Set by hand.
@@ -98,15 +99,14 @@ class GriddedTrials:
 
 
 def grid_trials(
-    trials: Sequence[Trial], inputs: Sequence[str], length: float, step: float | None = None, straight: bool = False
+    trials: Sequence[Trial], ship: Ship, step: float | None = None, straight: bool = False
 ) -> GriddedTrials:
-    """The ``trials`` on a grid for a model with these ``inputs``.
+    """The ``trials`` of a ``ship`` on a grid.
 
-    length: of the ship [m]; step: of the grid [s] (default: that of the calibration); straight: the inputs are
-    interpolated linearly instead of held between samples.
-
-    Raises UserError when no piece without a gap is long enough.
+    step: of the grid [s] (default: that of the calibration); straight: the inputs are interpolated linearly instead of
+    held between samples. Raises UserError when no piece without a gap is long enough.
     """
+    inputs, length = ship.inputs, float(ship.particulars["L"])
     h = step or default_step(trials, length)
     before = math.ceil(BEFORE * time_scale(length) / h)
     means, C = with_changes(straight_means if straight else step_means), len(inputs)  # columns: means, changes, parts
@@ -155,18 +155,14 @@ def grid_trials(
 
 
 def grids_as_read(
-    trials: Sequence[Trial],
-    inputs: Sequence[str],
-    length: float,
-    step: float | None = None,
-    straight: bool | None = None,
+    trials: Sequence[Trial], ship: Ship, step: float | None = None, straight: bool | None = None
 ) -> list[GriddedTrials]:
     """The ``trials`` as of ``grid_trials`` in each way that their actuators may be read: held, and joined by lines.
 
-    inputs, length, step, and errors: as there; straight: how they are read, where it is known.
+    ship, step, and errors: as there; straight: how they are read, where it is known.
     """
     readings = possible_readings(trials) if straight is None else (straight,)
-    return [grid_trials(trials, inputs, length, step, reading) for reading in readings]
+    return [grid_trials(trials, ship, step, reading) for reading in readings]
 
 
 def can_divide(trials: Sequence[Trial], sample: float) -> bool:

@@ -26,8 +26,7 @@ SHARE = 0.1
 
 def trials_in_gusts(steps: TransitionModel, trials: Sequence[Trial], straight: bool = False) -> GriddedTrials:
     """The ``trials`` on the grid of ``steps``, with gusts. straight: as of ``grid_trials``, whose errors it raises."""
-    ship = steps.ship
-    return with_gusts(steps, grid_trials(trials, ship.inputs, float(ship.particulars["L"]), steps.h, straight))
+    return with_gusts(steps, grid_trials(trials, steps.ship, steps.h, straight))
 
 
 def with_gusts(steps: TransitionModel, data: GriddedTrials) -> GriddedTrials:

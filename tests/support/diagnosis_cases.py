@@ -101,7 +101,7 @@ def problem_of(trials: Sequence[Trial], h: float = 0.5) -> tuple[SearchProblem, 
 
     Inputs are held between samples, as the generator has them."""
     steps, base = full_steps(h), priors_of(SHIP, FREE)
-    data = grid_trials(trials, steps.ship.inputs, 3.0, h)
+    data = grid_trials(trials, steps.ship, h)
     start = initial_point(steps, data, steps.ship.values, base, initial_noise(steps.ship))
     null = estimate(steps, data, start, iterations=12)
     return SearchProblem(steps, data, base, full_model().candidates), with_correlation_time(steps, data, null)
@@ -152,7 +152,7 @@ def states_about(steps: TransitionModel, count: int, seed: int) -> tuple[np.ndar
 def short_data(h: float = 1.0) -> GriddedTrials:
     """Two short windows of unlike length with a gap in one sensor."""
     trials = pushed_trials(3, runs=(("zigzag:20/20", 40.0), ("random:11", 28.0)))
-    data = grid_trials(trials, full_model().ship.inputs, 3.0, h)
+    data = grid_trials(trials, full_model().ship, h)
     good, measured = data.good.copy(), data.measured.copy()
     good[9:12, 0, 4] = measured[9:12, 0, 4] = False
     good[5, 1] = measured[5, 1] = False

@@ -129,7 +129,7 @@ def fit_to(
 ) -> tuple[TransitionModel, GriddedTrials, Estimate]:
     """A fit of all coefficients to trials."""
     full_model, base = ship_with_all_effects(SHIP, trials, names=("tow",)), priors_before(SHIP)
-    data = grid_trials(trials, full_model.ship.inputs, 3.0, h)
+    data = grid_trials(trials, full_model.ship, h)
     steps = TransitionModel(full_model.ship, [*base.symbols, *full_model.symbols], h)
     start = initial_point(steps, data, full_model.ship.values, base, initial_noise(full_model.ship))
     return steps, data, estimate(steps, data, start, iterations=iterations)
@@ -377,7 +377,7 @@ def blown_trials(seed: int, share: float = GUST) -> list[Trial]:
 def blown(share: float = GUST) -> GriddedTrials:
     """Such trials on a grid, with what gusts push by."""
     steps = full_steps(WINDY_STEP)
-    return with_gusts(steps, grid_trials(blown_trials(3, share), steps.ship.inputs, 3.0, WINDY_STEP))
+    return with_gusts(steps, grid_trials(blown_trials(3, share), steps.ship, WINDY_STEP))
 
 
 @lru_cache(maxsize=2)

@@ -253,17 +253,17 @@ def moved(trial: Trial, delay: float) -> Trial:
 def test_a_delay_moves_the_record_of_all_windows_with_what_was_before_them(delay: float) -> None:
     steps = full_steps(H)
     trials = pushed_trials(3, runs=(("random:11", 700.0),))  # more than a window
-    names = full_model().ship.inputs
-    data = grid_trials(trials, names, 3.0, H, straight=True)
+    ship = full_model().ship
+    data = grid_trials(trials, ship, H, straight=True)
     assert len(data.steps) > 1
-    expected = grid_trials([moved(t, delay) for t in trials], names, 3.0, H, straight=True)
+    expected = grid_trials([moved(t, delay) for t in trials], ship, H, straight=True)
     found = acting(steps, data, theta_of(steps, {"control_delay.tau": delay}))
-    delta = names.index("delta")
+    delta = ship.inputs.index("delta")
     kept = data.inside
     error = (found.inputs - expected.inputs)[kept]
     assert np.abs(error[:, delta]).max() < 0.02 * np.ptp(data.inputs[kept][:, delta])
     assert np.abs((found.changes - expected.changes)[kept][:, delta]).max() < 0.1 * np.abs(expected.changes).max()
-    wind = [names.index(n) for n in ("wind_north", "wind_east")]
+    wind = [ship.inputs.index(n) for n in ("wind_north", "wind_east")]
     np.testing.assert_array_equal(found.inputs[..., wind], data.inputs[..., wind])
     back = acting(steps, found, steps.ship.values)
     np.testing.assert_allclose(back.inputs, data.inputs, atol=1e-12)
@@ -321,7 +321,7 @@ def ramp(rate: float = 0.01, dt: float = 0.1) -> Trial:
 
 
 def test_an_input_that_rises_steadily_changes_over_a_step_by_its_rate() -> None:
-    data = grid_trials([ramp()], SHIP.inputs, 3.0, 1.0, straight=True)
+    data = grid_trials([ramp()], SHIP, 1.0, straight=True)
     inside = data.inside[:, 0]
     i = SHIP.inputs.index("delta")
     np.testing.assert_allclose(data.changes[inside, 0, i], 0.01, rtol=0.03)
@@ -356,7 +356,7 @@ def test_quiet_sensors_ask_for_finer_steps_and_noisy_ones_do_not() -> None:
 
 def test_states_are_compared_where_they_were_measured_and_uneven_samples_are_not_divided() -> None:
     trial = ramp(dt=0.6)
-    whole, parts = (grid_trials([trial], SHIP.inputs, 3.0, h) for h in (0.6, 0.2))
+    whole, parts = (grid_trials([trial], SHIP, h) for h in (0.6, 0.2))
     assert whole.steps_of_sample == 1 and parts.steps_of_sample == 3
     assert parts.measured[::3].all() and not parts.measured[1::3].any() and not parts.measured[2::3].any()
     np.testing.assert_allclose(parts.y[::3], whole.y, atol=1e-12)
@@ -375,7 +375,7 @@ def test_a_force_beyond_all_that_moves_the_ship_swallows_it() -> None:
 def test_timing_columns_are_what_a_late_input_does() -> None:
     """A rudder that acts TIMING of a sample late is behind by that share of its rate."""
     steps = full_steps(1.0)
-    data = grid_trials([ramp(dt=0.5)], steps.ship.inputs, 3.0, 1.0, straight=True)
+    data = grid_trials([ramp(dt=0.5)], steps.ship, 1.0, straight=True)
     path = initial_trajectory(steps, data, steps.ship.values)
     point = Point(steps.ship.values, NO_PRIORS, np.zeros(0), path, initial_noise(steps.ship))
     found = timing_columns(steps, data, point, np.arange(6))
@@ -395,7 +395,7 @@ Y_V, CURRENT_0 = Column("Y_v"), Column("current.x", 0)
 
 def three_windows() -> GriddedTrials:
     """Three windows of short runs without any effect, of which the first two are of one run."""
-    data = grid_trials(pushed_trials(1, runs=tuple((m, 40.0) for m, _ in RUNS)), full_model().ship.inputs, 3.0, H)
+    data = grid_trials(pushed_trials(1, runs=tuple((m, 40.0) for m, _ in RUNS)), full_model().ship, H)
     return replace(data, run=np.array([0, 0, 1]), trials=data.trials[:2])
 
 

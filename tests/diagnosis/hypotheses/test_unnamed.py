@@ -88,7 +88,7 @@ def probed() -> Any:
         ship = with_effects(FEW, ["tow:X=0.0,Y=0.0,N=0.0", "current:x=0.0,y=0.0", probe])
         steps = TransitionModel(ship, [*FEW.free], 0.5, compiled=False)
         trials = pushed_trials(3, runs=(("zigzag:20/20", 40.0), ("random:11", 28.0)))
-        data = grid_trials(trials, ship.inputs, LENGTH, steps.h)
+        data = grid_trials(trials, ship, steps.h)
         z = [steps.settled(data.y[0].T, data.inputs[0].T, ship.values)]
         for held in data.inputs:
             z.append(steps.advance(z[-1], held.T, ship.values[:, None].repeat(held.shape[0], axis=1)))
@@ -436,7 +436,7 @@ def test_the_time_of_a_movement_between_two_samples_is_not_known() -> None:
 @pytest.fixture(scope="module")
 def arranged() -> tuple:
     steps = full_steps(0.5)
-    data = grid_trials(pushed_trials(3), steps.ship.inputs, 3.0, steps.h)
+    data = grid_trials(pushed_trials(3), steps.ship, steps.h)
     z = initial_trajectory(steps, data, steps.ship.values).z
     middle = 0.5 * (z[:-1] + z[1:])
     return steps, data, middle, ForceForms(steps, data, middle)
@@ -469,7 +469,7 @@ def test_a_ship_with_twin_rudders_and_a_thruster_has_forms_of_each_input() -> No
     ship = with_effects(load_ship("vectwin_3m"), ["tow:X=0.0,Y=0.0,N=0.0"])
     steps = TransitionModel(ship, [], 0.5, compiled=False)
     trials = pushed_trials(3, runs=(("random:11", 40.0),), ship=load_ship("vectwin_3m"))
-    data = grid_trials(trials, ship.inputs, 3.0, steps.h)
+    data = grid_trials(trials, ship, steps.h)
     z = initial_trajectory(steps, data, ship.values).z
     middle = 0.5 * (z[:-1] + z[1:])
     names = ForceForms(steps, data, middle).on(data, middle).names

@@ -198,7 +198,7 @@ H, TRUTH = 0.5, "current:x=0.03,y=-0.02"
 
 
 def gridded(problem: SearchProblem, seed: int, effects: list[str]) -> GriddedTrials:
-    return grid_trials(pushed_trials(seed, effects), problem.steps.ship.inputs, 3.0, H)
+    return grid_trials(pushed_trials(seed, effects), problem.steps.ship, H)
 
 
 def budget_for(problem: SearchProblem, found: Selection, tests: GriddedTrials | None) -> Budget:

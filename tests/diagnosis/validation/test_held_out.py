@@ -49,7 +49,7 @@ OTHERS = (("zigzag:-20/20", 80.0), ("random:5", 100.0), ("turning:25", 60.0))
 
 def others(runs: tuple[tuple[str, float], ...] = OTHERS, seed: int = 31) -> GriddedTrials:
     """Trials that took no part, with the effect."""
-    return grid_trials(pushed_trials(seed, [EFFECT], runs), full_steps(H).ship.inputs, 3.0, H)
+    return grid_trials(pushed_trials(seed, [EFFECT], runs), full_steps(H).ship, H)
 
 
 @cache
