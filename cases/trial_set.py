@@ -171,11 +171,19 @@ class TrialSet(Sequence[Trial]):
         kept = (trial if looked_at(trial) else left_out(trial, [], "") for trial in self.trials)
         return TrialSet(tuple(_marked(trial) for trial in kept))
 
-    @property
-    def by_role(self) -> tuple[TrialSet, TrialSet]:
-        """Those that may train, and those that trials.toml keeps out by their role test or validate."""
-        train, held_out = (tuple(t for t in self if (t.role in ("test", "validate")) is held) for held in (False, True))
-        return TrialSet(train), TrialSet(held_out)
+    def by_role(self, use: str) -> tuple[TrialSet, TrialSet, list[Message]]:
+        """Those that may be of this ``use``, such as "trained on", those that trials.toml keeps out by their
+        role test or validate, and a message on these. Raises UserError where they are all."""
+        kept, out = (tuple(t for t in self if (t.role in ("test", "validate")) is held) for held in (False, True))
+        messages = []
+        if out:
+            names = ", ".join(t.name for t in out)
+            if not kept:
+                line = line_for(out[0].path, out[0].name, 'role = "train"')
+                words = f"none is left that may be {use}: write for those that may, {line}"
+                raise Missing(f"{names}: trials.toml gives them the role test or validate; {words}")
+            messages = [Message(f"not {use}, by their role in trials.toml: {names}", "role_held_out")]
+        return TrialSet(kept), TrialSet(out), messages
 
     @cached_property
     def once(self) -> tuple[TrialSet, list[Message]]:
@@ -202,13 +210,7 @@ class TrialSet(Sequence[Trial]):
     def training(self, judges: Sequence[Trial] = ()) -> tuple[TrialSet, list[Message]]:
         """The trials to train on, and messages on those that trials.toml keeps out by their role, on copies, and on
         what was left out of trials and ``judges``. Raises UserError when none is left."""
-        kept, out = self.by_role
-        names = ", ".join(t.name for t in out)
-        if out and not kept:
-            line = line_for(out[0].path, out[0].name, 'role = "train"')
-            words = "trials.toml gives them the role test or validate; none is left to train on: write for those to "
-            raise Missing(f"{names}: {words}train on, {line}")
-        messages = [Message(f"not trained on, by their role in trials.toml: {names}", "role_held_out")] if out else []
+        kept, _, messages = self.by_role("trained on")
         once, copies = kept.once
         return once, [*TrialSet((*once, *judges)).remarks, *messages, *copies]
 

@@ -12,7 +12,6 @@ from cases.evidence.kinematics import Kinematics, consistency
 from cases.inputs import assumed
 from cases.io.campaigns import Groups, ship_in
 from cases.io.read import read_trials
-from cases.io.sidecar import line_for
 from cases.io.site import Site, read_site
 from cases.shipfiles.effects import without_suspects
 from cases.shipfiles.ship_file import load_ship
@@ -89,19 +88,10 @@ def parted(
     ``between`` roles, all take part. Raises UserError where none is left to diagnose by.
     """
     trials = TrialSet.of(trials)
-    kept, held_out = trials.by_role if between != "role" else (trials, TrialSet(()))
-    if not held_out:
-        return kept, list(tests), []
-    names = ", ".join(t.name for t in held_out)
-    if not kept:
-        line = line_for(held_out[0].path, held_out[0].name, 'role = "train"')
-        words = (
-            "trials.toml gives them the role test or validate; none is left to diagnose by: give them the role train, "
-            f"{line}"
-        )
-        raise Missing(f"{names}: {words}")
-    words = f"not diagnosed by but checked on, by their role in trials.toml: {names}"
-    return kept, [*tests, *held_out], [Message(words, "role_held_out")]
+    if between == "role":
+        return trials, list(tests), []
+    kept, held_out, messages = trials.by_role("diagnosed by")
+    return kept, [*tests, *held_out], messages
 
 
 def diagnosable_trials(trials: Sequence[Trial]) -> tuple[TrialSet, list[Message]]:
