@@ -15,7 +15,7 @@ from typing import Any, TypeAlias, overload
 
 import numpy as np
 
-from cases.checks import CheckReport, check
+from cases.checks import CheckReport, check, inputs_are_constant
 from cases.checks.folders import duplicates
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, Found
 from cases.checks.stretches import BrokenStretch, broken_stretches
@@ -24,7 +24,7 @@ from cases.io.campaigns import Groups, campaign_labels, campaigns_of, group_tria
 from cases.io.read import read_trials
 from cases.io.sidecar import line_for
 from cases.trial import LEFT_OUT, Trial, left_out, looked_at
-from mmg.errors import BadValue, Conflict, Missing, refusing
+from mmg.errors import BadValue, Conflict, Missing, TooFewData, refusing
 from mmg.messages import Message, listed
 from mmg.ship import Ship
 
@@ -184,6 +184,16 @@ class TrialSet(Sequence[Trial]):
                 raise Missing(f"{names}: trials.toml gives them the role test or validate; {words}")
             messages = [Message(f"not {use}, by their role in trials.toml: {names}", "role_held_out")]
         return TrialSet(kept), TrialSet(out), messages
+
+    def moving(self, purpose: str) -> TrialSet:
+        """The trials, for a ``purpose`` such as "fit". Raises UserError without any, and where no input ever changes:
+        then no force of the ship is told from another."""
+        if not self:
+            raise Missing(f"no trials to {purpose}: name at least one trial file")
+        if all(inputs_are_constant(trial) for trial in self):
+            words = "the inputs n and delta never change, so that no force is told from another"
+            raise TooFewData(f"{', '.join(t.name for t in self)}: {words}; give trials with manoeuvres")
+        return self
 
     @cached_property
     def once(self) -> tuple[TrialSet, list[Message]]:

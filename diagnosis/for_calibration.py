@@ -29,7 +29,7 @@ from diagnosis.estimation.parameters import priors_of_effects, set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
 from diagnosis.hypotheses.forward_selection import Selection, select_effects
 from diagnosis.hypotheses.refit import SearchProblem, gained, refit
-from diagnosis.inputs import Case, diagnosable_trials
+from diagnosis.inputs import Case
 from diagnosis.prepare import (
     InputReading,
     Prepared,
@@ -176,7 +176,7 @@ def _tactical_diameter(ship: Ship, fit: Estimate) -> float | None:
 def _for_filter(ship: Ship, trials: Sequence[Trial]) -> tuple[Case, TrialSet]:
     """The case of a ``ship`` with the faults of instruments that her ``trials`` show and of those of them that can be
     diagnosed, and a few of these for a first fit. Raises UserError where a filter would take too much memory."""
-    kept, _ = diagnosable_trials(trials)
+    kept, _ = TrialSet.of(trials).moving("fit").once
     case, _ = with_sensor_faults(Case(ship, kept))
     length = ship.particulars["L"]
     step = default_step(kept, length)

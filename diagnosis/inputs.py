@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from cases.checks import inputs_are_constant
 from cases.evidence.kinematics import Kinematics, consistency
 from cases.inputs import assumed
 from cases.io.campaigns import Groups, ship_in
@@ -29,7 +28,7 @@ from fitting.report.run_folder import (
     trial_rows,
 )
 from fitting.settings import setting
-from mmg.errors import Missing, TooFewData, UserError, refusing
+from mmg.errors import UserError, refusing
 from mmg.messages import Message
 from mmg.ship import Ship
 
@@ -92,17 +91,6 @@ def parted(
         return trials, list(tests), []
     kept, held_out, messages = trials.by_role("diagnosed by")
     return kept, [*tests, *held_out], messages
-
-
-def diagnosable_trials(trials: Sequence[Trial]) -> tuple[TrialSet, list[Message]]:
-    """The ``trials`` without copies, and messages on these. Raises UserError without any, and where no input ever
-    changes: then no force of the ship is told from another."""
-    if not trials:
-        raise Missing("no trials to diagnose: name at least one trial file")
-    if all(inputs_are_constant(t) for t in trials):
-        words = "the inputs n and delta never change, so there is nothing to diagnose by; give trials with manoeuvres"
-        raise TooFewData(f"{', '.join(t.name for t in trials)}: {words}")
-    return TrialSet.of(trials).once
 
 
 def diagnosable(ship: Ship) -> tuple[Ship, list[str]]:
@@ -225,7 +213,7 @@ def case_of(
     """What a diagnosis goes by. ship, trials, tests, site, calibrated_on: as given to ``diagnose``; between: the groups
     to compare, as of ``DiagnosisOptions``. Raises UserError for input from which nothing can be concluded."""
     trials, tests, by_role = parted(trials, tests, between)
-    trials, copies = diagnosable_trials(trials)
+    trials, copies = trials.moving("diagnose").once
     groups = trials.groups(between) if between else None
     ship, of_campaign = ship_in(ship, trials)
     ship, remarks = diagnosable(ship)

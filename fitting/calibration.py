@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cases.checks import inputs_are_constant
 from cases.inputs import assumed
 from cases.trial import Trial
 from cases.trial_set import TrialSet
@@ -48,7 +47,7 @@ from fitting.solvers.reduced import ReducedProblem
 from fitting.solvers.solve import Solution, solve, solve_starts
 from fitting.uncertainty.sandwich import Robust, robust
 from mmg.effects import EFFECTS
-from mmg.errors import BadValue, Missing, OutOfRange, TooFewData, UnknownName
+from mmg.errors import BadValue, Missing, OutOfRange, UnknownName
 from mmg.messages import Message, OnProgress, as_messages
 from mmg.ship import Ship
 
@@ -163,18 +162,6 @@ def condition_number(covariance: np.ndarray) -> float:
     return float(values[-1] / values[0]) if values[0] > 0 else float("inf")
 
 
-def _check_inputs(ship: Ship, trials: Sequence[Trial]) -> None:
-    if not trials:
-        raise Missing("no trials to fit: name at least one trial file")
-    if not ship.free:
-        raise Missing(f"{ship.name}: every coefficient is fixed; free some of them in the ship file or with --only")
-    if all(inputs_are_constant(t) for t in trials):
-        raise TooFewData(
-            f"{', '.join(t.name for t in trials)}: the inputs n and delta never change, so there is nothing to "
-            "identify; give trials with manoeuvres"
-        )
-
-
 def prepared(
     ship: Ship,
     trials: Sequence[Trial],
@@ -188,7 +175,9 @@ def prepared(
     ship, trials, settings, captive, per_run: as of ``calibration.estimate_coefficients``; warm: as there, with "p"
     (P,), "nodes" (B, S) and "sigma" (6,). Raises UserError for input from which nothing can be identified.
     """
-    _check_inputs(ship, trials)
+    trials = TrialSet.of(trials).moving("fit")
+    if not ship.free:
+        raise Missing(f"{ship.name}: every coefficient is fixed; free some of them in the ship file or with --only")
     step = settings.step or default_step(trials, ship.particulars["L"])
     window = settings.window or 100.0 * step  # 100: set by hand; rows ``windows of`` of benchmarks/ablation.md
     if window < 10 * step:

@@ -23,7 +23,6 @@ from diagnosis.inputs import (
     CalibrationTrials,
     Case,
     DiagnosisOptions,
-    diagnosable_trials,
     diagnosis_store,
     independent_tests,
     parted,
@@ -39,13 +38,13 @@ from tests.support.quick import first_quick
 def test_trials_that_tell_nothing_are_refused_and_copies_count_once() -> None:
     one, other = pushed_trials(1, runs=RUNS)
     copy = replace(one, name="again")
-    kept, (message,) = diagnosable_trials([one, copy, other])
+    kept, (message,) = TrialSet.of([one, copy, other]).moving("diagnose").once
     assert [t.name for t in kept] == [one.name, other.name] and message.code == "copies_left_out"
     still = {name: np.full_like(one[name], one[name][0]) for name in ("n", "delta")}
     with pytest.raises(TooFewData):
-        diagnosable_trials([replace(one, columns={**one.columns, **still})])
+        TrialSet.of([replace(one, columns={**one.columns, **still})]).moving("diagnose")
     with pytest.raises(Missing):
-        diagnosable_trials([])
+        TrialSet.of([]).moving("diagnose")
 
 
 def test_a_test_is_told_from_a_trial_of_its_name() -> None:
