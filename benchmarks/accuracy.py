@@ -63,12 +63,8 @@ def trials_of(names: Sequence[str]) -> list[Trial]:
 
 def folds_of(trials: Sequence[Trial]) -> list[list[int]]:
     """Numbers of ``trials`` in five folds that spread each day and kind; those that share rows stay together."""
-    days, groups = group_trials(trials, "day"), list(range(len(trials)))
-    position = {t.name: i for i, t in enumerate(trials)}
-    for i, copies in enumerate(TrialSet.of(trials).copies):
-        for copy in copies:
-            pair = (groups[i], groups[position[copy["other"]]])
-            groups = [min(pair) if g in pair else g for g in groups]
+    days, apart = group_trials(trials, "day"), TrialSet.of(trials).apart
+    groups = [next(numbers[0] for numbers in apart if i in numbers) for i in range(len(trials))]
     labels = [f"{days.names[k]} {t.kind}" for t, k in zip(trials, days.number, strict=True)]
     heads = sorted(set(groups), key=lambda i: (labels[i], i))
     fold = {group: k % 5 for k, group in enumerate(heads)}

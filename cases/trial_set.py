@@ -16,8 +16,8 @@ from typing import Any, TypeAlias, overload
 import numpy as np
 
 from cases.checks import CheckReport, check, inputs_are_constant
-from cases.checks.folders import duplicates
-from cases.checks.report import CONTRADICTORY, DOUBTFUL, Found
+from cases.checks.folders import Duplicates, duplicates
+from cases.checks.report import CONTRADICTORY, DOUBTFUL
 from cases.checks.stretches import BrokenStretch, broken_stretches
 from cases.inputs import SAMPLED
 from cases.io.campaigns import Groups, campaign_labels, campaigns_of, group_trials, ship_of_campaign
@@ -95,21 +95,13 @@ class TrialSet(Sequence[Trial]):
         return tuple(check(self.trials, self._duplicates))
 
     @cached_property
-    def _duplicates(self) -> list[tuple[list[dict[str, Any]], list[Found]]]:
+    def _duplicates(self) -> list[Duplicates]:
         return duplicates(self.trials)
-
-    @cached_property
-    def copies(self) -> tuple[list[dict[str, Any]], ...]:
-        """For each, the others with which it shares rows."""
-        return tuple(found for found, _ in self._duplicates)
 
     @property
     def sharing(self) -> list[tuple[int, int]]:
-        """Numbers of the pairs that share rows, in order. Each names the other: another trial of one of these names, of
-        another folder, does not."""
-        names, count = [{copy["other"] for copy in copies} for copies in self.copies], len(self)
-        pairs = ((i, j) for i in range(count) if names[i] for j in range(i + 1, count))
-        return [(i, j) for i, j in pairs if self[j].name in names[i] and self[i].name in names[j]]
+        """Numbers of the pairs that share rows, in order."""
+        return [(i, j) for i, (others, _) in enumerate(self._duplicates) for j in sorted(others) if i < j]
 
     @property
     def apart(self) -> list[tuple[int, ...]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -113,18 +113,15 @@ def independent_tests(train: Sequence[Trial], tests: Sequence[Trial]) -> tuple[l
     """The ``tests`` that share no rows with the training trials ``train``, and sentences on those left out."""
     if not tests:
         return [], []
-    # by number, not name: a test may be called as a training trial is
-    every = TrialSet.of([replace(t, name=str(number)) for number, t in enumerate((*train, *tests))])
     hashes, remarks, kept = {t.sha256: t.name for t in train if t.sha256}, list[Message](), list[Trial]()
-    copies = [{int(copy["other"]) for copy in its} for its in every.copies]
+    # of each test the first of the training trials
+    copies = {j: train[i].name for i, j in reversed(TrialSet((*train, *tests)).sharing) if i < len(train)}
     for number, t in enumerate(tests, start=len(train)):
-        here = [o.name for i, o in enumerate(train) if i in copies[number] or number in copies[i]]
-        here += [hashes[t.sha256]] if t.sha256 in hashes else []
-        if not here:
+        if name := copies.get(number) or hashes.get(t.sha256):
+            words = f"{t.name} shares rows with {name}, so it is no test and was left out of the check"
+            remarks.append(Message(words, "shared_rows"))
+        else:
             kept.append(t)
-            continue
-        words = f"{t.name} shares rows with {here[0]}, so it is no test and was left out of the check"
-        remarks.append(Message(words, "shared_rows"))
     if not kept:
         remarks.append(Message("no test trial is left: how far the gap closes was not checked", "no_test_left"))
     return kept, remarks

@@ -38,20 +38,21 @@ MULTIPLIERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E
 VERBS = {"copy": "Is a copy of", "inside": "Is contained in", "contains": "Contains", "overlaps": "Overlaps"}
 SHARE = 0.05  # Overlaps below this share of the shorter file are not reported: a matter of display. Set by hand.
 Pair = tuple[int, int]
+Duplicates = tuple[dict[int, dict[str, Any]], list[Found]]
 
 
-def duplicates(trials: Sequence[Trial]) -> list[tuple[list[dict[str, Any]], list[Found]]]:
-    """For each of ``trials``: the others it overlaps with (numbers), and findings about them.
+def duplicates(trials: Sequence[Trial]) -> list[Duplicates]:
+    """For each of ``trials``: what it has in common with others, by their number, and findings about them.
 
     Rows that occur twice within one file (a ship at rest) do not count, nor do matches out of step with
     the others. Cost: one join over all rows.
     """
-    out: list[tuple[list[dict[str, Any]], list[Found]]] = [([], []) for _ in trials]
+    out: list[Duplicates] = [({}, []) for _ in trials]
     reported: set[Pair] = set()
     for grid in GRIDS if len(trials) > 1 else ():
         for pair, rows in _matches(trials, grid).items():
-            for me, copy, finding in _overlap(trials, pair, rows) if pair not in reported else ():
-                out[me][0].append(copy)
+            for me, other, copy, finding in _overlap(trials, pair, rows) if pair not in reported else ():
+                out[me][0][other] = copy
                 out[me][1].append(finding)
                 reported.add(pair)
     return out
@@ -87,9 +88,9 @@ def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, np.ndarray]:
     return {pair: np.concatenate(matches[pair], axis=1) for pair in sorted(matches)}
 
 
-def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[tuple[int, dict[str, Any], Found]]:
-    """For both trials of a ``pair``, its index and what its report says of their overlap, if that is a run of
-    ``rows`` (2, rows) in step."""
+def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[tuple[int, int, dict[str, Any], Found]]:
+    """For both trials of a ``pair``, its number, that of the other and what its report says of their overlap, if that
+    is a run of ``rows`` (2, rows) in step."""
     # a copied run has one offset of row numbers; matches at another offset are chance
     offsets, count = np.unique(rows[1] - rows[0], return_counts=True)
     in_step = rows[1] - rows[0] == offsets[np.argmax(count)]
@@ -110,7 +111,7 @@ def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[
             f"{VERBS[relation]} {name}: rows {ends[me][0]}-{ends[me][1]} are its rows "
             f"{ends[other][0]}-{ends[other][1]}; keep both on the same side of a train/test split."
         )
-        yield pair[me], copy, (DOUBTFUL, "duplicate", text)
+        yield pair[me], pair[other], copy, (DOUBTFUL, "duplicate", text)
 
 
 LATE = 1.5  # Lag [s] of a channel beyond which the verdict is no longer "ok". Set by hand (1, 1).
@@ -142,9 +143,7 @@ class Said(NamedTuple):
     keys: Keys
 
 
-def check(
-    trials: Sequence[Trial], copies: Sequence[tuple[list[dict[str, Any]], list[Found]]] | None = None
-) -> list[CheckReport]:
+def check(trials: Sequence[Trial], copies: Sequence[Duplicates] | None = None) -> list[CheckReport]:
     """One report for each of ``trials``, in their order: each by itself, and what their folders show together.
 
     copies: ``duplicates`` of the trials, where they are known. Notices of the reading come last.
@@ -158,7 +157,7 @@ def check(
         ]
         by_topic = {"reading": read, "duplicates": shared, **{topic: some for topic, (_, some) in looks.items()}}
         findings = tuple(CheckFinding(topic, *each) for topic, some in by_topic.items() for each in some)
-        numbers = {"duplicates": others, **{topic: values for topic, (values, _) in looks.items()}}
+        numbers = {"duplicates": list(others.values()), **{topic: values for topic, (values, _) in looks.items()}}
         reports.append(CheckReport(trial.name, str(trial.path or ""), findings, numbers))
     folders: dict[Path | None, list[int]] = {}
     for i, trial in enumerate(trials):
