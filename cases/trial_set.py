@@ -59,9 +59,7 @@ class TrialSet(Sequence[Trial]):
                     "of a frame Trial.from_pandas"
                 )
         paths = [item for item in several if not isinstance(item, Trial)]
-        if paths and len(paths) == len(
-            several
-        ):  # in one call: each file once, all that cannot be read said together
+        if paths and len(paths) == len(several):  # in one call: each file once, all that cannot be read said together
             return cls(tuple(read_trials(paths)))
         if not paths:
             return _set_of(tuple(several))

@@ -501,9 +501,11 @@ def diagnose(
     # a result that was not saved has no folder: its trials say what is no news, unless they are those to be diagnosed
     if calibrated_on is None and objects is not None and not any(a is b for a in objects.trials for b in runs):
         calibrated_on = objects.trials
-    place, ship = Path(site) if isinstance(site, str) else site, reduced_ship(ship_of(model), without)
+    place, calibrated = Path(site) if isinstance(site, str) else site, ship_of(model)
+    ship = reduced_ship(calibrated, without)
     result = pipeline.diagnose(ship, runs, tests, place, options, calibrated_on, progress)
-    return result.told_by(content_of(model))
+    # a calibration tells nothing of predictions by a model of other components
+    return result.told_by(content_of(model)) if ship.components == calibrated.components else result
 
 
 @keywords(also="seeds# seed# workers#")

@@ -373,6 +373,8 @@ def test_a_diagnosis_has_what_the_calibration_knows_of_predictions(
     assert mmg_ident.train(tmp_path / "0", list(runs(True)), settings=quick).details["adaptation"] == PAID
     memory = replace(small_result(3), adaptation=PAID)
     assert mmg_ident.diagnose(memory, list(runs(True))).inputs.of_predictions["adaptation"] == PAID
+    for model in (memory, root / "run"):
+        assert not mmg_ident.diagnose(model, list(runs(True)), without="wind").inputs.of_predictions
 
 
 @pytest.mark.slow
