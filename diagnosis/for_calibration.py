@@ -246,7 +246,7 @@ def effect_tests(result: FitResult, names: Sequence[str], trials: Sequence[Trial
         raise NotCalibrated("the fit has not converged")
     if result.per_run:
         raise Unsupported("runs have constants of their own (--per-run)")
-    ship = result.ship.without_network() if result.ship.network is not None else result.ship
+    ship = result.ship.without_network()
     candidates = [_freed(ship, result, name) for name in names]
     symbols = [s for c in candidates for s in c.symbols]
     neutral = np.concatenate([c.neutral for c in candidates])
