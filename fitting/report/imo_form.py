@@ -74,8 +74,8 @@ FORM = (
 )  # fmt: skip
 
 
-# Share by which the speeds of trials and model differ, and movement of the rudder between two samples [rad], that may
-# make their figures differ. Set by hand.
+# Share by which speeds, or revolutions astern, of trials and model differ, and movement of the rudder between two
+# samples [rad], that may make their figures differ. Set by hand.
 OTHER_SPEED, COARSE = 0.1, math.radians(1.0)
 
 
@@ -108,12 +108,14 @@ class FormValue:
 @dataclass(frozen=True)
 class FormSide:
     """A figure on one side: tested, of the model, corrected to full load; each None where it is not known. verdict: of
-    the corrected value, else the tested, else the model's."""
+    the corrected value, else the tested, else the model's; is_other: the model stops by other revolutions astern than
+    the trials hold, so that test and model are two manoeuvres."""
 
     tested: FormValue | None
     model: FormValue | None
     corrected: FormValue | None
     verdict: str
+    is_other: bool = False
 
     @property
     def _ends(self) -> tuple[float, ...] | None:
@@ -129,9 +131,9 @@ class FormSide:
     @property
     def contradicts(self) -> bool | None:
         """Whether the interval of a single trial excludes the tested figure by more than it can be read to; None where
-        either is not known."""
+        either is not known, or they are two manoeuvres."""
         ends = self._ends
-        if not self.tested or not ends:
+        if not self.tested or not ends or self.is_other:
             return None
         return not ends[0] - self.tested.reading <= self.tested.value <= ends[1] + self.tested.reading
 
@@ -219,6 +221,8 @@ def imo_form(
                 _side(row, tested.get((side, figure)), factors.get((side, figure)))
                 for side, row in zip(sides, judged, strict=True)
             )
+            if text == "crash-stop":
+                cells = tuple(replace(cell, is_other=stops_otherwise(model.runs, trials)) for cell in cells)
             unit, limit = (first.unit, first.limit) if first else ("deg" if "overshoot" in figure else "L", None)
             rows.append(FormRow(group, words, unit, limit, cells))
     remarks += [f"the model's figures alone: {model.verdict} ({model.basis})"] if model.basis else []
@@ -230,6 +234,15 @@ def imo_form(
         for rule in caveats.get(text, ()):
             rules[rule] = (*rules.get(rule, ()), group)
     return ImoForm(model.heading, tuple(rows), tuple(dict.fromkeys(remarks)), bool(model.scatter), causes, rules)
+
+
+def stops_otherwise(runs: Sequence[Run], trials: Sequence[Trial]) -> bool:
+    """Whether the crash stop among simulated ``runs`` has other revolutions astern than ``trials`` hold."""
+    ours, theirs = (
+        [float(np.nanmin(trial[name])) for trial in some for name in ("n", "n_azimuth") if name in trial]
+        for some in ([run.trial for run in runs if run.kind == "crash-stop"], trials)
+    )
+    return bool(ours) and min(theirs, default=0.0) < 0 and abs(min(ours) / min(theirs) - 1) > OTHER_SPEED
 
 
 def likely_causes(
@@ -286,12 +299,11 @@ def _side(row: imo.Row | None, tested: FormValue | None, factor: np.ndarray | No
         return FormSide(tested, model, corrected, imo.OPEN)
     judged, verdict, limit = corrected or tested or model, row.verdict, row.limit
     # a figure of the model that no trial supports is not judged, but a tested one is
-    if judged is None or limit is None or not (verdict in (imo.PASS, imo.FAIL) or row.probability is not None):
-        return FormSide(tested, model, corrected, verdict)
-    if judged is not model:
-        verdict = imo.PASS if judged.value <= limit else imo.FAIL
-    if verdict in (imo.PASS, imo.FAIL) and judged.interval and judged.interval[0] <= limit < judged.interval[1]:
-        verdict += ", within the interval"
+    if judged is not None and limit is not None and (verdict in (imo.PASS, imo.FAIL) or row.probability is not None):
+        if judged is not model:
+            verdict = imo.PASS if judged.value <= limit else imo.FAIL
+        if verdict in (imo.PASS, imo.FAIL) and judged.interval and judged.interval[0] <= limit < judged.interval[1]:
+            verdict += ", within the interval"
     return FormSide(tested, model, corrected, verdict)
 
 

@@ -257,6 +257,7 @@ def _not_modelled(ship: Ship, windy: bool) -> list[str]:
 # The first screen, for a master or a yard: is the ship right, for what, and how sure. It compares the figures of the
 # standard manoeuvres that the trials hold with those of the model. Scores and coefficients come behind it.
 OUTSIDE = " (!)"  # Mark of a tested figure that the model contradicts
+OTHER = " (*)"  # Mark of a tested stop that is another manoeuvre than the model's
 SIDES = ("port", "starboard")
 MOST_MEASURED = 10  # Rows of figures of measured runs on the first screen. Set by hand: with more the track leaves it.
 
@@ -322,8 +323,8 @@ def first_screen(
         groups=groups,
         rows=tuple(rows),
         note=note,
-        good=tuple(use.partition(":")[0] for use in good),
-        bad=tuple(use.partition(":")[0] for use in bad),
+        good=tuple(dict.fromkeys(use.partition(":")[0] for use in good)),
+        bad=tuple(dict.fromkeys(use.partition(":")[0] for use in bad)),
         rules=tuple(rules),
     )
 
@@ -347,7 +348,7 @@ def _verdict(result: Mapping[str, Any], form: ImoForm | None) -> str:
         return form.contradiction
     judged = [side for row in form.rows for side in row.sides if side.contradicts is False] if form else []
     if judged:
-        which = f"all {len(judged)} tested figures lie" if len(judged) > 1 else "the one tested figure lies"
+        which = f"all {len(judged)} compared figures lie" if len(judged) > 1 else "the one compared figure lies"
         words = f"{which} inside of the model's 90 % intervals of a single trial"
         vague = sum(side.is_vague for side in judged)
         if against:
@@ -392,13 +393,17 @@ def _form_table(form: ImoForm) -> tuple[tuple[tuple[str, tuple[str, ...]], ...],
     for row in form.rows:
         sides = [*row.sides, None][:2]  # a stop has one
         tested = [
-            side.tested.words(row.unit) + OUTSIDE * bool(side.contradicts) if side and side.tested else ""
+            side.tested.words(row.unit) + OUTSIDE * bool(side.contradicts) + OTHER * side.is_other
+            if side and side.tested
+            else ""
             for side in sides * bool(form.tested)
         ]
         modelled = [side.model.words(row.unit, of_trial=True) if side and side.model else "" for side in sides]
         name = f"{row.group.split(',')[0]}: {row.name.lower().removesuffix(' angle')} [{row.unit}]"
         rows.append((name, *tested, *modelled))
     note = f"{OUTSIDE.strip()} lies outside of the interval. " * bool(form.contradiction)
+    others = any(side.is_other and side.tested for row in form.rows for side in row.sides)
+    note += f"{OTHER.strip()} stopped by other revolutions than the model's stop, not compared. " * others
     note += "90 % of single trials of ships that the trials allow. " * form.intervals
     read = any("±" in cell for row in rows for cell in row)
     note += "±: what a tested figure changes by between two samples. " * read

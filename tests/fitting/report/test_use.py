@@ -166,7 +166,7 @@ def test_tested_figures_outside_of_the_models_intervals_are_the_first_line(
     end, reading = ends[1], tested.reading
     readable, outside = (replace(side, tested=replace(tested, value=end + share * reading)) for share in (0.9, 1.1))
     assert reading > 0 and outside.contradicts and readable.contradicts is False
-    assert replace(outside, tested=None).contradicts is None
+    assert replace(outside, tested=None).contradicts is None and replace(outside, is_other=True).contradicts is None
     wrong = replace(form, rows=(replace(form.rows[0], sides=(outside,)), *form.rows[1:]))
     assert " 1 of 3 " in wrong.contradiction
     fit = small_result()
@@ -195,6 +195,9 @@ def test_the_first_screen_compares_tested_and_model_figures_and_says_what_hangs_
     screen = first_screen(*given, replace(known, form=wrong), [], [])
     assert screen.doubtful and screen.causes == ("a",) and screen.rows[0][1].endswith("(!)")
     assert len(screen.rules) == 1 and screen.rules[0].startswith("rate by rule")
+    other = replace(wrong, rows=(replace(form.rows[0], sides=(replace(far, is_other=True),)),))
+    screen = first_screen(*given, replace(known, form=other), [], [])
+    assert not screen.doubtful and screen.rows[0][1].endswith("(*)")
     # what does not converge, or is worse than nothing, is not right, nor is an interval that holds everything
     right = first_screen(*given, known, [], [])
     worse = [{"code": "worse_than_persistence", "text": "worse than nothing", "level": "warning"}]
