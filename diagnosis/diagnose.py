@@ -129,7 +129,7 @@ def _diagnosed(case: Case, options: DiagnosisOptions, progress: OnProgress | Non
     sentence = sentence_of(result.verdict, effects, off, same, remainder, budget, nearest, unexplained)
     if unexplained is not None:
         sentence += likeness(result.free.by_kind)
-    sentence = next((f"No cause can be named: {m}." for m in reasons if m.code == "not_described"), sentence)
+    sentence = next((f"{m[:1].upper()}{m[1:]}." for m in reasons if m.code == "not_described"), sentence)
     return Diagnosis(
         verdict=result.verdict,
         sentence=sentence,

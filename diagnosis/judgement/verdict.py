@@ -66,6 +66,12 @@ def standing(named: Sequence[float], left: float) -> int:
     return count
 
 
+def before_causes(measures: Sequence[bool]) -> int:
+    """How many instruments were selected before the first cause: they stay where no cause can be named, as the fit of
+    the same trials has them. measures: which of the effects selected are instruments."""
+    return next((k for k, is_instrument in enumerate(measures) if not is_instrument), len(measures))
+
+
 @dataclass(frozen=True)
 class JudgedSearch:
     """Of a search: the selection, the free force beside it, the verdict with whether something is left beside a name,
@@ -102,7 +108,7 @@ def judged_search(ready: Prepared, seed: int, workers: int, progress: OnProgress
     measures = [c.measures for c in found.effects]
     verdict, count, is_left = verdict_of(found.evidence, left, measures, not reasons)
     if verdict != "unknown" and (doubt := another_ship(found.fits[count], full.ship, verdict == "named")):
-        verdict, count, is_left, reasons = "unknown", 0, False, [*reasons, doubt]
+        verdict, count, is_left, reasons = "unknown", before_causes(measures[:count]), False, [*reasons, doubt]
     found, forms = found.first(count), free(count)
     return JudgedSearch(found, forms, verdict, is_left, (*reasons, *_acts_like(full, found)))
 
@@ -133,7 +139,7 @@ def another_ship(fit: Estimate, ship: Ship, is_named: bool) -> Message | None:
     words = ", ".join(f"{symbol} ({off:+.1f})" for symbol, off in worst)
     advice = "see that the trials are hers, and units and frames right (mmg check), or state wider standard deviations"
     said = f"the trials need coefficients that are not this ship's, {words} prior standard deviations off"
-    return Message(f"{said}, so that no cause can be named: {advice}", "not_described")
+    return Message(f"no cause can be named, as {said}: {advice}", "not_described")
 
 
 def _acts_like(full: FullModel, selection: Selection) -> list[Message]:

@@ -24,7 +24,7 @@ from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.inputs import Case
 from diagnosis.judgement.budget import budget_of, left_out_errors
-from diagnosis.judgement.verdict import another_ship, impossible_size, limits, verdict_of
+from diagnosis.judgement.verdict import another_ship, before_causes, impossible_size, limits, verdict_of
 from diagnosis.prepare import InputReading, Prepared
 from diagnosis.validation.held_out import errors, window_length
 from mmg.effects import EFFECTS
@@ -65,6 +65,13 @@ def test_the_verdict_follows_from_the_evidence(
     named: list[float], left: list[float], measures: list[bool], is_random: bool, expected: tuple[str, int, bool]
 ) -> None:
     assert verdict_of(named, left.__getitem__, measures, is_random) == expected
+
+
+@pytest.mark.parametrize(
+    ("measures", "stay"), [([], 0), ([True], 1), ([False, True], 0), ([True, True, False, True], 2)]
+)
+def test_instruments_before_the_first_cause_stay_where_none_can_be_named(measures: list[bool], stay: int) -> None:
+    assert before_causes(measures) == stay
 
 
 def off(*p: float) -> Estimate:
