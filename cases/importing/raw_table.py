@@ -17,6 +17,7 @@ from mmg.errors import Conflict, OutOfRange, TooFewData
 from mmg.messages import Message
 
 NUMBERED = "column"  # Word before the number of a column without a header, from 1
+WIDE = str.maketrans("（）［］／", "()[]/")  # As of Japanese keyboards
 NOT_READ = "says nothing that is used"  # Of a column or sentence of which nothing is known or wanted
 
 
@@ -118,7 +119,7 @@ class RawTable:
 def split_unit(cell: str) -> tuple[str, str]:
     """("SOG", "kn") of "SOG [kn]", "SOG (kn)", "SOG / kn" or "SOG, kn"; the unit is "" when the cell has none, or
     one that is the side of a rudder or shaft."""
-    cell = " ".join(cell.split())
+    cell = " ".join(cell.translate(WIDE).split())
     match = re.fullmatch(r"(.*?)\s*[\[({<]\s*([^\])}>]*?)\s*[\])}>]\s*", cell)
     match = match or re.fullmatch(r"(.*?)\s*(?:,|\s/)\s+([^\s,]+(?:\s?/\s?\w+)?)", cell)
     if match is None or not match[1].strip():

@@ -19,10 +19,11 @@ _SHORT = {"ms": "m/s", "m_sec": "m/s", "deg_sec": "deg/s", "deg_per_sec": "deg/s
 ENDINGS = {word: SPELLINGS.get(word, word.replace("_", "/")) for word in _ENDINGS.split()} | _SHORT
 _FOREIGN = {
     "deg": "grad grader graden grados grado gradi degre degres 度 °n °e °n/s °e/w degn dege",
-    "kn": "knoten noeud noeuds knop knob knopen nudo nudos nodi ノット 節",
+    "kn": "knoten noeud noeuds nds knop knob knopen nudo nudos nodi ノット 節",
     "m": "metro metros metri mètre メートル",
     "s": "sekunde sekunden sek seconde secondes secondi sekund sekunder segundo segundos seg 秒",
-    "rpm": "umdr/min umdrehungen/min omdr/min o/min t/min tr/min tours/min giri/min omw/min rev/min 回転/分 /min min⁻¹",
+    "rpm": "umdr/min umdrehungen/min omdr/min o/min t/min tr/min tours/min giri/min omw/min varv/min rev/min /min "
+    "min⁻¹ 回転/分",
     "deg/s": "grad/s grad/sek grader/s 度/秒 度/s degres/s grados/s",
     "deg/min": "grad/min grader/min degres/min grados/min 度/分 度/min °/min.",
     "m/s": "m/sek m/sec. m·s-1 m·s⁻¹ m/秒",
@@ -57,23 +58,30 @@ WATER = r"stw|.*through_(the_)?water|.*log_speed|.*water_speed|spd_over_water|sp
 # Words beside which the others say what a column is.
 FILLERS = {"actual", "act", "measured", "meas", "feedback", "fbk", "fb", "response", "value", "filtered", "raw", "ist"}
 _TRANSLATIONS = {
-    "time": "zeit uhrzeit heure tid tidspunkt hora tijd temps tiempo ora klokkeslett",
+    "": "de del du des el la le der dem das il lo geogr geographische",
+    "over": "uber sobre sur su sul al", "ground": "grund grunn grond fond fondo sol suolo",
+    "time": "zeit uhrzeit heure tid tidspunkt hora tijd temps tiempo ora klokkeslett 時刻 日時 時間",
     "timestamp": "zeitstempel horodatage tidsstempel",
-    "date": "dato fecha jour datum",
-    "latitude": "breite breitengrad bredde breddegrad latitud latitudine breedte",
-    "longitude": "laenge lange langengrad laengengrad lengde lengdegrad longitud longitudine lengte laengde",
-    "course": "kurs rumbo koers kurs_uber_grund route_fond kurs_over_grunn",
-    "heading": "cap steuerkurs kompasskurs styrekurs",
-    "sog": "fahrt_uber_grund geschwindigkeit_uber_grund vitesse_fond fart_over_grunn",
-    "speed": "fart fahrt geschwindigkeit vitesse velocidad",
-    "rpm": "drehzahl turtall omdreininger omdrejninger regime toerental varvtal giri",
-    "shaft": "welle arbre aksel eje", "shaft_rpm": "wellendrehzahl akselturtall",
+    "date": "dato fecha jour datum 日付",
+    "latitude": "breite breitengrad bredde breddegrad latitud latitudine breedte breedtegraad 緯度",
+    "longitude": "laenge lange langengrad laengengrad lengde lengdegrad longitud longitudine lengte lengtegraad "
+    "laengde 経度",
+    "course": "kurs rumbo koers route rotta 針路",
+    "heading": "cap steuerkurs kreiselkurs styrekurs gyrokurs girokurs prora rw_k rumbo_verdadero voorliggende_koers "
+    "船首方位 船首方位角", "compass_heading": "kompasskurs cap_compas rumbo_magnetico",
+    "true": "wahr wahrer rechtweisend rechtweisender vrai vraie verdadero verdadera vero vera",
+    "speed": "fart fahrt geschwindigkeit vitesse velocidad velocita snelheid hastighet",
+    "sog": "fug 対地速力 対地速度 対地船速", "cog": "kug 対地針路", "stw": "fdw 対水速力 対水速度 対水船速",
+    "rpm": "drehzahl turtall omdreininger omdrejninger regime toerental varvtal giri 回転数",
+    "shaft": "welle arbre aksel axel eje asse", "shaft_rpm": "wellendrehzahl akselturtall axelvarv 主軸回転数 軸回転数",
     "propeller_rpm": "propellerdrehzahl propellturtall",
-    "rudder": "ruder ror barre safran timon roer timone", "rudder_angle": "ruderwinkel ruderlage rorvinkel angle_barre "
-    "angle_de_barre roerhoek",
-    "rate_of_turn": "wendegeschwindigkeit drehrate drehgeschwindigkeit taux_de_giration svinghastighet",
+    "angle": "winkel vinkel angulo angolo", "rudder": "ruder ror barre safran timon roer roder timone",
+    "rudder_angle": "ruderwinkel ruderlage rorvinkel rodervinkel roerhoek 舵角 実舵角",
+    "rudder_order": "命令舵角 指令舵角",
+    "rate_of_turn": "wendegeschwindigkeit drehrate drehgeschwindigkeit taux_giration svinghastighet 回頭角速度",
 }  # fmt: skip
-# Headers in German, French, Norwegian, Danish, Spanish, Dutch and Italian, without accents -> English words.
+# Headers in German, French, Norwegian, Danish, Swedish, Spanish, Dutch, Italian and Japanese, without accents ->
+# English words.
 TRANSLATIONS = {word: english for english, words in _TRANSLATIONS.items() for word in words.split()}
 
 
@@ -89,7 +97,7 @@ class Meaning:
 def plain_words(header: str) -> str:
     """The words of a ``header`` in lower case, without accents, with "_" between them; "shaftRPM" is "shaft_rpm"."""
     parted = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", header)
-    return re.sub(r"[^a-z0-9]+", "_", _without_accents(parted).lower()).strip("_")
+    return re.sub(r"[\W_]+", "_", _without_accents(parted).lower()).strip("_")
 
 
 def meaning(header: str) -> Meaning:
@@ -110,7 +118,7 @@ def meaning(header: str) -> Meaning:
 
 def _meant(words: str, unit: str) -> Meaning:
     """What ``words`` mean, of which a ``unit`` was taken."""
-    words = TRANSLATIONS.get(words, "_".join(TRANSLATIONS.get(word, word) for word in words.split("_")))
+    words = TRANSLATIONS.get(words, "_".join(filter(None, (TRANSLATIONS.get(w, w) for w in words.split("_")))))
     if is_order(words) or re.fullmatch(WATER, words):
         return Meaning("", unit)
     side, kept = "", []
@@ -122,8 +130,8 @@ def _meant(words: str, unit: str) -> Meaning:
     short = "_".join(kept)
     for tried in dict.fromkeys((words, short)):
         if name := _named(tried):
-            if tried.endswith(("rpm", "rps")):
-                unit = unit or tried[-3:]
+            named = re.search(r"(?:^|_)(rp[ms])(?:_|$)", tried)
+            unit = unit or (named[1] if named else "")
             unit = "" if name == "t" else unit  # the clock knows more of them
             return Meaning(of_side(name, side), unit)
     may_be = next((what for pattern, what in UNSURE.items() if re.fullmatch(pattern, short)), "")

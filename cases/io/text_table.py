@@ -4,6 +4,7 @@ means of so many neighbouring rows are kept, none across a gap."""
 from __future__ import annotations
 
 import codecs
+import contextlib
 import csv
 import io
 import math
@@ -188,13 +189,13 @@ def blocks(path: Path) -> Iterator[tuple[bytes, bool]]:
 
 
 def as_utf8(block: bytes) -> bytes:
-    """The text of a ``block`` in UTF-8: what is none is taken for Windows-1252."""
+    """The text of a ``block`` in UTF-8: what is none is taken for Windows-1252, or for Japanese where it holds bytes
+    that have no meaning there."""
     block = block.removeprefix(codecs.BOM_UTF8)
-    try:
-        block.decode()
-    except UnicodeDecodeError:
-        return block.decode("cp1252", "replace").encode()
-    return block
+    for encoding in ("utf-8", "cp1252", "cp932"):
+        with contextlib.suppress(UnicodeDecodeError):
+            return block.decode(encoding).encode()
+    return block.decode("cp1252", "replace").encode()
 
 
 def _without_comments(block: bytes) -> tuple[bytes, int]:

@@ -14,6 +14,8 @@ import pytest
 
 from cases.importing.import_logs import Imported, import_logs, write_import
 from cases.importing.import_map import ImportMap, read_map
+from cases.importing.table_files import read_text_log
+from cases.importing.vocabulary import factor, meaning
 from mmg_ident.commands.main import main
 from tests.support import raw_logs
 from tests.support.raw_logs import BEGIN, UNITS, answers, bridge, chosen, codes, errors, imported, plain, stamp, table
@@ -165,6 +167,30 @@ def test_what_stays_open_is_asked_and_the_printed_line_leads_on(tmp_path: Path, 
     assert len(maps) == len(questions[0].choices) and right(path, maps[0])
     for given in maps[1:]:  # none asks the same again
         assert questions[0].words not in [q.words for q in import_logs([path], given).questions]
+
+
+LANGUAGES = {
+    "cp1252": ["Zeit (UTC)|Geogr. Breite [°]|Geogr. Länge [°]|FüG [kn]|KüG [Grad]|rwK [Grad]|Wellendrehzahl [1/min]|"
+               "Ruderlage [°]",
+               "Horodatage|Latitude|Longitude|Vitesse fond (nds)|Route fond|Cap vrai|Régime arbre|Angle de barre"],
+    "utf-8": ["Tid|Breddegrad|Lengdegrad|Fart over grunn|Kurs over grunn|Gyrokurs|Akselturtall|Rorvinkel",
+              "Tid|Latitud|Longitud|Fart över grund|Kurs över grund|Girokurs|Axelvarv [varv/min]|Rodervinkel",
+              "Hora|Latitud|Longitud|Velocidad sobre el fondo (nudos)|Rumbo sobre el fondo|Rumbo verdadero|RPM eje|"
+              "Ángulo de timón (grados)"],
+    "cp932": ["時刻|緯度［度］|経度［度］|対地速力［ノット］|対地針路［度］|船首方位|主軸回転数［rpm］|舵角［度］"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("encoding", "lines"), LANGUAGES.items(), ids=LANGUAGES)
+def test_headers_in_other_languages(tmp_path: Path, encoding: str, lines: list[str]) -> None:
+    for line in lines:
+        path = tmp_path / "a.csv"
+        path.write_bytes("\n".join([line, *["|".join("12345678")] * 3]).encode(encoding))
+        found = read_text_log(path)
+        quantities = [meaning(header).quantity for header in found.headers]
+        assert quantities == ["t", "latitude", "longitude", "sog", "cog", "psi", "n", "delta"], line
+        known = zip(quantities[1:], found.units[1:], strict=True)
+        assert all(factor(quantity, unit) for quantity, unit in known if unit), line
 
 
 @pytest.mark.parametrize(
