@@ -276,10 +276,13 @@ def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen:
 def with_units_of_size(log: Log) -> Log:
     """The ``log`` with units that the size of its numbers shows: angles beyond a turn are degrees."""
     for q in log.unitless:
-        si_unit, largest = known(q).unit, float(np.nanmax(np.abs(log.columns[q]), initial=0.0))
+        si_unit, sizes = known(q).unit, np.abs(log.columns[q])
+        largest, least = float(np.nanmax(sizes, initial=0.0)), float(np.nanmin(sizes, initial=np.inf))
         tests = (
             (wraps(q) and BEYOND_A_TURN < largest <= 361, "deg", "more than a turn in radians"),
-            ((q in RUDDERS or q == "pitch") and 1.75 < largest <= 110, "deg", "more than 100 deg if in radians"),
+            (q == "pitch" and 1.75 < largest <= 110, "deg", "more than 100 deg if in radians"),
+            # 5: a rudder comes near amidships, where volts and per cent may have another number. Set by hand.
+            (q in RUDDERS and least < 5 and 1.75 < largest <= 110, "deg", "more than 100 deg if in radians"),
             (si_unit == "m" and largest > 2e4, "m", "of the size of eastings and northings"),
             (si_unit == "rps" and 60 < largest < 5000, "rpm", "and no shaft turns as often in a second"),
         )

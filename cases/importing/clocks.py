@@ -356,10 +356,12 @@ def _refuse(bad: Any, text: Any, where: str, before: int) -> None:
 
 
 def _normal_stamp(value: Any) -> Any:
-    """A stamp as pandas reads it: with a point before the part of a second, and "T" for "_" behind a date of digits."""
+    """A stamp as pandas reads it: with years of four digits, a point before the part of a second, "T" for "_" behind
+    a date of digits."""
     if value is None or value != value:
         return None
     if not isinstance(value, str):
         return value
     text = re.sub(r"^(\d{8})_(?=\d{6})", r"\1T", value.strip())
+    text = re.sub(r"^(\d{1,2}\.\d{1,2}\.)(?=\d\d\s)", r"\g<1>20", text)  # years of two digits
     return re.sub(r"\s*(UTC|GMT)$", "Z", re.sub(r"(:\d{2}),(\d+)", r"\1.\2", text))

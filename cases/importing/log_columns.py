@@ -236,6 +236,9 @@ def _scales(
         if sided(table, quantity, column.header, chosen) is not None:
             words = f"{quantity}: port (negative) and starboard (positive) are said in the cells of '{column.header}'"
             notices.append(Message(words, "sign"))
+        if quantity in ("n", "n_2") and {"engine", "me"} & set(plain_words(column.header).split("_")):
+            words = "is that of an engine, and taken for that of the propeller, as without a gear"
+            notices.append(Message(f"{quantity}: '{column.header}' {words}", "engine"))
         scales[quantity] = column.sign * (scale or 1.0)
         mapped[quantity] = column.model_copy(update={"unit": unit})
     for name in ("latitude", "longitude"):
@@ -322,7 +325,12 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
         # "HDG [M]": the letter in the place of the unit is a word of the header.
         if reference and (referred := meaning(f"{header} {reference[2]}")).quantity and known(referred.quantity).period:
             means, unit = referred, "deg"
-        quantity = means.quantity
+        quantity, written = means.quantity, table.units[table.headers.index(header)]
+        if len(header) == 1 and written and quantity not in ("", "t") and factor(quantity, written) is None:
+            quantity = ""  # a letter says less than its unit: "v [V]", "p [hPa]"
+        elif reference and reference[2].startswith("m") and quantity == "cog":
+            of.account[header] = ((), "it is counted from magnetic north")
+            continue
         if header == "pitch" and of_the_hull:
             of.unsure[header] = PITCH
         elif quantity and quantity not in mapped:

@@ -38,7 +38,7 @@ from mmg.errors import BadValue, OutOfRange, TooFewData, Unreadable, UserError, 
 from mmg.messages import Message
 
 LARGEST_LOG, SMALL = 8 * 2**30, 2**25  # Most bytes of a log of text, and of one of which all columns are held
-LOOKED_AT, PREAMBLE = 400, 60  # Lines by which separator and header are found, and most before it. Set by hand.
+LOOKED_AT, PREAMBLE = 400, 200  # Lines by which separator and header are found, and most before it. Set by hand.
 PLACES, SAMPLE = 40, 2**15  # Places at which a log whose rows are averaged is looked at before, and bytes at each
 NUMBER = re.compile(rf"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?|{GROUPED.format(mark=',.' + BLANKS, decimal='.,')}")
 # A cell such as "hh:mm:ss" or "ddmm.mmmm", in lower case.
@@ -83,6 +83,9 @@ def read_text_log(path: Path, decimal: str = "") -> RawTable:
         raise TooFewData(f"{path}: {'holds nothing but comments; is it a table?' if lines else 'the file is empty'}")
     separator = _separator(path, body[: LOOKED_AT + PREAMBLE])
     rows = cells_of("\n".join(body[: LOOKED_AT + PREAMBLE]), separator)
+    most = Counter(map(len, rows)).most_common(1)[0][0]
+    if not any(row[-1].strip() for row in rows if len(row) == most):  # a separator behind each row, but not the header
+        rows = [row + [""] * (len(row) == most - 1) for row in rows]
     head = layout(path, rows, [line for line in lines if is_comment(line)], separator)
     width, notices = len(head.header), list(head.notices)
     # All rows are looked at only where some number may have thousands apart: such a cell may be rare.

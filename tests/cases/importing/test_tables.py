@@ -200,7 +200,7 @@ def test_headers_in_other_languages(tmp_path: Path, encoding: str, lines: list[s
 def test_words_and_letters_of_a_side(tmp_path: Path, port: str, starboard: str) -> None:
     """A bracket with one is no unit, and "_s" of a rudder no second."""
     log = without(bridge(TRUTH), "RPM", "Rudder [deg]")
-    for name, values in (("RPM", 60 * TRUTH["n"]), ("Rudder", 20 + T / T[-1])):
+    for name, values in (("RPM", 60 * TRUTH["n"]), ("Rudder", np.degrees(TRUTH["delta"]))):
         log |= {port.format(name): values / 2, starboard.format(name): values}
     run = imported(table(tmp_path / "a.csv", log)).runs[0].columns
     assert run["n_2"] == pytest.approx(run["n"] / 2) and run["n"] == pytest.approx(TRUTH["n"])
@@ -211,6 +211,33 @@ def test_words_and_letters_of_a_side(tmp_path: Path, port: str, starboard: str) 
 def test_a_second_actuator_without_a_side_is_asked_for(tmp_path: Path, header: str) -> None:
     path = table(tmp_path / "a.csv", bridge(TRUTH) | {header: 20.0 + T / T[-1]})
     assert len(answers(path)) == 3 and right(path, answers(path)[-1])
+
+
+def test_a_letter_with_a_unit_of_something_else_is_nothing_of_the_ship(tmp_path: Path) -> None:
+    more = {"p [hPa]": 1013 + 0 * T, "v [V]": 24 + 0 * T, "x [g]": 0.01 * np.sin(T), "COG [°M]": np.mod(T, 360)}
+    path = table(tmp_path / "a.csv", without(bridge(TRUTH), "COG [deg]") | more)
+    found = imported(path)
+    assert right(path) and not {row.what for row in found.runs[0].logs[0].accounts if row.used_as} & {*"pvx", "COG"}
+
+
+@pytest.mark.parametrize(("amidships", "is_asked"), [(0.0, False), (50.0, True)])
+def test_a_rudder_without_a_unit_that_is_never_amidships_is_asked_for(
+    tmp_path: Path, amidships: float, is_asked: bool
+) -> None:
+    log = without(bridge(TRUTH), "Rudder [deg]") | {"Rudder": amidships + np.degrees(TRUTH["delta"])}
+    assert bool(import_logs([table(tmp_path / "a.csv", log)]).problems) is is_asked
+
+
+def test_an_engine_is_named_as_no_gear_is_known(tmp_path: Path) -> None:
+    log = {"Main engine rpm" if name == "RPM" else name: values for name, values in bridge(TRUTH).items()}
+    assert "engine" in codes(imported(table(tmp_path / "a.csv", log)))
+
+
+def test_lines_before_the_header_and_a_separator_behind_each_row(tmp_path: Path) -> None:
+    log = bridge(TRUTH) | {"Time": times("%d.%m.%y %H:%M:%S")}
+    header, *lines = table(tmp_path / "a.csv", log).read_text().replace(",", ";").splitlines()
+    raw_logs.rows(tmp_path / "a.csv", "Settings\n" * 100 + header, [f"{line};" for line in lines])
+    assert right(tmp_path / "a.csv") and imported(tmp_path / "a.csv").runs[0].day == "2026-05-04"
 
 
 def test_revolutions_that_lost_their_sign_are_asked_for(tmp_path: Path) -> None:
