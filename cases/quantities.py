@@ -202,7 +202,7 @@ QUANTITIES = {row.name: row for row in _ROWS}  # By name; of a ship with more th
 ORDERS = ("delta_order", "n_order")
 # Quantities whose sign another column of a raw log may say, in words.
 SIGNED = (
-    *("latitude", "longitude", "variation", "deviation"),
+    *("latitude", "longitude", "variation", "deviation", "apparent_wind_direction", "true_wind_angle"),
     *(name for name in INPUTS if name.startswith(("n", "delta"))),
 )
 QUANTITIES |= {f"t_{part}": Quantity(f"t_{part}", "", False) for part in ("year", "month", "day", "hour", "minute")}

@@ -29,7 +29,12 @@ class Kind(NamedTuple):
     told_by: str = ""
 
 
-SIDE = Kind(r"delta.*|n_bow|n_stern", ("starboard", "stbd", "stb", "sb", "s", "r"), ("port", "ps", "p", "l"), "title")
+SIDE = Kind(
+    r"delta.*|n_bow|n_stern|apparent_wind_direction|true_wind_angle",
+    ("starboard", "stbd", "stb", "sb", "s", "r"),
+    ("port", "ps", "p", "l"),
+    "title",
+)
 AHEAD = Kind(
     r"n(_2)?|n_azimuth(_\d)?",
     ("ahead", "ahd", "fwd", "forward", "forwards", "+"),

@@ -236,9 +236,6 @@ def _scales(
         if sided(table, quantity, column.header, chosen) is not None:
             words = f"{quantity}: port (negative) and starboard (positive) are said in the cells of '{column.header}'"
             notices.append(Message(words, "sign"))
-        if quantity in ("n", "n_2") and {"engine", "me"} & set(plain_words(column.header).split("_")):
-            words = "is that of an engine, and taken for that of the propeller, as without a gear"
-            notices.append(Message(f"{quantity}: '{column.header}' {words}", "engine"))
         scales[quantity] = column.sign * (scale or 1.0)
         mapped[quantity] = column.model_copy(update={"unit": unit})
     for name in ("latitude", "longitude"):

@@ -340,6 +340,9 @@ SIGNED: dict[str, tuple[dict[str, Any], dict[str, np.ndarray]]] = {
         {"n": SIGN * TRUTH["n"], "n_2": 0.5 * TRUTH["n"]}),
     **{title: (beside(title, np.where(DELTA < 0, *words), **{"Rudder [deg]": DEGREES}), {"delta": DELTA})
        for title, words in (("Rudder side", ("P", "S")), ("Rudder direction", ("PORT", "STBD")))},
+    "the side of the wind": (
+        bridge(TRUTH) | {"AWS [kn]": 9 + 0 * DELTA, "AWA [deg]": DEGREES, "AWA side": np.where(DELTA < 0, "P", "S")},
+        {"apparent_wind_direction": DELTA % (2 * np.pi)}),
 }  # fmt: skip
 
 

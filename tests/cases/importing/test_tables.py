@@ -228,11 +228,6 @@ def test_a_rudder_without_a_unit_that_is_never_amidships_is_asked_for(
     assert bool(import_logs([table(tmp_path / "a.csv", log)]).problems) is is_asked
 
 
-def test_an_engine_is_named_as_no_gear_is_known(tmp_path: Path) -> None:
-    log = {"Main engine rpm" if name == "RPM" else name: values for name, values in bridge(TRUTH).items()}
-    assert "engine" in codes(imported(table(tmp_path / "a.csv", log)))
-
-
 def test_lines_before_the_header_and_a_separator_behind_each_row(tmp_path: Path) -> None:
     log = bridge(TRUTH) | {"Time": times("%d.%m.%y %H:%M:%S")}
     header, *lines = table(tmp_path / "a.csv", log).read_text().replace(",", ";").splitlines()
