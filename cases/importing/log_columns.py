@@ -355,7 +355,7 @@ def assigned(table: RawTable, chosen: ImportMap) -> Assigned:
     mapped |= sign_columns(table, mapped, [h for h in signs if h not in of.masks.account], chosen)
     _orders(table, of)
     for header in of.unsure:  # "RPM 2" beside "RPM": one of two shafts is no only one
-        one = next((q for q in of.mapped if EITHER_SIDE.get(q, "-") in of.unsure[header]), "")
+        one = next((q for q in of.mapped if f"{EITHER_SIDE.get(q)} or nothing" == of.unsure[header]), "")
         if one and one not in chosen.columns_of(table.path):
             raise OpenQuestion(table.path, *either(header, of.unsure[header]))
     taken = {*(column.header for column in mapped.values()), *of.masks.account, *of.account}
