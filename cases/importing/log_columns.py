@@ -29,7 +29,7 @@ from cases.io.conventions import remarks, sentinels_in, without_dropouts
 from cases.io.text_table import BlockMeans, rows_together
 from cases.quantities import ORDERS, QUANTITIES, wraps
 from cases.quantities import quantity as known
-from mmg.errors import BadValue, Conflict, Missing, TooFewData, UnknownName
+from mmg.errors import BadValue, Conflict, Missing, TooFewData
 from mmg.messages import Message
 
 # A header of a motion of the hull, beside which a column called pitch is another.
@@ -228,7 +228,8 @@ def _scales(
         scale = factor(quantity, unit) if unit else None
         if unit and scale is None and known(quantity).unit:
             words = f"unknown unit '{unit}' for {quantity}; known: {', '.join(known_units(quantity))}"
-            raise UnknownName(f"{table.name}: column '{column.header}': {words}")
+            choices = {"nothing": {"ignore": [column.header]}}
+            raise OpenQuestion(table.path, f"column '{column.header}': {words}", choices)
         if scale is None and known(quantity).unit:
             unitless.append(quantity)
         if f"{quantity}_sign" in mapped:

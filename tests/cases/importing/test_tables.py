@@ -151,6 +151,7 @@ ASKED: dict[str, Callable[[Log], Log]] = {
         "Time": log["Time"], "x [m]": TRUTH["x"] / 0.3048, "y [m]": TRUTH["y"] / 0.3048,
         **dict(list(log.items())[3:])},
     "heading in radians": lambda log: {**log, "Heading [deg]": TRUTH["psi"]},
+    "a unit that none knows": lambda log: {**log, "Bow thruster [%]": 0.0 * T},
     "minutes at zero degrees": lambda log: {
         **log, "Latitude": 18.0 + 60 * TRUTH["x"] / 110575.0, "Longitude": 18.0 + 60 * TRUTH["y"] / 111319.0},
     "1e-7 degrees": lambda log: {
