@@ -28,7 +28,8 @@ SENTINEL = "sentinel"  # Code of the notice on numbers that stand for no value
 _NINES = (99.0, 99.9, 99.99, 999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 99999.0, 999999.0)
 WELL_KNOWN = (  # Numbers that loggers write where they have none; those of AIS are among them.
     *(sign * nines for nines in _NINES for sign in (-1, 1)),
-    *(32767.0, -32768.0, 65535.0, 2147483647.0, -2147483648.0, 1e30, -1e30, 181.0, 91.0, 511.0, 102.3, 360.1),
+    *(number / 10**k for number in (32767, -32768, 65535) for k in range(3)),  # of two bytes, also in tenths
+    *(2147483647.0, -2147483648.0, 1e30, -1e30, 181.0, 91.0, 511.0, 102.3, 360.1),
 )
 JUMP = 20.0  # Larger changes from row to row by which a column jumps to a number that stands for none. Set by hand.
 STEP_OF_INPUT = 1.0  # The same of a zero of an actuator in a row in which a state jumped to zero. Set by hand.

@@ -231,11 +231,12 @@ def test_numbers_for_nothing_lost_satellites_and_a_channel_that_stands_still(tmp
     truth, rng = TRUTH, np.random.default_rng(0)
     sizes = {"x": 0.02, "y": 0.02, "u": 0.01, "r": 1e-3}
     x, y, u, r = (truth[c] + rng.normal(0, s, len(truth)) for c, s in sizes.items())
-    u[50:55], x[100:103], y[100:103] = -999.0, 1e5, -2e5
+    u[50:55], u[60:65], x[100:103], y[100:103] = -999.0, 327.67, 1e5, -2e5
     r[200:240] = r[200]
     found = imported(plain(tmp_path / "a.txt", UNITS, x=x, y=y, u=u, r=r))
     columns = found.runs[0].columns
-    assert np.isnan(columns["u"][50:55]).all() and np.isfinite(columns["u"]).sum() == len(truth) - 5
+    assert np.isnan(columns["u"][[*range(50, 55), *range(60, 65)]]).all()
+    assert np.isfinite(columns["u"]).sum() == len(truth) - 10
     assert np.isnan(columns["x"][100:103]).all() and np.isfinite(columns["x"]).sum() == len(truth) - 3
     assert np.isnan(columns["r"][201:240]).all() and np.isfinite(columns["r"]).sum() == len(truth) - 39
     assert {"sentinel", "position_lost", "frozen"} <= codes(found)
