@@ -35,6 +35,8 @@ TIMES = {"created", "command", "timings_s", "timings", "seconds", "rollout_s", "
 """Keys of JSON files that may differ: times, and where things lie."""
 VERBS: dict[str, str] = tables(Path(__file__).with_suffix(".toml"))
 """Commands in the folder of the trials."""
+ERRORS = "errors.txt"
+"""What the last command wrote to stderr, in the folder of the trials."""
 AGAIN = {"predict": "--force", "simulate": "--force", "export": "--force"}
 """What goes on with a command; else it is --resume."""
 
@@ -69,46 +71,34 @@ def trials(folder: Path) -> None:
     (folder / "small.toml").write_text(dump_ship(few, "few free coefficients"), encoding="utf-8")
 
 
-class Process(subprocess.Popen[str]):
-    """A command of its own session in a ``folder``, whose errors go to a file. words: of the command."""
-
-    def __init__(self, folder: Path, words: Sequence[str]) -> None:
-        self.stderr_log = tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace")  # noqa: SIM115
-        command = [sys.executable, "-m", "mmg_ident.commands.main", *words]
-        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
-        super().__init__(
-            command,
-            cwd=folder,
-            env=environment,
-            stdout=subprocess.DEVNULL,
-            stderr=self.stderr_log,
-            start_new_session=True,
-        )
-
-    def ended_with(self, seconds: float) -> int | None:
-        """The exit status, negative for a signal, or None where it has not ended after so many seconds."""
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            return self.wait(seconds)
-        return None
-
-    def said(self) -> str:
-        """What it wrote to stderr."""
-        with self.stderr_log:
-            self.stderr_log.seek(0)
-            return self.stderr_log.read()
+def started(folder: Path, verb: str, out: str, *more: str) -> subprocess.Popen[bytes]:
+    """The process of a ``verb``, of a session of its own, whose errors go to the file ERRORS. folder: with the trials;
+    out: what it writes; more: options."""
+    words = [*VERBS[verb].replace("OUT", out).split(), *more]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    where = {"cwd": folder, "env": environment, "stdout": subprocess.DEVNULL, "start_new_session": True}
+    with (folder / ERRORS).open("wb") as errors:
+        return subprocess.Popen([sys.executable, "-m", "mmg_ident.commands.main", *words], stderr=errors, **where)
 
 
-def started(folder: Path, verb: str, out: str, *more: str) -> Process:
-    """The process of a ``verb``. folder: with the trials; out: what it writes; more: options."""
-    return Process(folder, [*VERBS[verb].replace("OUT", out).split(), *more])
+def ended_with(process: subprocess.Popen[bytes], seconds: float) -> int | None:
+    """The exit status, negative for a signal, or None where it has not ended after so many seconds."""
+    with contextlib.suppress(subprocess.TimeoutExpired):
+        return process.wait(seconds)
+    return None
+
+
+def said(folder: Path) -> str:
+    """What the last process in a ``folder`` wrote to stderr."""
+    return (folder / ERRORS).read_text(encoding="utf-8", errors="replace")
 
 
 def alone(folder: Path, verb: str, out: str) -> tuple[Any, float]:
     """What a ``verb`` that is left alone makes as ``out`` in ``folder``, and its seconds. Raises RuntimeError where it
     fails."""
     began, process = time.perf_counter(), started(folder, verb, out)
-    if process.ended_with(600.0) != 0:
-        raise RuntimeError(process.said())
+    if ended_with(process, 600.0) != 0:
+        raise RuntimeError(said(folder))
     return made(folder, out), time.perf_counter() - began
 
 
@@ -117,13 +107,13 @@ def ended(folder: Path, verb: str, number: signal.Signals, fraction: float, whol
     which is then made once more; whole: what it makes when it is left alone."""
     out, faults = f"{verb}_{number.name}_{round(1e6 * fraction)}", []
     process = started(folder, verb, out)
-    if process.ended_with(fraction * seconds) is None:
+    if ended_with(process, fraction * seconds) is None:
         os.kill(process.pid, number)
-        if process.ended_with(60 + 2 * seconds) is None:
+        if ended_with(process, 60 + 2 * seconds) is None:
             faults.append("deaf")
             os.killpg(process.pid, signal.SIGKILL)
-            process.ended_with(5.0)
-    if "Traceback" in (error := process.said()):
+            ended_with(process, 5.0)
+    if "Traceback" in (error := said(folder)):
         faults.append(f"traceback: {error.strip().splitlines()[-1][:100]}")
     until = time.monotonic() + 30.0  # a process that is still importing notices it late
     while (living := list(_in_session(process.pid))) and time.monotonic() < until:
@@ -135,8 +125,8 @@ def ended(folder: Path, verb: str, number: signal.Signals, fraction: float, whol
     if _complete(left) and left != whole:
         faults.append("passes for finished")
     again = started(folder, verb, out, AGAIN.get(verb, "--resume"))
-    code = again.ended_with(60 + 6 * seconds)
-    error = again.said()
+    code = ended_with(again, 60 + 6 * seconds)
+    error = said(folder)
     if code != 0:
         faults.append(f"not resumed: {error.strip().splitlines()[-1][:100] if error.strip() else code}")
     elif made(folder, out) != whole:
