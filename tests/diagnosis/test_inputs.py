@@ -10,17 +10,11 @@ import pytest
 
 from cases.criteria.standard_runs import simulated_trial
 from cases.io.site import Site
-from cases.shipfiles.ship_file import load_ship
-from cases.simulation.demo_trials import CURRENT, SHIP, demo_trials
 from cases.simulation.simulate import SensorNoise, add_noise
 from cases.trial import Trial
 from cases.trial_set import TrialSet
-from diagnosis.estimation.first_fit import fit_without_effects
-from diagnosis.estimation.noise_sizes import initial_noise
-from diagnosis.hypotheses.forward_selection import select_effects
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.inputs import (
-    CalibrationTrials,
     Case,
     DiagnosisOptions,
     diagnosis_store,
@@ -109,23 +103,3 @@ def test_nothing_is_seen_in_trials_without_random_forces_however_actuators_are_s
     assert tests[0].p_value > 0.01
     draft = next(t for t in tests if t.candidate.effect == "draft")
     assert draft.p_single > 0.01
-
-
-@pytest.mark.longest
-@pytest.mark.slow
-def test_a_current_that_the_reference_had_not_is_not_explained_by_another_ship() -> None:
-    """A fit that begins with the noise of a quiet reference could end where coefficients explain the current."""
-    before, after = demo_trials(1, 0.5)[0][:3], demo_trials(1001, 0.5, [CURRENT])[0][-2:]
-    ready = prepare(Case(load_ship(SHIP), TrialSet.of(after), calibration=CalibrationTrials(True, tuple(before))))
-    p, known = ready.problem, ready.null.noise.prior
-    assert known is not None and (known.force < 0.02 * initial_noise(ready.full.ship).force).any()
-    theta = ready.full.ship.values
-    theta[[ready.full.ship.symbols.index(s) for s in p.base.symbols]] = p.base.mean
-    narrow = (
-        fit_without_effects(p.steps, p.data, theta, p.base, known.with_(prior=known), ready.gap).finished(p.steps).null
-    )
-    assert ready.null.nll < narrow.nll + 10.0
-    found = select_effects(p, ready.null)
-    assert [c.effect for c in found.effects] == ["current"]
-    for symbol, truth in (("current.x", 0.08), ("current.y", -0.05)):
-        assert abs(found.final.value(symbol) - truth) < 4.0 * found.final.std(symbol)

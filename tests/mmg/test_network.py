@@ -13,14 +13,11 @@ from safetensors.numpy import load_file, save_file
 
 from cases.shipfiles.network_file import NETWORK, load_network, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
-from cases.simulation.simulate import write_trial
 from mmg.errors import BadValue, Conflict, UserError
 from mmg.model import assemble
 from mmg.network import Layers, Network
 from mmg.rollout import Simulator
-from mmg_ident.commands.main import main
 from tests.support.networks import random_layers, random_network
-from tests.support.synthetic_runs import runs
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 ESSO = load_ship("esso_osaka_3m")
@@ -182,24 +179,3 @@ def test_a_file_that_is_cut_or_missing_is_refused_in_one_line(tmp_path, part):
     assert "\n" not in str(caught.value)
     with pytest.raises(UserError):
         load_network(tmp_path / "missing.safetensors", ESSO)
-
-
-@pytest.mark.longest
-@pytest.mark.slow
-def test_a_refitted_hybrid_keeps_its_network_also_when_resumed(tmp_path: Path) -> None:
-    ship = load_ship("esso_osaka_3m")
-    base = tmp_path / "base"
-    base.mkdir()
-    (base / "ship.toml").write_text(dump_ship(ship))
-    save_network(base / NETWORK, random_network(ship), ship)
-    trial = runs()[0][0]
-    short = {name: column[:400:5] for name, column in trial.columns.items()}  # 40 s
-    write_trial(replace(trial, name="one", columns=short), tmp_path / "one.csv")
-    out = tmp_path / "run"
-    command = ["fit", str(base), str(tmp_path / "one.csv"), "--only", "N_r,Y_v", "--no-next-trial", "--out", str(out)]
-    assert main([*command, "--max-iterations", "1"]) == 1
-    assert main([*command, "--resume"]) == 0
-    refitted = load_ship(out)
-    assert refitted.network is not None
-    np.testing.assert_array_equal(refitted.network.members[0].weights[0], random_layers(len(ship.features)).weights[0])
-    assert refitted.coefficients["N_r"].value != ship.coefficients["N_r"].value

@@ -27,7 +27,6 @@ from mmg_ident.commands.main import main
 from residual.settings import KINDS
 from tests.support.calibrated import FREE
 from tests.support.commands import shown
-from tests.support.quick import first_quick
 from tests.support.synthetic_runs import coarse_runs
 from tests.support.trial_files import write_trials
 
@@ -131,18 +130,6 @@ def test_scores_are_those_of_the_command_and_tables_as_predictions_are(folder: P
     assert found.to_pandas()["window"].nunique() == len(found.windows) and found.trial.name in found._repr_html_()
 
 
-@pytest.mark.slow
-def test_a_calibrated_ship_leaves_as_a_file_and_a_library_ship_only_by_force(folder: Path, tmp_path: Path) -> None:
-    assert mmg_ident.export_ship(folder / "run", "toml", tmp_path / "ship.toml") == []
-    again = mmg_ident.load_ship(tmp_path / "ship.toml")
-    assert again.symbols == mmg_ident.load_ship(folder / "run").symbols
-    assert np.array_equal(again.values, mmg_ident.load_ship(folder / "run").values)
-    with pytest.raises(mmg_ident.UserError):
-        mmg_ident.export_ship("kvlcc2_l7", "toml", tmp_path / "other.toml")
-    said = mmg_ident.export_ship("kvlcc2_l7", "toml", tmp_path / "other.toml", force=True)
-    assert "uncalibrated" in [note.code for note in said]
-
-
 def test_a_folder_that_is_no_run_is_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "result.json").write_text('{"kind": "poem"}')
     with pytest.raises(mmg_ident.UserError, match="poem"):
@@ -169,48 +156,6 @@ def test_another_mmg_before_ours_stops_every_command_in_one_line(tmp_path: Path)
     assert done.returncode == 2 and done.stdout == ""
     (line,) = done.stderr.strip().splitlines()
     assert line.startswith("mmg: ") and str(other) in line
-
-
-# What takes long from Python has one thread of linear algebra in every process, as the commands have
-CODE = """
-import numpy  # before the package, as in a notebook
-from threadpoolctl import threadpool_info, threadpool_limits
-import {module} as module
-threadpool_limits(2)
-seen = []
-def count(*args, **kwargs):
-    seen.append({{row["num_threads"] for row in threadpool_info()}})
-    raise RuntimeError("far enough")
-setattr(module, {inner!r}, count)
-try:
-    module.{entry}(*{arguments})
-except RuntimeError:
-    pass
-assert seen == [{{1}}], seen
-assert {{row["num_threads"] for row in threadpool_info()}} == {{2}}
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("module", "entry", "inner", "arguments"),
-    first_quick(
-        [
-            ("fitting.calibration", "estimate_coefficients", "prepared", "(None, [])"),
-            ("diagnosis.diagnose", "diagnose", "case_of", "(None, [])"),
-            ("residual.pipeline", "train", "_start", "(None, [])"),
-        ]
-    ),
-)
-def test_one_thread_from_python(
-    module: str, entry: str, inner: str, arguments: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    if module.startswith("residual"):
-        pytest.importorskip("torch")
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        monkeypatch.delenv(name, raising=False)
-    done = in_python("-c", CODE.format(module=module, entry=entry, inner=inner, arguments=arguments))
-    assert done.returncode == 0, done.stderr[-600:]
 
 
 # Every verb is a function with the options' names; ships follow inputs that a program gives; figures are axes
@@ -255,16 +200,6 @@ def test_a_function_takes_what_its_command_takes(verb: str) -> None:
     options = set(inspect.signature(command).parameters) - PRINTED - {"settings"}
     wanted = {NAMES.get(verb, {}).get(option, option) for option in options - LEFT.get(verb, set())}
     assert wanted <= set(inspect.signature(function).parameters)
-
-
-def test_what_contradicts_itself_is_refused_unless_told_to_take_it() -> None:
-    trial = coarse_runs()[0][0]
-    wrong = trial.with_columns(u=3.0 * trial["u"])
-    assert {report.verdict for report in mi.check([wrong])} == {"contradictory"}
-    for verb in (mi.score, mi.predict):
-        with pytest.raises(mi.UserError, match="contradictory"):
-            verb("esso_osaka_3m", [wrong])
-        assert verb("esso_osaka_3m", [wrong], unchecked=True)
 
 
 # Inputs over time

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.file_faults.plant import SETS, Order, Plant, Weather, circle, run, zigzag
+from benchmarks.file_faults.plant import SETS, Plant, Weather, circle, run, zigzag
 from cases.trial import Trial
 
 
@@ -39,38 +38,3 @@ def logged(columns: dict[str, np.ndarray], length: float, rng: np.random.Generat
     out["delta"] = np.radians(np.round(np.degrees(out["delta"] + math.radians(rng.uniform(-1.5, 1.5))), 1))
     out["psi"] = np.mod(out["psi"] + math.pi, 2 * math.pi) - math.pi
     return Trial("run", out)
-
-
-def program(parts: Sequence[tuple[str, float, float]], heading: float, rest: float) -> Order:
-    """Manoeuvres in one run, each after the course has been kept for ``rest`` [s], first at the ``heading`` [rad].
-
-    parts: ("zigzag", angle, switch heading) of five executes, or ("turning", angle, change of heading), all in deg;
-    what follows keeps the course that the ship has when it ends.
-    """
-    now = {"part": 0, "since": 0.0, "on": False, "course": heading, "side": 1.0, "executes": 0}
-
-    def begin(t: float, kind: str, angle: float) -> None:
-        now.update(on=True, since=t, side=math.copysign(1.0, angle), executes=1)
-
-    def end(t: float, course: float) -> None:
-        now.update(on=False, since=t, course=course, part=now["part"] + 1)
-
-    def order(t: float, s: np.ndarray) -> float:
-        if now["on"]:
-            kind, angle, change = parts[int(now["part"])]
-            size, turned = math.radians(abs(angle)), now["side"] * (s[2] - now["course"])
-            if kind == "turning" and turned >= math.radians(change):
-                end(t, s[2])
-            elif kind == "zigzag" and turned >= math.radians(change):
-                now.update(side=-now["side"], executes=now["executes"] + 1)
-                if now["executes"] > 5:
-                    end(t, now["course"])
-            if now["on"]:
-                return now["side"] * size
-        elif now["part"] < len(parts) and t - now["since"] >= rest:
-            begin(t, *parts[int(now["part"])][:2])
-            return now["side"] * math.radians(abs(parts[int(now["part"])][1]))
-        off = s[2] - now["course"]
-        return float(np.clip(-1.0 * off - 2.0 * s[5] * rest / 20, -0.3, 0.3))
-
-    return order

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.file_faults.plant import SETS, Plant, Weather, run
 from cases.criteria.imo import assess, imo_figures_of_trials
 from cases.criteria.measured_maneuvers import find_maneuvers
 from cases.criteria.standard_runs import Run, figures_of, measured_runs
@@ -22,7 +21,8 @@ from cases.trial import Span, Trial, left_out
 from mmg.errors import Missing, UnknownName, UserError
 from mmg.messages import has_code
 from mmg_ident import simulate as simulated
-from tests.support.measured_maneuvers import foreign, logged, program
+from tests.support.long_records import long_record
+from tests.support.measured_maneuvers import foreign, logged
 
 SHIP = load_ship("esso_osaka_3m")
 
@@ -151,18 +151,14 @@ def test_a_5_1_with_many_reversals_is_one_zigzag_with_all_its_reversals() -> Non
 
 @pytest.mark.slow
 def test_several_manoeuvres_in_one_record_are_cut_judged_and_listed() -> None:
-    some = SETS[FULL_SIZE]
-    unit, rng = some.hull.length / some.hull.speed, np.random.default_rng(SEED)
-    plan = [("zigzag", 10.0, 10.0), ("turning", 35.0, 560.0), ("zigzag", -20.0, 20.0)]
-    columns = run(Plant(some.hull, Weather(), rng), program(plan, 2.0, 15 * unit), 130 * unit, 1.0, 2.0)
-    trial = logged(columns | {"n": np.full(len(columns["t"]), 1.5)}, some.hull.length, rng)
-    found = imo_figures_of_trials([trial], length=some.hull.length)
+    trial, _, length = long_record("kvlcc2_full", ["zigzag:10/10", "turning:35", "zigzag:-20/20"], 1.0, SEED)
+    found = imo_figures_of_trials([trial], length=length)
     assert [r.title for r in found.runs] == ["zigzag 10/10", "turning 35", "zigzag -20/20"]
-    assert [r.name for r in found.runs] == [f"run {k} ({r.title})" for k, r in enumerate(found.runs, 1)]
+    assert [r.name for r in found.runs] == [f"record {k} ({r.title})" for k, r in enumerate(found.runs, 1)]
     assert "1 of 1 runs, 3 manoeuvres" in found.heading
     rows = {(row.run, row.figure): row for row in found.rows}
-    assert rows["run 2 (turning 35)", "advance"].verdict == "pass"
-    assert rows["run 1 (zigzag 10/10)", "overshoot_1"].verdict == "pass"
+    assert rows["record 2 (turning 35)", "advance"].verdict == "pass"
+    assert rows["record 1 (zigzag 10/10)", "overshoot_1"].verdict == "pass"
     assert found.runs[0].end < found.runs[1].order_time < found.runs[1].end < found.runs[2].order_time
 
 

@@ -3,7 +3,6 @@ recovered, and bad input is refused."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -27,7 +26,6 @@ from mmg.effects import EFFECTS
 from mmg.errors import BadValue, UserError
 from mmg.model import assemble
 from mmg.ship import Ship
-from mmg_ident.commands.main import main
 from tests.support.fit_problems import (
     CURRENTS,
     ESSO,
@@ -40,7 +38,6 @@ from tests.support.fit_problems import (
     write_points,
 )
 from tests.support.synthetic_runs import runs
-from tests.support.trial_files import write_trials
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 SWITCHED_ON = {
@@ -152,30 +149,6 @@ def test_which_parameters_become_constants() -> None:
     assert not vary & {"rudder_lag", "velocity_filter", "rudder_stall"}
     with pytest.raises(BadValue):  # she has no wind
         varying_effects(load_ship("kvlcc2_l7"), ["wind_sensor_bias"])
-
-
-@pytest.mark.longest
-@pytest.mark.slow
-def test_a_fit_from_files_stops_and_resumes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_trials(tmp_path / "trials", trials_in_currents())
-    out = tmp_path / "run"
-    fit = ["fit", "esso_osaka_3m", str(tmp_path / "trials"), "--only", ",".join(SHARED), "--measurement", "none",
-           "--no-next-trial", "--out", str(out)]  # fmt: skip
-    assert main([*fit, "--per-run", "current", "--max-iterations", "2"]) == 1
-    assert main([*fit, "--resume"]) == 2
-    assert "--per-run" in capsys.readouterr().err
-    more = ["--starts", "3", "--workers", "2", "--bootstrap", "4", "--profile", "N_r"]
-    assert main([*fit, "--per-run", "current", "--resume", *more]) == 0
-    assert "current.x [m/s]" in capsys.readouterr().err
-    result = json.loads((out / "result.json").read_text())
-    assert set(result["per_run"]) == {"zigzag", "turning", "random"}
-    row = result["per_run"]["zigzag"]["current.x"]
-    assert abs(row["value"] - 0.03) < 3 * row["std"] + 2e-4 and row["unit"] == "m/s"
-    assert set(result["coefficients"]) == set(SHARED) == set(result["bootstrap"]["coefficients"])
-    assert len(result["starts"]) == 3 and result["bootstrap"]["failed"] == [] == result["profiles"][0]["failures"]
-    assert set(result["identifiability"]["coefficients"]) == set(SHARED)
-    assert "current" not in (out / "ship.toml").read_text() + (out / "start.toml").read_text()
-    assert main(["score", str(out), str(tmp_path / "trials")]) == 0
 
 
 # Points of captive tests

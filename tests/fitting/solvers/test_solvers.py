@@ -277,21 +277,6 @@ def test_ctrl_c_at_any_iterate_changes_no_value(stop_at: int, whole: FitResult, 
         np.testing.assert_array_equal(resumed.iterate[name], values)
 
 
-@pytest.mark.longest
-@pytest.mark.slow
-def test_a_wider_iteration_limit_changes_no_value_and_the_same_one_goes_on_from_the_best(whole: FitResult) -> None:
-    limited = fitted(Settings(window=5.0, max_iterations=2))
-    assert not limited.converged
-    resumed = fitted(SETTINGS, resume=limited)
-    assert without_times(resumed.to_dict()) == without_times(whole.to_dict())
-    settings, found = Settings(window=5.0, max_iterations=4), None
-    for _ in range(12):
-        found = fitted(settings, resume=found)
-        if found.converged:
-            break
-    assert found and found.converged and found.objective == pytest.approx(whole.objective, rel=0.02)
-
-
 # Sizes of noise from residuals, and solves in turn that use them
 def in_turn(p: Problem, **settings: object) -> NoiseSolves:
     return solve_with_noise_estimation(p, p.start(), Settings(**settings), Control())

@@ -134,21 +134,13 @@ def test_scores_of_several_models_come_side_by_side(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_component_can_be_left_out_and_coefficients_fixed(folder: Path, tmp_path: Path) -> None:
-    only = ("--without", "wind", "--only", "X_0F,Y_v,N_r,m_x,m_y", "--fix", "m_x,m_y")
-    assert main(fit(folder, tmp_path / "run", *only)) == 0
-    free, fixed = (set(result_of(tmp_path / "run")[key]) for key in ("coefficients", "fixed"))
-    assert {"X_0F", "Y_v", "N_r"} <= free and {"m_x", "m_y"} <= fixed - free
-    assert not [s for s in fixed if s.startswith(("X_A", "Y_A", "N_A"))]
-
-
-@pytest.mark.slow
 def test_an_iteration_limit_exits_1_and_resume_finishes(folder: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     arguments = fit(folder, run)
     assert main([*arguments, "--max-iterations", "2"]) == 1
     before = result_of(run)
     assert not before["converged"] and "NOT CONVERGED" in (run / "ship.toml").read_text()
+    assert "--per-run" in refusal(*arguments, "--per-run", "current", "--resume")
     assert main([*arguments, "--resume"]) == 0
     after = result_of(run)
     assert after["converged"] and after["objective"] != before["objective"]

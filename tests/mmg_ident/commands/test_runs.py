@@ -114,15 +114,6 @@ def test_the_ship_is_predicted_with_bands(folder: Path) -> None:
     assert "x_std [m]" in found.to_pandas()
 
 
-@pytest.mark.longest
-@pytest.mark.slow
-def test_the_ship_is_judged_and_reported(folder: Path, tmp_path: Path) -> None:
-    run = str(folder / "ship")
-    assert shown("imo", run)["ship"] == "esso_osaka_3m_325m"
-    assert main(["report", run, "--no-imo", "--out", str(tmp_path / "page.html")]) == 0
-    assert main(["simulate", run, "--maneuver", "turning:35", "--scatter", "4"]) == 0
-
-
 @pytest.mark.slow
 def test_a_ship_of_the_library_is_scaled_with_its_priors(tmp_path: Path) -> None:
     found = shown("scale", "kvlcc2_l7", "--length", "320", "--name", "KVLCC2", "--out", tmp_path / "run")

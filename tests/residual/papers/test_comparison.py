@@ -153,17 +153,6 @@ def test_calibrated_and_hybrid_are_trained_on_the_same_trials_as_the_networks() 
     assert calibrated < captive and hybrid < 1.2 * calibrated
 
 
-@pytest.mark.slow
-def test_the_time_limit_keeps_what_is_done() -> None:
-    trials = tuple(hybrids.trials(hybrids.ship(), 5, 150))
-    plan = {"seeds": 2, "epochs": 3000, "step": 1.0, "time_limit": 12.0}
-    found = compare(Study(hybrids.ship(), trials, trials[:1], ("captive", "fnn"), **plan))
-    entries = [("captive", "finished"), ("fnn", "stopped"), ("fnn", "not begun")]
-    assert [(e.model, e.status) for e in found.entries] == entries
-    assert found.interrupted and found.entries[1].score is not None and found.entries[2].score is None
-    assert "100%" in tables_text(found)
-
-
 def test_ctrl_c_keeps_what_is_done() -> None:
     trials = tuple(hybrids.trials(hybrids.ship(), 5, 150))
     study = Study(hybrids.ship(), trials, trials[:1], ("captive", "fnn"), seeds=1, step=1.0)
