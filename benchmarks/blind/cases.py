@@ -70,9 +70,9 @@ def opened(folder: Path, digest: str) -> list[Case]:
         raise UserError(f"{folder / 'key.json'} is not the key whose hash was printed ({digest}): nothing is scored")
     key, found = json.loads(content), []
     for entry in key["cases"]:
-        case, sealed = folder / entry["case"], folder / "sealed" / f"{entry['case']}.json"
+        case = folder / entry["case"]
         for name, wanted in entry["sha256"].items():
-            path = sealed if name == "sealed" else case / name
+            path = case / name
             if not path.is_file() or hashlib.sha256(path.read_bytes()).hexdigest() != wanted:
                 raise UserError(f"{path} was changed after the key was sealed: nothing is scored")
         effects = entry["effects"]

@@ -18,10 +18,7 @@ from benchmarks.blind.generator.world import WORLDS, World
 
 @dataclass
 class Case:
-    """One case before it is run: what it holds and all that is random about it.
-
-    world: its own, where the conditions were ``drawn`` for it (names of ``world.RANGES``).
-    """
+    """One case before it is run: what it holds and all that is random about it; of a wide world its own one."""
 
     hand: Hand
     drawn: list[tuple[Effect, Drawn]]
@@ -31,7 +28,6 @@ class Case:
     start: Array  # (6, B)
     wind: tuple[Array, Array]  # speed, direction (K, B)
     force: Array  # (K, 3, B)
-    process: dict[str, float]
     noise: Array  # (R, 6, B)
     gyro: float
     low_pass: float  # time constant of the filter of u and v [s], 0: none
@@ -39,7 +35,6 @@ class Case:
     kinds: tuple[str, ...]
     training: int
     world: World
-    conditions: dict[str, float]
 
     @property
     def twin(self) -> Case:
@@ -51,7 +46,6 @@ class Case:
         """A case in a ``world``, from its own seed."""
         rng = np.random.default_rng(seed)
         train, test = map(tuple, SETS[world.runs])
-        conditions: dict[str, float] = {}
         if world.wide:
             world, conditions = worlds.own_world(world, rng)
             train, test = worlds.own_runs((train, test), conditions, rng)
@@ -70,14 +64,14 @@ class Case:
         sides = rng.choice((-1.0, 1.0), runs)
         given = orders(kinds, rows, dt, sides, rng)
         start = begin(kinds, bank, sides, given.n[0], rng)
-        force, process = worlds.random_force(world, runs, rng)
+        force = worlds.random_force(world, runs, rng)
         wind = worlds.gusty_wind(world, runs, rng)
         noise = worlds.sensor_errors(world, (rows - 1) // world.every + 1, runs, rng)
         gyro = world.gyro * float(rng.uniform(-1, 1)) if world.gyro else 0.0
         gusts = worlds.unlogged_gusts(world, runs, rng)
         low_pass = float(rng.uniform(*world.low_pass)) if world.low_pass[1] else 0.0
-        random = (start, wind, force, process, noise, gyro, low_pass, gusts)
-        return cls(hand, drawn, coefficients, site, given, *random, kinds, len(train), world, conditions)
+        random = (start, wind, force, noise, gyro, low_pass, gusts)
+        return cls(hand, drawn, coefficients, site, given, *random, kinds, len(train), world)
 
 
 @dataclass

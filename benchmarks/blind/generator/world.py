@@ -245,8 +245,7 @@ def unlogged_gusts(world: World, runs: int, rng: np.random.Generator) -> Array:
     return np.maximum(1 + world.gust * gusts, 0.1)
 
 
-def random_force(world: World, runs: int, rng: np.random.Generator) -> tuple[Array, dict[str, float]]:
-    """Unmodelled force (rows, 3, runs) [N, N, N m] and what it was drawn with (sizes and tau of the case)."""
+def random_force(world: World, runs: int, rng: np.random.Generator) -> Array:
+    """Unmodelled force (rows, 3, runs) [N, N, N m]."""
     sizes, tau = np.array(world.force) * rng.uniform(0.7, 1.4, 3), float(rng.uniform(*world.memory))
-    force = sizes[:, None] * wander(world.rows, world.step, np.array(tau), (3, runs), rng)
-    return force, {**{axis: float(s) for axis, s in zip("XYN", sizes, strict=True)}, "tau": tau}
+    return sizes[:, None] * wander(world.rows, world.step, np.array(tau), (3, runs), rng)

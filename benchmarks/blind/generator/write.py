@@ -1,4 +1,4 @@
-"""Files of a blind benchmark: trials and site files of the cases, the key with its hash, and the sealed truth."""
+"""Files of a blind benchmark: trials and site files of the cases, and the key, which commits to them by its hash."""
 
 from __future__ import annotations
 
@@ -32,9 +32,8 @@ def generate(
     nothing; returns the SHA-256 of the key.
 
     ``out`` must not exist yet or be empty (FileExistsError). Layout: case_0000/{train,test}/*.csv and perhaps
-    site.toml; ship.json (the ship file, which is no secret); key.json (kinds, effects, parameters, strengths);
-    key.sha256 (the hash of its bytes); sealed/case_0000.json (true coefficients, random force). The key holds the
-    hashes of all trials and sealed files, so one hash commits to all.
+    site.toml; ship.json (the ship file, which is no secret); key.json (kinds, effects, parameters, strengths,
+    hashes of all trials and site files, so that one hash commits to all).
     """
     if out.exists() and any(out.iterdir()):
         raise FileExistsError(f"{out} is not empty")
@@ -55,9 +54,7 @@ def generate(
     content = (json.dumps(head, indent=1) + "\n").encode()
     (out / "key.json").write_bytes(content)
     (out / "ship.json").write_text(json.dumps({"ship": world.ship}) + "\n")
-    digest = hashlib.sha256(content).hexdigest()
-    (out / "key.sha256").write_text(f"{digest}  key.json\n")
-    return digest
+    return hashlib.sha256(content).hexdigest()
 
 
 def _write_case(out: Path, number: int, place: int, case: Case, runs: Runs, seed: int) -> dict[str, Any]:
@@ -75,11 +72,6 @@ def _write_case(out: Path, number: int, place: int, case: Case, runs: Runs, seed
     if case.site:
         (folder / "site.toml").write_text(_site(case.site, case.world.scale))
         hashes["site.toml"] = hashlib.sha256((folder / "site.toml").read_bytes()).hexdigest()
-    sealed = out / "sealed" / f"{name}.json"
-    sealed.parent.mkdir(exist_ok=True)
-    truth = {"nominal_true_coefficients": case.coefficients, "random_force": case.process}
-    sealed.write_text(json.dumps(truth, indent=1) + "\n")
-    hashes["sealed"] = hashlib.sha256(sealed.read_bytes()).hexdigest()
     scale = case.world.scale
     effects = [
         {
@@ -89,8 +81,7 @@ def _write_case(out: Path, number: int, place: int, case: Case, runs: Runs, seed
         }
         for (effect, strength), (_, draw) in zip(case.hand.effects, case.drawn, strict=True)
     ]
-    entry = {"case": name, "kind": case.hand.kind, "effects": effects, "seed": [seed, number], "sha256": hashes}
-    return entry | ({"conditions": case.conditions} if case.conditions else {})
+    return {"case": name, "kind": case.hand.kind, "effects": effects, "seed": [seed, number], "sha256": hashes}
 
 
 def _table(runs: Runs, column: int, world: World) -> str:
