@@ -40,7 +40,6 @@ from mmg.model import assemble
 
 ROOT = Path(__file__).parents[2]
 EFFECTS: tuple[Effect, ...] = (*LIBRARY, *STRANGERS)
-NULL = Hand("null", ())
 CONTRACT = (
     "current wind_force wind_sensor_bias shallow_water bank wave_drift rudder_lag rudder_backlash rudder_offset "
     "propeller_side_force rudder_stall fouling draft antenna_offset heading_bias log_scale control_delay gnss_delay "
@@ -51,7 +50,7 @@ CONTRACT = (
 SHORTER = replace(WORLDS["pond"], duration=65.0)
 
 
-def prepared(hand: Hand = NULL, seed: int = 5, world: World = WORLDS["pond"]) -> Case:
+def prepared(hand: Hand = (), seed: int = 5, world: World = WORLDS["pond"]) -> Case:
     return Case.prepared(hand, np.random.SeedSequence(seed), world)
 
 
@@ -187,7 +186,7 @@ def test_the_lag_of_a_ramp_is_its_time_constant() -> None:
 
 def test_a_world_scales_the_size_of_a_stranger_and_of_nothing_else() -> None:
     world, limit = WORLDS["kvlcc2"], next(one for one in STRANGERS if one.name == "rudder_rate_limit")
-    hand = Hand("strangers", ((limit, "medium"),))
+    hand = ((limit, "medium"),)
     here, plain = prepared(hand, world=world), prepared(hand, world=replace(world, sizes={}))
     for where in ("key", "inside"):
         one, other = (getattr(case.drawn[0][1], where)["size"] for case in (here, plain))
@@ -197,16 +196,16 @@ def test_a_world_scales_the_size_of_a_stranger_and_of_nothing_else() -> None:
 
 def test_a_twin_has_the_same_chance_and_hides_nothing() -> None:
     limit = next(one for one in STRANGERS if one.name == "rudder_rate_limit")
-    case = prepared(Hand("strangers", ((limit, "medium"),)))
+    case = prepared(((limit, "medium"),))
     twin = case.twin
-    assert case.drawn and not twin.drawn and not twin.hand.effects and twin.coefficients == case.coefficients
+    assert case.drawn and not twin.drawn and not twin.hand and twin.coefficients == case.coefficients
     np.testing.assert_array_equal(twin.force, case.force)
     np.testing.assert_array_equal(twin.noise, case.noise)
 
 
 def test_the_effects_of_the_library_are_dealt_alike_in_all_strengths() -> None:
     hands = deal("library", 60, np.random.default_rng(0))
-    assert len({(hand.effects[0][0].name, hand.effects[0][1]) for hand in hands}) == 60
+    assert len({(hand[0][0].name, hand[0][1]) for hand in hands}) == 60
 
 
 @pytest.mark.longest
@@ -236,10 +235,10 @@ def test_the_package_reads_the_trials(written: tuple[Path, str]) -> None:
 # Strangers: dealt alike, and nothing that the package knows spells one
 def test_strangers_are_dealt_alike_and_only_where_the_ship_can_have_them() -> None:
     hands = deal("strangers", 2 * len(STRANGERS), np.random.default_rng(0))
-    dealt = {(hand.effects[0][0].name, hand.effects[0][1]) for hand in hands}
+    dealt = {(hand[0][0].name, hand[0][1]) for hand in hands}
     assert len(dealt) == len(hands) and {level for _, level in dealt} == {"medium", "strong"}
     left = deal("strangers", 200, np.random.default_rng(0), WORLDS["kvlcc2"].without)
-    assert {hand.effects[0][0].name for hand in left} == {e.name for e in STRANGERS} - {"lee_of_a_wall"}
+    assert {hand[0][0].name for hand in left} == {e.name for e in STRANGERS} - {"lee_of_a_wall"}
 
 
 def form_columns(s: SimpleNamespace) -> dict[str, np.ndarray]:

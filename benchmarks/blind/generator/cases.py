@@ -39,7 +39,7 @@ class Case:
     @property
     def twin(self) -> Case:
         """The same with nothing hidden: what a complete model would have to explain."""
-        return replace(self, hand=Hand(self.hand.kind, ()), drawn=[])
+        return replace(self, hand=(), drawn=[])
 
     @classmethod
     def prepared(cls, hand: Hand, seed: np.random.SeedSequence, world: World = WORLDS["pond"]) -> Case:
@@ -51,7 +51,7 @@ class Case:
             train, test = worlds.own_runs((train, test), conditions, rng)
         rows, dt = world.rows, world.step
         kinds, runs = (*train, *test), len(train) + len(test)
-        drawn = [(effect, effect.draw(strength, rng, runs)) for effect, strength in hand.effects]
+        drawn = [(effect, effect.draw(strength, rng, runs)) for effect, strength in hand]
         for effect, one in drawn:
             if effect.name in world.sizes:
                 one.key["size"] *= world.sizes[effect.name]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,12 +16,8 @@ DECOYS = 0.25
 """Share of the cases with a site file that explains nothing."""
 
 
-@dataclass(frozen=True)
-class Hand:
-    """What one case holds: its kind, and effects with their strengths."""
-
-    kind: str
-    effects: tuple[tuple[Effect, str], ...]
+Hand = tuple[tuple[Effect, str], ...]
+"""What one case holds: effects with their strengths."""
 
 
 def _cycled(pool: list[Any], count: int, rng: np.random.Generator) -> list[Any]:
@@ -37,18 +32,18 @@ def deal(kind: str, count: int, rng: np.random.Generator, without: Sequence[str]
     """The hands of ``count`` cases; without: names of effects that the ship cannot have."""
     library, strangers = ([e for e in pool if e.name not in without] for pool in (LIBRARY, STRANGERS))
     if kind == "null":
-        return [Hand(kind, ())] * count
+        return [()] * count
     if kind == "library":
         # every block of twenty holds each effect once, and three blocks each of its strengths once
         first = {effect.name: int(rng.integers(3)) for effect in library}
         blocks = [_cycled(library, len(library), rng) for _ in range(-(-count // len(library)))]
         dealt = [(effect, LEVELS[(first[effect.name] + b) % 3]) for b, block in enumerate(blocks) for effect in block]
-        return [Hand(kind, (one,)) for one in dealt[:count]]
+        return [(one,) for one in dealt[:count]]
     if kind == "strangers":
         pool = [(effect, level) for effect in strangers for level in LEVELS[1:]]
-        return [Hand(kind, (one,)) for one in _cycled(pool, count, rng)]
+        return [(one,) for one in _cycled(pool, count, rng)]
     pairs = [(a, b) for i, a in enumerate(library) for b in library[i + 1 :]]
-    return [Hand(kind, tuple((effect, "medium") for effect in pair)) for pair in _cycled(pairs, count, rng)]
+    return [tuple((effect, "medium") for effect in pair) for pair in _cycled(pairs, count, rng)]
 
 
 def decoy(rng: np.random.Generator) -> dict[str, dict[str, Any]]:

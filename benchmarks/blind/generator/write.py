@@ -79,9 +79,9 @@ def _write_case(out: Path, number: int, place: int, case: Case, runs: Runs, seed
             "strength": strength,
             "parameters": {k: float(v) * scale ** POWERS.get(f"{effect.name}.{k}", 0.0) for k, v in draw.key.items()},
         }
-        for (effect, strength), (_, draw) in zip(case.hand.effects, case.drawn, strict=True)
+        for (effect, strength), (_, draw) in zip(case.hand, case.drawn, strict=True)
     ]
-    return {"case": name, "kind": case.hand.kind, "effects": effects, "seed": [seed, number], "sha256": hashes}
+    return {"case": name, "effects": effects, "seed": [seed, number], "sha256": hashes}
 
 
 def _table(runs: Runs, column: int, world: World) -> str:
