@@ -153,16 +153,6 @@ def test_damaged_files_are_read_or_refused(name: str, number: int, made: dict[st
     assert outcome(made[name], numbered(name, number, made[name].seeds)) in ("read", "refused")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    content=st.one_of(st.binary(max_size=300), st.text(max_size=200).map(lambda text: text.encode("utf-8", "replace")))
-)
-def test_noise_is_read_or_refused(name: str, content: bytes, made: dict[str, Reader]) -> None:
-    assert outcome(made[name], content) in ("read", "refused")
-
-
 def test_a_reader_that_fails_is_seen() -> None:
     def fails(content: bytes) -> None:
         raise ZeroDivisionError if len(content) % 2 else UserError("one line")
