@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.sparse as sp
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cases.shipfiles.ship_file import load_ship
@@ -216,6 +216,7 @@ def pulls(H: np.ndarray, g: np.ndarray, d: np.ndarray, lower: np.ndarray, upper:
     return np.where(stopped, 0.0, pull)
 
 
+@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 40), st.floats(0.0, 0.999))
 def test_nothing_that_may_move_within_bounds_would_gain(seed: int, count: int, alike: float) -> None:
     rng = np.random.default_rng(seed)
