@@ -4,6 +4,7 @@ trials would tell more: those of the library against new fits, and one of one's 
 from __future__ import annotations
 
 import itertools
+import pickle
 from dataclasses import fields, replace
 from functools import cache
 from itertools import pairwise
@@ -438,7 +439,10 @@ def test_the_information_is_that_of_a_fit(ship: Ship) -> None:
     held[:, :2] = run.inputs[:-1]
     states = info.simulator.run(run.states[0], held, h)
     assert states[:, :6] == pytest.approx(run.states, abs=1e-9)
-    assert info.of(states, held)[0] == pytest.approx(expected, rel=1e-4, abs=1e-4 * np.abs(expected).max())
+    found = info.of(states, held)
+    assert found[0] == pytest.approx(expected, rel=1e-4, abs=1e-4 * np.abs(expected).max())
+    sent = pickle.loads(pickle.dumps(info))  # to another process of a plan
+    assert np.array_equal(sent.of(states, held), found)
 
 
 def test_what_a_trial_gains_is_the_mean_log_of_the_variances() -> None:
