@@ -62,6 +62,11 @@ static long long steps_of(const System* s, long long r) {
   while (k > 0 && !s->inside[(k - 1) * s->R + r]) k--;
   return k;
 }
+/* Whether nothing is compared at row i of all windows. */
+static int blind(const System* s, long long i) {
+  const unsigned char* good = s->good + 6 * i;
+  return !(good[0] | good[1] | good[2] | good[3] | good[4] | good[5]);
+}
 /* Cholesky factor of F, of which the lower half is there; root is its inverse, a lower triangle */
 static int whitened(double* F, double* root, double* log_det) {
   memset(root, 0, 36 * sizeof(double));
@@ -98,31 +103,36 @@ EXPORT int filter(const System* s) {
       const double *T = s->T + i * n * n, *Z = s->Z + i * 6 * n;
       double *root = s->root + 36 * i, *inverse = s->inverse + 36 * i, *gain = s->gain + i * n * 6;
       for (long long a = 0; a < n; a++) memcpy(s->P + (i * n + a) * n, p + a * np, n * sizeof(double));
-      if (k > last) {
+      const int unseen = blind(s, i);
+      if (k > last || unseen) {
         for (int j = 0; j < 36; j++) inverse[j] = root[j] = j % 7 == 0;
         if (k < K) memset(gain, 0, n * 6 * sizeof(double));
-        continue;
       }
-      few(6, n, Z, s->z, s->z_at, nv, P, ZP);
-      for (int l = 0; l < 6; l++) for (int j = 0; j <= l; j++) {
-        double sum = j < l ? 0.0 : s->good[6 * i + l] ? s->white[l] : 1.0;
-        for (long long e = s->z[j]; e < s->z[j + 1]; e++) sum += Z[j * n + s->z_at[e]] * zp[l * np + s->z_at[e]];
-        F[6 * l + j] = sum;
-      }
-      if (whitened(F, root, s->log_det + r)) { free(whole); return 1; }
-      for (int a = 0; a < 6; a++) for (int b = 0; b <= a; b++) {
-        double sum = 0.0;
-        for (int l = a; l < 6; l++) sum += root[6 * l + a] * root[6 * l + b];
-        inverse[6 * a + b] = inverse[6 * b + a] = sum;
+      if (k > last) continue;
+      if (!unseen) {
+        few(6, n, Z, s->z, s->z_at, nv, P, ZP);
+        for (int l = 0; l < 6; l++) for (int j = 0; j <= l; j++) {
+          double sum = j < l ? 0.0 : s->good[6 * i + l] ? s->white[l] : 1.0;
+          for (long long e = s->z[j]; e < s->z[j + 1]; e++) sum += Z[j * n + s->z_at[e]] * zp[l * np + s->z_at[e]];
+          F[6 * l + j] = sum;
+        }
+        if (whitened(F, root, s->log_det + r)) { free(whole); return 1; }
+        for (int a = 0; a < 6; a++) for (int b = 0; b <= a; b++) {
+          double sum = 0.0;
+          for (int l = a; l < 6; l++) sum += root[6 * l + a] * root[6 * l + b];
+          inverse[6 * a + b] = inverse[6 * b + a] = sum;
+        }
+        if (k < K) {
+          product(6, 6, nv, inverse, 6, 1, ZP, H, 0); /* H = F^-1 Z P, gain = T H' */
+          for (long long a = 0; a < n; a++) for (int l = 0; l < 6; l++) x[a * LANES + l] = h[l * np + a];
+          stepped(s, T, 1, X, G);
+          for (long long a = 0; a < n; a++) for (int l = 0; l < 6; l++) gain[a * 6 + l] = g[a * LANES + l];
+          for (long long j = 0; j < 6 * nv; j++) H[j] = -H[j];
+        }
       }
       if (k == K) break;
-      product(6, 6, nv, inverse, 6, 1, ZP, H, 0); /* H = F^-1 Z P, gain = T H' */
-      for (long long a = 0; a < n; a++) for (int l = 0; l < 6; l++) x[a * LANES + l] = h[l * np + a];
-      stepped(s, T, 1, X, G);
-      for (long long a = 0; a < n; a++) for (int l = 0; l < 6; l++) gain[a * 6 + l] = g[a * LANES + l];
-      for (long long j = 0; j < 6 * nv; j++) H[j] = -H[j];
       memcpy(C, P, n * nv * sizeof(V));
-      product(n, 6, nv, zp, 1, np, H, C, 1); /* C = P - P Z' F^-1 Z P */
+      if (!unseen) product(n, 6, nv, zp, 1, np, H, C, 1); /* C = P - P Z' F^-1 Z P */
       stepped(s, T, nv, C, M);
       for (long long a = 0; a < n; a++) for (long long b = 0; b < n; b++) c[b * np + a] = m[a * np + b];
       stepped(s, T, nv, C, P); /* T (T C)' */
@@ -162,11 +172,11 @@ EXPORT int responses(const System* s, const Columns* f) {
     for (long long k = 0; k <= K; k++) {
       const long long i = k * R + r, at = f->place ? f->place[k] : k;
       const unsigned char* good = s->good + 6 * i;
-      const int blind = !(good[0] | good[1] | good[2] | good[3] | good[4] | good[5]);
+      const int unseen = blind(s, i);
       double* white = f->white + (at * R + r) * 6 * f->apart + from;
       if (f->states) for (long long a = 0; a < n; a++)
         memcpy(f->states + (i * n + a) * c + from, x + a * np, own * sizeof(double));
-      if (blind) for (int l = 0; l < 6 && at >= 0; l++) memset(white + l * f->apart, 0, own * sizeof(double));
+      if (unseen) for (int l = 0; l < 6 && at >= 0; l++) memset(white + l * f->apart, 0, own * sizeof(double));
       else {
         few(6, n, s->Z + i * 6 * n, s->z, s->z_at, nv, X, W);
         for (long long e = 0; e < f->d; e++) {
@@ -180,7 +190,7 @@ EXPORT int responses(const System* s, const Columns* f) {
       if (k == K) break;
       if (k > last) continue;
       stepped(s, s->T + i * n * n, nv, X, next);
-      if (!blind) {
+      if (!unseen) {
         for (long long j = 0; j < 6 * nv; j++) W[j] = -W[j];
         product(n, 6, nv, s->gain + i * n * 6, 6, 1, W, next, 1);
       }
@@ -194,6 +204,123 @@ EXPORT int responses(const System* s, const Columns* f) {
         for (; j < own; j++) x[a * np + j] += scale[j] * push[j];
       }
     }
+  }
+  free(whole);
+  return 0;
+}
+/* T' X into next: the rows of T behind those of the ship have few numbers; T is padded to np columns */
+static void transposed(const System* s, const double* T, long long nv, const V* X, V* next) {
+  const long long n = s->n, S = s->S, np = nv * LANES;
+  product(n, S, nv, T, 1, np, X, next, 0);
+  for (long long j = S; j < n; j++) for (long long e = s->t[j]; e < s->t[j + 1]; e++) {
+    const V one = fill(T[j * np + s->t_at[e]]);
+    for (long long v = 0; v < nv; v++) next[s->t_at[e] * nv + v] += one * X[j * nv + v];
+  }
+}
+/* Backwards from the end of each window: N = T' N L + Z' B with L = T - gain Z and B = F^-1 Z - gain' N L */
+EXPORT int adjoint(const System* s, double* by_T, double* by_Z, double* N, double* D) {
+  const long long R = s->R, n = s->n, S = s->S, nv = (n + LANES - 1) / LANES, np = nv * LANES;
+  const unsigned long long row = n * sizeof(double);
+  void* whole;
+  V* now = room(&whole, 6 * n * nv + 18 * nv + 6 * n);
+  if (!now) return 2;
+  V *NL = now + n * nv, *T = NL + n * nv, *P = T + n * nv, *next = P + n * nv, *made = next + n * nv;
+  V *Z = made + n * nv, *B = Z + 6 * nv, *BP = B + 6 * nv;
+  double *t = (double*)T, *nl = (double*)NL, *NG = (double*)(BP + 6 * nv), less[6 * n];
+  for (long long r = 0; r < R; r++) {
+    const long long last = steps_of(s, r);
+    memset(now, 0, n * nv * sizeof(V));
+    for (long long k = last; k >= 0; k--) {
+      const long long i = k * R + r;
+      const double *own = (double*)now, *gain = s->gain + i * n * 6, *inverse = s->inverse + 36 * i;
+      const int unseen = blind(s, i);
+      for (long long a = 0; a < n; a++) memcpy((double*)P + a * np, s->P + (i * n + a) * n, row);
+      for (int l = 0; l < 6; l++) {
+        memcpy((double*)Z + l * np, s->Z + (i * 6 + l) * n, row);
+        D[6 * i + l] = s->good[6 * i + l] ? inverse[7 * l] : 0.0;
+      }
+      if (k < last) {
+        for (long long a = 0; a < n; a++) N[i * n + a] = own[a * np + a];
+        for (long long a = 0; a < n; a++) memcpy(t + a * np, s->T + (i * n + a) * n, row);
+        transposed(s, t, nv, now, next);
+        for (long long a = 0; a < n; a++) for (long long b = 0; b < n; b++) nl[b * np + a] = ((double*)next)[a * np + b];
+        if (!unseen) {
+          for (long long j = 0; j < 6 * n; j++) less[j] = -gain[j];
+          for (long long a = 0; a < n; a++) for (int l = 0; l < 6; l++) {
+            double sum = 0.0;
+            for (long long b = 0; b < n; b++) sum += own[a * np + b] * less[b * 6 + l];
+            NG[a * 6 + l] = sum;
+            D[6 * i + l] += less[a * 6 + l] * sum;
+          }
+          product(n, 6, nv, NG, 6, 1, Z, NL, 1);
+        }
+        product(S, n, nv, nl, np, 1, P, made, 0);
+        for (long long a = 0; a < S; a++) memcpy(by_T + (i * S + a) * n, (double*)made + a * np, row);
+        transposed(s, t, nv, NL, next);
+      } else memset(next, 0, n * nv * sizeof(V));
+      if (!unseen) {
+        product(6, 6, nv, inverse, 6, 1, Z, B, 0);
+        if (k < last) product(6, n, nv, less, 1, 6, NL, B, 1);
+        product(6, n, nv, (double*)B, np, 1, P, BP, 0);
+        for (int l = 0; l < 6; l++) memcpy(by_Z + (i * 6 + l) * n, (double*)BP + l * np, row);
+        product(n, 6, nv, (double*)Z, 1, np, B, next, 1);
+      }
+      V* spare = now; now = next; next = spare;
+    }
+  }
+  free(whole);
+  return 0;
+}
+/* Backwards: u = -root' white - gain' r, r = Z' u + T' r; mean has the predicted states, and becomes the smoothed ones */
+EXPORT int smooth(const System* s, const double* white, double* mean, double* all_r, double* all_u) {
+  const long long R = s->R, n = s->n;
+  double now[n], next[n];
+  for (long long w = 0; w < R; w++) {
+    const long long last = steps_of(s, w);
+    memset(now, 0, sizeof(now));
+    for (long long k = last; k >= 0; k--) {
+      const long long i = k * R + w;
+      memset(next, 0, sizeof(next));
+      if (k < last) for (long long j = 0; j < n; j++) for (long long e = s->t[j]; e < s->t[j + 1]; e++)
+        next[s->t_at[e]] += s->T[(i * n + j) * n + s->t_at[e]] * now[j];
+      if (!blind(s, i)) for (int l = 0; l < 6; l++) {
+        double u = 0.0;
+        for (int j = l; j < 6; j++) u -= s->root[36 * i + 6 * j + l] * white[6 * i + j];
+        if (k < last) for (long long a = 0; a < n; a++) u -= s->gain[(i * n + a) * 6 + l] * now[a];
+        all_u[6 * i + l] = u;
+        for (long long e = s->z[l]; e < s->z[l + 1]; e++) next[s->z_at[e]] += s->Z[(i * 6 + l) * n + s->z_at[e]] * u;
+      }
+      memcpy(now, next, sizeof(now));
+      if (k) memcpy(all_r + (i - R) * n, now, sizeof(now));
+      for (long long a = 0; a < n; a++) {
+        double sum = 0.0;
+        for (long long b = 0; b < n; b++) sum += s->P[(i * n + a) * n + b] * now[b];
+        mean[i * n + a] += sum;
+      }
+    }
+  }
+  return 0;
+}
+/* See kalman.by_rates: h / 2 (T' W + W T'), W = by_T with what gusts push by, which have two columns of their own */
+EXPORT int by_rates(const System* s, double h, const double* by_T, const double* gusts, double* out) {
+  const long long n = s->n, S = s->S, F = S + 3, nv = (F + LANES - 1) / LANES, np = nv * LANES;
+  void* whole;
+  V* W = room(&whole, (2 * S + F) * nv);
+  if (!W) return 2;
+  V *made = W + S * nv, *turned = made + S * nv;
+  double *w = (double*)W, *m = (double*)made, *t = (double*)turned;
+  for (long long i = 0; i < s->K * s->R; i++) if (s->inside[i]) {
+    const double *T = s->T + i * n * n, *own = by_T + i * S * n;
+    for (long long a = 0; a < S; a++) for (long long j = 0; j < F; j++) {
+      double sum = own[a * n + j];
+      if (gusts && j >= S) for (int g = 0; g < 2; g++) sum += own[a * n + F + g] * gusts[(i * 3 + j - S) * 2 + g];
+      w[a * np + j] = 0.5 * h * sum;
+      m[a * np + j] = j < S ? 0.0 : w[a * np + j];
+      t[j * np + a] = T[a * n + j];
+    }
+    product(S, S, nv, T, 1, n, W, made, 1);
+    product(S, F, nv, w, np, 1, turned, made, 1);
+    for (long long a = 0; a < S; a++) memcpy(out + (i * S + a) * F, m + a * np, F * sizeof(double));
   }
   free(whole);
   return 0;

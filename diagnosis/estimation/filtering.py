@@ -1,9 +1,9 @@
-"""Filter and responses of ``diagnosis.estimation.kalman``, by C code where it compiles: most of a diagnosis' time.
+"""Filter, responses, smoother and adjoint of ``diagnosis.estimation.kalman``, by C code where it compiles.
 
 The functions in numpy are the portable path, and what the code must agree with on a small system before it is kept.
 Each function of the C code goes through the windows from begin to end, one after the other, and takes eight columns of
 a row at a time. Arrays are those of the functions in numpy, row by row; of the transitions and the observations only
-those numbers are read that are not zero in any window. The rest of the filter's functions take little time beside them.
+those numbers are read that are not zero in any window.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from diagnosis.estimation import kalman
-from diagnosis.estimation.kalman import DrivenColumns, Filtered, LinearSystem
+from diagnosis.estimation.kalman import Adjoint, DrivenColumns, Filtered, LinearSystem
 from mmg.compile.batch import LOOP_FLAGS, differences
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import c_file, prelude
@@ -53,6 +53,63 @@ def whitened(
     return out, states if with_states else np.empty(0)
 
 
+def smoothed(
+    s: LinearSystem, f: Filtered, white: np.ndarray, states: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Smoothed states (K + 1, R, n), and the smoother's r (K, R, n) and u (K + 1, R, 6); all as of ``kalman.smoothed``.
+
+    s, f: system and its filter run; white: (K + 1, R, 6), states: (K + 1, R, n) of the residual's column.
+    """
+    library = compiled()
+    return smoothed_by(library, s, f, white, states) if library else kalman.smoothed(s, f, white, states)
+
+
+def smoothed_by(
+    library: ctypes.CDLL, s: LinearSystem, f: Filtered, white: np.ndarray, states: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As ``smoothed``, by the compiled ``library``.
+
+    s, f: system and its filter run; white: (K + 1, R, 6), states: (K + 1, R, n) of the residual's column.
+    """
+    given, made = _real(white), (np.array(states, order="C"), np.zeros(s.T.shape[:3]), np.zeros(s.good.shape))
+    _over_windows(library, "smooth", s, f, *(ctypes.c_void_p(a.ctypes.data) for a in (given, *made)))
+    return made
+
+
+def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
+    """Derivatives of the filter run ``f`` of the system ``s``, as of ``kalman.adjoint``."""
+    library = compiled()
+    return adjoint_by(library, s, f) if library else kalman.adjoint(s, f)
+
+
+def adjoint_by(library: ctypes.CDLL, s: LinearSystem, f: Filtered) -> Adjoint:
+    """``adjoint`` of the filter run ``f`` of the system ``s`` by the compiled ``library``."""
+    (K, R, n), made = s.T.shape[:3], s.good.shape
+    found = Adjoint(*(np.zeros(shape) for shape in ((K, R, s.S, n), (*made, n), (K, R, n), made)))
+    _over_windows(library, "adjoint", s, f, *(ctypes.c_void_p(a.ctypes.data) for a in vars(found).values()))
+    return found
+
+
+def by_rates(s: LinearSystem, by_T: np.ndarray, h: float, gusts: np.ndarray | None = None) -> np.ndarray:
+    """Derivative (K, R, S, S + 3) of 1/2 log det by the Jacobian of the rates.
+
+    s: the system; by_T: (K, R, S, n) of its adjoint; h: step [s]; gusts: (K, R, 3, 2) as of ``GriddedTrials``.
+    """
+    library = compiled()
+    return rates_by(library, s, by_T, h, gusts) if library else kalman.by_rates(s, by_T, h, gusts)
+
+
+def rates_by(
+    library: ctypes.CDLL, s: LinearSystem, by_T: np.ndarray, h: float, gusts: np.ndarray | None = None
+) -> np.ndarray:
+    """As ``by_rates``, (K, R, S, S + 3), by the compiled ``library``; s, by_T, h, gusts: as there."""
+    given, pushes = _real(by_T), None if gusts is None else _real(gusts)
+    out = np.zeros((*s.inside.shape, s.S, s.S + 3))
+    addresses = [ctypes.c_void_p(None if a is None else a.ctypes.data) for a in (given, pushes, out)]
+    _over_windows(library, "by_rates", s, None, ctypes.c_double(h), *addresses)
+    return out
+
+
 # Arrays of the struct System: of the system, of its filter run, and where numbers are not zero.
 _ARRAYS = (
     *("T", "Z", "Q", "white", "first", "good", "inside"),
@@ -82,12 +139,13 @@ def _real(a: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(a, dtype=float)
 
 
-def _over_windows(library: ctypes.CDLL, name: str, s: LinearSystem, f: Filtered, *rest: object) -> None:
-    """Call a function of the ``library`` with the system, its filter run and what else it takes."""
+def _over_windows(library: ctypes.CDLL, name: str, s: LinearSystem, f: Filtered | None, *rest: object) -> None:
+    """Call a function of the ``library`` with the system, its filter run if it takes one, and what else it takes."""
     arrays = [_real(a) for a in (s.T, s.Z, s.Q, s.R, s.first)]
     arrays += [np.ascontiguousarray(a, dtype=np.uint8) for a in (s.good, s.inside)]
-    arrays += [_real(a) for a in (f.gain, f.P, f.inverse, f.root, f.log_det)]
-    system = _System(*s.T.shape[:3], s.S, *(a.ctypes.data for a in (*arrays, *s.places)))
+    run = [None] * 5 if f is None else [_real(a) for a in (f.gain, f.P, f.inverse, f.root, f.log_det)]
+    every = (*arrays, *run, *s.places)
+    system = _System(*s.T.shape[:3], s.S, *(None if a is None else a.ctypes.data for a in every))
     failed = getattr(library, name)(ctypes.byref(system), *rest)
     if failed == 1:
         raise np.linalg.LinAlgError("Matrix is not positive definite")
@@ -177,10 +235,16 @@ def _faults(library: ctypes.CDLL) -> str:
     expected = kalman.responses(s, f, columns.forcing, columns.dense_observed, start)
     out = np.empty(expected[0].shape)
     states = whitened_by(library, s, own, columns, out, True)
-    wrong = differences([*vars(own).values(), out, states], [*vars(f).values(), *expected], 1e-9)
+    found, known = [*vars(own).values(), out, states], [*vars(f).values(), *expected]
+    back, gusts = kalman.adjoint(s, f), rng.standard_normal((K, R, 3, 2))
+    found += [*vars(adjoint_by(library, s, f)).values(), rates_by(library, s, back.by_T, 0.5, gusts)]
+    known += [*vars(back).values(), kalman.by_rates(s, back.by_T, 0.5, gusts)]
+    found += smoothed_by(library, s, f, out[..., 0], states[..., 0])
+    known += kalman.smoothed(s, f, out[..., 0], states[..., 0])
+    wrong = differences(found, known, 1e-9)
     return f"the filter differs from that in numpy {wrong}" if wrong else ""
 
 
 def source() -> str:
-    """The C file with ``filter`` and ``responses``."""
+    """The C file: ``filter``, ``responses``, ``smooth``, ``adjoint`` and ``by_rates``."""
     return prelude() + c_file(__file__, "filter.c")

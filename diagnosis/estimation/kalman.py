@@ -285,8 +285,8 @@ def smoothed(
 
 @dataclass(frozen=True)
 class Adjoint:
-    """Derivatives of 1/2 log det F by T (K, R, n, n) and by Z (K + 1, R, 6, n), and the diagonals N (K, R, n) and D
-    (K + 1, R, 6), expected squares of the smoother's r and u."""
+    """Derivatives of 1/2 log det F by the ship's rows of T (K, R, S, n) and by Z (K + 1, R, 6, n), and the diagonals N
+    (K, R, n) and D (K + 1, R, 6), expected squares of the smoother's r and u; 0 where nothing is compared."""
 
     by_T: np.ndarray
     by_Z: np.ndarray
@@ -307,27 +307,25 @@ def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
         np.matmul(now, L[k], out=NL[k])
         now = back[k] @ NL[k]
         now += last[k]
-    by_T = NL @ f.P[:-1]
-    by_Z = ZF.swapaxes(2, 3) @ f.P
-    by_Z[:-1] -= f.gain.swapaxes(2, 3) @ by_T  # through the gain to the next step; the last has none
+    ahead = ZF.swapaxes(2, 3)
+    ahead[:-1] -= f.gain.swapaxes(2, 3) @ NL  # through the gain to the next step; the last has none
     Ds = np.einsum("krii->kri", f.inverse).copy()
     Ds[:-1] += np.einsum("krij,krij->krj", f.gain, N @ f.gain)
-    return Adjoint(by_T, by_Z, np.einsum("krii->kri", N).copy(), Ds)
+    by_T, by_Z = NL[:, :, : s.S] @ f.P[:-1], np.where(s.good[..., None], ahead @ f.P, 0.0)
+    return Adjoint(by_T, by_Z, np.einsum("krii->kri", N).copy(), np.where(s.good, Ds, 0.0))
 
 
-def by_rates(s: LinearSystem, gradients: Adjoint, A: int, h: float, gusts: np.ndarray | None = None) -> np.ndarray:
-    """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates of the first A states by themselves and
-    the latent force, times the step h [s].
+def by_rates(s: LinearSystem, by_T: np.ndarray, h: float, gusts: np.ndarray | None = None) -> np.ndarray:
+    """Derivative (K, R, S, S + 3) of 1/2 log det by the Jacobian of the ship's rates by states and latent force, times
+    the step h [s]; 0 behind a window's end.
 
-    s: the system; gradients: its adjoint; gusts: as of ``GriddedTrials``, which push as the latent force does. T is the
+    s: the system; by_T: of its adjoint; gusts: as of ``GriddedTrials``, which push as the latent force does. T is the
     exponential of the generator: a change of the generator acts equally on either side of the step.
     """
-    by_T = gradients.by_T[:, :, :A, : A + 3]
-    if gusts is not None:
-        pushed = gradients.by_T[:, :, :A, A + 3 : A + 5] @ gusts.swapaxes(2, 3)
-        by_T = np.concatenate([by_T[..., :A], by_T[..., A:] + pushed], axis=3)  # gusts act by the columns of the force
-    weight = np.where(s.inside[..., None, None], by_T, 0.0)
-    through = s.T[:, :, :A, : A + 3]
+    A = s.S
+    weight, through = np.where(s.inside[..., None, None], by_T[..., : A + 3], 0.0), s.T[:, :, :A, : A + 3]
+    if gusts is not None:  # they act by the columns of the force
+        weight[..., A:] += by_T[..., A + 3 :] @ gusts.swapaxes(2, 3)
     # dT = h (dA T + T dA) / 2 for T = exp(A h)
     ahead = np.concatenate([weight @ through.swapaxes(2, 3), weight[..., A:]], axis=3)
     return np.asarray(0.5 * h * (ahead + through[..., :A].swapaxes(2, 3) @ weight))

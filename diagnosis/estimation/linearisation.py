@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting, linearised, logdet_gradient
-from diagnosis.estimation.filtering import filtered, whitened
+from diagnosis.estimation.filtering import adjoint, by_rates, filtered, smoothed, whitened
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import (
     Adjoint,
@@ -18,10 +18,7 @@ from diagnosis.estimation.kalman import (
     LinearSystem,
     NoiseModel,
     ProductColumns,
-    adjoint,
-    by_rates,
     linear_system,
-    smoothed,
 )
 from diagnosis.estimation.parameters import NO_PRIORS, Priors, active_in_window, active_states, set_values
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel, spread
@@ -140,16 +137,14 @@ class Linearisation:
     def by_rates(self) -> np.ndarray:
         """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates by states and latent force in the
         middle of each step [1/s]."""
-        found, A = self.adjoint, len(self.active)
-        return by_rates(self.system, found, A, self.data.h, self.data.gusts)
+        return by_rates(self.system, self.adjoint.by_T, self.data.h, self.data.gusts)
 
     @cached_property
     def logdet_gradient(self) -> np.ndarray:
         """Derivative (R, P) of 1/2 log det by the columns, by window; 0 for extra columns."""
         free, path, A = self.at.free, self.at.path, len(self.active)
         push = path.push[:-1]
-        by_Z = np.where(self.data.good[..., None], self.adjoint.by_Z[..., :A], 0.0)
-        given = (path.z, self.data.inputs, self.at.theta, push, self.by_rates, by_Z)
+        given = (path.z, self.data.inputs, self.at.theta, push, self.by_rates, self.adjoint.by_Z[..., :A])
         positions = column_positions(self.steps, free)
         own = self.steps.logdet_gradient(*given, positions, self.active) * self.size
         gradient = np.zeros((len(self.data.run), self.white.shape[3] - 1))

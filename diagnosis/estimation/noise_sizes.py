@@ -103,10 +103,10 @@ def _with_sizes(here: Linearisation, sizes: np.ndarray) -> NoiseModel:
 
 def _squares(here: Linearisation, r: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sums (q,) of the squares of what each source makes of r (K, R, n) and u (K + 1, R, 6), and their expectations."""
-    A, masks = len(here.active), (here.system.inside[..., None], here.system.good)
-    made, expected = (r[..., A:] ** 2, u**2), (here.adjoint.N[..., A:], here.adjoint.D)
-    sums = [[np.where(m, x, 0.0).sum(axis=(0, 1)) for m, x in zip(masks, own, strict=True)] for own in (made, expected)]
-    return np.concatenate(sums[0]), np.concatenate(sums[1])
+    A = len(here.active)
+    parts = ((r[..., A:] ** 2, u**2), (here.adjoint.N[..., A:], here.adjoint.D))
+    made, expected = (np.concatenate([x.sum(axis=(0, 1)) for x in own]) for own in parts)
+    return made, expected
 
 
 def _prior_share(noise: NoiseModel, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -170,8 +170,8 @@ def slope_and_information(here: Linearisation, r: np.ndarray, u: np.ndarray) -> 
     slope = 0.5 * np.concatenate([system.Q[A:], system.R]) * (expected - made)
     forcing, observed = np.zeros((K, R, n, random + 6)), np.zeros((K + 1, R, 6, 6))
     at, each = np.arange(random), np.arange(6)
-    forcing[:, :, A + at, at] = system.Q[A:] * np.where(system.inside[..., None], r[..., A:], 0.0)
-    observed[:, :, each, each] = system.R * np.where(system.good, u, 0.0)
+    forcing[:, :, A + at, at] = system.Q[A:] * r[..., A:]
+    observed[:, :, each, each] = system.R * u
     columns = DrivenColumns(forcing, observed, random + each)
     white = whitened(system, here.filter, columns, rows=here.rows)[0].reshape(-1, random + 6)
     return slope, 0.5 * white.T @ white

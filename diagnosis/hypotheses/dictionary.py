@@ -248,7 +248,7 @@ class Dictionary:
             whole, scaled = self._along(at, action, forms.only(SHAPES))
             result += [size * scaled, size * np.einsum("mkr,kr->m", action.delayed, whole)]
         result.append(np.zeros(2 * len(self.swings.names)))  # they depend on inputs alone
-        by_Z = np.where(self.data.good[..., None], at.adjoint.by_Z[..., : len(self.active) + 3], 0.0)
+        by_Z = at.adjoint.by_Z[..., : len(self.active) + 3]
         result.append(np.array([(by_Z[:, :, channel] * g).sum() for channel, _, g in self._errors(at.linear)]))
         return np.concatenate(result)
 

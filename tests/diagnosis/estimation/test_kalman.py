@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from diagnosis.estimation import filtering, kalman
-from diagnosis.estimation.filtering import filtered_by, source, whitened_by
+from diagnosis.estimation.filtering import adjoint_by, filtered_by, rates_by, smoothed_by, source, whitened_by
 from diagnosis.estimation.force_order import PAIRS, force_order, order_by_law, order_of, turning_scores, with_turning
 from diagnosis.estimation.kalman import (
     DrivenColumns,
@@ -148,7 +148,7 @@ def test_slopes_of_the_log_determinant_are_those_of_finite_differences() -> None
     for name, slope, there in (("T", found.by_T, s.inside), ("Z", found.by_Z, s.good)):
         whole = getattr(s, name)
         for _ in range(40):
-            at = tuple(int(rng.integers(count)) for count in whole.shape)
+            at = tuple(int(rng.integers(count)) for count in slope.shape)
             if there[at[: there.ndim]]:
                 up, down = (half_log_det(replace(s, **{name: changed(whole, at, e)})) for e in (small, -small))
                 assert slope[at] == pytest.approx((up - down) / (2 * small), rel=1e-5, abs=1e-7)
@@ -197,6 +197,16 @@ def test_the_filter_is_that_of_numpy(code: ctypes.CDLL, n: int) -> None:
     f, own = kalman.filtered(s), filtered_by(code, s)
     for name in ("gain", "P", "inverse", "root", "log_det"):
         close(getattr(own, name), getattr(f, name))
+    back = adjoint(s, f)
+    for name, expected in vars(back).items():
+        close(getattr(adjoint_by(code, s, f), name), expected)
+    if n > 5:  # three states of the force, two of gusts
+        s = replace(s, S=n - 5)
+        pushes = back.by_T[:, :, : s.S], 0.5, np.ones((K, R, 3, 2))
+        close(rates_by(code, s, *pushes), kalman.by_rates(s, *pushes))
+    white, states = (a[..., 0] for a in responses(s, f, np.ones((K, R, n, 1)), np.ones((K + 1, R, 6, 1))))
+    for one, expected in zip(smoothed_by(code, s, f, white, states), smoothed(s, f, white, states), strict=True):
+        close(one, expected)
 
 
 @pytest.mark.parametrize("c", [1, 8, 13, 128, 131])
