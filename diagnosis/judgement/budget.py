@@ -126,7 +126,8 @@ def _floors(steps: TransitionModel, data: GriddedTrials, fit: Estimate, rng: np.
     """Errors of ships as uncertain as the coefficients of a ``fit``, in trials that it simulates along ``data``."""
     errors_of_draws = []
     for seen in simulated_trials(steps, data, fit, SIMULATED, rng):
-        drawn = rng.multivariate_normal(fit.p, fit.covariance, method="eigh")
+        # not by eigenvectors, whose signs rounding turns
+        drawn = rng.multivariate_normal(fit.p, fit.covariance, method="cholesky")
         errors_of_draws.append(_errors(steps, seen, fit.with_values(steps.ship, data, drawn).theta))
     return [e for e in errors_of_draws if np.isfinite(e.mean).all()]
 
