@@ -181,15 +181,24 @@ def score_tests(s: Slopes, candidates: Sequence[Candidate], seed: int = 0) -> li
     values, vectors = np.linalg.eigh(s.S)
     # rounding: a little below 0
     draws = rng.standard_normal((DRAWS, len(values))) * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    tests = [_test(s, c, draws) for c in candidates]
-    least = np.min([null for _, null in tests], axis=0)  # (DRAWS,) the smallest of all candidates
-    count = sum(row.excited for row, _ in tests)
-    rows = [replace(row, p_value=_largest(row.p_single, least, count) if row.T > 0 else 1.0) for row, _ in tests]
+    largest: dict[tuple[int, bool], np.ndarray] = {}
+    tests = [_test(s, c, draws, largest) for c in candidates]
+    # the smallest of all candidates (DRAWS,)
+    least = np.min([_by_chance(T, *law) for law, T in largest.items()], axis=0) if largest else np.ones(DRAWS)
+    count = sum(row.excited for row in tests)
+    rows = [replace(row, p_value=_largest(row.p_single, least, count) if row.T > 0 else 1.0) for row in tests]
     return sorted(rows, key=lambda r: (r.p_single, -r.T))
 
 
-def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[ScoreTest, np.ndarray]:
-    """The test of one candidate, and the single probabilities (DRAWS,) that chance gives it."""
+def _by_chance(T: np.ndarray, degrees: int, is_one_sided: bool) -> np.ndarray:
+    """Probability that chance gives a larger statistic than T, which is 0 where a one-sided one has the wrong sign."""
+    p = chdtrc(degrees, T)  # chi2.sf without its checks of each call
+    return np.where(T > 0, 0.5 * p, 1.0) if is_one_sided else p
+
+
+def _test(s: Slopes, c: Candidate, draws: np.ndarray, largest: dict[tuple[int, bool], np.ndarray]) -> ScoreTest:
+    """The test of one candidate; ``largest`` statistics (DRAWS,) that chance gives by degrees and sidedness, in which
+    its own are put: the largest of one law has the smallest probability."""
     at = np.array([s.columns.index(x) for x in c.columns])
     S, own = s.S[np.ix_(at, at)], s.own[at]
     excited = own > EXCITED
@@ -197,8 +206,7 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[ScoreTest, np.nda
     if not seen.any():
         absorbed = 1.0 if excited.any() else 0.0
         nowhere = np.full(len(at), np.inf)
-        row = ScoreTest(c, 0.0, len(at), 1.0, 1.0, np.zeros(len(at)), absorbed, bool(excited.any()), nowhere)
-        return row, np.ones(len(draws))
+        return ScoreTest(c, 0.0, len(at), 1.0, 1.0, np.zeros(len(at)), absorbed, bool(excited.any()), nowhere)
     S = S[np.ix_(seen, seen)]
     inverse = np.linalg.pinv(S, rcond=1e-8, hermitian=True)
     # fewer where two parameters look alike
@@ -207,18 +215,20 @@ def _test(s: Slopes, c: Candidate, draws: np.ndarray) -> tuple[ScoreTest, np.nda
     phi[seen] = inverse @ s.g[at][seen]
     ratio = s.dispersion.get(c, 1.0)
     T = float(phi[seen] @ s.g[at][seen]) / ratio  # g' S^-1 g (Rao 1948)
-    d = draws[:, at][:, seen]
-    null = chdtrc(degrees, np.einsum("da,ab,db->d", d, inverse, d))  # chi2.sf without its checks of each call
-    p = float(chdtrc(degrees, T))
-    if len(at) == 1 and c.neutral[0] <= c.lower[0]:  # it can only be positive
-        null, p = np.where(d[:, 0] > 0, 0.5 * null, 1.0), 0.5 * p
+    d = draws[:, at[seen]]
+    drawn = ((d @ inverse) * d).sum(axis=1)
+    law = degrees, len(at) == 1 and bool(c.neutral[0] <= c.lower[0])  # one that can only be positive
+    if law[1]:
+        drawn[d[:, 0] <= 0] = 0.0
         if phi[0] <= 0:
-            T, p, phi = 0.0, 1.0, np.zeros(1)
+            T, phi = 0.0, np.zeros(1)
+    largest[law] = np.maximum(largest[law], drawn) if law in largest else drawn
+    p = float(_by_chance(np.asarray(T), *law))
     absorbed = float(np.clip(1 - np.mean(np.diag(S) / own[seen]), 0.0, 1.0))  # information lost by the projection
     errors = np.full(len(at), np.inf)
     errors[seen] = np.sqrt(ratio * np.diag(inverse))
     taken = s.taken[:, at] if len(s.taken) else s.taken
-    return ScoreTest(c, T, degrees, p, 1.0, phi, absorbed, True, errors, ratio, taken), null
+    return ScoreTest(c, T, degrees, p, 1.0, phi, absorbed, True, errors, ratio, taken)
 
 
 def followed(before: Point, score: ScoreTest, first: np.ndarray) -> dict[Column, float]:
