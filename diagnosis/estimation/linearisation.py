@@ -229,18 +229,20 @@ def linearise_and_filter(
     active: np.ndarray | None = None,
     extra: ExtraColumns | None = None,
     is_brief: bool = False,
+    linear: LinearModel | None = None,
 ) -> Linearisation:
     """Linearise the model ``steps`` about the point ``at`` and whiten its columns and its residual from ``data``.
 
     active: (A,) positions of the states that take part (default: ``active_states``); extra: further columns, whose
     gradient of log det is taken as zero; is_brief: of ``white``, which is zero where nothing is compared, only grid
-    times at which something is in any window are kept.
+    times at which something is in any window are kept; linear: of the same point with other noise, default: made here.
     """
     free, path, noise, theta = at.free, at.path, at.noise, at.theta
     if active is None:
         active = active_states(steps, free.symbols, theta)
     data = acting(steps, data, theta)
-    linear = linearised(steps, data, theta, path.z, path.push[:-1], column_positions(steps, free), active)
+    if linear is None:
+        linear = linearised(steps, data, theta, path.z, path.push[:-1], column_positions(steps, free), active)
     start = initial_covariance(steps, data, path.z[0], theta, active)
     system = linear_system(linear, noise, start, data.good, data.inside, data.h, data.gusts)
     filter_run = filtered(system)

@@ -106,8 +106,12 @@ def _parabola(
     """Curvature a and slope b of the negative log likelihood a x^2 + b x + c of ``fit`` through three points, x being
     0 and ``apart`` on either side, with the noise that is ``changed`` by x."""
     active, at = active_states(steps, fit.free.symbols, fit.theta), (-apart, 0.0, apart)
-    points = (replace(fit.fixed(), noise=changed(x)) for x in at)
-    a, b, _ = np.polyfit(at, [linearise_and_filter(steps, data, point, active).nll for point in points], 2)
+    linear, nlls = None, []
+    for x in at:
+        here = linearise_and_filter(steps, data, replace(fit.fixed(), noise=changed(x)), active, linear=linear)
+        linear = here.linear
+        nlls.append(here.nll)
+    a, b, _ = np.polyfit(at, nlls, 2)
     return float(a), float(b)
 
 
