@@ -79,21 +79,12 @@ def logdet_gradient(
     by_rates: (K, R, A, A + 3) derivative by the Jacobian of the rates; steps, data, theta, z, force, columns, active:
     as of ``linearised``. Returns their places (q,) among the columns, and values by window (R, q).
     """
-    K, R = data.inputs.shape[:2]
     late = _late(steps, np.asarray(columns, dtype=int))
-    places, values = np.array([i for i, _ in late], dtype=int), np.zeros((R, len(late)))
-    if not late:
-        return places, values
-    middle = (0.5 * (z[:-1] + z[1:])).reshape(K * R, -1).T  # the midpoint rule, as in ``logdet_gradient`` of steps
-    every = steps.coefficients(theta, force.reshape(-1, 3).T)
-    wanted = np.concatenate([active, steps.S + np.arange(3)])
+    places, values = np.array([i for i, _ in late], dtype=int), np.zeros((data.inputs.shape[1], len(late)))
     for j, (_, symbol) in enumerate(late):
         sides, apart = _both_sides(steps, data, theta, symbol)
-        sums = []
-        for side in sides:
-            _, J = steps.rates(middle, side.inputs.reshape(K * R, -1).T, every)
-            sums.append(np.einsum("krab,krab->r", by_rates, J[:, active][:, :, wanted].reshape(K, R, len(active), -1)))
-        values[:, j] = (sums[1] - sums[0]) / apart
+        less, more = (steps.weighted_rates(z, side.inputs, theta, force, by_rates, active) for side in sides)
+        values[:, j] = (more - less) / apart
     return places, values
 
 

@@ -119,7 +119,7 @@ class TransitionModel:
 
         theta: (all,), or (all, R) by window where the points are K times those of R windows.
         """
-        every = spread(theta, force.shape[1]).copy()
+        every = spread(theta, force.shape[1])
         every[self.force] += force  # (3, M) on those of the coefficients (all, M)
         return every
 
@@ -223,7 +223,7 @@ class TransitionModel:
         observing = np.flatnonzero(np.isin(self.S + columns, places))
         wanted = np.concatenate([active, self.S + columns[observing]])
         at, kept = np.nonzero(places[:, None] == wanted)
-        y, nonzeros = self._logged.at(z.reshape(K1 * R, -1).T, spread(theta, K1 * R))
+        y, nonzeros = self._logged.at(z.reshape(K1 * R, -1).T, _of(theta, np.tile(np.arange(R), K1)))
         J = np.zeros((K1 * R, 6, len(wanted)))
         J[:, rows[at], kept] = nonzeros[at].T
         J = J.reshape(K1, R, 6, -1)
@@ -254,29 +254,57 @@ class TransitionModel:
         weight: (K, R, A, A + 3) of the Jacobian d rates / d (active states, latent force) at the middle of each step;
         weight_logged: (K + 1, R, 6, A); z, inputs, theta, force, active: as of ``linearise``.
         """
-        (K, R), A, S = inputs.shape[:2], len(active), self.S
-        place = np.full(S + self.P, -1)  # -1: a place that is not wanted
-        place[active], place[S : S + 3] = np.arange(A), A + np.arange(3)
-        middle = (0.5 * (z[:-1] + z[1:])).reshape(K * R, S).T  # the midpoint rule, as the weights are per step
-        held, push = inputs.reshape(K * R, -1).T[: self.C], force.reshape(K * R, 3).T
-        rows, places = self._rates_at
-        of_rates = _weights(weight, place[rows], place[places])
-        rates = self._rates_hessian.at(middle, held, self.coefficients(theta, push), of_rates)[0]
+        R, place = np.arange(inputs.shape[1]), self._places(active)
+        k, r, of_rates = _weights(weight, *(place[at] for at in self._rates_at))
+        rates = self._rates_hessian.at(*self._middles(z, inputs, theta, force, k, r), of_rates)[0]
+        sums = (r == R[:, None]) @ rates.T  # by window
         rows, places = self._logged_at
-        of_logged = _weights(weight_logged, rows, np.where(places < S, place[places], -1))
-        states = z.reshape(len(z) * R, S).T
-        logged = self._logged_hessian.at(states, spread(theta, states.shape[1]), of_logged)[0]
-        # steps of a window added up
-        result = sum(found.reshape(self.P, -1, R).sum(axis=1).T for found in (rates, logged))
-        return np.asarray(result)[:, columns]
+        k, r, of_logged = _weights(weight_logged, rows, np.where(places < self.S, place[places], -1))
+        logged = self._logged_hessian.at(z[k, r].T, _of(theta, r), of_logged)[0]
+        return np.asarray(sums + (r == R[:, None]) @ logged.T)[:, columns]
+
+    def weighted_rates(
+        self,
+        z: np.ndarray,
+        inputs: np.ndarray,
+        theta: np.ndarray,
+        force: np.ndarray,
+        weight: np.ndarray,
+        active: np.ndarray,
+    ) -> np.ndarray:
+        """Sum (R,) over the steps of each window of the Jacobian of the rates by states and latent force in the middle
+        of the step, times ``weight`` (K, R, A, A + 3); z, inputs, theta, force, active: as of ``linearise``."""
+        place = self._places(active)
+        k, r, of_rates = _weights(weight, *(place[at] for at in self._rates_at))
+        found = self._rates.at(*self._middles(z, inputs, theta, force, k, r))[1]
+        return np.bincount(r, (found * of_rates).sum(axis=0), inputs.shape[1])
+
+    def _places(self, active: np.ndarray) -> np.ndarray:
+        """Place of each state and symbol among the ``active`` states (A,) and the latent force, -1 for none."""
+        place = np.full(self.S + self.P, -1)
+        place[active], place[self.S : self.S + 3] = np.arange(len(active)), len(active) + np.arange(3)
+        return place
+
+    def _middles(
+        self, z: np.ndarray, inputs: np.ndarray, theta: np.ndarray, force: np.ndarray, k: np.ndarray, r: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """States (S, M), inputs (C, M) and coefficients (all, M) in the middle of steps k (M,) of windows r (M,), by
+        the midpoint rule."""
+        middle = 0.5 * (z[k, r] + z[k + 1, r]).T
+        return middle, inputs[k, r, : self.C].T, self.coefficients(_of(theta, r), force[k, r].T)
 
 
-def _weights(weight: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """Of ``weight`` (K, R, rows, columns) at each point those of the nonzeros at ``row`` and ``column``, (nonzeros,
-    K R); 0 where one of these is -1."""
+def _weights(weight: np.ndarray, row: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Grid times (M,) and windows (M,) of the points where one of ``weight`` (K, R, rows, columns) is not zero, and
+    there those of the nonzeros at ``row`` and ``column``, (nonzeros, M); 0 where one of these is -1."""
+    k, r = np.nonzero(weight.any(axis=(2, 3)))
     source = np.where((row >= 0) & (column >= 0), row * weight.shape[3] + column, -1)
-    flat = weight.reshape(weight.shape[0] * weight.shape[1], -1)
-    return np.where(source >= 0, flat[:, source], 0.0).T
+    return k, r, np.where(source >= 0, weight[k, r].reshape(len(k), -1)[:, source], 0.0).T
+
+
+def _of(theta: np.ndarray, window: np.ndarray) -> np.ndarray:
+    """Coefficients ``theta`` (all,), or (all, R) by window at points of a ``window`` (M,): (all, M)."""
+    return theta[:, window] if theta.ndim > 1 else theta
 
 
 def _spread_rows(rows: np.ndarray, at: np.ndarray, count: int) -> np.ndarray:
