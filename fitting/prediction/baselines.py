@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
@@ -91,6 +90,8 @@ def fit_grey_box(
     are divided by what the states change by over a window, and large ones count less (soft L1). Raises UserError where
     no window is whole.
     """
+    from scipy.optimize import least_squares  # late: slow to import, and a diagnosis needs none of it
+
     planned = [planned_windows(trial, inputs, window, 0.5 * window, False)[0] for trial in trials]
     stretches = [stretch for kept in planned for stretch in kept.values()]
     if not stretches:
