@@ -207,13 +207,12 @@ class TransitionModel:
         lanes = self._lanes(held[None], push[None], _groups(theta, exist % R))
         wanted = active, np.concatenate([active, S + each])
         ends = self._intervals.linearise(lanes, start, np.atleast_2d(theta.T), np.zeros((0, S, len(exist))), wanted)
-        end, J = ends[0].T, ends[1]
+        J = ends[1]
+        parts = [ends[0].T, J[..., :A], J.take(A + where[:P], axis=2), J.take(A + where[P:], axis=2)]
         if len(exist) < K * R:
-            end, J = (_spread_rows(a, exist, K * R) for a in (end, J))
-        J = J.reshape(K, R, A, -1)
-        F, G, by_force = J[..., :A], np.take(J, A + where[:P], axis=3), J[..., A + where[P:]]
-        y, H, D, observing = self._observed(z, theta, columns, active)
-        return LinearModel(end.reshape(K, R, S), F, G, by_force, y, H, D, observing)
+            parts = [_spread_rows(a, exist, K * R) for a in parts]
+        end, F, G, by_force = (a.reshape(K, R, *a.shape[1:]) for a in parts)
+        return LinearModel(end, F, G, by_force, *self._observed(z, theta, columns, active))
 
     def _observed(
         self, z: np.ndarray, theta: np.ndarray, columns: np.ndarray, active: np.ndarray
