@@ -33,7 +33,6 @@ from mmg.compile.batch import LOOP_FLAGS
 from mmg.compile.cache import load_library
 from tests.diagnosis.judgement.test_verdict import ready
 
-K, R, S = 7, 2, 3
 K, R = 11, 3
 
 
@@ -165,9 +164,6 @@ def test_diagonals_are_the_slopes_by_the_variances() -> None:
             up, down = (half_log_det(replace(s, **{name: changed(whole, (j,), e)})) for e in (small, -small))
             own = np.where(there, found_by, 0.0)[..., j].sum()
             assert own == pytest.approx((up - down) / small, rel=1e-5, abs=1e-7)
-
-
-R, K = 3, 11
 
 
 @pytest.fixture(scope="module")
