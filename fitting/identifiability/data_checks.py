@@ -106,7 +106,8 @@ def outlying_runs(problem: Problem, x: np.ndarray, moves: np.ndarray) -> list[Me
         if correlation < WHITE
         else Message(
             f"{name}: residuals {multiple:.0f} times those of the other runs; it may be of another ship or "
-            "loading, or have a wrong unit or sign: leave it out and compare (mmg check, mmg score)",
+            "loading, have a wrong unit or sign, or go where the others do not, as a tight circle does: leave it out "
+            "and compare (mmg check, mmg score)",
             "outlying_run",
         )
         for name, multiple, correlation in zip(problem.segments.trials, far, correlations, strict=True)
