@@ -220,16 +220,17 @@ def _faults(library: ctypes.CDLL) -> str:
     """What is wrong with a new ``library`` on a small system, with samples missing and a window that ends early; "" for
     nothing."""
     rng, K, R, S, c = np.random.default_rng(0), 6, 2, 3, 19
+    n = S + 5  # states of the ship, a force X, Y, N, two gusts
     inside = np.arange(K)[:, None] < np.array([K, K - 2])
     good = (rng.random((K + 1, R, 6)) > 0.3) & (np.arange(K + 1)[:, None] <= np.array([K, K - 2]))[..., None]
-    T = np.zeros((K, R, S + 6, S + 6))
-    T[..., :S, :] = 0.3 * rng.standard_normal((K, R, S, S + 6))
-    T[..., np.arange(S + 6), np.arange(S + 6)] += 0.7
-    T[~inside] = np.eye(S + 6)
-    Z = np.where(good[..., None], rng.standard_normal((K + 1, R, 6, S + 6)), 0.0)
-    Q, white = 0.1 + rng.random(S + 6), 0.1 + rng.random(6)
-    s = LinearSystem(T, Z, Q, white, np.repeat(np.eye(S + 6)[None], R, axis=0), good, inside, S)
-    observed, start = rng.standard_normal((K + 1, R, 6, 2)), rng.standard_normal((R, S + 6, c))
+    T = np.zeros((K, R, n, n))
+    T[..., :S, :] = 0.3 * rng.standard_normal((K, R, S, n))
+    T[..., np.arange(n), np.arange(n)] += 0.7
+    T[~inside] = np.eye(n)
+    Z = np.where(good[..., None], rng.standard_normal((K + 1, R, 6, n)), 0.0)
+    Q, white = 0.1 + rng.random(n), 0.1 + rng.random(6)
+    s = LinearSystem(T, Z, Q, white, np.repeat(np.eye(n)[None], R, axis=0), good, inside, S)
+    observed, start = rng.standard_normal((K + 1, R, 6, 2)), rng.standard_normal((R, n, c))
     columns = DrivenColumns(rng.standard_normal((K, R, S, c)), observed, np.array([1, 17]), None, start)
     f, own = kalman.filtered(s), filtered_by(library, s)
     expected = kalman.responses(s, f, columns.forcing, columns.dense_observed, start)
