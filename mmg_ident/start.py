@@ -110,13 +110,12 @@ def starting_ship(ship: str | None, particulars: str | None, draught: float | No
 
 
 def are_trials(logs: Sequence[Path]) -> bool:
-    """Whether the ``logs`` are trial files already, which are taken as they are: a sidecar says what their headers do
-    not, as whether inputs are held. Without one they are logs of sensors, whatever their columns are called."""
+    """Whether the ``logs`` are trial files already, which are taken as they are."""
     try:
         read_trials(logs)
     except UserError:
         return False
-    return all((path.parent / SIDECAR).is_file() for path in trial_files(logs))
+    return True
 
 
 def copy_trials(logs: Sequence[Path], folder: Path) -> None:

@@ -157,15 +157,13 @@ def test_a_folder_goes_on_with_the_answers_that_it_has(started: Path, logs: Path
 
 @pytest.mark.slow
 def test_answers_reach_ship_and_sidecars(logs: Path, tmp_path: Path) -> None:
-    """Files with a sidecar are taken as they are; antenna, depth and rate go into the sidecars and the ship."""
+    """Trial files are taken as they are; the antenna goes into trials.toml, the depth into site.toml and the ship."""
     trials = tmp_path / "out" / "trials"
     files = [tmp_path / f"{name}.csv" for name in ("a", "b")]
     for path in files:
         path.write_text("t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad]\n" + "\n".join(
             f"{t},{t},0,0,1,0,0,10,{0.1 * (t % 3)}" for t in range(30)))  # fmt: skip
-    assert not steps.are_trials(files) and not steps.are_trials([logs])  # columns alone say nothing of held inputs
-    (tmp_path / "trials.toml").write_text('[default]\ninputs = "held"\n')
-    assert steps.are_trials(files)
+    assert steps.are_trials(files) and not steps.are_trials([logs])
     steps.copy_trials(files, trials)
     known = steps.Answers()
     for name, text in (("antenna", "-0.9 0"), ("depth", "0.6"), ("rudder_rate", "12"), ("current", "'per run'")):
