@@ -470,9 +470,13 @@ def sentence_of(
         words.append(
             f"Also there, but below {percent(MATTERS)} each: {', '.join(f'{f.name} ({amount(f)})' for f in small)}."
         )
-    if budget is not None and found and budget.units["position_m"][0] > 0:  # 0: no trial logs a position
-        before, after, _ = budget.units["position_m"]
-        words.append(f"The position error after {budget.metric} goes from {before:.2g} to {after:.2g} m.")
+    if budget is not None and found:
+        # of position and heading what falls by the larger share; 0: no trial logs it
+        errors = [e for e in budget.units.items() if e[1][0] > 0]
+        if errors:
+            key, (before, after, _) = min(errors, key=lambda e: e[1][1] / e[1][0])
+            name, unit = key.split("_")
+            words.append(f"The {name} error after {budget.metric} goes from {before:.2g} to {after:.2g} {unit}.")
     if verdict == "unknown" and is_minor and rest is not None:
         most = percent(max(min(rest.interval_90[1], 1.0), 0.01))
         words.append(f"Something acts besides that no known effect explains, up to {most} of the avoidable error.")

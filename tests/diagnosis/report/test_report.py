@@ -177,6 +177,9 @@ def test_the_sentence_follows_from_the_budget(
     assert words.split()[0] == first and said in words and "−" not in words
     unplaced = replace(budget, units=units | {"position_m": (0.0, 0.0, 0.0)})
     assert "3.2" in words and " m." not in sentence_of("named", [effect], [], (), remainder, unplaced)
+    turned = replace(budget, units={"position_m": (0.35, 0.37, 0.37), "heading_deg": (7.2, 6.3, 6.3)})
+    words = sentence_of("named", [effect], [], (), remainder, turned)  # what does not fall is no proof of the cause
+    assert "7.2" in words and "0.35" not in words
 
 
 def test_what_does_not_matter_stands_behind_what_does() -> None:
