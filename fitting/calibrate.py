@@ -73,6 +73,8 @@ ALONE = (
 # Share [-] of the limit of time that the second estimate may take, which comes first. Set by hand: both take about as
 # long.
 TIME_SHARE = 0.5
+# What is made first, by its name among the parts of a fit.
+SECOND = "second estimate"
 
 
 @refusing
@@ -121,6 +123,61 @@ class FitOptions:
         )
 
 
+@dataclass(frozen=True)
+class FitTask:
+    """What a calibration is asked for.
+
+    start: the ship with the rates that her trials show; ship: she with the instruments and suspects that are fitted;
+    trials, validation: fitted and held out; settings, options: as of ``calibrate``; remarks: on the trials; notes: on
+    the ship and the options.
+    """
+
+    start: Ship
+    ship: Ship
+    trials: TrialSet
+    validation: TrialSet
+    settings: Settings
+    options: FitOptions
+    remarks: tuple[Message, ...] = ()
+    notes: tuple[Message, ...] = ()
+
+    @property
+    def prepared(self) -> FitTask:
+        """The task with the ship's own rates and her instruments. Raises UserError for contradicting options."""
+        start, notes = with_own_rates(self.start, self.trials)
+        ship, options = with_instruments(start, self.options.instruments, self.trials), self.options
+        _check_options(ship, options)
+        if options.per_run:
+            own = f"the constants that runs have of their own ({', '.join(options.per_run)})"
+            words = f"scores and intervals are without {own}, as of runs never seen"
+            notes.append(Message(words, "without_own_constants"))
+            if len(self.trials) == 1:
+                same = f"--with {' --with '.join(options.per_run)}"
+                LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
+        if options.second and options.estimator == "both" and not options.asks_second:
+            notes.append(Message(ALONE, "two_estimates"))
+        return replace(self, start=start, ship=ship, notes=tuple(notes))
+
+    def asked_first(self, second: Second, seconds: float, made: Made) -> FitTask:
+        """The task after the ``second`` estimate, which may take so many ``seconds`` and is ``made``: it tells what
+        else is to be free, and how inputs are joined."""
+        frees, along = tuple(self.options.instruments) != ("none",), self.options.surroundings
+        with Control.within(seconds).in_force():
+            make_in_turn({SECOND: lambda: second(self.start, self.trials, frees, along)}, made)
+        other = made.get(SECOND, SecondEstimate("interrupted"))
+        trials, validation = (
+            (self.trials.sampled, self.validation.sampled) if other.is_sampled else (self.trials, self.validation)
+        )
+        return replace(
+            self,
+            ship=with_suspects(self.ship, other.suspects),
+            trials=trials,
+            validation=validation,
+            options=replace(self.options, start={**other.of_suspects(), **self.options.start}),
+            remarks=(*self.remarks, *other.messages),
+        )
+
+
 @with_one_thread
 def calibrate(
     ship: Ship,
@@ -137,47 +194,35 @@ def calibrate(
     that stopped early; what Ctrl-C left out after the coefficients were solved is named in a warning. Raises UserError
     for input from which nothing can be identified, contradicting options, an interrupted run of other data.
     """
-    began = time.perf_counter()
+    began, made = time.perf_counter(), Made()
     settings, options = settings or Settings(), options or FitOptions()
-    trials, remarks = TrialSet.of(trials).training(validation)
-    given, notes = with_own_rates(ship, trials)
-    ship = with_instruments(given, options.instruments, trials)
-    _check_options(ship, options)
-    if options.per_run:
-        own = f"the constants that runs have of their own ({', '.join(options.per_run)})"
-        notes.append(Message(f"scores and intervals are without {own}, as of runs never seen", "without_own_constants"))
-        if len(trials) == 1:
-            same = f"--with {' --with '.join(options.per_run)}"
-            LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
-    made, other = Made(), None
-    # the second estimate comes first: it tells what else is to be free, and how inputs are joined
+    fitted, remarks = TrialSet.of(trials).training(validation)
+    task = FitTask(ship, ship, fitted, TrialSet.of(validation), settings, options, tuple(remarks)).prepared
     limit = Control.within(settings.time_limit)
-    if (second := options.second) and options.asks_second:
-        frees, along = tuple(options.instruments) != ("none",), options.surroundings
-        with Control.within(TIME_SHARE * limit.seconds).in_force():
-            make_in_turn({"second estimate": lambda: second(given, trials, frees, along)}, made)
-        other = made.get("second estimate", SecondEstimate("interrupted"))
-        ship, remarks = with_suspects(ship, other.suspects), [*remarks, *other.messages]
-        if other.is_sampled:
-            trials, validation = trials.sampled, TrialSet.of(validation).sampled
-        options = replace(options, start={**other.of_suspects(), **options.start})
-    elif second and options.estimator == "both":
-        notes.append(Message(ALONE, "two_estimates"))
+    if options.second and options.asks_second:
+        task = task.asked_first(options.second, TIME_SHARE * limit.seconds, made)
     with limit.in_force():
-        fit = _estimated(ship, trials, settings, options, made, progress)
+        fit = _estimated(task, made, progress)
     found = fit.calibration
     if options.prior_mean is not None:
         from fitting.selection.sisters import with_uncertain_mean  # late: only the ships of a fleet have sisters
 
         found = with_uncertain_mean(found, options.prior_mean)
-    if other and averages(given) and found.converged:
-        found = with_second(found, other.values)
+    if options.second and options.asks_second and averages(task.start) and found.converged:
+        found = with_second(found, made.get(SECOND, SecondEstimate("interrupted")).values)
+    objects = _with_parts(found, task, limit, made)
+    return _result(fit, made, objects, task, began)
 
-    before, after = Simulator(ship, settings.compiled), Simulator(found.ship, settings.compiled)
-    objects = FitObjects(found, before, after, validation)
+
+def _with_parts(found: Calibration, task: FitTask, limit: Control, made: Made) -> FitObjects:
+    """The objects of the calibration ``found`` of a ``task``. What else is asked for within the ``limit`` is ``made``,
+    or missing in it."""
+    settings, options = task.settings, task.options
+    before, after = Simulator(task.ship, settings.compiled), Simulator(found.ship, settings.compiled)
+    objects = FitObjects(found, before, after, task.validation)
     sets, apart = objects.sets, coefficients_without(found, each_alone(len(found.trials)))  # (R, P): without each run
     # of trials that nobody fitted, else of its own, each left out
-    past = (validation, None) if any(t.has_position for t in validation) else (found.trials, apart)
+    past = (task.validation, None) if any(t.has_position for t in task.validation) else (found.trials, apart)
     known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
     # in this order: the second takes what the first has ``made``
     parts: dict[str, Callable[[], Any]] = {
@@ -197,8 +242,7 @@ def calibrate(
 
         parts["--posterior"] = lambda: sampled_posterior(found, options.posterior, settings.seed)
     make_in_turn(parts, made)
-    objects = replace(objects, next_trial=made.get("next trial"), posterior=made.get("--posterior"))
-    return _result(replace(fit, messages=(*fit.messages, *notes)), made, objects, ship, options, remarks, began)
+    return replace(objects, next_trial=made.get("next trial"), posterior=made.get("--posterior"))
 
 
 @with_one_thread
@@ -226,18 +270,17 @@ def refit(earlier: FitResult, hold: Mapping[str, float], progress: OnProgress | 
     options = FitOptions(command=earlier.command, name=earlier.ship.name)  # of what ``_result`` reads
     remarks = TrialSet((*objects.trials, *objects.validation)).remarks
     objects = replace(objects, calibration=found, after=after, posterior=None)
-    return _result(fit, made, objects, earlier.start, options, remarks, began)
+    start, settings = earlier.start, found.settings
+    task = FitTask(start, start, found.trials, TrialSet.of(objects.validation), settings, options, tuple(remarks))
+    return _result(fit, made, objects, task, began)
 
 
-def _result(
-    fit: CampaignFit, made: Made, objects: FitObjects, start: Ship,
-    options: FitOptions, remarks: Sequence[Message], began: float,
-) -> FitResult:  # fmt: skip
-    """The result of the ``fit`` of the ship ``start`` and of what is ``made`` of it, with ``remarks`` on the trials."""
+def _result(fit: CampaignFit, made: Made, objects: FitObjects, task: FitTask, began: float) -> FitResult:
+    """The result of the ``fit`` of a ``task``, with its ``objects`` and what is ``made`` of it."""
     found, trials, validation = objects.calibration, objects.trials, objects.validation
-    content = _content(fit, made, objects, options)
-    named = marked(found.ship, start, trials, options.name)
-    warnings = [*found.warnings, *remarks, *worth_message(made.get("worth of what was left out"))]
+    start, content = task.ship, _content(fit, made, objects, task.options)
+    named = marked(found.ship, start, trials, task.options.name)
+    warnings = [*found.warnings, *task.remarks, *worth_message(made.get("worth of what was left out"))]
     warnings += [*shared_rows(trials, validation), *_of_scores(content["scores"])]
     warnings += [left_out_message(made.missing)] if made.missing else []
     warnings += doubtful_revolutions(start, trials)
@@ -247,7 +290,7 @@ def _result(
     warnings += apart
     said: dict[str, Sequence[Message]] = {
         "warning": warnings,
-        "notice": [*found.notices, *fit.messages, *drawn],
+        "notice": [*found.notices, *fit.messages, *task.notes, *drawn],
     }
     rows = [{"level": level, **row} for level, some in said.items() for row in message_rows(dict.fromkeys(some))]
     content |= {
@@ -259,20 +302,19 @@ def _result(
     return FitResult(**vars(FitRecord.of(content)), ship=named, start=start, iterate=found.iterate, objects=objects)
 
 
-def _estimated(
-    ship: Ship, trials: TrialSet, settings: Settings, options: FitOptions, made: Made, progress: OnProgress | None
-) -> CampaignFit:
-    """The calibration of ``ship``, with values by campaign where they pay; without with constants of runs, or with
+def _estimated(task: FitTask, made: Made, progress: OnProgress | None) -> CampaignFit:
+    """The calibration of a ``task``, with values by campaign where they pay; without with constants of runs, or with
     coefficients that are held. What Ctrl-C leaves out is missing in what is ``made``."""
-    model, constants = varying_effects(ship, options.per_run)
+    settings, options = task.settings, task.options
+    model, constants = varying_effects(task.ship, options.per_run)
     warm = started_from(model, options.start, options.hold)
     if options.resume:
-        check_resumable(options.resume, ship, trials, constants)
+        check_resumable(options.resume, task.ship, task.trials, constants)
         warm = {**(iterate_of(options.resume, model) or {}), **{k: v for k, v in warm.items() if k == "held"}}
     is_plain = not (constants or "held" in warm) and settings.starts == 1 and settings.time_limit is None
     # where values by campaign may take its place, the last solve without them would be thrown away
-    draft = is_plain and may_keep(model, trials, options.per_campaign)
-    found = estimate_coefficients(model, trials, settings, progress, warm, options.captive, constants, draft)
+    draft = is_plain and may_keep(model, task.trials, options.per_campaign)
+    found = estimate_coefficients(model, task.trials, settings, progress, warm, options.captive, constants, draft)
     if constants or "held" in warm:
         messages = () if "held" in warm else not_asked(found.trials, options.per_campaign)
         return CampaignFit(found, messages=messages)
@@ -335,7 +377,7 @@ def _content(fit: CampaignFit, made: Made, objects: FitObjects, options: FitOpti
         "identifiability": identifiability_dict(found.identifiability, made.get("next trial")),
         "bands": made.get("prediction bands"),
         "adaptation": made.get("worth of adaptation"),
-        "random_force": made["second estimate"].random_force if "second estimate" in made else None,
+        "random_force": made[SECOND].random_force if SECOND in made else None,
         "envelope": made["envelope"] if "envelope" in made else trial_envelope(found.ship, trials),
         "left_out": made.get("worth of what was left out"),
         "campaigns": fit.content,
