@@ -194,7 +194,7 @@ def compared(
     rng = np.random.default_rng(seed)
     every = np.split(redrawn_means(columns, run, rng), len(errors), axis=1)  # of each (DRAWS, 3)
     means = {name: np.array([e.mean.mean(), *e.end.mean(axis=0)]) for name, e in errors.items()}
-    draws = dict(zip(errors, every, strict=True))
+    draws, is_avoidable = dict(zip(errors, every, strict=True)), False
     if budget is not None:
         base = NAMED if NAMED in ships else REFITTED
         left = budget.floor / budget.after if budget.after > 0 else 1.0
@@ -202,14 +202,18 @@ def compared(
         std = (budget.floor_by_after[1] - budget.floor_by_after[0]) / (2 * NORMAL)
         # how well the floor is known: its share of the error, drawn normally, moves all three alike
         moved = np.clip(left + std * rng.standard_normal(DRAWS), 0.0, 1.0) / max(left, 1e-300)
+        floor = share * moved[:, None] * draws[base]
+        # by the floor itself: a model that happened to lie below it shows nothing that could be avoided
+        is_avoidable = bool((draws[REFITTED][:, 0] > floor[:, 0]).mean() >= 0.95)
         # no model that was measured can lie below what no model can reach
         means[FLOOR] = np.min([share * means[base], *means.values()], axis=0)
-        draws[FLOOR] = np.min([share * moved[:, None] * draws[base], *draws.values()], axis=0)
-    return [_row(name, means, draws) for name in means], run
+        draws[FLOOR] = np.min([floor, *draws.values()], axis=0)
+    return [_row(name, means, draws, is_avoidable) for name in means], run
 
 
-def _row(name: str, means: Mapping[str, np.ndarray], draws: Mapping[str, np.ndarray]) -> GapRow:
-    """The line of a model. means, draws: error, squared position and heading, (3,) and (DRAWS, 3), by name."""
+def _row(name: str, means: Mapping[str, np.ndarray], draws: Mapping[str, np.ndarray], is_avoidable: bool) -> GapRow:
+    """The line of a model. means, draws: error, squared position and heading, (3,) and (DRAWS, 3), by name;
+    is_avoidable: whether surely some of the refitted ship's error could be avoided."""
     low, high = np.quantile(draws[name], [0.05, 0.95], axis=0)
     turn = math.degrees(1.0)
     row = GapRow(
@@ -218,11 +222,11 @@ def _row(name: str, means: Mapping[str, np.ndarray], draws: Mapping[str, np.ndar
         math.sqrt(means[name][1]), (math.sqrt(low[1]), math.sqrt(high[1])),
         turn * math.sqrt(means[name][2]), (turn * math.sqrt(low[2]), turn * math.sqrt(high[2])),
     )  # fmt: skip
-    if name in (GIVEN, REFITTED, FLOOR) or FLOOR not in means:
+    if name in (GIVEN, REFITTED, FLOOR) or not is_avoidable:
         return row
     gap, gaps = means[REFITTED][0] - means[FLOOR][0], draws[REFITTED][:, 0] - draws[FLOOR][:, 0]
-    if not gap > 0 or (gaps > 0).mean() < 0.95:  # not >: nan
-        return row  # nothing that could surely be avoided
+    if not gap > 0:  # nan too
+        return row
     closed = (draws[REFITTED][:, 0] - draws[name][:, 0])[gaps > 0] / gaps[gaps > 0]
     least, most = np.quantile(closed, [0.05, 0.95]).tolist()
     return replace(row, closes=float((means[REFITTED][0] - means[name][0]) / gap), closes_90=(least, most))
