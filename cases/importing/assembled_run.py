@@ -258,7 +258,7 @@ def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen:
     if log is None or name in chosen.columns_of(log.table.path) or "pitch" in columns:
         return
     complete = np.all([np.isfinite(columns[q]) for q in ("u", "v", name)], axis=0)
-    u, v, n = (columns[q][complete] for q in ("u", "v", name))
+    u, v, n, psi = (columns[q][complete] for q in ("u", "v", name, "psi"))
     reversed_pods = any((np.cos(columns[q]) < 0).any() for q in ("azimuth", "azimuth_2") if q in columns)
     if not len(u) or n.min() < 0 or not n.any() or reversed_pods:
         return
@@ -266,7 +266,10 @@ def _ask_for_astern(columns: dict[str, np.ndarray], logs: Sequence[Log], chosen:
     fast = speed > 0.5 * speed.max()
     if u[first] < 0.5 * speed.max() or np.mean(np.abs(v) > np.abs(u), where=fast) > SIDEWAYS:
         return
-    if ((u[first:] < STOPPED * u[first]) & (n[first:] > 0.5 * n[first])).any():  # stopped under power, not by drifting
+    # once she has turned by a right angle, a current on her beam may be on her bow
+    is_straight = np.abs(np.unwrap(psi[first:]) - psi[first]) < 0.5 * np.pi
+    # stopped under power, not by drifting
+    if ((u[first:] < STOPPED * u[first]) & (n[first:] > 0.5 * n[first]) & is_straight).any():
         header = log.of[name].header
         words = f"the ship stops or goes astern on '{header}', which is never negative; has it lost the sign? Write it"
         right = {"columns": {name: {"from": header, "unit": log.of[name].unit}}}

@@ -247,6 +247,8 @@ def test_revolutions_that_lost_their_sign_are_asked_for(tmp_path: Path) -> None:
         assert len(import_logs([path], answers(path)[0]).problems) <= 1
     blades = {**log, "CPP pitch [deg]": np.linspace(20, -20, len(ordered))}
     imported(table(tmp_path / "a.csv", blades))  # blades that turn need no sign
+    circle = simulate("esso_osaka_3m", "turning:35", dt=0.5, duration=150, effects=["current:x=0.18"])
+    imported(table(tmp_path / "a.csv", bridge(circle)))  # over ground she goes astern where the current is ahead
     log["Heading [deg]"] = (np.asarray(log["Heading [deg]"]) + 180) % 360
     imported(table(tmp_path / "a.csv", without(log, "SOG [kn]", "COG [deg]")))  # she goes astern all the time
 
