@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from cases.io.campaigns import campaign_labels
 from cases.shipfiles.effects import calm_and_deep, parameters
 from cases.trial import Trial
 from cases.trial_set import TrialSet
-from diagnosis.estimation.candidates import Candidate, Column
+from diagnosis.estimation.candidates import Candidate, Column, find
 from diagnosis.estimation.gridded_trials import grids_as_read, possible_readings
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import initial_noise
@@ -72,6 +72,8 @@ BY_NAME = 'free it with "--with {}"'
 # What trials or the machine may make fail. An error of programming is none of these and must be seen: one of shapes was
 # hidden here, and every fit was without its second estimate.
 FAILS = (UserError, ArithmeticError, np.linalg.LinAlgError, MemoryError)
+# What turns within hours, so that runs of one day may differ; and from how many runs this is asked. Set by hand.
+TURNS, RUNS, BY_RUN = "current", 3, "by run"
 # Tested beside them and not said: a steady force is what a resistance looks like that the priors have wrong.
 BESIDE = ("tow",)
 
@@ -92,24 +94,38 @@ def second_estimate(
     try:
         case, few = _for_filter(_as_stated(ship), trials)
         ready = _prepared(case, few)
-        mine = tuple(c for c in ready.problem.candidates if c.effect not in own)
-        found = _standing(select_effects(replace(ready.problem, candidates=mine), ready.null), ready)
+        mine = [c for c in ready.problem.candidates if c.effect not in own]
+        runs = np.unique(ready.problem.data.run).tolist()
+        mine += [_by_run(c, runs) for c in mine if c.effect == TURNS and len(runs) >= RUNS]
+        found = _standing(select_effects(replace(ready.problem, candidates=tuple(mine)), ready.null), ready)
         rows = [(k, c) for k, c in enumerate(found.effects) if c.effect not in BESIDE]
         read = _of_reading(ready.reading, frees)
         # instruments stay from day to day, surroundings do not: one current of several days is none
         stays = surroundings and len(set(campaign_labels(case.trials))) == 1
-        along = {k: frees and (stays or not EFFECTS[c.effect].surroundings) for k, c in rows}
+        along = {
+            k: frees and (surroundings if c.form == BY_RUN else stays or not EFFECTS[c.effect].surroundings)
+            for k, c in rows
+        }
         messages = (*read, *(_of_suspect(ship, ready, found, k, along[k]) for k, _ in rows))
         suspects = [c for k, c in rows if along[k]]
-        final, free = found.null, ready.problem.base + priors_of_effects(suspects)
+        final, free = found.null, ready.problem.base
         if suspects or len(ready.case.trials) < len(case.trials):
+            every = range(len(case.trials))
+            suspects = [_by_run(find(mine, c.effect), every) if c.form == BY_RUN else c for c in suspects]
+            free = ready.problem.base + priors_of_effects(suspects)
             final = fit_of_more(ready, case.trials, free, found.final)
     except FAILS as error:  # a fit is not lost by what it is compared with
         return SecondEstimate(f"a filter could not be fitted ({error or type(error).__name__})")
-    symbols = tuple(s for c in suspects for s in c.symbols)
+    symbols = tuple(s for c in suspects if c.form != BY_RUN for s in c.symbols)
+    by_run = tuple(c.effect for c in suspects if c.form == BY_RUN)
     force = dict(zip("XYN", final.noise.force.tolist(), strict=True)) | {"memory_s": float(final.noise.tau)}
     values = {s: final.value(s) for s in free.symbols if "." not in s or s in symbols}
-    return SecondEstimate(values, symbols, frees and bool(read), messages, force)
+    return SecondEstimate(values, symbols, by_run, frees and bool(read), messages, force)
+
+
+def _by_run(candidate: Candidate, runs: Iterable[int]) -> Candidate:
+    """The ``candidate`` with parameters of its own in each of these ``runs``."""
+    return replace(candidate.in_each(runs), form=BY_RUN)
 
 
 def _standing(found: Selection, ready: Prepared) -> Selection:
@@ -150,11 +166,15 @@ def _of_suspect(ship: Ship, ready: Prepared, found: Selection, number: int, free
     from diagnosis.summary import parameters_of  # late: most campaigns have no suspect
 
     c = found.effects[number]
-    sizes = [
-        f"{symbol} = {x.value:.3g} ± {x.std:.2g} {x.unit}".rstrip()
-        for symbol, x in parameters_of(ready.full, found.final, c).items()
-        if x.std > 0
-    ]
+    if c.form == BY_RUN:
+        values = {s: [found.final.value(*x) for x in c.columns if x.symbol == s] for s in c.symbols}
+        sizes = [f"{s.partition('.')[2]} = {min(v):.3g} to {max(v):.3g} m/s by run" for s, v in values.items()]
+    else:
+        sizes = [
+            f"{symbol} = {x.value:.3g} ± {x.std:.2g} {x.unit}".rstrip()
+            for symbol, x in parameters_of(ready.full, found.final, c).items()
+            if x.std > 0
+        ]
     words = f"the trials speak for {c.effect} ({', '.join(sizes)}; log odds {found.evidence[number]:.0f})"
     words += ", which is fitted along" if frees else ", for which coefficients make up"
     before, after = (_tactical_diameter(ship, fit) for fit in found.fits[number : number + 2])

@@ -249,12 +249,13 @@ def fit_as_read(
 def fit_of_more(few: Prepared, trials: Sequence[Trial], free: Priors, begin: Estimate) -> Estimate:
     """The fit of what is ``free`` to ``trials``, of which a ``few`` were fitted before.
 
-    It begins at the values, sizes of the noise and correlation times of ``begin``, with samples as far apart and inputs
-    read as in that fit; other coefficients stay where the ``few`` began. Raises BrokenModelError.
+    It begins at the values, sizes of the noise and correlation times of ``begin``, what belongs to a run at its prior,
+    with samples as far apart and inputs read as in that fit; other coefficients stay where the ``few`` began. Raises
+    BrokenModelError.
     """
     steps, ship = few.problem.steps, few.full.ship
     data = trials_in_gusts(steps, trials, few.reading.straight).thinned(few.gap)
-    values = np.array([begin.value(*c) for c in free.columns])
+    values = np.array([begin.value(*c) if c.run is None else m for c, m in zip(free.columns, free.mean, strict=True)])
     theta = set_values(steps.ship, data, few.null.theta, free.columns, values)
     noise = wider(begin.noise, ship).with_(prior=None)
     found = estimate(

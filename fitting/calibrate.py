@@ -128,8 +128,8 @@ class FitTask:
     """What a calibration is asked for.
 
     start: the ship with the rates that her trials show; ship: she with the instruments and suspects that are fitted;
-    trials, validation: fitted and held out; settings, options: as of ``calibrate``; remarks: on the trials; notes: on
-    the ship and the options.
+    trials, validation: fitted and held out; settings, options: as of ``calibrate``; by_run: effects of which each run
+    gets its own constants since the trials speak for it; remarks: on the trials; notes: on the ship and the options.
     """
 
     start: Ship
@@ -138,6 +138,7 @@ class FitTask:
     validation: TrialSet
     settings: Settings
     options: FitOptions
+    by_run: tuple[str, ...] = ()
     remarks: tuple[Message, ...] = ()
     notes: tuple[Message, ...] = ()
 
@@ -148,9 +149,7 @@ class FitTask:
         ship, options = with_instruments(start, self.options.instruments, self.trials), self.options
         _check_options(ship, options)
         if options.per_run:
-            own = f"the constants that runs have of their own ({', '.join(options.per_run)})"
-            words = f"scores and intervals are without {own}, as of runs never seen"
-            notes.append(Message(words, "without_own_constants"))
+            notes.append(_without_own(options.per_run))
             if len(self.trials) == 1:
                 same = f"--with {' --with '.join(options.per_run)}"
                 LOGGER.info(f"a single run: its own constants are, but for the narrower prior, those of {same}")
@@ -174,8 +173,15 @@ class FitTask:
             trials=trials,
             validation=validation,
             options=replace(self.options, start={**other.of_suspects(), **self.options.start}),
+            by_run=other.by_run,
             remarks=(*self.remarks, *other.messages),
+            notes=(*self.notes, *([_without_own(other.by_run)] if other.by_run else [])),
         )
+
+
+def _without_own(names: Sequence[str]) -> Message:
+    own = f"the constants that runs have of their own ({', '.join(names)})"
+    return Message(f"scores and intervals are without {own}, as of runs never seen", "without_own_constants")
 
 
 @with_one_thread
@@ -197,7 +203,7 @@ def calibrate(
     began, made = time.perf_counter(), Made()
     settings, options = settings or Settings(), options or FitOptions()
     fitted, remarks = TrialSet.of(trials).training(validation)
-    task = FitTask(ship, ship, fitted, TrialSet.of(validation), settings, options, tuple(remarks)).prepared
+    task = FitTask(ship, ship, fitted, TrialSet.of(validation), settings, options, remarks=tuple(remarks)).prepared
     limit = Control.within(settings.time_limit)
     if options.second and options.asks_second:
         task = task.asked_first(options.second, TIME_SHARE * limit.seconds, made)
@@ -271,7 +277,9 @@ def refit(earlier: FitResult, hold: Mapping[str, float], progress: OnProgress | 
     remarks = TrialSet((*objects.trials, *objects.validation)).remarks
     objects = replace(objects, calibration=found, after=after, posterior=None)
     start, settings = earlier.start, found.settings
-    task = FitTask(start, start, found.trials, TrialSet.of(objects.validation), settings, options, tuple(remarks))
+    task = FitTask(
+        start, start, found.trials, TrialSet.of(objects.validation), settings, options, remarks=tuple(remarks)
+    )
     return _result(fit, made, objects, task, began)
 
 
@@ -306,10 +314,10 @@ def _estimated(task: FitTask, made: Made, progress: OnProgress | None) -> Campai
     """The calibration of a ``task``, with values by campaign where they pay; without with constants of runs, or with
     coefficients that are held. What Ctrl-C leaves out is missing in what is ``made``."""
     settings, options = task.settings, task.options
-    model, constants = varying_effects(task.ship, options.per_run)
+    model, constants = varying_effects(task.ship, options.per_run or task.by_run)
     warm = started_from(model, options.start, options.hold)
     if options.resume:
-        check_resumable(options.resume, task.ship, task.trials, constants)
+        check_resumable(options.resume, task.ship, task.trials, None if task.by_run else constants)
         warm = {**(iterate_of(options.resume, model) or {}), **{k: v for k, v in warm.items() if k == "held"}}
     is_plain = not (constants or "held" in warm) and settings.starts == 1 and settings.time_limit is None
     # where values by campaign may take its place, the last solve without them would be thrown away
@@ -326,17 +334,20 @@ def _estimated(task: FitTask, made: Made, progress: OnProgress | None) -> Campai
     return replace(fit, calibration=finished(found, progress))
 
 
-def check_resumable(earlier: FitResult, ship: Ship, trials: Sequence[Trial], constants: Sequence[str] = ()) -> None:
+def check_resumable(
+    earlier: FitResult, ship: Ship, trials: Sequence[Trial], constants: Sequence[str] | None = ()
+) -> None:
     """Raises UserError unless ``earlier`` was of the same ``trials``, free coefficients of ``ship`` and ``constants``.
 
-    constants: symbols of which each run has its own.
+    constants: symbols of which each run has its own, None where the trials tell.
     """
     suspects = set(suspects_in(ship))  # unknown where it was interrupted before they were
     same_free = set(earlier.estimates) - suspects == set(ship.free) - _by_campaign(earlier) - suspects
     own = {symbol for rows in (earlier.per_run or {}).values() for symbol in rows}
     same_data = sorted(row.sha256 or "" for row in earlier.data) == sorted(t.sha256 for t in trials)
+    same_own = constants is None or own == set(constants)
     for is_same, what in (
-        (same_free, "--without, --fix and --only"), (own == set(constants), "--per-run"), (same_data, "trial files"),
+        (same_free, "--without, --fix and --only"), (same_own, "--per-run"), (same_data, "trial files"),
     ):  # fmt: skip
         if not is_same:
             raise Conflict(f"{earlier.folder}: --resume needs the same {what} as the interrupted run")

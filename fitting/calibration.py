@@ -410,13 +410,15 @@ class SecondEstimate:
     """What another estimator of the same coefficients finds.
 
     values: of free coefficients, and of the suspects, by symbol, or why there are none; suspects: symbols of parameters
-    of effects that the trials speak for beside the coefficients, as "current.x", to be fitted along; is_sampled:
+    of effects that the trials speak for beside the coefficients, as "current.x", to be fitted along; by_run: names of
+    effects of which each run gets its own constants; is_sampled:
     whether their actuators are taken as joined by straight lines; messages: on both; random_force: its
     sizes "X", "Y" [N], "N" [N m] and "memory_s", None where they are not known.
     """
 
     values: Mapping[str, float] | str
     suspects: tuple[str, ...] = ()
+    by_run: tuple[str, ...] = ()
     is_sampled: bool = False
     messages: tuple[Message, ...] = ()
     random_force: dict[str, float] | None = None

@@ -200,7 +200,8 @@ def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], Score
 def refitted_without(problem: SearchProblem, best: RefittedEffect, named: Sequence[Candidate]) -> Estimate:
     """The fit of ``problem`` with the effects ``named`` alone, from where that with the ``best`` of the rest ended."""
     c, theta = best.candidate, best.fit.theta.copy()
-    theta[[problem.steps.ship.symbols.index(s) for s in c.symbols]] = c.neutral
+    # (p,) or by window (p, R); of one that differs by run each row is set once for each run
+    theta[[problem.steps.ship.symbols.index(s) for s in c.symbols]] = c.neutral.reshape(-1, *[1] * (theta.ndim - 1))
     start = {x: best.fit.value(*x) for e in named for x in e.columns}
     begin = replace(best.fit, theta=theta)
     return refit(problem, begin, list(named), start, MAX_FITS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -335,3 +335,24 @@ def test_a_calibration_is_the_mean_of_both(disturbed_runs: list[Trial]) -> None:
     moved = [coefficients_without(c, folds)[:, at] / first.prior.std for c in (first, mean)]
     assert np.isfinite(moved[0]).all()  # without a run the second estimate keeps its distance
     np.testing.assert_allclose(moved[1] - moved[0], np.tile(mean.p - first.p, (len(disturbed_runs), 1)), atol=1e-6)
+
+
+def in_a_tide(currents: Sequence[float]) -> list[Trial]:
+    """Runs in a stream along north and south that has another speed [m/s] in each."""
+    runs = (*SHORT_RUNS, ("turning:20", 60.0))
+    return [pushed_trials(4, [f"current:x={c}"], [run])[0] for run, c in zip(runs, currents, strict=True)]
+
+
+@pytest.mark.slow
+def test_a_stream_that_turns_is_fitted_along_run_by_run() -> None:
+    """Else nothing was said of it, and half of the figures of a ship tested in a tide lay outside their intervals."""
+    tide = (0.06, 0.02, -0.03, -0.06)
+    result = mmg_ident.calibrate(FEW, in_a_tide(tide), (), None, FitOptions(next_trial=False))
+    codes = {m.code for m in result.messages}
+    assert {"suspect", "without_own_constants"} <= codes and "current" not in result.ship.effects
+    assert result.per_run is not None and "two_estimates" in codes  # the mean of both, as without a tide
+    for trial, speed in zip(in_a_tide(tide), tide, strict=True):
+        row = result.per_run[trial.name]["current.x"]
+        assert row.value == pytest.approx(speed, abs=max(3 * row.std, 0.01))
+    steady = second_estimate(FEW, in_a_tide([0.06] * 4))
+    assert "current.x" in steady.suspects and not steady.by_run
