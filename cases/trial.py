@@ -311,6 +311,19 @@ class Trial:
         """A copy in which these ``columns``, name -> (N,), are replaced or added."""
         return replace(self, columns={**self.columns, **columns})
 
+    def through_water(self, north: float, east: float) -> Trial:
+        """The run as who drifts with a uniform current to ``north`` and ``east`` [m/s] sees it: positions from its
+        begin on, velocities and wind relative to the water."""
+        c, s, t = np.cos(self.psi_unwrapped), np.sin(self.psi_unwrapped), self.t - self.t[0]
+        columns = {"u": self["u"] - (c * north + s * east), "v": self["v"] - (-s * north + c * east)}
+        if self.has_position:
+            columns |= {"x": self["x"] - north * t, "y": self["y"] - east * t}
+        if self.has_wind:
+            to_north, to_east = (self.wind_vector - (north, east)).T
+            columns |= {"wind_speed": np.hypot(to_north, to_east)}
+            columns |= {"wind_direction": np.arctan2(-to_east, -to_north) % (2 * np.pi)}
+        return self.with_columns(**columns)
+
 
 def inside(trial: Trial, spans: Sequence[Span]) -> np.ndarray:
     """Rows of ``trial`` in the ``spans``, ends included, (N,) of bool."""

@@ -6,7 +6,7 @@ Every command makes one of its files, and every function that takes trials takes
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import islice
@@ -275,6 +275,17 @@ def _judged_trial(trial: Trial, report: CheckReport) -> Trial:
     doubts = [f.text for f in report.findings if f.level == DOUBTFUL and f.topic not in ("stretches", "duplicates")]
     notices = [Message(f"{trial.name}: doubtful: {text}", DOUBT) for text in doubts]
     return _marked(replace(trial, notices=(*trial.notices, *notices)))
+
+
+def in_own_water(trials: Iterable[Trial], per_run: Mapping[str, Mapping[str, Any]] | None) -> list[Trial]:
+    """Each of the ``trials`` through the water, where a calibration found a current of its own in it; per_run: as in
+    its result.json."""
+    found = []
+    for trial in trials:
+        own = (per_run or {}).get(trial.name, {})
+        north, east = (own[s]["value"] if s in own else 0.0 for s in ("current.x", "current.y"))
+        found.append(trial.through_water(north, east) if north or east else trial)
+    return found
 
 
 def _marked(trial: Trial) -> Trial:

@@ -181,7 +181,9 @@ class FitTask:
 
 def _without_own(names: Sequence[str]) -> Message:
     own = f"the constants that runs have of their own ({', '.join(names)})"
-    return Message(f"scores and intervals are without {own}, as of runs never seen", "without_own_constants")
+    words = f"scores and intervals are without {own}, as of runs never seen"
+    water = "; training runs are judged through the water that the fit found" if "current" in names else ""
+    return Message(f"{words}{water}", "without_own_constants")
 
 
 @with_one_thread
@@ -228,14 +230,14 @@ def _with_parts(found: Calibration, task: FitTask, limit: Control, made: Made) -
     objects = FitObjects(found, before, after, task.validation)
     sets, apart = objects.sets, coefficients_without(found, each_alone(len(found.trials)))  # (R, P): without each run
     # of trials that nobody fitted, else of its own, each left out
-    past = (task.validation, None) if any(t.has_position for t in task.validation) else (found.trials, apart)
+    past = (task.validation, None) if any(t.has_position for t in task.validation) else (objects.trials, apart)
     known = plain({"coefficients": coefficient_rows(found), "correlation": correlation_of(found)})
     # in this order: the second takes what the first has ``made``
     parts: dict[str, Callable[[], Any]] = {
         "scores": lambda: score_pairs(scores_by_set(before, sets), scores_by_set(after, sets)),
         "worth of what was left out": lambda: worth_of_left_out(after, sets, made["scores"]),
         "worth of adaptation": lambda: adaptation_worth(after, *past),
-        "prediction bands": lambda: fit_bands(after, found.trials, draws_of(known, found.ship), apart),
+        "prediction bands": lambda: fit_bands(after, objects.trials, draws_of(known, found.ship), apart),
     }
     if options.next_trial and found.converged and np.isfinite(found.covariance).all():
         parts["next trial"] = lambda: next_trial(found)

@@ -9,13 +9,14 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator
 
 from cases.trial import Trial
-from cases.trial_set import TrialSet
+from cases.trial_set import TrialSet, in_own_water
 from fitting.prediction.score import ScorePair
 from fitting.report.run_folder import SCHEMA_VERSION, adapter, plain
 from fitting.settings import Settings, Start
@@ -272,10 +273,11 @@ class FitObjects:
     next_trial: NextTrial | None = None
     posterior: Posterior | None = None
 
-    @property
+    @cached_property
     def trials(self) -> TrialSet:
-        """Calibrated on."""
-        return self.calibration.trials
+        """Calibrated on, through the water where each has a current of its own."""
+        trials, own = self.calibration.trials, self.calibration.constants
+        return TrialSet.of(in_own_water(trials, own.rows())) if own else trials
 
     @property
     def sets(self) -> dict[str, Sequence[Trial]]:

@@ -87,7 +87,7 @@ class FitResult(FitRecord):
         from fitting.solvers.rollout_loss import RolloutLoss, loss_in
 
         if self.objects:
-            return RolloutLoss.of_calibration(self.objects.calibration, self.objects.trials)
+            return RolloutLoss.of_calibration(self.objects.calibration, self.objects.calibration.trials)
         return loss_in(self.folder / run_folder.LOSS) if self.folder else None
 
     @property

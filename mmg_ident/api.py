@@ -499,8 +499,12 @@ def diagnose(
     calibrated_on: Any = model if isinstance(model, (str, Path)) else getattr(model, "folder", None)
     objects = getattr(model, "objects", None)
     # a result that was not saved has no folder: its trials say what is no news, unless they are those to be diagnosed
-    if calibrated_on is None and objects is not None and not any(a is b for a in objects.trials for b in runs):
-        calibrated_on = objects.trials
+    if (
+        calibrated_on is None
+        and objects is not None
+        and not any(a is b for a in objects.calibration.trials for b in runs)
+    ):
+        calibrated_on = objects.calibration.trials
     place, calibrated = Path(site) if isinstance(site, str) else site, ship_of(model)
     ship = reduced_ship(calibrated, without)
     result = pipeline.diagnose(ship, runs, tests, place, options, calibrated_on, progress)

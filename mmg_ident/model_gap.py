@@ -219,7 +219,7 @@ def _key(trial: Trial) -> Any:
 def _calibrated_on(model: Any) -> set[Any]:
     """The ``_key`` of each trial that a ``model`` was calibrated on, none of a ship."""
     if (objects := getattr(model, "objects", None)) is not None:
-        return set(map(_key, objects.trials))
+        return set(map(_key, objects.calibration.trials))
     if isinstance(model, (str, Path)):
         rows = trial_rows(Path(model)) if (Path(model) / RESULT).exists() else []
     else:

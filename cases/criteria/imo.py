@@ -120,14 +120,7 @@ def in_still_water(run: Run, current: WaterVelocity) -> Run:
     trial = run.trial
     psi, t = trial.psi_unwrapped, trial.t - trial.t[0] - run.order_time
     c, s = np.cos(psi), np.sin(psi)
-    # velocities through the water, in body axes; the track as seen by who drifts with it from the order on
-    columns = {
-        "u": trial["u"] - (c * current.north + s * current.east),
-        "v": trial["v"] - (-s * current.north + c * current.east),
-    }
-    if trial.has_position:
-        columns |= {"x": trial["x"] - current.north * t, "y": trial["y"] - current.east * t}
-    through_water = trial.with_columns(**columns)
+    through_water = trial.through_water(current.north, current.east)
     before = (t <= 1e-9) & np.isfinite(psi)
     at = np.flatnonzero(before)[-1] if before.any() else np.flatnonzero(np.isfinite(psi))[0]
     ahead = float(c[at] * current.north + s[at] * current.east)  # of the current, on the heading of the approach

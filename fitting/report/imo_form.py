@@ -22,6 +22,7 @@ from cases.criteria.standard_runs import Run
 from cases.inputs import is_sampled
 from cases.maneuvers.definitions import Limits
 from cases.trial import Trial
+from cases.trial_set import in_own_water
 from fitting.prediction.bands import correlation_in
 from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, with_intervals
 from fitting.report.plot_maneuvers import maneuver_figure
@@ -204,6 +205,7 @@ def imo_form(
     """
     remarks: list[str] = []
     loaded = _loaded(ship, full_load) if full_load is not None else None
+    trials = in_own_water(trials, (result or {}).get("per_run"))
     tested = tested_figures(ship, trials, remarks)
     factors = _factors(loaded, model, result or {}, remarks) if loaded is not None and tested else {}
     if model.scatter:
