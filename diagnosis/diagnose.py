@@ -19,6 +19,7 @@ from cases.evidence.kinematics import Kinematics
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
+from cases.trial_set import TrialSet
 from diagnosis import summary
 from diagnosis.estimation.candidates import FITTED_ALONG, find
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
@@ -26,6 +27,7 @@ from diagnosis.findings import Between, DiagnosisInputs, HeldOut, InstrumentFaul
 from diagnosis.groups.between import compare_groups
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.next_test import next_test, telling_test
+from diagnosis.hypotheses.own_currents import OwnCurrents, own_currents, taken_out
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
 from diagnosis.inputs import Case, DiagnosisOptions, case_of, told_of_predictions
@@ -88,17 +90,23 @@ def diagnose(
         return with_learned(diagnosis, o, control.note) if o.learn else diagnosis
 
 
-def _diagnosed(case: Case, options: DiagnosisOptions, progress: OnProgress | None) -> Diagnosis:
-    """The diagnosis of a ``case``. All is done again where the search shows a sensor's fault."""
+def _diagnosed(
+    case: Case, options: DiagnosisOptions, progress: OnProgress | None, currents: OwnCurrents | None = None
+) -> Diagnosis:
+    """The diagnosis of a ``case``. All is done again where the search shows a sensor's fault, and once the ``currents``
+    that runs have of their own were taken out of their trials."""
     began, given, sensors = time.perf_counter(), case.ship, case.sensors
     faulty, repairs = with_sensor_faults(case)
     ready = prepare(faulty, options.step)
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
+    if currents is None and (found := own_currents(p, ready.null)):
+        trials, tests = TrialSet.of(taken_out(case.trials, found.training)), taken_out(case.tests, found.tests)
+        return _diagnosed(replace(case, trials=trials, tests=tests), options, progress, found)
     result = judged_search(ready, options.seed, options.workers, progress)
     selection = result.found
     if faults := [sensors.form_of(c.effect) for c in selection.effects if c.effect in FITTED_ALONG]:  # no cause
-        return _diagnosed(replace(case, ship=freeing_effects(given, faults)), options, progress)
+        return _diagnosed(replace(case, ship=freeing_effects(given, faults)), options, progress, currents)
     missing = estimated_force(result.free) if result.is_left or result.verdict == "unknown" else None
     is_fitted = not case.calibration.other and any(c.prior_std is not None for c in given.coefficients.values())
     budget = budget_of(p, selection, missing, options.seed, None if is_fitted else ready.full.ship.values)
@@ -129,9 +137,12 @@ def _diagnosed(case: Case, options: DiagnosisOptions, progress: OnProgress | Non
     sentence = sentence_of(result.verdict, effects, off, same, remainder, budget, nearest, unexplained)
     if unexplained is not None:
         sentence += likeness(result.free.by_kind)
+    if currents:
+        effects = (summary.turning_current(currents), *effects)
+        sentence = f"{summary.of_currents(currents)} {sentence}"
     sentence = next((f"{m[:1].upper()}{m[1:]}." for m in reasons if m.code == "not_described"), sentence)
     return Diagnosis(
-        verdict=result.verdict,
+        verdict="named" if currents and result.verdict == "none" else result.verdict,
         sentence=sentence,
         effects=effects,
         instruments=instruments,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +28,7 @@ from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import priors_of_effects, set_values
 from diagnosis.estimation.transition_model import FORCE, TransitionModel
 from diagnosis.hypotheses.forward_selection import Selection, select_effects
+from diagnosis.hypotheses.own_currents import BY_RUN, by_run, by_run_among
 from diagnosis.hypotheses.refit import SearchProblem, gained, refit
 from diagnosis.inputs import Case
 from diagnosis.prepare import (
@@ -72,8 +73,6 @@ BY_NAME = 'free it with "--with {}"'
 # What trials or the machine may make fail. An error of programming is none of these and must be seen: one of shapes was
 # hidden here, and every fit was without its second estimate.
 FAILS = (UserError, ArithmeticError, np.linalg.LinAlgError, MemoryError)
-# What turns within hours, so that runs of one day may differ; and from how many runs this is asked. Set by hand.
-TURNS, RUNS, BY_RUN = "current", 3, "by run"
 # Tested beside them and not said: a steady force is what a resistance looks like that the priors have wrong.
 BESIDE = ("tow",)
 
@@ -95,8 +94,7 @@ def second_estimate(
         case, few = _for_filter(_as_stated(ship), trials)
         ready = _prepared(case, few)
         mine = [c for c in ready.problem.candidates if c.effect not in own]
-        runs = np.unique(ready.problem.data.run).tolist()
-        mine += [_by_run(c, runs) for c in mine if c.effect == TURNS and len(runs) >= RUNS]
+        mine += by_run_among(mine, ready.problem.data)
         found = _standing(select_effects(replace(ready.problem, candidates=tuple(mine)), ready.null), ready)
         rows = [(k, c) for k, c in enumerate(found.effects) if c.effect not in BESIDE]
         read = _of_reading(ready.reading, frees)
@@ -111,21 +109,16 @@ def second_estimate(
         final, free = found.null, ready.problem.base
         if suspects or len(ready.case.trials) < len(case.trials):
             every = range(len(case.trials))
-            suspects = [_by_run(find(mine, c.effect), every) if c.form == BY_RUN else c for c in suspects]
+            suspects = [by_run(find(mine, c.effect), every) if c.form == BY_RUN else c for c in suspects]
             free = ready.problem.base + priors_of_effects(suspects)
             final = fit_of_more(ready, case.trials, free, found.final)
     except FAILS as error:  # a fit is not lost by what it is compared with
         return SecondEstimate(f"a filter could not be fitted ({error or type(error).__name__})")
     symbols = tuple(s for c in suspects if c.form != BY_RUN for s in c.symbols)
-    by_run = tuple(c.effect for c in suspects if c.form == BY_RUN)
+    turning = tuple(c.effect for c in suspects if c.form == BY_RUN)
     force = dict(zip("XYN", final.noise.force.tolist(), strict=True)) | {"memory_s": float(final.noise.tau)}
     values = {s: final.value(s) for s in free.symbols if "." not in s or s in symbols}
-    return SecondEstimate(values, symbols, by_run, frees and bool(read), messages, force)
-
-
-def _by_run(candidate: Candidate, runs: Iterable[int]) -> Candidate:
-    """The ``candidate`` with parameters of its own in each of these ``runs``."""
-    return replace(candidate.in_each(runs), form=BY_RUN)
+    return SecondEstimate(values, symbols, turning, frees and bool(read), messages, force)
 
 
 def _standing(found: Selection, ready: Prepared) -> Selection:

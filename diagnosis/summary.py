@@ -14,6 +14,7 @@ from diagnosis.estimation.candidates import TIMES, Candidate, FullModel, neutral
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import EstimatedParameter, InstrumentFault, NamedEffect, RankedCandidate
 from diagnosis.hypotheses.forward_selection import RefittedEffect, Search, Selection
+from diagnosis.hypotheses.own_currents import OwnCurrents
 from diagnosis.hypotheses.score_test import SHOWS
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
@@ -69,6 +70,22 @@ def _with_form(ship: Ship, symbol: str, by_trials: EstimatedParameter, time_erro
 def _named_in(selection: Selection, candidate: Candidate) -> tuple[Search, RefittedEffect]:
     """The search in which an effect was named."""
     return next((s, s.best) for s in selection.searches if s.best is not None and s.best.candidate == candidate)
+
+
+def turning_current(currents: OwnCurrents) -> NamedEffect:
+    """The result on ``currents`` that runs have of their own: their mean with its standard error."""
+    found, values = currents.found, np.array([*currents.training.values()])  # (R, 2)
+    error = values.std(axis=0, ddof=1) / math.sqrt(len(values))
+    pairs = zip(("x", "y"), values.mean(axis=0).tolist(), error.tolist(), strict=True)
+    sizes = {name: EstimatedParameter(mean, std, "m/s") for name, mean, std in pairs}
+    return NamedEffect(found.candidate.effect, sizes, found.p_value, found.delta_bic, 0.0, found.evidence)
+
+
+def of_currents(currents: OwnCurrents) -> str:
+    """A sentence on ``currents`` that runs have of their own."""
+    least, most = currents.speeds
+    what = f"A current that differs from run to run ({least:.2g} to {most:.2g} m/s)"
+    return f"{what} moves the ship; what follows is of her motion through the water of each run."
 
 
 def fit_with(selection: Selection, candidate: Candidate) -> Estimate:
