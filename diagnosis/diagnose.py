@@ -91,22 +91,24 @@ def diagnose(
 
 
 def _diagnosed(
-    case: Case, options: DiagnosisOptions, progress: OnProgress | None, currents: OwnCurrents | None = None
+    case: Case, options: DiagnosisOptions, progress: OnProgress | None, asks_currents: bool = True
 ) -> Diagnosis:
-    """The diagnosis of a ``case``. All is done again where the search shows a sensor's fault, and once the ``currents``
-    that runs have of their own were taken out of their trials."""
+    """The diagnosis of a ``case``. All is done again where the search shows a sensor's fault, and through the water
+    where runs have currents of their own; asks_currents: whether that is still to be asked."""
     began, given, sensors = time.perf_counter(), case.ship, case.sensors
     faulty, repairs = with_sensor_faults(case)
     ready = prepare(faulty, options.step)
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
-    if currents is None and (found := own_currents(p, ready.null)):
+    # where groups are compared, what differs between their runs is the question
+    if asks_currents and case.groups is None and (found := own_currents(p, ready.null)):
         trials, tests = TrialSet.of(taken_out(case.trials, found.training)), taken_out(case.tests, found.tests)
-        return _diagnosed(replace(case, trials=trials, tests=tests), options, progress, found)
+        water = _diagnosed(replace(case, trials=trials, tests=tests), options, progress, False)
+        return _with_currents(water, found)
     result = judged_search(ready, options.seed, options.workers, progress)
     selection = result.found
     if faults := [sensors.form_of(c.effect) for c in selection.effects if c.effect in FITTED_ALONG]:  # no cause
-        return _diagnosed(replace(case, ship=freeing_effects(given, faults)), options, progress, currents)
+        return _diagnosed(replace(case, ship=freeing_effects(given, faults)), options, progress, asks_currents)
     missing = estimated_force(result.free) if result.is_left or result.verdict == "unknown" else None
     is_fitted = not case.calibration.other and any(c.prior_std is not None for c in given.coefficients.values())
     budget = budget_of(p, selection, missing, options.seed, None if is_fitted else ready.full.ship.values)
@@ -137,12 +139,9 @@ def _diagnosed(
     sentence = sentence_of(result.verdict, effects, off, same, remainder, budget, nearest, unexplained)
     if unexplained is not None:
         sentence += likeness(result.free.by_kind)
-    if currents:
-        effects = (summary.turning_current(currents), *effects)
-        sentence = f"{summary.of_currents(currents)} {sentence}"
     sentence = next((f"{m[:1].upper()}{m[1:]}." for m in reasons if m.code == "not_described"), sentence)
     return Diagnosis(
-        verdict="named" if currents and result.verdict == "none" else result.verdict,
+        verdict=result.verdict,
         sentence=sentence,
         effects=effects,
         instruments=instruments,
@@ -169,6 +168,22 @@ def _diagnosed(
         trials=case.trials,
         tests=case.tests,
         between=between,
+    )
+
+
+def _with_currents(diagnosis: Diagnosis, currents: OwnCurrents) -> Diagnosis:
+    """A ``diagnosis`` of trials through the water with the ``currents`` that were taken out of them."""
+    d, (least, most) = diagnosis, currents.speeds
+    both = ((d.trials, currents.training), (d.tests, currents.tests))
+    rows = [f"{trials[k].name} {x:.2g}, {y:.2g}" for trials, found in both for k, (x, y) in sorted(found.items())]
+    words = f"currents by run [m/s to north, to east]: {'; '.join(rows)}"
+    what = f"A current that differs from run to run ({least:.2g} to {most:.2g} m/s) moves the ship"
+    return replace(
+        d,
+        verdict="named" if d.verdict == "none" else d.verdict,
+        sentence=f"{what}; what follows is of her motion through the water of each run. {d.sentence}",
+        effects=(summary.turning_current(currents), *d.effects),
+        warnings=(*d.warnings, Message(words, "own_currents")),
     )
 
 

@@ -81,13 +81,6 @@ def turning_current(currents: OwnCurrents) -> NamedEffect:
     return NamedEffect(found.candidate.effect, sizes, found.p_value, found.delta_bic, 0.0, found.evidence)
 
 
-def of_currents(currents: OwnCurrents) -> str:
-    """A sentence on ``currents`` that runs have of their own."""
-    least, most = currents.speeds
-    what = f"A current that differs from run to run ({least:.2g} to {most:.2g} m/s)"
-    return f"{what} moves the ship; what follows is of her motion through the water of each run."
-
-
 def fit_with(selection: Selection, candidate: Candidate) -> Estimate:
     """The fit in which ``selection`` first refitted an effect in the form of ``candidate``."""
     wanted = candidate.effect, candidate.form

@@ -55,7 +55,7 @@ class OwnCurrents:
 
 
 def taken_out(trials: Sequence[Trial], currents: dict[int, tuple[float, float]]) -> list[Trial]:
-    """The ``trials`` through the water; of one without a current of its own as it is."""
+    """The ``trials`` through the water, by the ``currents`` of their numbers; one without such a current stays."""
     return [t.through_water(*currents[k]) if k in currents else t for k, t in enumerate(trials)]
 
 
