@@ -1,10 +1,11 @@
 """Are the IMO figures of a new ship inside her error bars, after one unattended call? Three generators of sea trials.
 
-python -m benchmarks.yards [--seeds N] [--workers N] [--record]
+python -m benchmarks.yards [--seeds N] [--tide] [--workers N] [--record]
 
 Each yard tests a ship of 70 to 320 m: two 10/10 zigzags, one 20/20, two circles of 35 deg, logged once a second with
 noise, the ship's rudder rate between 2.3 and 3.6 deg/s, in half of the cases with the antenna 0.3 L aft of midship, in
-half of them in a current of 5 % of her speed, none of which is said. ``mmg start --yes`` gets the logs and L, B, d, C_b
+half of them in a current of 5 % of her speed (--tide: all, which turns along one axis from run to run), none of which
+is said. ``mmg start --yes`` gets the logs and L, B, d, C_b
 and the speed. Judged are advance, transfer, tactical diameter and overshoots against the true ship in calm, still
 water.
 
@@ -71,7 +72,13 @@ def logged(columns: dict[str, np.ndarray], length: float, rng: np.random.Generat
     return Trial(name.replace(":", "_").replace("/", "_"), {**columns, **noisy}, kind=name.split(":")[0])
 
 
-def of_plant(seed: int) -> Yard:
+def currents(speed: float, seed: int, tide: bool) -> list[complex]:
+    """The current of each run to the north and, imaginary, to the east [m/s], of a ship of this ``speed`` [m/s]."""
+    turns = [math.cos(0.3 + k * math.pi / len(ORDERS)) if tide else 1.0 for k in range(len(ORDERS))]
+    return [complex(0.05 * speed * turn * np.exp(1j * seed)) for turn in turns]
+
+
+def of_plant(seed: int, tide: bool = False) -> Yard:
     """Sea trials of a plant with equations of her own."""
     rng = np.random.default_rng([5, seed])
     L, block = float(rng.uniform(70, 180)), float(rng.uniform(0.6, 0.8))
@@ -79,7 +86,7 @@ def of_plant(seed: int) -> Yard:
     d, speed = B / float(rng.uniform(2.5, 3.2)), float(rng.uniform(0.18, 0.24) * math.sqrt(9.81 * L))
     hull = Hull(L, B, d, block, speed, 2.0, float(rng.uniform(2.3, 3.6)) * DEG)
     wind, flows, aft = float(rng.uniform(0, 6)), bool(rng.integers(0, 2)), bool(rng.integers(0, 2))
-    current, arm, unit = 0.05 * speed * flows * np.exp(1j * seed), -0.3 * L * aft, L / speed
+    arm, unit, flows = -0.3 * L * aft, L / speed, flows or tide
 
     def made(order: str, weather: Weather, heading: float, dt: float) -> tuple[Plant, dict[str, np.ndarray]]:
         kind, angle = order.split(":")
@@ -89,9 +96,11 @@ def of_plant(seed: int) -> Yard:
         return plant, {**columns, "n": np.full(len(columns["t"]), hull.revolutions)}
 
     trials, truth = [], {}
-    for order in ORDERS:
+    for order, current in zip(ORDERS, currents(speed, seed, tide), strict=True):
         heading = float(rng.uniform(-math.pi, math.pi))
-        weather = Weather(wind, float(rng.uniform(-math.pi, math.pi)), 0.2, (current.real, current.imag))
+        weather = Weather(
+            wind, float(rng.uniform(-math.pi, math.pi)), 0.2, (current.real * flows, current.imag * flows)
+        )
         plant, t = made(order, weather, heading, 1.0)
         t |= {"wind_speed": np.array([plant.wind_at(s) for s in t["t"]]),
               "wind_direction": np.full(len(t["t"]), weather.direction % (2 * math.pi))}  # fmt: skip
@@ -104,17 +113,17 @@ def of_plant(seed: int) -> Yard:
     return Yard(tuple(trials), sizes, {"antenna": aft, "current": flows}, truth)
 
 
-def of_library(name: str, seed: int) -> Yard:
+def of_library(name: str, seed: int, tide: bool = False) -> Yard:
     """Sea trials of a ship of the library, or drawn around one, simulated by the package."""
     rng, true = np.random.default_rng([6, seed]), load_ship(name)
     L = true.particulars["L"]
     speed = float(rng.uniform(7.0, 7.9)) if name == "mariner" else float(rng.uniform(0.14, 0.2)) * math.sqrt(9.81 * L)
     true = true if name == "mariner" else drawn_ship(true, seed)
     rate, flows, aft = float(rng.uniform(2.3, 3.6)) * DEG, bool(rng.integers(0, 2)), bool(rng.integers(0, 2))
-    east, north = 0.05 * speed * math.sin(seed), 0.05 * speed * math.cos(seed)
-    effects = [f"current:x={north:.4f},y={east:.4f}"] * flows + [f"antenna_offset:x={-0.3 * L:.2f}"] * aft
-    hidden, trials = with_effects(true, effects), []
-    for number, order in enumerate(ORDERS):
+    flows, trials = flows or tide, []
+    for number, (order, current) in enumerate(zip(ORDERS, currents(speed, seed, tide), strict=True)):
+        effects = [f"current:x={current.real:.4f},y={current.imag:.4f}"] * flows
+        hidden = with_effects(true, effects + [f"antenna_offset:x={-0.3 * L:.2f}"] * aft)
         plan = parse_maneuver(order, hidden, speed=speed, rudder_rate=rate, duration=30 * L / speed)
         columns = dict(simulated_trial(hidden, plan, seed=100 * seed + number, dt=1.0).columns)
         if "n" not in true.actuators:
@@ -139,9 +148,10 @@ class Judgement:
     false: tuple[bool, ...]
 
 
-def judged(kind: str, seed: int) -> Judgement:
+def judged(kind: str, seed: int, tide: bool = False) -> Judgement:
     """What one call of ``mmg start`` makes of the trials of a yard."""
-    yard = of_plant(seed) if kind == "plant" else of_library({"tanker": "kvlcc2_full"}.get(kind, kind), seed)
+    name = {"tanker": "kvlcc2_full"}.get(kind, kind)
+    yard = of_plant(seed, tide) if kind == "plant" else of_library(name, seed, tide)
     with TemporaryDirectory() as scratch:
         logs, out = Path(scratch) / "logs", Path(scratch) / "out"
         logs.mkdir()
@@ -176,20 +186,23 @@ def main() -> None:
     """Measures coverage and width of figures, and of what was hidden how much is named."""
     parser = parser_of("yards", __doc__)
     parser.add_argument("--seeds", type=int, default=5, help="ships of each generator")
+    parser.add_argument("--tide", action="store_true", help="in a current that turns from run to run")
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
-    tasks = [((kind, seed), (kind, seed)) for kind in YARDS for seed in range(FIRST, FIRST + given.seeds)]
+    tasks = [((kind, seed), (kind, seed, given.tide)) for kind in YARDS for seed in range(FIRST, FIRST + given.seeds)]
     found = [one for _, one in done(judged, tasks, given.workers)]
     joined = {k: [x for one in found for x in getattr(one, k)] for k in ("inside", "width", "named", "false")}
     inside, named, false = joined["inside"], joined["named"], joined["false"]
     words, width = "of new ships of three generators after mmg start --yes", float(np.median(joined["width"]))
+    words += " in a tide" * given.tide
     figures = {
         "yard_inside": Figure(f"true IMO figures inside their 90 % interval, {words}", sum(inside), of=len(inside)),
         "yard_width": Figure(f"median width of those intervals by the figure, {words}", width, "%"),
         "yard_named": Figure(f"hidden antennas and currents said, {words}", sum(named), of=len(named)),
         "yard_false": Figure(f"suspects said that were not there, {words}", sum(false), of=len(false)),
     }
-    report(figures, f"yards --seeds {given.seeds}", given.record)
+    figures = {f"tide_{key}": figure for key, figure in figures.items()} if given.tide else figures
+    report(figures, f"yards --seeds {given.seeds}{' --tide' * given.tide}", given.record)
 
 
 if __name__ == "__main__":
