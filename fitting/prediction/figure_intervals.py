@@ -16,20 +16,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cases.criteria.figures import Since
+from cases.criteria.figures import Since, figure_unit
 from cases.criteria.imo import FAIL, NONE, OPEN, PASS, Assessment, Row, assess, with_value
-from cases.criteria.scatter import ManeuverScatter, draw_coefficients
-from cases.criteria.scatter import scatter as scattered
+from cases.criteria.scatter import draw_coefficients
 from cases.criteria.standard_runs import Run, figures_of_each, planned_run, since_each
 from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
 from cases.simulation.simulate_batch import Push, SimulatedRuns, input_array, simulate_batch, simulate_pushed
+from cases.trial import Trial
 from fitting.parallel import Shared, run_all
 from fitting.prediction.band_calibration import student_factor
 from fitting.prediction.bands import Bands, acceleration_sizes, bands_of, correlation_in
 from fitting.prediction.envelope import Excess, HeldMotion, outside_of, outside_words, ranges_of, untried
 from mmg.effects import EFFECTS
-from mmg.errors import OutOfRange, refusing
+from mmg.errors import OutOfRange, Unsupported, refusing
 from mmg.messages import Message
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.rollout import Simulator
@@ -103,6 +103,17 @@ class FigureScatter:
         words = outside_words(name, kind, self.outside, self.widened) if self.outside else ""
         return [Message(words, "outside_the_trials")] if words else []
 
+    def lost_notice(self, name: str, count: int) -> list[Message]:
+        """What to know of those of ``count`` draws of the manoeuvre ``name`` that diverge."""
+        words = f"{name}: {self.lost} of {count} drawn ships run away, and count as never reaching a figure"
+        return [Message(words, "diverging_draws")] if self.lost else []
+
+
+def independent_draws(correlation: Any) -> list[Message]:
+    """What to know of draws without a ``correlation`` of the coefficients, as of ``correlation_in``."""
+    words = "coefficients are drawn independently of each other: no correlation is known"
+    return [Message(words, "independent_draws")] if correlation is None else []
+
 
 @refusing
 @dataclass(frozen=True, repr=False)
@@ -151,11 +162,9 @@ def with_intervals(
     if not 20 <= count <= MOST:
         raise OutOfRange(f"--scatter {count}: give 20 to {MOST} draws, or 0 for none")
     calm = calm_and_deep(ship)[0]
-    correlation, notices = correlation_in(content), list(assessment.notices)
-    drawn = draw_coefficients(calm, count, seed, correlation)
-    if correlation is None:
-        words = "coefficients are drawn independently of each other: no correlation is known"
-        notices.append(Message(words, "independent_draws"))
+    correlation = correlation_in(content)
+    drawn, notices = draw_coefficients(calm, count, seed, correlation), list(assessment.notices)
+    notices += independent_draws(correlation)
     shared, judged = Shared((Simulator(calm), drawn, content)), [run for run in assessment.runs if run.kind in JUDGED]
     plans = [parse_maneuver(run.name, calm, speed=run.speed, rudder_rate=rudder_rate) for run in judged]
     jobs = [(shared, plan, seed, dict(run.figures)) for run, plan in zip(judged, plans, strict=True)]
@@ -163,10 +172,7 @@ def with_intervals(
     runs = {run.name: run for run in judged}
     scatter = {run.name: one for run, one in zip(judged, results, strict=True)}
     for run, one in zip(judged, results, strict=True):
-        notices += one.notice(run.name, run.kind)
-        if one.lost:
-            words = f"{run.name}: {one.lost} of {count} drawn ships run away, and count as never reaching a figure"
-            notices.append(Message(words, "diverging_draws"))
+        notices += one.notice(run.name, run.kind) + one.lost_notice(run.name, count)
     rows = tuple(
         judged_row(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in assessment.rows
     )
@@ -327,40 +333,74 @@ def judged_row(row: Row, run: Run, scatter: FigureScatter) -> Row:
     return replace(row, **fields, reached=scatter.share(row.figure), extrapolated=extrapolated)
 
 
+@dataclass(frozen=True)
+class ManeuverScatter:
+    """A manoeuvre of many ships drawn about one.
+
+    run: of the ship as it is; drawn: the draws of its figures, ``count`` with this ``seed``; coefficients: symbols that
+    were drawn; rows: a row per figure, SI and rad: what ``FigureScatter.of`` gives, with name, unit, value of the ship
+    as it is, limit of the criterion, None where there is none, and share of the draws that reach it; without a
+    calibration nothing is known of a single trial; motions: of the ship as it is, then of each draw; notices: what to
+    know of them.
+    """
+
+    run: Run
+    drawn: FigureScatter
+    count: int
+    seed: int
+    coefficients: tuple[str, ...]
+    rows: tuple[dict[str, Any], ...]
+    motions: tuple[Trial, ...]
+    notices: tuple[Message, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """What ``mmg simulate --scatter --json`` prints beside the ship."""
+        counts = {"run": self.run.name, "scatter": self.count, "seed": self.seed}
+        return {**counts, "coefficients": self.coefficients, "figures": self.rows, "notices": list(self.notices)}
+
+    def tracks(self) -> Any:
+        """A DataFrame of all motions: run (0: the ship as it is), t [s], x, y [m], psi [rad], u, v, r, n, delta."""
+        import pandas as pd
+
+        parts = {m: trial.to_pandas() for m, trial in enumerate(self.motions)}
+        return pd.concat(parts, names=["run"]).reset_index("run").reset_index(drop=True)
+
+
 def maneuver_scatter(
     ship: Ship, plan: Maneuver, content: Mapping[str, Any], count: int, seed: int = 0, dt: float | None = None
-) -> tuple[ManeuverScatter, Run | None, FigureScatter | None]:
+) -> ManeuverScatter:
     """A manoeuvre ``plan`` of ``count`` ships drawn about one, with medians, intervals and criteria of its figures.
 
-    ship: as it is, without her instruments; content: of the result.json of her calibration, {} where she has none: her
-    coefficients alone are drawn then, but in a stop also its deceleration, as for a manoeuvre that is none of
-    ``JUDGED``; seed: of the draws; dt: sampling interval [s]. Returns the scatter, and where the draws are those of
-    ``with_intervals`` the manoeuvre of the ship as it is and the draws behind it. Raises UserError as
-    ``cases.criteria.scatter.scatter``.
+    ship: without her instruments, whatever they show; content: of the result.json of her calibration, {} where she has
+    none: her coefficients alone are drawn then, but in a stop also its deceleration; seed: of the draws; dt: sampling
+    interval [s]. Raises UserError for a count that makes no sense, a manoeuvre that is none of ``JUDGED``, and a ship
+    without standard deviations.
     """
-    judged = plan.kind in (JUDGED if content else STOPS)
-    for name in ship.effects if judged else ():  # figures are those of the motion, whatever her instruments show
+    if not 2 <= count <= MOST:
+        raise OutOfRange(f"--scatter {count}: give 2 to {MOST} draws")
+    if plan.kind not in JUDGED:
+        raise Unsupported(f"{plan.name}: --scatter is of {', '.join(JUDGED)}; simulate one ship at a time")
+    for name in ship.effects:
         ship = ship.without_effect(name) if EFFECTS[name].measures else ship
-    scatter = scattered(ship, plan, count, seed, correlation_in(content), dt)
-    if not judged:
-        return scatter, None, None
-    run = planned_run(ship, plan)
-    drawn, trials = drawn_figures(Simulator(ship), plan, scatter.coefficients, content, seed, dt, count, run.figures)
+    correlation, run = correlation_in(content), planned_run(ship, plan)
+    coefficients = draw_coefficients(ship, count, seed, correlation)
+    simulator, dt = Simulator(ship), dt or STEP * time_scale(ship.particulars["L"])
+    drawn, trials = drawn_figures(simulator, plan, coefficients, content, seed, dt, count, run.figures)
     limits = {  # SI and rad, as the draws
         row.figure: row.limit * (run.length if row.unit == "L" else math.radians(1.0))
         for row in assess(run, ship.particulars.get("scale"))
         if row.limit is not None and row.verdict not in (OPEN, NONE)
     }
+    none_known = {} if content else {"interval_90_trial": None}
     rows = tuple(
-        replace(row, **drawn.of(row.figure, limit=limits.get(row.figure)), share=drawn.share(row.figure),
-                limit=limits.get(row.figure))
-        if row.figure in drawn.ship else row
-        for row in scatter.rows
+        {"figure": name, "unit": figure_unit(name), "value": run.figures.get(name), "share": drawn.share(name),
+         **drawn.of(name, limit=limits.get(name)), "limit": limits.get(name), **none_known}
+        for name in drawn.ship
     )  # fmt: skip
-    notices = (*scatter.notices, *drawn.notice(plan.name, plan.kind))
-    kept = np.isfinite(trials.states).all(axis=(0, 1))
-    trials = replace(trials, states=trials.states[:, :, kept], inputs=trials.inputs[:, :, kept], last=trials.last[kept])
-    return replace(scatter, rows=rows, notices=notices, values=drawn.ship, trials=trials), run, drawn
+    notices = independent_draws(correlation) + drawn.notice(plan.name, plan.kind) + drawn.lost_notice(plan.name, count)
+    finite = [trials.trial(int(m)) for m in np.flatnonzero(np.isfinite(trials.states).all(axis=(0, 1)))]
+    motions = (simulate_batch(simulator, plan, dt=dt).trial(0), *finite)
+    return ManeuverScatter(run, drawn, count, seed, tuple(coefficients), rows, motions, tuple(notices))
 
 
 def accelerations(

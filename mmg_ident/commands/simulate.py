@@ -14,8 +14,8 @@ from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
 if TYPE_CHECKING:
-    from cases.criteria.scatter import ManeuverScatter
     from cases.trial import Trial
+    from fitting.prediction.figure_intervals import ManeuverScatter
     from mmg.ship import Ship
 
 
@@ -97,14 +97,12 @@ def simulate(
         if plan is None:
             raise Conflict("--scatter is of standard manoeuvres, not of random inputs; leave it out")
         with cli.working(f"simulating {plan.name} {scatter} times"):
-            figures_drawn, run, drawn = maneuver_scatter(model, plan, content_on(Path(ship)), scatter, seed, dt)
+            drawn = maneuver_scatter(model, plan, content_on(Path(ship)), scatter, seed, dt)
         if plot is not None:
-            if run is None or drawn is None:  # figures alone were drawn, no tracks
-                raise Conflict("--plot draws the tracks of a calibration's turning, zigzag, crash-stop or coasting")
             title = f"{model.title}: {plan.name}, {scatter} draws"
-            maneuver_figure((run,), title, {run.name: drawn.shown}).savefig(plot)
+            maneuver_figure((drawn.run,), title, {drawn.run.name: drawn.drawn.shown}).savefig(plot)
         if out is not None:
-            tracks = figures_drawn.tracks()
+            tracks = drawn.tracks()
             if out.suffix.lower() == ".parquet":
                 # checksums: a byte that a disk changes would else read as another number
                 tracks.to_parquet(out, index=False, engine="pyarrow", write_page_checksum=True)
@@ -113,9 +111,10 @@ def simulate(
         for path in filter(None, (plot, out)):
             cli.say(f"written: {path}")
         if json:
-            cli.print_json(figures_drawn.to_dict() | {"title": model.title, "out": None if out is None else str(out)})
+            about = {"ship": model.name, "title": model.title, "out": None if out is None else str(out)}
+            cli.print_json(about | drawn.to_dict())
         else:
-            _print_scatter(figures_drawn, model, single=run is not None)
+            _print_scatter(drawn, model)
         return
     if plot is not None:
         raise Conflict("--plot belongs to --scatter; mmg imo --plot draws the manoeuvres of the standard")
@@ -141,27 +140,27 @@ def simulate(
     cli.print_json(summary) if json else _print(summary, figures, model)
 
 
-def _print_scatter(figures: ManeuverScatter, ship: Ship, single: bool) -> None:
-    """The figures of draws as a table; single: of one trial each, too."""
-    cli.say_notes(figures.notices)
-    title = f"{ship.title}: {figures.maneuver.name}, {figures.count} draws of {len(figures.coefficients)} coefficients"
+def _print_scatter(scatter: ManeuverScatter, ship: Ship) -> None:
+    """The figures of draws as a table."""
+    cli.say_notes(scatter.notices)
+    count, symbols = scatter.count, len(scatter.coefficients)
+    title = f"{ship.title}: {scatter.run.name}, {count} draws of {symbols} coefficients"
     rows = []
-    for row in figures.rows:
-        unit, factor, form = _unit(row.unit, ship.particulars["L"])
+    for row in scatter.rows:
+        unit, factor, form = _unit(row["unit"], ship.particulars["L"])
 
         # factor and form as defaults: a closure would take those of the last row
         def shown(*values: float | None, factor: float = factor, form: str = form) -> str:
             return " .. ".join("-" if x is None or math.isnan(x) else f"{factor * x:{form}}" for x in values)
 
-        limit = "" if row.probability is None else f"<= {shown(row.limit)}: {100 * row.probability:.0f} %"
+        limit = "" if row["limit"] is None else f"<= {shown(row['limit'])}: {100 * row['probability']:.0f} %"
         # of the draws that come to the event of the figure
-        share = "" if row.share == 1 else f"({100 * row.share:.0f} % of the draws)"
-        cells = [f"{row.figure.replace('_', ' ')} [{unit}]", shown(row.value), shown(row.median)]
-        cells += [shown(*row.interval_90), *[shown(*row.interval_90_trial or ())] * single]
+        share = "" if row["share"] == 1 else f"({100 * row['share']:.0f} % of the draws)"
+        cells = [f"{row['figure'].replace('_', ' ')} [{unit}]", shown(row["value"]), shown(row["median"])]
+        cells += [shown(*row["interval_90"]), *[shown(*trial) for trial in [row["interval_90_trial"]] if trial]]
         rows.append([*cells, f"{limit} {share}".strip()])
-    cli.print_table(
-        ("figure", "as it is|n", "median|n", "90 % interval|n", *["of a single trial|n"] * single, ""), rows, title
-    )
+    trial = ["of a single trial|n"] * any(row["interval_90_trial"] for row in scatter.rows)
+    cli.print_table(("figure", "as it is|n", "median|n", "90 % interval|n", *trial, ""), rows, title)
 
 
 def _unit(unit: str, length: float) -> tuple[str, float, str]:

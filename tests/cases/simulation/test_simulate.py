@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cases.criteria.scatter import ManeuverScatter, draw_coefficients, scatter
-from cases.criteria.standard_runs import figures_of, figures_of_each, simulated_run, simulated_trial
+from cases.criteria.scatter import draw_coefficients
+from cases.criteria.standard_runs import figures_of, figures_of_each, simulated_trial
 from cases.io.read import read_trial, read_trials
 from cases.maneuvers.definitions import Limits, parse_maneuver
 from cases.shipfiles.ship_file import load_ship, parse_ship
@@ -295,12 +295,7 @@ def test_a_zigzag_that_has_been_read_is_not_pushed_any_more() -> None:
     assert (found.states[last + 1 :, :, early] == found.states[last + 1, :, early]).all()
 
 
-# Scatter over the standard errors of the coefficients, and figures of runs that are pushed
-@pytest.fixture(scope="module")
-def turning() -> ManeuverScatter:
-    return scatter(ESSO, "turning:35", 60, seed=3)
-
-
+# Draws over the standard errors of the coefficients, and figures of runs that are pushed
 def test_draws_have_the_standard_errors_and_correlation_of_the_ship() -> None:
     pair = np.array([[1.0, 0.8], [0.8, 1.0]])
     drawn = draw_coefficients(ESSO, 4000, 1, (("Y_v", "N_v"), pair))
@@ -316,36 +311,6 @@ def test_draws_stay_within_the_bounds_and_fixed_coefficients_stay() -> None:
     for symbol, values in drawn.items():
         c = ESSO.coefficients[symbol]
         assert (values >= c.lower).all() and (values <= c.upper).all()
-
-
-def test_the_ship_as_it_is_has_the_figures_of_one_simulation(turning: ManeuverScatter) -> None:
-    alone = simulated_run(ESSO, "turning:35", turning.maneuver.speed)
-    for row in turning.rows:
-        assert row.value == pytest.approx(alone.figures[row.figure], rel=2e-3)
-
-
-def test_medians_lie_in_their_intervals_and_figures_and_draws_have_rows(turning: ManeuverScatter) -> None:
-    assert {"advance", "tactical_diameter", "steady_rate"} <= {row.figure for row in turning.rows}
-    for row in turning.rows:
-        assert row.interval_90[0] < row.median < row.interval_90[1] and 0 < row.share <= 1
-    assert list(turning.to_pandas().index) == [row.figure for row in turning.rows]
-    assert has_code(turning.notices, "independent_draws")
-    tracks = turning.tracks()
-    assert sorted(tracks["run"].unique()) == list(range(61))
-    assert np.isfinite(tracks.to_numpy()).all()
-
-
-def test_the_same_seed_gives_the_same_scatter_and_small_errors_small_intervals(turning: ManeuverScatter) -> None:
-    assert scatter(ESSO, "turning:35", 60, seed=3).rows == turning.rows
-    sure = ESSO.with_coefficients({s: c.with_(std=1e-6 * abs(c.value)) for s, c in ESSO.coefficients.items()})
-    for row in scatter(sure, "turning:35", 10).rows:
-        assert row.interval_90[1] - row.interval_90[0] < 1e-3 * abs(row.median)
-
-
-def test_what_cannot_be_scattered_is_refused() -> None:
-    for text, count in (("turning:35", 1), ("turning:35", 10**6), ("spiral:15/5", 5)):
-        with pytest.raises(UserError):
-            scatter(ESSO, text, count)
     with pytest.raises(Missing):
         draw_coefficients(ESSO.fixing(ESSO.symbols), 5)
 

@@ -273,16 +273,16 @@ def test_draws_that_take_longer_to_stop_than_the_ship_go_on_being_pushed() -> No
 def test_one_manoeuvre_has_the_intervals_of_the_table_of_the_standard(turning: tuple[Any, Assessment]) -> None:
     ship, one = turning
     plan = parse_maneuver("turning:35", ship, speed=SPEED)
-    found, run, drawn = maneuver_scatter(ship, plan, content(ship), 60, seed=4)
-    rows = {row.figure: row for row in found.rows}
+    found = maneuver_scatter(ship, plan, content(ship), 60, seed=4)
+    rows = {row["figure"]: row for row in found.rows}
     for row in with_intervals(one, ship, content(ship), 60, seed=4).rows:
         mine = rows[row.figure]
-        assert row.interval_90 == pytest.approx([x / 3 for x in mine.interval_90], rel=1e-9)
-        assert row.interval_90_trial == pytest.approx([x / 3 for x in mine.interval_90_trial], rel=1e-9)
-        assert mine.probability == row.probability
-        assert mine.limit == (None if row.limit is None else pytest.approx(3 * row.limit))
-        assert mine.value == pytest.approx(3 * row.value, rel=2e-3)
-    assert run is not None and drawn is not None and not drawn.outside
+        assert row.interval_90 == pytest.approx([x / 3 for x in mine["interval_90"]], rel=1e-9)
+        assert row.interval_90_trial == pytest.approx([x / 3 for x in mine["interval_90_trial"]], rel=1e-9)
+        assert mine["probability"] == row.probability
+        assert mine["limit"] == (None if row.limit is None else pytest.approx(3 * row.limit))
+        assert mine["value"] == pytest.approx(3 * row.value, rel=2e-3)
+    assert not found.drawn.outside
     tracks = found.tracks()
     assert sorted(tracks["run"].unique()) == list(range(61)) and np.isfinite(tracks.to_numpy()).all()
 
@@ -291,11 +291,14 @@ def test_a_stop_that_no_trial_held_is_the_priors_and_without_a_calibration_coeff
     ship = some_ship()
     plan = parse_maneuver("crash-stop", ship, speed=SPEED)
     narrow = content(ship, envelope={"u": [0.0, 0.8], "n": [0.0, 30.0]})
-    found, _, drawn = maneuver_scatter(ship, plan, narrow, 20)
-    (said,) = [str(m) for m in found.notices if has_code([m], "outside_the_trials")]
-    assert "prior's" in said and drawn is not None
-    found, run, drawn = maneuver_scatter(ship, parse_maneuver("turning:35", ship, speed=SPEED), {}, 10)
-    assert run is None and drawn is None and all(row.interval_90_trial is None for row in found.rows)
+    assert has_code(maneuver_scatter(ship, plan, narrow, 20).notices, "outside_the_trials")
+    turn = parse_maneuver("turning:35", ship, speed=SPEED)
+    found = maneuver_scatter(ship, turn, {}, 10)
+    assert has_code(found.notices, "independent_draws") and all(row["interval_90_trial"] is None for row in found.rows)
+    assert maneuver_scatter(ship, turn, {}, 10).rows == found.rows  # by the same seed
+    for plan, count in ((turn, 1), (turn, 10**6), (parse_maneuver("spiral:15/5", ship, speed=SPEED), 10)):
+        with pytest.raises(UserError):
+            maneuver_scatter(ship, plan, {}, count)
 
 
 @pytest.mark.slow
