@@ -2,7 +2,7 @@
 
 The ship is simulated in calm air and water under rudder steps at several revolutions ahead; samples outside the range
 of its trials are left out. What a projection must reproduce is the force that the target's own equations of motion
-need to move as the ship does. Its error is said by channel, and in a turning circle of both.
+need to move as the ship does. Its error is said by channel.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -27,7 +26,6 @@ from mmg.messages import Message
 from mmg.model import Model, assemble
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.rollout import Simulator
-from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship
 
 # Largest rudder angle [rad] where no range is known (SOLAS II-1, 29), and rudder rate [rad/s] of a 3 m model: that of
@@ -43,7 +41,6 @@ WORST = 0.5  # Share [-] of a channel's force (RMS) beyond which a projection is
 # little enough to leave what the motions determine. Set by hand.
 PULL = 0.1
 EXACT = "export the ship as c, casadi or fmu, which hold it exactly"  # What to do instead of a projection
-Rates = Callable[[np.ndarray, float, float], np.ndarray]  # (u, v, r (3,), n [1/s], delta [rad]) -> their rates (3,)
 
 
 @dataclass(frozen=True)
@@ -89,11 +86,6 @@ class Motions:
         values = {s: c.value for s, c in self.ship.coefficients.items() if "." not in s}
         return inertia(self.ship.namespace, names(values))
 
-    def at(self, nu: np.ndarray, n: float, delta: float) -> Motions:
-        """One motion in place of these: nu: u, v, r (3,); n [1/s]; delta [rad]. Its rates and forces are none's."""
-        u, v, r = (np.array([float(x)]) for x in nu)
-        return replace(self, u=u, v=v, r=r, n=np.array([n]), delta=np.array([delta]))
-
     def needed_force(self, mass: Inertia | None = None) -> np.ndarray:
         """X, Y [N], N [N m] (3, M) with which a body of this ``mass`` about midship, its own by default, moves as the
         ship does."""
@@ -116,69 +108,6 @@ class Motions:
         line = f"projected on {form}: error by net force (RMS) {shares}, over {len(self.u)} motions"
         messages = [Message(line, "projection_error"), Message(f"range of the projection (SI): {limits}", "range")]
         return messages + [Message(line, "left_out") for line in self.left_out]
-
-    def ship_rates(self) -> Rates:
-        """The rates of the ship in calm air and water."""
-        model = assemble(self.ship, symbols=())
-        controls, state = np.zeros(len(model.controls)), np.zeros(6)  # all other inputs stay at rest
-
-        def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
-            for name, value in (("n", n), ("delta", delta)):
-                if name in model.controls:
-                    controls[model.controls.index(name)] = value
-            state[3:] = nu
-            return np.array(model.rates(state, controls, [])).ravel()[3:6]
-
-        return rates
-
-    def turning_path(self, rates: Rates) -> np.ndarray:
-        """Rows x, y, psi, u, v, r (N, 6) of a turning circle to starboard, 40 in the time of a ship length.
-
-        At the largest revolutions, rudder angle and speed of the approach; rates: of the model. Ends when the heading
-        has changed by 200 deg, or after 60 ship lengths.
-        """
-        L, n, largest = self.ship.particulars["L"], float(self.n.max()), float(np.abs(self.delta).max())
-        # the fastest motion that hardly turns, at less than 2 % of the greatest rate; set by hand
-        straight = np.argmax(np.where(np.abs(self.r) < 0.02 * np.abs(self.r).max(), self.u, 0.0))
-        speed = float(self.u[straight])
-        dt, rate, z, delta = L / speed / 40, RATE / time_scale(L), np.array([0.0, 0.0, 0.0, speed, 0.0, 0.0]), 0.0
-        rows = []
-
-        def derivative(state: np.ndarray, _: float) -> np.ndarray:
-            psi, u, v, r = state[2:]
-            moving = [u * math.cos(psi) - v * math.sin(psi), u * math.sin(psi) + v * math.cos(psi), r]
-            return np.concatenate([moving, rates(state[3:], n, delta)])
-
-        for _ in range(round(60 * L / speed / dt)):
-            rows.append(z)
-            # 200 deg: a little beyond the tactical diameter at 180; a projection may also run away
-            if not np.isfinite(z).all() or z[2] > math.radians(200):
-                break
-            delta = min(largest, delta + rate * dt)
-            z = rk4_step(derivative, z, dt)
-        return np.array(rows)
-
-    def compared(self, rates: Rates) -> tuple[dict[str, Any], Message]:
-        """The turning circle of the ship and of its projection, in ship lengths: as plain values, and in words.
-
-        rates: of the projection.
-        """
-        L, largest = self.ship.particulars["L"], math.degrees(float(np.abs(self.delta).max()))
-        circles = []
-        for one in (self.ship_rates(), rates):
-            x, y, psi = self.turning_path(one)[:, :3].T
-            # ahead at 90 deg of heading, aside at 180 (IMO MSC.137(76))
-            advance, diameter = float(np.interp(0.5 * math.pi, psi, x)), float(np.interp(math.pi, psi, y))
-            circles.append(
-                {"advance_L": advance / L, "tactical_diameter_L": diameter / L} if psi[-1] >= math.pi else None
-            )
-        ship, projection = circles
-        words = "a turning circle does not come round with one of the two"
-        if ship and projection:
-            figures = [f"{name[:-2].replace('_', ' ')} {ship[name]:.2f} -> {projection[name]:.2f} L" for name in ship]
-            words = f"turning {largest:.0f} deg, ship -> projection: {', '.join(figures)}"
-        content = {"rudder_deg": largest, "n_rps": float(self.n.max()), "ship": ship, "projection": projection}
-        return content, Message(words, "projection_turning")
 
 
 def horizontal_ship(product: Product, target: str) -> tuple[Ship, tuple[str, ...]]:

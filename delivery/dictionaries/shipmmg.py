@@ -1,11 +1,10 @@
-"""Parameter sets of shipmmg (Python package, MIT): its 3-DOF MMG model and its KT model, by least squares.
+"""Parameter sets of shipmmg (Python package, MIT): its 3-DOF MMG model, by least squares.
 
 The form, as shipmmg 0.0.11 evaluates it: U = sqrt(u^2 + v_G^2), beta = asin(-v_G / U) with v_G = v - x_G r, the sign
 that it gives the centre of gravity, v' = v/U, r' = r L/U, w_P = w_P0 exp(-4 (beta - x_P' r')^2),
 J = u (1 - w_P)/(n D), K_T = k_0 + k_1 J + k_2 J^2, beta_R = beta - l_R' r', v_R = U gamma_R beta_R,
 u_R = eps u (1 - w_P) sqrt{ eta [1 + kappa (sqrt(1 + 8 K_T/(pi J^2)) - 1)]^2 + 1 - eta }, and the hull polynomial,
 rudder forces and equations of motion of Yasukawa & Yoshimura (2015), J Mar Sci Technol 20:37-52.
-KT: T r' + r = K delta (Nomoto et al. 1957), from the linear model about straight running: T = T_1 + T_2 - T_3.
 """
 
 from __future__ import annotations
@@ -20,10 +19,8 @@ import numpy as np
 
 from delivery.dictionaries import projection
 from delivery.product import Product
-from mmg.components.rigid_body import accelerations
 from mmg.errors import Missing, Unsupported
 from mmg.messages import Message
-from mmg.motion.flow import Force
 
 # Symbols of the hull polynomial by channel; powers of v' and r' as their letters say (Yasukawa & Yoshimura 2015).
 HULL = {
@@ -56,9 +53,6 @@ def write_shipmmg(product: Product, target: Path) -> list[Message]:
     samples = shipmmg_motions(product)
     p, errors = project(samples)
     messages = samples.messages(errors, "shipmmg", "shipmmg's 3-DOF MMG model")
-    circles, words = samples.compared(shipmmg_rates(samples, p))
-    messages.append(words)
-    K, T, why = nomoto(samples)
     basic, maneuvering = dictionaries(samples, p)
     content = {
         "format": "shipmmg 0.0.11",
@@ -67,14 +61,11 @@ def write_shipmmg(product: Product, target: Path) -> list[Message]:
         "rho": samples.ship.particulars["rho"],
         "basic_params": basic,
         "maneuvering_params": maneuvering,
-        "kt_params": {"K": K, "T": T} if not why else None,
-        "kt_remark": why or "linear, about straight running; K [1/s], T [s]",
         "approach": {"u0": float(samples.u.max()), "nps": float(samples.n.max())},
         "projection": [
             {"channel": e.channel, "force_rms": e.force, "error_rms": e.error, "unit": e.unit, "share": e.share}
             for e in errors
         ],
-        "turning": circles,
         "range": {name: list(pair) for name, pair in samples.limits.items()},
         "remarks": [*messages, *(str(words) for words in product.caveats)],
     }
@@ -244,34 +235,3 @@ def dictionaries(samples: projection.Motions, p: Mapping[str, float]) -> tuple[d
     maneuvering |= {f"{symbol}_dash": p[symbol] for symbols in HULL.values() for symbol in symbols}
     # Python reads names in this form: ϵ becomes ε, as the arguments of the class are called
     return {normalize("NFKC", name): float(value) for name, value in basic.items()}, maneuvering
-
-
-def shipmmg_rates(samples: projection.Motions, p: Mapping[str, float]) -> projection.Rates:
-    """The rates of the projected ship by shipmmg's equations. samples: motions of the ship; p: parameters by symbol."""
-    mass = samples.mass
-
-    def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
-        X, Y, N = force(samples.at(nu, n, delta), p)[:, 0]
-        return np.array(accelerations(nu[0], nu[1], nu[2], Force(X, Y, N), mass))
-
-    return rates
-
-
-def nomoto(samples: projection.Motions) -> tuple[float, float, str]:
-    """K [1/s], T [s] of the ship of ``samples`` about straight running, and why there are none, "" where there are."""
-    rates, h = samples.ship_rates(), 1e-4  # step of the central differences: rates are smooth, rounding is 1e-16 / h
-    u, n, L = float(samples.u.max()), float(samples.n.max()), samples.ship.particulars["L"]
-
-    def slope(dv: float, dr: float, ddelta: float) -> np.ndarray:
-        ends = [rates(np.array([u, s * dv, s * dr]), n, s * ddelta)[1:] for s in (1.0, -1.0)]  # v', r'
-        return (ends[0] - ends[1]) / 2
-
-    v, r, d = slope(h * u, 0, 0) / (h * u), slope(0, h * u / L, 0) / (h * u / L), slope(0, 0, h) / h
-    # v' = a_11 v + a_12 r + b_1 delta, r' = a_21 v + a_22 r + b_2 delta, with v = (a_11, a_21), r = (a_12, a_22),
-    # d = (b_1, b_2): K = (a_21 b_1 - a_11 b_2) / det, T_1 + T_2 = -(a_11 + a_22) / det, T_3 = b_2 / (K det)
-    determinant = float(v[0] * r[1] - r[0] * v[1])
-    K = float((v[1] * d[0] - v[0] * d[1]) / determinant)
-    T = float(-(v[0] + r[1]) / determinant) - float(d[1] / (v[1] * d[0] - v[0] * d[1]))
-    if determinant <= 0 or T <= 0:
-        return K, T, "the ship is not course-stable about straight running, so no first-order KT model follows it"
-    return K, T, ""

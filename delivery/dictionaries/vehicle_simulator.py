@@ -40,7 +40,6 @@ def write_vehicle(product: Product, target: Path) -> list[Message]:
     samples = projection.motions(product, SIMULATOR)
     p, errors = project(samples)
     messages = samples.messages(errors, SIMULATOR, f"the tanker of {SIMULATOR}")
-    messages.append(samples.compared(vehicle_rates(samples, p))[1])
     L = samples.ship.particulars["L"]
     scale, speed = time_scale(L), float(samples.u.max())
     # gain 1.5 and lead time L/U of the autopilot, ten seconds of a 3 m model before a step of rudder: set by hand
@@ -129,14 +128,3 @@ def form(samples: projection.Motions, p: Mapping[str, float]) -> np.ndarray:
     sums = np.array([sum(p[name] * values for name, values in row.items()) for row in terms(samples, p).values()])
     sums[0] += samples.ship.particulars["L"] * (1 - p["t"]) * _shared(samples, p)[2]
     return sums
-
-
-def vehicle_rates(samples: projection.Motions, p: Mapping[str, float]) -> projection.Rates:
-    """The rates of the projected ship. samples: motions of the ship; p: parameters of the form."""
-    L = samples.ship.particulars["L"]
-    inertia = L * np.array([p["m11"], p["m22"], p["m33"] * L])
-
-    def rates(nu: np.ndarray, n: float, delta: float) -> np.ndarray:
-        return np.asarray(form(samples.at(nu, n, delta), p)[:, 0] / inertia)
-
-    return rates
