@@ -33,7 +33,7 @@ def scale(
 
     Example: mmg scale runs/first --length 325 --out runs/ship
     """
-    from delivery.full_scale.result import scaled_result, write_scaled
+    from delivery.full_scale.result import scaled_result
     from delivery.full_scale.scaled_ship import Scaling
     from fitting.report.run_folder import check_target, reserved
 
@@ -41,7 +41,7 @@ def scale(
     scaling.check()  # before the run is read: most faults are in the options
     check_target(out)
     with reserved(out), cli.working("scaling"):
-        result = write_scaled(scaled_result(run, scaling, cli.command_line()), out)
+        result = scaled_result(run, scaling, cli.command_line()).save(out)
     if json:
         cli.print_json(result.to_dict())
         return
