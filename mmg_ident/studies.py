@@ -400,16 +400,15 @@ def view(
     runs: str | Path | Sequence[str | Path],
     out: str | Path,
     trials: Sequence[str | Path] = (),
-    diagnosis: str | Path | None = None,
     window: Sequence[float] = (),
 ) -> Path:
     """Write one interactive page on ``runs``, run folders, as ``mmg view`` does; returns the file ``out``.
 
-    trials: to show, default those of the runs; diagnosis: whose force is marked, default one beside a run; window:
-    seconds between restarts of the predictions, 0: none. Raises UserError where no trial is left to show.
+    trials: to show, default those of the runs; window: seconds between restarts of the predictions, 0: none. Raises
+    UserError where no trial is left to show.
     """
     from delivery.view.page import LENGTHS, gather, write_view
 
     folders = [Path(run) for run in ([runs] if isinstance(runs, (str, Path)) else runs)]
-    write_view(gather(folders, trials, None if diagnosis is None else Path(diagnosis)), Path(out), window or LENGTHS)
+    write_view(gather(folders, trials), Path(out), window or LENGTHS)
     return Path(out)

@@ -23,13 +23,13 @@ import numpy as np
 from cases.inputs import assumed, model_inputs
 from cases.io.read import read_trials
 from cases.trial import Trial
-from diagnosis.result import CONTENT, MissingForce, read_diagnosis, read_missing_force
+from diagnosis.result import MissingForce, read_diagnosis, read_missing_force
 from fitting.prediction.bands import Bands, bands_of
 from fitting.prediction.predict import Forces, Forecaster, Window, forces_along, predict_all
 from fitting.report.page import label_of, rendered, write_page
-from fitting.report.run_folder import RESULT, plain, read_result, rows_by_role, trials_again, unique_rows
+from fitting.report.run_folder import plain, read_result, rows_by_role, trials_again, unique_rows
 from fitting.result import read_fit
-from mmg.errors import BadValue, Conflict, Missing, UserError
+from mmg.errors import BadValue, Conflict, Missing
 from mmg.motion.flow import INPUTS
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -84,32 +84,22 @@ class Campaign:
     notes: tuple[str, ...]
 
 
-def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis: Path | None = None) -> Campaign:
-    """The models and trials of run ``folders`` of fit, train and diagnose.
+def gather(folders: Sequence[Path], trials: Sequence[str | Path] = ()) -> Campaign:
+    """The models and trials of run ``folders`` of fit, train and diagnose; the missing force of a diagnosis is marked.
 
-    trials: files or folders to show instead of those that the runs name; diagnosis: folder of a diagnosis whose missing
-    force is marked, None: one beside the runs that used the same trials. Raises UserError for folders of other kinds,
-    and where no trial is left to show.
+    trials: files or folders to show instead of those that the runs name. Raises UserError for folders of other kinds,
+    for two diagnoses, and where no trial is left to show.
     """
     kinds = {folder: read_result(folder)["kind"] for folder in folders}
     diagnoses = [folder for folder, kind in kinds.items() if kind == "diagnosis"]
-    if diagnosis is not None:
-        diagnoses = [*diagnoses, diagnosis]
-    if len(dict.fromkeys(diagnoses)) > 1:  # the same folder twice is one
+    if len(diagnoses) > 1:
         raise Conflict(f"{diagnoses[1]}: a page marks one diagnosis, and {diagnoses[0]} is another; give one of them")
     models: list[ViewModel] = []
     rows: list[tuple[str, Mapping[str, Any]]] = []
-    for folder in [folder for folder, kind in kinds.items() if kind != "diagnosis"]:
-        models += _models(folder, kinds[folder])
+    for folder, kind in kinds.items():
+        models += _named(folder) if kind == "diagnosis" else _models(folder, kind)
         rows += rows_by_role(read_result(folder))
-    diagnosis_folder = diagnoses[0] if diagnoses else None
-    if diagnosis_folder is not None:
-        rows += rows_by_role(read_result(diagnosis_folder))
-        models += _named(diagnosis_folder)
     shown, notes = _trials(rows, trials)
-    if diagnosis_folder is None:
-        diagnosis_folder, more = _used_with(folders, shown)
-        notes += more
     distinct, measured = _distinct(models), [one.trial for one in shown]
     notes += dict.fromkeys(str(note) for model in distinct for note in assumed(measured, model.predictor.inputs))
     ships = [model.ship for model in distinct if model.ship is not None]
@@ -120,9 +110,9 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = (), diagnosis
         ships = [read_training(folders[0]).start]
     ship = next((one for one in ships if one.mark), ships[0])  # a calibration before the ship that it began from
     marked = None
-    if diagnosis_folder is not None:
-        d, missing = read_diagnosis(diagnosis_folder), read_missing_force(diagnosis_folder)
-        marked = MarkedDiagnosis(label_of(diagnosis_folder), d.verdict, d.sentence, missing)
+    for folder in diagnoses:
+        d = read_diagnosis(folder)
+        marked = MarkedDiagnosis(label_of(folder), d.verdict, d.sentence, read_missing_force(folder))
     return Campaign(ship, distinct, tuple(shown), marked, tuple(notes))
 
 
@@ -175,23 +165,6 @@ def _trials(
         raise Missing(f"{what}; give the files with --trials")
     notes = [f"{len(absent)} trial(s) of the run are not shown: {'; '.join(absent)}; give them with --trials"]
     return [ViewTrial(trial, role) for role, trial in pairs], notes if absent else []
-
-
-def _used_with(folders: Sequence[Path], shown: Sequence[ViewTrial]) -> tuple[Path | None, list[str]]:
-    """The diagnosis folder beside the runs that used any of the trials ``shown``; where there are several, none."""
-    hashes = {view.trial.sha256 for view in shown}
-    neighbours = dict.fromkeys(p.parent for folder in folders for p in folder.absolute().parent.glob(f"*/{CONTENT}"))
-    related: list[Path] = []
-    notes: list[str] = []
-    for path in (p for p in neighbours if (p / RESULT).is_file()):
-        try:
-            related += [path] if hashes & {row.get("sha256") for _, row in rows_by_role(read_result(path))} else []
-        except UserError as error:  # nobody asked for it: it must not keep the runs from being shown
-            notes.append(f"a diagnosis beside the run is not marked: {error}")
-    if len(related) > 1:
-        names = ", ".join(sorted(p.name for p in related))
-        return None, [*notes, f"several diagnoses lie beside the run ({names}); choose one with --diagnosis"]
-    return (related[0] if related else None), notes
 
 
 def _distinct(models: Sequence[ViewModel]) -> tuple[ViewModel, ...]:

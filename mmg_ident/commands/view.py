@@ -16,12 +16,13 @@ def view(
     runs: o.Runs,
     out: Annotated[Path | None, Option(help="HTML file; default RUN/view.html, of several ./view.html.")] = None,
     trials: Annotated[list[Path] | None, Option(help="To show; default those of the runs.", metavar="TRIAL...")] = None,
-    diagnosis: Annotated[Path | None, Option(help="Diagnosis whose force is marked; default one beside a run.")] = None,
     window: Annotated[list[float] | None, Option(help="Seconds between restarts, 0: none; default 30, 100, 0.")] = None,
     force: o.Force = False,
     json: o.Json = False,
 ) -> None:
     """Write one page with tracks, histories, bands and forces of measured and predicted runs; it loads nothing.
+
+    Of a diagnosis among the runs it marks the missing force.
 
     Example: mmg view runs/first --out first.html
     """
@@ -32,7 +33,7 @@ def view(
     cli.refuse_target("--out", out, force)
     if out is None and target.is_dir():
         raise BadValue(f"{target}: is a folder; name the HTML file to write with --out")
-    campaign = gather(folders, trials or (), diagnosis)
+    campaign = gather(folders, trials or ())
     cli.say_notes(campaign.notes)
     with cli.working("writing the page"):
         size = write_view(campaign, target, tuple(dict.fromkeys(window or LENGTHS)))  # each length once

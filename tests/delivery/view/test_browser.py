@@ -23,8 +23,7 @@ VALUES = "document.querySelectorAll('#values tbody tr')"
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = campaign(tmp_path_factory.mktemp("view"))
-    with_diagnosis(run)
-    write_view(gather([run]), run / "view.html")
+    write_view(gather([run, with_diagnosis(run)]), run / "view.html")
     return run / "view.html"
 
 

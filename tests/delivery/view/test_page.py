@@ -30,10 +30,8 @@ from delivery.view.page import (
     view_page,
     write_view,
 )
-from diagnosis.result import CONTENT
 from fitting.prediction.bands import bands_of
 from fitting.prediction.predict import forces_along, predict
-from fitting.report.run_folder import RESULT
 from fitting.result import read_fit
 from mmg.errors import BadValue, Conflict, Missing, NotWritable
 from mmg.model import NETWORK
@@ -184,34 +182,19 @@ def test_trials_are_those_of_the_run_where_they_are_as_they_were(run: Path, tmp_
     assert {view.role for view in given.trials} == {"calibration", "held out"}
 
 
-def test_a_diagnosis_beside_the_run_that_cannot_be_read_is_a_note(tmp_path: Path) -> None:
-    own, folder = campaign(tmp_path), tmp_path / "earlier"
-    folder.mkdir()
-    for name in (CONTENT, RESULT):
-        (folder / name).write_text("{")
-    found = gather([own])
-    assert found.diagnosis is None and str(folder) in found.notes[0]
-    with pytest.raises(BadValue):
-        gather([own], diagnosis=folder)
-
-
 @pytest.mark.slow
-def test_a_diagnosis_beside_the_run_is_marked_and_one_of_two_must_be_chosen(run: Path, tmp_path: Path) -> None:
+def test_a_diagnosis_among_the_runs_is_marked_and_there_is_one(tmp_path: Path) -> None:
     own = campaign(tmp_path)
-    assert gather([own]).diagnosis is None
     folder = with_diagnosis(own)
-    found = gather([own]).diagnosis
-    assert found is not None and found.folder == "diagnosis" and len(found.missing) == 1
-    header, runs = content(view_page(gather([own])))
+    found = gather([own, folder])
+    assert gather([own]).diagnosis is None
+    assert found.diagnosis and found.diagnosis.folder == "diagnosis" and len(found.diagnosis.missing) == 1
+    header, runs = content(view_page(found))
     assert [r["missing"] for r in header["runs"]] == [True, False] and header["diagnosis"]["verdict"] == "unknown"
     force = np.array([unpacked(c) for c in runs[0]["missing"]["force"]])
     assert force.shape == (3, 80) and np.allclose(force[0], 0.3)
-    with_diagnosis(own, "second")
-    several = gather([own])
-    assert several.diagnosis is None and "--diagnosis" in several.notes[0]
-    assert gather([own], diagnosis=folder).diagnosis is not None
     with pytest.raises(Conflict):
-        gather([own, folder], diagnosis=tmp_path / "second")
+        gather([own, folder, with_diagnosis(own, "second")])
 
 
 def test_equal_models_are_shown_once_and_different_ones_by_their_run(run: Path, tmp_path: Path) -> None:
