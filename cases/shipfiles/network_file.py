@@ -18,9 +18,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from cases.io.files import check_file, parse_json
-from cases.io.toml_file import Name, Section
+from cases.io.toml_file import Section
 from cases.shipfiles.schema import Bound
-from mmg.errors import BadValue, Conflict, Missing, NotWritable, Unreadable, UserError
+from mmg.errors import BadValue, Conflict, NotWritable, Unreadable, UserError
 from mmg.network import OTHER, Layers, Network
 from mmg.ship import Ship
 
@@ -113,9 +113,8 @@ class MemberTable(Section):
 
 
 class NetworkTable(Section):
-    """it holds a learned residual, or the name of its file"""
+    """it holds a learned residual"""
 
-    file: Name = ""
     features: list[str] = Field(default_factory=list)
     feature_scales: list[float] = Field(default_factory=list)
     lower: list[Bound] = Field(default_factory=list)
@@ -124,13 +123,8 @@ class NetworkTable(Section):
     members: list[MemberTable] = Field(default_factory=list)
 
 
-def network_of(table: NetworkTable, ship: Ship, folder: Path | None) -> Network:
-    """The network in a ``table`` of the file of ``ship``, which lies in ``folder`` (None: it is a text on its own).
-    Raises UserError where it cannot be read or does not fit the ship."""
-    if table.file:
-        if folder is None:
-            raise Missing(f"[network] file = '{table.file}': a text has no folder; read the ship file itself")
-        return load_network(folder / table.file, ship)
+def network_of(table: NetworkTable, ship: Ship) -> Network:
+    """The network in a ``table`` of the file of ``ship``. Raises UserError where it cannot be read or does not fit."""
     try:
         members = tuple(Layers(_arrays(m.weights, 2), _arrays(m.biases, 1)) for m in table.members)
         arrays = {name: np.array(getattr(table, name), dtype=float) for name in PLAIN}

@@ -6,7 +6,7 @@ A ship file is TOML: ``[ship]`` particulars (SI), ``[model]`` the force model of
 ``[sources]`` where particulars are from that nobody stated; ``[campaigns.NAME]`` holds values that the trials of a
 campaign have for themselves. A coefficient that is left out takes the default of its force model; for the wind model
 that is the regression on the particulars. A table ``[network]`` holds the learned residual of a hybrid ship
-(``network_table``). The same tables are read from JSON (``ship_json``).
+(``network_table``).
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cases.io.files import read_json
 from cases.io.toml_file import checked, header, parse_toml, read_toml, refuse
 from cases.shipfiles.network_file import NETWORK, NetworkTable, is_black_box, load_network, network_of, network_text
 from cases.shipfiles.particulars import RATES, wrong_particulars
@@ -54,13 +53,7 @@ def load_ship(where: str | Path) -> Ship:
     if not path.is_file():
         names = ", ".join(library())
         raise UnknownName(f"{where}: no such ship: give a ship file, a run folder, or one of {names}")
-    if path.suffix.lower() == ".json":
-        from cases.shipfiles.ship_json import tables  # late: most ships are TOML
-
-        data = tables(read_json(path), str(path))
-    else:
-        data = read_toml(path)
-    ship = _ship(data, str(path), path.parent)
+    ship = _ship(read_toml(path), str(path))
     return ship.with_network(load_network(network, ship)) if network and network.exists() else ship
 
 
@@ -70,8 +63,8 @@ def parse_ship(text: str, where: str = "ship file") -> Ship:
     return _ship(parse_toml(text, where), where)
 
 
-def _ship(data: dict[str, Any], where: str, folder: Path | None = None) -> Ship:
-    """The ship in the tables of a file, and in ``folder`` its network where it names one."""
+def _ship(data: dict[str, Any], where: str) -> Ship:
+    """The ship in the tables of a file."""
     network = data.get("network")
     ship = _plain_ship({key: value for key, value in data.items() if key != "network"}, where)
     if network is None:
@@ -80,7 +73,7 @@ def _ship(data: dict[str, Any], where: str, folder: Path | None = None) -> Ship:
     refuse(where, [f"[network] {sentence}" for sentence in problems])
     assert table is not None
     try:
-        return ship.with_network(network_of(table, ship, folder))
+        return ship.with_network(network_of(table, ship))
     except UserError as error:
         raise type(error)(f"{where}: {error}") from None
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from math import inf, isinf
+from math import isinf
 from typing import Any
 
 from cases.shipfiles.network_file import network_table
 from cases.shipfiles.schema import CoefficientEntry, model_table
 from mmg.components.coefficients import PARTICULARS
-from mmg.errors import BadValue
 from mmg.motion.flow import INPUTS
 from mmg.ship import Ship
 
@@ -29,12 +28,10 @@ CONVENTIONS = (
     "n in 1/s, positive ahead; std is the standard error of the estimate, before a calibration that of the prior."
 )
 WIND = {name: f"velocity of the air over ground, to the {name[5:]}" for name in ("wind_north", "wind_east")}
-RANGES = {"lower": -inf, "upper": inf}
 
 
 def dump_ship_json(ship: Ship, more: Mapping[str, Any] | None = None) -> str:
-    """The text of the JSON of ``ship``; ``tables`` of what it holds, read as a ship file, give back the same ship.
-    more: further keys for the reader, plain values."""
+    """The text of the JSON of ``ship``. more: further keys for the reader, plain values."""
     words = {"name": ship.name, "description": ship.description, "reference": ship.reference}
     particulars = {}
     for name, value in ship.particulars.items():
@@ -45,7 +42,7 @@ def dump_ship_json(ship: Ship, more: Mapping[str, Any] | None = None) -> str:
         coefficients[symbol] = {key: _number(getattr(c, key)) for key in CoefficientEntry.model_fields}
     network = network_table(ship.network) if ship.network is not None else None
     if network is not None:
-        network |= {key: [_number(x) for x in network[key]] for key in RANGES}
+        network |= {key: [_number(x) for x in network[key]] for key in ("lower", "upper")}
     inputs = []
     for name in ship.inputs:
         what, unit = INPUTS.get(name) or ((WIND[name], "m/s") if name in WIND else ("time", "s"))
@@ -63,24 +60,3 @@ def dump_ship_json(ship: Ship, more: Mapping[str, Any] | None = None) -> str:
 def _number(value: Any) -> Any:
     """``value`` as JSON can hold it."""
     return None if isinstance(value, float) and isinf(value) else value
-
-
-def tables(content: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """The tables of a ship file in the JSON ``content`` of the file ``where``. Raises UserError for another format."""
-    if content.get("format") != FORMAT:
-        raise BadValue(f"{where}: is no ship of this program (format {content.get('format')!r}, not {FORMAT!r})")
-    try:
-        particulars = {name: row["value"] for name, row in content["particulars"].items()}
-        table: dict[str, Any] = {"ship": {**content["ship"], **particulars}, "model": dict(content["model"])}
-        rows = table["coefficients"] = {}
-        for symbol, row in content["coefficients"].items():
-            bounds = {key: unknown for key, unknown in RANGES.items() if row.get(key) is None}
-            rows[symbol] = {**{k: v for k, v in row.items() if v is not None}, **bounds}
-        table |= {key: dict(content[key]) for key in ("calibration", "campaigns", "sources") if content.get(key)}
-        if content.get("network") is not None:
-            network = table["network"] = dict(content["network"])
-            for key, unknown in RANGES.items():
-                network[key] = [unknown if x is None else x for x in network.get(key, [])]
-    except (KeyError, TypeError, AttributeError, ValueError) as error:
-        raise BadValue(f"{where}: is incomplete or holds a value of another kind ({error!r})") from None
-    return table
