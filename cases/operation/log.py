@@ -370,16 +370,15 @@ class CutTrial:
         return {**names, "order": self.order, **times, "remarks": list(self.remarks)}
 
 
-def cut_record(record: Trial, length: float | None = None, rest: bool = False, prefix: str = "") -> list[CutTrial]:
+def cut_record(record: Trial, length: float | None = None, prefix: str = "") -> list[CutTrial]:
     """The manoeuvres in a ``record`` as trials, in the order of time.
 
-    length: of the ship [m], None takes it from her turn rates; rest: also where she was manoeuvred otherwise, as trials
-    of kind ""; prefix: of their names. What is broken is bridged in looking for manoeuvres; the trials have all rows.
-    Raises UserError where there is none.
+    length: of the ship [m], None takes it from her turn rates; prefix: of their names. What is broken is bridged in
+    looking for manoeuvres; the trials have all rows. Raises UserError where there is none.
     """
     (sound,) = TrialSet((replace(record, kind=""),)).sound
     length = length or length_by_turns(sound)
-    unit, maneuvers, why = ship_time(sound, length), list[tuple[float, float, Execute]](), ""
+    unit, parts, why = ship_time(sound, length), list[CutTrial](), ""
     for first, end in stretches(np.zeros(len(sound)), np.diff(sound.t) > max(unit, GAP * sound.dt)):
         piece, zero, last = _rows(sound, slice(first, end)), float(sound.t[first]), float(sound.t[first])
         executes: tuple[Execute, ...] = ()
@@ -392,21 +391,14 @@ def cut_record(record: Trial, length: float | None = None, rest: bool = False, p
         for execute, order, after in zip(several, orders, [*orders[1:], math.inf], strict=False):
             stop = min(zero + execute.end, after - sound.dt)  # no row belongs to two trials
             # the approach before the order is as long as a window, as the ship is to run straight at a steady speed
-            maneuvers.append((max(order - WINDOW * unit, last), stop, replace(execute, order_time=order)))
+            parts.append(_part(record, max(order - WINDOW * unit, last), stop, replace(execute, order_time=order)))
             last = stop + 0.5 * sound.dt
-    parts = [_part(record, begin, end, execute) for begin, end, execute in maneuvers]
-    spans: list[Span] = []
-    for window in cut_log([sound.columns], length).windows if rest else ():
-        if window.manoeuvring and all(window.end < begin or window.begin > end for begin, end, _ in maneuvers):
-            joined = spans.pop()[0] if spans and window.begin - spans[-1][1] < GAP * sound.dt else window.begin
-            spans.append((joined, window.end))
-    parts += [_part(record, begin, end) for begin, end in spans]
     if not parts:
         raise Missing(why or f"{record.name}: no manoeuvre found")
     parts.sort(key=lambda part: float(part.trial.t[0]))
     named = []
     for number, part in enumerate(parts, 1):
-        words = [f"{prefix}{number:02d}", part.trial.kind or "rest", *part.order.split("/")]
+        words = [f"{prefix}{number:02d}", part.trial.kind, *part.order.split("/")]
         named.append(replace(part, trial=replace(part.trial, name="_".join(filter(None, words)))))
     return named
 
@@ -416,14 +408,12 @@ def _rows(trial: Trial, rows: slice | np.ndarray) -> Trial:
     return replace(trial, columns=columns, whole=None, meta={**trial.meta, "bridged": ""})
 
 
-def _part(record: Trial, begin: float, end: float, execute: Execute | None = None) -> CutTrial:
+def _part(record: Trial, begin: float, end: float, execute: Execute) -> CutTrial:
     """The rows of the ``record`` from ``begin`` to ``end`` [s]."""
     complete = record.whole or record
-    trial = replace(_rows(complete, inside(complete, [(begin, end)])), kind=execute.kind if execute else "")
+    trial = replace(_rows(complete, inside(complete, [(begin, end)])), kind=execute.kind)
     left_out = tuple((max(a, begin), min(b, end)) for a, b in spans_left_out(record) if a < end and b > begin)
     exclude = left_out if "left_out" in record.meta else None
-    if execute is None:
-        return CutTrial(trial, "", begin, exclude, ())
     return CutTrial(trial, execute.order, execute.order_time, exclude, (*execute.notes, *execute.caveats))
 
 

@@ -19,7 +19,6 @@ def cut(
     out: Annotated[Path, Option(help="Folder to write: a file for each manoeuvre, trials.toml.")],
     ship: Annotated[str | None, Option(help="Ship of the record: gives L.", autocompletion=cli.ship_names)] = None,
     length: Annotated[float | None, Option(help="L of the ship [m]; default by her turn rates.")] = None,
-    rest: Annotated[bool, Option("--rest", help="Also what fits no kind but was manoeuvred.")] = False,
     force: Annotated[bool, Option("--force", help="Write into a folder that holds files.")] = False,
     json: o.Json = False,
 ) -> None:
@@ -46,7 +45,7 @@ def cut(
             raw = f"; of a raw log: mmg import {file} --out trials, then mmg cut trials" if file.is_file() else ""
             raise type(error)(f"{error}{raw}") from None
         try:
-            parts += cut_record(record, length, rest, f"{record.name}_" if len(files) > 1 else "")
+            parts += cut_record(record, length, f"{record.name}_" if len(files) > 1 else "")
         except Missing as error:  # a record without a manoeuvre: the others are cut
             refused.append(str(error))
     if not parts:

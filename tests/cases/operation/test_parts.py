@@ -225,10 +225,9 @@ def test_manoeuvres_have_the_names_and_times_of_their_orders(
     assert all(before[1] < after[0] for before, after in pairwise(ends))
 
 
-def test_a_ship_that_gathers_way_and_what_has_no_kind_are_cut_as_well() -> None:
+def test_a_ship_that_gathers_way_is_cut_as_well() -> None:
     trial, _, length = long_record("esso_osaka_3m", ["acceleration", "random:3", "turning:20"], 0.5)
     assert [part.trial.kind for part in cut_record(trial, length)] == ["acceleration", "turning"]
-    assert [part.trial.kind for part in cut_record(trial, length, rest=True)] == ["acceleration", "", "turning"]
 
 
 def test_a_record_without_a_manoeuvre_says_why(record: Record) -> None:
