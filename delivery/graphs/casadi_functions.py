@@ -1,7 +1,7 @@
 """The ship as serialised CasADi functions that CasADi alone loads: rates, one step, forces, columns, start.
 
 A folder: ``NAME.casadi`` per function (``casadi.Function.load``), ``model.json`` with names and units of all arguments,
-``example.py`` and, for a ship that a rudder steers, ``heading_mpc.py``. The coefficients stand inside as numbers;
+and ``example.py``. The coefficients stand inside as numbers;
 ``rates_of_coefficients`` and ``step_of_coefficients`` take them as an argument, for sensitivities and for estimation.
 """
 
@@ -33,8 +33,6 @@ def write_casadi(product: Product, target: Path) -> list[Message]:
         function.save(str(target / f"{name}.casadi"))
     write_json(target / "model.json", about(product, functions))
     shutil.copyfile(TEMPLATES / "example.py", target / "example.py")
-    if {"n", "delta"} <= set(product.model.controls):  # the controller steers by one rudder at given revolutions
-        shutil.copyfile(TEMPLATES / "heading_mpc.py", target / "heading_mpc.py")
     ship = product.ship
     late = [name for name in ship.effects if effect(name).input_delay(ship.parameters_of(name)) is not None]
     words = "is a smooth approximation here, as in a fit; mmg simulate and the FMU delay the inputs exactly"

@@ -99,36 +99,16 @@ def test_the_description_names_every_row(exported: tuple[Product, Path]) -> None
 
 
 SAIL = """
-import json, sys
-from pathlib import Path
-folder = Path(sys.argv[1])
-sys.path.insert(0, str(folder))
-import example, heading_mpc
+import sys
+import example
 example.main()
-tuning = heading_mpc.Tuning(intervals=16)
-controller = heading_mpc.HeadingController(folder, heading_mpc.steady_revolutions(folder, 0.38), 1.0, tuning)
-calm = heading_mpc.sail(controller, 0.2, 35.0, 0.38)
-blind = heading_mpc.sail(controller, 0.0, 8.0, 0.38, (0.0, -4.0), wind_known=False)
-floors = {name.partition(".")[0] for name in sys.modules} & {"mmg", "cases", "fitting", "delivery", "torch"}
-print(json.dumps({"heading": calm[-1, 1], "rudder": calm[:, 2].max(), "blown": blind[-1, 1], "floors": list(floors)}))
+assert not {name.partition(".")[0] for name in sys.modules} & {"mmg", "cases", "fitting", "delivery", "torch"}
 """
-
-
-@pytest.mark.slow
-def test_the_examples_run_with_casadi_and_numpy_alone(tmp_path: Path) -> None:
-    export(product_of("esso_osaka_3m", force=True), "casadi", tmp_path / "ship")
-    command = [sys.executable, "-c", SAIL, str(tmp_path / "ship")]
-    run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
-    assert run.returncode == 0, run.stderr
-    found = json.loads(run.stdout.splitlines()[-1])
-    assert found["floors"] == []
-    assert abs(found["heading"] - 0.2) < 0.01 and 0.1 < found["rudder"] < 0.611
-    assert abs(found["blown"]) > 0.01
 
 
 def test_the_example_sails_a_ship_of_two_screws_straight_on_both(tmp_path: Path) -> None:
     export(Product(true_ship("twin"), "twin", {}, {"source": "", "kind": ""}, ()), "casadi", tmp_path / "ship")
-    run = subprocess.run([sys.executable, "example.py"], capture_output=True, text=True, cwd=tmp_path / "ship")
+    run = subprocess.run([sys.executable, "-c", SAIL], capture_output=True, text=True, cwd=tmp_path / "ship")
     assert run.returncode == 0, run.stderr
     headings = [float(line.split("heading")[1].split()[0]) for line in run.stdout.splitlines()]
     assert headings[0] == headings[1] == 0.0 and headings[-1] > 5.0
