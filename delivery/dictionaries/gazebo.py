@@ -1,12 +1,10 @@
-"""Hydrodynamics plugins of robot simulators: the hull projected on added mass, linear and quadratic damping.
+"""The hydrodynamics plugin of Gazebo Sim: the hull projected on added mass, linear and quadratic damping.
 
-gazebo: ``gz::sim::systems::Hydrodynamics`` with its cross terms (Gazebo Sim from 7.3): force = sum of factor times
-velocity, factor times |velocity| velocity (xUabsU, yVabsR, ...) and factor times two velocities (xVR, yUR, ...),
-factors with the signs of SNAME (1950), a drag negative, and xDotU u' and so on, added masses negative; its Coriolis
-terms are switched off, as they differ between versions, and stand in xVR, yUR and nUV.
-vrx: ``vrx::SimpleHydrodynamics`` of the Virtual RobotX: -(xU + xUU |u|) u, -(yV + yVV |v|) v, -(nR + nRR |r|) r and
-added masses times the acceleration of the body in space, so that u' - v r and v' + u r take the place of u' and v'.
-In axes forward, port, up all these factors are those of forward, starboard, down.
+``gz::sim::systems::Hydrodynamics`` with its cross terms (from 7.3): force = sum of factor times velocity, factor times
+|velocity| velocity (xUabsU, yVabsR, ...) and factor times two velocities (xVR, yUR, ...), factors with the signs of
+SNAME (1950), a drag negative, and xDotU u' and so on, added masses negative; its Coriolis terms are switched off, as
+they differ between versions, and stand in xVR, yUR and nUV. In axes forward, port, up all these factors are those of
+forward, starboard, down.
 """
 
 from __future__ import annotations
@@ -26,58 +24,43 @@ TEMPLATE = Path(__file__).parent / "templates" / "hull.sdf.j2"
 # Radii of gyration: in yaw [-, by L] (Yasukawa & Yoshimura 2015); more yaw inertia is added mass. In roll [-, by B]: a
 # usual value, set by hand, as nothing of the projection rolls.
 GYRATION, ROLL_GYRATION = 0.25, 0.4
-# Factors that each plugin has, by channel.
-TERMS: dict[str, dict[str, tuple[str, ...]]] = {
-    "gazebo": {
-        "X": ("xU", "xUabsU", "xVR", "xVV", "xRR"),
-        "Y": ("yV", "yR", "yVabsV", "yVabsR", "yRabsV", "yRabsR", "yUV", "yUR"),
-        "N": ("nV", "nR", "nVabsV", "nVabsR", "nRabsV", "nRabsR", "nUV", "nUR"),
-    },
-    "vrx": {"X": ("xU", "xUU"), "Y": ("yV", "yVV"), "N": ("nR", "nRR")},
+# Factors of the plugin by channel.
+TERMS = {
+    "X": ("xU", "xUabsU", "xVR", "xVV", "xRR"),
+    "Y": ("yV", "yR", "yVabsV", "yVabsR", "yRabsV", "yRabsR", "yUV", "yUR"),
+    "N": ("nV", "nR", "nVabsV", "nVabsR", "nRabsV", "nRabsR", "nUV", "nUR"),
 }
-# Simulator, library, plugin, and what to do where it cannot hold a ship.
-PLUGINS = {
-    "gazebo": ("Gazebo Sim", "gz-sim-hydrodynamics-system", "gz::sim::systems::Hydrodynamics",
-               "export the ship as fmu or c, which hold it exactly"),
-    "vrx": ("the Virtual RobotX", "libSimpleHydrodynamics.so", "vrx::SimpleHydrodynamics",
-            "its plugin couples no sway and yaw: use --format gazebo, fmu or c instead"),
-}  # fmt: skip
+SIMULATOR, TARGET = "Gazebo Sim", "the hydrodynamics plugin of Gazebo Sim"
 
 
-def write_hull(product: Product, target: Path, form: str) -> list[Message]:
+def write_hull(product: Product, target: Path) -> list[Message]:
     """Write the hull of ``product`` as SDF to the file ``target``; returns what is to be said.
 
-    form: "gazebo" or "vrx". Raises UserError where it cannot be held.
+    Raises UserError where it cannot be held.
     """
-    simulator, filename, plugin, instead = PLUGINS[form]
     if "propeller" not in product.ship.components:
         raise Unsupported(
-            f"{simulator} takes the hull alone, and that of {product.ship.name} holds its propeller and rudder: export "
+            f"{SIMULATOR} takes the hull alone, and that of {product.ship.name} holds its propeller and rudder: export "
             "the ship as fmu or c"
         )
-    samples = motions(product, simulator)
-    factors, errors = project(samples, form)
-    target_words = f"the hydrodynamics plugin of {simulator}"
-    messages = samples.messages(errors, target_words, f"the hull in {target_words}", instead)
+    samples = motions(product, SIMULATOR)
+    factors, errors = project(samples)
+    messages = samples.messages(errors, TARGET, f"the hull in {TARGET}")
     P, mass = samples.ship.particulars, samples.mass
     coefficient, error = thrust_coefficient(samples)
     # rigid body and added mass are told apart by the radius of gyration: the ship has their sum I_z alone
     hull_inertia = P["m"] * (GYRATION * P["L"]) ** 2
-    sign = -1.0 if form == "gazebo" else 1.0  # of added masses: SNAME has them negative
     # I_z is about midship, the link's inertia about the centre of gravity: less moment x_G = m x_G^2 (Steiner)
     added = {"xDotU": mass.m_x, "yDotV": mass.m_y, "nDotR": max(mass.I_z - mass.moment * P["x_G"] - hull_inertia, 0.0)}
-    parameters: dict[str, Any] = {name: repr(sign * value) for name, value in added.items()}
+    parameters: dict[str, Any] = {name: repr(-value) for name, value in added.items()}  # negative: SNAME
     parameters |= {name: repr(value) for name, value in factors.items()}
-    if form == "gazebo":
-        parameters |= {"disable_coriolis": "true", "water_density": P["rho"]}
-    else:  # a limit far above what the projection holds, so that it cuts nothing: a hundred times, set by hand
-        parameters["max_effort"] = repr(float(f"{100 * max(e.force for e in errors):.2g}"))
+    parameters |= {"disable_coriolis": "true", "water_density": P["rho"]}
     content: dict[str, Any] = {
         # no two hyphens in a row: they end a comment in XML
-        "title": product.ship.title.replace("--", "- -"), "simulator": simulator,
+        "title": product.ship.title.replace("--", "- -"),
         "said": [str(line).replace("--", "- -") for line in (*messages, *product.caveats)],
         "name": product.identifier, "diameter": P["D_P"], "density": P["rho"], "thrust": f"{coefficient:.6g}",
-        "thrust_error": f"{100 * error:.1f}", "x_G": P["x_G"], "mass": P["m"], "filename": filename, "plugin": plugin,
+        "thrust_error": f"{100 * error:.1f}", "x_G": P["x_G"], "mass": P["m"],
         "ixx": repr(P["m"] * (ROLL_GYRATION * P.get("B", 0.15 * P["L"])) ** 2), "iyy": repr(hull_inertia),
         "izz": repr(mass.I_z - mass.moment * P["x_G"] - added["nDotR"]), "parameters": parameters,
     }  # fmt: skip
@@ -85,39 +68,33 @@ def write_hull(product: Product, target: Path, form: str) -> list[Message]:
     return messages
 
 
-def wanted_force(samples: Motions, form: str) -> np.ndarray:
-    """What a plugin's velocity terms must give (3, M): the force on the hull, without propeller and rudder, with what
-    its added masses leave of the equations of motion. samples: motions; form: "gazebo" or "vrx"."""
+def wanted_force(samples: Motions) -> np.ndarray:
+    """What the plugin's velocity terms must give (3, M): the force on the hull, without propeller and rudder, with what
+    its added masses leave of the equations of motion. samples: motions."""
     mass = samples.mass
     driving = [samples.forces[role] for role in ("propeller", "rudder") if role in samples.forces]
     force = samples.needed_force() - sum(driving, np.zeros((3, len(samples.u))))
-    if form == "gazebo":  # its added masses act on u' and v' alone: m_y v r and m_x u r of the ship are left
-        force[0] += mass.m_y * samples.v * samples.r
-        force[1] -= mass.m_x * samples.u * samples.r
-    else:  # they act on u' - v r and v' + u r: m_x v r where the ship has m_y v r, and m_y u r for m_x u r
-        force[0] += (mass.m_y - mass.m_x) * samples.v * samples.r
-        force[1] += (mass.m_y - mass.m_x) * samples.u * samples.r
+    # its added masses act on u' and v' alone: m_y v r and m_x u r of the ship are left
+    force[0] += mass.m_y * samples.v * samples.r
+    force[1] -= mass.m_x * samples.u * samples.r
     return force
 
 
-def term(name: str, form: str, velocities: dict[str, np.ndarray]) -> np.ndarray:
-    """Values (M,) of the term whose factor is called ``name``, such as xUabsU. form: "gazebo" or "vrx"; velocities: U,
-    V, R (M,)."""
+def term(name: str, velocities: dict[str, np.ndarray]) -> np.ndarray:
+    """Values (M,) of the term whose factor is called ``name``, such as xUabsU. velocities: U, V, R (M,)."""
     first, rest = velocities[name[1]], name[2:]
-    if form == "vrx":  # subtracted, so that a drag has a positive factor
-        return -first * (np.abs(velocities[rest]) if rest else 1.0)
     if rest.startswith("abs"):
         return first * np.abs(velocities[rest[3:]])
     return first * (velocities[rest] if rest else 1.0)
 
 
-def project(samples: Motions, form: str) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
-    """Factors by name and the errors, by the hull's force. samples: motions; form: "gazebo" or "vrx"."""
+def project(samples: Motions) -> tuple[dict[str, float], tuple[ChannelError, ...]]:
+    """Factors by name and the errors, by the hull's force. samples: motions."""
     velocities = {"U": samples.u, "V": samples.v, "R": samples.r}
-    wanted, projected = wanted_force(samples, form), []
+    wanted, projected = wanted_force(samples), []
     factors: dict[str, float] = {}
-    for names, row in zip(TERMS[form].values(), wanted, strict=True):
-        terms = {name: term(name, form, velocities) for name in names}
+    for names, row in zip(TERMS.values(), wanted, strict=True):
+        terms = {name: term(name, velocities) for name in names}
         row_factors = linear_parameters(terms, row)
         factors |= row_factors
         projected.append(np.sum([row_factors[name] * values for name, values in terms.items()], axis=0))

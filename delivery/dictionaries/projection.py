@@ -91,17 +91,16 @@ class Motions:
         ship does."""
         return np.array((mass or self.mass).net_force((self.u, self.v, self.r), self.rates))
 
-    def messages(self, errors: Sequence[ChannelError], target: str, form: str, instead: str = EXACT) -> list[Message]:
+    def messages(self, errors: Sequence[ChannelError], target: str, form: str) -> list[Message]:
         """What is to be said of a projection: error per channel, range, what is left out.
 
-        errors: by channel; target, form: words on both; instead: what to do. Raises UserError where a channel's error
-        is too large a share.
+        errors: by channel; target, form: words on both. Raises UserError where a channel's error is too large a share.
         """
         worst = max(errors, key=lambda e: e.share)  # one useless channel makes the motion useless
         if worst.share > WORST:
             raise Unsupported(
                 f"{target} cannot hold this ship: the error in {worst.channel} is {100 * worst.share:.0f} % of the "
-                f"force (RMS), more than {100 * WORST:.0f} %; {instead}"
+                f"force (RMS), more than {100 * WORST:.0f} %; {EXACT}"
             )
         shares = ", ".join(f"{e.channel} {100 * e.share:.1f} %" for e in errors)
         limits = ", ".join(f"{name} {low:.3g} .. {high:.3g}" for name, (low, high) in self.limits.items())

@@ -25,7 +25,7 @@ def export(
     format: Annotated[
         str,
         Option(
-            help="c, c-tracker, matlab, fmu, fmu3, fmu-tracker, toml, json, casadi, onnx, shipmmg, pvs, gazebo, vrx.",
+            help="c, c-tracker, matlab, fmu, fmu3, fmu-tracker, toml, json, casadi, onnx, shipmmg, pvs, gazebo.",
             autocompletion=_formats,
         ),
     ],

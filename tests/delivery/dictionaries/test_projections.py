@@ -143,7 +143,7 @@ def test_the_vehicle_class_has_the_rates_of_the_projection(name: str) -> None:
     assert abs(math.degrees(eta[5]) - 20) < 1.5 and vehicle.dimU == len(actual) == len(vehicle.controls)
 
 
-def in_simulator(path: Path, form: str, m: Motions) -> np.ndarray:
+def in_simulator(path: Path, m: Motions) -> np.ndarray:
     """Accelerations u', v', r' (3, M) that a rigid body in axes forward, port, up has with the plugin of a file, as the
     sources of the plugins say, driven by the propeller and rudder of the ship."""
     link = ET.parse(path).getroot().find("model/link/inertial")
@@ -159,34 +159,29 @@ def in_simulator(path: Path, form: str, m: Motions) -> np.ndarray:
         if rest.startswith("Dot"):
             continue
         other = nu[rest[-1]] if rest[1:] else 1.0
-        other, sign = (np.abs(other), -1.0) if form == "vrx" else (np.abs(other) if "abs" in rest else other, 1.0)
-        force[row] = force[row] + sign * factor * nu[rest[0]] * other
+        force[row] = force[row] + factor * nu[rest[0]] * (np.abs(other) if "abs" in rest else other)
     u, v, r = nu["U"], nu["V"], nu["R"]
-    sign = -1.0 if form == "gazebo" else 1.0
-    added = [sign * value[key] for key in ("xDotU", "yDotV", "nDotR")]
-    space = 1.0 if form == "vrx" else 0.0  # VRX takes the acceleration of the body in space
-    du = (force[0] + (mass + space * added[0]) * v * r + mass * x_G * r**2) / (mass + added[0])
+    added = [-value[key] for key in ("xDotU", "yDotV", "nDotR")]
+    du = (force[0] + mass * v * r + mass * x_G * r**2) / (mass + added[0])
     a = np.array([[mass + added[1], mass * x_G], [mass * x_G, izz + mass * x_G**2 + added[2]]])
-    b = np.array([force[1] - (mass + space * added[1]) * u * r, force[2] - mass * x_G * u * r])
+    b = np.array([force[1] - mass * u * r, force[2] - mass * x_G * u * r])
     dv, dr = np.linalg.solve(a, b)
     return np.array([du, -dv, -dr])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "form"), [("esso_osaka_3m", "gazebo"), ("kvlcc2_l7", "gazebo"), ("esso_osaka_3m", "vrx")]
-)
-def test_a_plugin_moves_the_hull_as_well_as_it_says(name: str, form: str) -> None:
+@pytest.mark.parametrize("name", SHIPS)
+def test_a_plugin_moves_the_hull_as_well_as_it_says(name: str) -> None:
     m = moved(name)
     mass = m.mass
-    off = in_simulator(exported(name, form), form, m) - m.rates
-    _, errors = gazebo.project(m, form)
+    off = in_simulator(exported(name, "gazebo"), m) - m.rates
+    _, errors = gazebo.project(m)
     X = (mass.m + mass.m_x) * off[0]
     Y = (mass.m + mass.m_y) * off[1] + mass.moment * off[2]
     N = mass.I_z * off[2] + mass.moment * off[1]
     for row, e in zip((X, Y, N), errors, strict=True):
         assert np.isclose(np.sqrt(np.mean(row**2)), e.error, rtol=1e-6), e.channel
-    assert max(e.share for e in errors) < (0.12 if form == "gazebo" else 0.5)
+    assert max(e.share for e in errors) < 0.12
 
 
 def given_ship(name: str) -> Ship:
@@ -200,10 +195,9 @@ def given_ship(name: str) -> Ship:
 @pytest.mark.parametrize(
     ("ship", "form", "words"),
     [
-        ("kvlcc2_l7", "vrx", "--format gazebo"),
         *(("mariner", form, "propeller") for form in ("shipmmg", "pvs", "gazebo")),
         ("vectwin_3m", "shipmmg", "delta_port, delta_starboard"),
-        *(("generated", form, form) for form in ("shipmmg", "pvs", "gazebo", "vrx")),
+        *(("generated", form, form) for form in ("shipmmg", "pvs", "gazebo")),
         *((name, "shipmmg", f"{name}.*surroundings.*--without {name}") for name in ("current", "bank")),
         ("rudder_lag", "shipmmg", "rudder_lag.*remembers.*--without rudder_lag"),
     ],
