@@ -231,10 +231,35 @@ def filled(template: Path, product: Product, markup: bool = False, **words: Any)
     return settings.from_string(text).render(words)
 
 
+# Exponents of the units that a ship file may name, alone or as products; FMI has the radian as a base unit.
+BASES = {"kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {"rad": 1}, "N": {"kg": 1, "m": 1, "s": -2}}
+_PLAIN = str.maketrans({"²": "2", "³": "3", "^": "", "·": "."})
+
+
 def unit_of(name: str) -> str:
     """SI unit of the state, input or range ``name``, "" where none is stated."""
-    unit = QUANTITIES.get(name, ("", ""))[1]
-    return "1/s" if unit == "rps" else unit
+    return plain_unit(QUANTITIES.get(name, ("", ""))[1])
+
+
+def plain_unit(unit: str) -> str:
+    """Name of the ``unit`` of a ship file as FMI has it: "rps" becomes "1/s", "m²" "m2"; "" stays."""
+    return "1/s" if unit == "rps" else unit.translate(_PLAIN)
+
+
+def exponents(unit: str) -> dict[str, int] | None:
+    """Exponents of a plain ``unit`` in kg, m, s and rad, zeros left out; None for one that is not made of BASES."""
+    powers: dict[str, int] = {}
+    for place, part in enumerate(unit.split("/")):
+        for word in re.split(r"[. ]+", part):
+            if word in ("", "1", "-"):  # of 1/s, and of pure numbers
+                continue
+            match = re.fullmatch(r"([A-Za-z]+)(-?\d*)", word)
+            if match is None or match[1] not in BASES:
+                return None
+            power = int(match[2] or 1) * (1 if place == 0 else -1)  # all that stands behind a stroke divides
+            for base, n in BASES[match[1]].items():
+                powers[base] = powers.get(base, 0) + n * power
+    return {base: n for base, n in powers.items() if n}
 
 
 def identifiers(names: Sequence[str]) -> list[str]:

@@ -4,19 +4,16 @@ descriptions and the tables of the C code are written."""
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from delivery.c.tracker import TrackedShip
 from delivery.fmi.ship import TIME, WATER, CoSimulatedShip
-from delivery.product import QUANTITIES, ProductCoefficient, unit_of
+from delivery.product import QUANTITIES, ProductCoefficient, plain_unit, unit_of
 from mmg.motion.flow import PROPELLERS, RUDDERS, STATES
 from mmg.motion.froude import time_scale
 from mmg.ship import AIR
 
-# Exponents of the units that a ship file may name, alone or as products; FMI has the radian as a base unit.
-BASES = {"kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {"rad": 1}, "N": {"kg": 1, "m": 1, "s": -2}}
 # Unit -> unit for people, and its value for one of the unit.
 SHOWN = {
     "rad": ("deg", 180 / math.pi),
@@ -24,7 +21,6 @@ SHOWN = {
     "m/s": ("kn", 3600 / 1852),
     "1/s": ("rpm", 60.0),
 }
-_PLAIN = str.maketrans({"²": "2", "³": "3", "^": "", "·": "."})
 # Axes of the outputs, in the order of enum FmuOutput of fmu-instance.h: all six, as partners of other tools have them.
 POSITION = ("north", "east", "down", "roll", "pitch", "yaw")
 VELOCITY = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -32,27 +28,6 @@ MEDIA = {"wind": "air", "current": "water"}
 HORIZON = 60.0  # Seconds ahead of a forecast of a 3 m model, unless it is set: those of ``benchmarks.tracker``
 TRUST = "how far state and inputs lie outside what the trials held; 0 inside, -1 where that is not known"
 FORCE = {"X": ("N", "force ahead"), "Y": ("N", "force to starboard"), "N": ("N.m", "moment about midship")}
-
-
-def plain_unit(unit: str) -> str:
-    """Name of the ``unit`` of a ship file in FMI: "rps" becomes "1/s", "m²" "m2"; "" stays."""
-    return "1/s" if unit == "rps" else unit.translate(_PLAIN)
-
-
-def exponents(unit: str) -> dict[str, int] | None:
-    """Exponents of a plain ``unit`` in kg, m, s and rad, zeros left out; None for one that is not made of BASES."""
-    powers: dict[str, int] = {}
-    for place, part in enumerate(unit.split("/")):
-        for word in re.split(r"[. ]+", part):
-            if word == "1":  # of 1/s
-                continue
-            match = re.fullmatch(r"([A-Za-z]+)(-?\d*)", word)
-            if match is None or match[1] not in BASES:
-                return None
-            power = int(match[2] or 1) * (1 if place == 0 else -1)  # all that stands behind a stroke divides
-            for base, n in BASES[match[1]].items():
-                powers[base] = powers.get(base, 0) + n * power
-    return {base: n for base, n in powers.items() if n}
 
 
 @dataclass(frozen=True)

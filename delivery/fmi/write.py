@@ -26,8 +26,8 @@ from delivery.c.source import c_files
 from delivery.c.tracker import TrackedShip, tracker_files
 from delivery.fmi.binaries import MAIN, PLATFORMS, build, build_here, platforms_of
 from delivery.fmi.ship import TIME, CoSimulatedShip
-from delivery.fmi.variables import SHOWN, VariableTable, exponents, tracker_table, variable_table
-from delivery.product import Product, filled
+from delivery.fmi.variables import SHOWN, VariableTable, tracker_table, variable_table
+from delivery.product import Product, exponents, filled
 from fitting.report.run_folder import plain, versions
 from mmg.errors import TargetExists
 from mmg.messages import Message

@@ -7,7 +7,6 @@ lambda^3 and the density of the water. Coefficients without a unit stay.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cases.shipfiles.particulars import BY_RULE
-from delivery.product import unit_of
+from delivery.product import exponents, plain_unit, unit_of
 from fitting.prediction.bands import SIZES
 from mmg.components.coefficients import PARTICULARS
 from mmg.effects import effect
@@ -24,12 +23,8 @@ from mmg.motion.flow import INPUTS
 from mmg.network import Network
 from mmg.ship import Ship
 
-# Unit -> power of the scale, power of the ratio of densities.
-BASE = {
-    "m": (1.0, 0), "s": (0.5, 0), "kg": (3.0, 1), "N": (3.0, 1), "W": (3.5, 1), "J": (4.0, 1), "Pa": (1.0, 1),
-    "rad": (0.0, 0), "deg": (0.0, 0), "rps": (-0.5, 0), "1": (0.0, 0), "-": (0.0, 0), "": (0.0, 0),
-    "kW": (3.5, 1), "kN": (3.0, 1), "rpm": (-0.5, 0), "rev": (0.0, 0),
-}  # fmt: skip
+# Unit -> power of the scale.
+POWERS = {"m": 1.0, "s": 0.5, "kg": 3.0, "rad": 0.0}
 KEPT = ("rho_a",)  # Particulars with a unit that do not scale: the air is the same
 
 
@@ -43,17 +38,11 @@ class Similarity:
     def factor(self, unit: str, name: str = "") -> float:
         """By what a quantity of this ``unit``, such as "m/s^2", grows. Raises UserError for an unknown unit, with the
         ``name`` of the quantity."""
-        length, density, sign = 0.0, 0, 1  # exponents of the scale and of the ratio of densities
-        for part in re.split(r"(/)|[ ·*]", unit.replace("²", "^2").replace("³", "^3")):
-            if part == "/":  # all that stands behind a stroke divides
-                sign = -1
-                continue
-            symbol, _, power = (part or "").partition("^")
-            if symbol not in BASE or (power and not re.fullmatch(r"-?\d+", power)):
-                raise UnknownName(f"{name or 'a quantity'} has the unit '{unit}', which mmg scale does not know")
-            exponent = sign * int(power or 1)
-            length, density = length + exponent * BASE[symbol][0], density + exponent * BASE[symbol][1]
-        return float(self.scale**length * self.density**density)
+        powers = exponents(plain_unit(unit))
+        if powers is None:
+            raise UnknownName(f"{name or 'a quantity'} has the unit '{unit}', which mmg scale does not know")
+        length = sum(POWERS[base] * power for base, power in powers.items())
+        return float(self.scale**length * self.density ** powers.get("kg", 0))
 
     def feature(self, name: str) -> float:
         """By what a quantity of an envelope or an input of a network grows, by its ``name``."""

@@ -17,9 +17,9 @@ import pytest
 from delivery.export import export
 from delivery.fmi.binaries import PLATFORMS, build_here, platforms_of, this_platform
 from delivery.fmi.ship import CoSimulatedShip
-from delivery.fmi.variables import exponents, plain_unit, variable_table
+from delivery.fmi.variables import variable_table
 from delivery.fmi.write import LATE_COLUMNS, OSP_DESCRIPTION, SOURCES_ONLY, osp_groups, write_fmu
-from delivery.product import NOT_CONVERGED, Product
+from delivery.product import NOT_CONVERGED, Product, exponents, plain_unit
 from mmg.compile.cache import compiler
 from mmg.errors import Conflict, NotInstalled, TargetExists, UnknownName
 from mmg.messages import Message, has_code
