@@ -75,21 +75,16 @@ def simulated_trial(
 ) -> Trial:
     """The motion of a ship in a manoeuvre or under recorded inputs, as a trial.
 
-    maneuver: text as for ``parse_maneuver``, "harbour:SEED" for random use of all actuators from rest, or a
-    ``Maneuver``, for another speed, duration or rudder rate; controls: a trial or its file, whose inputs and wind are
-    followed from its first state; give one of the two. wind: "speed:direction[:gusty]" in m/s and degrees it comes
-    from, default calm air, or the wind of the controls; noise: white sensor noise on the states; seed: of gusts, noise
-    and random manoeuvres; dt: sampling interval [s] of a manoeuvre, default 0.1. Raises UserError for what cannot be
-    read or simulated, and when a manoeuvre misses its first event.
+    maneuver: text as for ``parse_maneuver``, or a ``Maneuver``, for another speed, duration or rudder rate; controls: a
+    trial or its file, whose inputs and wind are followed from its first state; give one of the two. wind:
+    "speed:direction[:gusty]" in m/s and degrees it comes from, default calm air, or the wind of the controls; noise:
+    white sensor noise on the states; seed: of gusts, noise and random manoeuvres; dt: sampling interval [s] of a
+    manoeuvre, default 0.1. Raises UserError for what cannot be read or simulated, and when a manoeuvre misses its first
+    event.
     """
     if (maneuver is None) == (controls is None):
         raise Conflict("give either a manoeuvre or controls, one of them")
     air = wind if wind is None or isinstance(wind, Wind) else parse_wind(wind)
-    if isinstance(maneuver, str):
-        from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed  # late: a fit has no use for it
-
-        if (own_seed := harbour_seed(maneuver, seed)) is not None:
-            maneuver, controls = None, harbour_inputs(ship, None, own_seed, dt)
     if maneuver is not None:
         plan = parse_maneuver(maneuver, ship, seed=seed) if isinstance(maneuver, str) else maneuver
         trial = simulate(ship, plan, 0.1 if dt is None else dt, air, seed)

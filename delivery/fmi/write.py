@@ -101,15 +101,6 @@ def osp_description(ship: CoSimulatedShip, table: VariableTable) -> str:
     )  # fmt: skip
 
 
-def fmu_page(ship: FmuShip, table: VariableTable) -> str:
-    """The HTML page of ``ship`` with the variables of ``table``."""
-    groups = [(title, table.of(title.lower()[:-1])) for title in ("Inputs", "Outputs", "Parameters")]
-    return filled(
-        OWN / "page.html", ship, markup=True, NAME=ship.identifier, STEP=f"{ship.longest_step:g}",
-        TRACKS=isinstance(ship, TrackedShip), WORDS=ship.plain.sentences, RANGES=ship.ranges, GROUPS=groups,
-    )  # fmt: skip
-
-
 INSTANCE, MODEL = ("fmu-instance.h", "fmu-instance.c"), "fmu-model.h"
 CALCULATED = {CoSimulatedShip: "fmu-ship.c", TrackedShip: "fmu-tracker.c"}
 WRAPPER = {2: "fmi2-functions.c", 3: "fmi3-functions.c"}
@@ -175,7 +166,7 @@ def fmu_files(ship: FmuShip, version: int, platforms: Sequence[str] = ()) -> tup
     if version == 3:  # FMI 2.0 lists its sources in the model description
         text = filled(OWN / "buildDescription.xml", ship, IDENTIFIER=ship.identifier, MAIN=MAIN)
         files["sources/buildDescription.xml"] = text.encode()
-    files |= _papers(ship, table)
+    files |= _papers(ship)
     messages: list[Message] = []
     # a filter is that of the fit, with its approximations
     if isinstance(ship, CoSimulatedShip) and (late := ship.late_columns):
@@ -282,12 +273,11 @@ def _token(ship: FmuShip, table: VariableTable, version: int, sources: dict[str,
     return f"{{{uuid.UUID(digest[:32])}}}"
 
 
-def _papers(ship: FmuShip, table: VariableTable) -> dict[str, bytes]:
-    """Files of an FMU for people and for this program: a page, licences, the ship file, what is known of the ship."""
+def _papers(ship: FmuShip) -> dict[str, bytes]:
+    """Files of an FMU for people and for this program: licences, the ship file, what is known of the ship."""
     header = (STANDARD / HEADERS[3][0]).read_text(encoding="utf-8")  # its first comment is the licence
     licence = header[header.index("Copyright (C)") : header.index("*/", header.index("Copyright (C)"))]
     files = {
-        "documentation/index.html": fmu_page(ship, table),
         f"documentation/licenses/{LICENCE}": "The headers of the FMI standard in the folder sources:\n\n" + licence,
         "resources/ship.toml": dump_ship(ship.plain.ship, "The ship of this FMU."),
         "resources/product.json": json.dumps(plain(ship.plain.about()), indent=2, allow_nan=False) + "\n",

@@ -187,8 +187,8 @@ def test_every_actuator_moves_within_its_range_and_rate_and_by_itself(ship: Ship
 
 
 def test_the_vectwin_ship_goes_astern_for_a_part_of_the_time() -> None:
-    run = simulated_trial(VECTWIN, "harbour:4", noise=True)
-    more = [simulated_trial(VECTWIN, f"harbour:{seed}")["u"] for seed in range(6)]
+    run = simulated_trial(VECTWIN, None, harbour_inputs(VECTWIN, None, 4), noise=True)
+    more = [simulate_controls(VECTWIN, harbour_inputs(VECTWIN, None, seed))["u"] for seed in range(6)]
     assert 0.03 < (np.concatenate(more) < 0).mean() < 0.6
     assert run.duration == 400.0 and run["u"][0] == pytest.approx(0.0, abs=0.05)
 
@@ -208,7 +208,7 @@ def test_wrong_seeds_and_durations_are_one_line() -> None:
 
 
 def test_a_trial_of_pods_alone_is_read_without_columns_of_propeller_and_rudder(tmp_path: Path) -> None:
-    run = simulated_trial(FERRY, "harbour:1")
+    run = simulate_controls(FERRY, harbour_inputs(FERRY, None, 1))
     path = tmp_path / "run.csv"
     write_trial(run, path)
     frame = run.to_pandas().drop(columns=[name for name in run.to_pandas() if name.split()[0] in ("n", "delta")])
