@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -50,20 +49,11 @@ CURRENT = "current:x=0.08,y=-0.05"
 FOULING = "fouling:share=0.6"  # The effect behind its third campaign
 
 
-def compare_with_truth(ship: Ship) -> dict[str, Any]:
-    """How the estimates of ``ship`` compare with the hidden ship.
-
-    Returns "inside_95": share of 95 % intervals that hold the truth; "moved": coefficients that differ from the prior
-    of the estimate; "outside": coefficients whose interval misses the truth.
-    """
+def share_of_truth(ship: Ship) -> float:
+    """Share of the estimates of ``ship`` whose 95 % interval holds the hidden ship's value."""
     true = hidden_ship().coefficients
-    estimates = {s: c for s, c in ship.coefficients.items() if c.prior_std is not None and s in true}
-    inside = {s: abs(c.value - true[s].value) <= 1.96 * (c.std or 0.0) for s, c in estimates.items()}
-    return {
-        "inside_95": sum(inside.values()) / len(inside),
-        "moved": [s for s, c in estimates.items() if true[s].value != c.prior_value],
-        "outside": [s for s, ok in inside.items() if not ok],
-    }
+    estimates = [c for c in ship.coefficients.values() if c.prior_std is not None and c.symbol in true]
+    return sum(abs(c.value - true[c.symbol].value) <= 1.96 * (c.std or 0.0) for c in estimates) / len(estimates)
 
 
 def demo_trials(

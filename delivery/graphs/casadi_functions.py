@@ -68,22 +68,17 @@ def casadi_functions(model: Model) -> dict[str, ca.Function]:
 
 
 def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]:
-    """What ``model.json`` says, as plain values: names and units of states, controls, coefficients, forces; ranges.
+    """What ``model.json`` says beside ``product.json``: names and units of states, controls, coefficients, forces.
 
     product: that is exported; functions: by name.
     """
     model = product.model
     steered = [n for n in ("delta", "delta_port", "delta_starboard") if n in model.controls]
-    rudder = product.ranges.get("delta")
     ahead = actuator_positions(product.ship, 1.0, 0.0)
     content = {
         "ship": product.ship.called,
-        "title": product.ship.title,
         "length_m": product.ship.particulars["L"],
         "service_speed_m_s": product.ship.particulars.get("U_0", product.ship.particulars.get("approach_speed")),
-        "rudder_rate_rad_s": product.ship.particulars.get("rudder_rate"),
-        "rudder_delay_s": product.ship.particulars.get("rudder_delay"),
-        "casadi": ca.CasadiMeta.version(),
         "longest_step_s": product.longest_step,
         "functions": {name: {"file": f"{name}.casadi", "signature": str(f)} for name, f in functions.items()},
         "states": [_quantity(name) for name in model.states],
@@ -91,12 +86,9 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
         "columns": [_quantity(name) for name in model.states[:6]],
         "forces": {"rows": list(model.roles), "columns": ["X [N]", "Y [N]", "N [N m]"]},
         "coefficients": [vars(c) for c in product.coefficients],
-        "range_of_the_trials": {name: list(pair) for name, pair in product.ranges.items()},
         "rudders": steered,
         "propellers": [n for n in model.controls if n.startswith("n") and ahead.get(n) == 1.0],
         "straight_ahead": [float(ahead.get(n, 0.0)) for n in model.controls],  # of propellers at 1 1/s
-        "largest_rudder_rad": max(map(abs, rudder)) if rudder else None,
-        "caveats": [str(text) for text in product.caveats],
     }
     return json.loads(json.dumps(plain(content)))  # tuples and numpy numbers as JSON has them
 

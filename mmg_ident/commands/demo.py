@@ -39,7 +39,7 @@ def demo(
     """
     from cases.checks import check
     from cases.shipfiles.ship_file import dump_ship, load_ship
-    from cases.simulation.demo_trials import CURRENT, FOULING, SHIP, compare_with_truth, hidden_ship
+    from cases.simulation.demo_trials import CURRENT, FOULING, SHIP, hidden_ship, share_of_truth
     from diagnosis.diagnose import DiagnosisOptions, diagnose
     from fitting.calibrate import FitOptions
     from mmg.messages import LOGGER
@@ -67,12 +67,12 @@ def demo(
     state = "converged" if fit.converged else f"NOT converged, {fit.advice}"
     trials = f"{len(first[0])} trials by multiple shooting"
     cli.say(f" 3 fit       {len(fit.estimates)} coefficients to {trials}: {state}, {fit.timings_s['total']:.1f} s")
-    pair, truth = fit.scores["validation"], compare_with_truth(fit.ship)
+    pair, truth = fit.scores["validation"], share_of_truth(fit.ship)
     before, after = (score.units.pooled for score in (pair.before, pair.after) if score.units)
     words = f"position {before.position_m:.3g} -> {after.position_m:.3g} m, "
     words += f"heading {before.heading_deg:.3g} -> {after.heading_deg:.3g} deg"
     cli.say(f" 4 score     rms errors of predictions of {len(first[1])} held-out trials: {words}")
-    cli.say(f" 5 truth     {truth['inside_95']:.0%} of the hidden coefficients lie in their 95 % intervals")
+    cli.say(f" 5 truth     {truth:.0%} of the hidden coefficients lie in their 95 % intervals")
     cli.say(f" 6 report    {folder / 'run' / 'report.html'}: tracks, intervals, what the trials leave open")
     declined = _trained(folder, "trials", "residual", first, seed)
     cli.say(f" 7 train     a network on these trials is {_decision(declined)}")
@@ -94,7 +94,7 @@ def demo(
     cli.say(f"12 so        {moral(declined, fouled)}")
     if json:
         scores, answer = fit.to_dict()["scores"], diagnosis.to_dict()
-        content = {"folder": str(folder), "converged": fit.converged, "scores": scores, **truth}
+        content = {"folder": str(folder), "converged": fit.converged, "scores": scores, "inside_95": truth}
         content |= {"diagnosis": {key: answer[key] for key in ANSWER}}
         cli.print_json(content | {"residual": _decided(declined), "third_residual": _decided(fouled)})
     return 0 if fit.converged else 1
