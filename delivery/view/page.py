@@ -25,7 +25,7 @@ from cases.io.read import read_trials
 from cases.trial import Trial
 from diagnosis.result import MissingForce, read_diagnosis, read_missing_force
 from fitting.prediction.bands import Bands, bands_of
-from fitting.prediction.predict import Forces, Forecaster, Window, forces_along, predict_all
+from fitting.prediction.predict import Forces, Window, forces_along, predict_all
 from fitting.report.page import label_of, rendered, write_page
 from fitting.report.run_folder import plain, read_result, rows_by_role, trials_again, unique_rows
 from fitting.result import read_fit
@@ -39,20 +39,20 @@ from mmg.ship import Ship
 class ViewModel:
     """A model that predicts on the page.
 
-    kind: "start", "calibrated", "hybrid", "black box" or "named" (with the effects of a diagnosis); label: in words;
-    run: name of its folder; predictor; bands: standard deviations of its predictions, None where they are not known.
+    kind: "start", "calibrated", "hybrid" or "named" (with the effects of a diagnosis); label: in words; run: name of
+    its folder; simulator; bands: standard deviations of its predictions, None where they are not known.
     """
 
     kind: str
     label: str
     run: str
-    predictor: Simulator | Forecaster
+    simulator: Simulator
     bands: Bands | None = None
 
     @property
-    def ship(self) -> Ship | None:
-        """Its ship, None of a black box."""
-        return self.predictor.ship if isinstance(self.predictor, Simulator) else None
+    def ship(self) -> Ship:
+        """Its ship."""
+        return self.simulator.ship
 
 
 @dataclass(frozen=True)
@@ -101,13 +101,10 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = ()) -> Campai
         rows += rows_by_role(read_result(folder))
     shown, notes = _trials(rows, trials)
     distinct, measured = _distinct(models), [one.trial for one in shown]
-    notes += dict.fromkeys(str(note) for model in distinct for note in assumed(measured, model.predictor.inputs))
-    ships = [model.ship for model in distinct if model.ship is not None]
-    if not ships:  # black boxes alone: the ship for which they were trained
-        # here and below late: a page on calibrations needs nothing of trainings
-        from residual.result import read_training
-
-        ships = [read_training(folders[0]).start]
+    notes += dict.fromkeys(str(note) for model in distinct for note in assumed(measured, model.ship.inputs))
+    if not distinct:
+        raise Missing(f"{folders[0]}: has no model to show; give a run folder of mmg fit or train beside it")
+    ships = [model.ship for model in distinct]
     ship = next((one for one in ships if one.mark), ships[0])  # a calibration before the ship that it began from
     marked = None
     for folder in diagnoses:
@@ -117,7 +114,7 @@ def gather(folders: Sequence[Path], trials: Sequence[str | Path] = ()) -> Campai
 
 
 def _models(folder: Path, kind: str) -> list[ViewModel]:
-    """Both ships of a calibration; both ships, or the black box, of a training."""
+    """Both ships of a calibration or of a training."""
     run = label_of(folder)
     if kind == "calibration":
         fit = read_fit(folder)
@@ -129,11 +126,11 @@ def _models(folder: Path, kind: str) -> list[ViewModel]:
         ]
     if kind != "training":
         raise BadValue(f"{folder}: kind {kind!r} cannot be shown; give run folders of mmg fit, train or diagnose")
-    from residual.result import read_training
+    from residual.result import read_training  # late: a page on calibrations needs nothing of trainings
 
     training = read_training(folder)
     if training.black_box is not None:
-        return [ViewModel("black box", "black box", run, training.black_box)]
+        raise BadValue(f"{folder}: is a black box, which has no forces to show; mmg predict and mmg score take it")
     bands = bands_of(training.to_dict(), training.ship)
     kept = training.recommended == "hybrid"  # the bands are those of the recommended ship alone
     models = [ViewModel("calibrated", "calibrated", run, Simulator(training.start), None if kept else bands)]
@@ -171,7 +168,7 @@ def _distinct(models: Sequence[ViewModel]) -> tuple[ViewModel, ...]:
     """Each model once; where two of a kind differ, the label has the name of the run."""
     kept: list[ViewModel] = []
     for model in models:
-        twin = next((i for i, k in enumerate(kept) if k.ship and model.ship and same_ship(k.ship, model.ship)), None)
+        twin = next((i for i, k in enumerate(kept) if same_ship(k.ship, model.ship)), None)
         if twin is None:
             kept.append(model)
         elif kept[twin].bands is None and model.bands is not None:  # the start of a training is a calibrated ship
@@ -315,11 +312,10 @@ def predictions(
 
     Raises UserError for a trial that lacks an input of the model.
     """
-    simulator = model.predictor
+    simulator, bands = model.simulator, model.bands
     longest = max(trial.duration for trial in trials) + 1.0  # a stride from which no second window begins
-    bands = model.bands if isinstance(simulator, Simulator) else None
     results = [predict_all(simulator, trials, s, s or longest, short_last=True, bands=bands) for s in lengths]
-    forces = [forces_along(simulator, trial) if isinstance(simulator, Simulator) else {} for trial in trials]
+    forces = [forces_along(simulator, trial) for trial in trials]
     return [
         ([windows for windows, _ in of_trial], f)
         for of_trial, f in zip(zip(*results, strict=True), forces, strict=True)

@@ -22,7 +22,7 @@ const ROLE_LOOKS = [
   { color: "#8c5a00", dash: [4, 2, 1, 2], width: 1.6 },
   { color: "#3a8fc4", dash: [5, 5], width: 1.6 },
 ];
-const KINDS = { start: 0, calibrated: 1, hybrid: 2, "black box": 3, named: 4 };
+const KINDS = { start: 0, calibrated: 1, hybrid: 2, named: 4 };
 
 // Every model has a look of its own; the usual kinds always have the same one.
 function chooseLooks(models) {

@@ -195,6 +195,8 @@ def test_a_diagnosis_among_the_runs_is_marked_and_there_is_one(tmp_path: Path) -
     assert force.shape == (3, 80) and np.allclose(force[0], 0.3)
     with pytest.raises(Conflict):
         gather([own, folder, with_diagnosis(own, "second")])
+    with pytest.raises(Missing):  # it names no effect
+        gather([folder])
 
 
 def test_equal_models_are_shown_once_and_different_ones_by_their_run(run: Path, tmp_path: Path) -> None:
@@ -225,7 +227,7 @@ def test_a_trial_without_positions_or_with_gaps_is_shown(run: Path) -> None:
     columns = {k: np.array(v) for k, v in trial.columns.items() if k not in ("x", "y")}
     columns["u"][10:20] = np.nan
     bare = replace(trial, columns=columns)
-    model = ViewModel("calibrated", "calibrated", "run", one.models[1].predictor)
+    model = ViewModel("calibrated", "calibrated", "run", one.models[1].simulator)
     header, runs = content(view_page(Campaign(one.ship, (model,), (ViewTrial(bare, "other"),), None, ())))
     assert header["runs"][0]["position"] is False
     assert np.isnan(unpacked(runs[0]["measured"][0])).all()
