@@ -1,20 +1,18 @@
 """The ship as serialised CasADi functions that CasADi alone loads: rates, one step, forces, columns, start.
 
-A folder: ``NAME.casadi`` per function (``casadi.Function.load``), ``model.json`` with names and units of all arguments,
-and ``example.py``. The coefficients stand inside as numbers;
+A folder: ``NAME.casadi`` per function (``casadi.Function.load``), and ``model.json`` with names and units of all
+arguments. The coefficients stand inside as numbers;
 ``rates_of_coefficients`` and ``step_of_coefficients`` take them as an argument, for sensitivities and for estimation.
 """
 
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 
-from cases.maneuvers.self_propulsion import actuator_positions
 from delivery.product import QUANTITIES, Product
 from fitting.report.run_folder import plain, write_json
 from mmg.effects import effect
@@ -23,7 +21,6 @@ from mmg.model import Model
 from mmg.runge_kutta import rk4_step
 
 DELAY_APPROXIMATE = "delay_approximate"  # Code of what is said of an effect that delays the inputs
-TEMPLATES = Path(__file__).parent / "templates"
 
 
 def write_casadi(product: Product, target: Path) -> list[Message]:
@@ -32,7 +29,6 @@ def write_casadi(product: Product, target: Path) -> list[Message]:
     for name, function in functions.items():
         function.save(str(target / f"{name}.casadi"))
     write_json(target / "model.json", about(product, functions))
-    shutil.copyfile(TEMPLATES / "example.py", target / "example.py")
     ship = product.ship
     late = [name for name in ship.effects if effect(name).input_delay(ship.parameters_of(name)) is not None]
     words = "is a smooth approximation here, as in a fit; mmg simulate and the FMU delay the inputs exactly"
@@ -73,12 +69,8 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
     product: that is exported; functions: by name.
     """
     model = product.model
-    steered = [n for n in ("delta", "delta_port", "delta_starboard") if n in model.controls]
-    ahead = actuator_positions(product.ship, 1.0, 0.0)
     content = {
         "ship": product.ship.called,
-        "length_m": product.ship.particulars["L"],
-        "service_speed_m_s": product.ship.particulars.get("U_0", product.ship.particulars.get("approach_speed")),
         "longest_step_s": product.longest_step,
         "functions": {name: {"file": f"{name}.casadi", "signature": str(f)} for name, f in functions.items()},
         "states": [_quantity(name) for name in model.states],
@@ -86,9 +78,6 @@ def about(product: Product, functions: dict[str, ca.Function]) -> dict[str, Any]
         "columns": [_quantity(name) for name in model.states[:6]],
         "forces": {"rows": list(model.roles), "columns": ["X [N]", "Y [N]", "N [N m]"]},
         "coefficients": [vars(c) for c in product.coefficients],
-        "rudders": steered,
-        "propellers": [n for n in model.controls if n.startswith("n") and ahead.get(n) == 1.0],
-        "straight_ahead": [float(ahead.get(n, 0.0)) for n in model.controls],  # of propellers at 1 1/s
     }
     return json.loads(json.dumps(plain(content)))  # tuples and numpy numbers as JSON has them
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +18,6 @@ from mmg.errors import Missing, NotInstalled
 from mmg.model import settled
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from tests.support.actuator_ships import true_ship
 from tests.support.c_products import product
 from tests.support.networks import random_network
 
@@ -96,22 +93,6 @@ def test_the_description_names_every_row(exported: tuple[Product, Path]) -> None
     assert about["forces"]["rows"] == list(product.model.roles)
     assert set(about["functions"]) == {path.stem for path in folder.glob("*.casadi")}
     assert all(row["unit"] for row in about["controls"])
-
-
-SAIL = """
-import sys
-import example
-example.main()
-assert not {name.partition(".")[0] for name in sys.modules} & {"mmg", "cases", "fitting", "delivery", "torch"}
-"""
-
-
-def test_the_example_sails_a_ship_of_two_screws_straight_on_both(tmp_path: Path) -> None:
-    export(Product(true_ship("twin"), "twin", {}, {"source": "", "kind": ""}, ()), "casadi", tmp_path / "ship")
-    run = subprocess.run([sys.executable, "-c", SAIL], capture_output=True, text=True, cwd=tmp_path / "ship")
-    assert run.returncode == 0, run.stderr
-    headings = [float(line.split("heading")[1].split()[0]) for line in run.stdout.splitlines()]
-    assert headings[0] == headings[1] == 0.0 and headings[-1] > 5.0
 
 
 def test_a_delay_of_the_inputs_is_said_to_be_approximate(tmp_path: Path) -> None:
