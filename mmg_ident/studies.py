@@ -88,10 +88,10 @@ def import_logs(
 
 
 # Keywords of ``imo`` for measured trials, and for a ship that is simulated
-MEASURED, SIMULATED = "length kind correct current", "speed rudder_rate maneuver scatter seed workers"
+MEASURED, SIMULATED = "length correct current", "speed rudder_rate maneuver scatter seed workers"
 
 
-@keywords(also="length# kind correct current speed# rudder_rate# maneuver scatter# seed# workers#")
+@keywords(also="length# correct current speed# rudder_rate# maneuver scatter# seed# workers#")
 def imo(
     model: Model | None, trials: Trials = (), scale: float | None = None, unchecked: bool = False, **values: Any
 ) -> JudgedFigures:
@@ -99,11 +99,11 @@ def imo(
 
     model: the ship; None: not known, of trials with a length; trials: measured, of which then the figures are; scale:
     ship length over model length; unchecked: judge contradictory trials too; values, of trials: length: L of their ship
-    [m], default that of the model; kind: of their manoeuvre, default from the data; correct: to still water and calm
-    air; current: speed [m/s] and direction it goes to [deg], default from their circles; of a ship that is simulated:
-    speed: of the test [m/s]; rudder_rate [deg/s]; maneuver: further ones, such as "spiral:15/5"; scatter: draws for
-    intervals, 0: none, default 500 where a covariance is known; seed, workers: of the draws. Returns figures, limits
-    and verdicts. Raises UserError for what does not belong together, and when no manoeuvre reaches its event.
+    [m], default that of the model; correct: to still water and calm air; current: speed [m/s] and direction it goes to
+    [deg], default from their circles; of a ship that is simulated: speed: of the test [m/s]; rudder_rate [deg/s];
+    maneuver: further ones, such as "spiral:15/5"; scatter: draws for intervals, 0: none, default 500 where a covariance
+    is known; seed, workers: of the draws. Returns figures, limits and verdicts. Raises UserError for what does not
+    belong together, and when no manoeuvre reaches its event.
     """
     from cases.criteria.imo import WaterVelocity, imo_figures, imo_figures_of_trials
     from fitting.prediction.bands import correlation_in
@@ -122,14 +122,14 @@ def imo(
             towards = math.radians(towards)
             # north and east [m/s]: a current is named by where it goes to, a wind by where it comes from
             water = WaterVelocity(speed * math.cos(towards), speed * math.sin(towards), 0.0, "as given")
-        length, kind = measured.get("length"), measured.get("kind", "")
+        length = measured.get("length")
         if length is not None and not 0 < length < math.inf:
             raise OutOfRange(f"length = {length:g}: must be a positive number of metres")
         if model is None and length is None:
             raise Missing("trials need the length of their ship: --ship SHIP or --length METRES")
         (runs,) = ready(trials, unchecked=unchecked)
         ship = None if model is None else ship_of(model)
-        return JudgedFigures.of(imo_figures_of_trials(runs, ship, length, kind, scale, water))
+        return JudgedFigures.of(imo_figures_of_trials(runs, ship, length, scale, water))
     if measured:
         raise Conflict(f"{next(iter(measured))}: belongs to measured trials; give trials")
     ship, content = ship_of(model), {} if model is None else content_of(model)

@@ -543,15 +543,13 @@ def imo_figures_of_trials(
     trials: Sequence[Trial],
     ship: Ship | None = None,
     length: float | None = None,
-    kind: str = "",
     scale: float | None = None,
     correct: bool | WaterVelocity = False,
 ) -> Assessment:
     """Measured runs judged by IMO MSC.137(76).
 
     trials: with one manoeuvre or several each, the approach is cut off; ship: gives its name, length and scale, and
-    the lever arm of an antenna that was fitted, which is taken off;
-    length: of the ship [m], where there is no ship; kind: "turning", "zigzag" or "crash-stop", default from the data;
+    the lever arm of an antenna that was fitted, which is taken off; length: of the ship [m], where there is no ship;
     scale: ship length over model length; correct: to still water and calm air, with the current of the circles among
     the trials or a given one (``corrected_runs``). Of several runs, one without a manoeuvre becomes a notice. Raises
     UserError when no length is given, when the trials are not of the ship, and when there is no manoeuvre in any of
@@ -570,7 +568,7 @@ def imo_figures_of_trials(
         notices.append(Message("of midship: without the lever arm of the antenna of the ship file", "of_midship"))
     for trial in trials:
         try:
-            runs += measured_runs(of_midship(ship, trial), L, kind)
+            runs += measured_runs(of_midship(ship, trial), L)
         except UserError as error:
             if len(trials) == 1:
                 raise

@@ -286,20 +286,18 @@ class Execute:
         return f"{self.kind} {self.order}".strip()
 
 
-def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute, ...]:
+def find_maneuvers(trial: Trial, length: float) -> tuple[Execute, ...]:
     """All manoeuvres of a measured (or simulated) run of a ship of this length [m], in the order of time.
 
-    kind: one of KINDS; "" takes it from the data, and says so where the trial's own kind differs. Raises UserError when
-    no manoeuvre is found in the run, or none of the kind that is asked for, or when the trial says itself that it is
-    something else (random, berthing, ...) and no kind is asked for. trial: the run.
+    Their kinds are taken from the data, which says so where the trial's own kind differs. Raises UserError when no
+    manoeuvre is found in the run, or when the trial says itself that it is something else (random, berthing, ...).
+    trial: the run.
     """
-    if not kind and trial.kind and trial.kind not in KINDS:
-        raise UnknownName(
-            f"{trial.name}: a {trial.kind} run is none of {', '.join(KINDS)}; say which to read it as one"
-        )
+    if trial.kind and trial.kind not in KINDS:
+        words = f"a {trial.kind} run is none of {', '.join(KINDS)}; give its kind in trials.toml to read it as one"
+        raise UnknownName(f"{trial.name}: {words}")
     t, (rudder, n), unit = trial.t - trial.t[0], steering(trial), ship_time(trial, length)
-    stops = [] if kind not in ("", "crash-stop") else find_stops(t, n, trial["u"])
-    holds = [] if kind == "crash-stop" else held_stretches(t, rudder, unit)
+    stops, holds = find_stops(t, n, trial["u"]), held_stretches(t, rudder, unit)
     complete = [stop for stop in stops if stop.stopped]
     executes = _steered(trial, holds, complete, unit)
     first = stops[0].order_time if stops else math.inf
@@ -308,9 +306,8 @@ def find_maneuvers(trial: Trial, length: float, kind: str = "") -> tuple[Execute
         executes = _partial(trial, holds, unit) or _against_rudder(trial, holds, unit)
     stops = complete if executes else stops
     executes += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
-    executes = [execute for execute in executes if kind in ("", execute.kind)]
     if not executes:
-        raise Missing(_nothing(trial, holds, kind))
+        raise Missing(f"{trial.name}: no manoeuvre found: {_nothing(holds)}")
     result, before = [], 0.0
     for execute in sorted(executes, key=lambda e: e.order_time):
         result.append(_approached(trial, length, execute, before))
@@ -522,21 +519,11 @@ def _approached(trial: Trial, length: float, execute: Execute, earliest: float) 
     return replace(execute, speed=speed, notes=tuple(notes), caveats=(*caveats, *execute.caveats))
 
 
-def _nothing(trial: Trial, holds: Sequence[RudderStep], kind: str) -> str:
-    """Why no manoeuvre of this ``kind`` is in the run."""
-    if kind == "crash-stop":
-        return f"{trial.name}: no crash-stop found: no revolutions that go astern from ahead"
+def _nothing(holds: Sequence[RudderStep]) -> str:
+    """Why no manoeuvre is in a run with these ``holds``."""
     beyond = [h for h in holds if abs(h.angle) >= LEAST_RUDDER]
-    if not beyond:
-        return f"{trial.name}: no {kind or 'manoeuvre'} found: no rudder held at an angle above 4 deg"
-    if kind:
-        both = min(h.angle for h in beyond) < 0 < max(h.angle for h in beyond)
-        where = "on both sides in turn" if both else "on one side"
-        return f"{trial.name}: looked for a {kind} test, but the rudder is held {where}"
-    return (
-        f"{trial.name}: no manoeuvre found: of {len(beyond)} stretches of held rudder none turns the ship by 90 deg, "
-        "and none is reversed at a change of heading; --kind reads it as one kind"
-    )
+    words = "none turns the ship by 90 deg, and none is reversed at a change of heading"
+    return f"of {len(beyond)} stretches of held rudder {words}" if beyond else "no rudder held at an angle above 4 deg"
 
 
 # An approach is steady when its speed changes by less than 5 % and r L / U stays below 0.05. Set by hand.

@@ -195,14 +195,14 @@ def _one_order(run: read.Since, kind: str, rudder: float, least: float = 0.0, st
     return {"spiral": read.spiral_figures, "pull-out": read.pull_out_figures}[kind](run)
 
 
-def measured_runs(trial: Trial, length: float, kind: str = "") -> list[Run]:
+def measured_runs(trial: Trial, length: float) -> list[Run]:
     """The standard manoeuvres found in a measured run of a ship of this length [m], in the order of time.
 
-    The approach is cut off (cases/criteria/measured_maneuvers.py); kind as there. Several in one record are named by
-    its name, their number and what they are. Raises UserError when there is none in it, and where a broken stretch
-    decides in all of them. trial: the run; what was left out of it is bridged, or ends it.
+    The approach is cut off (cases/criteria/measured_maneuvers.py). Several in one record are named by its name, their
+    number and what they are. Raises UserError when there is none in it, and where a broken stretch decides in all of
+    them. trial: the run; what was left out of it is bridged, or ends it.
     """
-    executes = find_maneuvers(trial, length, kind)
+    executes = find_maneuvers(trial, length)
     runs, refused = [], []
     for number, execute in enumerate(executes, 1):
         name = f"{trial.name} {number} ({execute.title})" if len(executes) > 1 else trial.name

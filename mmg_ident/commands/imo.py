@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from mmg.errors import Conflict, TargetExists, UnknownName, writing
+from mmg.errors import Conflict, TargetExists, writing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @o.options(
     Simulated="speed rudder_rate maneuver",
-    Measured="ship length kind correct current",
+    Measured="ship length correct current",
     Solver="scatter seed workers scheduler",
 )
 def imo(
@@ -34,7 +34,6 @@ def imo(
     maneuver: Annotated[list[str] | None, Option(help="Also this: spiral:15/5, pull-out:20.")] = None,
     ship: Annotated[str | None, Option(help="Ship of the trials: gives L and its name.")] = None,
     length: Annotated[float | None, Option(help="L of the trials' ship [m].")] = None,
-    kind: Annotated[str, Option(help="turning, zigzag, spiral, crash-stop; default from the data.")] = "",
     scale: Annotated[float | None, Option(help="Ship length over model length: judged at ship scale.")] = None,
     correct: Annotated[bool, Option("--correct", help="To still water and calm air (MSC/Circ.1053).")] = False,
     current: Annotated[str | None, Option(help="SPEED:TOWARDS [m/s:deg]; default from circles.")] = None,
@@ -55,7 +54,6 @@ def imo(
 
     Example: mmg imo kvlcc2_full --plot imo.png
     """
-    from cases.criteria.measured_maneuvers import KINDS
     from mmg_ident import studies
 
     models = [a for a in ships_and_trials if cli.is_model(a)]
@@ -64,8 +62,6 @@ def imo(
         raise Conflict("give one ship to simulate, or trial files (with --ship or --length), not both")
     for option, value in (("speed", speed), ("rudder-rate", rudder_rate), ("length", length), ("scale", scale)):
         cli.positive(f"--{option}", value)
-    if kind and kind not in KINDS:
-        raise UnknownName(f"--kind {kind!r} is unknown; use {', '.join(KINDS)}")
     cli.refuse_target("--plot", plot, force, cli.FIGURES)
     if out is not None and out.exists() and not (out.is_dir() and (force or not any(out.iterdir()))):
         raise TargetExists(f"--out {out}: exists already; name a new folder or add --force")
@@ -75,7 +71,7 @@ def imo(
         "rudder_rate": rudder_rate,
         "maneuver": maneuver or None,
     }
-    measured: dict[str, Any] = {"length": length, "kind": kind or None, "correct": correct or None, "current": current}
+    measured: dict[str, Any] = {"length": length, "correct": correct or None, "current": current}
     if models:
         words = f"belongs to trial files; {models[0]} is simulated"
         cli.refuse_given({"--ship": ship, **{f"--{name}": value for name, value in measured.items()}}, words)

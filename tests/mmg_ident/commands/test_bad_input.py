@@ -148,7 +148,7 @@ PLAIN = {
         "esso_osaka_3m esso_osaka_3m | one ship", "missing.csv --length 3 | missing.csv", "missing.csv | --length",
         "esso_osaka_3m --length 3", "inputs.csv --length 3 --speed 1", "esso_osaka_3m --speed -1 | --speed -1",
         "esso_osaka_3m --plot figure.doc | .png", "esso_osaka_3m --maneuver pirouette | unknown manoeuvre",
-        "esso_osaka_3m --maneuver straight | straight", "inputs.csv --length 3 --kind berthing",
+        "esso_osaka_3m --maneuver straight | straight", "inputs.csv --length -3",
     ],
     "demo": ["--out taken", "--out nothing.csv/demo |"],
     "nonsense": [" |"],
