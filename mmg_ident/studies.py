@@ -121,7 +121,7 @@ def imo(
                 raise BadValue("current: give its speed [m/s] and the direction it goes to [deg]") from None
             towards = math.radians(towards)
             # north and east [m/s]: a current is named by where it goes to, a wind by where it comes from
-            water = WaterVelocity(speed * math.cos(towards), speed * math.sin(towards), 0.0, "as given")
+            water = WaterVelocity(speed * math.cos(towards), speed * math.sin(towards), "as given")
         length = measured.get("length")
         if length is not None and not 0 < length < math.inf:
             raise OutOfRange(f"length = {length:g}: must be a positive number of metres")

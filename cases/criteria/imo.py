@@ -58,12 +58,10 @@ LEAST_SCATTER = 0.03  # Share of the ship's speed [-]. Set by hand.
 
 @dataclass(frozen=True)
 class WaterVelocity:
-    """Velocity of the water over ground. north, east [m/s]; std: standard deviation of the velocities behind it [m/s];
-    origin: where it is from, in words."""
+    """Velocity of the water over ground. north, east [m/s]; origin: where it is from, in words."""
 
     north: float
     east: float
-    std: float
     origin: str
 
     @property
@@ -102,7 +100,7 @@ def current_of(run: Run) -> WaterVelocity | None:
     mean, scatter = velocity.mean(axis=1), float(np.hypot(*velocity.std(axis=1)))
     if scatter > max(MOST_SCATTER * float(np.hypot(*mean)), LEAST_SCATTER * run.speed):
         return None
-    return WaterVelocity(float(mean[0]), float(mean[1]), scatter, f"{len(starts)} pairs of positions of {run.name}")
+    return WaterVelocity(float(mean[0]), float(mean[1]), f"{len(starts)} pairs of positions of {run.name}")
 
 
 def mean_current(currents: Sequence[WaterVelocity]) -> WaterVelocity | None:
@@ -112,7 +110,7 @@ def mean_current(currents: Sequence[WaterVelocity]) -> WaterVelocity | None:
     parts = np.array([(c.north, c.east) for c in currents])
     std = float(np.hypot(*parts.std(axis=0)))
     north, east = (float(x) for x in parts.mean(axis=0))
-    return WaterVelocity(north, east, std, f"mean of {len(currents)} circles, which differ by {std:.2g} m/s")
+    return WaterVelocity(north, east, f"mean of {len(currents)} circles, which differ by {std:.2g} m/s")
 
 
 def in_still_water(run: Run, current: WaterVelocity) -> Run:

@@ -325,7 +325,7 @@ def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> d
         if (kind := _standard_run(run)) is None:
             continue
         if east and north:
-            run = imo.in_still_water(run, imo.WaterVelocity(north.value, east.value, 0.0, "of the ship"))
+            run = imo.in_still_water(run, imo.WaterVelocity(north.value, east.value, "of the ship"))
         for row in imo.assess(run):
             if row.value is not None:
                 values.setdefault((kind, row.figure), []).append((row.value, _reading(run, row.unit)))
