@@ -38,7 +38,6 @@ from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import likeness, sentence_of
 from diagnosis.result import Diagnosis
 from diagnosis.validation.held_out import compare, prediction_errors
-from diagnosis.validation.learned import with_learned
 from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions
 from fitting.solvers.control import Control, OutOfTimeError
@@ -86,8 +85,7 @@ def diagnose(
             words = "before anything could be concluded; give more time, or fewer trials, or a coarser --step"
             raise OutOfTimeError(f"{case.ship.name}: {error} {words}") from None
         timings = {**diagnosis.timings, "total": time.perf_counter() - began}  # with all passes, see ``_diagnosed``
-        diagnosis = replace(diagnosis, warnings=(*case.remarks, *diagnosis.warnings), inputs=inputs, timings=timings)
-        return with_learned(diagnosis, o, control.note) if o.learn else diagnosis
+        return replace(diagnosis, warnings=(*case.remarks, *diagnosis.warnings), inputs=inputs, timings=timings)
 
 
 def _diagnosed(

@@ -318,25 +318,6 @@ class HeldOut:
 
 
 @dataclass(frozen=True)
-class LearnedResidual:
-    """How much of the prediction error of the test trials a learned residual closes, beyond what was named.
-
-    Mean squared errors by what each state changes by, before with the ship as the diagnosis left it; reduction: share
-    of it that is closed; interval_90: by drawing test runs again (None: a single run); windows: how many were
-    predicted; kept: what ``mmg train`` would decide from parts of the training trials alone; decision: that in words.
-    """
-
-    mse_before: Real
-    mse_after: Real
-    reduction: Real
-    interval_90: tuple[Real, Real] | None
-    windows: int
-    kept: bool
-    decision: str
-    sentence: str
-
-
-@dataclass(frozen=True)
 class RandomSizes:
     """What is random in the fit without effects: rms of the latent force (3,) [N, N, N m] and its correlation time [s];
     standard deviations (6,) of the white errors of x, y [m], psi [rad], u, v [m/s], r [rad/s]; gust: rms
@@ -379,9 +360,8 @@ class DiagnosisRecord:
 
     verdict: "none", "named" or "unknown"; sentence: it in words. instruments: faults of instruments, which
     are no effects. not_screened: effects that could not be tested, and why. noise: sizes of what is random. kinematics:
-    sentences on faults of instruments. learned: how much a learned residual closes of the remainder (None: not
-    measured). unexplained_force: what is left unexplained (None: nothing is). between: differences between groups of
-    trials (None: not asked).
+    sentences on faults of instruments. unexplained_force: what is left unexplained (None: nothing is). between:
+    differences between groups of trials (None: not asked).
     """
 
     verdict: str
@@ -400,7 +380,6 @@ class DiagnosisRecord:
     unnamed: Mapping[str, Real]
     kinematics: tuple[str, ...]
     timings: Mapping[str, float]
-    learned: LearnedResidual | None = None
     unexplained_force: UnexplainedForce | None = None
     between: Between | None = None
     budget: Budget | None = None

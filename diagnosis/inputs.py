@@ -20,10 +20,7 @@ from diagnosis.estimation.candidates import FITTED_ALONG
 from fitting.report.run_folder import (
     RESULT,
     SHIP,
-    Store,
     content_on,
-    hash_of_ship,
-    hashes_of_trials,
     of_predictions,
     trial_rows,
 )
@@ -38,44 +35,15 @@ from mmg.ship import Ship
 class DiagnosisOptions:
     """How to diagnose.
 
-    learn: whether to measure how much a learned residual closes of an unexplained remainder; command: the words by
-    which result.json says how it was made; store: where finished campaigns and trainings are kept, and taken from.
+    command: the words by which result.json says how it was made.
     """
 
     step: float | None = setting(None, "Step [s]; default 0.05 L/U.", gt=0, lt=60)
     seed: int = setting(0, "Seed of drawn probabilities and intervals.")
     workers: int = setting(1, "Processes over which tasks are spread.", ge=1)
-    learn: bool = setting(False, "Train residuals on what remains.")
     command: str = "mmg_ident.diagnose"
     between: str | None = setting(None, "What differs between: day, month, year, folder, group, kind.")
     time_limit: float | None = setting(None, "Limit of the diagnosis [s].", gt=0)
-    store: Store | None = field(default=None, repr=False, compare=False)
-
-
-def diagnosis_store(
-    out: Path,
-    ship: Ship,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
-    options: DiagnosisOptions,
-    origin: str,
-    resume: bool = False,
-) -> Store:
-    """Where finished campaigns and trainings are kept until a diagnosis ends, with what a continued one must share.
-
-    out: its folder; ship, trials, tests, options: as given to ``diagnose``; origin: words for where the ship is from;
-    resume: continue where ``out`` is there.
-    """
-    kept = ("step", "seed", "learn", "between")
-    trials, tests, _ = parted(trials, tests, options.between)
-    about = {
-        "options": {name: getattr(options, name) for name in kept},
-        "ship": hash_of_ship(ship),
-        "run": origin,
-        "trial files": hashes_of_trials(trials),
-        "--test": hashes_of_trials(tests),
-    }
-    return Store(out / "parts", about, resume and out.exists())
 
 
 def parted(

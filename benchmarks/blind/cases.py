@@ -16,7 +16,7 @@ from benchmarks.blind.generator.write import generate
 from cases.io.read import read_trials
 from cases.io.site import read_site
 from cases.shipfiles.ship_file import load_ship
-from diagnosis.diagnose import DiagnosisOptions, diagnose
+from diagnosis.diagnose import diagnose
 from diagnosis.estimation.candidates import FITTED_ALONG
 from diagnosis.findings import Findings
 from mmg.errors import UserError
@@ -86,7 +86,7 @@ def question(case: Path) -> Callable[[], Findings]:
     """The diagnosis of a ``case``: of its folders ``train`` and ``test`` and perhaps ``site.toml``, and no key."""
     ship = blind_ship(json.loads((case.parent / "ship.json").read_text(encoding="utf-8"))["ship"])
     site, (train, test) = read_site([case], ship), (read_trials(case / part) for part in ("train", "test"))
-    return partial(diagnose, ship, train, test, site, DiagnosisOptions(learn=False))
+    return partial(diagnose, ship, train, test, site)
 
 
 def answer(ask: Callable[[], Findings]) -> tuple[str, list[str], bool, dict[str, Any]]:

@@ -18,7 +18,6 @@ from diagnosis.findings import (
     Findings,
     HeldOut,
     InstrumentFault,
-    LearnedResidual,
     NamedEffect,
     RankedCandidate,
     UnexplainedForce,
@@ -370,11 +369,6 @@ def held_words(h: HeldOut | None, verdict: str) -> str:
     if low <= 0 <= h.reduction:
         words += " The interval contains zero: the effect is significant, but hardly changes the predictions."
     return words
-
-
-def learned_words(learned: LearnedResidual) -> str:
-    """What the training trials alone would decide on the ``learned`` residual."""
-    return f"By parts of the training trials alone, as mmg train decides: {sentence(learned.decision)}"
 
 
 def unnamed_words(d: Findings) -> str:

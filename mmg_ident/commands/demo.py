@@ -79,8 +79,8 @@ def demo(
     second = campaign(folder / "second", seed + 1000, CURRENT, every=4)
     cli.say(f" 8 simulate  a year later {len(second[0])} trials with an effect that no model has: {CURRENT}")
     run, data = folder / "run", folder / "second"
-    command = f"mmg diagnose {run} {data / 'train'} --test {data / 'held_out'} --seed {seed} --step {STEP:g} --no-learn"
-    how = DiagnosisOptions(step=STEP, seed=seed, learn=False, command=command)
+    command = f"mmg diagnose {run} {data / 'train'} --test {data / 'held_out'} --seed {seed} --step {STEP:g}"
+    how = DiagnosisOptions(step=STEP, seed=seed, command=command)
     with cli.working("diagnosing"):
         diagnosis = diagnose(load_ship(run), *second, options=how, calibrated_on=run, progress=cli.progress())
         diagnosis.save(folder / "diagnosis", report=False)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from diagnosis.inputs import DiagnosisOptions
-from mmg.errors import Missing, UserError
+from mmg.errors import Missing
 from mmg_ident.commands import options as o
 from mmg_ident.commands import output as cli
 from mmg_ident.settings import names_of
@@ -17,9 +17,7 @@ if TYPE_CHECKING:
     from diagnosis.result import Diagnosis
 
 
-@o.options(
-    DiagnosisOptions, Model="without site campaign between", Solver="step learn seed time_limit workers scheduler"
-)
+@o.options(DiagnosisOptions, Model="without site campaign between", Solver="step seed time_limit workers scheduler")
 def diagnose(
     run: o.Run,
     trials: o.Trials,
@@ -39,27 +37,22 @@ def diagnose(
 
     The coefficients, a slowly varying force and the noise of the sensors are fitted together; every effect of the
     library (mmg effects) is tested on what is left, the best ones are refitted, and what stands out is checked on the
-    --test trials. With --learn residuals are trained on the trials where something is left unexplained, as by mmg
-    train, to see how much of the error of the --test trials they close. Writes diagnosis.json, report.html, figures
-    and ship.toml (the ship with the named effects).
+    --test trials. Writes diagnosis.json, report.html, figures and ship.toml (the ship with the named effects).
 
     Trials whose role in trials.toml is test or validate take no part and are checked on, as those of --test.
 
     With --between day the trials of each day are a group, and every effect, instrument and coefficient is tested for
     another value in one of them: what has changed since last year?
 
-    Trainings are kept as they finish: after Ctrl-C the same command with --resume goes on from there. So it does after
-    --time-limit, which ends in one line where there is no verdict yet, and else leaves out what comes after it.
+    --time-limit ends in one line where there is no verdict yet, and else leaves out what comes after it; the same
+    command with --resume makes that.
 
     Example: mmg diagnose runs/first trials/*.csv --test held_out/*.csv --out runs/gap
     """
-    from dataclasses import replace
-
     from cases.shipfiles.effects import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from cases.trial_set import ready
     from diagnosis import diagnose as pipeline
-    from diagnosis.inputs import diagnosis_store
     from diagnosis.result import is_complete
     from fitting.report.run_folder import RESULT, check_target, reserved
 
@@ -68,26 +61,19 @@ def diagnose(
     elif is_complete(out):
         cli.say(f"{out} has finished already; nothing to resume")
         return 0
+    elif not (out / RESULT).exists() and any(out.iterdir()):
+        raise Missing(f"{out}: holds no interrupted run to resume; choose another --out")
     ship = reduced_ship(load_ship(run), names_of(without))
     options = DiagnosisOptions(**settings, command=cli.command_line())
     train, tests = ready(trials, test or (), unchecked=unchecked)
     train, tests = (some.said_campaign(campaign, ship) for some in (train, tests))
-    is_unfinished = not (out / RESULT).exists()  # one that lacks only figures and page has no parts any more
-    store = diagnosis_store(out, ship, train, tests, options, run, resume and is_unfinished)
-    if store.resume and not store.folder.is_dir() and any(out.iterdir()):
-        raise Missing(f"{out}: holds no interrupted run to resume; choose another --out")
     try:
         with reserved(out):
-            options = replace(options, store=store)
             diagnosis = pipeline.diagnose(ship, train, tests, site, options, run, cli.progress())
             cli.end_progress()
-            # the folder is there already where parts of this run were kept in it
-            diagnosis.save(out, replace=resume or store.folder.is_dir(), report=not no_report)
-    except (KeyboardInterrupt, UserError) as stop:
-        # parts that are finished stay for --resume; a run that has none leaves nothing behind
-        if isinstance(stop, UserError) or not ((out / RESULT).exists() or store.has_parts):
-            if not store.has_parts:
-                store.discard()
+            diagnosis.save(out, replace=resume, report=not no_report)
+    except KeyboardInterrupt:
+        if not (out / RESULT).exists():
             raise
         cli.say(f"mmg: interrupted; what was finished is in {out}: {cli.RESUMED}")
         return 130
@@ -113,7 +99,7 @@ def _summary(diagnosis: Diagnosis, out: Path) -> None:
         # trials that do not excite an effect say nothing of it: a small score would read as evidence against it
         rows.append((c.name, *(numbers if c.excited else ("not excited", "", "", ""))))
     cli.print_table(("effect", "score|n", "p|n", "gain in BIC|n", "absorbed|n"), rows, f"verdict: {diagnosis.verdict}")
-    lines = [diagnosis.sentence, diagnosis.learned.sentence if diagnosis.learned else ""]
+    lines = [diagnosis.sentence]
     lines += [f"sensors: {line}" for line in diagnosis.kinematics]
     lines += [f"next: {diagnosis.next_test}"] if diagnosis.next_test else []
     lines += [diagnosis.between.sentence, *diagnosis.between.warnings] if diagnosis.between else []

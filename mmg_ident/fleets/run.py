@@ -236,9 +236,7 @@ def _diagnosed(
         return None, "" if result.converged else "not diagnosed: the calibration has not converged"
     several = len({trial.meta.get("group") for trial in train}) > 1  # campaigns, between which she may have drifted
     step = task.options.diagnosis_step or COARSER * default_step(train, result.ship.particulars["L"])
-    options = DiagnosisOptions(
-        step, task.options.seed, learn=False, command=task.command, between="group" if several else None
-    )
+    options = DiagnosisOptions(step, task.options.seed, command=task.command, between="group" if several else None)
     try:
         sister = task.sister
         ship = sisters.with_whole_prior(result.ship, sister.mean) if sister else result.ship

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +15,6 @@ from cases.trial_set import TrialSet
 from diagnosis.hypotheses.score_test import score_tests, slopes
 from diagnosis.inputs import (
     Case,
-    DiagnosisOptions,
-    diagnosis_store,
     independent_tests,
     parted,
 )
@@ -50,7 +47,7 @@ def test_a_test_is_told_from_a_trial_of_its_name() -> None:
     assert kept == [] and (shared.code, none_left.code) == ("shared_rows", "no_test_left")
 
 
-def test_trials_that_trials_toml_keeps_for_tests_take_no_part(tmp_path: Path) -> None:
+def test_trials_that_trials_toml_keeps_for_tests_take_no_part() -> None:
     first, second = pushed_trials(1, runs=RUNS)
     kept, tests, (message,) = parted([replace(first, role="train"), replace(second, role="validate")], [first])
     assert [t.name for t in kept] == [first.name] and [t.name for t in tests] == [first.name, second.name]
@@ -59,8 +56,6 @@ def test_trials_that_trials_toml_keeps_for_tests_take_no_part(tmp_path: Path) ->
         parted([replace(first, role="test")], [second])
     roles = [first, replace(second, role="test")]
     assert list(parted(roles, [], "role")[0]) == roles
-    stores = [diagnosis_store(tmp_path, FEW, trials, [], DiagnosisOptions(), "") for trials in ([first, second], roles)]
-    assert stores[0].about != stores[1].about, "parts of one would be resumed by the other"
 
 
 def test_a_reading_that_makes_the_ship_explode_has_no_likelihood() -> None:

@@ -37,7 +37,7 @@ def diagnosed(seed: int, *effects: str, astern: bool = False) -> Diagnosis:
     ship, runs = drawn_ship(FEW, seed), ASTERN if astern else RUNS
     others = (("zigzag:-10/10", 80.0), runs[2])
     trials, tests = (pushed_trials(s, effects, r, ship) for s, r in ((seed, runs), (seed + 500, others)))
-    return diagnose(FEW, trials, tests, options=DiagnosisOptions(step=0.5, learn=False))
+    return diagnose(FEW, trials, tests, options=DiagnosisOptions(step=0.5))
 
 
 @pytest.mark.slow
@@ -91,7 +91,7 @@ def test_filtered_velocities_are_a_fault_of_an_instrument_and_no_cause(in_body_a
     if is_known:
         row = ship.coefficients["velocity_filter.tau"].with_(std=0.2)
         ship = ship.with_coefficients({row.symbol: row})
-    found = diagnose(ship, filtered_runs(in_body_axes), options=DiagnosisOptions(step=1.0, learn=False))
+    found = diagnose(ship, filtered_runs(in_body_axes), options=DiagnosisOptions(step=1.0))
     assert (found.verdict, found.effects) == ("none", ())
     faults = {fault.name: fault for fault in found.instruments}
     tau = faults["velocity_filter"].parameters["tau"]
@@ -105,7 +105,7 @@ def test_a_filter_that_only_the_search_finds_is_no_cause_either(monkeypatch: pyt
     """As where too few positions are logged for the kinematics to show it."""
     monkeypatch.setattr(Kinematics, "effects", lambda sensors: {})
     began = time.perf_counter()
-    found = diagnose(FEW, filtered_runs(False), options=DiagnosisOptions(step=0.5, learn=False))
+    found = diagnose(FEW, filtered_runs(False), options=DiagnosisOptions(step=0.5))
     assert found.timings["total"] > 0.9 * (time.perf_counter() - began), "the first pass counts as well"
     assert (found.verdict, found.effects) == ("none", ())
     assert "velocity_filter" in {fault.name for fault in found.instruments}

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cases.shipfiles.ship_file import dump_ship
-from diagnosis.findings import Between, GroupDifference, GroupParameter, GroupValue, LearnedResidual
+from diagnosis.findings import Between, GroupDifference, GroupParameter, GroupValue
 from diagnosis.report.page import build_report, figures_for
 from diagnosis.result import Diagnosis, read_diagnosis
 from fitting.report.plot_style import png_of
@@ -23,13 +23,12 @@ pytestmark = pytest.mark.usefixtures("blank_figures")
 KEYS = {
     "schema_version", "verdict", "effects", "equivalence_class", "remainder", "candidates", "where", "held_out",
     "next_test", "warnings", "messages", "sentence", "kinematics", "instruments", "not_screened", "unnamed", "noise",
-    "learned", "unexplained_force", "budget", "timings", "between",
+    "unexplained_force", "budget", "timings", "between",
 }  # fmt: skip
 RESULT_KEYS = {
     "schema_version", "kind", "command", "seed", "versions", "data", "test", "figures", "warnings", "timings_s",
     "complete",
 }  # fmt: skip
-LEARNED = LearnedResidual(0.4, 0.3, 0.25, (0.1, 0.4), 40, True, "kept", "It closes.")
 LATE = GroupParameter("s", "lag of the logged turn rate", {
     "2020-07-31": GroupValue(0.01, 0.02, -0.9, 0.05), "2020-11-12": GroupValue(0.91, 0.04, 0.9, float("inf")),
 })  # fmt: skip
@@ -47,7 +46,7 @@ def full() -> Diagnosis:
     d = case("named")
     second = replace(d.effects[0], p_value=float("nan"))
     warnings = (Message("beware of the <tide>.", "tide"),)
-    return replace(d, effects=(*d.effects, second), warnings=warnings, learned=LEARNED, between=BETWEEN)
+    return replace(d, effects=(*d.effects, second), warnings=warnings, between=BETWEEN)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +78,6 @@ def test_the_files_have_exactly_their_keys(folder: Path) -> None:
     assert keys_of(content["held_out"]["by_run"].values()) == {"before", "after"}
     assert set(content["noise"]) == {"force_N_N_Nm", "force_memory_s", "white", "gust", "gust_memory_s"}
     assert {"all", "sway force"} <= set(content["unnamed"])
-    assert set(content["learned"]) == {f.name for f in fields(LearnedResidual)}
     assert set(content["between"]) == {f.name for f in fields(Between)}
     assert keys_of(content["between"]["differences"]) == {f.name for f in fields(GroupDifference)}
     assert content["between"]["differences"][0]["parameters"]["T"]["groups"]["2020-11-12"]["difference_std"] is None
@@ -93,7 +91,7 @@ def test_what_is_read_is_what_was_written(folder: Path, tmp_path: Path) -> None:
     on_disk = json.loads((folder / "diagnosis.json").read_text())
     assert found.to_dict() == on_disk == full().to_dict()
     assert on_disk["effects"][1]["p_value"] is None
-    assert found.held_out == full().held_out and found.learned == LEARNED and found.inputs == full().inputs
+    assert found.held_out == full().held_out and found.inputs == full().inputs
     assert found.warnings == full().warnings and found.warnings[0].code == "tide" and found.notices == ()  # type: ignore[attr-defined]
     assert dump_ship(found.ship) == dump_ship(full().ship)
     assert found.null is found.final is found.data is found.before is None

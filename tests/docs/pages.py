@@ -79,7 +79,7 @@ def make_workspace(folder: Path, with_trials: bool = True) -> None:
 QUICK = {
     "fit": ["--step", "0.5", "--max-iterations", "40"],
     "train": ["--validate", "held_out/run7.csv", "--seeds", "1", "--epochs", "1", "--width", "4", "--workers", "1"],
-    "diagnose": ["--no-learn", "--workers", "1"],
+    "diagnose": ["--workers", "1"],
 }
 """What is added to a command whose output is not shown, so that it is quick; the last value of an option counts."""
 

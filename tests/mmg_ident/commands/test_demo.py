@@ -33,7 +33,7 @@ def test_the_demo_says_nothing_false_of_a_hidden_current(seed: int, tmp_path: Pa
     trials = campaign(tmp_path / "trials", seed, every=2)
     fit = calibrate(SHIP, *trials, seed=seed)
     later, tests = campaign(tmp_path / "second", seed + 1000, CURRENT, every=4)
-    options = DiagnosisOptions(step=STEP, seed=seed, learn=False)
+    options = DiagnosisOptions(step=STEP, seed=seed)
     found = diagnose(fit.ship, later, tests, options=options, calibrated_on=trials[0])
     assert [e.name for e in found.effects] == ["current"] and found.verdict == "named"
     (current,) = found.effects

@@ -34,7 +34,7 @@ from tests.support.figures import unrendered
 
 # ``mmg diagnose``: the folder that it writes, what it warns of, and one clear line for bad input
 EFFECT = "current:x=0.03,y=-0.02"
-OPTIONS = ["--step", "1", "--no-learn"]
+OPTIONS = ["--step", "1"]
 
 
 def calibrated() -> Ship:
