@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -18,97 +19,6 @@ from diagnosis.estimation.kalman import Adjoint, DrivenColumns, Filtered, Linear
 from mmg.compile.batch import LOOP_FLAGS, differences
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import c_file, prelude
-
-
-def filtered(s: LinearSystem) -> Filtered:
-    """Covariances and gains of the system ``s``. Raises LinAlgError where a covariance is singular."""
-    library = compiled()
-    return filtered_by(library, s) if library else kalman.filtered(s)
-
-
-def whitened(
-    s: LinearSystem,
-    f: Filtered,
-    columns: DrivenColumns,
-    out: np.ndarray | None = None,
-    with_states: bool = False,
-    rows: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened responses (K + 1, R, 6, c) of ``columns``, written into ``out`` if given, and their predicted states
-    (K + 1, R, n, c), an empty array where these are not wanted.
-
-    s, f: system and its filter run; out: (K + 1, R, 6, c), columns of a larger array or not; with_states: whether the
-    states are wanted; rows: (k,) rising grid times, the only ones of what is returned and of ``out`` (default: all).
-    """
-    if out is None:
-        out = np.empty((len(s.good) if rows is None else len(rows), *s.good.shape[1:], columns.width))
-    library = compiled()
-    if library:
-        return out, whitened_by(library, s, f, columns, out, with_states, rows)
-    forcing, observed = columns.forcing, columns.dense_observed
-    if columns.scale is not None:
-        forcing, observed = forcing * columns.scale[:, None], observed * columns.scale[:, None]
-    every, states = kalman.responses(s, f, forcing, observed, columns.start)
-    out[...] = every if rows is None else every[rows]
-    return out, states if with_states else np.empty(0)
-
-
-def smoothed(
-    s: LinearSystem, f: Filtered, white: np.ndarray, states: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Smoothed states (K + 1, R, n), and the smoother's r (K, R, n) and u (K + 1, R, 6); all as of ``kalman.smoothed``.
-
-    s, f: system and its filter run; white: (K + 1, R, 6), states: (K + 1, R, n) of the residual's column.
-    """
-    library = compiled()
-    return smoothed_by(library, s, f, white, states) if library else kalman.smoothed(s, f, white, states)
-
-
-def smoothed_by(
-    library: ctypes.CDLL, s: LinearSystem, f: Filtered, white: np.ndarray, states: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As ``smoothed``, by the compiled ``library``.
-
-    s, f: system and its filter run; white: (K + 1, R, 6), states: (K + 1, R, n) of the residual's column.
-    """
-    given, made = _real(white), (np.array(states, order="C"), np.zeros(s.T.shape[:3]), np.zeros(s.good.shape))
-    _over_windows(library, "smooth", s, f, *(ctypes.c_void_p(a.ctypes.data) for a in (given, *made)))
-    return made
-
-
-def adjoint(s: LinearSystem, f: Filtered) -> Adjoint:
-    """Derivatives of the filter run ``f`` of the system ``s``, as of ``kalman.adjoint``."""
-    library = compiled()
-    return adjoint_by(library, s, f) if library else kalman.adjoint(s, f)
-
-
-def adjoint_by(library: ctypes.CDLL, s: LinearSystem, f: Filtered) -> Adjoint:
-    """``adjoint`` of the filter run ``f`` of the system ``s`` by the compiled ``library``."""
-    (K, R, n), made = s.T.shape[:3], s.good.shape
-    found = Adjoint(*(np.zeros(shape) for shape in ((K, R, s.S, n), (*made, n), (K, R, n), made)))
-    _over_windows(library, "adjoint", s, f, *(ctypes.c_void_p(a.ctypes.data) for a in vars(found).values()))
-    return found
-
-
-def by_rates(s: LinearSystem, by_T: np.ndarray, h: float, gusts: np.ndarray | None = None) -> np.ndarray:
-    """Derivative (K, R, S, S + 3) of 1/2 log det by the Jacobian of the rates.
-
-    s: the system; by_T: (K, R, S, n) of its adjoint; h: step [s]; gusts: (K, R, 3, 2) as of ``GriddedTrials``.
-    """
-    library = compiled()
-    return rates_by(library, s, by_T, h, gusts) if library else kalman.by_rates(s, by_T, h, gusts)
-
-
-def rates_by(
-    library: ctypes.CDLL, s: LinearSystem, by_T: np.ndarray, h: float, gusts: np.ndarray | None = None
-) -> np.ndarray:
-    """As ``by_rates``, (K, R, S, S + 3), by the compiled ``library``; s, by_T, h, gusts: as there."""
-    given, pushes = _real(by_T), None if gusts is None else _real(gusts)
-    out = np.zeros((*s.inside.shape, s.S, s.S + 3))
-    addresses = [ctypes.c_void_p(None if a is None else a.ctypes.data) for a in (given, pushes, out)]
-    _over_windows(library, "by_rates", s, None, ctypes.c_double(h), *addresses)
-    return out
-
 
 # Arrays of the struct System: of the system, of its filter run, and where numbers are not zero.
 _ARRAYS = (
@@ -153,55 +63,82 @@ def _over_windows(library: ctypes.CDLL, name: str, s: LinearSystem, f: Filtered 
         raise MemoryError(f"no memory for the filter of {s.T.shape[1]} windows")
 
 
-def filtered_by(library: ctypes.CDLL, s: LinearSystem) -> Filtered:
-    """``filtered`` of the system ``s`` by the compiled ``library``."""
-    K, R, n = s.T.shape[:3]
-    f = Filtered(
-        gain=np.empty((K, R, n, 6)),
-        P=np.empty((K + 1, R, n, n)),
-        inverse=np.empty((K + 1, R, 6, 6)),
-        root=np.empty((K + 1, R, 6, 6)),
-        log_det=np.empty(R),
-    )
-    _over_windows(library, "filter", s, f)
-    return f
+class CompiledFilter:
+    """The functions ``filtered``, ``whitened``, ``smoothed``, ``adjoint`` and ``by_rates`` of ``kalman``, with their
+    arguments, by the compiled ``library``."""
 
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self.library = library
 
-def whitened_by(
-    library: ctypes.CDLL,
-    s: LinearSystem,
-    f: Filtered,
-    columns: DrivenColumns,
-    out: np.ndarray,
-    with_states: bool,
-    rows: np.ndarray | None = None,
-) -> np.ndarray:
-    """As ``whitened``, by the compiled ``library``; returns the states (K + 1, R, n, c), or an empty array.
+    def filtered(self, s: LinearSystem) -> Filtered:
+        """As ``kalman.filtered`` of ``s``."""
+        K, R, n = s.T.shape[:3]
+        f = Filtered(
+            gain=np.empty((K, R, n, 6)),
+            P=np.empty((K + 1, R, n, n)),
+            inverse=np.empty((K + 1, R, 6, 6)),
+            root=np.empty((K + 1, R, 6, 6)),
+            log_det=np.empty(R),
+        )
+        _over_windows(self.library, "filter", s, f)
+        return f
 
-    s, f, columns: as of ``whitened``; out: (K + 1 or k, R, 6, c) for the responses; with_states: whether the states are
-    wanted; rows: (k,) rising grid times of which responses are wanted (default: all).
-    """
-    K, R, n = s.T.shape[:3]
-    m, c = columns.forcing.shape[2:]
-    states = np.empty((K + 1, R, n, c)) if with_states else np.empty(0)
-    given = (columns.forcing, columns.scale, columns.observed, columns.start)
-    arrays = [None if a is None else _real(a) for a in given]
-    at = np.ascontiguousarray(columns.observing, dtype=np.int64)
-    made = out if out.strides == _strides(out.shape[:3], out.strides[2] // out.itemsize) else np.empty(out.shape)
-    place = None
-    if rows is not None:
-        place = np.full(K + 1, -1, dtype=np.int64)
-        place[rows] = np.arange(len(rows))  # where a grid time is written to, -1: nowhere
-    request = _DrivenColumns(
-        c, m, len(at), made.strides[2] // made.itemsize,
-        *(None if a is None else a.ctypes.data for a in arrays),
-        at.ctypes.data, made.ctypes.data, states.ctypes.data if with_states else None,
-        None if place is None else place.ctypes.data,
-    )  # fmt: skip
-    _over_windows(library, "responses", s, f, ctypes.byref(request))
-    if made is not out:
-        out[...] = made
-    return states
+    def whitened(
+        self,
+        s: LinearSystem,
+        f: Filtered,
+        columns: DrivenColumns,
+        out: np.ndarray | None = None,
+        with_states: bool = False,
+        rows: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """As ``kalman.whitened`` of ``s``, ``f``, ``columns``, ``out``, ``with_states`` and ``rows``."""
+        K, R, n = s.T.shape[:3]
+        m, c = columns.forcing.shape[2:]
+        if out is None:
+            out = np.empty((K + 1 if rows is None else len(rows), R, 6, c))
+        states = np.empty((K + 1, R, n, c)) if with_states else np.empty(0)
+        given = (columns.forcing, columns.scale, columns.observed, columns.start)
+        arrays = [None if a is None else _real(a) for a in given]
+        at = np.ascontiguousarray(columns.observing, dtype=np.int64)
+        made = out if out.strides == _strides(out.shape[:3], out.strides[2] // out.itemsize) else np.empty(out.shape)
+        place = None
+        if rows is not None:
+            place = np.full(K + 1, -1, dtype=np.int64)
+            place[rows] = np.arange(len(rows))  # where a grid time is written to, -1: nowhere
+        request = _DrivenColumns(
+            c, m, len(at), made.strides[2] // made.itemsize,
+            *(None if a is None else a.ctypes.data for a in arrays),
+            at.ctypes.data, made.ctypes.data, states.ctypes.data if with_states else None,
+            None if place is None else place.ctypes.data,
+        )  # fmt: skip
+        _over_windows(self.library, "responses", s, f, ctypes.byref(request))
+        if made is not out:
+            out[...] = made
+        return out, states
+
+    def smoothed(
+        self, s: LinearSystem, f: Filtered, white: np.ndarray, states: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As ``kalman.smoothed`` of ``s``, ``f``, ``white`` (K + 1, R, 6) and ``states`` (K + 1, R, n)."""
+        given, made = _real(white), (np.array(states, order="C"), np.zeros(s.T.shape[:3]), np.zeros(s.good.shape))
+        _over_windows(self.library, "smooth", s, f, *(ctypes.c_void_p(a.ctypes.data) for a in (given, *made)))
+        return made
+
+    def adjoint(self, s: LinearSystem, f: Filtered) -> Adjoint:
+        """As ``kalman.adjoint`` of ``s`` and ``f``."""
+        (K, R, n), made = s.T.shape[:3], s.good.shape
+        found = Adjoint(*(np.zeros(shape) for shape in ((K, R, s.S, n), (*made, n), (K, R, n), made)))
+        _over_windows(self.library, "adjoint", s, f, *(ctypes.c_void_p(a.ctypes.data) for a in vars(found).values()))
+        return found
+
+    def by_rates(self, s: LinearSystem, by_T: np.ndarray, h: float, gusts: np.ndarray | None = None) -> np.ndarray:
+        """As ``kalman.by_rates`` of ``s``, ``by_T`` (K, R, S, n), ``h`` [s] and ``gusts`` (K, R, 3, 2)."""
+        given, pushes = _real(by_T), None if gusts is None else _real(gusts)
+        out = np.zeros((*s.inside.shape, s.S, s.S + 3))
+        addresses = [ctypes.c_void_p(None if a is None else a.ctypes.data) for a in (given, pushes, out)]
+        _over_windows(self.library, "by_rates", s, None, ctypes.c_double(h), *addresses)
+        return out
 
 
 def _strides(shape: tuple[int, ...], apart: int) -> tuple[int, ...]:
@@ -211,9 +148,10 @@ def _strides(shape: tuple[int, ...], apart: int) -> tuple[int, ...]:
 
 
 @cache
-def compiled() -> ctypes.CDLL | None:
-    """The compiled functions, or None where they do not compile or do not agree with numpy."""
-    return load_library(source(), LOOP_FLAGS, _faults, "the Kalman filter")[0]
+def fastest() -> Any:
+    """A ``CompiledFilter``, or the module ``kalman`` where it does not compile or does not agree with numpy."""
+    library = load_library(source(), LOOP_FLAGS, _faults, "the Kalman filter")[0]
+    return CompiledFilter(library) if library else kalman
 
 
 def _faults(library: ctypes.CDLL) -> str:
@@ -232,16 +170,15 @@ def _faults(library: ctypes.CDLL) -> str:
     s = LinearSystem(T, Z, Q, white, np.repeat(np.eye(n)[None], R, axis=0), good, inside, S)
     observed, start = rng.standard_normal((K + 1, R, 6, 2)), rng.standard_normal((R, n, c))
     columns = DrivenColumns(rng.standard_normal((K, R, S, c)), observed, np.array([1, 17]), None, start)
-    f, own = kalman.filtered(s), filtered_by(library, s)
-    expected = kalman.responses(s, f, columns.forcing, columns.dense_observed, start)
-    out = np.empty(expected[0].shape)
-    states = whitened_by(library, s, own, columns, out, True)
-    found, known = [*vars(own).values(), out, states], [*vars(f).values(), *expected]
-    back, gusts = kalman.adjoint(s, f), rng.standard_normal((K, R, 3, 2))
-    found += [*vars(adjoint_by(library, s, f)).values(), rates_by(library, s, back.by_T, 0.5, gusts)]
-    known += [*vars(back).values(), kalman.by_rates(s, back.by_T, 0.5, gusts)]
-    found += smoothed_by(library, s, f, out[..., 0], states[..., 0])
-    known += kalman.smoothed(s, f, out[..., 0], states[..., 0])
+    gusts, own, made = rng.standard_normal((K, R, 3, 2)), CompiledFilter(library), list[np.ndarray]()
+    f = kalman.filtered(s)
+    white, states = kalman.whitened(s, f, columns, with_states=True)
+    back = kalman.adjoint(s, f)
+    for way in (kalman, own):
+        made += [*vars(way.filtered(s)).values(), *way.whitened(s, f, columns, with_states=True)]
+        made += [*vars(way.adjoint(s, f)).values(), way.by_rates(s, back.by_T, 0.5, gusts)]
+        made += way.smoothed(s, f, white[..., 0], states[..., 0])
+    known, found = made[: len(made) // 2], made[len(made) // 2 :]
     wrong = differences(found, known, 1e-9)
     return f"the filter differs from that in numpy {wrong}" if wrong else ""
 

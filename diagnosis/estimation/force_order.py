@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from cases.evidence.tails import f_tail
-from diagnosis.estimation.filtering import filtered, whitened
+from diagnosis.estimation.filtering import fastest
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import DrivenColumns, Filtered, LinearSystem, NoiseModel, observations
 from diagnosis.estimation.linearisation import linearise_and_filter
@@ -105,12 +105,12 @@ def turning_scores(
     system, run, noise, h: as of ``order_of``; parts: yields whitened residuals (K + 1, R, 6, some), c in all.
     """
     others = [with_turning(system, noise, h, way * STEP * pair) for pair in np.eye(3) for way in (1, -1)]
-    again = [filtered(other) for other in others]
+    again = [fastest().filtered(other) for other in others]
     (K, R), values = system.T.shape[:2], []
     for white in parts():
         logged = observations(system, run, np.where(system.good[..., None], white, 0.0))
         column = DrivenColumns.dense(np.zeros((K, R, 0, white.shape[3])), -logged)
-        own = (whitened(other, one, column)[0] for other, one in zip(others, again, strict=True))
+        own = (fastest().whitened(other, one, column)[0] for other, one in zip(others, again, strict=True))
         values.append([0.5 * (found**2).sum(axis=(0, 1, 2)) for found in own])
     ends = np.concatenate(values, axis=1) + 0.5 * np.array([[one.log_det.sum()] for one in again])
     return np.asarray((ends[::2] - ends[1::2]) / (2 * STEP))

@@ -239,15 +239,24 @@ def filtered(s: LinearSystem) -> Filtered:
     return Filtered(gain, P, inverse, root, log_det)
 
 
-def responses(
-    s: LinearSystem, f: Filtered, forcing: np.ndarray, observed: np.ndarray, start: np.ndarray | None = None
+def whitened(
+    s: LinearSystem,
+    f: Filtered,
+    columns: DrivenColumns,
+    out: np.ndarray | None = None,
+    with_states: bool = False,
+    rows: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened responses (K + 1, R, 6, c) of c columns, and their predicted states (K + 1, R, n, c).
+    """Whitened responses (K + 1, R, 6, c) of ``columns``, written into ``out`` if given, and their predicted states
+    (K + 1, R, n, c), an empty array where these are not wanted.
 
-    s, f: system and its filter run; forcing: (K, R, m, c) what a column adds over a step to the first m states;
-    observed: (K + 1, R, 6, c) what it adds to the logged columns; start: (R, n, c) its first state (default: 0). The
-    residual is the column (end of a step less path, model less log).
+    s, f: system and its filter run; out: (K + 1, R, 6, c), columns of a larger array or not; with_states: whether the
+    states are wanted; rows: (k,) rising grid times, the only ones of what is returned and of ``out`` (default: all).
+    The residual is the column (end of a step less path, model less log).
     """
+    forcing, observed, start = columns.forcing, columns.dense_observed, columns.start
+    if columns.scale is not None:
+        forcing, observed = forcing * columns.scale[:, None], observed * columns.scale[:, None]
     K, R, m, c = forcing.shape
     n = s.T.shape[2]
     states, white = np.zeros((K + 1, R, n, c)), np.empty((K + 1, R, 6, c))
@@ -261,7 +270,10 @@ def responses(
         if k < K:
             states[k + 1] = s.T[k] @ states[k] - f.gain[k] @ W
             states[k + 1, :, :m] += forcing[k]
-    return white, states
+    white = white if rows is None else white[rows]
+    if out is not None:
+        out[...] = white
+    return white if out is None else out, states if with_states else np.empty(0)
 
 
 def smoothed(
@@ -269,7 +281,7 @@ def smoothed(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Smoothed states (K + 1, R, n), and the smoother's r (K, R, n) and u (K + 1, R, 6), from the residual's column.
 
-    s, f: system and its filter run; white: (K + 1, R, 6), states: (K + 1, R, n) of that column by ``responses``.
+    s, f: system and its filter run; white: (K + 1, R, 6), states: (K + 1, R, n) of that column by ``whitened``.
     """
     K, R, n = s.T.shape[:3]
     us = -(f.root.swapaxes(2, 3) @ white[..., None])  # F^-1 v; the minus as the column is -v

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from diagnosis.estimation.acting_inputs import acting, linearised, logdet_gradient
-from diagnosis.estimation.filtering import adjoint, by_rates, filtered, smoothed, whitened
+from diagnosis.estimation.filtering import fastest
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import (
     Adjoint,
@@ -124,20 +124,20 @@ class Linearisation:
         white, end = np.empty((*last.shape, sum(part.width for part in self.parts) + 1)), 0
         for block in (block for part in self.parts for block in part.blocks()):
             begin, end = end, end + block.width
-            whitened(self.system, self.filter, block, white[..., begin:end], rows=self.rows)
+            fastest().whitened(self.system, self.filter, block, white[..., begin:end], rows=self.rows)
         white[..., -1] = last  # the residual stands last, so that products with it are the last row
         return white
 
     @cached_property
     def adjoint(self) -> Adjoint:
         """Derivatives of 1/2 log det."""
-        return adjoint(self.system, self.filter)
+        return fastest().adjoint(self.system, self.filter)
 
     @cached_property
     def by_rates(self) -> np.ndarray:
         """Derivative (K, R, A, A + 3) of 1/2 log det by the Jacobian of the rates by states and latent force in the
         middle of each step [1/s]."""
-        return by_rates(self.system, self.adjoint.by_T, self.data.h, self.data.gusts)
+        return fastest().by_rates(self.system, self.adjoint.by_T, self.data.h, self.data.gusts)
 
     @cached_property
     def logdet_gradient(self) -> np.ndarray:
@@ -165,8 +165,8 @@ class Linearisation:
             pushed[:, :, : self.linear.G.shape[2], 0] += (self.linear.G @ move[:, :, None])[..., 0]
             seen[..., 0] += np.einsum("krld,rd->krl", self.linear.observed, move[:, self.linear.observing])
             column = DrivenColumns.dense(pushed, seen, self.residual.start)  # the residual at the moved parameters
-            white, states = (x[..., 0] for x in whitened(self.system, self.filter, column, with_states=True))
-        return smoothed(self.system, self.filter, white, states)
+            white, states = (x[..., 0] for x in fastest().whitened(self.system, self.filter, column, with_states=True))
+        return fastest().smoothed(self.system, self.filter, white, states)
 
 
 def initial_trajectory(steps: TransitionModel, data: GriddedTrials, theta: np.ndarray) -> Trajectory:
@@ -245,12 +245,12 @@ def linearise_and_filter(
         linear = linearised(steps, data, theta, path.z, path.push[:-1], column_positions(steps, free), active)
     start = initial_covariance(steps, data, path.z[0], theta, active)
     system = linear_system(linear, noise, start, data.good, data.inside, data.h, data.gusts)
-    filter_run = filtered(system)
+    filter_run = fastest().filtered(system)
     size = free.std * active_in_window(free.columns, data)  # (R, P)
     parts: list[DrivenColumns | ProductColumns] = [DrivenColumns(linear.G, linear.observed, linear.observing, size)]
     parts += extra(linear) if extra is not None else []
     residual = _residual(steps, data, at, linear, active)
-    left, states = (x[..., 0] for x in whitened(system, filter_run, residual, with_states=True))
+    left, states = (x[..., 0] for x in fastest().whitened(system, filter_run, residual, with_states=True))
     rows = np.flatnonzero(data.good.any(axis=(1, 2))) if is_brief else None
     # prediction error decomposition, and the priors
     nll = 0.5 * float(filter_run.log_det.sum() + (left**2).sum() + at.p @ at.p) + noise.neg_log_prior

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from diagnosis.estimation.filtering import whitened
+from diagnosis.estimation.filtering import fastest
 from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.kalman import PRIOR_SAMPLES, DrivenColumns, NoiseModel
 from diagnosis.estimation.linearisation import Linearisation
@@ -173,5 +173,5 @@ def slope_and_information(here: Linearisation, r: np.ndarray, u: np.ndarray) -> 
     forcing[:, :, A + at, at] = system.Q[A:] * r[..., A:]
     observed[:, :, each, each] = system.R * u
     columns = DrivenColumns(forcing, observed, random + each)
-    white = whitened(system, here.filter, columns, rows=here.rows)[0].reshape(-1, random + 6)
+    white = fastest().whitened(system, here.filter, columns, rows=here.rows)[0].reshape(-1, random + 6)
     return slope, 0.5 * white.T @ white

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import ctypes
 import logging
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from diagnosis.estimation import filtering, kalman
-from diagnosis.estimation.filtering import adjoint_by, filtered_by, rates_by, smoothed_by, source, whitened_by
+from diagnosis.estimation.filtering import CompiledFilter, source
 from diagnosis.estimation.force_order import PAIRS, force_order, order_by_law, order_of, turning_scores, with_turning
 from diagnosis.estimation.kalman import (
     DrivenColumns,
@@ -24,8 +22,8 @@ from diagnosis.estimation.kalman import (
     adjoint,
     filtered,
     linear_system,
-    responses,
     smoothed,
+    whitened,
 )
 from diagnosis.estimation.transition_model import LinearModel
 from diagnosis.judgement.verdict import not_random
@@ -94,7 +92,7 @@ def test_whitened_sum_of_squares_and_log_det_are_those_of_the_dense_covariance()
     s = system()
     forcing, observed, start = column()
     f = filtered(s)
-    white, _ = responses(s, f, forcing, observed, start)
+    white, _ = whitened(s, f, DrivenColumns.dense(forcing, observed, start))
     for w in range(R):
         P, Z, noise = dense(s, w)
         sigma = Z @ P @ Z.T + np.diag(noise)
@@ -109,7 +107,7 @@ def test_smoothed_states_are_the_conditional_means() -> None:
     s = system()
     f = filtered(s)
     forcing, observed, start = column()
-    white, states = responses(s, f, forcing, observed, start)
+    white, states = whitened(s, f, DrivenColumns.dense(forcing, observed, start), with_states=True)
     mean, r, u = smoothed(s, f, white[..., 0], states[..., 0])
     n = s.T.shape[2]
     for w in range(R):
@@ -167,19 +165,19 @@ def test_diagonals_are_the_slopes_by_the_variances() -> None:
 
 
 @pytest.fixture(scope="module")
-def code() -> ctypes.CDLL:
+def code() -> CompiledFilter:
     library, why = load_library(source(), LOOP_FLAGS)
     if library is None:
         pytest.skip(why)
-    return library
+    return CompiledFilter(library)
 
 
 @pytest.fixture
 def forgotten() -> Iterator[None]:
     """The choice between code and numpy is made again, before and after."""
-    filtering.compiled.cache_clear()
+    filtering.fastest.cache_clear()
     yield
-    filtering.compiled.cache_clear()
+    filtering.fastest.cache_clear()
 
 
 def close(found: np.ndarray, expected: np.ndarray) -> None:
@@ -188,25 +186,26 @@ def close(found: np.ndarray, expected: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("n", [1, 7, 8, 9, 22])
-def test_the_filter_is_that_of_numpy(code: ctypes.CDLL, n: int) -> None:
+def test_the_filter_is_that_of_numpy(code: CompiledFilter, n: int) -> None:
     s = system(n)
-    f, own = kalman.filtered(s), filtered_by(code, s)
+    f, own = kalman.filtered(s), code.filtered(s)
     for name in ("gain", "P", "inverse", "root", "log_det"):
         close(getattr(own, name), getattr(f, name))
     back = adjoint(s, f)
     for name, expected in vars(back).items():
-        close(getattr(adjoint_by(code, s, f), name), expected)
+        close(getattr(code.adjoint(s, f), name), expected)
     if n > 5:  # three states of the force, two of gusts
         s = replace(s, S=n - 5)
         pushes = back.by_T[:, :, : s.S], 0.5, np.ones((K, R, 3, 2))
-        close(rates_by(code, s, *pushes), kalman.by_rates(s, *pushes))
-    white, states = (a[..., 0] for a in responses(s, f, np.ones((K, R, n, 1)), np.ones((K + 1, R, 6, 1))))
-    for one, expected in zip(smoothed_by(code, s, f, white, states), smoothed(s, f, white, states), strict=True):
+        close(code.by_rates(s, *pushes), kalman.by_rates(s, *pushes))
+    ones = DrivenColumns.dense(np.ones((K, R, n, 1)), np.ones((K + 1, R, 6, 1)))
+    white, states = (a[..., 0] for a in whitened(s, f, ones, with_states=True))
+    for one, expected in zip(code.smoothed(s, f, white, states), smoothed(s, f, white, states), strict=True):
         close(one, expected)
 
 
 @pytest.mark.parametrize("c", [1, 8, 13, 128, 131])
-def test_responses_are_those_of_numpy_in_any_number_of_columns(code: ctypes.CDLL, c: int) -> None:
+def test_responses_are_those_of_numpy_in_any_number_of_columns(code: CompiledFilter, c: int) -> None:
     s, rng = system(9), np.random.default_rng(2)
     f, d = kalman.filtered(s), min(c, 3)
     columns = DrivenColumns(
@@ -216,29 +215,27 @@ def test_responses_are_those_of_numpy_in_any_number_of_columns(code: ctypes.CDLL
         scale=rng.random((R, c)),
         start=rng.standard_normal((R, 9, c)),
     )
-    assert columns.scale is not None
-    scaled = columns.forcing * columns.scale[:, None], columns.dense_observed * columns.scale[:, None]
-    white, states = kalman.responses(s, f, *scaled, columns.start)
+    white, states = kalman.whitened(s, f, columns, with_states=True)
     wide = np.full((K + 1, R, 6, c + 5), np.nan)
-    own = whitened_by(code, s, f, columns, wide[..., 2 : c + 2], True)
+    own = code.whitened(s, f, columns, wide[..., 2 : c + 2], True)[1]
     close(wide[..., 2 : c + 2], white)
     close(own, states)
     assert np.isnan(wide[..., :2]).all() and np.isnan(wide[..., c + 2 :]).all(), "it wrote beside its columns"
 
 
-def test_observations_have_the_residuals_they_were_made_of(code: ctypes.CDLL) -> None:
+def test_observations_have_the_residuals_they_were_made_of(code: CompiledFilter) -> None:
     s, rng = system(9), np.random.default_rng(3)
-    f = filtered_by(code, s)
+    f = code.filtered(s)
     white = np.where(s.good[..., None], rng.standard_normal((K + 1, R, 6, 10)), 0.0)
     logged = kalman.observations(s, f, white)
     again = np.empty_like(white)
-    whitened_by(code, s, f, DrivenColumns.dense(np.zeros((K, R, 0, 10)), -logged), again, False)
+    code.whitened(s, f, DrivenColumns.dense(np.zeros((K, R, 0, 10)), -logged), again, False)
     np.testing.assert_allclose(-again, white, atol=1e-10)
 
 
-def test_a_singular_covariance_is_one_error_in_both(code: ctypes.CDLL) -> None:
+def test_a_singular_covariance_is_one_error_in_both(code: CompiledFilter) -> None:
     broken = replace(system(7), R=np.array([1.0, 1.0, 1.0, -1e6, 1.0, 1.0]))
-    for by in (kalman.filtered, partial(filtered_by, code)):
+    for by in (kalman.filtered, code.filtered):
         with pytest.raises(np.linalg.LinAlgError):
             by(broken)
 
@@ -247,7 +244,7 @@ def test_a_singular_covariance_is_one_error_in_both(code: ctypes.CDLL) -> None:
 @pytest.mark.usefixtures("forgotten")
 @pytest.mark.parametrize("right, wrong", [("+= root[6 * l + a]", "-= root[6 * l + a]"), ("+= scale[j]", "-= scale[j]")])
 def test_wrong_code_is_not_used_and_one_line_says_so(
-    code: ctypes.CDLL,
+    code: CompiledFilter,
     right: str,
     wrong: str,
     monkeypatch: pytest.MonkeyPatch,
@@ -260,8 +257,8 @@ def test_wrong_code_is_not_used_and_one_line_says_so(
     monkeypatch.setattr(filtering, "source", lambda: text.replace(right, wrong))
     s = system(9)
     with caplog.at_level(logging.WARNING):
-        found = filtering.filtered(s)
-        filtering.filtered(s)
+        found = filtering.fastest().filtered(s)
+        filtering.fastest().filtered(s)
     assert len([r for r in caplog.records if r.levelno == logging.WARNING]) == 1
     assert np.array_equal(found.P, kalman.filtered(s).P) and not list(tmp_path.glob("*.so"))
 
@@ -270,11 +267,11 @@ def test_wrong_code_is_not_used_and_one_line_says_so(
 def test_without_a_compiler_numpy_does_it_all(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MMG_CC", "none")
     s, rng = system(9), np.random.default_rng(4)
-    f = filtering.filtered(s)
+    f = filtering.fastest().filtered(s)
     assert np.array_equal(f.P, kalman.filtered(s).P)
     columns = DrivenColumns.dense(rng.standard_normal((K, R, 4, 2)), rng.standard_normal((K + 1, R, 6, 2)))
-    white, none = filtering.whitened(s, f, columns)
-    whole, states = filtering.whitened(s, f, columns, np.empty((K + 1, R, 6, 2)), with_states=True)
+    white, none = filtering.fastest().whitened(s, f, columns)
+    whole, states = filtering.fastest().whitened(s, f, columns, np.empty((K + 1, R, 6, 2)), with_states=True)
     assert not none.size and np.array_equal(white, whole) and states.shape == (K + 1, R, 9, 2)
 
 
@@ -335,7 +332,7 @@ def residuals_of(truth: LinearSystem, fitted: LinearSystem, draws: int, seed: in
         if k < COUNT:
             pushed = np.sqrt(truth.Q)[:, None] * rng.standard_normal((WINDOWS, n, draws))
             state = truth.T[k] @ state + np.where(truth.inside[k][:, None, None], pushed, 0.0)
-    return responses(fitted, filtered(fitted), np.zeros((COUNT, WINDOWS, 0, draws)), -logged)[0]
+    return whitened(fitted, filtered(fitted), DrivenColumns.dense(np.zeros((COUNT, WINDOWS, 0, draws)), -logged))[0]
 
 
 def scores_of(white: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from diagnosis.estimation import map_estimate, noise_sizes
 from diagnosis.estimation.candidates import Column, ship_with_all_effects
-from diagnosis.estimation.filtering import filtered, whitened
+from diagnosis.estimation.filtering import fastest
 from diagnosis.estimation.first_fit import fit_without_effects
 from diagnosis.estimation.gridded_trials import GriddedTrials, grid_trials
 from diagnosis.estimation.gusts import with_gusts
@@ -292,8 +292,8 @@ def nll(here: Linearisation, logs: np.ndarray) -> float:
     Q = here.system.Q.copy()
     Q[A:] *= np.exp(logs[:driven])
     system = replace(here.system, Q=Q, R=here.system.R * np.exp(logs[driven:]))
-    run = filtered(system)
-    return 0.5 * float(run.log_det.sum() + (whitened(system, run, here.residual)[0] ** 2).sum())
+    run = fastest().filtered(system)
+    return 0.5 * float(run.log_det.sum() + (fastest().whitened(system, run, here.residual)[0] ** 2).sum())
 
 
 @pytest.mark.slow
