@@ -21,7 +21,6 @@ from diagnosis.estimation.gridded_trials import GriddedTrials
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.findings import Findings
 from diagnosis.groups.between import table_rows
-from diagnosis.location.where import CHANNELS
 from diagnosis.report import words
 from diagnosis.report.words import TURN_BACK, shown_unit
 from diagnosis.validation.gap import FLOOR, REFITTED, Gap
@@ -276,7 +275,6 @@ def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]],
     """The page on ``d``; listed: rows of the figures that lie in ``folder``; gap: as of ``write_report``."""
     names = [*(e.name for e in d.effects), *(f.name for f in d.instruments)]
     rows, order = words.ranking(d), [words.plain(name) for name in names]
-    channels = [{"name": name, **row} for name, row in d.where.get("channels", {}).items()]
     return rendered(
         "diagnosis",
         "diagnosis.report",
@@ -292,9 +290,6 @@ def build_report(d: Findings, folder: Path, listed: Sequence[Mapping[str, str]],
         between_warnings=[*map(words.sentence, d.between.warnings)] if d.between else [],
         held=held_rows(d),
         rows=sorted(rows, key=lambda row: order.index(row["name"]) if row["name"] in order else len(order)),
-        channels=channels,
-        later=any("force_rms_after" in row for row in channels),
-        details=_details(d.where),
     )
 
 
@@ -326,37 +321,6 @@ def figures_moved(d: Findings) -> list[str]:
             space = "" if unit == "°" else " "
             lines.append(f"{meaning} {before:.3g} → {after:.3g}{space}{unit}")
     return lines
-
-
-def _details(where: Mapping[str, Any]) -> list[tuple[str, str, list[dict[str, Any]], str, str]]:
-    """Tables of where the gap lies: title, what a row is of, rows, what the last column says, what the second number of
-    a channel is."""
-    bands = [row | {"band": words.band_words(row)} for row in where.get("bands", [])]
-    bands += (
-        [row | {"band": "all", "channel": name} for name, row in where.get("channels", {}).items()] if bands else []
-    )
-    phases = [row | {"more": words.percent(row["share_of_time"])} for row in where.get("phases", [])]
-    earth = {
-        row["run"]: f"{words.force(row['force'], row['unit'])} to {round(math.degrees(row['towards'])) % 360:03d}°"
-        for row in where.get("earth", [])
-    }
-    runs = [row | {"more": earth.get(row["run"], "")} for row in where.get("runs", [])]
-    return [
-        ("By frequency", "missing force with", _by_channel(bands, "band"), "", "energy"),
-        ("By phase of the manoeuvre", "phase", _by_channel(phases, "phase"), "of the time", "mean"),
-        ("By training trial", "trial", _by_channel(runs, "run"), "mean in the earth frame", "mean"),
-    ]
-
-
-def _by_channel(rows: Sequence[Mapping[str, Any]], key: str) -> list[dict[str, Any]]:
-    """Rows by channel joined to one per phase or run, in the order in which they come."""
-    cells: dict[str, dict[str, Any]] = {}
-    for row in rows:
-        cells.setdefault(row[key], {})[row["channel"]] = row
-    return [
-        {"name": name, "more": own[CHANNELS[0]].get("more", ""), "cells": [own[c] for c in CHANNELS]}
-        for name, own in cells.items()
-    ]
 
 
 def held_rows(d: Findings) -> list[dict[str, Any]]:

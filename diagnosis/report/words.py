@@ -22,8 +22,6 @@ from diagnosis.findings import (
     RankedCandidate,
     UnexplainedForce,
 )
-from diagnosis.hypotheses.dictionary import AFTER_RUDDER
-from diagnosis.hypotheses.events import AT_TIMES
 from diagnosis.hypotheses.forward_selection import ODDS
 from fitting.report.sections import plus_minus
 from mmg.effects import EFFECTS
@@ -65,14 +63,6 @@ def percent(share: float | None) -> str:
 def places(share: float) -> int:
     """Decimals with which a ``share`` is written in percent: what is nearly all is not all."""
     return next((k for k in range(4) if round(100 * abs(share), k) != 100), 0)
-
-
-def band_words(band: Mapping[str, Any]) -> str:
-    """A row ``band`` of where["bands"] by its periods."""
-    if band["words"]:
-        return "constant through a run"
-    slow, fast = (1 / band[key] if band[key] > 0 else math.inf for key in ("from_hz", "to_hz"))
-    return f"periods of {fast:.2g} to {slow:.3g} s"
 
 
 def first_channel(d: Findings) -> str:
@@ -179,26 +169,6 @@ def unexplained_hint(m: UnexplainedForce | None) -> str:
     return f" It acts mostly in {name}{follows}." if first.force_rms > 0 else ""
 
 
-def kind_words(kind: str) -> str:
-    """A kind of function of the dictionary without names, in words."""
-    if kind.endswith(AT_TIMES):
-        return f"{kind_words(kind.removesuffix(AT_TIMES))} for some seconds, now and then"
-    if kind == AFTER_RUDDER:
-        return f"a {kind}, as roll does"
-    if kind.startswith("force that swings"):
-        return f"a {kind} of the ship on her way, as of vortices"
-    if kind.startswith("stream that turns"):
-        return f"a {kind}"
-    what, _, name = kind.partition(" of ")
-    name = PLAIN.get(name, name)
-    if what == "sensor":
-        return f"an error of the logged {name}"
-    if what in ("action", "delay"):
-        does = "do" if name.endswith("s") else "does"
-        return f"a {'change in' if what == 'action' else 'delay of'} what the {name} {does}"
-    return f"a {kind}"
-
-
 def likeness(log_bayes: Mapping[str, float]) -> str:
     """The unnamed form that what is missing acts most like, as a sentence; "" where none explains anything by itself.
 
@@ -206,7 +176,7 @@ def likeness(log_bayes: Mapping[str, float]) -> str:
     """
     kinds = {kind: value for kind, value in log_bayes.items() if kind not in ("all", "single")}
     best = max(kinds, key=kinds.__getitem__, default="")
-    return f" Among the unnamed forms it acts most like {kind_words(best)}." if best and kinds[best] > 0 else ""
+    return f" Among the unnamed forms it acts most like: {best}." if best and kinds[best] > 0 else ""
 
 
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -330,26 +300,9 @@ def note_on(c: RankedCandidate, role: str, d: Findings) -> str:
 
 def next_words(d: Findings) -> str:
     """What to test next after ``d``, also where the diagnosis says nothing of it."""
-    if d.next_test:
-        return readable(d.next_test)
-    if d.verdict == "named" and d.equivalence_class:
-        others = " or ".join(plain(name) for name in d.equivalence_class)
-        return f"No manoeuvre was found that would tell {plain(d.effects[0].name)} from {others}."
-    if d.verdict == "named":
-        return "No trial is needed to separate the name from others: none of the candidates comes near it."
-    if d.verdict == "none":
-        quiet = ", ".join(plain(c.name) for c in d.candidates if not c.excited)
-        return "Nothing is left to separate" + (
-            f". These trials do not excite {quiet}: other manoeuvres could." if quiet else ": they excite all effects."
-        )
     rest = d.unexplained_force
-    words = f"{readable(rest.advice)} " if rest is not None and rest.advice else ""
-    words += (
-        f"Repeat {rest.times[0].trial}, where most is missing"
-        if rest is not None and rest.times
-        else "Repeat the trials"
-    )
-    return words + "; if the same is missing again it belongs to the ship, otherwise to the place or the day."
+    advice = d.next_test or (rest.advice if rest is not None else "")
+    return readable(advice) or "No manoeuvre of the library would tell more than these trials."
 
 
 def held_words(h: HeldOut | None, verdict: str) -> str:
@@ -369,15 +322,6 @@ def held_words(h: HeldOut | None, verdict: str) -> str:
     if low <= 0 <= h.reduction:
         words += " The interval contains zero: the effect is significant, but hardly changes the predictions."
     return words
-
-
-def unnamed_words(d: Findings) -> str:
-    """What the tests of unnamed forms in ``d`` found."""
-    if "all" not in d.unnamed:
-        return ""
-    context = "beside what was named" if d.verdict == "named" else "without any effect"
-    words = "Unnamed forms (functions of state, inputs, wind, place) have a log Bayes factor of "
-    return f"{words}{signed(d.unnamed['all'], '.1f')} {context}."
 
 
 def amount(effect: NamedEffect | InstrumentFault) -> str:
