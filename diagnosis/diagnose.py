@@ -23,7 +23,7 @@ from cases.trial_set import TrialSet
 from diagnosis import summary
 from diagnosis.estimation.candidates import FITTED_ALONG, find
 from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
-from diagnosis.findings import Between, DiagnosisInputs, HeldOut, InstrumentFault, RandomSizes, UnexplainedForce
+from diagnosis.findings import Between, DiagnosisInputs, InstrumentFault, RandomSizes, UnexplainedForce
 from diagnosis.groups.between import compare_groups
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.next_test import next_test, telling_test
@@ -37,7 +37,7 @@ from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import likeness, sentence_of
 from diagnosis.result import Diagnosis
-from diagnosis.validation.held_out import compare, prediction_errors
+from diagnosis.validation.held_out import compare
 from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions
 from fitting.solvers.control import Control, OutOfTimeError
@@ -114,7 +114,7 @@ def _diagnosed(
     same = summary.equivalence_class(selection) if is_found else ()
     timings["screen, refits, test trials"] = time.perf_counter() - began - timings["fit"]
     LOGGER.info("tested and refitted: " + (", ".join(c.label for c in selection.effects) or "no effect stands out"))
-    held_out = _held_out(p, selection.null, final, options.seed)
+    held_out = None if p.tests is None else compare(p.steps, p.tests, selection.null, final, options.seed)
     instruments = summary.instrument_faults(ready.full, final)
     ship = summary.without_exact_gyro(faulty.ship, given, instruments)
     ship_before = summary.fitted_ship(ship, ready.full, selection.null, ())
@@ -183,14 +183,6 @@ def _with_currents(diagnosis: Diagnosis, currents: OwnCurrents) -> Diagnosis:
         effects=(summary.turning_current(currents), *d.effects),
         warnings=(*d.warnings, Message(words, "own_currents")),
     )
-
-
-def _held_out(p: SearchProblem, before: Estimate, after: Estimate, seed: int) -> HeldOut | None:
-    """How well two fits predict the problem's tests, None without any."""
-    if p.tests is None:
-        return None
-    without, with_it = (prediction_errors(p.steps, p.tests, fit) for fit in (before, after))
-    return compare(p.tests, without, with_it, seed)
 
 
 def _unless_impossible(work: Callable[[], Value], name: str, otherwise: Value, reasons: list[Message]) -> Value:

@@ -47,7 +47,6 @@ REMEMBERED = (
     "diagnosis.judgement.budget:budget_of",
     "diagnosis.validation.held_out:compare",
     "diagnosis.validation.held_out:filtered_along",
-    "diagnosis.validation.held_out:prediction_errors",
 )
 """Functions whose results are remembered: what takes time, and what a decision takes from it."""
 TOLD_ONLY = {

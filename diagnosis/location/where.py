@@ -5,9 +5,8 @@ rms is below that of the force itself where the sensors are noisy. Surge, sway a
 Y^2/(m + m_y), N^2/(I_z + J_z), proportional to the kinetic energy that each gives to the free ship in the same time.
 "relative" is the rms divided by that of the net force of the channel (mass times acceleration in the body frame).
 
-A region is a bin of a variable, compared with all samples outside of it: z is the log ratio of the mean squares in and
-out by its standard error, mean_z the difference of the means by its own. Standard errors are those of as many
-independent samples as the region lasts correlation times tau, of means half of them.
+A region is a bin of a variable: ratio is its rms over that of all samples, z the difference of the means by the
+standard error of its own, which is that of half as many samples as the region lasts correlation times tau.
 """
 
 from __future__ import annotations
@@ -147,7 +146,7 @@ def _change(z: np.ndarray, reach: int, steps: np.ndarray) -> np.ndarray:
 
 
 CHANNELS, UNITS = ("surge", "sway", "yaw"), ("N", "N", "N m")
-MOST, EACH = 30, 3  # Most regions listed: of all, and of one variable and channel. Set by hand: display.
+MOST = 30  # Regions listed at most. Set by hand: display.
 ENOUGH = 5.0  # Correlation times tau of the latent force that a region must last to be listed. Set by hand.
 
 
@@ -180,13 +179,13 @@ def means(force: np.ndarray, member: np.ndarray) -> np.ndarray:
 
 def by_variable(variables: Sequence[Variable], s: Samples) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """The force averaged in bins: rows by variable and channel (for the figure), the best explained first, and of the
-    bins the regions, those with clearly more force than all other samples, the clearest first, at most MOST.
+    bins the regions, those with clearly more force than all samples, the clearest first, at most MOST.
 
     variables; s: samples. "explained": share of the mean square due to the mean by bin, less that expected by chance.
     """
     rows: list[dict[str, Any]] = []
-    regions: list[tuple[float, dict[str, Any]]] = []
-    square, average, total = (s.force**2).mean(axis=0), s.force.mean(axis=0), len(s.force) * s.h / s.tau
+    regions: list[dict[str, Any]] = []
+    square, average = (s.force**2).mean(axis=0), s.force.mean(axis=0)
     for one in variables:
         member = (one.values >= one.edges[:-1, None]) & (one.values < one.edges[1:, None])
         used = np.flatnonzero(member.sum(axis=1) * s.h / s.tau >= 1.0)
@@ -199,16 +198,8 @@ def by_variable(variables: Sequence[Variable], s: Samples) -> tuple[list[dict[st
         later = means(s.after, member) if s.after is not None else None
         spread = np.sqrt(np.maximum(rms**2 - mean**2, 0.0) / np.maximum(lasts / 2, 1.0)[:, None])
         chance = 2 * s.tau * len(count) / (len(s.force) * s.h)  # each bin's mean takes one of the independent samples
-        outside = np.maximum(len(s.force) - count, 1)[:, None]
-        rest = (len(s.force) * average - count[:, None] * mean) / outside
-        rest_square = np.maximum((len(s.force) * square - count[:, None] * rms**2) / outside, 1e-12 * square + 1e-300)
-        # of a log mean square of n samples: 2 / n
-        variance = 2 * (1 / lasts + 1 / np.maximum(total - lasts, 0.5))[:, None]
-        z = np.log(np.maximum(rms**2 / rest_square, 1e-12)) / np.sqrt(variance)
-        mean_z = (mean - rest) / np.sqrt(variance * np.maximum(square, 1e-300))
         ratio = np.where(square > 0, rms / np.sqrt(np.maximum(square, 1e-300)), 1.0)
-        telling = np.where(ratio > 1.0, np.maximum(z, np.abs(mean_z)) * ratio, 0.0)
-        telling[np.minimum(lasts, total - lasts) < ENOUGH] = 0.0
+        z = (mean - average) / np.maximum(spread, 1e-12 * np.sqrt(square) + 1e-300)
         for c, channel in enumerate(CHANNELS):
             named = {"variable": one.name, "unit": one.unit, "channel": channel, "force_unit": UNITS[c]}
             share = float((count * mean[:, c] ** 2).sum() / len(s.force) / square[c]) if square[c] > 0 else 0.0
@@ -217,14 +208,12 @@ def by_variable(variables: Sequence[Variable], s: Samples) -> tuple[list[dict[st
             if later is not None:
                 row["mean_after"] = later[:, c].tolist()
             rows.append(named | row)
-            for i in np.argsort(-telling[:, c], kind="stable")[:EACH]:
+            for i in np.flatnonzero((lasts >= ENOUGH) & (ratio[:, c] > 1.0)):
                 region = {"low": float(one.edges[used[i]]), "high": float(one.edges[used[i] + 1])}
-                region |= {"ratio": float(ratio[i, c]), "z": float(z[i, c]), "mean_z": float(mean_z[i, c])}
-                region |= {"count": int(count[i]), "effective": float(lasts[i])}
-                regions.append((float(telling[i, c]), named | region | s.summary(member[i], c)))
+                region |= {"ratio": float(ratio[i, c]), "z": float(z[i, c])}
+                regions.append(named | region | s.summary(member[i], c))
     rows.sort(key=lambda row: -row["explained"])
-    regions = sorted((found for found in regions if found[0] > 1.0), key=lambda found: -found[0])
-    return rows, [region for _, region in regions[:MOST]]
+    return rows, sorted(regions, key=lambda row: -abs(row["z"]) * row["ratio"])[:MOST]
 
 
 PERIODS = (60.0, 20.0, 5.0)  # Periods [s] between the bands, of a 3 m model (Froude's law). Set by hand.

@@ -142,41 +142,23 @@ def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Ge
     return float(low), float(high)
 
 
-@dataclass(frozen=True)
-class PredictionErrors:
-    """How well a fit predicts test trials.
-
-    metric: length of the windows, as ``window_words``; windows: their errors; whole, step: mean squared scaled errors
-    of whole runs and of single steps.
-    """
-
-    metric: str
-    windows: WindowErrors
-    whole: float
-    step: float
-
-
-def prediction_errors(steps: TransitionModel, data: GriddedTrials, fit: Estimate) -> PredictionErrors | None:
-    """Errors of test trials ``data`` by a ``fit``; None without a whole window. steps: the transition model."""
-    acted = acting(steps, data, fit.theta)  # once, for the lengths
-    begin = start_states(steps, acted, fit.theta)
-    windows, whole, step = (errors(steps, acted, fit.theta, t, begin) for t in (window_length(steps.ship), 0.0, data.h))
-    if not len(windows.run):
-        return None
-    return PredictionErrors(window_words(steps.ship), windows, float(whole.mean.mean()), float(step.mean.mean()))
-
-
 def compare(
-    data: GriddedTrials, before: PredictionErrors | None, after: PredictionErrors | None, seed: int = 0
+    steps: TransitionModel, data: GriddedTrials, before: Estimate, after: Estimate, seed: int = 0
 ) -> HeldOut | None:
-    """Errors of test trials by two fits, with intervals by drawing runs again; None where there are none.
-
-    data: the test trials; before, after: by the two fits; seed: of the draws.
-    """
-    if before is None or after is None:
-        return None
-    a, b, run = before.windows.mean, after.windows.mean, before.windows.run
-    mean = float(a.mean()), float(b.mean())
+    """Errors of test trials ``data`` by two fits of the model ``steps``, with intervals by drawing runs again; None
+    without a whole window. before, after: the fits; seed: of the draws."""
+    metric, horizons, windows = window_words(steps.ship), dict[str, tuple[float, float]](), list[WindowErrors]()
+    acted = [acting(steps, data, fit.theta) for fit in (before, after)]  # once, for the lengths
+    begins = [start_states(steps, a, fit.theta) for a, fit in zip(acted, (before, after), strict=True)]
+    for name, length in (("1 step", data.h), (metric, window_length(steps.ship)), ("whole run", 0.0)):
+        each = zip(acted, (before, after), begins, strict=True)
+        found = [errors(steps, a, fit.theta, length, begin) for a, fit, begin in each]
+        if not len(found[0].run):
+            return None
+        horizons[name] = float(found[0].mean.mean()), float(found[1].mean.mean())
+        windows = found if name == metric else windows
+    a, b, run = windows[0].mean, windows[1].mean, windows[0].run
+    mean = horizons[metric]
     return HeldOut(
         mse_before=mean[0],
         mse_after=mean[1],
@@ -184,8 +166,8 @@ def compare(
         interval_90=interval_of(a, b, run, np.random.default_rng(seed)),
         windows=len(a),
         by_run={data.trials[r]: (float(a[run == r].mean()), float(b[run == r].mean())) for r in np.unique(run)},
-        metric=before.metric,
-        horizons={"1 step": (before.step, after.step), before.metric: mean, "whole run": (before.whole, after.whole)},
+        metric=metric,
+        horizons=horizons,
     )
 
 

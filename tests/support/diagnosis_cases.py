@@ -19,9 +19,7 @@ from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.parameters import Priors
 from diagnosis.estimation.residual_checks import with_correlation_time
 from diagnosis.estimation.transition_model import TransitionModel
-from diagnosis.findings import HeldOut
 from diagnosis.hypotheses.refit import SearchProblem
-from diagnosis.validation.held_out import compare, prediction_errors
 from mmg.effects import EFFECTS
 from mmg.ship import Ship
 from tests.support.disturbed_trials import Disturbed, disturbed_trials, process
@@ -215,10 +213,3 @@ def fitted_to(problem: SearchProblem, seen: GriddedTrials) -> tuple[TransitionMo
     steps = problem.steps
     start = initial_point(steps, seen, steps.ship.values, problem.base, initial_noise(steps.ship))
     return steps, seen, estimate(steps, seen, start, iterations=12)
-
-
-def compared(
-    steps: TransitionModel, data: GriddedTrials, before: Estimate, after: Estimate, seed: int = 0
-) -> HeldOut | None:
-    """How far the errors of the test trials ``data`` fall from one fit to another."""
-    return compare(data, *(prediction_errors(steps, data, fit) for fit in (before, after)), seed)
