@@ -96,7 +96,6 @@ RULES = (
         ("sensors", "no unnamed errors of sensors", lambda k: k.startswith("sensor of ")),
         ("at times", "no unnamed events", lambda k: k.endswith(" at times")),
         ("swinging", "no forces that swing", lambda k: k.startswith("force that swings")),
-        ("streams", "no streams that turn", lambda k: k.startswith("stream ")),
         ("inputs", "no unnamed action or delay of an input", lambda k: k.startswith(("action of ", "delay of "))),
         ("all but forces", "products of velocities and inputs as forces, and nothing else", lambda k: k not in FORCES),
     )),

@@ -32,10 +32,6 @@ SHAPES = ("1", "u", "v", "r", "|r|", "delta", "n")  # Forms by which the action 
 AXES = ("surge", "sway", "yaw")
 FORCES = tuple(f"{axis} force" for axis in AXES)  # Kinds of the forces that are products
 AFTER_RUDDER = "force that swings after the rudder"  # Kind of the forces of what the rudder sets swinging
-# Velocity of the water by its coefficient in the model.
-WATER = {"stream to the north": "current.x", "stream to the east": "current.y"}
-# Change of the water [m/s] by which its action is differentiated. Set by hand.
-SMALL = 1e-3
 Points = tuple[np.ndarray, np.ndarray, np.ndarray]  # States (S, M), inputs (C, M) and coefficients (all, M) of steps
 
 
@@ -202,7 +198,6 @@ class Dictionary:
         differences = _Differences(steps, data, points, begin, active)
         self.actions = {name: differences.of_input(name) for name in steps.model.controls if name in INPUTS}
         self.swings = self.force_forms.after_the_rudder(data)
-        self.streams = differences.of_streams()
         held = np.concatenate([data.inputs, data.inputs[-1:]]).reshape((K + 1) * R, -1).T
         all_theta = steps.coefficients(point.theta, point.path.push.reshape(-1, 3).T)
         rate, J = steps.rates(z.reshape((K + 1) * R, -1).T, held, all_theta)
@@ -323,14 +318,13 @@ class _Differences:
     begin: Points
     active: np.ndarray
 
-    def action(self, of: int, row: int, small: float) -> Action:
-        """What a ``row`` of the inputs (``of`` 1) or coefficients (2) does, by central differences: moved by ``small``
-        to either side."""
+    def action(self, row: int, small: float) -> Action:
+        """What a ``row`` of the inputs does, by central differences: moved by ``small`` to either side."""
 
         def moved(at: Points, sign: int) -> Points:
-            changed = at[of].copy()
+            changed = at[1].copy()
             changed[row] += sign * small
-            return (at[0], changed, at[2]) if of == 1 else (at[0], at[1], changed)
+            return at[0], changed, at[2]
 
         (K, R), A = self.data.inputs.shape[:2], len(self.active)
         wanted = np.concatenate([self.active, self.steps.S + np.arange(3)])  # states and latent force
@@ -354,11 +348,5 @@ class _Differences:
             factor = unit(values, data.inside)
             delayed.append(factor * values)
             per_second.append(1 / (factor * late * data.h) if factor else 0.0)
-        action = self.action(1, i, DIFFERENCE[INPUTS[name][1]])
+        action = self.action(i, DIFFERENCE[INPUTS[name][1]])
         return replace(action, delayed=np.stack(delayed), per_second=np.array(per_second))
-
-    def of_streams(self) -> dict[str, Action]:
-        """The action of the water's velocity."""
-        symbols = self.steps.ship.symbols
-        actions = {name: self.action(2, symbols.index(s), SMALL) for name, s in WATER.items() if s in symbols}
-        return {name: a for name, a in actions.items() if a.step.any()}

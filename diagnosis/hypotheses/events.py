@@ -1,9 +1,8 @@
 """What has sizes of its own in each run: events, and forces that swing.
 
 Events are wrong for some seconds of a run and not, or otherwise, at another time: an actuator that comes late for a
-while, the position off for a while. Forces that swing with the ship's way, as of vortices (Strouhal 1878), and a stream
-that turns in the course of a run have a phase of their own in each. The columns of all runs are filtered side by side,
-and products of different runs are zero.
+while, the position off for a while. Forces that swing with the ship's way, as of vortices (Strouhal 1878), have a phase
+of their own in each. The columns of all runs are filtered side by side, and products of different runs are zero.
 """
 
 from __future__ import annotations
@@ -30,8 +29,6 @@ LATE = 4.0  # set by hand: the longest there
 UNKNOWN = 12**-0.5
 # Swings of a force on a way of one length of the ship (the Strouhal number).
 SWINGS = tuple(round(0.2 + 0.15 * i, 2) for i in range(12))
-# Periods [s of a 3 m model] in which a stream turns; shorter ones are waves, longer ones the mean of a run.
-TURNS = (24.0, 34.0, 48.0, 68.0, 96.0)  # set by hand: factors of root two
 SEEN = 1e-9  # Information from which a column is seen at all. Set by hand: bounds rounding.
 AT_TIMES = " at times"  # End of the kinds of what is wrong for a while
 SWINGING = "force that swings"  # Begin of the kinds of forces that swing with the way made
@@ -43,15 +40,14 @@ class Events:
     """Columns of all runs, those with the same number side by side.
 
     kinds: what each of E columns is of; columns: these, in parts; forms: the dictionary; stretches: (K, W) which steps
-    are in each stretch; waves: (K, w), those of a stream that turns; allowed: size, by kind, that is nothing, also of
-    actuators that are late throughout: when in the interval of a sample they are read, nobody knows.
+    are in each stretch; allowed: size, by kind, that is nothing, also of actuators that are late throughout: when in
+    the interval of a sample they are read, nobody knows.
     """
 
     kinds: tuple[str, ...]
     columns: tuple[DrivenColumns | ProductColumns, ...]
     forms: Dictionary
     stretches: np.ndarray
-    waves: np.ndarray
     allowed: Mapping[str, float]
 
     @classmethod
@@ -80,12 +76,7 @@ class Events:
             kinds += [f"sensor of position{AT_TIMES}"] * W
         columns.append(DrivenColumns.pushing(_swinging(data, forms, linear, length)))
         kinds += [f"{SWINGING} {rate:g} times a length" for rate in SWINGS for _ in range(4)]
-        k = time_scale(length)
-        waves = _waves(np.arange(K)[:, None] * data.h, 2 * np.pi / (np.array(TURNS) * k))
-        for action, size in forms.scaled(linear, forms.streams):
-            columns.append(ProductColumns((action.step * size)[..., None], waves.T[:, :, None]))
-            kinds += [f"stream that turns in {period * k:.3g} s" for period in TURNS for _ in range(2)]
-        return cls(tuple(kinds), tuple(columns), forms, own, waves, allowed)
+        return cls(tuple(kinds), tuple(columns), forms, own, allowed)
 
     def logdet_gradient(self, at: Linearisation) -> np.ndarray:
         """Derivative (R, E) of 1/2 log det along each column, of the linearisation ``at``."""
@@ -95,11 +86,6 @@ class Events:
             whole = np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
             by_step = size * action.delayed[DELAYS.index(LATE)] * whole
             result[:, i * W : (i + 1) * W] = by_step.T @ self.stretches  # summed over the steps of each stretch
-        streams, w = self.forms.scaled(at.linear, self.forms.streams), self.waves.shape[1]
-        for i, (action, size) in enumerate(streams, start=-len(streams)):
-            whole = size * np.einsum("krab,krab->kr", at.by_rates, action.jacobian)
-            first = len(self.kinds) + i * w
-            result[:, first : first + w] = whole.T @ self.waves
         return result
 
 
@@ -109,14 +95,10 @@ def _swinging(data: GriddedTrials, forms: Dictionary, linear: LinearModel, lengt
     z = forms.path.z
     speed = np.hypot(z[:-1, :, 3] + z[1:, :, 3], z[:-1, :, 4] + z[1:, :, 4]) / 2
     phase = 2 * np.pi * np.cumsum(speed * data.h, axis=0) / length  # by the way, not the time: vortices shed so
-    waves = _waves(phase[..., None], np.array(SWINGS))
+    turned = phase[..., None] * np.array(SWINGS)
+    waves = np.stack([np.sin(turned), np.cos(turned)], axis=-1).reshape(*phase.shape, -1)
     pushes = linear.force[..., 1:] * forms.noise.force[1:]
     return np.einsum("krac,krw->krawc", pushes, waves).reshape(*pushes.shape[:3], -1)
-
-
-def _waves(phase: np.ndarray, rates: np.ndarray) -> np.ndarray:
-    """Sine and cosine of each of the ``rates`` (w,) times ``phase`` (..., 1), side by side: (..., 2 w)."""
-    return np.stack([np.sin(rates * phase), np.cos(rates * phase)], axis=-1).reshape(*phase.shape[:-1], -1)
 
 
 def event_slopes(
