@@ -77,18 +77,12 @@ def where_words(d: Findings) -> list[str]:
         return []
     first = first_channel(d)
     row = d.where["channels"][first]
-    kind = "moment" if first == "yaw" else "force"
     words = [
-        f"Most of it is in {first}: {percent(row['share'])} of the energy, {force(row['force_rms'], row['unit'])} rms.",
-        f"That is {percent(row['relative'])} of the net {kind} that moves the ship in {first}.",
+        f"Most of it is in {first}: {percent(row['share'])} of the energy, {force(row['force_rms'], row['unit'])} rms."
     ]
-    slow = next((b for b in d.where["bands"] if b["channel"] == first), None)
-    if slow is not None and slow["share"] > 0.3:
-        words.append(f"{percent(slow['share'])} of that {kind}'s energy is constant through each run.")
     words.append(_follows(d.where.get("variables", []), first) or "It follows none of the variables.")
     if "force_rms_after" in row:
-        after, less = row["force_rms_after"], "" if row["force_rms_after"] < 0.9 * row["force_rms"] else ", hardly less"
-        words.append(f"With what was named, the rms is {force(after, row['unit'])}{less}.")
+        words.append(f"With what was named, the rms is {force(row['force_rms_after'], row['unit'])}.")
     return words
 
 
@@ -148,10 +142,7 @@ def unexplained_words(m: UnexplainedForce) -> list[str]:
     ]
     if not each:
         return ["It does not act like a force that motion, inputs, wind or place could explain."]
-    words, (name, first) = [f"It acts like a force of {' and '.join(each)}."], channels[0]
-    constant = first.mean**2 / max(first.force_rms**2, 1e-300)
-    if constant > 0.5:
-        words.append(f"{percent(constant)} of it in {name} is constant through the trials.")
+    words, name = [f"It acts like a force of {' and '.join(each)}."], channels[0][0]
     words += filter(None, [_follows([v for v in m.follows if v["channel"] == name], name)])
     for t in m.times[:1]:
         size = f"{t.channel}, {_on_average(t.mean, t.unit, t.channel)}"
@@ -179,7 +170,6 @@ def likeness(log_bayes: Mapping[str, float]) -> str:
     return f" Among the unnamed forms it acts most like: {best}." if best and kinds[best] > 0 else ""
 
 
-SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 BADGE = {"named": "cause named", "none": "no gap found", "unknown": "cause unknown"}
 BETWEEN = {"named": "difference named", "none": "no difference", "unknown": "difference without a name"}
 
@@ -208,15 +198,8 @@ def meaning(name: str) -> str:
 
 
 def probability(p: float) -> str:
-    """A probability ``p`` with two figures, small ones by a power of ten."""
-    if not math.isfinite(p):
-        return "–"
-    if p >= 0.001:
-        return f"{p:.2g}"
-    if p < 1e-30:
-        return "< 10⁻³⁰"
-    digit, power = f"{p:.0e}".split("e")
-    return f"{digit}·10{str(int(power)).translate(SUPERSCRIPT)}"
+    """A probability ``p`` with two figures."""
+    return f"{p:.2g}" if math.isfinite(p) else "–"
 
 
 # Typical sizes of an effect above which a dash stands for the size from which it would show. Set by hand.

@@ -221,7 +221,7 @@ def test_verdicts_without_a_name_name_nothing(verdict: str) -> None:
 
 
 def test_numbers_are_rounded_by_what_is_known_of_them_and_forces_have_words() -> None:
-    assert [probability(p) for p in (0.034, 2.3e-7, 9.7e-5, 0.0)] == ["0.034", "2·10⁻⁷", "1·10⁻⁴", "< 10⁻³⁰"]
+    assert [probability(p) for p in (0.034, 2.34e-7, np.nan)] == ["0.034", "2.3e-07", "–"]
     assert [force(x, "N m") for x in (0.0, 1.44e-5, 0.52, 247.0, 15230.0)] == [
         "0 N m", "14 µN m", "0.52 N m", "250 N m", "15 kN m",
     ]  # fmt: skip
