@@ -120,10 +120,10 @@ class Diagnosis(Findings):
 
     @property
     def plot(self) -> DiagnosisAxes:
-        """Its figures on axes: ``diagnosis.plot.budget(ax)``, ``force``."""
+        """Its figures on axes: ``diagnosis.plot.budget(ax)``."""
         from diagnosis.report.axes import DiagnosisAxes  # late: matplotlib is slow to import
 
-        return DiagnosisAxes(self, missing_force(self))
+        return DiagnosisAxes(self)
 
     def __repr__(self) -> str:
         return f"<Diagnosis of {self.ship.title}: {self.verdict}. {self.sentence}>"
