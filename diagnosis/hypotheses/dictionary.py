@@ -1,7 +1,7 @@
 """Dictionary of unnamed forms: what could be wrong with a model in ways that the library of effects does not hold.
 
-Forces in the three channels as products of velocities, inputs and wind; what the rudder sets swinging; the action of
-each input scaled with the state, or late by several times; errors of each sensor: bias, gain, lag, cross-talk, drift.
+Forces in the three channels as products of velocities, inputs and wind; the action of each input scaled with the state,
+or late by several times; errors of each sensor: bias, gain, lag, cross-talk, drift.
 Every column is scaled so that its typical size is that of the latent force or of the sensor's noise.
 
 A force that depends on the state changes how the ship answers to the latent force, and so the log determinant of the
@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import expm
 
 from diagnosis.estimation.acting_inputs import acting
 from diagnosis.estimation.gridded_trials import GriddedTrials
@@ -31,7 +30,6 @@ DELAYS = (0.5, 1.0, 2.0, 4.0)  # Times [s of a 3 m model] by which inputs may ac
 SHAPES = ("1", "u", "v", "r", "|r|", "delta", "n")  # Forms by which the action of an input is scaled
 AXES = ("surge", "sway", "yaw")
 FORCES = tuple(f"{axis} force" for axis in AXES)  # Kinds of the forces that are products
-AFTER_RUDDER = "force that swings after the rudder"  # Kind of the forces of what the rudder sets swinging
 Points = tuple[np.ndarray, np.ndarray, np.ndarray]  # States (S, M), inputs (C, M) and coefficients (all, M) of steps
 
 
@@ -68,11 +66,6 @@ def evaluated(
         value[:, mask] = made[0]
         gradient[:, mask] = np.moveaxis(made[1].reshape(6, len(names), count), 0, 2)  # nonzeros column by column
     return Forms(names, value, gradient)
-
-
-# Periods [s of a 3 m model] of what swings after the rudder, as roll does.
-SWINGS = tuple(round(2.2 * 1.18**i, 1) for i in range(10))
-DAMPING = 0.07  # Its share of the critical damping. Set by hand.
 
 
 def unit(values: np.ndarray, mask: np.ndarray) -> float:
@@ -112,23 +105,6 @@ class ForceForms:
     def on(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
         """The forms on trials ``data`` with states ``middle`` (K, R, S), in the same units."""
         return _scaled(self._products(data, middle), self._middle, self._factor)
-
-    def after_the_rudder(self, data: GriddedTrials) -> Forms:
-        """What the rudders set swinging in trials ``data``: deflection, from where it would come to rest, and speed of
-        an oscillator of each of SWINGS."""
-        places = [i for i, name in enumerate(self.steps.model.controls) if name in RUDDERS]
-        moved = data.inputs[..., places].sum(axis=2)
-        omega = 2 * np.pi / (np.array(SWINGS) * time_scale(float(self.steps.ship.particulars["L"])))
-        # of x'' + 2 d w x' + w^2 x = 0 in (x, x' / w)
-        step = np.stack([expm(data.h * np.array([[0, w], [-w, -2 * DAMPING * w]])) for w in omega])
-        swing = np.zeros((*moved.shape, len(omega), 2))  # about where it would come to rest
-        for k in range(1, len(moved)):
-            begin = swing[k - 1].copy()
-            begin[..., 0] += (moved[k - 1] - moved[k])[:, None]  # its resting place moves with the rudder
-            swing[k] = np.einsum("wij,rwj->rwi", step, begin)
-        values = np.moveaxis(swing.reshape(*moved.shape, -1), 2, 0)
-        names = tuple(f"{period:g} s {part}" for period in SWINGS for part in ("deflection", "speed"))
-        return of_unit_size(Forms(names, values, np.zeros((*values.shape, 6))), data.inside)[0]
 
     def _products(self, data: GriddedTrials, middle: np.ndarray) -> Forms:
         """The products, not scaled yet. n and delta are means over the propellers and over the rudders."""
@@ -197,7 +173,6 @@ class Dictionary:
         begin = (z[:-1].reshape(K * R, -1).T, *points[1:])
         differences = _Differences(steps, data, points, begin, active)
         self.actions = {name: differences.of_input(name) for name in steps.model.controls if name in INPUTS}
-        self.swings = self.force_forms.after_the_rudder(data)
         held = np.concatenate([data.inputs, data.inputs[-1:]]).reshape((K + 1) * R, -1).T
         all_theta = steps.coefficients(point.theta, point.path.push.reshape(-1, 3).T)
         rate, J = steps.rates(z.reshape((K + 1) * R, -1).T, held, all_theta)
@@ -212,7 +187,6 @@ class Dictionary:
                 for what, forms in (("action", SHAPES), ("delay", tuple(f"{d:g} s" for d in DELAYS)))
                 for form in forms
             ),
-            *((AFTER_RUDDER, f"{form} {axis}") for form in self.swings.names for axis in AXES[1:]),
             *((f"sensor of {SENSORS[channel]}", name) for channel, names in ERRORS.items() for name in names),
         )
         self.kinds = tuple(kind for kind, _ in self.labels)
@@ -225,7 +199,6 @@ class Dictionary:
         parts: list[ProductColumns | DrivenColumns] = [ProductColumns(push, forms.values)]
         for action, size in self.scaled(linear, self.actions):
             parts.append(ProductColumns(size * action.step[..., None], np.concatenate([shapes, action.delayed])))
-        parts.append(ProductColumns(push[..., 1:], self.swings.values))
         errors = self._errors(linear)
         observed = np.zeros((len(linear.F) + 1, linear.F.shape[1], 6, len(errors)))
         for i, (channel, values, _) in enumerate(errors):
@@ -242,7 +215,6 @@ class Dictionary:
         for action, size in self.scaled(at.linear, self.actions):
             whole, scaled = self._along(at, action, forms.only(SHAPES))
             result += [size * scaled, size * np.einsum("mkr,kr->m", action.delayed, whole)]
-        result.append(np.zeros(2 * len(self.swings.names)))  # they depend on inputs alone
         by_Z = at.adjoint.by_Z[..., : len(self.active) + 3]
         result.append(np.array([(by_Z[:, :, channel] * g).sum() for channel, _, g in self._errors(at.linear)]))
         return np.concatenate(result)

@@ -11,7 +11,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.stats import multivariate_normal
 
 import mmg.effects
@@ -24,7 +23,7 @@ from diagnosis.estimation.linearisation import Point, Trajectory, initial_trajec
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.parameters import NO_PRIORS, active_states
 from diagnosis.estimation.transition_model import LinearModel, TransitionModel
-from diagnosis.hypotheses.dictionary import AFTER_RUDDER, DAMPING, DELAYS, SWINGS, Dictionary, ForceForms
+from diagnosis.hypotheses.dictionary import DELAYS, Dictionary, ForceForms
 from diagnosis.hypotheses.events import AT_TIMES, LATE, MOST, Events, event_slopes
 from diagnosis.hypotheses.forward_selection import ODDS, select_effects
 from diagnosis.hypotheses.next_test import telling_test
@@ -40,9 +39,6 @@ from tests.support.diagnosis_cases import (
     FEW,
     SHIP,
     WHITE,
-    Act,
-    acted_windows,
-    fitted_to,
     full_model,
     full_steps,
     problem_of,
@@ -273,27 +269,6 @@ def of(trials: list[Trial]) -> UnnamedForms:
     return unnamed_forms(problem.steps, problem.data, null)
 
 
-def of_acted(act: Act) -> UnnamedForms:
-    """Of windows in which ``act`` pushes the ship beside large random forces."""
-    return unnamed_forms(*fitted_to(calm()[0], acted_windows(calm()[0], 1, act)))
-
-
-def roll_after_turns() -> UnnamedForms:
-    """An oscillator with a period of 7 s and 5 % of the critical damping, driven by speed and turn rate, not by the
-    rudder, that pushes the hull to the side and turns it."""
-    steps, omega, heel = calm()[0].steps, 2 * np.pi / 7.0, np.zeros((2, calm()[0].data.inputs.shape[1]))
-
-    def rolled(k: int, z: np.ndarray, force: np.ndarray, theta: np.ndarray) -> None:
-        for _ in range(10):
-            h = steps.h / 10
-            heel[1] += h * (omega**2 * (10 * z[3] * z[5] - heel[0]) - 0.1 * omega * heel[1])
-            heel[0] += h * heel[1]
-        force[1] -= 2.0 * heel[0]
-        force[2] += 6.0 * heel[0]
-
-    return of_acted(rolled)
-
-
 def position_off_for_a_while() -> UnnamedForms:
     """By 15 cm in the second third of each run, as where a building throws the signals back."""
     off = []
@@ -318,7 +293,6 @@ def force_of(axis: int, form: str, size: float) -> UnnamedForms:
 
 
 SHOWN: list[tuple[Callable[..., UnnamedForms], tuple[object, ...], str, bool]] = [
-    (roll_after_turns, (), AFTER_RUDDER, False),
     (position_off_for_a_while, (), POSITION, True),
     (rudder_late_now_and_then, (), DELTA, False),
     (force_of, (1, "nn", 0.5), "sway force", True),
@@ -346,7 +320,7 @@ def test_chance_shows_no_kind(seed: int) -> None:
     problem, null = calm(seed)
     found = unnamed_forms(problem.steps, problem.data, null)
     assert found.evidence < ODDS
-    events = [value for kind, value in found.by_kind.items() if kind == AFTER_RUDDER or kind.endswith("times")]
+    events = [value for kind, value in found.by_kind.items() if kind.endswith("times")]
     assert len(events) > 2 and max(events) < 2.5
 
 
@@ -461,24 +435,3 @@ def test_a_ship_with_twin_rudders_and_a_thruster_has_forms_of_each_input() -> No
     middle = 0.5 * (z[:-1] + z[1:])
     names = ForceForms(steps, data, middle).on(data, middle).names
     assert {"delta_port", "delta_starboard|delta_starboard|"} <= set(names)
-
-
-def test_what_swings_after_the_rudder_is_an_oscillator(arranged: tuple) -> None:
-    """Against the differential equation with the rudder held over each step, by an integrator of scipy."""
-    steps, data, _, forms = arranged
-    made = forms.after_the_rudder(data)
-    delta = data.inputs[:, 0, steps.model.controls.index("delta")]
-    period = SWINGS[4]
-    omega = 2 * np.pi / period
-
-    def moved(_: float, q: np.ndarray, held: float) -> list[float]:
-        return [omega * q[1], omega * (held - q[0]) - 2 * DAMPING * omega * q[1]]
-
-    q, expected = np.array([delta[0], 0.0]), []
-    for held in delta:
-        q = solve_ivp(moved, (0.0, data.h), q, args=(held,), rtol=1e-9, atol=1e-12).y[:, -1]
-        expected.append([q[0] - held, q[1]])
-    for part, own in zip(("deflection", "speed"), np.array(expected).T, strict=True):
-        values = made.values[made.at(f"{period:g} s {part}"), :, 0]
-        np.testing.assert_allclose(values / np.abs(values).max(), own / np.abs(own).max(), atol=1e-3)
-    assert not made.gradients.any() and len(made.names) == 2 * len(SWINGS)
