@@ -23,9 +23,6 @@ KINDS = {"null": 8, "library": 20, "strangers": 12}
 """Cases of each kind in each world."""
 SEED = 4902
 """Of the cases; it was never used before."""
-BETTER, UNNAMED = 8.0, 12.0
-"""Of the rule of two numbers: gain in BIC from which the best candidate is named, and log Bayes factor of the unnamed
-forms from which the answer is "unknown"."""
 
 SEARCH, JUDGE = "diagnosis.hypotheses.forward_selection", "diagnosis.judgement"
 FORMS = "diagnosis.hypotheses.unnamed:UnnamedSlopes.statistics"

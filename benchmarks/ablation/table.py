@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.ablation.diagnoses import BETTER, RARE, RULES, UNNAMED
+from benchmarks.ablation.diagnoses import RARE, RULES
 from benchmarks.ablation.fits import METRICS, SWITCHES, change
 from benchmarks.ablation.switches import Switch
 from benchmarks.blind.score import Answer, is_right, is_wrong
@@ -26,12 +26,8 @@ CLEAR = 2.0
 FIRST = "as it is"
 REPLAYED = "(replayed from the evidence of five lines)"
 """What a row says whose answers follow from recorded evidence, without a switch."""
-TWO, FIVE = "two numbers", "five lines"
+ANSWERS = {"two numbers", "five lines"}
 """Rows that are no switch: an answer from the evidence alone, and the verdict that replaced the rules above it."""
-SHORT = (
-    f"the best candidate is named where its refit gains more than {BETTER:g} in BIC, "
-    f"unknown where an unnamed form has a log Bayes factor above {UNNAMED:g}"
-)
 HEAD = """# What each mechanism is worth
 
 Written {date} by `python -m benchmarks.ablation table` from `ablation.json`. Each row was measured at the commit it
@@ -98,17 +94,6 @@ def _rounded(values: Sequence[float]) -> list[float | None]:
     return [float(f"{v:.4g}") if np.isfinite(v) else None for v in values]
 
 
-def two_numbers(evidence: Mapping[str, Any]) -> Answer:
-    """The answer by two numbers alone, from the ``evidence`` of a diagnosis."""
-    if "candidates" not in evidence:
-        return "error", [], False
-    best = max(evidence["candidates"], key=lambda row: row[1], default=["", -np.inf])
-    if best[1] > BETTER:
-        return "named", [best[0]], False
-    most = max(v for k, v in evidence["unnamed"].items() if k not in ("all", "single"))
-    return ("unknown" if most > UNNAMED else "none"), [], False
-
-
 def diagnosis_rows(record: Record) -> dict[str, Any]:
     """What the ``record`` holds of each rule, of the code that answered last."""
     if not record.rows:
@@ -116,7 +101,6 @@ def diagnosis_rows(record: Record) -> dict[str, Any]:
     rows = record.of(code=record.rows[-1]["code"])
     of: dict[str, tuple[str, Callable[[Mapping[str, Any]], Answer | None]]] = {
         FIRST: ("nothing", lambda row: row["answer"]),
-        TWO: (SHORT, lambda row: two_numbers(row["evidence"])),
     }
     for rule in (*RULES[1:], *RARE):
         of[rule.name] = rule.off, lambda row, name=rule.name: row["without"].get(name)  # type: ignore[misc]
@@ -157,7 +141,7 @@ def _measures(pairs: Sequence[tuple[Mapping[str, Any], Answer]]) -> dict[str, An
 
 def page(kept: Mapping[str, Any], date: str) -> str:
     """The page of the ``kept`` rows, written at a ``date``."""
-    own = {s.name for s in SWITCHES}, {r.name for r in (*RULES, *RARE)} | {TWO, FIVE}
+    own = {s.name for s in SWITCHES}, {r.name for r in (*RULES, *RARE)} | ANSWERS
     lines = [HEAD.format(date=date), ""]
     head = ["switch", *(f"{g} {m}" for g, metrics in GROUNDS.items() for m in metrics), "fits", "processor", "commit"]
     lines += table(head, [_fit_cells(n, row, n in own[0]) for n, row in kept["fits"].items()])

@@ -15,7 +15,6 @@ from benchmarks.ablation import switches
 from benchmarks.ablation.diagnoses import RARE, REMEMBERED, RULES, TOLD_ONLY
 from benchmarks.ablation.fits import SWITCHES, change
 from benchmarks.ablation.switches import Memo, Switch, place_of, replaced
-from benchmarks.ablation.table import is_right, two_numbers
 from benchmarks.literature import FIGURES, SHIPS
 from benchmarks.record import Figure, keep, kept
 from cases.criteria.imo import REFERENCES
@@ -143,14 +142,3 @@ def test_a_change_has_the_jackknife_error_of_its_files() -> None:
     after = {n: {n: [1.1 * f[n][0], None]} for n, f in before.items()}
     assert change(before, after, 0) == pytest.approx((2.0, 0.1, 0.0))
     assert np.isnan(change(before, after, 1)[0])
-
-
-def test_two_numbers_answer_a_diagnosis() -> None:
-    """Gain in BIC, then log Bayes factor."""
-    evidence = {
-        "candidates": [["tow", 7.0, 0.1, 1.0], ["current", 9.0, 0.1, 1.0]],
-        "unnamed": {"all": 1.0, "x": 13.0},
-    }
-    assert two_numbers(evidence) == ("named", ["current"], False)
-    assert two_numbers({**evidence, "candidates": []})[0] == "unknown"
-    assert is_right("library", ("current",), two_numbers(evidence)) and not is_right("null", (), two_numbers(evidence))
