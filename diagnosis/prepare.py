@@ -257,7 +257,7 @@ def fit_of_more(few: Prepared, trials: Sequence[Trial], free: Priors, begin: Est
     data = trials_in_gusts(steps, trials, few.reading.straight).thinned(few.gap)
     values = np.array([begin.value(*c) if c.run is None else m for c, m in zip(free.columns, free.mean, strict=True)])
     theta = set_values(steps.ship, data, few.null.theta, free.columns, values)
-    noise = wider(begin.noise, ship).with_(prior=None)
+    noise = wider(begin.noise, ship)
     found = estimate(
         steps, data, initial_point(steps, data, theta, free, noise, (values - free.mean) / free.std), MAX_FITS
     )

@@ -53,7 +53,7 @@ class FirstFit:
     def finished(self, steps: TransitionModel) -> FirstFit:
         """With the memories of the random forces, converged, and with the ``line``; steps: the transition model."""
         data, null = self.data, self.null
-        null = null if null.noise.prior else with_gust_memory(steps, data, with_correlation_time(steps, data, null))
+        null = with_gust_memory(steps, data, with_correlation_time(steps, data, null))
         if not null.converged:  # the slopes of all tests are those at the optimum
             null = estimate(steps, data, null, MAX_FITS)
         if self.gap == 1:

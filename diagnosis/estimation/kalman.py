@@ -90,16 +90,11 @@ class ProductColumns:
             yield DrivenColumns.pushing(made.reshape(K, R, m, -1))
 
 
-PRIOR_SAMPLES = 30.0  # Samples that a prior of the noise counts as. Set by hand.
-
-
 @dataclass(frozen=True)
 class NoiseModel:
     """Standard deviations of the latent force (3,) [N, N, N m], with correlation time tau [s], and of the white errors
     of the sensors (6,) [units of x, y, psi, u, v, r]; gust: (2,) of gusts along and across the wind [share of its
     speed], with correlation time gust_tau [s], which count where the trials have gusts.
-
-    prior: sizes that the same ship and instruments had in other trials, or None.
     """
 
     force: np.ndarray
@@ -107,17 +102,6 @@ class NoiseModel:
     white: np.ndarray
     gust: np.ndarray = field(default_factory=lambda: np.full(2, 0.05))
     gust_tau: float = 1.0
-    prior: NoiseModel | None = None
-
-    @property
-    def neg_log_prior(self) -> float:
-        """Negative log of the prior of force and white errors (inverse gamma), 0 at its mode or without one."""
-        if self.prior is None:
-            return 0.0
-        pairs = ((self.prior.force, self.force), (self.prior.white, self.white))
-        ratio = np.concatenate([(known / size) ** 2 for known, size in pairs])
-        # of the variances, less its value at the mode
-        return 0.5 * PRIOR_SAMPLES * float(np.sum(ratio - 1 - np.log(ratio)))
 
     def towards(self, other: NoiseModel, share: float) -> NoiseModel:
         """Sizes on the way to those of the ``other``: a ``share`` of the logarithm of each ratio."""

@@ -253,7 +253,7 @@ def linearise_and_filter(
     left, states = (x[..., 0] for x in fastest().whitened(system, filter_run, residual, with_states=True))
     rows = np.flatnonzero(data.good.any(axis=(1, 2))) if is_brief else None
     # prediction error decomposition, and the priors
-    nll = 0.5 * float(filter_run.log_det.sum() + (left**2).sum() + at.p @ at.p) + noise.neg_log_prior
+    nll = 0.5 * float(filter_run.log_det.sum() + (left**2).sum() + at.p @ at.p)
     return Linearisation(
         steps, data, at, active, linear, system, filter_run, tuple(parts), left, states, residual, size, nll, rows
     )

@@ -54,7 +54,7 @@ class BrokenModelError(UserError):
 class Estimate(Point):
     """A fitted point.
 
-    covariance: (P, P) of p; nll: negative log likelihood without constants, priors of p and of the noise included;
+    covariance: (P, P) of p; nll: negative log likelihood without constants, the prior of p included;
     iterations: linearisations used; converged: whether the last was expected to gain less than the tolerance.
     """
 

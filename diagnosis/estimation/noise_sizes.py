@@ -15,7 +15,7 @@ import numpy as np
 
 from diagnosis.estimation.filtering import fastest
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.kalman import PRIOR_SAMPLES, DrivenColumns, NoiseModel
+from diagnosis.estimation.kalman import DrivenColumns, NoiseModel
 from diagnosis.estimation.linearisation import Linearisation
 from mmg.motion.froude import force_scale, length_scale, state_scale, time_scale
 from mmg.ship import Ship
@@ -52,7 +52,7 @@ def wider(known: NoiseModel, ship: Ship) -> NoiseModel:
     """
     first = initial_noise(ship)
     force, white = np.maximum(known.force, first.force), np.maximum(known.white, first.white)
-    return known.with_(force=force, white=white, gust=np.maximum(known.gust, first.gust), prior=known)
+    return known.with_(force=force, white=white, gust=np.maximum(known.gust, first.gust))
 
 
 def swallows(noise: NoiseModel, ship: Ship) -> bool:
@@ -109,28 +109,13 @@ def _squares(here: Linearisation, r: np.ndarray, u: np.ndarray) -> tuple[np.ndar
     return made, expected
 
 
-def _prior_share(noise: NoiseModel, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places among the ``sizes`` (q,) of those that a prior knows, of force and white errors, and the squares of the
-    known ones over these; empty without a prior."""
-    if noise.prior is None:
-        return np.zeros(0, dtype=int), np.zeros(0)
-    own = np.array([*range(3), *range(len(sizes) - 6, len(sizes))])
-    return own, (np.concatenate([noise.prior.force, noise.prior.white]) / sizes[own]) ** 2
-
-
 def updated_noise(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: NoiseModel) -> NoiseModel:
     """The sizes of the noise of a linearisation ``here`` after one step of the fixed point q <- q sum r^2 / sum N
-    (force, gusts) and R <- R sum u^2 / sum D; a prior counts as PRIOR_SAMPLES more samples of each.
+    (force, gusts) and R <- R sum u^2 / sum D.
 
     r: (K, R, n), u: (K + 1, R, 6) of the smoother; typical: sizes by ``initial_noise``, which bound those returned.
     """
-    noise, (sizes, lower, upper) = here.at.noise, _sizes_and_bounds(here, typical)
-    (own, known), (made, expected) = _prior_share(noise, sizes), _squares(here, r, u)
-    # share of the force that is new in a step
-    fresh = np.where(np.arange(len(sizes)) < 3, 1 - np.exp(-2 * here.data.h / noise.tau), 1.0)
-    count = PRIOR_SAMPLES / (fresh[own] * sizes[own] ** 2)  # what so many samples would add, each 1 / variance
-    made[own] += count * known
-    expected[own] += count
+    (sizes, lower, upper), (made, expected) = _sizes_and_bounds(here, typical), _squares(here, r, u)
     # far off it overshoots
     ratio = np.clip(np.where(expected > 0, made / np.maximum(expected, 1e-300), 1.0), 0.1, 10.0)
     return _with_sizes(here, np.clip(sizes * np.sqrt(ratio), lower, upper))
@@ -141,11 +126,8 @@ def noise_step(here: Linearisation, r: np.ndarray, u: np.ndarray, typical: Noise
 
     here, typical: as there; r: (K, R, n), u: (K + 1, R, 6) of the smoother.
     """
-    noise, (sizes, lower, upper) = here.at.noise, _sizes_and_bounds(here, typical)
+    sizes, lower, upper = _sizes_and_bounds(here, typical)
     slope, information = slope_and_information(here, r, u)
-    own, known = _prior_share(noise, sizes)
-    slope[own] += 0.5 * PRIOR_SAMPLES * (1 - known)  # of ``NoiseModel.neg_log_prior`` by the log variance
-    information[own, own] += 0.5 * PRIOR_SAMPLES * known
     free = ~((sizes <= lower) & (slope > 0)) & ~((sizes >= upper) & (slope < 0))  # at a bound and pushed against it
     own_information = information[np.ix_(free, free)]
     own_information += np.diag(RIDGE[0] * np.diag(own_information) + RIDGE[1])

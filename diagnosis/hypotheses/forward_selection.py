@@ -237,6 +237,6 @@ def select_effects(
         now = best.fit
         if not now.converged:  # else the next effect gains what this one's fit had left
             now = estimate(problem.steps, problem.data, now, MAX_FITS)
-    if named and now.noise.prior is None:  # what was missing had lengthened the memory of the force
+    if named:  # what was missing had lengthened the memory of the force
         now = with_correlation_time(problem.steps, problem.data, now, WORTH)
     return Selection(tuple(named), null, now, tuple(searches))

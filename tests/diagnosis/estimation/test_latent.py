@@ -181,32 +181,6 @@ def test_the_time_of_a_force_that_remembers_for_much_less_than_the_first_guess_i
 
 
 @pytest.mark.slow
-def test_usual_sizes_of_what_is_random_count_as_so_many_samples_more() -> None:
-    """The fit ends where the likelihood with their prior is best by each size; a short record stays near them."""
-    steps, data, found, _ = fitted(1)
-    usual = found.noise.with_(force=2 * found.noise.force, white=0.5 * found.noise.white)
-    assert usual.neg_log_prior == 0.0 and usual.with_(prior=usual).neg_log_prior == 0.0
-    assert found.noise.with_(prior=usual).neg_log_prior > 0.0
-
-    def last(data: GriddedTrials) -> Estimate:
-        noise = found.noise.with_(prior=usual)
-        return estimate(steps, data, replace(found.fixed(), noise=noise), iterations=30, tolerance=1e-4)
-
-    def nll(data: GriddedTrials, fit: Estimate, **sizes: np.ndarray) -> float:
-        return linearise_and_filter(steps, data, replace(fit, noise=fit.noise.with_(**sizes))).nll
-
-    for few in (data, data.thinned(20)):
-        end = last(few)
-        for k in ("force", "white"):
-            size = getattr(end.noise, k)
-            for i in range(len(size)):
-                other = [size * np.where(np.arange(len(size)) == i, f, 1.0) for f in (1.3, 1 / 1.3)]
-                assert min(nll(few, end, **{k: x}) for x in other) > nll(few, end), (k, i)
-    off = [np.abs(np.log(last(d).noise.white / usual.white)).mean() for d in (data, data.thinned(20))]
-    assert off[1] < 0.7 * off[0] and off[0] > 0.4
-
-
-@pytest.mark.slow
 def test_the_fit_starts_anywhere_and_ends_at_the_same_place() -> None:
     steps, data, found, _ = fitted(1)
     other = found.noise.with_(force=3 * found.noise.force, white=0.5 * found.noise.white)
