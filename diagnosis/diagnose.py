@@ -15,21 +15,19 @@ from typing import TypeVar
 
 import numpy as np
 
-from cases.evidence.kinematics import Kinematics
 from cases.io.site import Site
 from cases.shipfiles.effects import freeing_effects
 from cases.trial import Trial
 from cases.trial_set import TrialSet
 from diagnosis import summary
 from diagnosis.estimation.candidates import FITTED_ALONG, find
-from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError, Estimate
-from diagnosis.findings import Between, DiagnosisInputs, InstrumentFault, RandomSizes, UnexplainedForce
+from diagnosis.estimation.map_estimate import BREAKS_DOWN, BrokenModelError
+from diagnosis.findings import Between, DiagnosisInputs, RandomSizes
 from diagnosis.groups.between import compare_groups
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.next_test import next_test, telling_test
 from diagnosis.hypotheses.own_currents import OwnCurrents, own_currents, taken_out
-from diagnosis.hypotheses.refit import SearchProblem
-from diagnosis.hypotheses.unexplained_force import ForceEstimate, estimated_force, unexplained_force
+from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
 from diagnosis.inputs import Case, DiagnosisOptions, case_of, told_of_predictions
 from diagnosis.judgement.budget import budget_of
 from diagnosis.judgement.verdict import judged_search, limits
@@ -129,10 +127,13 @@ def _diagnosed(
     after_all = summary.fitted_ship(ship, ready.full, final, selection.effects, time_error) if is_found else ship_before
     unexplained = None
     if missing is not None and (remainder or result.verdict == "unknown"):
-        describe = partial(_unexplained, p, final, result.free.evidence, missing, after_all)
-        unexplained = _unless_impossible(describe, "the unexplained force", None, reasons)
+        # with the manoeuvre that would tell more of it
+        test = partial(telling_test, p, final, missing, after_all)
+        describe = partial(unexplained_force, p.data, final, result.free.evidence, missing, after_all)
+        unexplained = _unless_impossible(lambda: describe(test()), "the unexplained force", None, reasons)
     between = _between(ready, reasons)
     nearest = next((r.candidate.effect for s in selection.searches[:1] for r in s.refitted), "")
+    seen = {r.effect for r in sensors.found}
     off = tuple(f for f in instruments if f.name in {c.effect for c in selection.effects})
     sentence = sentence_of(result.verdict, effects, off, same, remainder, budget, nearest, unexplained)
     if unexplained is not None:
@@ -153,7 +154,7 @@ def _diagnosed(
         not_screened=ready.full.left_out,
         noise=RandomSizes.of(selection.null),
         unnamed={"all": result.free.mixture, "single": result.free.single, **result.free.by_kind},
-        kinematics=_sensor_sentences(sensors, instruments),
+        kinematics=(*(r.sentence for r in sensors.found), *(f.sentence for f in instruments if f.name not in seen)),
         unexplained_force=unexplained,
         budget=budget,
         timings=timings,
@@ -202,19 +203,6 @@ def _between(ready: Prepared, reasons: list[Message]) -> Between | None:
         return None
     work = partial(compare_groups, ready.problem, ready.null, case.sensors, case.groups, case.trials)
     return _unless_impossible(work, "what differs between the groups", None, reasons)
-
-
-def _sensor_sentences(sensors: Kinematics, instruments: Sequence[InstrumentFault]) -> tuple[str, ...]:
-    """What is wrong with the sensors, each fault once."""
-    known = {r.effect for r in sensors.found}
-    return (*(r.sentence for r in sensors.found), *(f.sentence for f in instruments if f.name not in known))
-
-
-def _unexplained(
-    p: SearchProblem, fit: Estimate, evidence: float, found: ForceEstimate, ship: Ship
-) -> UnexplainedForce:
-    """What is left unexplained at a fit, with the manoeuvre that would tell more of it."""
-    return unexplained_force(p.data, fit, evidence, found, ship, telling_test(p, fit, found, ship))
 
 
 def _advice(ready: Prepared, selection: Selection, same: Sequence[str], ship: Ship) -> str:

@@ -49,7 +49,8 @@ REMEMBERED = (
 TOLD_ONLY = {
     "diagnosis.location.where:where": constantly({}),
     "diagnosis.hypotheses.next_test:next_test": constantly(""),
-    "diagnosis.diagnose:_unexplained": constantly(None),
+    "diagnosis.hypotheses.next_test:telling_test": constantly(""),
+    "diagnosis.hypotheses.unexplained_force:unexplained_force": constantly(None),
 }
 """What is told beside the answer and does not change it."""
 
