@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cases.shipfiles.effects import parameters
+from cases.shipfiles.effects import parameters as parameters_of
 from diagnosis.findings import (
     MATTERS,
     Budget,
@@ -25,7 +25,6 @@ from diagnosis.findings import (
 from diagnosis.hypotheses.forward_selection import ODDS
 from fitting.report.sections import plus_minus
 from mmg.effects import EFFECTS
-from mmg.effects.effect import Parameter
 
 # Words for a positive and a negative force of each channel.
 SIDES = {
@@ -217,23 +216,10 @@ def quantity(p: EstimatedParameter) -> str:
     return f"{plus_minus(factor * p.value, factor * p.std)} {unit}".strip()
 
 
-def _parameters(name: str, d: Findings) -> dict[str, Parameter]:
-    return {p.symbol: p for p in parameters(d.ship, name)}
-
-
 def sizes(name: str, parameters: Mapping[str, EstimatedParameter], d: Findings) -> list[dict[str, str]]:
-    """Rows symbol, size, words of ``parameters`` of the effect ``name`` in ``d``; a vector also by its direction."""
-    known = _parameters(name, d)
-    rows = [
-        {"symbol": symbol, "size": quantity(p), "words": known[symbol].description if symbol in known else ""}
-        for symbol, p in parameters.items()
-    ]
-    if {"x", "y"} <= set(parameters) and "to the north" in known["x"].description:
-        x, y = parameters["x"].value, parameters["y"].value
-        towards = math.degrees(math.atan2(y, x)) % 360
-        words = f"{math.hypot(x, y):.2g} {parameters['x'].unit} towards {towards:.0f}°"
-        rows.append({"symbol": "together", "size": words, "words": ""})
-    return rows
+    """Rows symbol, size, words of ``parameters`` of the effect ``name`` in ``d``."""
+    known = {p.symbol: p.description for p in parameters_of(d.ship, name)}
+    return [{"symbol": s, "size": quantity(p), "words": known.get(s, "")} for s, p in parameters.items()]
 
 
 def visible(c: RankedCandidate, d: Findings) -> str:
