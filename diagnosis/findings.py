@@ -402,11 +402,6 @@ class Findings(DiagnosisRecord):
     trials: Sequence[Trial] = ()
     tests: Sequence[Trial] = ()
 
-    @property
-    def notices(self) -> tuple[str, ...]:
-        """None: whatever a diagnosis remarks is a warning."""
-        return ()
-
     def role(self, effect: str) -> str:
         """Of an ``effect``: "named" (an instrument, too), "class" where the data cannot tell it from the first of
         these, or ""."""

@@ -108,10 +108,6 @@ class Gap:
     warnings: tuple[Message, ...] = ()
     about: Mapping[str, Any] = field(default_factory=dict)
 
-    def row(self, name: str) -> GapRow | None:
-        """The line of this ``name``, None where there is none."""
-        return next((row for row in self.rows if row.name == name), None)
-
     @property
     def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Header and lines in words; "|n" after a title: of numbers."""

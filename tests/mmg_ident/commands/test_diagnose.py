@@ -305,14 +305,14 @@ def test_another_call_goes_on_with_the_parts_that_are_there(
 def test_a_calibration_of_the_same_trials_is_not_made_again(compared: Path, files: dict[str, list[str]]) -> None:
     options = GapOptions(residual_settings.TrainSettings(seeds=1, epochs=2))
     found = mmg_ident.gap(compared / "refitted", files["train"], files["test"], options)
-    assert found.row("as given") is None and found.row("refitted") is not None
+    assert found.rows[0].name == "refitted"
     codes = {m.code for m in found.warnings}
     assert "not_refitted" in codes and "calibrated_on" not in codes
     # on fewer of its trials it is made again, and a test trial that it knows is said
     result = mmg_ident.load_run(compared / "refitted")
     few = mmg_ident.gap(result, files["train"][:2], files["train"][2:], options)
     codes = {m.code for m in few.warnings}
-    assert few.row("as given") is not None and "calibrated_on" in codes and "not_refitted" not in codes
+    assert few.rows[0].name == "as given" and "calibrated_on" in codes and "not_refitted" not in codes
 
 
 @pytest.mark.slow
