@@ -23,9 +23,12 @@ NEIGHBOURS = 3  # Bands on either side that a line is compared with, without tho
 SLOWEST = 4  # Bands of the longest periods that are not looked at: the latent force follows them
 
 
+IN_ANOTHER = 1e-3  # Probability of a line in a second sensor below which it is none of one sensor alone. Set by hand.
 # Power of a line over that beside it, and the probability that one with less has at least: many samples show surely
 # what a sensor or a random force of another shape makes, a hill of the spectrum, which is not as high. Set by hand.
 TWICE, RARE = 2.0, 1e-6
+# Ratio of the shortest periods of spectra that follow each other; each begins to look at SLOWEST times its own.
+COARSER = 4.0  # set by hand
 # Error of a velocity over a step, in the noise of its sensor, that the latent force may make by being held over it.
 HELD = 0.3  # set by hand
 FINEST = 4  # Parts into which a step is divided at most. Set by hand.
@@ -161,24 +164,44 @@ def spectral_line(
 ) -> tuple[float, float]:
     """(p, period [s]) of the sharpest line in the spectrum of whitened residuals w (K + 1, R, 6) of ``data``.
 
-    dense: the same trials with all samples compared, and their residuals. Both must show a line, since a line of a
-    period that ``data`` do not resolve (twice their spacing) has an alias there. p: probability of such a line by
-    chance, 1 where too few samples are left. Periodograms are summed over windows and bands; by chance that of a band
-    over the mean of neighbouring bands has an F distribution. It must stand out of those on either side, so that a
-    coloured spectrum has no lines, and clearly (TWICE), so that a hill of it is none. The slowest bands are left out:
-    the latent force follows them. A periodic force, as of waves, it cannot follow.
+    dense: the same trials with all samples compared, and their residuals. Where ``data`` resolve a period (twice their
+    spacing), both must show a line, since a line above that has an alias below it. A shorter period counts where
+    ``dense`` shows it in two sensors, as waves do that move the ship; in one it is the sensor's. p: probability of such
+    a line by chance, 1 where too few samples are left. Periodograms are summed over windows and bands; by chance that
+    of a band over the mean of neighbouring bands has an F distribution. It must stand out of those on either side, so
+    that a coloured spectrum has no lines, and clearly (TWICE), so that a hill of it is none. The slowest bands are left
+    out: the latent force follows them. A periodic force, as of waves, it cannot follow.
     """
     spacing, pieces = _equally_spaced(data)
     if not pieces:
         return 1.0, float("inf")
-    shortest = 2 * spacing * data.h
-    bands = min(BINS, (min(len(rows) for _, rows in pieces) - 1) // 2)  # that the shortest piece can fill
+    shortest, bands = 2 * spacing * data.h, _bands(pieces)
     p = _band_probabilities(data.h * spacing, w, pieces, shortest, bands)
-    if dense is not None:
-        every, all_pieces = _equally_spaced(dense[0])
-        p = np.maximum(p, _band_probabilities(dense[0].h * every, dense[1], all_pieces, shortest, bands))
+    if dense is None:
+        return _sharpest(p, shortest)
+    every, dense_pieces = _equally_spaced(dense[0])
+    step, finest, parts = dense[0].h * every, 2 * dense[0].h * every, _bands(dense_pieces)
+    p = np.maximum(p, _band_probabilities(step, dense[1], dense_pieces, shortest, bands))  # both must show a line
+    lines, down_to = [_sharpest(p, shortest)], finest
+    while down_to < shortest:
+        q = _band_probabilities(step, dense[1], dense_pieces, down_to, parts)
+        slow = down_to * parts / (np.arange(parts) + 0.5) > shortest
+        q[slow | (np.partition(q, 1, axis=1)[:, 1] > IN_ANOTHER)] = 1.0
+        lines.append(_sharpest(q, down_to))
+        down_to *= COARSER
+    least, period = min(lines)
+    return min(1.0, least * len(lines)), period  # Bonferroni over the spectra
+
+
+def _bands(pieces: list[tuple[int, np.ndarray]]) -> int:
+    """Number of bands that the shortest piece can fill."""
+    return min(BINS, (min(len(rows) for _, rows in pieces) - 1) // 2)
+
+
+def _sharpest(p: np.ndarray, shortest: float) -> tuple[float, float]:
+    """Probability by chance of the least of ``p`` (bands, 6), and the period [s] of its band, down to ``shortest``."""
     band = int(np.argmin(p.min(axis=1)))
-    return min(1.0, p[SLOWEST:].size * float(p.min())), shortest * bands / (band + 0.5)
+    return min(1.0, p[SLOWEST:].size * float(p.min())), shortest * len(p) / (band + 0.5)
 
 
 def _equally_spaced(data: GriddedTrials) -> tuple[int, list[tuple[int, np.ndarray]]]:

@@ -160,10 +160,7 @@ def not_random(ready: Prepared, fit: Estimate) -> list[Message]:
     ready: the problem with its fit without effects, whose spectrum counts; fit: with what is named, or without effects.
     """
     p = ready.problem
-    rows, (chance, period) = list[Message](), ready.line
-    if chance < LINE_PROBABILITY:
-        words = f"the residuals oscillate with a period of {period:.2g} s, as under waves or an engine"
-        rows.append(Message(words, "oscillating_residuals"))
+    rows = [_oscillation(ready)] if ready.line[0] < LINE_PROBABILITY else []
     order = None if ready.is_order_usual else force_order(p.steps, p.data, fit)
     if order is not None and not order.is_random:
         first, then = order.pair
@@ -171,6 +168,15 @@ def not_random(ready: Prepared, fit: Estimate) -> list[Message]:
         advice = "as of a ship that passes by, a stream that turns or a force with a memory of its own"
         rows.append(Message(f"{words}, {advice}", "ordered_forces"))
     return rows
+
+
+def _oscillation(ready: Prepared) -> Message:
+    """What the line in the spectrum of the residuals says."""
+    period, apart = ready.line[1], ready.gap * ready.problem.data.h
+    words = f"the residuals oscillate with a period of {period:.2g} s, as under waves or an engine"
+    if period < 2 * apart:
+        words += f" (seen with all samples; the tests compare one every {apart:.2g} s)"
+    return Message(words, "oscillating_residuals")
 
 
 def impossible_size(full: FullModel, fit: Estimate, candidate: Candidate) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -42,11 +43,11 @@ def chance(seed: int, memory: float = 0.0, K: int = K) -> np.ndarray:
     return x
 
 
-def swinging(period: float, seed: int, K: int = K) -> np.ndarray:
-    """White residuals with a swing of this period in one sensor, of another phase in each window."""
+def swinging(period: float, seed: int, K: int = K, sensors: Sequence[int] = (4,)) -> np.ndarray:
+    """White residuals with a swing of this period in some sensors, of another phase in each window."""
     white, phase = chance(seed, K=K), np.random.default_rng(seed + 1).uniform(0, 2 * np.pi, R)
     swing = np.sin(2 * np.pi * H * np.arange(K + 1)[:, None] / period + phase)
-    white[..., 4] += swing
+    white[..., list(sensors)] += swing[..., None]
     return white
 
 
@@ -97,11 +98,14 @@ def test_a_swing_that_the_samples_resolve_is_a_line_at_its_period(period: float,
 
 @pytest.mark.parametrize(("period", "every"), [(5.5, 5), (5.5, 15), (9.0, 5), (20.0, 15)])
 def test_a_swing_faster_than_the_samples_resolve_is_not_announced_under_its_alias(period: float, every: int) -> None:
+    """But at its period where two sensors feel it, as waves are, however few samples are compared."""
     white = swinging(period, 1, 600)
     alias, slow = heard(white, every)
     assert alias < LINE_PROBABILITY and slow > 2 * H * every, "the samples alone show the alias"
     p, announced = heard(white, every, swinging(period, 3, 600))
     assert p > 10 * LINE_PROBABILITY and announced > 2 * H * every
+    p, announced = heard(white, every, swinging(period, 3, 600, (4, 5)))
+    assert p < LINE_PROBABILITY and 1 / announced == pytest.approx(1 / period, abs=1 / (2 * H * 25))
 
 
 def test_windows_of_a_few_samples_say_nothing() -> None:
