@@ -110,7 +110,6 @@ def train(
             *_calibrated_on(calibration, validation),
         ),
         interrupted=interrupted,
-        trials=validation or trained_on,
         **of_kind,
     )
     models = tuple(result.models().values())

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from dataclasses import replace as changed
 from itertools import cycle
 from math import nan
@@ -24,12 +24,10 @@ from pydantic import ValidationError
 
 from cases.shipfiles.network_file import NETWORK, save_network
 from cases.shipfiles.ship_file import dump_ship, load_ship
-from cases.trial import Trial
 from fitting.prediction.score import ScorePair, in_words
 from fitting.report import run_folder
 from fitting.report.page import citations_of, label_of, rendered, write_page
 from fitting.report.plot_style import ALARM, BEFORE, DASHES, FigureFolder, dress, figures_of, new_figure
-from fitting.report.plots import write_error_growth
 from fitting.report.use import Delivered, delivered, delivery_sections, shown_quantity
 from fitting.solvers.control import LEFT_OUT
 from mmg.errors import BadValue
@@ -202,18 +200,9 @@ def learning_plot(per_seed: Sequence[Mapping[str, Any]], before: str = "calibrat
     return figure
 
 
-def write_figures(
-    written: FigureFolder,
-    content: Mapping[str, Any],
-    models: Mapping[str, Simulator | Forecaster],
-    trials: Sequence[Trial],
-) -> None:
-    """Write the figures of the training whose result.json has this ``content``.
-
-    written: where to; models: by their names in the figures, without and with what was trained; trials: that show how
-    the error grows, () to leave that figure out.
-    """
-    hybrid, held_out = content.get("decision") is not None, content["validation_data"]
+def write_figures(written: FigureFolder, content: Mapping[str, Any]) -> None:
+    """Write the figures of the training whose result.json has this ``content``; written: where to."""
+    hybrid = content.get("decision") is not None
     start = "calibrated ship" if hybrid else "untrained network"
     apart = ", which took no part in the training" if hybrid else ", here the same that it stopped by, which flatters"
     written.write(
@@ -221,8 +210,6 @@ def write_figures(
         f"Error of the windows to stop by after each epoch, over that of the {start}. Dot: the weights kept; bar "
         f"at the right: their error on the windows that judge{apart}.",
     )  # fmt: skip
-    if trials and any(row["has_position"] for row in held_out or content["data"]):
-        write_error_growth(written, models, trials, "validation" if held_out else "training")
 
 
 # The two ships of a training, and the folder of the one that is not recommended.
@@ -261,8 +248,7 @@ class TrainResult(TrainRecord):
     start: the ship that it started from, without a network (of a black box: whose inputs it takes); network: the mean
     of the residuals, None of a black box and where every training diverged; black_box: of a black box; decision:
     whether the residual is worth keeping; recommended: "hybrid" or "calibrated", "" of a black box. settings: with the
-    step filled in; details: what only this kind of model has. interrupted: by Ctrl-C. trials: those whose prediction
-    errors are drawn, None after reading.
+    step filled in; details: what only this kind of model has. interrupted: by Ctrl-C.
     """
 
     start: Ship
@@ -275,7 +261,6 @@ class TrainResult(TrainRecord):
     warnings: tuple[Message, ...] = ()
     notices: tuple[Message, ...] = ()
     interrupted: bool = False
-    trials: Sequence[Trial] | None = field(default=None, repr=False, compare=False)
 
     @property
     def hybrid(self) -> Ship | None:
@@ -311,7 +296,7 @@ class TrainResult(TrainRecord):
         return len(ended) == self.settings.seeds and "stopped" not in ended and not has_code(self.warnings, LEFT_OUT)
 
     def models(self) -> dict[str, Simulator | Forecaster]:
-        """What predicts, by its name in figures: without, then with what was trained."""
+        """What predicts, by its name: without, then with what was trained."""
         if self.black_box is not None:
             return {"ship model": Simulator(self.start), "black box": self.black_box}
         found: dict[str, Simulator | Forecaster] = {"calibrated ship": Simulator(self.start)}
@@ -381,7 +366,7 @@ class TrainResult(TrainRecord):
             return
         written = FigureFolder(folder / run_folder.FIGURES)
         with written.making("figures"):
-            write_figures(written, content, self.models(), self.trials or ())
+            write_figures(written, content)
         done = changed(self, figures=tuple(written.rows), warnings=(*self.warnings, *written.failures))
         with written.making(run_folder.PAGE):
             write_page(page_of([(label_of(folder), folder, done.to_dict(), self.for_use)]), folder / run_folder.PAGE)

@@ -47,7 +47,7 @@ DATA_SOURCES = (
 )
 
 # How the names of figures begin that have their place on the page; the others follow section 4.
-PLACES = ("error_growth", "track", "identifiability")
+PLACES = ("track", "identifiability")
 AT_PRIOR = ("prior", "silent")  # Kinds of findings on coefficients that the trials did not move
 SETS = {"validation": "Held-out trials", "training": "Training trials"}  # Sets of trials that are scored, in words
 

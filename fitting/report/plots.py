@@ -1,4 +1,4 @@
-"""Figures of a calibration: how errors grow, the track of a trial with its histories, profiles; a function per plot.
+"""Figures of a calibration: the track of a trial with its histories, profiles; a function per plot.
 
 ``write_figures`` writes those of a run folder; ``FitAxes`` draws on axes, for notebooks, and writes no file. The look
 is in ``plot_style``.
@@ -18,7 +18,7 @@ from cases.quantities import UNITS
 from cases.trial import Trial
 from fitting.prediction.band_calibration import NORMAL
 from fitting.prediction.envelope import DEGREES
-from fitting.prediction.predict import Forecaster, Window, forces_along, predict_all
+from fitting.prediction.predict import Window, forces_along, predict_all
 from fitting.prediction.score import PAPER_WINDOW
 from fitting.record import FitObjects, FitRecord
 from fitting.report.plot_style import (
@@ -164,108 +164,6 @@ def _track(
     ax.set_axis_off()
 
 
-def window_errors(
-    simulator: Simulator | Forecaster, trials: Sequence[Trial], times: np.ndarray, stride: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Returns open-loop errors (W, times, 6) at ``times`` [s] after the start of W windows ``stride`` [s] apart, and
-    the number of the trial of each window, (W,).
-
-    simulator: what predicts; trials: measured. Windows that reach the last time are used; where there are none, shorter
-    ones, with NaN after their end.
-    """
-    rows: list[np.ndarray] = []
-    numbers: list[int] = []
-    for short in (False, True):  # short windows only where no other reaches the last time: they would bend the curve
-        predicted = predict_all(simulator, trials, float(times[-1]), stride, short_last=short)
-        for number, (trial, (windows, _)) in enumerate(zip(trials, predicted, strict=True)):
-            for w in windows:
-                clock, right = trial.t[w.first : w.last + 1] - trial.t[w.first], np.nan if short else None
-                rows.append(np.transpose([np.interp(times, clock, e, right=right) for e in w.error(trial.states).T]))
-                numbers.append(number)
-        if rows:
-            break
-    return np.array(rows).reshape(-1, len(times), 6), np.array(numbers, dtype=int)
-
-
-def rms_with_error(squares: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Root of the mean of ``squares`` (W, T) over windows, NaN left out, and its standard error, both (T,).
-
-    run: the trial of each window, (W,). The error is that of leaving out one trial after the other (jackknife, Efron
-    1982), NaN with a single one: windows of a trial share its gusts.
-    """
-    finite = np.isfinite(squares)
-    groups = [run == number for number in np.unique(run)]
-    total = np.array([np.where(finite[g], squares[g], 0.0).sum(axis=0) for g in groups])  # (trials, T)
-    count = np.array([finite[g].sum(axis=0) for g in groups])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        rms = np.sqrt(total.sum(axis=0) / count.sum(axis=0))
-        without = np.sqrt((total.sum(axis=0) - total) / (count.sum(axis=0) - count))  # each trial left out
-    if len(groups) < 2:
-        return rms, np.full_like(rms, np.nan)
-    return rms, np.sqrt((len(groups) - 1) * np.mean((without - without.mean(axis=0)) ** 2, axis=0))
-
-
-# Title, state numbers and factor of each panel of the growth of errors.
-PANELS = (("position [m]", (0, 1), 1.0), ("heading [deg]", (2,), DEGREES))
-
-
-def error_growth_plot(
-    simulators: Mapping[str, Simulator | Forecaster],
-    trials: Sequence[Trial],
-    horizon: float = PAPER_WINDOW,
-    stride: float | None = None,
-) -> Figure:
-    """Rms error of open-loop predictions against the time since the measured start, for each simulator or black box.
-
-    Shaded: one standard error, by leaving out trials, of a single one windows. simulators: by name; trials: measured,
-    those with positions are used where there are any; horizon: longest prediction [s]; stride: between the starts of
-    windows [s], default half of it. The legend gives position errors in lengths of the first simulator that is a ship.
-    """
-    length = next((s.ship.particulars["L"] for s in simulators.values() if isinstance(s, Simulator)), None)
-    times = np.linspace(0, horizon, 51)
-    used = [t for t in trials if t.has_position] or list(trials)
-    figure = new_figure(2.4, layout=None)
-    places = {"left": 0.055, "right": 0.98, "bottom": 0.19, "top": 0.77, "wspace": 0.17}
-    axes = figure.subplots(1, len(PANELS), gridspec_kw=places)
-    count = 0
-    for (name, simulator), style in zip(simulators.items(), STYLES, strict=False):
-        errors, run = window_errors(simulator, used, times, stride or horizon / 2)
-        count, words = len(errors), name
-        for ax, (_, states, factor) in zip(axes, PANELS, strict=True):
-            squares = (errors[:, :, states] ** 2).sum(axis=2)
-            parts = run if len(np.unique(run)) > 1 else np.arange(len(run))  # of a single trial its windows
-            rms, std = (factor * part for part in rms_with_error(squares, parts))
-            rms[np.isfinite(squares).sum(axis=0) < max(1, 0.3 * count)] = np.nan  # few windows are no curve
-            if states == (0, 1) and length and np.isfinite(rms[-1]):
-                words += f" ({rms[-1] / length:.2g} ship lengths after {horizon:g} s)"
-            good = np.isfinite(rms + std)
-            ends = np.concatenate([rms + std, (rms - std)[::-1]])[np.concatenate([good, good[::-1]])]
-            ax.fill(np.concatenate([times[good], times[good][::-1]]), ends, color=style["color"], alpha=0.18, lw=0)
-            ax.plot(times, rms, lw=1.8, label=words if ax is axes[0] else None, **style)
-    for ax, (label, *_) in zip(axes, PANELS, strict=True):
-        dress(ax, "time [s]", title=label)
-        ax.set_ylim(bottom=0)
-        ax.set_xlim(0, horizon)
-        ax.locator_params(nbins=5)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="upper left", ncols=3, fontsize=8.5, frameon=False)
-    words = f"{count} windows of {horizon:g} s, {len(used)} trial{'s' * (len(used) != 1)}"
-    figure.text(0.985, 0.945, words, fontsize=8, ha="right", va="center", color="#555555")
-    return figure
-
-
-def write_error_growth(
-    written: FigureFolder, models: Mapping[str, Simulator | Forecaster], trials: Sequence[Trial], which: str
-) -> None:
-    """Write the figure of ``error_growth_plot`` of ``models`` on ``trials``; written: where to; which: trials, in
-    words."""
-    written.write(
-        "error_growth", partial(error_growth_plot, models, trials), "How errors grow with the length of the prediction",
-        f"Rms errors over windows of the {which} trials, each started from the measured state and from there on driven "
-        "by the measured rudder, revolutions and wind alone. Shaded: one standard error, by leaving out one trial (of "
-        "a single one, one window) after the other.",
-    )  # fmt: skip
-
-
 def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "") -> Figure:
     """Profile likelihood of one coefficient: the best objective over all others at each of its values.
 
@@ -315,12 +213,7 @@ def write_figures(
 ) -> None:
     """Write the figures of a calibration, in the order of a report. written: where to; record: what it found; models:
     the ship before and after; trials, validation: calibrated on, and held out."""
-    before, after = models
-    if judged := validation or trials:
-        which = "held-out" if validation else "training (none was held out)"
-        write_error_growth(written, {"before": before, "after": after}, judged, which)
-    shown = _shown(trials, validation)
-    for number, (trial, held_out) in enumerate(shown):
+    for number, (trial, held_out) in enumerate(_shown(trials, validation)):
         length = trial.duration if trial.kind in WHOLE else PAPER_WINDOW
         earlier, later = (predict_all(model, [trial], length, length)[0][0] for model in models)
         words = ""
@@ -329,7 +222,7 @@ def write_figures(
             rms = [np.sqrt(2 * np.nanmean(error**2)) for error in errors]  # x^2 + y^2: twice the mean over both
             words = f"Rms position error {rms[0]:.3g} m before, {rms[1]:.3g} m after."
         written.write(
-            f"track_{number + 1}", partial(trajectory_plot, trial, earlier, later, after.ship.particulars["L"]),
+            f"track_{number + 1}", partial(trajectory_plot, trial, earlier, later, models[1].ship.particulars["L"]),
             f"{trial.name} ({'held out' if held_out else 'used in the calibration'})",
             "Black: measured; orange and dashed: predicted before, blue: after the calibration, from measured states "
             f"(dots and ship outlines; dotted lines) over {length:.0f} s. North is up. {words}",

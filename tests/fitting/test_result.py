@@ -148,10 +148,9 @@ def test_what_was_saved_without_report_gets_the_same_figures_later(tmp_path: Pat
     late = read.with_late_figures((*objects.trials, *objects.validation))
     assert late.figures == read_fit(tmp_path / "run").figures == result.save(tmp_path / "drawn").figures
     assert all((tmp_path / "run" / "figures" / row.file).is_file() for row in late.figures)
-    tracks = len(late.figures) - 1
-    names = ["error_growth.png", *(f"track_{k + 1}.png" for k in range(tracks))]
-    assert tracks and [row.file for row in late.figures] == names and all(row.caption for row in late.figures)
-    assert objects.validation[0].name in late.figures[1].title
+    names = [f"track_{k + 1}.png" for k in range(len(late.figures))]
+    assert names and [row.file for row in late.figures] == names and all(row.caption for row in late.figures)
+    assert objects.validation[0].name in late.figures[0].title
     assert 'id="run1-scores"' in write_report([tmp_path / "run"], tmp_path / "page.html", imo=False)
 
 
@@ -165,16 +164,16 @@ def test_a_figure_or_page_that_fails_loses_nothing(tmp_path: Path, monkeypatch: 
 
     before = dict(mpl.rcParams)
     monkeypatch.setattr("fitting.report.plot_style.png_of", png_of)  # figures are drawn here
-    monkeypatch.setattr("fitting.report.plots.error_growth_plot", broken)
+    monkeypatch.setattr("fitting.report.plots.profile_plot", broken)
     monkeypatch.setattr("fitting.report.page.build_page", broken)
-    saved = small_result().save(tmp_path / "run")
+    profile = {"symbol": FREE[0], "values": [], "increase": [], "dispersion": 1.0}
+    saved = replace(small_result(), profiles=(profile,)).save(tmp_path / "run")
     read = read_fit(tmp_path / "run")
     assert read.estimates == small_result().estimates and read.ship == named(small_result().ship, "run")
     failed = [str(m) for m in read.warnings if m.code == "figure_failed"]
     assert not has_code(read.warnings, "parts_left_out")
     assert len(failed) == 2
-    assert {row.file for row in read.figures} >= {"track_1.png"} and saved.figures == read.figures
-    assert not any(row.file == "error_growth.png" for row in read.figures)
+    assert [row.file for row in read.figures] == ["track_1.png"] and saved.figures == read.figures
     assert (tmp_path / "run" / "figures" / "track_1.png").stat().st_size > 3000 and dict(mpl.rcParams) == before
 
 
