@@ -26,7 +26,6 @@ from fitting.identifiability.analysis import (
     Identifiability,
     cause,
     information_discount,
-    listed,
     verdict,
 )
 from fitting.nlp.fisher_information import information
@@ -105,40 +104,12 @@ def library(ship: Ship, wind: bool = True) -> tuple[Option, ...]:
     return tuple(options)
 
 
-def features(segments: Segments, ship: Ship) -> frozenset[str]:
-    """What motion and orders trials of a ship, cut into segments, have: some of six, each of which may be missing."""
-    z, length = segments.nodes, ship.particulars["L"]
-    controls = dict(zip(ship.inputs, segments.node_controls, strict=False))
-    drives = [values for name, values in controls.items() if name in ("n", "n_2", "pitch")]
-    speed, turn = np.hypot(z[:, 3], z[:, 4]).mean(), np.percentile(np.abs(z[:, 5]), 95)
-    # thresholds set by hand: each tells a manoeuvre from noise and small corrections; 0.02: of the nodes
-    has = {
-        "astern revolutions": any((a < -0.05 * np.abs(a).max()).mean() > 0.02 for a in drives),
-        "sternway": np.mean(z[:, 3] < -0.01 * reference_speed(length)) > 0.02,
-        "rudder movement": any(np.ptp(a) > math.radians(3) for k, a in controls.items() if k.startswith("delta")),
-        "turning": turn * length > 0.1 * speed,  # r L / U
-        "wind": any(np.any(a) for k, a in controls.items() if k.startswith("wind_")),
-        "changes of revolutions": any(np.ptp(a) > 0.1 * np.abs(a).max() for a in drives),
-    }
-    return frozenset(name for name, there in has.items() if there)
-
-
-def missing(excitation: np.ndarray, features_of: Sequence[frozenset[str]], had: frozenset[str]) -> str:
-    """What the simplest of the trials that excite a coefficient has and others had not, in words. excitation:
-    information on the coefficient in each of K trials (K,); features_of: them; had: features of the others."""
-    # a fifth of the most information is excitation enough. Set by hand.
-    exciting = (s for s, e in zip(features_of, excitation, strict=True) if e > 0.2 * excitation.max())
-    lacks = sorted((s - had for s in exciting), key=len)
-    return listed(sorted(lacks[0]), " or ") if lacks else ""
-
-
 # Time at sea of a trial [s of a 3 m model, Froude scaled], the same for all, so that gains compare. Set by hand.
 DURATION = 300.0
 # Way between two repetitions, in which she gains the approach speed again [ship lengths at that]. Set by hand.
 REGAIN = 5.0
-# Least part of a variance that a trial must remove to be recommended for it, and repetitions of a long campaign. Both
-# set by hand: they decide what is advised, not what is computed.
-HELPS, MANY = 0.1, 10
+# Least part of a variance that a trial must remove to be recommended for it. Set by hand: it decides what is advised.
+HELPS = 0.1
 # Of trials that gain at least this part of the best one's the library's first, a simple one, is named. Set by hand.
 NEARLY = 0.9
 
@@ -147,31 +118,30 @@ NEARLY = 0.9
 class NextTrial:
     """What each possible trial would add.
 
-    options: (K,) trials that can be simulated; duration: time at sea of each [s]; left_out: sentences. left,
-    left_by_many: (K, P) posterior variance with the trial, once or ``MANY`` times, by that without. total: (K,) mean
-    prior's share with the trial; mean: without, both by the information alone, discounted by worth; before: (P,)
-    prior's share by the covariance. worth: factor on the information of a run that makes up for residuals correlated
-    beyond the noise model. missing: (P,) what a trial that excites a coefficient has and these had not. plan: numbers
-    of the trials that are best one after another, by the mean prior's share; planned: that mean then.
+    options: (K,) trials that can be simulated; duration: time at sea of each [s]; left_out: sentences. left: (K, P)
+    posterior variance with the trial by that without. total: (K,) mean prior's share with the trial; mean: without,
+    both by the information alone, discounted by worth; before: (P,) prior's share by the covariance. worth: factor on
+    the information of a run that makes up for residuals correlated beyond the noise model.
     """
 
     options: tuple[Option, ...]
     duration: float
     left_out: tuple[str, ...]
     left: np.ndarray
-    left_by_many: np.ndarray
     total: np.ndarray
     mean: float
     before: np.ndarray
     worth: float
-    missing: tuple[str, ...]
-    plan: tuple[int, ...]
-    planned: tuple[float, ...]
 
-    def best(self, i: int | Sequence[int], many: bool = False) -> tuple[Option, float] | None:
-        """The best trial for coefficient i, or several of them, and the mean part of their variance left. many: for
-        ``MANY`` times the time at sea. None when no trial helps by ``HELPS``."""
-        left = (self.left_by_many if many else self.left)[:, np.atleast_1d(i)].mean(axis=1)
+    @property
+    def overall(self) -> Option | None:
+        """The best trial for all coefficients together; None without options."""
+        return self.options[simplest(self.mean - self.total)] if self.options else None
+
+    def best(self, i: int | Sequence[int]) -> tuple[Option, float] | None:
+        """The best trial for coefficient i, or several of them, and the mean part of their variance left. None when no
+        trial helps by ``HELPS``."""
+        left = self.left[:, np.atleast_1d(i)].mean(axis=1)
         if not len(left) or left.min() > 1 - HELPS:
             return None
         k = simplest(-np.log(left))
@@ -191,7 +161,7 @@ class NextTrial:
             "mean_prior_share": self.mean,
             "options": [r | {"mean_prior_share": share} for r, share in zip(rows, self.total.tolist(), strict=True)],
             "best": {s: self.best_row(i) for i, s in enumerate(symbols)},
-            "plan": [rows[k] | {"mean_prior_share": share} for k, share in zip(self.plan, self.planned, strict=True)],
+            "overall": self.overall.name if self.overall else None,
             "left_out": list(self.left_out),
         }
 
@@ -208,30 +178,26 @@ def next_trial(
     ship, C = calibration.ship, calibration.covariance
     P = len(C)
     seconds = duration or DURATION * time_scale(ship.particulars["L"])
-    had = features(calibration.segments, ship)
-    chosen, trials, left_out = runs(ship, options or library(ship, "wind" in had), seconds, calibration.segments.h)
+    logged = zip(ship.inputs, calibration.segments.node_controls, strict=False)
+    windy = any(name.startswith("wind_") and values.any() for name, values in logged)
+    chosen, trials, left_out = runs(ship, options or library(ship, windy), seconds, calibration.segments.h)
     if not np.isfinite(C).all():
         chosen, trials = [], []
-    F, features_of = fisher(calibration, trials, seconds) if trials else (np.empty((0, P, P)), [])
+    F = fisher(calibration, trials, seconds) if trials else np.empty((0, P, P))
     data = calibration.information.of_data()
     worth = information_discount(data, C) if trials else 1.0
     A, F = worth * data + np.eye(P), worth * F  # in prior standard deviations: the prior adds the identity
     variances = np.diag(np.linalg.inv(A))
-    left, by_many = (np.diagonal(np.linalg.inv(A + k * F), axis1=1, axis2=2) / variances for k in (1, MANY))
-    plan = _plan(A, F) if trials else []
+    left = np.diagonal(np.linalg.inv(A + F), axis1=1, axis2=2) / variances
     return NextTrial(
         options=tuple(chosen),
         duration=seconds,
         left_out=tuple(left_out),
         left=left,
-        left_by_many=by_many,
         total=(left * variances).mean(axis=1),
         mean=float(variances.mean()),
         before=np.diag(C).copy(),
         worth=worth,
-        missing=tuple(missing(F[:, i, i], features_of, had) if trials else "" for i in range(P)),
-        plan=tuple(k for k, _ in plan),
-        planned=tuple(share for _, share in plan),
     )
 
 
@@ -256,8 +222,8 @@ def runs(
     return chosen, trials, left_out
 
 
-def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) -> tuple[np.ndarray, list[frozenset]]:
-    """Information (K, P, P) of runs of the calibrated ship, each repeated to fill ``seconds``, and their features.
+def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) -> np.ndarray:
+    """Information (K, P, P) of runs of the calibrated ship, each repeated to fill ``seconds``.
 
     calibration: whose ship, noise and windows are used; trials: the K runs. In prior standard deviations, prior
     excluded, the initial state of every window being unknown.
@@ -271,8 +237,7 @@ def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) ->
     per_window = information(problem, problem.join(problem.measured_nodes, p)).fisher[:, :P, :P]
     F = group_sums(parts.run, np.nan_to_num(per_window), len(trials))
     repeats = np.array([repetitions(t, seconds, ship) for t in trials])
-    features_of = [features(parts.subset(np.flatnonzero(parts.run == k)), ship) for k in range(len(trials))]
-    return F * repeats[:, None, None], features_of
+    return F * repeats[:, None, None]
 
 
 def _problem(calibration: Calibration, parts: Segments) -> Problem:
@@ -297,18 +262,6 @@ def simplest(gain: np.ndarray) -> int:
     return int(np.argmax(gain >= NEARLY * gain.max()))
 
 
-def _plan(A: np.ndarray, F: np.ndarray) -> list[tuple[int, float]]:
-    """Three trials, each the best addition to those before it by the mean prior's share; and that mean. A: precision
-    (P, P) before; F: (K, P, P) added by each trial."""
-    plan: list[tuple[int, float]] = []
-    for _ in range(3):  # greedy, with repetition
-        means = np.diagonal(np.linalg.inv(A + F), axis1=1, axis2=2).mean(axis=1)
-        k = simplest(float(np.diag(np.linalg.inv(A)).mean()) - means)
-        plan.append((k, float(means[k])))
-        A = A + F[k]
-    return plan
-
-
 def advice(i: int, finding: CoefficientFinding, trial: NextTrial | None) -> str:
     """Which ``trial`` would help coefficient ``i``; "" when its ``finding`` needs none, or none was scored."""
     if trial is None or finding.kind in ("determined", "unknown") or not trial.options:
@@ -322,11 +275,6 @@ def advice(i: int, finding: CoefficientFinding, trial: NextTrial | None) -> str:
         if after < DETERMINED:
             outcome = f"would determine it (share {after:.0%})"
         return f"best next trial: {option.name}, {trial.duration:.0f} s of it {outcome}"
-    if best := trial.best(i, many=True):
-        return (
-            f"{trial.duration:.0f} s of no trial of the library would help by much; {MANY} times that of "
-            f"{best[0].name} would bring its standard error down by {1 - np.sqrt(best[1]):.0%}"
-        )
     return "none of the library would help: take it from captive tests, computation or regression"
 
 
@@ -334,11 +282,10 @@ def identifiability_dict(found: Identifiability, trial: NextTrial | None = None)
     """Plain values for result.json: what was ``found``, a sentence each, and the trials scored (``trial``), if any."""
     content = found.to_dict()
     for i, finding in enumerate(found.findings):
-        missing, help_ = trial.missing[i] if trial else "", advice(i, finding, trial)
-        words = verdict(finding, missing)
+        help_, words = advice(i, finding, trial), verdict(finding)
         content["coefficients"][finding.symbol] |= {
             "sentence": f"{words}; {help_}" if help_ else words,
-            "cause": cause(finding, missing),
+            "cause": cause(finding),
             "advice": help_,
         }
     if trial:

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,10 +52,6 @@ KINDS = {
     "unknown": "unknown",
 }
 
-# Tolerance of the logarithmic slope within which a shared pair is called a product or a ratio. Set by hand: a word.
-ALONG = 0.15
-PAIR = 0.8  # Correlation from which the combination of a pair is named at all. Set by hand: a word.
-
 
 @dataclass(frozen=True)
 class Cluster:
@@ -74,8 +69,8 @@ class CoefficientFinding:
     told by the trials, and still far from its prior), "bound" or "unknown".
     share: prior's share of the posterior variance. alone: the share that would be left if all others were known.
     partners: coefficients it is confounded with, the most important first; together: the share that would be left
-    if these were known. combination: what of it and its first partner is determined, in words, "" when not simple.
-    bound: "lower", "upper" or "". shift: of the estimate from the prior, in prior standard deviations.
+    if these were known. bound: "lower", "upper" or "". shift: of the estimate from the prior, in prior standard
+    deviations.
     """
 
     symbol: str
@@ -84,7 +79,6 @@ class CoefficientFinding:
     alone: float
     partners: tuple[str, ...] = ()
     together: float = float("nan")
-    combination: str = ""
     bound: str = ""
     shift: float = float("nan")
 
@@ -104,19 +98,6 @@ class Identifiability:
     condition_with_prior: float
     correlation: np.ndarray
 
-    @cached_property
-    def order(self) -> np.ndarray:
-        """The P coefficients by the leaves of average linkage on 1 - abs(correlation): alike ones are neighbours."""
-        if len(self.correlation) < 3 or not np.isfinite(self.correlation).all():
-            return np.arange(len(self.correlation))
-        from scipy.cluster.hierarchy import leaves_list, linkage  # late: slow to import
-        from scipy.spatial.distance import squareform
-
-        distance = np.clip(1 - np.abs(self.correlation), 0, None)
-        np.fill_diagonal(distance, 0)
-        distance = 0.5 * (distance + distance.T)
-        return np.asarray(leaves_list(linkage(squareform(distance, checks=False), "average", optimal_ordering=True)))
-
     def to_dict(self) -> dict[str, Any]:
         """Plain values for result.json; counts: of the coefficients of each kind."""
         kinds = [f.kind for f in self.findings]
@@ -129,7 +110,6 @@ class Identifiability:
                     "share_if_all_others_were_known": f.alone,
                     "share_if_partners_were_known": f.together,
                     "partners": list(f.partners),
-                    "combination": f.combination,
                 }
                 for f in self.findings
             },
@@ -227,13 +207,8 @@ def _finding(
         kind = "strained"
     if kind == "silent" or (not shared and together > 0.67 * share):  # a third at least is worth a name
         partners, together = [], share
-    words = ""
-    if len(partners) == 1:
-        j = partners[0]
-        close = abs(covariance[i, j]) >= PAIR * np.sqrt(share * covariance[j, j])
-        words = combination(i, j, prior, p, covariance) if close else ""
     names = tuple(prior.symbols[j] for j in partners)
-    return CoefficientFinding(prior.symbols[i], kind, share, alone, names, together, words, where, float(p[i]))
+    return CoefficientFinding(prior.symbols[i], kind, share, alone, names, together, where, float(p[i]))
 
 
 def _partners(i: int, covariance: np.ndarray) -> tuple[list[int], float]:
@@ -251,35 +226,6 @@ def _partners(i: int, covariance: np.ndarray) -> tuple[list[int], float]:
         C = C - np.outer(C[:, j], C[j]) / C[j, j]  # conditioned on j
         left = float(max(C[i, i], 0.0))
     return chosen, left
-
-
-def combination(i: int, j: int, prior: Prior, p: np.ndarray, covariance: np.ndarray) -> str:
-    """What of two coefficients the data determine: their product, their ratio, a sum or a difference, in words.
-
-    i, j: their positions in ``prior``; p: scaled estimate (P,); covariance: (P, P) in prior standard deviations.
-    Deductions enter as 1 - t, wake fractions as 1 - w, the rudder force increase as 1 + a_H.
-    """
-    # the direction that is determined least, in SI
-    weak = np.linalg.eigh(covariance[np.ix_([i, j], [i, j])])[1][:, 1] * prior.std[[i, j]]
-    if np.abs(weak).min() < 1e-9 * np.abs(weak).max():  # one of both is known: no combination
-        return ""
-    value = (prior.mean + prior.std * p)[[i, j]]
-    factors = [_factor(prior.symbols[k], float(v)) for k, v in zip((i, j), value, strict=True)]
-    a, b = (name for name, _ in factors)
-    slope = float(weak[0] * factors[0][1] / (weak[1] * factors[1][1]))  # d ln a / d ln b along it
-    if abs(np.log(abs(slope) + 1e-300)) < ALONG:  # 1e-300: the logarithm of 0
-        return f"the ratio {a} / {b}" if slope > 0 else f"the product {a} {b}"
-    weight = -float(weak[0] / weak[1])
-    times = "" if abs(abs(weight) - 1) < 0.05 else f"{abs(weight):.2g} "  # one, by two digits
-    return f"{prior.symbols[i]} {'+' if weight > 0 else '-'} {times}{prior.symbols[j]}"
-
-
-def _factor(symbol: str, value: float) -> tuple[str, float]:
-    """How a coefficient enters a product, and d ln of that by d of the coefficient (0 where it crosses zero)."""
-    sign = -1 if symbol.startswith(("t_", "w_")) else 1 if symbol == "a_H" else 0
-    if sign:
-        return f"(1 {'-' if sign < 0 else '+'} {symbol})", sign / (1 + sign * value)
-    return symbol, 1 / value if value else 0.0
 
 
 def clusters(symbols: tuple[str, ...], correlation: np.ndarray) -> tuple[Cluster, ...]:
@@ -324,8 +270,8 @@ def remedies(symbols: Sequence[str]) -> str:
     return f"see what the trials may hide: {'; '.join(f'{what} ({how})' for what, how in rest)}; mmg diagnose tells"
 
 
-def cause(finding: CoefficientFinding, missing: str = "") -> str:
-    """What decided a coefficient, in words, from its ``finding``; missing: what in the trials would excite it."""
+def cause(finding: CoefficientFinding) -> str:
+    """What decided a coefficient, in words, from its ``finding``."""
     names, kind = listed(finding.partners), finding.kind
     if kind == "strained":
         return (
@@ -339,20 +285,20 @@ def cause(finding: CoefficientFinding, missing: str = "") -> str:
             return "shared with many coefficients: only combinations of them are determined"
         if finding.together >= DETERMINED:
             return f"shared with {', '.join(finding.partners)} and others: only combinations of them are determined"
-        return f"shared with {names}: the data determine only {finding.combination or 'their combination'}"
+        return f"shared with {names}: the data determine only their combination"
     return {
         "bound": f"at its {finding.bound} bound: the data ask for a value outside the range given",
         "unknown": "its uncertainty could not be computed",
         "determined": "determined by the data",
         "partly": "partly determined by the data" + (f", what is missing is shared with {names}" if names else ""),
-        "silent": "not excited by these trials" + (f", which have no {missing}" if missing else ""),
+        "silent": "not excited by these trials",
         "prior": "decided by the prior" + (f", what the data say is shared with {names}" if names else ""),
     }[kind]
 
 
-def verdict(finding: CoefficientFinding, missing: str = "") -> str:
-    """A sentence on what decided a coefficient, with the prior's share; finding, missing: see ``cause``."""
-    words = cause(finding, missing)
+def verdict(finding: CoefficientFinding) -> str:
+    """A sentence on what decided a coefficient, with the prior's share, from its ``finding``."""
+    words = cause(finding)
     if finding.kind in ("bound", "unknown"):
         return words
     known = "it were known" if len(finding.partners) == 1 else "they were known"
@@ -362,9 +308,9 @@ def verdict(finding: CoefficientFinding, missing: str = "") -> str:
     return f"{words} (the prior's share of the variance is {min(finding.share, 1):.0%}{tied})"
 
 
-def listed(names: Sequence[str], last: str = " and ") -> str:
-    """ "a", "a and b" or "a, b and c" of ``names``; last: what stands before the last one."""
-    return last.join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+def listed(names: Sequence[str]) -> str:
+    """ "a", "a and b" or "a, b and c" of ``names``."""
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
 
 
 def calibrated_ship(

@@ -19,7 +19,6 @@ from cases.quantities import UNITS
 from fitting.identifiability.analysis import KINDS
 from fitting.record import FitRecord
 from fitting.report import sections
-from fitting.report.plan_section import plan_section
 from fitting.report.plot_style import figures_of
 from fitting.report.run_folder import versions
 from fitting.report.use import Delivered, delivery_sections, first_screen
@@ -80,7 +79,6 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
         "about": ship.title if ship.mark else "",
         "result": result,
         "ship": ship,
-        "headline": sections.headline(result),
         "warnings": sections.report_warnings(result),
         "groups": groups,
         "at_prior": AT_PRIOR,
@@ -92,7 +90,6 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
             *(("effect", name, effect(name).summary) for name in ship.effects),
         ],
         "choice": sections.structure_section(folder),
-        "planned": plan_section(folder),
         "figures": figures,
         "citations": citations_of(result),
         "first": 11,  # number of the first section on use, behind those of report.html.j2

@@ -10,7 +10,6 @@ from typing import Any
 
 from cases.io.files import read_json
 from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY
-from fitting.prediction.unit_errors import is_worse
 from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.errors import UserError
 from mmg.ship import Ship
@@ -61,7 +60,9 @@ def identifiability_section(result: Mapping[str, Any]) -> dict[str, Any] | None:
     content = result.get("identifiability")
     if not isinstance(content, dict) or not isinstance(content.get("coefficients"), dict):
         return None
-    trial = {"plan": [], "left_out": [], "worth": None, "options": [], "best": {}} | (content.get("next_trial") or {})
+    trial = {"overall": None, "left_out": [], "worth": None, "options": [], "best": {}} | (
+        content.get("next_trial") or {}
+    )
     helped: dict[str, list[str]] = {}
     for symbol, best in trial["best"].items():
         if best:
@@ -113,58 +114,6 @@ def plus_minus(value: float | None, std: float | None) -> str:
     else:
         words = f"{value:.{max(0, decimals)}f} ± {std:.{max(0, decimals)}f}"
     return words.replace("-", "−")
-
-
-def change(before: float | None, after: float | None) -> str:
-    """How an error changed from ``before`` to ``after``, in words."""
-    if after is None:
-        return "could not be computed: the prediction diverges"
-    if before is None:
-        return f"is {after:.3g} (that of the ship before diverges)"
-    numbers = f"from {before:.3g} to {after:.3g}"
-    if is_worse(before, after):
-        return f"ROSE {numbers}"
-    if not is_worse(after, before):
-        return f"stayed at {before:.3g}"
-    return f"fell {numbers} ({f'{before / after:.3g} times smaller' if after > 0 else 'to nothing'})"
-
-
-def headline(result: dict) -> dict[str, str]:
-    """Sentences by name on ``result`` (content of result.json): what was calibrated, how much better, convergence."""
-    data, scores = result["data"], result["scores"]
-    if scaling := result.get("scaling"):
-        return _scaled_headline(result, scaling)
-    free, seconds = len(result["coefficients"]), sum(row["duration_s"] for row in data)
-    what = f"{free} coefficient{'s' * (free != 1)} of {result['ship']} calibrated on {len(data)} trial"
-    what += f"{'s' * (len(data) != 1)} ({seconds:,.0f} s)."
-    better = "No scores: the trials hold no positions, so predictions could not be judged."
-    if pair := scores.get("validation") or scores.get("training"):
-        before, after, count = pair["before"], pair["after"], len(pair["after"]["trials"])
-        where = f"{count} held-out trial{'s' * (count != 1)}" if "validation" in scores else "the training trials"
-        better = (
-            f"On {where} the mean squared normalised error [-] of 30 s predictions "
-            f"{change(before['window'], after['window'])}; "
-        )
-        restarts = any(t.get("restarts", True) for t in after["trials"])  # of older versions the number is not known
-        over = f"with restarts every 100 s it {change(before['paper'], after['paper'])}."
-        better += over if restarts else "there is nothing to score over 100 s."
-    iterations = sum(p["iterations"] for p in result["passes"])
-    state = f"Converged ({result['status']}) after {iterations} iterations."
-    if not result["converged"]:
-        advice = result["advice"] or "the best iterate is kept"
-        state = f"NOT CONVERGED ({result['status']}) after {iterations} iterations: {advice}."
-    return {"what": what, "better": better, "state": state}
-
-
-def _scaled_headline(result: dict, scaling: dict) -> dict[str, str]:
-    """``headline`` of a ship that was scaled from a model."""
-    model = scaling["model"]
-    what = f"{result['ship']}: {model['ship']} of {model['length_m']:g} m scaled to {scaling['length_m']:g} m."
-    trials = len(model["trials"])
-    basis = f"calibrated on {trials} trial{'s' * (trials != 1)}" if trials else "known by its priors alone"
-    better = f"The model is {basis}; no trial of the ship herself took part, so no score says how good she is."
-    state = "Scaled." if result["converged"] else f"THE CALIBRATION OF THE MODEL DID NOT CONVERGE ({result['status']})."
-    return {"what": what, "better": better, "state": state}
 
 
 def report_warnings(result: dict) -> list[str]:

@@ -162,7 +162,7 @@ def _summary(result: FitResult) -> None:
     cli.say_scores(result.scores)
     kinds = result.identifiability["counts"]
     cli.say("coefficients: " + ", ".join(f"{count} {KINDS[kind]}" for kind, count in kinds.items()))
-    if plan := result.identifiability.get("next_trial", {}).get("plan"):
-        cli.say(f"next trial that would determine most: {plan[0]['name']}")
+    if name := result.identifiability.get("next_trial", {}).get("overall"):
+        cli.say(f"next trial that would determine most: {name}")
     if result.ship.mark:
         cli.say(f"name: {result.ship.title}")

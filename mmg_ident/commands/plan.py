@@ -32,11 +32,11 @@ def plan(
     """Design the next trial: rudder and revolutions that make chosen coefficients or figures known best.
 
     The ship stays inside the area (x north from 0 to the length, y east from 0 to the width), also by draws of the
-    coefficients from their covariance; calm air. mmg simulate RUN --controls takes the file, mmg report RUN shows it.
+    coefficients from their covariance; calm air. mmg simulate RUN --controls takes the file.
 
     Example: mmg plan runs/first --area 60x25 --time 180 --out next.csv
     """
-    from fitting.report.plan_section import in_words, keep_plan, plan_map
+    from fitting.report.planned import in_words, plan_map
     from mmg_ident import studies
 
     cli.refuse_target("--out", out, force, (".csv",))
@@ -47,10 +47,6 @@ def plan(
     with writing(out):
         planned.write(out)
         plan_map(planned).savefig(out.with_suffix(".png"), dpi=120)
-    try:
-        keep_plan(planned, run, out)
-    except OSError as error:  # a run that cannot be written can be planned from all the same
-        cli.say(f"note: the report of {run} will not show this plan: {error.strerror or error}")
     content = planned.to_dict()
     if json:
         cli.print_json(content | {"out": str(out), "map": str(out.with_suffix(".png"))})

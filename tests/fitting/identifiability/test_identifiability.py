@@ -7,7 +7,6 @@ import itertools
 import pickle
 from dataclasses import fields, replace
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -22,7 +21,7 @@ from cases.simulation.simulate import SensorNoise, add_noise, simulate
 from cases.simulation.simulate_batch import simulate_batch
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
-from fitting.design.next_trial import NextTrial, Option, fisher, identifiability_dict, library, next_trial, repetitions
+from fitting.design.next_trial import NextTrial, Option, identifiability_dict, library, next_trial, repetitions
 from fitting.design.plan import RUN_UP, Area, Evolution, PlanTask, Sequences, SequenceSearch, Wish, corners, table_of
 from fitting.design.planned_trial import PlannedTrial
 from fitting.design.trial_information import Present, TrialInformation, choose_windows, window_information
@@ -99,18 +98,15 @@ def test_straight_runs_excite_no_rudder_and_tell_thrust_and_its_deduction_as_a_p
     assert all("best_trial" in row for row in identifiability_dict(found, scored)["clusters"])
 
 
-@pytest.mark.parametrize(
-    ("gradient", "words"), [([1.0, 1.0], "the product a b"), ([1.0, -1.0], "the ratio a / b"), ([1.0, 2.0], "a + 2 b")]
-)
-def test_two_coefficients_that_enter_as_one_combination_are_shared(gradient: list[float], words: str) -> None:
+def test_two_coefficients_that_enter_as_one_combination_are_shared() -> None:
     """Information only on a combination of a and b, both 1 with equal priors; c is seen by itself, d not at all."""
-    seen = np.array([*gradient, 0.0, 0.0])
+    seen = np.array([1.0, 1.0, 0.0, 0.0])
     data = 1e4 * np.outer(seen, seen) + np.diag([0, 0, 1e3, 0])
     found = analyse(prior_of("a", "b", "c", "d"), np.zeros(4), np.linalg.inv(data + np.eye(4)), data)
     assert kinds(found) == {"a": "shared", "b": "shared", "c": "determined", "d": "silent"}
     first = found.findings[0]
-    assert first.partners == ("b",) and first.combination == words and first.together < 0.01 < DETERMINED
-    assert found.clusters[0].symbols == ("a", "b") if gradient != [1.0, 2.0] else found.clusters
+    assert first.partners == ("b",) and first.together < 0.01 < DETERMINED
+    assert found.clusters[0].symbols == ("a", "b")
     assert found.condition_number == np.inf and found.condition_with_prior > 1e4
     data = 1e4 * np.ones((3, 3))  # a product of three names both partners
     found = analyse(prior_of("a", "b", "c"), np.zeros(3), np.linalg.inv(data + np.eye(3)), data)
@@ -139,7 +135,6 @@ def test_shares_and_what_is_left_if_all_others_were_known_are_those_of_the_matri
     found = analyse(prior_of(*"abcdef"), np.zeros(6), covariance)
     np.testing.assert_allclose([f.share for f in found.findings], np.diag(covariance))
     np.testing.assert_allclose([f.alone for f in found.findings], 1 / np.diag(np.linalg.inv(covariance)), rtol=1e-9)
-    assert sorted(found.order) == list(range(6))
 
 
 @pytest.mark.slow
@@ -157,7 +152,6 @@ def test_the_recommended_trial_does_what_was_predicted() -> None:
     assert believed.worth == pytest.approx(1.0)
     k = scored.options.index(option)
     run = trial(option.maneuver, 300.0, 7, option.wind)
-    assert "rudder movement" in fisher(calibration, [run], run.duration)[1][0]
     again = fitted([trial("acceleration", 120.0), trial("acceleration", 80.0, 1), run])
     fell = np.sqrt(np.diag(again.covariance_model) / np.diag(calibration.covariance_model))
     np.testing.assert_allclose(fell, np.sqrt(believed.left[0]), rtol=0.1)
@@ -166,13 +160,11 @@ def test_the_recommended_trial_does_what_was_predicted() -> None:
 
 
 @pytest.mark.slow
-def test_more_time_tells_more_and_the_plan_never_loses() -> None:
+def test_more_time_tells_more_and_the_trial_named_for_all_is_nearly_the_best() -> None:
     calibration, _, scored = nearly_straight()
-    assert (scored.left <= 1 + 1e-9).all() and (scored.left_by_many <= scored.left + 1e-9).all()
-    shares = [scored.mean, *scored.planned]
-    assert all(b < a for a, b in pairwise(shares))
-    assert scored.total[scored.plan[0]] == pytest.approx(scored.planned[0])
-    assert scored.mean - scored.planned[0] >= 0.9 * (scored.mean - scored.total.min())
+    assert (scored.left <= 1 + 1e-9).all() and scored.overall
+    chosen = scored.total[scored.options.index(scored.overall)]
+    assert scored.mean - chosen >= 0.9 * (scored.mean - scored.total.min())
     shorter, longer = (next_trial(calibration, [Option("zigzag", "zigzag:20/20")], duration=s) for s in (200.0, 600.0))
     assert (longer.left <= shorter.left + 1e-9).all()
 
@@ -239,7 +231,7 @@ def test_a_coefficient_far_from_its_prior_leads_to_what_the_trials_hide_and_neve
 def test_the_section_names_what_each_trial_would_help_and_bears_missing_keys() -> None:
     _, found, scored = nearly_straight()
     shown = identifiability_section({"identifiability": identifiability_dict(found, scored)})
-    assert shown is not None and shown["trial"]["plan"]
+    assert shown is not None and shown["trial"]["overall"]
     helped = {name.partition(" ")[0] for names in shown["helped"].values() for name in names}
     assert helped == {f.symbol for i, f in enumerate(found.findings) if scored.best(i)}
     assert set(shown["helped"]) <= {row["name"] for row in shown["options"]}
