@@ -1,12 +1,11 @@
-"""Shooting intervals without compiled code: one interval as an expression of CasADi, mapped over all of them.
-
-The compiled kernel (``mmg.compile.interval_source``, which has the same chain rule) is tried against these.
+"""Shooting intervals without compiled code: the rates and their derivatives by CasADi at all intervals, the chain rule
+through the stages of each step by numpy. The compiled kernel (``mmg.compile.interval_source``, which has the same chain
+rule) is tried against these.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -15,6 +14,14 @@ from fitting.nlp.prior import group_sums
 from mmg.compile.batch import BatchFunction
 from mmg.compile.intervals import Lanes, Wanted
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS, rk4_step
+
+
+class _Stage(NamedTuple):
+    """Of a stage: arguments of the rates (Q, M), their sensitivities (M, Q, n), Jacobian (M, S, Q) of the rates."""
+
+    q: np.ndarray
+    G: np.ndarray
+    J: np.ndarray
 
 
 class PortableIntervals:
@@ -26,14 +33,12 @@ class PortableIntervals:
 
     def __init__(self, whole: ca.Function) -> None:
         self.S, self.Q, self.P = whole.size1_out(0), whole.size1_in(0), whole.size2_out(1) - whole.size1_in(0)
-        self._sizes = whole.numel_in(1), whole.numel_in(2)
-        given = whole.sx_in()
+        self._inputs, given = whole.numel_in(1), whole.sx_in()
         k, J, *H = whole(*given)
-        self._rates = BatchFunction(ca.Function("rates", given[:3], [k], {"cse": True}), None)
-        self._jacobian = ca.Function("jacobian", given[:3], [k, J], {"cse": True})
+        self._rates = _at_points("rates", given[:3], [k])
+        self._jacobian = _at_points("jacobian", given[:3], [k, J])
         if H:
-            self._hessian = ca.Function("hessian", given, [ca.triu2symm(H[0])], {"cse": True})
-        self._made: dict[tuple, BatchFunction] = {}  # by kind, number of steps and step
+            self._hessian = _at_points("hessian", given, [ca.triu2symm(H[0])])
 
     def values(
         self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, given: np.ndarray | None = None
@@ -44,7 +49,7 @@ class PortableIntervals:
         for k, controls in enumerate(inputs):
 
             def rates(at: np.ndarray, part: float, controls: np.ndarray = controls) -> np.ndarray:
-                return self._rates.at(at[-self.Q :], _during(controls, part, self._sizes[0]), by_interval)[0]
+                return self._rates.at(at[-self.Q :], self._during(controls, part), by_interval)[0]
 
             z = np.where(exist[k] > 0, rk4_step(rates, z, lanes.h), z)  # an interval that has ended keeps its end
             if given is not None:
@@ -57,9 +62,8 @@ class PortableIntervals:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As of ``IntervalKernel``."""
         rows, columns = (np.arange(self.S), np.arange(self.S + self.P)) if wanted is None else wanted
-        kind = ("slopes", tuple(rows.tolist()), tuple(columns.tolist()), lanes.changes)
-        end, ends, slope = self._run(lanes, kind, start, theta, pull)
-        return end, _matrices(ends, len(rows)), slope.T
+        end, after, _ = self._sweep(lanes, start, theta, columns)
+        return end, after[-1][:, rows], _slope(after, pull)
 
     def gradient(
         self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, pull: np.ndarray, weight: np.ndarray
@@ -80,23 +84,24 @@ class PortableIntervals:
         middle: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """As of ``IntervalKernel``."""
-        kind = ("curvature", tuple(cost[1].tolist()), weight is not None, middle)
-        given = (pull, cost[0], *([] if weight is None else [weight]))
-        ends, slope, rows, shared = self._run(lanes, kind, start, theta, *given)
-        total = group_sums(slot[lanes.position], _matrices(shared, self.P), int(slot.max()) + 1)
-        return _matrices(ends, self.S), slope.T, _matrices(rows, self.S), total
-
-    def _run(
-        self, lanes: Lanes, kind: tuple, start: np.ndarray, theta: np.ndarray, *more: np.ndarray
-    ) -> list[np.ndarray]:
-        """Outputs (elements, M) of the function of this ``kind``, which is made when it is first asked for."""
-        K, M = len(lanes.controls), lanes.M
-        if (kind, K, lanes.h) not in self._made:
-            self.K, self.h = K, lanes.h
-            name, *rest = kind
-            self._made[kind, K, lanes.h] = BatchFunction(getattr(self, f"_{name}")(*rest), None)
-        inputs, *rest = self._lane_inputs(lanes, theta)
-        return self._made[kind, K, lanes.h](start, inputs.reshape(-1, M), *rest, *(a.reshape(-1, M) for a in more))
+        S, N, (triangles, own) = self.S, self.S + self.P, cost
+        _, after, steps = self._sweep(lanes, start, theta, np.arange(N), keep=weight is not None)
+        rows, columns = np.triu_indices(S + len(own))  # of the samples' Hessians, by rows
+        chosen = np.broadcast_to(np.eye(N)[S + own], (lanes.M, len(own), N))
+        H, adjoint = np.zeros((lanes.M, N, N)), weight
+        for k in reversed(range(len(after))):  # adjoints go backwards
+            if k < len(triangles):  # the end itself has no sample: it is a node
+                sample = np.empty((lanes.M, S + len(own), S + len(own)))
+                sample[:, rows, columns] = sample[:, columns, rows] = triangles[k].T
+                moved = np.concatenate([after[k], chosen], axis=1)
+                H += np.swapaxes(moved, 1, 2) @ (sample @ moved)  # the sample's Hessian, by the chain rule
+            if adjoint is not None:
+                if k < len(triangles):
+                    adjoint = adjoint + pull[k]  # the sample pulls on its own state too
+                bent, adjoint = self._bent(lanes, theta, k, steps[k], adjoint, middle)
+                H += bent
+        shared = group_sums(slot[lanes.position], np.ascontiguousarray(H[:, S:, S:]), int(slot.max()) + 1)
+        return after[-1], _slope(after, pull), np.ascontiguousarray(H[:, :S]), shared
 
     def _lane_inputs(self, lanes: Lanes, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Controls (K, C or 2 C, M) of the intervals, which steps exist (K, M), and coefficients (all,) or (all, M)."""
@@ -105,104 +110,79 @@ class PortableIntervals:
         exist = (np.arange(len(lanes.controls))[:, None] < lanes.steps[at]).astype(float)
         return lanes.controls[..., at], exist, by_interval
 
-    def _arguments(self, changes: bool = False) -> list[ca.MX]:
-        """Of one interval: start (S, 1), inputs (C or 2 C, K), which steps exist (K, 1), coefficients (all, 1)."""
-        C, every = self._sizes
-        shapes = {"start": (self.S, 1), "exists": (self.K, 1), "theta": (every, 1)}
-        z, exists, theta = (ca.MX.sym(name, *shape) for name, shape in shapes.items())
-        return [z, ca.MX.sym("inputs", 2 * C if changes else C, self.K), exists, theta]
+    def _during(self, controls: np.ndarray, part: float) -> np.ndarray:
+        """Inputs (C, M) after a ``part`` of a step: the ``controls`` (C, M), or their means and changes (2 C, M)."""
+        C = self._inputs
+        return controls if len(controls) == C else controls[:C] + (part - 0.5) * controls[C:]
 
     def _sweep(
-        self, arguments: Sequence[ca.MX], columns: Sequence[int] | None = None
-    ) -> tuple[ca.MX, list[ca.MX], list[list]]:
-        """End (S,); sensitivities (S, N) after each step; and by step and stage the arguments (Q,) of the rates, their
-        sensitivities (Q, N) and the Jacobian (S, Q) of the rates. columns: of the N, those wanted (default: all)."""
-        (z, c, exists, theta), S, Q, P = arguments, self.S, self.Q, self.P
-        wanted = list(range(S + P) if columns is None else columns)
-        Z, after, steps = ca.MX(ca.horzcat(ca.DM.eye(S), ca.DM(S, P))[:, wanted]), [], []
-        for k in range(self.K):
-            rate, slope, stages = ca.MX(S, 1), ca.MX(S, len(wanted)), []
+        self, lanes: Lanes, start: np.ndarray, theta: np.ndarray, columns: np.ndarray, keep: bool = False
+    ) -> tuple[np.ndarray, list[np.ndarray], list[list[_Stage]]]:
+        """End (S, M); sensitivities (M, S, n) after each step to those of the N variables in ``columns`` (n,); the
+        stages of each step where they are to be kept."""
+        inputs, exist, by_interval = self._lane_inputs(lanes, theta)
+        S, Q, M, h = self.S, self.Q, lanes.M, lanes.h
+        z, Z = start, np.broadcast_to(np.eye(S, S + self.P)[:, columns], (M, S, len(columns)))
+        after, steps = list[np.ndarray](), list[list[_Stage]]()
+        for controls, there in zip(inputs, exist, strict=True):
+            rate, slope, stages = np.zeros((S, 1)), np.zeros((1, 1, 1)), []
             total, summed = rate, slope
             for node, weight in zip(NODES, WEIGHTS, strict=True):
-                # argument of the stage, and its slope
-                q, G = (a[-Q:, :] + node * self.h * b[-Q:, :] for a, b in ((z, rate), (Z, slope)))
-                rate, J = self._jacobian(q, _during(c[:, k], node, self._sizes[0]), theta)
-                slope = J[:, :Q] @ G + ca.horzcat(ca.MX(S, S), J[:, Q:])[:, wanted]  # chain rule: dk = f_q dq + f_p
+                q, G = (z + node * h * rate)[-Q:], (Z + node * h * slope)[:, -Q:]  # argument, and its slope
+                rate, jacobian = self._jacobian.at(q, self._during(controls, node), by_interval)
+                J = _matrices(jacobian, S)
+                direct = np.concatenate([np.zeros((M, S, S)), J[:, :, Q:]], axis=2)[:, :, columns]
+                slope = J[:, :, :Q] @ G + direct  # chain rule: dk = f_q dq + f_p
                 total, summed = total + weight * rate, summed + weight * slope
-                stages.append((q, G, J[:, :Q]))
+                stages.append(_Stage(q, G, J[:, :, :Q]))
             # a step that is not there adds nothing
-            z, Z = z + exists[k] * self.h * total, Z + exists[k] * self.h * summed
+            z, Z = z + there * h * total, Z + (there * h)[:, None, None] * summed
             after.append(Z)
-            steps.append(stages)
+            steps += [stages] if keep else []
         return z, after, steps
 
-    def _slopes(self, rows: Sequence[int], columns: Sequence[int], changes: bool) -> ca.Function:
-        """Of the arguments and the gradient to the interior states: end (S,), rows and columns of its sensitivities,
-        and columns of the gradient (1, N)."""
-        arguments, pull = self._arguments(changes), ca.MX.sym("pull", self.S, self.K - 1)
-        end, after, _ = self._sweep(arguments, columns)
-        found = [end, after[-1][list(rows), :], self._slope(after, pull)]
-        return ca.Function("slopes", [*arguments, pull], [ca.densify(a) for a in found])
-
-    def _slope(self, after: Sequence[ca.MX], pull: ca.MX) -> ca.MX:
-        return ca.densify(sum((pull[:, k].T @ after[k] for k in range(self.K - 1)), ca.MX(1, after[-1].size2())))
-
-    def _curvature(self, own: Sequence[int], weighted: bool, middle: bool) -> ca.Function:
-        """Of those and the samples' Hessians, upper triangles by rows, and of the weight of the end where it is
-        ``weighted``: the same, and the Hessian's rows of the start and block of the coefficients."""
-        arguments, pull = self._arguments(), ca.MX.sym("pull", self.S, self.K - 1)
-        _, after, steps = self._sweep(arguments)
-        S, N, n = self.S, self.S + self.P, self.S + len(own)
-        rows, columns = np.triu_indices(n)
-        cost, weight = ca.MX.sym("cost", len(rows), self.K - 1), ca.MX.sym("weight", S)
-        at, chosen = np.empty((n, n), dtype=int), ca.DM(len(own), N)
-        at[rows, columns] = at[columns, rows] = np.arange(len(rows))  # where a pair of variables is among the triangle
-        for row, column in enumerate(own):
-            chosen[row, S + column] = 1.0
-        H, adjoint = ca.MX(N, N), weight
-        for k in reversed(range(self.K)):  # adjoints go backwards
-            if k < self.K - 1:  # the end itself has no sample: it is a node
-                moved = ca.vertcat(after[k], chosen)
-                # the sample's Hessian, by the chain rule
-                H += moved.T @ (ca.reshape(cost[at.ravel().tolist(), k], n, n) @ moved)
-                adjoint = adjoint + pull[:, k]  # the sample pulls on its own state too
-            if weighted:
-                bent, adjoint = self._bent(arguments, k, steps[k], adjoint, middle)
-                H += bent
-        inputs = [*arguments, pull, cost, *([weight] if weighted else [])]
-        found = after[-1], self._slope(after, pull), H[:S, :], H[S:, S:]
-        return ca.Function("curvature", inputs, [ca.densify(a) for a in found])
-
-    def _bent(self, arguments: list[ca.MX], k: int, stages: list, adjoint: ca.MX, middle: bool) -> tuple[ca.MX, ca.MX]:
-        """What the second derivatives of the rates in step k add to the Hessian (N, N), by the ``adjoint`` (S,) of its
-        end; and the adjoint of its begin.
+    def _bent(
+        self, lanes: Lanes, theta: np.ndarray, k: int, stages: list[_Stage], adjoint: np.ndarray, middle: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What the second derivatives of the rates in step k add to the Hessian (M, N, N), by the ``adjoint`` (S, M) of
+        its end; and the adjoint of its begin.
 
         With U = 1/2 H_qq G + H_qp of a stage, G being dq: H += G^T U + U^T G + H_pp.
         """
-        S, Q, h, (_, c, exists, theta) = self.S, self.Q, self.h, arguments
-        multipliers: list[ca.MX] = []
-        back, later = adjoint, ca.MX(S, 1)
-        for (_, _, J), node, weight in zip(reversed(stages), reversed(NODES), reversed(WEIGHTS), strict=True):
-            multipliers.insert(0, exists[k] * (h * weight * adjoint + later))  # stages are gone through backwards
-            pulled = ca.vertcat(ca.MX(S - Q, 1), J.T @ multipliers[0])
+        inputs, exist, by_interval = self._lane_inputs(lanes, theta)
+        S, Q, N, h = self.S, self.Q, self.S + self.P, lanes.h
+        multipliers: list[np.ndarray] = []
+        back, later = adjoint, np.zeros_like(adjoint)
+        for stage, node, weight in zip(reversed(stages), reversed(NODES), reversed(WEIGHTS), strict=True):
+            multipliers.insert(0, exist[k] * (h * weight * adjoint + later))  # stages are gone through backwards
+            pulled = np.zeros_like(adjoint)
+            pulled[-Q:] = np.einsum("msq,sm->qm", stage.J, multipliers[0])
             back, later = back + pulled, h * node * pulled
         if middle:
             # the midpoint rule for the bending alone
-            stages, multipliers = stages[MIDDLE : MIDDLE + 1], [sum(multipliers, ca.MX(S, 1))]
-        total = ca.MX(S + self.P, S + self.P)
-        for (q, G, _), mu in zip(stages, multipliers, strict=True):
-            H = self._hessian(q, c[:, k], theta, mu)
-            U = 0.5 * (H[:Q, :Q] @ G) + ca.horzcat(ca.MX(Q, S), H[:Q, Q:])
-            GU = G.T @ U
-            total += GU + GU.T + ca.diagcat(ca.MX(S, S), H[Q:, Q:])
+            stages, multipliers = stages[MIDDLE : MIDDLE + 1], [sum(multipliers, np.zeros_like(adjoint))]
+        total = np.zeros((lanes.M, N, N))
+        for stage, mu in zip(stages, multipliers, strict=True):
+            H = _matrices(self._hessian.at(stage.q, inputs[k], by_interval, mu)[0], Q + self.P)
+            U = 0.5 * (H[:, :Q, :Q] @ stage.G)
+            U[:, :, S:] += H[:, :Q, Q:]
+            GU = np.swapaxes(stage.G, 1, 2) @ U
+            total += GU + np.swapaxes(GU, 1, 2)
+            total[:, S:, S:] += H[:, Q:, Q:]
         return total, back
+
+
+def _at_points(name: str, arguments: list[ca.SX], results: list[ca.SX]) -> BatchFunction:
+    """A function of dense ``results`` by CasADi at many points."""
+    return BatchFunction(ca.Function(name, arguments, [ca.densify(a) for a in results], {"cse": True}), None)
+
+
+def _slope(after: list[np.ndarray], pull: np.ndarray) -> np.ndarray:
+    """Gradient (M, n) of a cost of the states ``after`` each step but the last, by its own ``pull`` (K - 1, S, M)."""
+    parts = (np.einsum("sm,msn->mn", p, Z) for p, Z in zip(pull, after[:-1], strict=True))
+    return sum(parts, np.zeros((len(after[-1]), after[-1].shape[2])))
 
 
 def _matrices(values: np.ndarray, rows: int) -> np.ndarray:
     """Matrices (M, rows, columns) from their elements by columns (rows columns, M)."""
     return np.ascontiguousarray(values.reshape(-1, rows, values.shape[1]).transpose(2, 1, 0))
-
-
-def _during(controls: Any, part: float, C: int) -> Any:
-    """Inputs (C, ...) after a ``part`` of a step: the ``controls`` (C, ...), or their means and changes (2 C, ...)."""
-    return controls[:C] if controls.shape[0] == C else controls[:C] + (part - 0.5) * controls[C:]
