@@ -58,8 +58,8 @@ class Wish:
     """What is asked of a planned trial.
 
     area: "60x25" [m]; seconds: how long [s]; coefficients: symbols, parts of the ship or "all"; figures: of
-    ``fitting.design.plan.FIGURES``; start: x, y [m], psi [rad], None: chosen; rudder_limit: largest angle ordered
-    [rad], that of merchant ships at full rudder (SOLAS II-1, 29); time_limit: set by hand.
+    ``fitting.design.plan.FIGURES``; rudder_limit: largest angle ordered [rad], that of merchant ships at full rudder
+    (SOLAS II-1, 29); time_limit: set by hand.
     """
 
     area: str
@@ -68,8 +68,6 @@ class Wish:
     figures: tuple[str, ...] = setting((), "Instead: advance, tactical_diameter, first_overshoot_10, ...")
     speed_limit: float | None = setting(None, "Highest [m/s]; default that of the trials.")
     margin: float | None = setting(None, "From the edges [m]; default half a beam.")
-    start: tuple[float, float, float] | None = None
-    ahead: bool = setting(False, "The propeller is not reversed.")
     seed: int = setting(0, "Seed of all random numbers.", ge=0)
     effort: float = setting(1.0, "Factor on the length of the search.", gt=0, le=100)
     rudder_limit: float = math.radians(35.0)

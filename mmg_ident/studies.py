@@ -178,7 +178,6 @@ def plan(
     run: str | Path | FitResult | Any,
     area: str,
     time: float,
-    start: tuple[float, float, float] | None = None,
     rudder_limit: float = 35.0,
     progress: OnProgress | None = None,
     **values: Any,
@@ -186,19 +185,16 @@ def plan(
     """Design the trial that would tell most beside those that a ship was calibrated on, as ``mmg plan`` does.
 
     run: a run folder of mmg fit or mmg train, or its result; area: length x width [m], such as "60x25"; time: length of
-    the trial [s]; start: x, y [m], heading [deg], None: where most room is; rudder_limit [deg]; progress: called as the
-    search goes on; values: coefficients, figures, speed_limit and other fields of ``Wish``. Returns the plan, whose
-    ``write`` makes the file for an autopilot. Raises UserError for an area that the ship does not fit into.
+    the trial [s]; rudder_limit [deg]; progress: called as the search goes on; values: coefficients, figures,
+    speed_limit and other fields of ``Wish``. Returns the plan, whose ``write`` makes the file for an autopilot. Raises
+    UserError for an area that the ship does not fit into.
     """
     from fitting.design.planned_trial import plan_trial
 
     values = checked_settings(
         Wish, {n: listed(v) if n in ("coefficients", "figures") else v for n, v in values.items()}
     )
-    if start is not None and len(start) != 3:
-        raise BadValue("start: give x, y [m] and heading [deg]")
-    place = None if start is None else (start[0], start[1], math.radians(start[2]))  # x, y [m], psi [rad]
-    wish = Wish(area=area, seconds=time, start=place, rudder_limit=math.radians(rudder_limit), **values)
+    wish = Wish(area=area, seconds=time, rudder_limit=math.radians(rudder_limit), **values)
     result: Any = load_run(run) if isinstance(run, (str, Path)) else run
     content = content_of(result)
     if content.get("kind") not in ("calibration", "training"):

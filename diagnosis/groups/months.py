@@ -18,8 +18,16 @@ from cases.shipfiles.effects import parameters
 from cases.trial import Trial
 from diagnosis.groups.over_time import DAY, Changes, DatedChange, find_changes
 from fitting.calibrate import FitOptions, calibrate
-from fitting.design.trial_information import ChosenWindows, choose_windows
-from fitting.prediction.innovations import CHANNELS, UNEXPLAINED, Innovations, Stretches, candidates_of, scatter
+from fitting.prediction.innovations import (
+    CHANNELS,
+    UNEXPLAINED,
+    ChosenWindows,
+    Innovations,
+    Stretches,
+    candidates_of,
+    choose_windows,
+    scatter,
+)
 from fitting.report.run_folder import SCHEMA_VERSION, versions
 from fitting.result import FitResult
 from fitting.settings import Settings

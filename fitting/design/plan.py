@@ -13,6 +13,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -22,13 +23,104 @@ from cases.maneuvers.self_propulsion import engine_of, own_speed, revolutions_fo
 from cases.simulation.simulate_batch import input_array
 from cases.trial import Trial
 from fitting.design.next_trial import Option, library, repetitions, runs
-from fitting.design.trial_information import Present, TrialInformation
+from fitting.nlp.fisher_information import information
+from fitting.nlp.prior import Prior
+from fitting.nlp.problem import Problem
+from fitting.nlp.shooting import Kernels
+from fitting.nlp.windows import Segments
 from fitting.parallel import Shared, kept_workers, run_all, width
 from fitting.settings import Wish
 from mmg.errors import BadValue, NoSolution, OutOfRange
 from mmg.messages import OnProgress, Progress
+from mmg.model import columns
 from mmg.motion.froude import time_scale
+from mmg.rollout import Simulator
 from mmg.ship import Ship
+
+
+@dataclass(frozen=True)
+class TrialInformation:
+    """Information of simulated trials as the fit of a run takes it: the same right-hand side, noise and windows.
+
+    simulator: of the calibrated ship; prior: of her free coefficients, in whose standard deviations all is; sigma: (6,)
+    noise of the states, infinite where one is not measured; dt: step [s]; window: steps of a window.
+    """
+
+    simulator: Simulator
+    prior: Prior
+    sigma: np.ndarray
+    dt: float
+    window: int
+
+    def __reduce__(self) -> tuple:  # without the kernels: in another process they are taken from the cache
+        return TrialInformation, (self.simulator, self.prior, self.sigma, self.dt, self.window)
+
+    @cached_property
+    def kernels(self) -> Kernels:
+        """Right-hand side and Jacobian of the ship."""
+        free = self.prior.positions(self.simulator.ship)
+        return Kernels(self.simulator.model, free, self.simulator.compiled)
+
+    def of(self, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        """Fisher information (K, P, P) of motions ``states`` (N + 1, S, K) under ``inputs`` (N, C, K), prior excluded.
+        The state at the begin of each window, which is one shooting interval, is unknown."""
+        (N, C, K), S, P = inputs.shape, states.shape[1], len(self.prior.symbols)
+        windows = max(1, round(N / self.window))
+        m, M = N // windows, windows * K  # steps of a window; the first windows of all trials, then the second
+        first, each, measured = m * np.arange(windows), np.arange(M), np.isfinite(self.sigma).astype(float)
+        controls = np.ascontiguousarray(np.concatenate([inputs[k : k + m] for k in first], axis=2))
+        ends = np.stack([states[first], states[first + m]])  # (2, windows, S, K)
+        segments = Segments(
+            h=self.dt,
+            K=m,
+            steps=np.full(M, m),
+            start=2 * each,  # nodes: begin and end of each window in turn
+            end=2 * each + 1,
+            controls=controls,
+            targets=np.zeros((m - 1, 6, M)),  # information knows no residuals
+            mask=np.tile(measured[:, None], (m - 1, 1, M)),
+            nodes=(nodes := ends.transpose(1, 3, 0, 2).reshape(2 * M, S))[:, :6],
+            node_mask=np.tile(measured, (2 * M, 1)),
+            node_controls=controls[[0, -1]].transpose(1, 2, 0).reshape(C, 2 * M),
+            window=each,
+            node_window=np.repeat(each, 2),
+            run=np.tile(np.arange(K), windows),
+            trials=(),
+            duration=N * self.dt,
+        )
+        sigma = np.where(measured > 0, self.sigma, 1.0)  # the mask leaves these states out
+        problem = Problem(self.simulator.ship, self.prior, self.kernels, segments, sigma)
+        fisher = information(problem, problem.join(nodes, np.zeros(P))).fisher
+        return np.nan_to_num(fisher, posinf=0.0, neginf=0.0).reshape(windows, K, P, P).sum(axis=0)
+
+    def logged(self, states: np.ndarray) -> np.ndarray:
+        """The six columns (N + 1, 6, K) that would be logged of ``states`` (N + 1, S, K)."""
+        return np.asarray(columns(self.simulator.model, states, self.simulator.ship.values))
+
+
+@dataclass(frozen=True)
+class Present:
+    """What is known before a trial.
+
+    precision: (P, P) of the free coefficients, in prior standard deviations; worth: factor on the information of a
+    trial for residuals correlated beyond the noise model; wanted: (m, P) combinations of the coefficients that are to
+    be known better; names: of these (m,).
+    """
+
+    precision: np.ndarray
+    worth: float
+    wanted: np.ndarray
+    names: tuple[str, ...]
+
+    def variances(self, fisher: np.ndarray | None = None) -> np.ndarray:
+        """Variances (..., m) of what is wanted with trials of information ``fisher`` (..., P, P); None: now."""
+        A = self.precision if fisher is None else self.precision + self.worth * fisher
+        return np.einsum("mp,...pq,mq->...m", self.wanted, np.linalg.inv(A), self.wanted)
+
+    def gain(self, fisher: np.ndarray) -> np.ndarray:
+        """Mean logarithm of the variances with trials of information ``fisher`` (..., P, P) less that of now, (...)."""
+        return np.log(self.variances(fisher) / self.variances()).mean(axis=-1)
+
 
 # Headings [rad] in which a track is tried; the opposite ones leave as much room. Set by hand.
 HEADINGS = np.radians(np.arange(0, 180, 15))
@@ -74,27 +166,15 @@ class Area:
             )
         return cls(length, width, margin)
 
-    def check_start(self, start: tuple[float, float, float], ship: Ship) -> None:
-        """UserError where the hull of ``ship`` at ``start``, x, y [m], psi [rad], is not inside with its margin."""
-        x, y = corners(np.array([start])[..., None], ship)
-        m = self.margin - 1e-9
-        if x.min() < m or x.max() > self.length - m or y.min() < m or y.max() > self.width - m:
-            raise OutOfRange(
-                f"--start {start[0]:g}:{start[1]:g}:{math.degrees(start[2]):g}: the hull is not inside the area of "
-                f"{self.length:g} x {self.width:g} m with a margin of {self.margin:g} m there; give another start"
-            )
-
-    def placing(
-        self, tracks: np.ndarray, ship: Ship, start: tuple[float, float, float] | None = None, turned: bool = True
-    ) -> Placing:
+    def placing(self, tracks: np.ndarray, ship: Ship, turned: bool = True) -> Placing:
         """Where ``tracks`` (N, 3, D, K) of x, y [m], psi [rad] begin, K of them with D draws each, all from 0, 0, 0.
 
-        start: x, y, psi if they are given, else the heading with most room is taken and the track is put into the
-        middle. turned: the heading may be chosen. Of draws the hull of the first, the ship herself, and two standard
-        deviations of all to each side count; draws that are not finite do not. ship: whose hull it is.
+        The heading with most room is taken, where it may be ``turned``, and the track is put into the middle. Of draws
+        the hull of the first, the ship herself, and two standard deviations of all to each side count; draws that are
+        not finite do not. ship: whose hull it is.
         """
         px, py = corners(tracks, ship)  # (4, N, D, K)
-        headings = np.array([start[2]]) if start else HEADINGS if turned else HEADINGS[:1]
+        headings = HEADINGS if turned else HEADINGS[:1]
         inner = np.array([self.length, self.width])[:, None] - 2 * self.margin
         placed = []
         for psi in headings:
@@ -103,13 +183,8 @@ class Area:
             spread = 2 * np.std(along, axis=3, where=np.isfinite(along)) if along.shape[3] > 1 else 0.0
             lows = np.fmin.reduce(along[:, :, :, 0] - spread, axis=(1, 2))  # (2, K)
             highs = np.fmax.reduce(along[:, :, :, 0] + spread, axis=(1, 2))
-            if start:
-                begin = np.repeat(np.array(start[:2])[:, None], lows.shape[1], axis=1)
-                ends = self.margin + inner
-                over = np.maximum(self.margin - begin - lows, 0) + np.maximum(begin + highs - ends, 0)
-            else:
-                begin = self.margin + 0.5 * inner - 0.5 * (lows + highs)
-                over = np.maximum(highs - lows - inner, 0)
+            begin = self.margin + 0.5 * inner - 0.5 * (lows + highs)
+            over = np.maximum(highs - lows - inner, 0)
             placed.append((over.sum(axis=0), np.min(inner - highs + lows, axis=0), begin))
         excess, room, begins = (np.array(part) for part in zip(*placed, strict=True))
         # least excess; of headings that fit the one with most room
@@ -287,7 +362,7 @@ class PlanTask:
 
     def reversible(self, ship: Ship) -> bool:
         """Whether the propeller of ``ship`` is reversed at will: not with a diesel engine, which takes its time."""
-        if self.wish.ahead or "n" not in ship.actuators or "pitch" in ship.actuators:
+        if "n" not in ship.actuators or "pitch" in ship.actuators:
             return False
         speed = own_speed(ship)
         return engine_of(ship, speed, revolutions_for(ship, speed)) is None
@@ -378,10 +453,10 @@ class SequenceSearch:
     def placing(self, states: np.ndarray) -> Placing:
         """Where motions (N + 1, S, D, K) begin."""
         before = np.zeros((1, 3, *states.shape[2:]))
-        if self.task.wish.start is None:  # the run-up lies behind a ship that goes ahead, before one that goes astern
-            before[:, 0] = -RUN_UP * self.ship.particulars["L"] * np.where(states[0, 3] < 0, -1.0, 1.0)
+        # the run-up lies behind a ship that goes ahead, before one that goes astern
+        before[:, 0] = -RUN_UP * self.ship.particulars["L"] * np.where(states[0, 3] < 0, -1.0, 1.0)
         tracks = np.concatenate([before, states[::2, :3]])  # each second sample, to save time
-        return self.task.area.placing(tracks, self.ship, self.task.wish.start, "current" not in self.ship.effects)
+        return self.task.area.placing(tracks, self.ship, "current" not in self.ship.effects)
 
     def cost(self, x: np.ndarray) -> np.ndarray:
         """Cost (K,) of sequences (K, size): the gain of those that stay inside and are not too fast, else above 0."""
@@ -490,8 +565,8 @@ def search_plan(
         area, early = task.area, f"; the search was ended after {wish.time_limit:g} s (--time-limit)"
         raise NoSolution(
             f"no sequence of {wish.seconds:g} s was found that stays inside {area.length:g} x {area.width:g} m with a "
-            f"margin of {area.margin:g} m; give a larger --area, a shorter --time, a lower --speed-limit or another "
-            "--start" + ("" if made == total else early)
+            f"margin of {area.margin:g} m; give a larger --area, a shorter --time or a lower "
+            "--speed-limit" + ("" if made == total else early)
         )
     return _found(search, winner.best, rows, (made * COUNT, made == total))
 

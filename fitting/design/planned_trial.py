@@ -18,8 +18,17 @@ from cases.maneuvers.self_propulsion import actuator_positions, own_speed
 from cases.quantities import UNITS
 from cases.simulation.simulate import SensorNoise, longest_step, wrap
 from cases.simulation.simulate_batch import simulate_batch
-from fitting.design.plan import RUN_UP, Area, PlanTask, SequenceFound, Wish, search_plan, table_of
-from fitting.design.trial_information import Present, TrialInformation
+from fitting.design.plan import (
+    RUN_UP,
+    Area,
+    PlanTask,
+    Present,
+    SequenceFound,
+    TrialInformation,
+    Wish,
+    search_plan,
+    table_of,
+)
 from fitting.nlp.prior import Prior
 from fitting.prediction.bands import correlation_in, draws_of
 from mmg.components.catalogue import ROLES, coefficient_table
@@ -155,12 +164,10 @@ class PlannedTrial:
         water = "with the current of the calibration" if "current" in ship.effects else "in still water"
         engine = "the propeller may be reversed at any time"
         if not task.reversible(ship):
-            diesel = not wish.ahead and "n" in ship.actuators and "pitch" not in ship.actuators
+            diesel = "n" in ship.actuators and "pitch" not in ship.actuators
             engine = "the propeller is not reversed" + (": a diesel engine takes its time for it" if diesel else "")
-        run_up = "the run-up to the start that was given is left to you"
-        if wish.start is None:
-            side = "before" if self.found.states[0, 3] < 0 else "behind"
-            run_up = f"{RUN_UP:g} ship lengths of a straight run-up {side} the start lie inside the area too"
+        side = "before" if self.found.states[0, 3] < 0 else "behind"
+        run_up = f"{RUN_UP:g} ship lengths of a straight run-up {side} the start lie inside the area too"
         share, highest = self.present.worth, np.abs(self.found.orders[:, 0]).max()
         correlated = share < 0.95  # set by hand: what is less is no news
         worth = f", {share:.0%} of that information, as her residuals are correlated" if correlated else ""
@@ -230,8 +237,6 @@ def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnP
         raise Conflict("give either --coefficients or --figures, one of them")
     area = Area.parse(wish.area, ship, wish.margin)
     prior, covariance = known_now(calibrated, ship)
-    if wish.start is not None:
-        area.check_start(wish.start, ship)
     angle = math.degrees(wish.rudder_limit)
     if not 1 <= angle <= STEEPEST:
         raise OutOfRange(f"--rudder-limit {angle:g} deg: give 1 to {STEEPEST:g} deg")

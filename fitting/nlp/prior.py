@@ -289,15 +289,6 @@ class RunConstants:
             for run, value, std in zip(self.runs, self.value.tolist(), self.std.tolist(), strict=True)
         }
 
-    def table(self) -> list[str]:
-        """Lines for a person: a head, then a row per run."""
-        names = [f"{s} [{unit}]" if unit else s for s, unit in zip(self.symbols, self.units, strict=True)]
-        pairs = zip(self.runs, self.value, self.std, strict=True)
-        rows = [[run, *(f"{v:.4g} +- {s:.2g}" for v, s in zip(value, std, strict=True))] for run, value, std in pairs]
-        lines = [["run", *names], *rows]
-        width = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        return ["  ".join(cell.ljust(w) for cell, w in zip(line, width, strict=True)).rstrip() for line in lines]
-
 
 def _distinct(names: Sequence[str]) -> tuple[str, ...]:
     """The names, the second of equal ones with "(2)" behind it."""

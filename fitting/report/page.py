@@ -5,7 +5,6 @@ Its sections follow the headings of ITTC 7.5-02-06-03 (validation of manoeuvring
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -100,38 +99,6 @@ def _run(record: FitRecord, ship: Ship, folder: Path, number: int, known: Delive
     }
 
 
-def comparison_of(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Scores and coefficients of several ``runs`` (each as the page shows it) side by side, and whether the scores may
-    be compared."""
-    tables = []
-    for key in dict.fromkeys(key for run in runs for key in run["result"]["scores"]):
-        scores = [run["result"]["scores"][key]["after"] if key in run["result"]["scores"] else None for run in runs]
-        rows = _side_by_side([score["trials"] if score else [] for score in scores], "name")
-        # a normalised error is comparable on the same trials and by the same sigma alone
-        scored_alike = [([row["name"] for row in score["trials"]], score["sigma"]) for score in scores if score]
-        tables.append({
-            "title": SETS.get(key, key),
-            "rows": [*rows, ("all rows pooled", scores)],
-            "comparable": scored_alike == scored_alike[:1] * len(scored_alike),
-        })  # fmt: skip
-    pairs = _side_by_side([[row for group in run["groups"] for row in group["rows"]] for run in runs], "symbol")
-    coefficients = [(symbol, [(row, _differs(rows[0], row)) for row in rows]) for symbol, rows in pairs]
-    return {"tables": tables, "coefficients": coefficients}
-
-
-def _side_by_side(tables: list[list[dict]], key: str) -> list[tuple[str, list[dict | None]]]:
-    """(name, the row of that name in each of ``tables`` or None) for all names under ``key``, as they come."""
-    by_name = [{row[key]: row for row in table} for table in tables]
-    return [(name, [rows.get(name) for rows in by_name]) for name in dict.fromkeys(n for rows in by_name for n in rows)]
-
-
-def _differs(first: dict | None, other: dict | None) -> bool:
-    """Whether two estimates lie more than two standard errors of their difference apart (taken as independent)."""
-    if not first or not other or None in (first["std"], other["std"], first["value"], other["value"]):
-        return False  # a file holds null for what is not finite
-    return abs(first["value"] - other["value"]) > 2 * math.hypot(first["std"], other["std"])
-
-
 def rendered(template: str, package: str = "fitting.report", **content: Any) -> str:
     """The page of a ``template`` of a ``package`` with this ``content`` and the version of the program."""
     page = _environment(package).get_template(f"{template}.html.j2")
@@ -175,8 +142,7 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[
         if labels.count(label) > 1:
             run["label"] = f"{label} ({run['id']})"
     ships = [run["name"] + ("" if run["result"]["converged"] else " (not converged)") for run in runs]
-    comparison = comparison_of(runs) if len(runs) > 1 else None
-    return rendered("report", runs=runs, ships=ships, comparison=comparison)
+    return rendered("report", runs=runs, ships=ships)
 
 
 def write_page(text: str, out: Path) -> None:

@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from cases.io.files import read_json
-from fitting.identifiability.analysis import DETERMINED, KINDS, PARTLY
+from fitting.identifiability.analysis import KINDS
 from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.errors import UserError
 from mmg.ship import Ship
 
-# Kinds of a finding that the prior's share of the variance alone tells, each below its share.
-BY_SHARE = (("determined", DETERMINED), ("partly", PARTLY))
 GROUPS = ("mass", *ROLES, "effects", "other")
 
 
@@ -47,9 +45,7 @@ def coefficient_groups(result: Mapping[str, Any], ship: Ship) -> list[dict[str, 
             group["fixed"].append(f"{symbol} = {ship.coefficients[symbol].value:.6g}")
             continue
         finding = findings.get(symbol, {})
-        kind, share = finding.get("kind"), row["prior_share"]
-        if kind not in KINDS:  # of a version that did not say
-            kind = "unknown" if share is None else next((k for k, most in BY_SHARE if share < most), "prior")
+        kind = finding.get("kind", "unknown")
         more = {"symbol": symbol, "kind": kind, "cause": finding.get("cause", KINDS[kind]), "test": tests.get(symbol)}
         group["rows"].append({**row, **more})
     return [group for group in groups.values() if group["rows"] or group["fixed"]]

@@ -151,8 +151,14 @@ def _summary(result: FitResult) -> None:
         f"seed {result.settings.seed}"
     )
     cli.say_remarks(result)
-    for row in constants.table() if constants else []:
-        cli.say(row)
+    if constants:
+        columns = (f"{s} [{unit}]" if unit else s for s, unit in zip(constants.symbols, constants.units, strict=True))
+        rows = [
+            (run, *(f"{cell['value']:.4g} +- {cell['std']:.2g}" for cell in cells.values()))
+            for run, cells in constants.rows().items()
+        ]
+        for line in cli.table_lines(("", *columns), rows):
+            cli.say(line)
     for test in result.effects or ():
         if not test.in_doubt:  # else it was said as a warning
             cli.say(test.sentence)

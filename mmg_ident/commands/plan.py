@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from typer import Argument, Option
 
@@ -14,7 +14,7 @@ from mmg_ident.commands import output as cli
 
 
 @o.options(
-    Wish, file=False, Options="coefficients figures", Limits="speed_limit margin start ahead rudder_limit",
+    Wish, file=False, Options="coefficients figures", Limits="speed_limit margin rudder_limit",
     Solver="time_limit seed effort workers scheduler",
 )  # fmt: skip
 def plan(
@@ -23,7 +23,6 @@ def plan(
     time: Annotated[float, Option(help="Length of the trial [s].")],
     out: Annotated[Path, Option(help="CSV file for the autopilot; a map comes with it.")],
     settings: o.Given,
-    start: Annotated[str | None, Option(help="x:y:heading [m, m, deg]; default where most room is.")] = None,
     rudder_limit: Annotated[float, Option(help="Largest rudder angle ordered [deg].")] = 35.0,
     scheduler: o.Scheduler = None,
     force: o.Force = False,
@@ -41,9 +40,8 @@ def plan(
 
     cli.refuse_target("--out", out, force, (".csv",))
     cli.refuse_target("--out", out.with_suffix(".png"), force)  # the map, beside it
-    place: Any = None if start is None else cli.numbers_of(start, 3, "--start x:y:heading", ":")
     with cli.working("planning"):
-        planned = studies.plan(run, area, time, place, rudder_limit, cli.progress(), **settings)
+        planned = studies.plan(run, area, time, rudder_limit, cli.progress(), **settings)
     with writing(out):
         planned.write(out)
         plan_map(planned).savefig(out.with_suffix(".png"), dpi=120)

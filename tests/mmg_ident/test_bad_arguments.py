@@ -38,7 +38,7 @@ mi.simulate_many(pd.DataFrame( {"foo":[1.]}),"turning:35",ship=SHIP {"N_r":["a"]
 mi.simulate_many(pd.DataFrame( {"N_r":[-0.05]}),"turning:35"
 mi.imo( None SHIP,scatter="x" SHIP,scatter=3 SHIP,[t],length=-3 SHIP,sped=1.0 SHIP,[t],scatter=50
 mi.imo(SHIP, [t],current=3 rudder_rate="x"
-mi.plan( fit,"60",100. fit,(60,25),100. fit,"60x25","x" SHIP,"60x25",100. fit,"60x25",100.,start=(1,2)
+mi.plan( fit,"60",100. fit,(60,25),100. fit,"60x25","x" SHIP,"60x25",100.
 mi.train(SHIP,train, seeds="3" loss="foo" epoch=3 settings=3 settings=mi.TrainSettings(),model="fnn" curriculum=[]
 mi.train(SHIP,train, settings=mi.TrainSettings(curriculum=((10,0),)) settings=mi.TrainSettings(seeds=-1)
 mi.diagnose( SHIP,[] SHIP,train,site="nope.toml" SHIP,train,step="x" SHIP,train,stp=0.1 SHIP,train,options=3

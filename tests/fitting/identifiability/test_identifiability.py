@@ -22,9 +22,20 @@ from cases.simulation.simulate_batch import simulate_batch
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients
 from fitting.design.next_trial import NextTrial, Option, identifiability_dict, library, next_trial, repetitions
-from fitting.design.plan import RUN_UP, Area, Evolution, PlanTask, Sequences, SequenceSearch, Wish, corners, table_of
+from fitting.design.plan import (
+    RUN_UP,
+    Area,
+    Evolution,
+    PlanTask,
+    Present,
+    Sequences,
+    SequenceSearch,
+    TrialInformation,
+    Wish,
+    corners,
+    table_of,
+)
 from fitting.design.planned_trial import PlannedTrial
-from fitting.design.trial_information import Present, TrialInformation, choose_windows, window_information
 from fitting.identifiability.analysis import (
     DETERMINED,
     KINDS,
@@ -40,7 +51,7 @@ from fitting.identifiability.data_checks import STATES_OF_MOTION, contradictions
 from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
-from fitting.prediction.innovations import Innovations
+from fitting.prediction.innovations import Innovations, choose_windows, window_information
 from fitting.record import FitRecord
 from fitting.report.plots import profile_plot
 from fitting.report.sections import identifiability_section
@@ -385,7 +396,7 @@ def test_a_track_is_placed_so_that_the_hull_stays_inside(ship: Ship) -> None:
     put = np.stack([place.x[0] + c * x - s * y, place.y[0] + s * x + c * y, track[:, 2, 0, 0] + place.psi[0]], axis=1)
     cx, cy = corners(put[..., None], ship)
     assert cx.min() >= 0.5 - 1e-9 and cx.max() <= 59.5 + 1e-9 and cy.min() >= 0.5 - 1e-9 and cy.max() <= 24.5 + 1e-9
-    assert area.placing(track, ship, (1.0, 1.0, 0.0)).excess[0] > 10
+    assert area.placing(track, ship, turned=False).excess[0] > 10
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

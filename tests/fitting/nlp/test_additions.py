@@ -106,8 +106,7 @@ def test_information_and_its_shared_part_are_those_of_the_whole_program() -> Non
 def test_each_run_gets_its_current_and_the_shared_coefficients_do_not_bend() -> None:
     own, without, truth = fitted(True), fitted(False), shifted_ship()
     assert own.converged and own.constants is not None
-    rows, (head, *lines) = own.constants.rows(), own.constants.table()
-    assert "current.x [m/s]" in head and [line.split()[0] for line in lines] == [*rows]
+    rows = own.constants.rows()
     for name, true in zip(("zigzag", "turning", "random"), CURRENTS.values(), strict=True):
         for symbol, value in zip(("current.x", "current.y"), true, strict=True):
             row = rows[name][symbol]

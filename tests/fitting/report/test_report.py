@@ -126,9 +126,9 @@ def test_several_runs_stand_side_by_side(tmp_path: Path, monkeypatch: pytest.Mon
     Path("kept.html").write_text("precious")
     assert main(["report", str(folders[0]), "--no-imo", "--out", "kept.html"]) == 2
     assert Path("kept.html").read_text() == "precious"
-    assert text.index("Comparison of 2") < text.index('id="run1"') < text.index('id="run2"')
+    assert text.index("2 calibrations") < text.index('id="run1"') < text.index('id="run2"')
     head = text[: text.index('id="run1"')]
-    assert all(symbol in head for symbol in FREE) and "NOT CONVERGED" in head
+    assert "NOT CONVERGED" in head
     text = report(folders[1])
     assert 'role="alert"' in text
     where = text.index("NOT CONVERGED")

@@ -106,7 +106,7 @@ BAD = {
     "plan run --area 60x25 --time 60": [
         "--area 2x1", "--area sixty | length x width", "--coefficients Y_vvv | Y_vvv", "--coefficients A_1 | A_1",
         "--figures beauty | beauty", "--coefficients Y_v --figures advance", "--time 1", "--speed-limit 90",
-        "--start 5:12 | x:y:heading", "--start 90:5:0 | --start", "--rudder-limit 90", "--time-limit 0", "--effort 0",
+        "--rudder-limit 90", "--time-limit 0", "--effort 0",
     ],
     "scale": [
         "mariner --length 5 | --froude-only", "nobody --length 5 | nobody", "kvlcc2_l7 --length -3",
