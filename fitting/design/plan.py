@@ -72,7 +72,6 @@ class TrialInformation:
         ends = np.stack([states[first], states[first + m]])  # (2, windows, S, K)
         segments = Segments(
             h=self.dt,
-            K=m,
             steps=np.full(M, m),
             start=2 * each,  # nodes: begin and end of each window in turn
             end=2 * each + 1,

@@ -152,7 +152,7 @@ class Segments:
 
     M intervals, B nodes (one at each interval start and one at each window end), W windows.
 
-    h: step [s]; K: steps per interval.
+    h: step [s].
     steps: (M,) steps of each interval; start, end: (M,) node at its start and end.
     controls: (K, C, M); targets, mask: (K - 1, 6, M) interior samples, mask 0 where none was measured.
     nodes, node_mask: (B, 6) measured states at the nodes.
@@ -165,7 +165,6 @@ class Segments:
     """
 
     h: float
-    K: int
     steps: np.ndarray
     start: np.ndarray
     end: np.ndarray
@@ -293,7 +292,6 @@ def cut(
     node_controls[:, start] = controls[0]  # after the line before, so that inner nodes have what follows them
     return Segments(
         h=h,
-        K=K,
         steps=steps,
         start=start,
         end=start + 1,

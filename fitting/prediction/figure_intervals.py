@@ -27,7 +27,7 @@ from cases.trial import Trial
 from fitting.parallel import Shared, run_all
 from fitting.prediction.band_calibration import student_factor
 from fitting.prediction.bands import Bands, acceleration_sizes, bands_of, correlation_in
-from fitting.prediction.envelope import Excess, HeldMotion, outside_of, outside_words, ranges_of, untried
+from fitting.prediction.envelope import Excess, HeldMotion, outside_of, outside_words, untried
 from mmg.effects import EFFECTS
 from mmg.errors import OutOfRange, Unsupported, refusing
 from mmg.messages import Message
@@ -68,10 +68,9 @@ class FigureScatter:
     """One manoeuvre over all draws.
 
     ship, trial: figure -> values (count,), SI and rad, NaN where it is not reached, of the ship and of a single trial;
-    outside: what leaves the range of the trials, None where that range is not known; lost: draws that
-    diverge; shown: some of the draws of single trials from the order on; ranges: quantity of ``QUANTITIES`` -> least
-    and greatest value of the ship as it is in this manoeuvre, SI and rad; widened: whether the figures' scatter grows
-    where the manoeuvre leaves the trials.
+    outside: what leaves the range of the trials, None where that range is not known; lost: draws that diverge; shown:
+    some of the draws of single trials from the order on; widened: whether the figures' scatter grows where the
+    manoeuvre leaves the trials.
     """
 
     ship: Mapping[str, np.ndarray]
@@ -79,7 +78,6 @@ class FigureScatter:
     outside: tuple[Excess, ...] | None
     lost: int
     shown: tuple[Since, ...]
-    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     widened: bool = True
 
     def of(self, figure: str, factor: float = 1.0, limit: float | None = None) -> dict[str, Any]:
@@ -275,7 +273,7 @@ def drawn_figures(
     shown = tuple(s for s in since_each(few, plan.parameters["order_time"]) if s is not None)
     lost = int(np.isnan(runs.states[-1, 0, :count]).sum())
     widened = bands is not None and bands.held is not None
-    return FigureScatter(ships, trials, outside, lost, shown, ranges_of(nominal), widened), motions
+    return FigureScatter(ships, trials, outside, lost, shown, widened), motions
 
 
 def linearised(

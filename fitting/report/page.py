@@ -136,11 +136,6 @@ def build_page(results: Sequence[tuple[FitRecord, Ship, Path]], known: Sequence[
         raise Missing("no run folder given")
     deliveries = [*known, *(Delivered() for _ in results[len(known) :])]
     runs = [_run(*result, i + 1, deliveries[i]) for i, result in enumerate(results)]
-    # folders of two campaigns may have one name, and the page tells its runs apart by it
-    labels = [run["label"] for run in runs]
-    for run, label in zip(runs, labels, strict=True):
-        if labels.count(label) > 1:
-            run["label"] = f"{label} ({run['id']})"
     ships = [run["name"] + ("" if run["result"]["converged"] else " (not converged)") for run in runs]
     return rendered("report", runs=runs, ships=ships)
 

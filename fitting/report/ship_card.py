@@ -32,9 +32,8 @@ from mmg.messages import Message
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
-CABLE = 185.2  # [m]: a tenth of a nautical mile (BIPM)
 SHARES = (1.0, 0.75, 0.5, 0.25)  # Revolutions of the table, by those of the test speed. Set by hand.
-SEA_GOING = 20.0  # Length from which squat, cables and knots mean something [m]. Set by hand.
+SEA_GOING = 20.0  # Length from which squat and knots mean something [m]. Set by hand.
 Columns = tuple[tuple[str, str], ...]
 Rows = tuple[tuple[str, str, str], ...]
 # Table -> title; manoeuvre and words of each column; figure, words and kind of unit of each row.

@@ -79,15 +79,13 @@ class CampaignFit:
     """A calibration and what became of campaigns.
 
     calibration: with constants of campaigns, or as it was; content: of "campaigns" in result.json, None where there is
-    nothing to say; messages: for a person; seconds: what it took; left_out: errors (R,) of runs left out before and
-    after, None where nothing differs.
+    nothing to say; messages: for a person; seconds: what it took.
     """
 
     calibration: Calibration
     content: dict[str, Any] | None = None
     messages: tuple[Message, ...] = ()
     seconds: float = 0.0
-    left_out: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -154,15 +152,12 @@ def by_campaign(fit: Calibration, wanted: tuple[str, ...] = (), progress: OnProg
     # what the logs do not tell counts as equal, and is corrected for
     chance = holm([readings[each.symbol][1] if each.symbol in readings else 1.0 for each in tried])
     differing = {each.symbol: readings[each.symbol][0] for each, p in zip(tried, chance, strict=True) if p < LEVEL}
-    made, widths = _with_constants(fit, campaigns, differing, progress) if differing else (same, {})
-    without, own = map(float, map(np.nanmean, made.left_out)) if made.left_out else (math.nan, math.nan)
-    judgement = {"without": without, "own": own, "taken": made.calibration is not fit}
-    nothing = {"without": math.nan, "own": math.nan, "taken": False}
-    # of each instrument: probability that it differs by chance, whether the logs tell, and where it was tried the
-    # standard deviation between campaigns in typical sizes, and mean squared errors of runs left out
-    rows: list[dict[str, Any]] = [
+    made = _with_constants(fit, campaigns, differing, progress) if differing else same
+    taken = made.calibration is not fit
+    # of each instrument: probability that it differs by chance, whether the logs tell, whether campaigns have their own
+    rows = [
         {"name": each.name, "chance": float(p), "measured": each.symbol in readings}
-        | {"width": widths.get(each.symbol, math.nan), **(judgement if each.symbol in widths else nothing)}
+        | {"taken": taken and each.symbol in differing}
         for each, p in zip(tried, chance, strict=True)
     ]
     runs = {name: campaigns.runs(name) for name in campaigns.names}
@@ -214,21 +209,20 @@ def _with_constants(
     campaigns: Groups,
     readings: Mapping[str, RunReadings],
     progress: OnProgress | None,
-) -> tuple[CampaignFit, dict[str, float]]:
+) -> CampaignFit:
     """The calibration with constants by campaign of the ``readings`` (by symbol) where it converges and runs left out
-    are better predicted, else ``fit`` as it is; and their widths in typical sizes."""
+    are better predicted, else ``fit`` as it is."""
     symbols, count = tuple(readings), len(campaigns.names)
     told = {symbol: r.of_campaigns(count) for symbol, r in readings.items()}
     own = ByCampaign(symbols, campaigns.names, campaigns.number, told)
-    ship, forces, widths = fit.problem.ship, fit.problem.captive, dict[str, float]()
-    captive = forces.points if forces else None
+    ship, forces = fit.problem.ship, fit.problem.captive
     for symbol in symbols:
         effect = symbol.partition(".")[0]
         row = next(p for p in parameters(ship, effect) if f"{effect}.{p.symbol}" == symbol)
         value, std = np.array(told[symbol]).T
         value = np.clip(value, row.lower, row.upper)  # a lag below zero is noise, and no constant may have it
-        mean, widths[symbol] = distribution_of((value - row.neutral) / row.typical, std / row.typical)
-        ship = with_constant(ship, symbol, row.neutral + mean * row.typical, widths[symbol] * row.typical)
+        mean, width = distribution_of((value - row.neutral) / row.typical, std / row.typical)
+        ship = with_constant(ship, symbol, row.neutral + mean * row.typical, width * row.typical)
     prior = prior_with(ship, own, ())
     place = dict(zip(fit.prior.symbols, fit.p, strict=True))
     # constants begin at their prior mean
@@ -238,23 +232,24 @@ def _with_constants(
     settings = replace(fit.settings, starts=1, passes=passes)
     # one Newton step first: from the estimates without constants the solver may end in another, worse optimum
     loss, nodes = Loss(settings.loss), _nodes(fit, ship)
-    problem = Problem.of(ship, prior, fit.segments, fit.sigma, loss, captive, settings.compiled)
+    problem = Problem.of(
+        ship, prior, fit.segments, fit.sigma, loss, forces.points if forces else None, settings.compiled
+    )
     x = problem.join(nodes, np.clip(p, *problem.p_bounds()))
     x = problem.join(nodes, estimates_without(information(problem, x), [()], problem.p_bounds())[0])
     control = Control.within(settings.time_limit, progress, settings.max_iterations)
     new = estimated(problem, StartingPoint(x, near=True), settings, control, own)
     new = new.of_trials(fit.trials, fit.data_warnings, fit.notices)
-    same = CampaignFit(fit)
     if not new.converged or new.constants is None:
-        return same, widths
+        return CampaignFit(fit)
     info = readings_as_rows(new.information, new.problem.prior, own, readings)
     folds, unit = fit.trials.apart, change_over(fit.trials, WINDOW, STRIDE)
     scores = leave_out(fit, folds, unit), leave_out(new, folds, unit, info=info)
     if not gains(*scores):
-        return replace(same, left_out=scores), widths
+        return CampaignFit(fit)
     without, own_error = (float(np.nanmean(some)) for some in scores)
     content = {"left_out": {"without": without, "with": own_error, "error": relative_change(*scores)[1]}}
-    return with_values(CampaignFit(new, content, left_out=scores), campaigns), widths
+    return with_values(CampaignFit(new, content), campaigns)
 
 
 def with_constant(ship: Ship, symbol: str, value: float, width: float) -> Ship:

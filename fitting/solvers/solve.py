@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import count
 from typing import Any
 
 import casadi as ca
@@ -27,7 +28,7 @@ class Solution:
     """Where IPOPT ended, or another method that leads it.
 
     converged: ``Solve_Succeeded``. x: the optimum, or the best iterate when it stopped early. status: IPOPT's own
-    word; advice: a sentence for a user. history: objective and constraint violation per iteration.
+    word; advice: a sentence for a user.
     """
 
     x: np.ndarray
@@ -38,7 +39,6 @@ class Solution:
     iterations: int
     seconds: float
     advice: str = ""
-    history: list[tuple[float, float]] = field(default_factory=list)
 
     @classmethod
     def at(cls, problem: Problem, x: np.ndarray, status: str, seconds: float = 0.0, **more: Any) -> Solution:
@@ -122,16 +122,16 @@ class _Watch:
     def __init__(self, control: Control) -> None:
         self.control = control
         self.best: tuple[float, float, np.ndarray] | None = None
-        self.history: list[tuple[float, float]] = []
+        self.number = 0
 
     def __call__(self, **at: np.ndarray) -> list[float]:
         f, violation = float(at["f"][0]), float(np.abs(at["g"]).max(initial=0.0))
-        self.history.append((f, violation))
         # feasible iterates by objective, others by how far they are off
         rank = (0.0, f) if violation <= 1e-3 else (violation, f)
         if self.best is None or rank <= self.best[:2]:
             self.best = (*rank, at["x"].copy())
-        self.control.tell(len(self.history) - 1, objective=f, violation=violation)
+        self.control.tell(self.number, objective=f, violation=violation)
+        self.number += 1
         return [float(INTERRUPTED.requested)]  # anything but 0 stops IPOPT
 
 
@@ -207,7 +207,7 @@ def by_ipopt(
     end = np.array(out["x"]).ravel() if converged or watch.best is None else watch.best[2]
     x_end = np.clip(end, lower, upper)  # IPOPT relaxes bounds by 1e-8
     advice, seconds = ADVICE.get(status, "IPOPT stopped early" if not converged else ""), time.perf_counter() - began
-    more = {"converged": converged, "iterations": int(stats["iter_count"]), "advice": advice, "history": watch.history}
+    more = {"converged": converged, "iterations": int(stats["iter_count"]), "advice": advice}
     return Solution.at(program, x_end, status, seconds, **more)
 
 
@@ -229,27 +229,25 @@ def solve(
     """
     began, control = time.perf_counter(), control or Control()
     half = time.time() + 0.5 * control.left  # the other half is for IPOPT, where the steps lead nowhere
-    history: list[tuple[float, float]] = []
+    number = count()
 
     def at_iterate(objective: float, violation: float) -> bool:
-        history.append((objective, violation))
-        control.tell(len(history) - 1, objective=objective, violation=violation)
+        control.tell(next(number), objective=objective, violation=violation)
         return control.stops or time.time() > half
 
     with interrupts_noted():
         change, gain, feasible = (ROUGH_CHANGE, ROUGH_CHANGE, FEASIBLE) if rough else (NEAR, 0.0, np.inf)
         led = lead(problem, x, change, min(STEPS, control.iterations), at_iterate, gain, feasible)
         if led.reached and rough:
-            more = {"iterations": len(led.history), "history": led.history}
-            return Solution.at(problem, led.x, "Solved_To_Acceptable_Level", time.perf_counter() - began, **more)
+            seconds = time.perf_counter() - began
+            return Solution.at(problem, led.x, "Solved_To_Acceptable_Level", seconds, iterations=len(led.history))
         # IPOPT then stops at once
         start: np.ndarray | Lead = led.x if INTERRUPTED.requested and len(led.history) > 1 else x
         if led.reached:
             start = polished(problem, led)
         last = by_ipopt(problem, start, control, tolerance, rough)
-    # steps that led nowhere are left out
-    before, seconds = led.history if led.reached else [], time.perf_counter() - began
-    return replace(last, iterations=last.iterations + len(before), seconds=seconds, history=[*before, *last.history])
+    before = len(led.history) if led.reached else 0  # steps that led nowhere are left out
+    return replace(last, iterations=last.iterations + before, seconds=time.perf_counter() - began)
 
 
 # Status of a solve after which a damped restart is tried; limits and Ctrl-C are not among them.

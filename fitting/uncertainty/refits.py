@@ -68,7 +68,7 @@ def refit_rows(
     if replicates:
         began = time.perf_counter()
         drawn = bootstrap(calibration.information, replicates, settings.seed, problem, x, settings.workers, end)
-        content["bootstrap"] = _row(drawn, calibration) | {"seconds": time.perf_counter() - began}
+        content["bootstrap"] = _row(*drawn, calibration) | {"seconds": time.perf_counter() - began}
     if profiled:
         content["profiles"] = profiles(problem, x, profiled, spread.covariance, spread.model, settings.workers, end)
     return content
@@ -89,17 +89,17 @@ def failed_refits(content: Mapping[str, Any]) -> list[Message]:
     return messages
 
 
-def _row(drawn: Replicates, calibration: Calibration) -> dict:
-    """What result.json holds of the ``drawn`` replicates of a ``calibration``: of what all runs share."""
-    prior, nan = calibration.prior, np.full((2, drawn.p.shape[1]), np.nan)
-    good = drawn.p[np.isfinite(drawn.p).all(axis=1)]  # those that did not fail
+def _row(p: np.ndarray, why: list[str], calibration: Calibration) -> dict:
+    """What result.json holds of the ``bootstrap`` of a ``calibration``: of what all runs share."""
+    prior, nan = calibration.prior, np.full((2, p.shape[1]), np.nan)
+    good = p[np.isfinite(p).all(axis=1)]  # those that did not fail
     std = good.std(axis=0, ddof=1) if len(good) > 1 else nan[0]
     lower, upper = np.quantile(good, (0.025, 0.975), axis=0) if len(good) else nan
     sizes = np.sqrt(np.diag(calibration.spread.covariance))
     return {
         "method": "refit",
-        "replicates": len(drawn.p),
-        "failed": [{"replicate": label, "reason": why} for label, why in drawn.failures],
+        "replicates": len(p),
+        "failed": [{"replicate": str(number), "reason": reason} for number, reason in enumerate(why) if reason],
         "coefficients": {
             s: {
                 "std": float(std[i] * prior.std[i]),
@@ -110,17 +110,6 @@ def _row(drawn: Replicates, calibration: Calibration) -> dict:
             for i, s in enumerate(prior.symbols)
         },
     }
-
-
-@dataclass(frozen=True)
-class Replicates:
-    """Estimates of changed data, scaled and relative to the original prior.
-
-    p: (replicates, P), NaN where a refit failed; failures: (number, reason) of those.
-    """
-
-    p: np.ndarray
-    failures: tuple[tuple[str, str], ...]
 
 
 def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[Problem, np.ndarray]:
@@ -200,9 +189,10 @@ def bootstrap(
     x: np.ndarray,
     workers: int = 1,
     end: float = math.inf,
-) -> Replicates:
-    """Estimates of ``replicates`` data sets: runs drawn with replacement, prior centres drawn from the prior, and
-    refits over ``workers`` processes.
+) -> tuple[np.ndarray, list[str]]:
+    """Estimates (replicates, P) of ``replicates`` data sets, scaled and relative to the original prior, NaN where a
+    refit failed, and why each did, "" where it did not: runs drawn with replacement, prior centres drawn from the
+    prior, and refits over ``workers`` processes.
 
     info: of the windows of the ``problem`` at its solution x (n,). The draws depend on the ``seed`` only, not on the
     number of workers. A single run is replaced by its windows. end: of the time [s], by ``time.time``.
@@ -216,8 +206,7 @@ def bootstrap(
     shared = Shared((problem, x, end))
     tasks = [(shared, counts[i], shifts[i]) for i in np.array_split(np.arange(replicates), parts)]
     outcomes = [outcome for part in run_all(refit, tasks, workers, name="bootstrap, parts") for outcome in part]
-    failures = tuple((str(i), why) for i, (_, why) in enumerate(outcomes) if why)
-    return Replicates(np.array([p for p, _ in outcomes]), failures)
+    return np.array([p for p, _ in outcomes]), [why for _, why in outcomes]
 
 
 @dataclass(frozen=True)

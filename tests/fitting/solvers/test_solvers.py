@@ -103,8 +103,6 @@ def test_led_and_alone_ipopt_find_the_same_optimum_and_covariance(kind: str) -> 
     ours, theirs = (np.linalg.inv(information(p, s.x).hessian) for s in (led, alone))
     size = np.sqrt(np.diag(theirs))
     np.testing.assert_allclose(ours / np.outer(size, size), theirs / np.outer(size, size), atol=1e-4)
-    assert led.history[-1][0] == pytest.approx(led.objective, rel=1e-6)
-    assert led.iterations == len(led.history) - 1
 
 
 def test_a_rough_solve_ends_without_ipopt(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -127,7 +125,7 @@ def test_limits_stop_as_without_it_and_ipopt_begins_as_if_it_had_not_been(monkey
     monkeypatch.setattr(solving, "STEPS", 2)  # where it does not come to its end
     alone, led = (each(p, p.start()) for each in (by_ipopt, solve))
     np.testing.assert_array_equal(led.x, alone.x)
-    assert (led.iterations, led.history) == (alone.iterations, alone.history)
+    assert led.iterations == alone.iterations
 
 
 def test_a_model_that_is_not_finite_gives_no_step_and_is_left_to_ipopt() -> None:
