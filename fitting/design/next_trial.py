@@ -20,14 +20,7 @@ from cases.maneuvers.self_propulsion import own_speed
 from cases.simulation.gusts import Wind
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
-from fitting.identifiability.analysis import (
-    DETERMINED,
-    CoefficientFinding,
-    Identifiability,
-    cause,
-    information_discount,
-    verdict,
-)
+from fitting.identifiability.analysis import Identifiability, information_discount
 from fitting.nlp.fisher_information import information
 from fitting.nlp.prior import group_sums
 from fitting.nlp.problem import Problem
@@ -120,8 +113,8 @@ class NextTrial:
 
     options: (K,) trials that can be simulated; duration: time at sea of each [s]; left_out: sentences. left: (K, P)
     posterior variance with the trial by that without. total: (K,) mean prior's share with the trial; mean: without,
-    both by the information alone, discounted by worth; before: (P,) prior's share by the covariance. worth: factor on
-    the information of a run that makes up for residuals correlated beyond the noise model.
+    both by the information alone, discounted by worth. worth: factor on the information of a run that makes up for
+    residuals correlated beyond the noise model.
     """
 
     options: tuple[Option, ...]
@@ -130,7 +123,6 @@ class NextTrial:
     left: np.ndarray
     total: np.ndarray
     mean: float
-    before: np.ndarray
     worth: float
 
     @property
@@ -160,7 +152,12 @@ class NextTrial:
             "worth": self.worth,
             "mean_prior_share": self.mean,
             "options": [r | {"mean_prior_share": share} for r, share in zip(rows, self.total.tolist(), strict=True)],
-            "best": {s: self.best_row(i) for i, s in enumerate(symbols)},
+            "best": {
+                s: {"name": MEASURED_OTHERWISE[effect], "variance_left": None}
+                if (effect := s.partition(".")[0]) in MEASURED_OTHERWISE
+                else self.best_row(i)
+                for i, s in enumerate(symbols)
+            },
             "overall": self.overall.name if self.overall else None,
             "left_out": list(self.left_out),
         }
@@ -196,7 +193,6 @@ def next_trial(
         left=left,
         total=(left * variances).mean(axis=1),
         mean=float(variances.mean()),
-        before=np.diag(C).copy(),
         worth=worth,
     )
 
@@ -262,32 +258,9 @@ def simplest(gain: np.ndarray) -> int:
     return int(np.argmax(gain >= NEARLY * gain.max()))
 
 
-def advice(i: int, finding: CoefficientFinding, trial: NextTrial | None) -> str:
-    """Which ``trial`` would help coefficient ``i``; "" when its ``finding`` needs none, or none was scored."""
-    if trial is None or finding.kind in ("determined", "unknown") or not trial.options:
-        return ""
-    if instead := MEASURED_OTHERWISE.get(finding.symbol.partition(".")[0]):
-        return instead
-    if best := trial.best(i):
-        option, left = best
-        after = trial.before[i] * left  # the prior's share of the variance, by which a coefficient is judged
-        outcome = f"would bring its standard error down by {1 - np.sqrt(left):.0%}"
-        if after < DETERMINED:
-            outcome = f"would determine it (share {after:.0%})"
-        return f"best next trial: {option.name}, {trial.duration:.0f} s of it {outcome}"
-    return "none of the library would help: take it from captive tests, computation or regression"
-
-
 def identifiability_dict(found: Identifiability, trial: NextTrial | None = None) -> dict[str, Any]:
-    """Plain values for result.json: what was ``found``, a sentence each, and the trials scored (``trial``), if any."""
+    """Plain values for result.json: what was ``found``, and the trials scored (``trial``), if any."""
     content = found.to_dict()
-    for i, finding in enumerate(found.findings):
-        help_, words = advice(i, finding, trial), verdict(finding)
-        content["coefficients"][finding.symbol] |= {
-            "sentence": f"{words}; {help_}" if help_ else words,
-            "cause": cause(finding),
-            "advice": help_,
-        }
     if trial:
         symbols = [f.symbol for f in found.findings]
         content["next_trial"] = trial.to_dict(symbols)

@@ -110,6 +110,7 @@ class Identifiability:
                     "share_if_all_others_were_known": f.alone,
                     "share_if_partners_were_known": f.together,
                     "partners": list(f.partners),
+                    "cause": cause(f),
                 }
                 for f in self.findings
             },

@@ -231,7 +231,7 @@ def _with_constants(
     passes = min(fit.settings.passes, 1 if fit.settings.loss == "gaussian" else 2)
     settings = replace(fit.settings, starts=1, passes=passes)
     # one Newton step first: from the estimates without constants the solver may end in another, worse optimum
-    loss, nodes = Loss(settings.loss), _nodes(fit, ship)
+    loss, nodes, captive = Loss(settings.loss), _nodes(fit, ship), forces.points if forces else None
     problem = Problem.of(
         ship, prior, fit.segments, fit.sigma, loss, forces.points if forces else None, settings.compiled
     )

@@ -202,7 +202,9 @@ def test_nothing_helps_a_coefficient_that_no_trial_excites() -> None:
     only = next_trial(calibration, [Option("straight", "straight"), Option("fails", "turning:35", speed=99.0)])
     assert [o.name for o in only.options] == ["straight"] and only.left_out[0].startswith("fails: ")
     none = next_trial(calibration, [Option("fails", "turning:35", speed=99.0)])
-    assert none.options == () and identifiability_dict(found, none)["coefficients"]["gamma_N"]["advice"] == ""
+    assert none.options == () and identifiability_dict(found, none)["next_trial"]["best"]["gamma_N"] is None
+    otherwise = only.to_dict(["antenna_offset.x"])["best"]["antenna_offset.x"]
+    assert otherwise["name"] == "measure it on the drawing" and otherwise["variance_left"] is None
 
 
 def test_every_ship_of_the_library_has_trials_it_can_run() -> None:
