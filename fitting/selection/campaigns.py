@@ -232,9 +232,7 @@ def _with_constants(
     settings = replace(fit.settings, starts=1, passes=passes)
     # one Newton step first: from the estimates without constants the solver may end in another, worse optimum
     loss, nodes, captive = Loss(settings.loss), _nodes(fit, ship), forces.points if forces else None
-    problem = Problem.of(
-        ship, prior, fit.segments, fit.sigma, loss, forces.points if forces else None, settings.compiled
-    )
+    problem = Problem.of(ship, prior, fit.segments, fit.sigma, loss, captive, settings.compiled)
     x = problem.join(nodes, np.clip(p, *problem.p_bounds()))
     x = problem.join(nodes, estimates_without(information(problem, x), [()], problem.p_bounds())[0])
     control = Control.within(settings.time_limit, progress, settings.max_iterations)
