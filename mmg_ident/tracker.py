@@ -21,7 +21,7 @@ import numpy as np
 from diagnosis.estimation.linearisation import FIRST, SETTLED
 from diagnosis.estimation.random_states import DIFFERENCE, LONGEST, Noise, RandomStates, deviations, disturbed
 from diagnosis.estimation.transition_model import FORCE, step_faults
-from fitting.nlp.portable_intervals import PortableIntervals
+from fitting.nlp.shooting import PortableIntervals
 from fitting.prediction.band_calibration import NORMAL
 from mmg.compile.batch import batch_functions
 from mmg.compile.interval_source import derivatives

@@ -13,7 +13,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from fitting.nlp.portable_intervals import PortableIntervals
+from fitting.nlp.shooting import PortableIntervals
 from mmg.compile.batch import batch_functions, differences, finite_points
 from mmg.compile.codegen import LANES
 from mmg.compile.interval_source import derivatives

@@ -1,5 +1,5 @@
 """Compiled kernels give the numbers of the portable ways for any ship, and are tried first: shooting intervals, the
-elimination of nodes, sums by group."""
+elimination of nodes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ import pytest
 
 from cases.shipfiles.ship_file import load_ship
 from fitting.nlp.fisher_information import Eliminated, Quadratics
-from fitting.nlp.prior import group_sums
 from fitting.nlp.problem import Problem
 from fitting.nlp.shooting import Kernels, SampleCost, Shooting, elimination
 from fitting.solvers.condensing import carried, gauss_newton
@@ -187,18 +186,3 @@ def test_nodes_are_eliminated_and_steps_carried_as_in_numpy(kind: str, monkeypat
     monkeypatch.setattr(Kernels, "elimination", None)
     for one, other in [*pairs, (compiled, carried(p, *step))]:
         assert_same(one, other, rtol=1e-9)
-
-
-# Sums by group are those of ``numpy.add.at`` to the last bit: what a fit ends at hangs on it in the fifth digit
-@pytest.mark.parametrize("shape", [(), (1, 1), (3,), (9, 72), (62, 62)])
-@pytest.mark.parametrize(("rows", "groups"), [(0, 3), (1, 1), (104, 26), (104, 400)])
-@pytest.mark.parametrize("in_order", [True, False])
-def test_sums_are_those_of_add_at(shape: tuple[int, ...], rows: int, groups: int, in_order: bool) -> None:
-    rng = np.random.default_rng(rows)
-    group = rng.integers(0, groups, rows)
-    group = np.sort(group) if in_order else group
-    values, expected = rng.standard_normal((rows, *shape)), np.zeros((groups, *shape))
-    np.add.at(expected, group, values)
-    for given in (values, np.asfortranarray(values)):
-        found = group_sums(group, given, groups)
-        assert found.shape == expected.shape and np.array_equal(found, expected)
