@@ -16,8 +16,8 @@ from cases.checks import single
 from cases.checks.breaks import PROPELLERS
 from cases.checks.report import CONTRADICTORY, DOUBTFUL, INFO, CheckFinding, CheckReport, Found
 from cases.checks.stretches import DRIFTING, held_rudders, stretch_findings
-from cases.evidence.competition import FRAMES, Judged, Keys, Scores, judged, rudder_nats, scores, standing, wrong_inputs
-from cases.evidence.shifts import LAGS, TRACK, TURN, Scale, Shift, Value, candidates, nats, scale, shifts
+from cases.evidence.competition import Judged, Keys, judged, rudder_nats, scores, standing, wrong_inputs
+from cases.evidence.shifts import LAGS, TRACK, TURN, Scale, Shift, candidates, nats, scale, shifts
 from cases.evidence.signals import Signals, independent, signals
 from cases.io.conventions import SENTINEL, converted, mislabelled
 from cases.io.read import SUFFIXES, read_trial
@@ -38,21 +38,21 @@ MULTIPLIERS = (0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E
 VERBS = {"copy": "Is a copy of", "inside": "Is contained in", "contains": "Contains", "overlaps": "Overlaps"}
 SHARE = 0.05  # Overlaps below this share of the shorter file are not reported: a matter of display. Set by hand.
 Pair = tuple[int, int]
-Duplicates = tuple[dict[int, dict[str, Any]], list[Found]]
+Duplicates = tuple[list[int], list[Found]]
 
 
 def duplicates(trials: Sequence[Trial]) -> list[Duplicates]:
-    """For each of ``trials``: what it has in common with others, by their number, and findings about them.
+    """For each of ``trials``: the numbers of those that it shares rows with, and findings about them.
 
     Rows that occur twice within one file (a ship at rest) do not count, nor do matches out of step with
     the others. Cost: one join over all rows.
     """
-    out: list[Duplicates] = [({}, []) for _ in trials]
+    out: list[Duplicates] = [([], []) for _ in trials]
     reported: set[Pair] = set()
     for grid in GRIDS if len(trials) > 1 else ():
         for pair, rows in _matches(trials, grid).items():
-            for me, other, copy, finding in _overlap(trials, pair, rows) if pair not in reported else ():
-                out[me][0][other] = copy
+            for me, other, finding in _overlap(trials, pair, rows) if pair not in reported else ():
+                out[me][0].append(other)
                 out[me][1].append(finding)
                 reported.add(pair)
     return out
@@ -88,7 +88,7 @@ def _matches(trials: Sequence[Trial], grid: float) -> dict[Pair, np.ndarray]:
     return {pair: np.concatenate(matches[pair], axis=1) for pair in sorted(matches)}
 
 
-def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[tuple[int, int, dict[str, Any], Found]]:
+def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[tuple[int, int, Found]]:
     """For both trials of a ``pair``, its number, that of the other and what its report says of their overlap, if that
     is a run of ``rows`` (2, rows) in step."""
     # a copied run has one offset of row numbers; matches at another offset are chance
@@ -97,21 +97,16 @@ def _overlap(trials: Sequence[Trial], pair: Pair, rows: np.ndarray) -> Iterator[
     if in_step.sum() < max(10, SHARE * min(len(trials[i]) for i in pair)):
         return
     ends = [(int(some[in_step].min()), int(some[in_step].max())) for some in rows]
-    identical = bool(trials[pair[0]].sha256) and trials[pair[0]].sha256 == trials[pair[1]].sha256
     shares = [(last - first + 1) / len(trials[i]) for i, (first, last) in zip(pair, ends, strict=True)]
     for me, other in ((0, 1), (1, 0)):
         # not 1: a copy may lack a row at its ends
         inside, holds, name = shares[me] >= 0.99, shares[other] >= 0.99, trials[pair[other]].name
         relation = "copy" if inside and holds else "inside" if inside else "contains" if holds else "overlaps"
-        copy = {
-            "other": name, "relation": relation, "identical_bytes": identical,
-            "rows": list(ends[me]), "other_rows": list(ends[other]), "share": shares[me],
-        }  # fmt: skip
         text = (
             f"{VERBS[relation]} {name}: rows {ends[me][0]}-{ends[me][1]} are its rows "
             f"{ends[other][0]}-{ends[other][1]}; keep both on the same side of a train/test split."
         )
-        yield pair[me], pair[other], copy, (DOUBTFUL, "duplicate", text)
+        yield pair[me], pair[other], (DOUBTFUL, "duplicate", text)
 
 
 LATE = 1.5  # Lag [s] of a channel beyond which the verdict is no longer "ok". Set by hand (1, 1).
@@ -128,7 +123,7 @@ SURE = 20.0  # set by hand: below it one file is doubted, and a fit goes on
 LOOKS = {
     "sampling": single.sampling,
     "stretches": stretch_findings,
-    "rudder": single.rudder_sign,
+    "rudder": single.held_rudder,
     "wind": single.wind,
     "excitation": single.excitation,
 }
@@ -149,7 +144,7 @@ def check(trials: Sequence[Trial], copies: Sequence[Duplicates] | None = None) -
     copies: ``duplicates`` of the trials, where they are known. Notices of the reading come last.
     """
     reports = []
-    for trial, (others, shared) in zip(trials, duplicates(trials) if copies is None else copies, strict=True):
+    for trial, (_, shared) in zip(trials, duplicates(trials) if copies is None else copies, strict=True):
         looks = {topic: look(trial) for topic, look in LOOKS.items()}
         read = [
             (DOUBTFUL if row["code"] == SENTINEL else INFO, row["code"], _capital(row["text"]) + ".")
@@ -157,7 +152,7 @@ def check(trials: Sequence[Trial], copies: Sequence[Duplicates] | None = None) -
         ]
         by_topic = {"reading": read, "duplicates": shared, **{topic: some for topic, (_, some) in looks.items()}}
         findings = tuple(CheckFinding(topic, *each) for topic, some in by_topic.items() for each in some)
-        numbers = {"duplicates": list(others.values()), **{topic: values for topic, (values, _) in looks.items()}}
+        numbers = {topic: values for topic, (values, _) in looks.items() if values}
         reports.append(CheckReport(trial.name, str(trial.path or ""), findings, numbers))
     folders: dict[Path | None, list[int]] = {}
     for i, trial in enumerate(trials):
@@ -176,7 +171,7 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
     some = [_whole(*each) for each in zip(trials, reports, strict=True)]
     records = [signals(trial) for trial in some]
     still = [standing(trial) for trial in trials]
-    turning = [report.numbers["rudder"]["correlation"] for report in reports]
+    turning = [single.following(trial)[0] for trial in trials]
     table = [
         scores(
             trial,
@@ -188,7 +183,6 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
         for trial, record, names, follows in zip(some, records, still, turning, strict=True)
     ]
     said = [_contradicted(trials, k, *each) for k, each in enumerate(zip(still, judged(table), turning, strict=True))]
-    alone: list[dict[str, Value | None]] = [{} for _ in trials]
     frozen = [any(f.code == "frozen_channel" for f in report.findings) for report in reports]
     # Then inputs that the motion refutes.
     quiet = [k for k, each in enumerate(said) if not each.findings]
@@ -200,24 +194,23 @@ def _decided(trials: Sequence[Trial], reports: Sequence[CheckReport]) -> list[Ch
                 said[k].keys["sign"] = {name: -1 for name in shafts if np.nanmedian(trials[k][name]) < 0}
     # Then lags, of files that no reading refutes; what is late is taken back before gains are compared with the track.
     quiet = [k for k, each in enumerate(said) if not each.findings and not frozen[k]]
-    for k, (shift, values) in zip(quiet, _shifted([some[k] for k in quiet], [records[k] for k in quiet]), strict=True):
-        alone[k] = dict(values)
+    for k, shift in zip(quiet, _shifted([some[k] for k in quiet], [records[k] for k in quiet]), strict=True):
         if shift:
-            said[k], alone[k][shift.name] = _shift_said(shift, trials[k]), shift.value
+            said[k] = _shift_said(shift, trials[k])
             some[k] = _in_time(some[k], shift)
     quiet = [k for k in quiet if all(level == INFO for level, *_ in said[k].findings)]
     sound = [some[k] for k in quiet]
-    for k, (values, more) in zip(quiet, _scaled(sound), strict=True):
+    for k, more in zip(quiet, _scaled(sound), strict=True):
         said[k].findings.extend(more)
-        alone[k].update(values)
     # Last how she moves: it tells of relatives too, which the comparisons above pass over.
     sways = single.sway_findings([trials[k] for k in quiet])
     for k in quiet:
         derived = trials[k].has_position and not independent(trials[k], "track")
         said[k].findings.extend((level if derived else INFO, code, text) for level, code, text in sways)
         said[k].findings.extend([*single.headway(trials[k]), *single.turning_wind(trials[k])])
-    rows = zip(reports, _with_lines(trials, said), map(single.not_checked, trials), table, alone, strict=True)
-    return [_joined(*row) for row in rows]
+    return [
+        _joined(*row) for row in zip(reports, _with_lines(trials, said), map(single.not_checked, trials), strict=True)
+    ]
 
 
 def _whole(trial: Trial, report: CheckReport) -> Trial:
@@ -237,10 +230,10 @@ def _in_time(trial: Trial, shift: Shift) -> Trial:
     return trial.with_columns(**in_time)
 
 
-def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list[Found]]]:
-    """Gains and the angle of the track of each of the ``trials``, and what is said of them: what all files of a folder
-    show together, or each by itself where they do not."""
-    out: list[tuple[dict[str, Value | None], list[Found]]] = [({}, []) for _ in trials]
+def _scaled(trials: Sequence[Trial]) -> list[list[Found]]:
+    """What is said of gains and the angle of the track of each of the ``trials``: what all files of a folder show
+    together, or each by itself where they do not."""
+    out: list[list[Found]] = [[] for _ in trials]
     for names in (TRACK[:6], TURN):  # without the drifts, which a current through the water would be
         able = {k: t for k, t in enumerate(trials) if independent(t, "turn" if names == TURN else "track")}
         every = list(able.values())
@@ -250,18 +243,9 @@ def _scaled(trials: Sequence[Trial]) -> list[tuple[dict[str, Value | None], list
             shared = together is not None and together.significant(name, LEAST_SHARE)
             said = _scale_said(together, name, every) if together and shared else None
             for k, one in by_trial.items():
-                if one is None:
-                    continue
-                told = math.isfinite(one.std[name])  # not of a column without motion and noise
-                out[k][0][{"angle": "heading"}.get(name, f"gain {name}")] = _logged_as(one, name) if told else None
-                if said or one.significant(name, LEAST_SHARE):
-                    out[k][1].append(said or _scale_said(one, name, [trials[k]]))
+                if one is not None and (said or one.significant(name, LEAST_SHARE)):
+                    out[k].append(said or _scale_said(one, name, [trials[k]]))
     return out
-
-
-def _logged_as(fit: Scale, name: str) -> float:
-    """A gain as what the column is of the truth, an angle as it is."""
-    return fit.values[name] if name == "angle" else 1.0 / max(1.0 + fit.values[name], 0.1)
 
 
 def _scale_said(fit: Scale, name: str, trials: Sequence[Trial]) -> Found:
@@ -275,7 +259,7 @@ def _scale_said(fit: Scale, name: str, trials: Sequence[Trial]) -> Found:
             f"{files}), by an offset of the heading or by the axes"
         )
         return (DOUBTFUL if fit.significant(name, TURNED) else INFO), "heading_offset", text
-    share = _logged_as(fit, name) - 1.0
+    share = 1.0 / max(1.0 + fit.values[name], 0.1) - 1.0  # what the column is of the truth, less one
     of = "what the heading says" if name == "r" else "what the positions say"
     side = "below" if share < 0 else "above"
     text = f"{name} is {abs(share):.1%} {side} {of} (standard error {fit.std[name]:.2%}{files})"
@@ -321,7 +305,7 @@ def _contradicted(
         said.append((CONTRADICTORY, "velocity_mismatch", f"{text}explains it; check units, clocks and axes"))
     wrong = mislabelled(trial.columns)
     if not said:  # how quickly the ship turns is known only where frames, clock and turn rates are right
-        rudder = turning if turning is not None else single.following(trial, 1e-4)["correlation"]
+        rudder = turning if turning is not None else single.following(trial, 1e-4)[0]
         wrong += [each for each in wrong_inputs(trial, rudder) if each[0] not in [name for name, *_ in wrong]]
     for name, factor, text in wrong:
         said.append((CONTRADICTORY, "unit", _capital(text)))
@@ -345,11 +329,9 @@ def _sentence(code: str, meaning: str, verdict: Judged) -> str:
     return f"The track says that {meaning}: {fits}" if np.isfinite(verdict.after) else f"It looks as if {meaning}"
 
 
-def _shifted(
-    trials: Sequence[Trial], records: Sequence[Signals | None]
-) -> list[tuple[Shift | None, dict[str, Value | None]]]:
-    """The shift of each of the ``trials``, None where there is none, and each value that explains it best alone."""
-    out: list[tuple[Shift | None, dict[str, Value | None]]] = [(None, {}) for _ in trials]
+def _shifted(trials: Sequence[Trial], records: Sequence[Signals | None]) -> list[Shift | None]:
+    """The shift of each of the ``trials``, None where there is none."""
+    out: list[Shift | None] = [None for _ in trials]
     for track in (True, False):
         some = [(k, s) for k, s in enumerate(records) if s and s.has_track == track and (track or s.has_turn)]
         if not some:
@@ -357,14 +339,13 @@ def _shifted(
         members = [trials[k] for k, _ in some]
         # longest lag [s] that is tried: a tenth of the shortest record up to a minute, 5 s and 20 samples at least
         longest = max(5.0, *(20 * t.dt for t in members), min(60.0, 0.1 * min(t.duration for t in members)))
-        explanations = candidates([s for _, s in some], longest)
-        said = shifts(explanations)
+        said = shifts(candidates([s for _, s in some], longest))
         if any(shift and shift.name == "arm" for shift in said):  # a late velocity in a turn looks like an arm ahead
             both = scale(members, TRACK[:6])
             if both is None or not (both.significant("arm_x") or both.significant("arm_y")):
                 said = [shift and replace(shift, rivals=(*shift.rivals, "w")) for shift in said]
-        for i, ((k, _), shift) in enumerate(zip(some, said, strict=True)):
-            out[k] = shift, {name: one.alone[i] for name, one in explanations.items()}
+        for (k, _), shift in zip(some, said, strict=True):
+            out[k] = shift
     return out
 
 
@@ -432,7 +413,7 @@ def _gained(trial: Trial, said: Said) -> float:
     keys of what is ``said`` want it; for inputs one where they then go with how quickly she turns; -inf where not."""
     wanted = settings(trial, said.keys)
     after = mended(trial, wanted, said.keys) if wanted else None
-    if after is None or mislabelled(after.columns) or wrong_inputs(after, single.following(after)["correlation"]):
+    if after is None or mislabelled(after.columns) or wrong_inputs(after, single.following(after)[0]):
         return -math.inf
     if set(said.keys) == {"units"} and not {"psi", "u", "v", "r", "t"} & set(said.keys["units"]):
         return 1.0
@@ -442,15 +423,12 @@ def _gained(trial: Trial, said: Said) -> float:
 def _fit(trial: Trial) -> float:
     """Nats of the columns of ``trial`` as they are; less is better."""
     s = signals(trial)
-    return (nats(s) if s else 0.0) + rudder_nats(single.following(trial)["correlation"])[1]
+    return (nats(s) if s else 0.0) + rudder_nats(single.following(trial)[0])[1]
 
 
-def _joined(
-    report: CheckReport, said: Said, unchecked: Sequence[Found], found: Scores, alone: Mapping[str, Value | None]
-) -> CheckReport:
+def _joined(report: CheckReport, said: Said, unchecked: Sequence[Found]) -> CheckReport:
     """``report`` with what is ``said`` and what is ``unchecked``; its own sentences on what follows from that are left
-    out. alone: of lags, gains, lever arm and offset the values that each would have by itself, or as its folder has
-    it."""
+    out."""
     codes = {code for level, code, _ in said.findings if level != INFO}
     kept = [f for f in report.findings if not (codes and (f.topic == "rudder" or f.code in codes))]
     if codes & {"unit", "frozen_channel"}:  # of a wrong clock, or of turn rates in a wrong unit
@@ -459,16 +437,7 @@ def _joined(
         CheckFinding(TOPICS.get(code, "kinematics"), level, code, text)
         for level, code, text in (*said.findings, *unchecked)
     ]
-    misfit = {name: found.misfit.get((name, 1.0, 1.0)) for name in FRAMES}
-    arm, turned = alone.get("arm"), alone.get("heading")
-    kinematics = {
-        "frame_misfit": misfit,
-        "lag_s": {name: alone.get(key) for key, (_, columns, _) in LAGS.items() for name in [", ".join(columns)]},
-        "gain": {name: alone.get(f"gain {name}") for name in "uvr"},
-        "lever_arm_m": None if arm is None else {"x": float(np.real(arm)), "y": float(np.imag(arm))},
-        "heading_offset_deg": None if turned is None else math.degrees(float(np.real(turned))),
-    }
-    return replace(report, findings=(*judged_findings, *kept), numbers={**report.numbers, "kinematics": kinematics})
+    return replace(report, findings=(*judged_findings, *kept))
 
 
 # Key -> its values, of which the other one is meant.

@@ -53,8 +53,8 @@ def spikes(values: np.ndarray) -> int:
 
 
 def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """Of a ``trial``: rows, duration, sampling interval, share of uneven steps, gaps, NaN share per column, spikes per
-    velocity, and how far the heading turns within a step."""
+    """Of a ``trial``: rows, duration and sampling interval; uneven steps, gaps, missing samples, spikes of velocities,
+    and too coarse a step."""
     steps = np.diff(trial.t)
     dt = float(np.median(steps))
     uneven = float(np.mean(np.abs(steps - dt) > 0.1 * dt))
@@ -66,19 +66,7 @@ def sampling(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     missing = {c: float(np.mean(~np.isfinite(v))) for c, v in trial.columns.items() if np.isnan(v).any()}
     spiky = {c: count for c in VELOCITIES if c in trial and (count := spikes(trial[c]))}
     turned = _turned_per_step(trial)
-    numbers = {
-        "rows": len(trial),
-        "duration_s": trial.duration,
-        "dt_s": dt,
-        "dt_min_s": float(steps.min()),
-        "dt_max_s": float(steps.max()),
-        "uneven_share": uneven,
-        "gaps": len(gaps),
-        "longest_gap_s": longest,
-        "nan_share": missing,
-        "spikes": spiky,
-        "turn_per_step_rad": turned,
-    }
+    numbers = {"rows": len(trial), "duration_s": trial.duration, "dt_s": dt}
     words = ", ".join(f"{count} in {c}" for c, count in spiky.items())
     holes = ", ".join(f"{c} {share:.0%}" for c, share in missing.items() if share > 0.05)
     coarse = (
@@ -112,31 +100,26 @@ TURNED = math.radians(1.0)
 RUDDER_STEP = math.radians(0.1)
 
 
-def rudder_sign(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """What ``following`` gives of ``trial``; all files of a folder decide together whether a sign is wrong. A rudder
-    that is taken as held although it moves over several samples is told of where that matters."""
-    return following(trial), _held(trial)
-
-
-def _held(trial: Trial) -> list[Found]:
-    """Whether the heading turns by TURNED and more over a sample in which the rudder on its way is held."""
+def held_rudder(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
+    """A note where the heading of ``trial`` turns by TURNED and more over a sample in which the rudder is taken as held,
+    though it moves over several."""
     if is_sampled(trial) is not None or "delta" not in trial:
-        return []
+        return {}, []
     turned = _turned_per_step(trial)
     moves = np.abs(np.diff(np.nan_to_num(trial["delta"]))) > RUDDER_STEP
     several = float((moves[1:] & moves[:-1]).sum())  # moves that last over more than one sample
     if turned < TURNED or several < 0.5 * moves.sum() or not several:
-        return []
+        return {}, []
     text = (
         f"Held rudder: the heading turns by up to {math.degrees(turned):.1f} deg from one sample to the next, and the "
         "rudder, which moves over several samples, is taken as held in between; if it is the angle at the sample, say "
         'inputs = "sampled" in trials.toml, else "held".'
     )
-    return [(INFO, "held_rudder", text)]
+    return {}, [(INFO, "held_rudder", text)]
 
 
-def following(trial: Trial, least: float = 0.02) -> dict[str, Any]:
-    """Correlation in ``trial`` of r with the low-passed rudder angle while going ahead.
+def following(trial: Trial, least: float = 0.02) -> tuple[float | None, float]:
+    """Correlation in ``trial`` of r with the low-passed rudder angle while going ahead, and the time constant [s].
 
     Of several time constants the one with the strongest correlation counts: a Nomoto response T r' + r = K delta + c.
     The mean of both is taken off, as a wind turns a ship too; but not where she turns round, as a wind turns her only
@@ -145,15 +128,14 @@ def following(trial: Trial, least: float = 0.02) -> dict[str, Any]:
     """
     delta, r, u, n = trial.rudder, trial["r"], trial["u"], trial.revolutions
     good = np.isfinite(delta) & np.isfinite(r) & np.isfinite(u) & np.isfinite(n)
-    nothing: dict[str, Any] = {"correlation": None, "time_constant_s": None, "samples": 0}
     if good.sum() < 50:
-        return nothing
+        return None, 0.0
     t, delta, r, u, n = trial.t[good], delta[good], r[good], u[good], n[good]
     speed = np.hypot(u, np.nan_to_num(trial["v"][good]))
     ahead = u if float(np.mean(u)) > 0.5 * float(np.mean(speed)) else speed  # u in a wrong frame is no headway
     fast = (ahead > 0.4 * max(float(np.percentile(ahead, 95)), 1e-6)) & ((n > 0) | (np.abs(n).max() == 0))
     if fast.sum() < 50 or float(np.abs(delta[fast]).max()) < least:
-        return nothing
+        return None, 0.0
     best, constant = 0.0, 0.0
     share = 0.0 if abs(float(r[fast].sum())) * trial.dt > 2 * math.pi else 1.0  # of the means that are taken off
     turn = r[fast] - share * r[fast].mean()
@@ -164,7 +146,7 @@ def following(trial: Trial, least: float = 0.02) -> dict[str, Any]:
         value = float(slow @ turn) / size if size > 0 else 0.0
         if abs(value) > abs(best):
             best, constant = value, float(T)
-    return {"correlation": best, "time_constant_s": constant, "samples": int(fast.sum())}
+    return best, constant
 
 
 def _low_pass(t: np.ndarray, values: np.ndarray, T: float) -> np.ndarray:
@@ -178,26 +160,14 @@ def _low_pass(t: np.ndarray, values: np.ndarray, T: float) -> np.ndarray:
 
 
 def wind(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """Of a ``trial``: mean true wind, its ratio to the ship's speed, and how well true and apparent columns agree.
-
-    consistency_m_s is the RMS vector difference between the logged apparent wind and the one that follows
-    from the true wind, u, v and psi; derived true wind agrees by construction and is not compared.
-    """
-    names = ("mean_m_s", "std_m_s", "ratio_to_ship_speed", "steadiness", "consistency_m_s")
-    numbers: dict[str, Any] = dict.fromkeys(names)
+    """The ratio of the mean true wind of a ``trial`` to the ship's speed, and how well true and apparent columns agree:
+    a derived true wind does so by construction and is not compared."""
     if not trial.has_wind:
-        return numbers, []
+        return {"ratio_to_ship_speed": None}, []
     speed, through, air = trial["wind_speed"], np.hypot(trial["u"], trial["v"]), trial.wind_vector
     if not all(np.isfinite(values).any() for values in (speed, through, air[:, 0])):
-        return numbers, []  # never known together
-    ship, mean, vector = float(np.nanmean(through)), float(np.nanmean(speed)), np.nanmean(air, axis=0)
-    numbers.update(
-        mean_m_s=mean,
-        std_m_s=float(np.nanstd(speed)),
-        ratio_to_ship_speed=mean / ship if ship > 1e-6 else None,
-        steadiness=float(np.hypot(*vector)) / mean if mean > 1e-9 else None,
-    )
-    findings = []
+        return {"ratio_to_ship_speed": None}, []  # never known together
+    ship, mean, findings = float(np.nanmean(through)), float(np.nanmean(speed)), list[Found]()
     if ship > 1e-6 and mean > 3 * ship:  # forces go with the square of the speed; set by hand
         text = f"The wind ({mean:.2f} m/s) is {mean / ship:.1f} times the ship's speed ({ship:.2f} m/s): "
         findings.append((INFO, "strong_wind", text + "a first-order force here, do not leave it out."))
@@ -205,8 +175,8 @@ def wind(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         findings.append((DOUBTFUL, "negative_wind_speed", "The wind speed is negative at times; check the column."))
     measured = "apparent_wind_speed" in trial and "apparent_wind_direction" in trial
     if measured and not has_code(trial.notices, "true_wind_derived"):
-        findings += _consistency(trial, mean, numbers)
-    return numbers, findings
+        findings += _consistency(trial, mean)
+    return {"ratio_to_ship_speed": mean / ship if ship > 1e-6 else None}, findings
 
 
 # RMS difference of true and apparent wind above which they disagree: share of the mean wind, and at least so much
@@ -215,8 +185,9 @@ DIFFER, LEAST_DIFFERENCE = 0.15, 0.02
 BETTER = 0.4  # Share of the difference as logged below which another reading explains it. Set by hand.
 
 
-def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Found]:
-    """Adds consistency_m_s to the numbers and says when the two descriptions of the wind disagree."""
+def _consistency(trial: Trial, mean: float) -> list[Found]:
+    """Whether the apparent wind that follows from the true one, u, v and psi is not the logged one, by the RMS of their
+    difference as vectors."""
     logged = trial["apparent_wind_speed"] * np.exp(1j * trial["apparent_wind_direction"])
     misfit = {}
     for turned, angle in (("as logged", 0.0), ("reversed", math.pi)):
@@ -226,7 +197,6 @@ def _consistency(trial: Trial, mean: float, numbers: dict[str, Any]) -> list[Fou
         misfit[turned] = math.sqrt(float(np.nanmean(np.abs(logged - speed * np.exp(1j * direction)) ** 2)))
     earth = trial["wind_speed"] * np.exp(1j * trial["wind_direction"])
     misfit["the same column twice"] = math.sqrt(float(np.nanmean(np.abs(logged - earth) ** 2)))
-    numbers["consistency_m_s"] = misfit["as logged"]
     if misfit["as logged"] <= max(DIFFER * mean, LEAST_DIFFERENCE):
         return []
     if misfit["reversed"] < BETTER * misfit["as logged"]:
@@ -476,7 +446,7 @@ QUADRANTS = {
 
 
 def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """Of a ``trial``: share of time per quadrant, seconds per coefficient group, findings about what is not excited."""
+    """Of a ``trial``: seconds per coefficient group and range of revolutions, findings about what is not excited."""
     u, v, r, n, delta = trial["u"], trial["v"], trial["r"], trial.revolutions, trial.rudder
     good = np.isfinite(u) & np.isfinite(v) & np.isfinite(r) & np.isfinite(n) & np.isfinite(delta)
     seconds = np.minimum(np.gradient(trial.t), 3 * trial.dt)  # that a row stands for: a gap belongs to none
@@ -496,12 +466,11 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     beta = np.abs(np.arctan2(v, np.abs(u)))
     steered = np.abs(delta) > math.radians(2.0)
     moving = np.hypot(u, v) > still
-    under_way = good & moving
     turning = np.abs(r) > 0.25 * max(float(np.percentile(np.abs(r[good]), 95)), 1e-9)
     excited = {
         "hull_ahead": ahead,
         "hull_astern": astern,
-        "cross_flow": (under_way & (beta > math.radians(30))) | (good & ~moving & turning),
+        "cross_flow": (good & moving & (beta > math.radians(30))) | (good & ~moving & turning),
         "sway_yaw_linear": ahead & turning & (np.abs(r) > 1e-4),
         "propeller_ahead": ahead & forward,
         "propeller_ahead_astern_motion": astern & forward,
@@ -512,20 +481,12 @@ def excitation(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
     }
     shares = {name: float(seconds[mask].sum()) / total for name, mask in quadrants.items()}
     group_seconds = {name: float(seconds[mask].sum()) for name, mask in excited.items()}
-    constant = inputs_are_constant(trial)
-    numbers: dict[str, Any] = {
-        "inputs_constant": constant,
-        "quadrants": shares,
-        "group_seconds": group_seconds,
-        "seconds": total,
-        "delta_max_deg": math.degrees(float(np.abs(delta[good]).max())),
-        "n_range_rps": [float(n[good].min()), float(n[good].max())],
-        "drift_max_deg": math.degrees(float(np.percentile(beta[under_way], 99))) if under_way.any() else None,
-    }
+    n_range = [float(n[good].min()), float(n[good].max())]
+    numbers = {"group_seconds": group_seconds, "seconds": total, "n_range_rps": n_range}
     nothing = (DOUBTFUL, "nothing_to_identify", "No actuator ever changes: nothing to identify.")
     of_time = ", ".join(f"{QUADRANTS[name]} {share:.0%}" for name, share in shares.items() if share >= 0.005)
     rest = [(INFO, "not_excited", text) for text in _missing(group_seconds, total)]
-    return numbers, [*[nothing] * constant, (INFO, "quadrants", f"Share of time: {of_time}."), *rest]
+    return numbers, [*[nothing] * inputs_are_constant(trial), (INFO, "quadrants", f"Share of time: {of_time}."), *rest]
 
 
 def inputs_are_constant(trial: Trial) -> bool:

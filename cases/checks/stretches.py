@@ -118,10 +118,10 @@ def _answer(trials: Sequence[Trial]) -> tuple[float, float] | None:
     medians of those in which she follows it; None without any."""
     known = []
     for trial in trials:
-        response = single.following(trial)
-        if abs(response["correlation"] or 0.0) >= FOLLOWS:
-            beyond = max(ANSWERS, UNEXPLAINED * math.sqrt(1 - response["correlation"] ** 2))
-            known.append((response["time_constant_s"], beyond * math.sqrt(float(np.nanmean(trial["r"] ** 2)))))
+        correlation, seconds = single.following(trial)
+        if correlation is not None and abs(correlation) >= FOLLOWS:
+            beyond = max(ANSWERS, UNEXPLAINED * math.sqrt(1 - correlation**2))
+            known.append((seconds, beyond * math.sqrt(float(np.nanmean(trial["r"] ** 2)))))
     return tuple(np.median(known, axis=0).tolist()) if known else None
 
 
@@ -212,14 +212,13 @@ def _tight(broken: Break, signals: Mapping[str, np.ndarray], margin: int) -> Bre
 
 
 def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """Of a ``trial``: its broken stretches and the share of its time in them; a sentence on each. Nothing is left to
-    decide, as they are left out: the verdict on the rest of the record is what counts."""
+    """The broken stretches of a ``trial``, and a sentence on each. Nothing is left to decide, as they are left out: the
+    verdict on the rest of the record is what counts."""
     stretches, held = _stretches(trial)
     still: dict[str, float] = {}
     for first, last, _, group in held:
         name, seconds = ", ".join(group), float(trial.t[last] - trial.t[first])
         still[name] = still.get(name, 0.0) + seconds / trial.duration
-    seconds = sum(s.end_s - s.begin_s for s in stretches)
     findings = [
         (
             INFO,
@@ -233,7 +232,7 @@ def stretch_findings(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
         if share > MUCH:
             stand = "stand" if ", " in names else "stands"
             findings.append((DOUBTFUL, "frozen_channel", f"{names} {stand} still for {share:.0%} of the record."))
-    return {"broken": [asdict(s) for s in stretches], "broken_share": seconds / max(trial.duration, 1e-9)}, findings
+    return {"broken": [asdict(s) for s in stretches]}, findings
 
 
 def innovations(trial: Trial, errors: Mapping[str, np.ndarray], side: int) -> dict[str, tuple[np.ndarray, float]]:

@@ -193,12 +193,10 @@ class Shift:
 @dataclass(frozen=True)
 class Explanation:
     """What one explanation is worth to the trials of a folder: values, each trial's or None where it is none there;
-    total: what they gain together (negative); alone: each trial's own best value, None for a lag that gains
-    nothing there."""
+    total: what they gain together (negative)."""
 
     values: list[Value | None]
     total: float
-    alone: Sequence[Value | None]
 
 
 def candidates(found: Sequence[Signals], longest: float) -> dict[str, Explanation]:
@@ -287,8 +285,7 @@ def _lag(some: Sequence[Signals], name: str, longest: float) -> Explanation:
     inner = np.abs(np.abs(grid) - longest) > 1e-9  # at the end of the grid a lag may be longer yet: no evidence for it
     costs = np.where(inner, table, np.maximum(table, 0.0))
     chosen, total = _together(costs)
-    alone = [float(grid[np.argmin(row)]) if row.min() < -COST else None for row in costs]
-    return Explanation([None if i is None else float(grid[i]) for i in chosen], total, alone)
+    return Explanation([None if i is None else float(grid[i]) for i in chosen], total)
 
 
 def _arms(some: Sequence[Signals]) -> Explanation:
@@ -306,7 +303,7 @@ def _arms(some: Sequence[Signals]) -> Explanation:
     for k, s in enumerate(some):
         costs[k, k + 1] = without(s, values[k + 1]) - plain[k]
     chosen, total = _together(costs)
-    return Explanation([None if i is None else values[i] for i in chosen], total, values[1:])
+    return Explanation([None if i is None else values[i] for i in chosen], total)
 
 
 def _normal(s: Signals) -> tuple[complex, float]:

@@ -104,8 +104,8 @@ def _document(reports: list[CheckReport], unreadable: Mapping[Path, UserError]) 
 def _print(reports: list[CheckReport], every: bool, unreadable: Mapping[Path, UserError]) -> None:
     """A table with one line per file, and what is wrong, for all files that share it (``every``: and all else)."""
     rows = [(report.name, report.verdict, *_cells(report)) for report in reports]
-    rows += [(path.stem, "unreadable", *[""] * 6) for path in unreadable]
-    cli.print_table(("trial", "verdict", "rows|n", "s|n", "dt|n", "lag uv r, s|n", "wind/U|n", "n, rps|n"), rows)
+    rows += [(path.stem, "unreadable", *[""] * 5) for path in unreadable]
+    cli.print_table(("trial", "verdict", "rows|n", "s|n", "dt|n", "wind/U|n", "n, rps|n"), rows)
     marks = {"info": "     ", "doubtful": "  !  ", "contradictory": "  !! "}
     if every:
         for report in reports:
@@ -124,18 +124,14 @@ def _print(reports: list[CheckReport], every: bool, unreadable: Mapping[Path, Us
 
 
 def _cells(report: CheckReport) -> list[str]:
-    """Rows, duration, step, lags, wind ratio and range of revolutions of one file as short text."""
-    sampling, excitation = report.numbers["sampling"], report.numbers["excitation"]
-    late = report.numbers["kinematics"]["lag_s"]  # [s], None where trials without positions or headings do not tell
-    velocities = late["u, v"] if late["x, y"] is None else -late["x, y"]  # over ground, turned by the present heading
-    lags = (velocities, late["r"])
-    revolutions = excitation.get("n_range_rps", (None, None))
+    """Rows, duration, step, wind ratio and range of revolutions of one file as short text."""
+    sampling = report.numbers["sampling"]
+    revolutions = report.numbers.get("excitation", {}).get("n_range_rps", (None, None))
     wind = report.numbers["wind"]["ratio_to_ship_speed"]
     return [
         str(sampling["rows"]),
         f"{sampling['duration_s']:.0f}",
         f"{sampling['dt_s']:.3g}",
-        " ".join("    -" if lag is None else f"{lag:5.2f}" for lag in lags),
         "-" if wind is None else f"{wind:.1f}",
         "..".join("-" if n is None else f"{n:.3g}" for n in revolutions),
     ]
