@@ -101,8 +101,8 @@ RUDDER_STEP = math.radians(0.1)
 
 
 def held_rudder(trial: Trial) -> tuple[dict[str, Any], list[Found]]:
-    """A note where the heading of ``trial`` turns by TURNED and more over a sample in which the rudder is taken as held,
-    though it moves over several."""
+    """A note where the heading of ``trial`` turns by TURNED and more over a sample in which the rudder is taken as
+    held, though it moves over several."""
     if is_sampled(trial) is not None or "delta" not in trial:
         return {}, []
     turned = _turned_per_step(trial)

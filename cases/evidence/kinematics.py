@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
@@ -158,8 +158,6 @@ def _rivals(system: Normal, active: Sequence[int]) -> dict[int, list[tuple[int, 
     return out
 
 
-# Share of the runs (and at least two) whose own value is reported where all together have none. Set by hand.
-SOME = 0.1
 # Faults that look much the same in a single run: the first at steady speed, where sway and turning go together, the
 # others where speed or turning rate hardly change.
 ALIKE: tuple[Set[str], ...] = (
@@ -235,42 +233,25 @@ TURN = (
 class Reading:
     """One quantity of one run or of all.
 
-    value, std: in ``unit``; NaN when not checked. verdict: "found", "some runs" (found in several by themselves, not in
-    all together), "none", "undetermined" (its size could matter unseen) or "not checked". effect, parameter: of the
-    library, named when found, "" otherwise; exact: that effect does the same to the columns. rivals: symbols of other
-    quantities that would explain a found one nearly as well. runs: names of those that show it by themselves; checked:
-    number of runs that could have shown it.
+    value, std: NaN when not checked. verdict: "found", "none", "undetermined" (its size could matter unseen) or "not
+    checked". Of what is found: a sentence, which names other quantities that would explain it nearly as well; effect
+    and parameter of the library, "" without one; exact: that effect does the same to the columns.
     """
 
     symbol: str
     value: float
     std: float
-    unit: str
     verdict: str
-    sentence: str
+    sentence: str = ""
     effect: str = ""
     parameter: str = ""
     exact: bool = False
-    rivals: tuple[str, ...] = ()
-    runs: tuple[str, ...] = ()
-    checked: int = 0
 
 
-def reading(
-    q: SensorFault, value: float, std: float, verdict: str, rivals: Sequence[tuple[SensorFault, float]] = ()
-) -> Reading:
-    """The reading of the quantity q with its sentence. value, std: fitted value and standard error [q.unit], NaN if not
-    checked; verdict: as of ``Reading``; rivals: other quantities that would explain the same, and their values."""
-    about, more = _shown(std, q.unit), q.form.format(q.ends[0])
-    small = f"{more} ({'-' if value < 0 else ''}{_shown(abs(value), q.unit)} +- {about})"
-    sentence = {
-        "found": f"{q.words(value)} +- {about}",
-        "none": f"not found: {small}",
-        "undetermined": f"not determined by these runs: {small}",
-        "not checked": f"not checked: {more}",
-    }[verdict]
-    if verdict != "found":
-        return Reading(q.symbol, value, std, q.unit, verdict, sentence)
+def found_reading(q: SensorFault, value: float, std: float, rivals: Sequence[tuple[SensorFault, float]]) -> Reading:
+    """The reading of the quantity q that was found. value, std: fitted value and standard error [q.unit]; rivals: other
+    quantities that would explain the same, and their values."""
+    sentence = f"{q.words(value)} +- {_shown(std, q.unit)}"
     effect, parameter, exact = q.effect, q.parameter, q.exact
     if q.symbol == "lag" and value < 0:
         effect, exact = "gnss_delay", False
@@ -283,30 +264,7 @@ def reading(
         sentence += f" ({effect})"
     if rivals:
         sentence += f"; hardly to be told from: {', or '.join(other.words(size) for other, size in rivals)}"
-    symbols = tuple(other.symbol for other, _ in rivals)
-    return Reading(q.symbol, value, std, q.unit, verdict, sentence, effect, parameter, exact, symbols)
-
-
-def pooled_with(pooled: Reading, runs: Sequence[tuple[str, Reading]], clear: Set[str]) -> Reading:
-    """The ``pooled`` reading with the number of ``runs`` (name, reading) that agree, or that only some have the fault.
-    clear: symbols found in all runs together; what looks alike in a single run is not counted."""
-    checked = sum(r.verdict in ("found", "none") for _, r in runs)
-    alike = set().union(*(group for group in ALIKE if pooled.symbol in group)) - {pooled.symbol}
-    unshared = [(name, r) for name, r in runs if r.verdict == "found" and not clear & (alike | set(r.rivals))]
-    if pooled.verdict == "found":
-        names = tuple(name for name, r in runs if r.verdict == "found" and r.value * pooled.value > 0)
-        sentence = f"{pooled.sentence} ({len(names)} of {checked} runs by themselves)"
-        return replace(pooled, runs=names, checked=checked, sentence=sentence)
-    some = max(([(name, r) for name, r in unshared if sign * r.value > 0] for sign in (1.0, -1.0)), key=len)
-    if len(some) < max(2, SOME * checked):
-        return replace(pooled, checked=checked)
-    names, one = tuple(name for name, _ in some), some[0][1]
-    q = next(q for q in (*TRACK, *TURN) if q.symbol == pooled.symbol)
-    words = q.words(float(np.median([r.value for _, r in some])))
-    effect = f" ({one.effect})" if one.effect else ""
-    sentence = f"{words} (median) in {len(names)} of {checked} runs only: {', '.join(names)}{effect}"
-    one = replace(one, value=pooled.value, std=pooled.std, verdict="some runs", sentence=sentence)
-    return replace(one, runs=names, checked=checked)
+    return Reading(q.symbol, value, std, "found", sentence, effect, parameter, exact)
 
 
 def _shown(value: float, unit: str) -> str:
@@ -336,16 +294,13 @@ class Consistency:
     """Readings of a run, or of all that are no fault of the data.
 
     frame: axes of the lag: "earth" (a late velocity over ground, turned by the present heading) or, where that is
-    clearly likelier, "body" (u and v each late or behind a low pass, which windows cannot tell apart). track, turn:
-    correlation of displacements and of changes of heading with the integrals of the velocities, NaN when there is
-    nothing to correlate. faults: sentences on what makes the data unusable.
+    clearly likelier, "body" (u and v each late or behind a low pass, which windows cannot tell apart). faults:
+    sentences on what makes the data unusable.
     """
 
     name: str
     readings: tuple[Reading, ...]
     frame: str
-    track: float
-    turn: float
     faults: tuple[str, ...] = ()
 
     def __getitem__(self, symbol: str) -> Reading:
@@ -362,14 +317,14 @@ class Kinematics:
 
     @property
     def found(self) -> tuple[Reading, ...]:
-        """Pooled readings to report: found, or found in some runs."""
-        return tuple(r for r in self.pooled.readings if r.verdict in ("found", "some runs"))
+        """Pooled readings that were found."""
+        return tuple(r for r in self.pooled.readings if r.verdict == "found")
 
     def effects(self) -> dict[str, dict[str, tuple[float, float]]]:
         """effect -> parameter -> (value, std) of found faults that an effect of the library repeats exactly."""
         named: dict[str, dict[str, tuple[float, float]]] = {}
-        for r in self.pooled.readings:
-            if r.verdict == "found" and r.exact:
+        for r in self.found:
+            if r.exact:
                 named.setdefault(r.effect, {})[r.parameter] = (r.value, r.std)
         return named
 
@@ -396,21 +351,13 @@ def _consistency(trials: tuple[Trial, ...], k: float) -> Kinematics:
     sound = [log for log in logs if not log.faults()]
     frame, lag = _axes_of_lag(sound, k)
     readings, known = _readings(sound, k, frame, (lag, ()))
-    runs = tuple(
-        Consistency(log.name, _readings([log], k, frame, known)[0], frame, log.track, log.turn, log.faults())
-        for log in logs
-    )
-    good = [run for run in runs if not run.faults]
-    clear = {r.symbol for r in readings if r.verdict == "found"}
-    pooled = [pooled_with(r, [(run.name, run[r.symbol]) for run in good], clear) for r in readings]
+    runs = tuple(Consistency(log.name, _readings([log], k, frame, known)[0], frame, log.faults()) for log in logs)
     warnings = [f"{run.name}: {fault}" for run in runs for fault in run.faults]
     bare = [log.name for log, trial in zip(logs, trials, strict=True) if not trial.has_position]
     if bare:
         what = "u and v cannot be checked (lag, gain, offset, lever arm), only r against psi"
         warnings.append(f"{', '.join(bare)}: no positions, so {what}")
-    every = np.array([[run.track, run.turn] for run in good]).reshape(-1, 2)
-    track, turn = (float(np.median(c[np.isfinite(c)])) if np.isfinite(c).any() else math.nan for c in every.T)
-    return Kinematics(runs, Consistency("all runs", tuple(pooled), frame, track, turn), (*warnings, UNSEEN))
+    return Kinematics(runs, Consistency("all runs", readings, frame), (*warnings, UNSEEN))
 
 
 class _Log:
@@ -561,17 +508,15 @@ def _solved(
 def _judged(solution: Fit | None, of: Sequence[SensorFault], k: float) -> list[Reading]:
     """Readings of a fit of all runs."""
     if solution is None:
-        return [reading(q, math.nan, math.nan, "not checked") for q in of]
+        return [Reading(q.symbol, math.nan, math.nan, "not checked") for q in of]
     out = []
     for i, q in enumerate(of):
         value, std = q.as_logged(solution.values[i]), float(solution.std[i])
         least = q.threshold * k ** (2 * q.power)
-        if _shows(solution, i, q, k):
-            verdict = "found"
-        else:
-            verdict = "none" if max(abs(value), std) < least and solution.sharp[i] else "undetermined"
         rivals = [(of[j], of[j].as_logged(size)) for j, size in solution.rivals.get(i, [])]
-        out.append(reading(q, value, std, verdict, rivals))
+        small = max(abs(value), std) < least and solution.sharp[i]
+        without = Reading(q.symbol, value, std, "none" if small else "undetermined")
+        out.append(found_reading(q, value, std, rivals) if _shows(solution, i, q, k) else without)
     return out
 
 
