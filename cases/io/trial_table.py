@@ -26,7 +26,6 @@ LARGEST_CSV = 8 * 2**30  # Most bytes of a CSV file, which is read in pieces. Se
 # Most columns of a table, and most rows and cells of one whose rows are not averaged.
 MOST_COLUMNS, MOST_CELLS = 5000, 30_000_000  # set by hand: it bounds memory, to 240 MB
 MOST_UNPACKED = 2 * LARGEST_FILE  # Most bytes of a Parquet file without its compression. Set by hand: bounds memory.
-LONGEST_CELL = 400  # Most characters of a text in Parquet: a few kB can name a long one millions of times. Set by hand.
 LARGEST = 1e13  # No number of a trial is larger, in any unit. Set by hand: milliseconds since 1970 are below it.
 Wanted = Mapping[str, tuple[int, float]]
 """Canonical name -> number of the column and factor to SI."""
@@ -181,13 +180,6 @@ def check_forward(path: Path, t: np.ndarray, rows: np.ndarray) -> None:
         raise BadValue(f"{path}: time {words}; sort the rows or remove the doubled ones")
 
 
-def _texts(chunk: Any) -> np.ndarray:
-    """The texts (N,) of a ``chunk`` in which rows name the entries of a dictionary; each text is held once."""
-    texts = np.array([*chunk.dictionary.to_pylist(), None], dtype=object)
-    rows: np.ndarray = texts[chunk.indices.fill_null(len(texts) - 1).to_numpy()]
-    return rows
-
-
 def no_parquet(path: Path, error: Exception) -> UserError:
     """What is said of the file ``path`` that pyarrow cannot read, by its ``error``."""
     why = "it is cut off, damaged or none" if "magic bytes" in str(error) else reason(error)
@@ -210,22 +202,13 @@ def _parquet(path: Path) -> TrialTable:
 
     def column(index: int) -> np.ndarray:
         kind, name = file.schema_arrow.types[index], header[index]
-        kind = kind.value_type if pa.types.is_dictionary(kind) else kind
-        words = f"{path}: column '{name}' holds {kind}, which is no number"
-        if pa.types.is_nested(kind) or pa.types.is_binary(kind) or pa.types.is_large_binary(kind):
-            raise BadValue(words)
+        clear = (pa.types.is_integer, pa.types.is_floating, pa.types.is_decimal, pa.types.is_temporal, pa.types.is_null)
+        if not any(is_it(kind) for is_it in clear):  # a few kB can hold a long text millions of times
+            raise BadValue(f"{path}: column '{name}' holds {kind}, which is no number")
         try:
-            text = pa.types.is_string(kind) or pa.types.is_large_string(kind)
-            names = [name] if text else []  # each text once, however often the rows name it
-            source = pq.ParquetFile(path, read_dictionary=names, page_checksum_verification=True) if text else file
-            cells = source.read(columns=[name]).column(0)
+            cells = file.read(columns=[name]).column(0)
             if len(cells) != rows:
                 raise ValueError(f"column '{name}' has {len(cells)} values in {rows} rows")
-            if pa.types.is_dictionary(cells.type):
-                longest = max((len(str(text)) for chunk in cells.chunks for text in chunk.dictionary), default=0)
-                if longest > LONGEST_CELL:
-                    raise ValueError(f"column '{name}' holds a text of {longest} characters")
-                return np.concatenate([_texts(chunk) for chunk in cells.chunks] or [np.empty(0, dtype=object)])
             return np.asarray((cells.cast(pa.float64()) if pa.types.is_decimal(kind) else cells).to_numpy())
         except Exception as error:
             raise no_parquet(path, error) from None
