@@ -556,8 +556,8 @@ def worst(trial: Trial, c: Columns) -> tuple[float, str]:
 
 
 INPUTS = ("n", "n_azimuth", "delta", "azimuth")
-ROUTINE = {"clock", "local_frame", "derived", "joined", "inputs", "separator", "decimal_commas", "unit_found", "offset",
-           "no_wind", "nmea", "wind_angle"}  # fmt: skip
+ROUTINE = {"clock", "local_frame", "derived", "joined", "inputs", "decimal_commas", "unit_found", "offset",
+           "no_wind", "wind_angle"}  # fmt: skip
 """Codes of what an import says of every log."""
 
 

@@ -425,10 +425,6 @@ SHAFTS, RUDDERS = ("rpm", "rpm_starboard", "rpm_port"), ("rudder_starboard", "ru
 ORDERS = ("rudder_order_starboard", "rudder_order_port")
 # Column -> those beside which it is not used: a true heading, the shafts of engines.
 BETTER = {"heading_magnetic": ("heading",)} | {f"RPM-E{side}": SHAFTS for side in ("", "_starboard", "_port")}
-CODES = (  # Codes of messages, and the first words of why sentences are not used.
-    ("nmea_damaged", "checksum|damaged"), ("nmea_not_read", NOT_READ),
-    ("nmea_void", "status|mode|quality|empty|no hemisphere"),
-)  # fmt: skip
 MOVES = 1.0  # Per cent of the largest pitch by which blades move at least: the least step that RPM says. Set by hand.
 Samples = tuple[np.ndarray, np.ndarray]  # Times [s] and values (M,)
 
@@ -639,16 +635,7 @@ class _Selection:
         columns = {name: np.full(len(t), np.nan) for name in names}
         for name, values in columns.items():
             values[np.searchsorted(t, np.round(self.columns[name][0], 3))] = self.columns[name][1]
-        said = [*_messages(accounts), *notices, *self.warnings]
+        said = [*notices, *self.warnings]
         units, frame = [UNITS[name] for name in names], pd.DataFrame({"time": t} | columns).astype(object)
         table = raw_table(path, str(path), ["time", *names], ["s", *units], frame, said)
         return replace(table, clock=replace(clock, t=t), accounts=accounts)
-
-
-def _messages(accounts: Sequence[Account]) -> list[Message]:
-    """The accounts as notices: of what is used, what is not valid, damaged, doubled, and not read."""
-    groups: dict[str, list[str]] = {}
-    for account in accounts:
-        code = "nmea" if account.used_as else next((c for c, words in CODES if re.match(words, account.why)), "doubled")
-        groups.setdefault(code, []).append(str(account))
-    return [Message("; ".join(lines), code) for code, lines in groups.items()]

@@ -47,7 +47,6 @@ DATE_FORMAT = r"[dhmsyt:./°'\" _\-]*(?:[dhmsy]{2}|[hmsd]:)[dhmsyt:./°'\" _\-]*
 PROCESSING = {"smp", "avg", "min", "max", "std", "tot", "inst", "ts", "rn", "f8", "f4", "ascii"}
 # A line that names a ship.
 SHIP = r"\W*(?:vessel|ship|mmsi|imo)(?:[ _]?(?:name|number|no\.?))?\W*[:=;,|\t]\s*(\S.{0,60})"
-WORDS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks", ",": "commas"}
 
 
 class Layout(NamedTuple):
@@ -98,8 +97,6 @@ def read_text_log(path: Path, decimal: str = "") -> RawTable:
     if grouped:
         names = ", ".join(f"'{head.header[i]}'" for i in grouped)
         notices.append(Message(f"marks between thousands in {names}", "thousands"))
-    if separator != ",":
-        notices.append(Message(f"cells are separated by {WORDS[separator]}", "separator"))
     text = TextTable(path, width, head.first, True, separator, "," if commas else ".", grouped)
     if not long and count * width > MOST_CELLS:
         raise OutOfRange(f"{path}: more than {MOST_CELLS} cells; divide it")
@@ -228,9 +225,6 @@ def layout(path: Path, rows: list[list[str]], commented: Sequence[str], separato
     if gained > 1 or (gained and (len({*header} - {""}) < len(header) or any(map(is_order, joined)))):
         header = joined
         notices.append(Message("two lines of headers are read together", "two_header_lines"))
-    skipped = first - 1 - bool(any(units)) - bool(notices)
-    if skipped > 0:
-        notices.append(Message(f"lines before the header, left out: {skipped}", "lines_before_header"))
     return Layout(header, units, first, notices, ship)
 
 
@@ -367,11 +361,6 @@ def _of_sheet(path: Path, name: str, sheet: Any, hidden: Sequence[str], since_19
     notices = list(head.notices)
     if hidden:
         notices.append(Message(f"hidden sheets, not read: {', '.join(hidden)}", "hidden_sheets"))
-    columns = [c for c, dimension in sheet.column_dimensions.items() if dimension.hidden]
-    count = sum(bool(dimension.hidden) for dimension in sheet.row_dimensions.values())
-    if columns or count:
-        text = f"hidden columns ({', '.join(columns) or 'none'}) and rows ({count}) are read"
-        notices.append(Message(text, "hidden"))
     frame = pd.DataFrame(rows[head.first :], dtype=object)
     table = raw_table(path, name, head.header, head.units, frame, notices)
     return [replace(table, ship=head.ship, since_1904=since_1904)]

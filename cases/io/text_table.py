@@ -198,11 +198,11 @@ def as_utf8(block: bytes) -> bytes:
     return block.decode("cp1252", "replace").encode()
 
 
-def _without_comments(block: bytes) -> tuple[bytes, int]:
-    """The lines of a ``block`` that are no comments, and how many are."""
+def _without_comments(block: bytes) -> bytes:
+    """The lines of a ``block`` that are no comments."""
     if not any(mark.encode() in block for mark in COMMENT):
-        return block, 0
-    return re.subn(rb"(?m)^[ \t]*(?:#|%|//|!).*\n", b"", block)
+        return block
+    return re.sub(rb"(?m)^[ \t]*(?:#|%|//|!).*\n", b"", block)
 
 
 def cells_of(text: str, separator: str) -> list[list[str]]:
@@ -223,8 +223,8 @@ class TextTable:
     path: of it; width: cells of the header; skipped: lines above the first row that are neither blank nor comments;
     log: a raw one, in which lines may be comments, and a row may lack cells only where the file is cut off; separator,
     decimal: of its cells; grouped: column -> the characters between its thousands; source: blocks of a sample of the
-    file, of which odd rows are left out. While it is read, rows, comments and cut say how many rows and comments there
-    were, and whether the last line was cut off; texts are the numbers of columns that hold some.
+    file, of which odd rows are left out. While it is read, rows and cut say how many rows there were, and whether the
+    last line was cut off; texts are the numbers of columns that hold some.
     """
 
     path: Path
@@ -236,7 +236,6 @@ class TextTable:
     grouped: Mapping[int, str] = field(default_factory=dict)
     source: Callable[[], Iterator[tuple[bytes, bool]]] | None = None
     rows: int = 0
-    comments: int = 0
     cut: bool = False
     texts: set[int] = field(default_factory=set)
 
@@ -246,10 +245,9 @@ class TextTable:
         other numbers of cells."""
         skip, line = self.skipped, 1
         for block, last in self.source() if self.source else blocks(self.path):
-            kept, comments = _without_comments(block) if self.log else (block, 0)
+            kept = _without_comments(block) if self.log else block
             while skip and kept.strip():
                 kept, skip = kept.lstrip().partition(b"\n")[2], skip - 1
-            self.comments += comments
             if kept.strip():
                 table, odd = self._parsed(kept, wanted)
                 if odd and self.source is None:
@@ -262,9 +260,7 @@ class TextTable:
 
     def notices(self) -> list[Message]:
         """What was left out."""
-        comments = Message(f"lines of comment, left out: {self.comments}", "comment_lines")
-        cut = Message("the last line is cut off and left out", "last_line_cut")
-        return [comments] * bool(self.comments) + [cut] * self.cut
+        return [Message("the last line is cut off and left out", "last_line_cut")] * self.cut
 
     def _parsed(self, block: bytes, wanted: Collection[int]) -> tuple[Any, int]:
         """The table of the cells of a ``block``, and how many of its rows have another number of cells."""
