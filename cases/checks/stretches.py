@@ -55,8 +55,6 @@ DRIFTING = {
 LARGEST_SHARE = {"psi": 0.7, "position": 0.25}
 BACK = 20.0  # s; drifts that undo each other within this time are one stretch. Set by hand.
 PAIR = 15  # A jump and one that undoes it, so many sides of a step apart or less, are one stretch. Set by hand (0, 1).
-# As SURE, for a heading and velocities that break within a second of each other: less, as chance breaks one of them.
-TOGETHER = {"psi": 7.0, "u, v": 10.0}  # set by hand
 # The stretch reaches as far as the innovation stays above this share of what it was found by. Set by hand.
 ALIKE = 0.35
 # A turn rate answers a rudder that was logged as at rest where it swings to both sides by this share of its root mean
@@ -263,7 +261,7 @@ def innovations(trial: Trial, errors: Mapping[str, np.ndarray], side: int) -> di
 
 
 def _steps(trial: Trial, signals: Mapping[str, np.ndarray], side: int) -> Iterator[Break]:
-    """Breaks of one channel by itself, or of heading and velocities together."""
+    """Breaks of one channel by itself."""
     steps = innovations(trial, signals, side)
     ratio = {name: np.abs(step) / usual for name, (step, usual) in steps.items()}
     for name, (what, channels) in WORDS.items():
@@ -276,12 +274,6 @@ def _steps(trial: Trial, signals: Mapping[str, np.ndarray], side: int) -> Iterat
             jumps = [(a, b, complex(step[a + int(np.argmax(np.abs(step[a : b + 1])))])) for a, b in peaks]
             pairs = there_and_back(jumps, trial.t, side * trial.dt * PAIR, 0.5)
             yield from ((first, last, what, channels) for first, last in pairs)
-    if not set(TOGETHER) <= set(ratio):
-        return
-    shares = [ratio[name] / limit for name, limit in TOGETHER.items()]
-    agreed = np.minimum(*(np.max(breaks.around(share, 2 * side), axis=1) for share in shares)) >= 1.0
-    for first, last in _peaks(np.where(agreed, np.maximum(*shares), 0.0), 1.0, 2):
-        yield first, last, "heading and velocities jump together", ("psi", "u", "v")
 
 
 def _changes(signal: np.ndarray, step: np.ndarray, first: int, last: int) -> bool:
