@@ -19,7 +19,7 @@ from cases.checks.stretches import DRIFTING, held_rudders, stretch_findings
 from cases.evidence.competition import Judged, Keys, judged, rudder_nats, scores, standing, wrong_inputs
 from cases.evidence.shifts import LAGS, TRACK, TURN, Scale, Shift, candidates, nats, scale, shifts
 from cases.evidence.signals import Signals, independent, signals
-from cases.io.conventions import SENTINEL, converted, mislabelled
+from cases.io.conventions import SENTINEL, mislabelled
 from cases.io.read import SUFFIXES, read_trial
 from cases.io.sidecar import NAME, SidecarEntry, line_for, sidecar_entry
 from cases.io.toml_file import as_toml
@@ -412,7 +412,7 @@ def _gained(trial: Trial, said: Said) -> float:
     """Nats by which heading, track, turn rate and rudder of ``trial`` fit one another better once it is read as the
     keys of what is ``said`` want it; for inputs one where they then go with how quickly she turns; -inf where not."""
     wanted = settings(trial, said.keys)
-    after = mended(trial, wanted, said.keys) if wanted else None
+    after = mended(trial, wanted) if wanted else None
     if after is None or mislabelled(after.columns) or wrong_inputs(after, single.following(after)[0]):
         return -math.inf
     if set(said.keys) == {"units"} and not {"psi", "u", "v", "r", "t"} & set(said.keys["units"]):
@@ -438,10 +438,6 @@ def _joined(report: CheckReport, said: Said, unchecked: Sequence[Found]) -> Chec
         for level, code, text in (*said.findings, *unchecked)
     ]
     return replace(report, findings=(*judged_findings, *kept))
-
-
-# Key -> its values, of which the other one is meant.
-OPPOSITE = {"rudder_positive": ("starboard", "port"), "velocity_frame": ("body", "earth")}
 
 
 def labels(trial: Trial) -> dict[str, tuple[str, str]]:
@@ -472,9 +468,6 @@ def settings(trial: Trial, keys: Keys) -> dict[str, Any] | None:
     for key in ("velocity_frame", "rudder_positive", "heading_from", "reference_point"):
         if key in keys:
             out[key] = keys[key]
-    for key, (first, other) in OPPOSITE.items():  # what stands there already was wrong: the other value is meant
-        if key in out and getattr(entry, key) == out[key]:
-            out[key] = first if out[key] == other else other
     if "reference_point" in out and (entry.reference_point.x or entry.reference_point.y):
         return None
     return out
@@ -485,20 +478,12 @@ def line(wanted: Mapping[str, Any]) -> str:
     return " and ".join(f"{key} = {as_toml(value)}" for key, value in wanted.items())
 
 
-def mended(trial: Trial, wanted: Mapping[str, Any], keys: Keys) -> Trial | None:
-    """``trial`` as it is read with the ``wanted`` settings, or made so where it has no file; None where that fails.
-    keys: of the reading, from which the settings are."""
+def mended(trial: Trial, wanted: Mapping[str, Any]) -> Trial | None:
+    """``trial`` as its file is read with the ``wanted`` settings; None without a file, and where that fails."""
+    if trial.path is None or not trial.path.exists():
+        return None
     try:
-        if trial.path is not None and trial.path.exists():
-            entry = {**entry_of(trial).model_dump(exclude_unset=True), **wanted}
-            return read_trial(trial.path, SidecarEntry(**entry))
-        columns = {name: np.array(values, dtype=float) for name, values in trial.columns.items()}
-        for name, other in keys.get("columns", {}).items():
-            columns[name] = trial[other]
-        for name, factor in keys.get("units", {}).items():
-            columns[name] = columns[name] * factor
-        entries = {key: value for key, value in wanted.items() if key not in ("columns", "units")}
-        return replace(trial, columns=converted(columns, SidecarEntry(**entries), []))
+        return read_trial(trial.path, SidecarEntry(**{**entry_of(trial).model_dump(exclude_unset=True), **wanted}))
     except UserError:
         return None
 

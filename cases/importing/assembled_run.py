@@ -225,24 +225,17 @@ def _count_from_start(columns: dict[str, np.ndarray], where: str, notices: list[
 
 
 def _require(where: str, columns: dict[str, np.ndarray], logs: Sequence[Log]) -> None:
-    """Raises UserError that says everything that is missing, and which headers are not known."""
+    """Raises UserError that says everything that is missing, and what became of the columns that are not used."""
     missing = lacking({"t", *columns})
     if not missing:
         return
     more = {"u": "u (or positions, or speed and course over ground)", "v": "v (likewise)", "r": "r (or heading)"}
     unsure = {header: what for log in logs for header, what in log.unsure.items()}
-    unknown = [header for log in logs for header in log.unknown]
-    accounts = [a for log in logs for a in log.accounts if not a.used_as and a.why != NOT_READ]
-    left_out = [str(a) for a in accounts if a.what not in {*unsure, *unknown}]
+    unused = [str(a) for log in logs for a in log.accounts if not a.used_as and a.why != NOT_READ]
     header = next((h for h, what in unsure.items() if missing[0] in re.split(r"\W+", what)), "HEADER")
-    parts = [
-        f"{where}: missing {', '.join(more.get(m, m) for m in missing)}",
-        ", ".join(f"'{h}' may be {what}" for h, what in unsure.items()),
-        f"not known: {', '.join(unknown[:12])}{' ...' * (len(unknown) > 12)}" if unknown else "",  # 12: display
-        *left_out[:12],
-        f'say it in a map: [columns] {missing[0]} = "{header}"' if header != "HEADER" or not left_out else "",
-    ]
-    raise Missing("; ".join(filter(None, parts)))
+    line = f'say it in a map: [columns] {missing[0]} = "{header}"'
+    lacks = f"{where}: missing {', '.join(more.get(m, m) for m in missing)}"
+    raise Missing("; ".join([lacks, *unused[:12], line]))  # 12: display
 
 
 STOPPED = 0.05  # Share of her speed below which a ship is not slowed down by her rudder alone. Set by hand.

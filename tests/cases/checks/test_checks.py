@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -373,13 +374,16 @@ def test_a_heading_frozen_over_the_record_is_refuted_by_the_track(circle: Trial)
     assert "frozen_channel" in codes(check([trial])[0], "contradictory")
 
 
-def test_revolutions_astern_that_never_stop_the_ship_have_the_other_sign() -> None:
+def test_revolutions_astern_that_never_stop_the_ship_have_the_other_sign(tmp_path: Path) -> None:
     orders = ("zigzag:20/20", "turning:35")
     runs = [simulated("kvlcc2_l7", order, noise=True, dt=0.2, duration=250, seed=3) for order in orders]
     turned = [trial.with_columns(n=-trial["n"]) for trial in runs]
     reports = check(turned)
     assert [codes(report, "contradictory") for report in reports] == [{"revolutions_sign"}] * 2
-    texts = {f.text for report in reports for f in report.findings if f.code == "revolutions_sign"}
+    for trial in turned:
+        write_trial(trial, tmp_path / f"{trial.name}.csv")
+    logged = check(read_trials(tmp_path))
+    texts = {f.text for report in logged for f in report.findings if f.code == "revolutions_sign"}
     assert len(texts) == 1 and "[default]: sign = { n = -1 }" in texts.pop()
     one = [trial.with_columns(n_2=-trial["n"]) for trial in runs]  # of two shafts
     assert ["n_2 is positive" in f.text for f in check(one)[0].findings if f.level == "contradictory"] == [True]
@@ -400,10 +404,11 @@ def test_pods_ahead_do_not_push_a_ship_astern(angle: float, expected: set[str]) 
     assert codes(check([Trial("pods", columns)])[0]) & {"u_sign"} == expected
 
 
-def test_r_against_the_heading_that_u_and_v_come_from_has_two_readings_and_no_line() -> None:
+def test_r_against_the_heading_that_u_and_v_come_from_has_two_readings_and_no_line(tmp_path: Path) -> None:
     c = motion_columns()
+    (trial,) = read_trials(write_csv(tmp_path / "run.csv", {**c, "r": -c["r"]}, rows=None))
     for ancestors, lines in (({}, True), (TRACK, False)):
-        (report,) = check([Trial("run", {**c, "r": -c["r"]}, ancestors=ancestors)])
+        (report,) = check([replace(trial, ancestors=ancestors)])
         (text,) = [f.text for f in report.findings if f.code == "r_sign"]
         assert ("trials.toml" in text) is lines
 

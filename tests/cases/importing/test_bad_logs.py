@@ -88,7 +88,7 @@ CASES: dict[str, tuple[Make, str]] = {
     "text in numbers": (log(body=lines(row11={"rpm": "stop"})), "row 12, column 'rpm': 'stop' is not a number"),
     "unit": (log(HEADER.replace("sog [kn]", "sog [Bft]")), "unknown unit 'Bft' for sog"),
     "two headings": (beside("gyro [deg]", lambda i: 1), "two columns are psi"),
-    "no heading": (log(HEADER.replace("heading [deg]", "foo")), "missing psi.*not known: foo"),
+    "no heading": (log(HEADER.replace("heading [deg]", "foo")), "missing psi.*foo .*not known"),
     "no propeller": (log(HEADER.replace("rpm", "foo")), "missing n"),
     "ships in rows": (beside("mmsi", lambda i: i % 2), "several ships"),
     "zones": (in_zone(lambda i: f"{32 + i // 40}N", 5e6), "several UTM zones"),
