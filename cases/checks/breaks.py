@@ -2,7 +2,7 @@
 turn rate that swings without cause.
 
 Frozen: the same value again and again while the rest of the record says that it must change; repeated: a logger that
-writes its last sample, or the seconds before, once more. Motion without cause: with inputs at rest the turn rate of a
+writes its last sample once more. Motion without cause: with inputs at rest the turn rate of a
 ship goes to its steady value, past it at most once; one that swings to and fro, faster than her own rudder ever makes
 it change, was made by something that the record does not hold: a hand, a line, the bank.
 """
@@ -166,24 +166,15 @@ def _others_move(trial: Trial, group: tuple[str, ...], first: int, last: int) ->
 
 
 NAMES = ("x", "y", "psi", "u", "v", "r")
-# Rows before by which a jump is known: their median has a standard error of a quarter of the noise. Set by hand.
-MANY = 20
-# Share of the rows of a replayed part that differ from the row before: a ship at rest has the same row for long.
-CHANGES = 0.5  # set by hand
 
 
 def repeated(trial: Trial) -> Iterator[Break]:
-    """First and last row, what, and columns of each stretch of ``trial`` in which all states are repeated."""
+    """First and last row, what, and columns of each stretch of ``trial`` in which the last sample of all states is
+    repeated."""
     names = tuple(name for name in NAMES if name in trial)
     rows = np.column_stack([trial[name] for name in names])
-    same = (rows[1:] == rows[:-1]).all(axis=1)
+    stands = runs((rows[1:] == rows[:-1]).all(axis=1))
     least = max(LEAST_ROWS, round(LEAST_S / trial.dt))
-    yield from _held(trial, names, same, least)
-    yield from _replayed(trial, names, rows, same, least)
-
-
-def _held(trial: Trial, names: tuple[str, ...], same: np.ndarray, least: int) -> Iterator[Break]:
-    stands = runs(same)
     if not len(stands):
         return
     speed, turn = np.hypot(trial["u"], trial["v"]), np.abs(trial["r"])
@@ -192,31 +183,6 @@ def _held(trial: Trial, names: tuple[str, ...], same: np.ndarray, least: int) ->
     for first, last in stands[stands[:, 1] - stands[:, 0] >= max(least, longest)]:
         if awake[first] and last + 1 < len(trial):  # a record that ends so ends there
             yield int(first), int(last), "the last sample of all states is repeated", names
-
-
-def _replayed(trial: Trial, names: tuple[str, ...], rows: np.ndarray, same: np.ndarray, least: int) -> Iterator[Break]:
-    good = np.isfinite(rows).all(axis=1)
-    # one number a row, the same for the same row: roots of primes are linearly independent over the rationals
-    key = np.nan_to_num(rows) @ np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0][: rows.shape[1]])
-    which = np.unique(key, return_inverse=True)[1]
-    order = np.argsort(which, kind="stable")  # equal rows side by side, in the order of time
-    lag = np.zeros(len(rows), int)  # how many rows ago a row was there last, 0: never
-    twins = which[order][1:] == which[order][:-1]
-    lag[order[1:][twins]] = (order[1:] - order[:-1])[twins]
-    lag[~good] = 0
-    follows = (lag[1:] == lag[:-1]) & (lag[1:] > 1)  # a lag of one row is a value that is held
-    for first, last in runs(follows):
-        moving = float(np.mean(~same[first:last])) if last > first else 0.0
-        if last - first >= least and moving > CHANGES and _begins_anew(trial, names, first):
-            yield int(first), int(last), "earlier samples are repeated", names
-
-
-def _begins_anew(trial: Trial, names: tuple[str, ...], first: int) -> bool:
-    """Whether the columns ``names`` of ``trial`` jump at the row ``first``: a ship that comes round again does not."""
-    rows = slice(max(first - MANY, 0), first + 1)
-    values = np.column_stack([trial.psi_unwrapped[rows] if name == "psi" else trial[name][rows] for name in names])
-    change = np.abs(np.diff(values, axis=0))
-    return first == 0 or bool((change[-1] > JUMP * np.nanmedian(change, axis=0)).any())
 
 
 # Distance of a sample from the median of its neighbours, over the usual one, from which it is a spike. Set by hand.

@@ -227,17 +227,6 @@ def test_a_heading_that_stands_still_is_sound_beside_a_gyro_with_noise(ship: str
     assert broken_stretches(trial.with_columns(psi=psi, r=trial["r"] + noise)) == []
 
 
-def test_a_ship_that_comes_round_again_repeats_nothing() -> None:
-    """Rows of a steady circle whose period is a number of samples are equal to the last digit that is logged."""
-    t = np.arange(0.0, 900.0)
-    psi = 2 * np.pi * t / 150.0
-    way = 5.0 * 150.0 / (2 * np.pi) * np.exp(1j * (psi - np.pi / 2))
-    still = np.zeros(len(t))
-    columns = {"x": way.real, "y": way.imag, "psi": np.mod(psi, 2 * np.pi), "u": still + 5.0, "v": still}
-    rounded = {name: np.round(values, 3) for name, values in (columns | {"r": still + psi[1]}).items()}
-    assert broken_stretches(Trial("circle", {"t": t, **rounded, "n": still + 2.0, "delta": still + 0.3})) == []
-
-
 @pytest.mark.parametrize("stuck", [("psi",), ("r",), ("x", "y")], ids=", ".join)
 def test_a_rounded_column_that_stands_still_while_the_ship_weaves_is_broken(stuck: tuple[str, ...]) -> None:
     (found,) = broken_stretches(steady_after_weaving(COARSE, stuck))
