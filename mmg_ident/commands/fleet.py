@@ -86,4 +86,4 @@ def _summary(fleet: Fleet, out: Path) -> None:
         width, (low, high) = group.widths.common, group.widths.common_90
         words = f"{width:.2g} of the prior's standard deviation (90 %: {low:.2g} to {high:.2g})"
         cli.say(f"sisters {group.name}: coefficients differ by {words}")
-    cli.say(f"fleet: {out} (fleet.html, fleet.parquet, fleet.csv, ships/)")
+    cli.say(f"fleet: {out} (fleet.html, fleet.parquet, ships/)")

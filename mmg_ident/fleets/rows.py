@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 import numpy as np
 
-from cases.io.files import replace_text, replaced
+from cases.io.files import replaced
 from diagnosis.groups.between import difference, nature
 from fitting.report import page
 from fitting.report.plot_style import FigureFolder
@@ -37,16 +37,14 @@ CHANCE = 0.01  # Chance below which a difference between campaigns is one. Set b
 MOVED = 1.0  # Standard deviations of its start from which a coefficient is said to have moved. Set by hand.
 SURE = 2.576  # And of its own: the two-sided 99 % quantile of a normal distribution
 SAME = 0.05  # Width, in standard deviations of the prior, below which sisters do not differ. Set by hand.
-APART = 3.0  # Standard errors from the mean of her sisters from which a coefficient is said to differ. Set by hand.
 SETS = {"held_out": "validation", "training": "training"}  # Sets of trials in a row, and in a calibration
 # Keys of a row whose values the table holds as texts: lists of names, and words
-LISTS = ("campaigns", "moved", "moved_against_sisters", "instruments", "warnings")
+LISTS = ("campaigns", "moved", "instruments", "warnings")
 TEXTS = ("name", "sisters", "status", "reason", "start", "loss", "verdict", "sentence")
 # What a diagnosis and sisters add to a row, without them.
 EMPTY: dict[str, Any] = {
     "verdict": "", "sentence": "", "effects": [], "compared": [], "between": "", "between_sentence": "", "drifted": [],
-    "surroundings": [], "reduction": None, "p_alike": None, "widths_from_mean": None, "moved_against_sisters": [],
-    "diagnosis_failed": "",
+    "surroundings": [], "reduction": None, "diagnosis_failed": "",
 }  # fmt: skip
 
 
@@ -65,7 +63,7 @@ class SisterGroup:
         return w.centre + w.unit * w.mean, w.unit * np.sqrt(np.diag(w.mean_covariance))
 
     def to_dict(self) -> dict[str, Any]:
-        """Widths in units of the prior, by coefficient and for all, and each sister against the mean."""
+        """Widths in units of the prior, by coefficient and for all, and the chance of a sister as far off as each."""
         w = self.widths
         columns = zip(w.symbols, *self.mean, w.unit * w.width, w.width, strict=True)
         return {
@@ -75,10 +73,7 @@ class SisterGroup:
             "coefficients": {
                 s: {"mean": m, "mean_std": e, "width": t, "width_of_prior": share} for s, m, e, t, share in columns
             },
-            "from_the_others": {
-                name: {"p_alike": w.p_alike[k], "standard_errors": dict(zip(w.symbols, w.from_others[k], strict=True))}
-                for k, name in enumerate(self.ships)
-            },
+            "p_alike": dict(zip(self.ships, w.p_alike, strict=True)),
         }
 
 
@@ -133,11 +128,10 @@ def ship_row(
     result: FitResult,
     diagnosis: Diagnosis | None,
     left_out: Sequence[str],
-    group: SisterGroup | None,
     alone: Mapping[str, Any] | None,
 ) -> dict[str, Any]:
     """The row of a ``ship`` that was calibrated (``result``); diagnosis: of it, None for none; left_out: sentences on
-    files; group, alone: her sisters, and what her fit without them gave. Returns plain values."""
+    files; alone: what her fit without her sisters gave, None without any. Returns plain values."""
     coefficients = _coefficients(ship, result)
     moved = [s for s, c in coefficients.items() if c["beyond_chance"] and abs(c["moved"]) >= MOVED]
     by_campaign = result.campaigns or {}
@@ -159,8 +153,9 @@ def ship_row(
     )
     if diagnosis:
         row |= _diagnosed(row, diagnosis)
-    if group and alone:
-        row |= _among_sisters(row, group, alone)
+    for key, name in SETS.items():  # whether her sisters told well of her
+        if alone and key in row["scores"] and name in alone["scores"]:
+            row["scores"][key]["alone"] = alone["scores"][name]["after"]["window"]
     return plain(row)
 
 
@@ -187,28 +182,6 @@ def _scores(pair: ScorePair) -> dict[str, Any]:
         pooled = units.pooled
         errors |= {"window_s": units.window_s, "position_m": pooled.position_m, "heading_deg": pooled.heading_deg}
     return errors
-
-
-def _among_sisters(row: Mapping[str, Any], group: SisterGroup, alone: Mapping[str, Any]) -> dict[str, Any]:
-    """What her sisters say of the ship of a ``row``, and what her fit ``alone`` gave beside it."""
-    w, k = group.widths, group.ships.index(row["name"])
-    mean, width = group.mean[0], w.unit * w.width
-    coefficients, scores = dict(row["coefficients"]), dict(row["scores"])
-    for i, s in enumerate(w.symbols):
-        by_itself = {"alone": alone["coefficients"][s]["value"], "alone_std": alone["coefficients"][s]["std"]}
-        others = {"sister_mean": mean[i], "sister_width": width[i], "from_others": w.from_others[k, i]}
-        coefficients[s] = coefficients[s] | by_itself | others
-    for key, name in SETS.items():
-        if key in scores and name in alone["scores"]:
-            scores[key] = scores[key] | {"alone": alone["scores"][name]["after"]["window"]}
-    away = dict(zip(w.symbols, np.abs(w.from_others[k]), strict=True))  # from the mean of the others, standard errors
-    return {
-        "coefficients": coefficients,
-        "scores": scores,
-        "p_alike": w.p_alike[k],
-        "widths_from_mean": np.sqrt(np.mean(((w.estimate[k] - w.mean) / w.used_width) ** 2)),
-        "moved_against_sisters": sorted((s for s in away if away[s] > APART), key=lambda s: -away[s]),
-    }
 
 
 def _diagnosed(row: Mapping[str, Any], diagnosis: Diagnosis) -> dict[str, Any]:
@@ -292,29 +265,12 @@ def ship_table(fleet: Fleet) -> pd.DataFrame:
     return pd.DataFrame(rows).set_index("name")
 
 
-def coefficient_table(fleet: Fleet) -> pd.DataFrame:
-    """A row for each ship and coefficient of ``fleet``: estimate, start, fit alone, mean and width of the sisters."""
-    import pandas as pd
-
-    numbers = ["value", "std", "start", "start_std", "moved", "alone", "alone_std"]
-    numbers += ["sister_mean", "sister_width", "from_others"]
-    rows = [
-        {"ship": row["name"], "coefficient": symbol} | dict(c)
-        for row in fleet.rows
-        for symbol, c in row["coefficients"].items()
-    ]
-    table = pd.DataFrame(rows, columns=["ship", "coefficient", "unit", *numbers])
-    return table.astype(dict.fromkeys(numbers, float))
-
-
 def write_tables(fleet: Fleet, folder: Path) -> None:
-    """Write the tables and fleet.json of ``fleet`` to ``folder``, each whole or not at all. Raises UserError where they
+    """Write the table and fleet.json of ``fleet`` to ``folder``, each whole or not at all. Raises UserError where they
     cannot be written."""
     with writing(folder):
-        for name, table in (("fleet", ship_table(fleet)), ("coefficients", coefficient_table(fleet))):
-            with replaced(folder / f"{name}.parquet") as scratch:
-                table.to_parquet(scratch, engine="pyarrow", write_page_checksum=True)
-            replace_text(folder / f"{name}.csv", table.to_csv(index=name == "fleet", lineterminator="\n"))
+        with replaced(folder / "fleet.parquet") as scratch:
+            ship_table(fleet).to_parquet(scratch, engine="pyarrow", write_page_checksum=True)
         write_json(folder / "fleet.json", fleet)
 
 
@@ -348,17 +304,10 @@ def _shown(row: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     score = row["scores"].get("held_out") or row["scores"].get("training") or {}
     return dict(row) | {
         "pages": pages,
-        "moved_words": _distances(row, row["moved"][:SHOWN], "moved"),
-        "apart_words": _distances(row, row["moved_against_sisters"], "from_others"),
+        "moved_words": ", ".join(f"{s} {row['coefficients'][s]['moved']:+.1f}" for s in row["moved"][:SHOWN]),
         "score": score,
         "score_of": "held out" if "held_out" in row["scores"] else "training" if score else "",
-        "strange": row["p_alike"] is not None and row["p_alike"] < SISTERLY,
     }
-
-
-def _distances(row: Mapping[str, Any], symbols: Sequence[str], key: str) -> str:
-    """Coefficients of a ``row`` in words, each with the distance that its ``key`` holds."""
-    return ", ".join(f"{s} {row['coefficients'][s][key]:+.1f}".replace("-", "−") for s in symbols)
 
 
 def _group(group: SisterGroup) -> dict[str, Any]:

@@ -193,7 +193,6 @@ def fit_alone(task: FleetTask) -> None:
     words = {
         "key": task.key,
         "symbols": list(evidence.symbols),
-        "coefficients": plain(result.estimates),
         "scores": plain(result.scores),
         "wall_s": time.perf_counter() - began,
     }
@@ -211,7 +210,7 @@ def finish_ship(task: FleetTask) -> None:
     result = result.save(folder, replace=folder.exists())
     diagnosis, failed = _diagnosed(task, result, train, held_out, folder)
     alone = replace(task, sisters=None).kept(ALONE) if task.sisters else None
-    row = ship_row(task.ship, result, diagnosis, left_out, task.sisters, alone[0] if alone else None)
+    row = ship_row(task.ship, result, diagnosis, left_out, alone[0] if alone else None)
     timing = {**({ALONE: alone[0]["wall_s"]} if alone else {}), DONE: time.perf_counter() - began}
     words = {"key": task.key, "row": row | {"diagnosis_failed": failed}, "timing": timing}
     task.store(DONE).save(task.ship.name, words)  # last: what is stored here is not done again

@@ -11,6 +11,7 @@ import pytest
 
 from diagnosis.findings import Between, GroupDifference, GroupParameter, GroupValue
 from mmg.errors import BadValue, UserError
+from mmg_ident import load_ship
 from mmg_ident.commands.main import main
 from mmg_ident.fleets import run as fleet_run
 from mmg_ident.fleets.plan import read_plan
@@ -49,9 +50,11 @@ def out(plan: Path) -> Path:
 
 
 def same(one: Path, other: Path) -> None:
-    """Both tables hold the same values, bit for bit."""
-    for name in ("fleet.parquet", "coefficients.parquet"):
-        pd.testing.assert_frame_equal(pd.read_parquet(one / name), pd.read_parquet(other / name), check_exact=True)
+    """Tables and coefficients of the ships hold the same values, bit for bit."""
+    tables = (pd.read_parquet(out / "fleet.parquet") for out in (one, other))
+    pd.testing.assert_frame_equal(*tables, check_exact=True)
+    for name in SISTERS:
+        assert load_ship(one / "ships" / name).values.tolist() == load_ship(other / "ships" / name).values.tolist()
 
 
 @pytest.mark.slow
