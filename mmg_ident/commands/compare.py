@@ -29,7 +29,7 @@ def compare(
     test: Annotated[
         list[str] | None, Option(help="Trials, or a split; default development-holdout.", metavar="TRIAL...")
     ] = None,
-    out: Annotated[Path | None, Option(help="Folder for tables, result.json and figures.")] = None,
+    out: Annotated[Path | None, Option(help="Folder for tables and result.json.")] = None,
     ship: Annotated[str, Option(help="The captive ship.")] = "esso_osaka_3m",
     measurement: Annotated[str, Option(help="Instruments to fit, or none.")] = "shown",
     models: Annotated[str | None, Option(help="Which, by commas; default all.")] = None,
@@ -54,7 +54,6 @@ def compare(
     Example: mmg compare --train train-tzrb --seeds 5 --fractions 0.1,0.3,1 --no-random --workers 2 --out comparison
     """
     from fitting.report.run_folder import (
-        PENDING,
         RESULT,
         Store,
         check_target,
@@ -64,17 +63,15 @@ def compare(
         write_json,
         write_whole,
     )
-    from mmg.messages import message_rows
 
     if paper:
         words = f"does not belong to --paper {paper}, which has training trials and a grid of its own; leave it out"
         others = {"--train": train, "--no-random": no_random or None, "--step": settings.get("step")}
         cli.refuse_given({**others, "--fractions": None if fractions == "1" else fractions}, words)
     needs_torch("mmg compare")  # before the imports below, whose error would name no remedy
-    from fitting.report.plot_style import FigureFolder
     from mmg_ident.studies import comparison_study
     from residual.papers.comparison import compare as compared
-    from residual.papers.comparison import comparison_dict, tables_text, write_figures
+    from residual.papers.comparison import comparison_dict, tables_text
 
     if resume and not out:  # without a folder nothing was kept
         raise Conflict("--resume needs the --out of the interrupted comparison")
@@ -112,21 +109,15 @@ def compare(
         def fill(folder: Path) -> None:
             shutil.copytree(store.folder, folder / store.folder.name)  # entries, for another --resume
             (folder / "tables.md").write_text(tables_text(comparison), encoding="utf-8")
-            missing = {"level": "warning", **message_rows([PENDING])[0]}  # if it ends here
-            write_json(folder / RESULT, content | {"figures": [], "messages": [*content["messages"], missing]})
+            write_json(folder / RESULT, content)
 
-        write_whole(out, fill, replace=True)  # before the figures: whole though one of them fails
-        written = FigureFolder(out)
-        write_figures(written, comparison)
-        content["figures"] = [row["file"] for row in written.rows]
-        with written.making(RESULT):
-            write_json(out / RESULT, content)
+        write_whole(out, fill, replace=True)
     if json:
         cli.print_json(content)
     else:
         print(tables_text(comparison), end="")
     if out:
-        cli.say(f"comparison: {out} (tables.md, result.json, figures)")
+        cli.say(f"comparison: {out} (tables.md, result.json)")
         if comparison.interrupted:
             cli.say(f"not everything was done: {cli.RESUMED}")
     return 130 if comparison.interrupted else 0

@@ -20,7 +20,6 @@ from mmg.errors import BadValue
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 from residual.hybrid import HYBRID_KIND
-from residual.papers.comparison import COLOURS, DASHED, MARKERS
 from residual.pipeline import train
 from residual.result import learning_plot
 from residual.settings import TrainSettings, settings_from
@@ -147,7 +146,7 @@ def test_reading_and_calibrating_need_no_torch_and_training_not_its_compiler() -
     assert done.returncode == 0, done.stderr
 
 
-# Figures of trainings and comparisons, and lines of the interactive page, can be read in grey
+# Figures of trainings, and lines of the interactive page, can be read in grey
 def seeds(count: int) -> list[dict]:
     """Rows of trainings that went about the same way."""
     history = [{"epoch": k, "stop": 1.0 - 0.01 * k} for k in range(5)]
@@ -162,10 +161,6 @@ def test_learning_curves_of_seeds_differ_in_their_dashes(count: int) -> None:
     lines = [x for x in figure.axes[0].get_lines() if str(x.get_label()).startswith("seed")]
     assert len(lines) == count == len({str(x.__dict__["_unscaled_dash_pattern"]) for x in lines})
     assert told_by_colour_alone(figure) == []
-
-
-def test_lines_of_models_differ_in_dashes_and_markers() -> None:
-    assert len({str(d) for d in DASHED.values()}) == len(set(MARKERS.values())) == len(COLOURS)
 
 
 @pytest.mark.parametrize("table", ["LOOKS", "ROLE_LOOKS"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 from collections.abc import Sequence
 from dataclasses import replace
@@ -115,29 +114,13 @@ def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: p
     }
     tables = (tmp_path / "cmp" / "tables.md").read_text()
     assert "0.236 ± 0.003" in tables
-    assert {p.name for p in (tmp_path / "cmp").iterdir()} == {
-        "tables.md", "result.json", "growth.png", "efficiency.png", "entries",
-    }  # fmt: skip
+    assert {p.name for p in (tmp_path / "cmp").iterdir()} == {"tables.md", "result.json", "entries"}
     (tmp_path / "cmp" / "entries" / "fnn_1_seed_1.json").unlink()
     again = shown(*arguments, "--resume")["entries"]
     assert [e["score"] for e in again] == [e["score"] for e in entries]
     refused(capsys, *arguments, "--epochs", "3", "--resume")
     seconds = {(e["fraction"], e["random"]): e["training_s"] for e in entries if e["model"] == "fnn"}
     assert seconds[1.0, True] == 1000 and seconds[1.0, False] == 600 and 400 < seconds[0.5, True] < 600
-
-
-@pytest.mark.slow
-def test_a_comparison_that_ends_while_its_figures_are_drawn_says_so(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def ended(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("residual.papers.comparison.write_figures", ended)
-    sets = ["--train", str(folder / "train"), "--test", str(folder / "test.csv")]
-    assert main(["compare", *sets, "--models", "captive", "--out", str(tmp_path / "cmp")]) == 130
-    content = json.loads((tmp_path / "cmp" / "result.json").read_text())
-    assert "parts_left_out" in {row["code"] for row in content["messages"]}
 
 
 @pytest.mark.slow
