@@ -2,8 +2,7 @@
 
 Their names say what they are: ``mmg`` is the ship as given, ``sm2-order3`` a polynomial of third order with two
 sub-models (Miyauchi et al. 2023), ``full-order4`` one of fourth order without sub-models, but with all moduli and only
-such terms left out as follow from others, ``units-order3`` one without products of actuators of two
-units of propeller and rudder, ``mmg+full-order2`` one on top of the ship's own forces.
+such terms left out as follow from others, ``mmg+full-order2`` one on top of the ship's own forces.
 """
 
 from __future__ import annotations
@@ -14,14 +13,13 @@ from dataclasses import dataclass, replace
 from cases.shipfiles.generated_ship import generated_ship, structure_of
 from fitting.settings import Rules
 from mmg.components.expansion.actuators import variables
-from mmg.components.expansion.structure import Structure, units_of
+from mmg.components.expansion.structure import Structure
 from mmg.errors import OutOfRange, UnknownName, Unsupported
 from mmg.ship import Ship
 
 GIVEN = "mmg"  # Name of the ship as it was given
 HIGHEST = Rules.order  # Order of the polynomials where none is asked for. Set by hand.
 FULL = "full"  # Family of polynomials without sub-models, with all moduli: one order higher than the others by default
-UNITS = "units"  # Family of polynomials whose units of propeller and rudder add their forces up
 # Most monomials of one force, before the rules, of a polynomial of that family: it bounds time and memory.
 WIDEST = 2500
 ON_TOP = 2  # Highest order of polynomials on top of the ship's own forces. Set by hand.
@@ -62,7 +60,7 @@ def candidates(ship: Ship, rules: Rules | None = None) -> tuple[StructureCandida
         raise OutOfRange(f"order {rules.order}: must be at least 1")
     polynomials = []
     for name, structure in _structures(ship, rules):
-        may_be_on_top = structure.submodels == "SM-1" and structure.order <= ON_TOP and not structure.units
+        may_be_on_top = structure.submodels == "SM-1" and structure.order <= ON_TOP
         for on_top in (False, True)[: 1 + may_be_on_top]:  # of the ship's own forces, which are fixed then
             called = f"{ship.name}_{'plus_' * on_top}{name.replace('-', '_')}"
             made = generated_ship(ship, structure, called, rules.hard, offset=on_top)
@@ -97,6 +95,4 @@ def _structures(ship: Ship, rules: Rules) -> list[tuple[str, Structure]]:
         count = len(variables(first.devices))
         if math.comb(count + order, order) <= WIDEST:  # monomials of count variables up to this order
             found.append((f"{FULL}-order{order}", replace(first, order=order, duplicates="identity", moduli="full")))
-        if not rules.asymmetric and units_of(first.devices):
-            found.append((f"{UNITS}-order{order}", replace(first, order=order, units=True)))
     return found

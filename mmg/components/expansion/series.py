@@ -85,8 +85,6 @@ def variable(word: Word, flow: Flow, L: float) -> Any:
     x = [variable(part, flow, L) for part in word.parts]
     if word.name in ("sin", "cos"):
         return ca.sin(x[0]) if word.name == "sin" else ca.cos(x[0])
-    if word.name == "times":
-        return math.prod(x[1:], start=x[0])
     if word.name in ("mean", "half"):
         return 0.5 * (x[0] + x[1]) if word.name == "mean" else 0.5 * (x[0] - x[1])
     thrust = x[0] * ca.sqrt(x[0] * x[0] + WIDTH**2)  # n |n|, smooth at n = 0

@@ -7,12 +7,6 @@ Monomials of all variables up to an order (Taylor's series about rest, without i
 and the whole set once for each sub-model (SUBMODELS). Miyauchi et al. (2023), section 2.2. The lists of the paper are
 not known term by term; the rule "paper" is one that gives its counts, 60 at second and 200 at third order of each
 sub-model of a ship with one propeller and two rudders.
-
-Or terms of units, a propeller with the rudder in its race, each of which adds a force of its own: no term multiplies
-actuators of two units, as in the MMG model. A term is a product of motions by one of the actions of a unit; of two
-units that mirror each other the mean or the half difference of the action, so that both share a coefficient. Beside
-them stand the terms of the hull alone. The actions are those of thrust and of a rudder in a race: n, n |n| by 1, cos,
-sin, sin cos, sin^2 of the angle.
 """
 
 from __future__ import annotations
@@ -25,7 +19,7 @@ from dataclasses import dataclass
 
 from mmg.components.coefficients import Coefficient
 from mmg.components.expansion.actuators import Device, ExpansionVariable, variables
-from mmg.components.expansion.words import Monomial, Word, parse_monomial
+from mmg.components.expansion.words import Monomial, Word
 from mmg.errors import OutOfRange, UnknownName, Unsupported
 
 # paper: no squared cosine or sine, but in Y and N products of sines alone; identity: only what the identity of sine and
@@ -46,16 +40,8 @@ SIZES = {"X": (0.1, 0.03), "Y": (0.3, 0.05), "N": (0.1, 0.03)}
 SOURCE = "generated term, prior about 0 by the usual size of such forces"
 _WORDS = {"X": "surge force", "Y": "sway force", "N": "yaw moment"}
 
-# Of units: products of motions up to third degree, cross-flow drag among them.
-HULL = (
-    "u", "v", "r", "u |u|", "u u", "u v", "u r", "|u| v", "|u| r", "v |v|", "v |r|", "r |v|", "r |r|", "v v", "v r",
-    "r r", "u v v", "u v r", "u r r", "u u u", "v v v", "v v r", "v r r", "r r r", "u v |v|", "u v |r|",
-)  # fmt: skip
-_SCREWS = (("", 0), ("n", 1), ("thrust", 2))  # actions of a propeller with their degrees: none, n, n |n|
-_ANGLES = ((), ("cos",), ("sin",), ("sin", "cos"), ("sin", "sin"))  # and of the rudder in its race
 _STEADYING = (("X", "u"), ("Y", "v"), ("N", "r"))  # Force and motion of the terms that are a resistance
 
-Unit = tuple[str, str]  # Revolutions and angle of a propeller and its rudder, "" for none
 Powers = tuple[tuple[ExpansionVariable, int], ...]  # A monomial as variables with their powers
 
 
@@ -64,8 +50,8 @@ class Structure:
     """What a generated polynomial consists of.
 
     devices: its actuators; order: highest degree; submodels: of SUBMODELS; symmetric: rule A; duplicates: of
-    DUPLICATES; moduli: of MODULI; units: the terms are those of ``unit_monomials``, without rules and sub-models.
-    Raises UserError for a word that is none of these, an order below 1 and a sub-model whose actuator the list lacks.
+    DUPLICATES; moduli: of MODULI. Raises UserError for a word that is none of these, an order below 1 and a sub-model
+    whose actuator the list lacks.
     """
 
     devices: tuple[Device, ...]
@@ -74,7 +60,6 @@ class Structure:
     symmetric: bool = True
     duplicates: str = "paper"
     moduli: str = "paper"
-    units: bool = False
 
     def __post_init__(self) -> None:
         for word, choices in ((self.submodels, SUBMODELS), (self.duplicates, DUPLICATES), (self.moduli, MODULI)):
@@ -96,7 +81,6 @@ class Structure:
     def words(self) -> str:
         """The structure in words: ``order 2, SM-2, actuators n, delta``."""
         unusual = [] if self.symmetric else ["asymmetric"]
-        unusual += ["forces of units that add up"] if self.units else []
         unusual += [f"duplicates {self.duplicates}"] if self.duplicates != "paper" else []
         unusual += [f"moduli {self.moduli}"] if self.moduli != "paper" else []
         return ", ".join(
@@ -154,38 +138,16 @@ def terms(structure: Structure) -> tuple[Coefficient, ...]:
     The resistance terms u of X, v of Y and r of N are bound to be no thrust, the thrust of revolutions no resistance
     (section 3.2 of the paper).
     """
-    if structure.units:
-        return _terms_of_units(structure)
     rows = []
     for number, conditions in enumerate(regimes(structure), start=1):
         for force in "XYN":
             for powers in monomials(structure, force):
                 text = Monomial(conditions, _factors(powers, structure.moduli))
-                std = _std(force, [x.word for x, _ in powers])
-                rows.append(_term(force, text, number, std, _bounds(force, powers, 10 * std)))
+                std = SIZES[force][not any(x.word.name in ("v", "r") for x, _ in powers)]
+                symbol, words = f"{force}_{text.short}_{number}", f"{_WORDS[force]}, generated term"
+                bounds, about = _bounds(force, powers, 10 * std), {"source": SOURCE, "description": words}
+                rows.append(Coefficient(symbol, 0.0, std, *bounds, **about, monomial=str(text)))  # type: ignore[arg-type]
     return tuple(rows)
-
-
-def _terms_of_units(structure: Structure) -> tuple[Coefficient, ...]:
-    """The coefficients of units whose forces add up."""
-    rows = []
-    for force in "XYN":
-        for text in unit_monomials(units_of(structure.devices), structure.order, force):
-            std = _std(force, [word for word, _ in text.factors])
-            plain = len(text.factors) == 1 and text.factors[0][0].name
-            upper = 0.0 if (force, plain) in _STEADYING else 10 * std
-            rows.append(_term(force, text, 1, std, (-10 * std, upper)))
-    return tuple(rows)
-
-
-def _std(force: str, words: Sequence[Word]) -> float:
-    return SIZES[force][not any(word.name in ("v", "r") for word in words)]
-
-
-def _term(force: str, text: Monomial, number: int, std: float, bounds: tuple[float, float]) -> Coefficient:
-    """The coefficient of a term of sub-model ``number``, its prior about 0."""
-    symbol, words = f"{force}_{text.short}_{number}", f"{_WORDS[force]}, generated term"
-    return Coefficient(symbol, 0.0, std, *bounds, source=SOURCE, description=words, monomial=str(text))
 
 
 def term_list(rows: Sequence[Coefficient]) -> str:
@@ -253,60 +215,3 @@ def _bounds(force: str, powers: Powers, reach: float) -> tuple[float, float]:
         if force == "X" and (word.name in screws or (word.name == "mean" and word.parts[0].name in screws)):
             return 0.0, reach
     return -reach, reach
-
-
-def units_of(devices: Sequence[Device]) -> tuple[Unit, ...]:
-    """The one unit on the centre plane or the two that mirror each other, starboard first, of a list of ``devices``.
-
-    Empty where the list has other actuators than one or two propellers and one or two rudders, or no propeller.
-    """
-    names = {name for device in devices for name in device.names}
-    rudders = {"delta", "delta_starboard", "delta_port"} & names
-    if "n" not in names or names - rudders - {"n", "n_2"}:
-        return ()
-    if "delta" in rudders:
-        return () if len(rudders) > 1 or "n_2" in names else (("n", "delta"),)
-    if len(rudders) == 1:
-        return ()
-    starboard, port = ("delta_starboard", "delta_port") if rudders else ("", "")
-    other = "n_2" if "n_2" in names else "n"  # two rudders behind one propeller share its revolutions
-    return (("n", starboard),) if (other, port) == ("n", starboard) else (("n", starboard), (other, port))
-
-
-def unit_monomials(units: Sequence[Unit], order: int, force: str) -> tuple[Monomial, ...]:
-    """The terms of ``force`` ("X", "Y" or "N") of a hull with ``units``, motions and actions to ``order`` together."""
-    sideways = force != "X"
-    names = [motion for motion in HULL if _degree(motion) <= order and _turns(motion) == sideways]
-    motions = ("", *(motion for motion in HULL if _degree(motion) <= 2))  # an action by cubes of motions tells no more
-    for screw, degree in _SCREWS:
-        for angle in _ANGLES if units[0][1] else _ANGLES[:1]:
-            action_odd = angle.count("sin") % 2 == 1
-            for motion in motions if screw or angle else ():
-                if _degree(motion) + degree + len(angle) > order:
-                    continue
-                for word, word_odd in _both([_action(unit, screw, angle) for unit in units], action_odd):
-                    if (_turns(motion) != word_odd) == sideways:  # odd under reflection: a term of Y and N, else of X
-                        names.append(f"{motion} {word}".strip())
-    return tuple(map(parse_monomial, names))
-
-
-def _action(unit: Unit, screw: str, angle: Sequence[str]) -> Word:
-    revolutions, rudder = Word(unit[0]), Word(unit[1])
-    parts = [] if not screw else [revolutions if screw == "n" else Word("thrust", (revolutions,))]
-    parts += [Word(name, (rudder,)) for name in angle]
-    return Word("times", tuple(parts)) if len(parts) > 1 else parts[0]
-
-
-def _both(actions: Sequence[Word], mirrored: bool) -> list[tuple[Word, bool]]:
-    """Words for the actions of all units, and whether they change their sign under reflection."""
-    if len(set(actions)) == 1:
-        return [(actions[0], mirrored)]
-    return [(Word("mean", tuple(actions)), mirrored), (Word("half", tuple(actions)), not mirrored)]
-
-
-def _degree(motion: str) -> int:
-    return len(motion.split())
-
-
-def _turns(motion: str) -> bool:
-    return sum(factor in ("v", "r") for factor in motion.split()) % 2 == 1

@@ -6,7 +6,6 @@ A factor is a variable, or a variable between bars for its modulus:
  delta, azimuth, ...   an angle [rad]; sin(delta), cos(delta)
  thrust(n)             n |n|
  push(n, a), side(n, a)   n |n| cos a, n |n| sin a: the thrust of a pod ahead and to starboard
- times(x, y, ...)      the product of two or more variables of actuators
  mean(x, y), half(x, y)   (x + y)/2 and (x - y)/2 of two variables of actuators that mirror each other
 with V = 0.1 sqrt(g L). A condition multiplies the term by 1 where it holds and by 0 elsewhere:
  ahead, astern                       u >= 0, u < 0
@@ -35,7 +34,7 @@ _OF = {"driving": "rps", "reversing": "rps", "attached": "rad", "stalled": "rad"
 # Words as parts of the symbol of a coefficient, which every file of a generated ship holds.
 _SHORT = {"delta_starboard": "ds", "delta_port": "dp", "delta": "d", "azimuth": "a", "mean": "m", "half": "h",
           "sin": "s", "cos": "c", "thrust": "t", "push": "px", "side": "py", "n_azimuth": "na", "n_bow": "nb",
-          "n_stern": "ns", "times": "x"}  # fmt: skip
+          "n_stern": "ns"}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -125,7 +124,7 @@ def parse_word(text: str) -> Word:
 
 
 def _choices() -> str:
-    return f"{', '.join((*MOTION, *INPUTS))} and {', '.join((*_ARGUMENTS, 'times'))} of these"
+    return f"{', '.join((*MOTION, *INPUTS))} and {', '.join(_ARGUMENTS)} of these"
 
 
 def _check_condition(word: Word, bars: bool) -> None:
@@ -141,13 +140,13 @@ def _check_variable(word: Word) -> None:
         if word.name not in (*MOTION, *INPUTS):
             raise ValueError(f"'{word}' is no variable; known are {_choices()}")
         return
-    wanted = ("any",) * len(word.parts) if word.name == "times" and len(word.parts) > 1 else _ARGUMENTS.get(word.name)
+    wanted = _ARGUMENTS.get(word.name)
     if wanted is None or len(wanted) != len(word.parts):
         raise ValueError(f"'{word}' is no variable; known are {_choices()}")
     for unit, part in zip(wanted, word.parts, strict=True):
         if unit == "any":
             _check_variable(part)
-            if part.name in ("mean", "half", *MOTION, *(("times",) if word.name == "times" else ())):
+            if part.name in ("mean", "half", *MOTION):
                 raise ValueError(f"'{word}': {word.name} is of two variables of actuators")
         elif part.parts or INPUTS.get(part.name, ("", ""))[1] != unit:
             kind = "revolutions" if unit == "rps" else "an angle"

@@ -8,10 +8,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from fitting.selection.candidates import candidates
 from mmg.components.coefficients import names
 from mmg.components.expansion import hard_submodels, smooth_submodels
-from mmg.components.expansion import structure as structures
 from mmg.components.expansion.actuators import devices_of, parse_devices, variables, without_partner
 from mmg.components.expansion.series import DAMPING, STALL, speed_scale, variable
 from mmg.components.expansion.structure import Powers, Structure, monomials, regimes, term_list, terms
@@ -19,7 +17,6 @@ from mmg.components.expansion.words import parse_monomial
 from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, Unsupported
 from mmg.motion.flow import INPUTS, Flow
 from mmg.motion.smooth import Smooth
-from tests.support.actuator_ships import true_ship
 from tests.support.force_numbers import xyn
 
 VECTWIN = parse_devices("n, delta_port, delta_starboard")
@@ -106,18 +103,15 @@ def test_what_the_identity_leaves_is_independent_and_complete(devices: str, orde
         assert stay.shape[1] - 1 < all_of_them.shape[1] or (force == "Y" and order == 2)
 
 
-@pytest.mark.parametrize("devices", LISTS)
+@pytest.mark.parametrize("devices", [text for text in LISTS if text != "n, delta_port, delta_starboard"])
 @pytest.mark.parametrize("submodels", ["SM-1", "SM-2"])
 def test_mirrored_motion_gives_the_mirrored_force(devices: str, submodels: str) -> None:
-    """Of the rules' terms, but for two rudders one by one, and of those of units, where there are units."""
+    """But for two rudders one by one."""
     several, rng = parse_devices(devices), np.random.default_rng(5)
-    kinds = [False] if devices != "n, delta_port, delta_starboard" else []
-    kinds += [True] if structures.units_of(several) and submodels == "SM-1" else []
-    for units, order in itertools.product(kinds, (2, 3)):
-        structure = Structure(several, order, submodels, duplicates="identity", units=units)
-        at = motion(rng)
+    for order in (2, 3):
+        structure, at = Structure(several, order, submodels, duplicates="identity"), motion(rng)
         at |= {} if "n_2" in devices else {"n_2": at["n"]}  # one propeller changes places with itself
-        there = values(structure, mirrored(at, "+" in devices or (units and "port" in devices)))
+        there = values(structure, mirrored(at, "+" in devices))
         np.testing.assert_allclose(there, values(structure, at) * (1, -1, -1), rtol=1e-9, atol=1e-9)
 
 
@@ -210,8 +204,7 @@ def test_a_monomial_is_read_as_it_is_written() -> None:
         ("cos(n)", "angle"), ("thrust(delta)", "not revolutions"), ("ahead(n) u", "no condition"),
         ("stalled u", "write stalled(delta)"), ("|ahead| u", "no condition"), ("sin(delta", "no variable"),
         ("sin(delta))", "brackets"), ("mean(u,v)", "actuators"), ("u^2", "no variable"),
-        ("tan(delta)", "no variable"), ("times(n)", "times"), ("times(n,u)", "times"),
-        ("times(n,times(n,n_2))", "times"), ("times(n,mean(n,n_2))", "times"),
+        ("tan(delta)", "no variable"), ("mean(n,mean(n,n_2))", "actuators"),
     ],
 )  # fmt: skip
 def test_a_wrong_monomial_is_refused_with_its_word(text: str, words: str) -> None:
@@ -283,42 +276,3 @@ def test_beyond_its_range_a_polynomial_stays_at_the_edge_and_the_rest_is_damped(
         np.testing.assert_allclose(force(far, far, far, **limits), expected, rtol=0.02)
     astern = force(-1.0, 0.0, 0.0, **limits)[0]
     assert astern == pytest.approx(unit[0] * (-((0.2 / V) ** 3) + DAMPING["u"] * 0.8 / V), rel=0.02)
-
-
-# Units of propeller and rudder: forces add up, the mirror image of a state has the mirror image of the force
-TWIN_UNITS = "n+n_2, delta_starboard+delta_port"
-
-
-@pytest.mark.parametrize(
-    ("actuators", "units"),
-    [
-        (TWIN_UNITS, (("n", "delta_starboard"), ("n_2", "delta_port"))),
-        ("n, delta_port, delta_starboard", (("n", "delta_starboard"), ("n", "delta_port"))),
-        ("n, delta", (("n", "delta"),)), ("n+n_2", (("n", ""), ("n_2", ""))), ("n", (("n", ""),)),
-        ("n, delta, n_bow", ()), ("n+n_2, delta", ()), ("azimuth+azimuth_2", ()), ("delta", ()),
-    ],
-)  # fmt: skip
-def test_units_are_a_propeller_with_the_rudder_behind_it(actuators: str, units: tuple[tuple[str, str], ...]) -> None:
-    assert structures.units_of(parse_devices(actuators)) == units
-
-
-@pytest.mark.parametrize("force", "XYN")
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
-def test_no_term_multiplies_actuators_of_two_units_and_all_differ(force: str, order: int) -> None:
-    units = structures.units_of(parse_devices(TWIN_UNITS))
-    found = structures.unit_monomials(units, order, force)
-    texts = [str(term) for term in found]
-    assert len(set(texts)) == len(texts) == len({term.short for term in found})
-    assert all(parse_monomial(text) == term for text, term in zip(texts, found, strict=True))
-    for term in found:
-        actions = [word for word, _ in term.factors if word.inputs]
-        assert len(actions) <= 1
-        if actions:
-            assert [part.inputs <= set(unit) for part, unit in zip(actions[0].parts, units, strict=True)] == [True] * 2
-
-
-def test_the_family_is_among_the_candidates_where_there_are_units() -> None:
-    names = {one.name: one.unknowns for one in candidates(true_ship("twin"))}
-    assert {"units-order2", "units-order3", "units-order4"} <= set(names)
-    assert names["units-order3"] < names["full-order3"]
-    assert not any(one.name.startswith("units") for one in candidates(true_ship("pods")))
