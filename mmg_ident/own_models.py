@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields
-from difflib import get_close_matches
 from types import SimpleNamespace
 from typing import Any, TypeVar
 
@@ -17,7 +16,7 @@ from mmg.components.coefficients import PARTICULARS, Coefficient, table
 from mmg.components.own import Own, origin_of
 from mmg.effects.effect import Parameter
 from mmg.effects.own import HOOKS, OwnEffect
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, UserError, refusing
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, UserError, refusing, unknown
 from mmg.model import assemble
 from mmg.motion.flow import INPUTS, Flow, Slipstream
 from mmg.motion.smooth import Smooth
@@ -58,7 +57,7 @@ def force(
     cannot be, and for a function that reads what there is not, returns anything else, or is no number at rest.
     """
     if role not in OWN_ROLES:
-        raise UnknownName(f"role: '{role}' is unknown{_nearest(role, OWN_ROLES)}; known: {', '.join(OWN_ROLES)}")
+        raise UnknownName(unknown("role", role, OWN_ROLES))
     rows = _coefficients(coefficients, source)
 
     def registered(function: F) -> F:
@@ -96,9 +95,9 @@ def effect(
     that is there at its neutral values.
     """
     if enters not in HOOKS:
-        raise UnknownName(f"enters: '{enters}' is unknown{_nearest(enters, HOOKS)}; known: {', '.join(HOOKS)}")
+        raise UnknownName(f"enters: {unknown('place', enters, HOOKS)}")
     if strange := [role for role in needs if role not in MODELS]:
-        raise UnknownName(f"needs: role '{strange[0]}' is unknown; known: {', '.join(MODELS)}")
+        raise UnknownName(f"needs: {unknown('role', strange[0], MODELS)}")
     rows = _parameters(parameters)
 
     def registered(function: F) -> F:
@@ -108,11 +107,6 @@ def effect(
         return function
 
     return registered
-
-
-def _nearest(name: object, known: Iterable[str]) -> str:
-    near = get_close_matches(str(name), list(known), 1)
-    return f"; did you mean '{near[0]}'" if near else ""
 
 
 def _name(name: str | None, function: Callable[..., Any]) -> str:
@@ -214,8 +208,8 @@ def _read(
         if error.obj is c:
             raise Missing(f"coefficients: {where} reads c.{error.name}, which is none of them") from None
         if error.obj is p:
-            words = f"reads p.{error.name}, which is no particular of ships{_nearest(error.name, PARTICULARS)}"
-            raise UnknownName(f"function: {where} {words}") from None
+            words = unknown("particular", str(error.name), PARTICULARS)
+            raise UnknownName(f"function: {where} reads p.{error.name}: {words}") from None
         raise _failed(where, error) from None
     except UserError:
         raise
