@@ -10,7 +10,7 @@ the calibration estimated from its trials.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -196,14 +196,12 @@ class Tracker:
         self._t, self._z, self._P, self._held = t, z + change, 0.5 * (P + P.T), held
         return self._state(*self.equations.logged(self._z), float(error @ solved[:, -1]), len(good))
 
-    def forecast(
-        self, seconds: float, controls: Row | pd.DataFrame | Sequence[Row] | Callable[[float], Row] | None = None
-    ) -> Forecast:
+    def forecast(self, seconds: float, controls: Row | pd.DataFrame | Sequence[Row] | None = None) -> Forecast:
         """What follows over the next ``seconds``, from the last sample.
 
         controls: held as they are (None), or as by name or (C,) in the order of ``inputs``; in N rows (N, C), or (N,)
-        by name, evenly spread over the ``seconds`` and each held over its part; or a function of the seconds ahead.
-        The forecast has a row at each end of these parts, else steps of a second of a 3 m model. The disturbance fades.
+        by name, evenly spread over the ``seconds`` and each held over its part. The forecast has a row at each end of
+        these parts, else steps of a second of a 3 m model. The disturbance fades.
         Raises UserError before the first sample, for seconds that are not positive and for controls as ``update`` does.
         """
         if self._t is None:
@@ -280,9 +278,6 @@ class Tracker:
         count = math.ceil(seconds / self._longest - 1e-9)
         if given is None:
             return [self._held] * count
-        if callable(given):
-            middles = seconds * (np.arange(count) + 0.5) / count  # a part holds the value in its middle
-            return [self._controls(given(float(middle))) for middle in middles]
         given = by_name(given)
         if isinstance(given, dict):
             try:

@@ -232,14 +232,14 @@ def test_controls_ahead_may_be_given_in_each_way() -> None:
     tracker = Tracker(load_ship("esso_osaka_3m"))
     tracker.update(0.0, [0, 0, 0, 0.4, 0, 0], {"n": 10.0, "delta": 0.2, "wind_speed": 2.0, "wind_direction": 1.0})
     row = np.array([10.0, 0.2, 2.0, 1.0])
-    ways: list[Any] = [None, row, dict(zip(tracker.inputs, row, strict=True)), lambda ahead: row]
+    ways: list[Any] = [None, row, dict(zip(tracker.inputs, row, strict=True))]
     ways += [np.tile(row, (20, 1)), {n: np.full(20, v) for n, v in zip(tracker.inputs, row, strict=True)}]
     found = [tracker.forecast(20.0, way) for way in ways]
     for one in found[1:]:
         assert np.array_equal(one.states, found[0].states) and np.array_equal(one.std, found[0].std)
     lower, upper = found[0].band
     assert np.all(lower < found[0].states) and np.all(upper > found[0].states)
-    turned = tracker.forecast(20.0, lambda ahead: [10.0, 0.2 if ahead < 10 else -0.2])
+    turned = tracker.forecast(20.0, [[10.0, 0.2], [10.0, -0.2]])
     assert turned.states[-1, 2] < found[0].states[-1, 2]
     assert list(found[0].to_pandas().columns[:3]) == ["t", "x", "y"] and len(repr(found[0])) < 300
 
