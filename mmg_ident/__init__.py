@@ -41,7 +41,6 @@ if TYPE_CHECKING:
         calibrate,
         check,
         diagnose,
-        gap,
         load_run,
         predict,
         refit,
@@ -52,7 +51,7 @@ if TYPE_CHECKING:
         write_report,
     )
     from mmg_ident.api import write_report as report
-    from mmg_ident.model_gap import GapOptions
+    from mmg_ident.model_gap import GapOptions, gap
     from mmg_ident.own_models import effect, force
     from mmg_ident.studies import card, compare, fleet, imo, import_logs, months, plan, select, view
     from mmg_ident.tracker import Tracker
@@ -71,8 +70,8 @@ _HOMES = {
     "Tracker": "mmg_ident.tracker", "TrainResult": "residual.result", "TrainSettings": "residual.settings", "Trial":
     "cases.trial", "TrialSet": "cases.trial_set", "UserError": "mmg.errors", "effect": "mmg_ident.own_models", "export":
     "delivery.export:export_ship", "export_ship": "delivery.export", "force": "mmg_ident.own_models",
-    "load_ship": "cases.shipfiles.ship_file", "new_ship": "cases.shipfiles.new_ship", "read_trials": "cases.io.read",
-    "report": "mmg_ident.api:write_report", "scale": "delivery.full_scale.result",
+    "gap": "mmg_ident.model_gap", "load_ship": "cases.shipfiles.ship_file", "new_ship": "cases.shipfiles.new_ship",
+    "read_trials": "cases.io.read", "report": "mmg_ident.api:write_report", "scale": "delivery.full_scale.result",
     **{name: "mmg_ident.studies" for name in ("card", "compare", "fleet", "imo", "import_logs", "months", "plan",
     "select", "view")},
 }  # fmt: skip

@@ -41,7 +41,7 @@ from mmg.errors import (
 from mmg.messages import Message, OnProgress, Progress, html_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
-from mmg_ident.settings import check_settings, checked_settings, effects_of, keywords, names_of, refuse_gone, taken
+from mmg_ident.settings import check_settings, checked_settings, effects_of, keywords, names_of, taken
 from residual.settings import BlackBoxSettings, TrainSettings, defaults_of
 
 # What a single verb needs is imported in its function: solvers, figures and torch take a second or more to load.
@@ -51,13 +51,11 @@ if TYPE_CHECKING:
     from cases.checks.report import CheckReport
     from cases.simulation.gusts import Wind
     from diagnosis.result import Diagnosis
-    from diagnosis.validation.gap import Gap
     from fitting.calibrate import FitOptions
     from fitting.calibration import SecondEstimate
     from fitting.prediction.predict import Forecaster, Window
     from fitting.prediction.score import Score
     from fitting.result import FitResult
-    from mmg_ident.model_gap import GapOptions
     from residual.result import TrainResult
 
     Model: TypeAlias = Ship | str | Path | FitResult | TrainResult | Simulator | Forecaster
@@ -252,7 +250,6 @@ def calibrate(
     from fitting import calibrate as pipeline
     from fitting.solvers.control import unless_interrupted
 
-    refuse_gone(values)
     changes, chosen = taken(values, CHANGES), taken(values, OPTIONS)
     captive, captive_sigma = values.pop("captive", None), values.pop("captive_sigma", None)
     if captive is not None:
@@ -510,39 +507,6 @@ def diagnose(
     result = pipeline.diagnose(ship, runs, tests, place, options, calibrated_on, progress)
     # a calibration tells nothing of predictions by a model of other components
     return result.told_by(content_of(model)) if ship.components == calibrated.components else result
-
-
-@keywords(also="seeds# seed# workers#")
-def gap(
-    model: Model,
-    trials: Trials,
-    test: Trials,
-    options: GapOptions | None = None,
-    progress: OnProgress | None = None,
-    unchecked: bool = False,
-    **values: Any,
-) -> Gap:
-    """Compare a ship as given, refitted, with a learned residual, with named effects and with both, on test trials.
-
-    model: a ship, its file, a run folder or a result; trials: to calibrate, train and diagnose on; test: trials that
-    take no part, to predict; options: ``GapOptions``; progress: called as the work goes on; unchecked: take
-    contradictory trials and broken stretches too; values: instead of options: seeds (trainings of each residual), seed
-    (the first, and of all draws), workers. Returns the comparison: lines with 90 % intervals, a sentence, and what the
-    named effects explain of what the network learned. Raises UserError where there is too little to train on or to
-    predict.
-    """
-    from mmg_ident.model_gap import GapOptions, compare_models
-
-    chosen = taken(values, "seeds seed workers")
-    _refuse(values, "gap takes seeds, seed and workers")
-    if chosen and options is not None:
-        raise Conflict(f"{next(iter(chosen))}: is a field of options; give it there alone")
-    if chosen:
-        settings = TrainSettings(**{name: chosen[name] for name in ("seeds", "seed") if name in chosen})
-        check_settings(settings)
-        options = GapOptions(settings, chosen.get("seed", 0), chosen.get("workers", 1))
-    runs, tests = ready(trials, test, unchecked=unchecked)
-    return compare_models(model, runs, tests, options, progress, calibrate)
 
 
 @keywords()

@@ -6,7 +6,7 @@ an earlier call left in its folder.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +17,7 @@ from cases.io.campaigns import ship_in
 from cases.shipfiles.effects import without_suspects
 from cases.shipfiles.ship_file import ship_of
 from cases.trial import Trial
-from cases.trial_set import TrialSet
+from cases.trial_set import TrialSet, ready
 from diagnosis.findings import TESTS, Budget
 from diagnosis.inputs import DiagnosisOptions, independent_tests
 from diagnosis.result import Diagnosis, read_diagnosis
@@ -36,12 +36,14 @@ from diagnosis.validation.gap import (
 from diagnosis.validation.held_out import window_length
 from fitting.report.run_folder import RESULT, hash_of_ship, hashes_of_trials, trial_rows
 from fitting.solvers.control import check_time
-from mmg.errors import Missing, TooFewData, needs_torch, refusing
+from mmg.errors import Conflict, Missing, TooFewData, needs_torch, refusing
 from mmg.messages import LOGGER, Message, OnProgress
 from mmg.ship import Ship
+from mmg_ident.api import calibrate
+from mmg_ident.settings import check_settings, keywords
 
 if TYPE_CHECKING:
-    from fitting.result import FitResult
+    from mmg_ident.api import Model, Trials
     from residual.result import TrainResult
     from residual.settings import TrainSettings
 
@@ -75,22 +77,42 @@ def about(ship: Ship, trials: Sequence[Trial], tests: Sequence[Trial], options: 
     }
 
 
-def compare_models(
-    model: Any,
-    trials: Sequence[Trial],
-    tests: Sequence[Trial],
+@keywords(also="seeds# seed# workers#")
+def gap(
+    model: Model,
+    trials: Trials,
+    test: Trials,
     options: GapOptions | None = None,
     progress: OnProgress | None = None,
-    calibrate: Callable[..., FitResult] | None = None,
+    unchecked: bool = False,
+    **values: Any,
 ) -> Gap:
-    """The comparison of a ``model``, a ship, its file, a run folder or a result, on ``tests``.
+    """Compare a ship as given, refitted, with a learned residual, with named effects and with both, on test trials.
 
-    trials: to calibrate, train and diagnose on; tests: to predict; those that share rows with the rest are left out;
-    options: how; progress: called as the work goes on; calibrate: as of ``mmg_ident``, None: a ship that was not
-    calibrated on the trials is refused. Returns it; the parts lie in the folder of the options. Raises
-    UserError where there is too little to train on or to predict, and without torch.
+    model: a ship, its file, a run folder or a result; trials: to calibrate, train and diagnose on; test: trials that
+    take no part, to predict, of which those that share rows with the rest are left out; options: ``GapOptions``;
+    progress: called as the work goes on; unchecked: take contradictory trials and broken stretches too; values: instead
+    of options: seeds (trainings of each residual), seed (the first, and of all draws), workers. Returns the comparison:
+    lines with 90 % intervals, a sentence, and what the named effects explain of what the network learned; the parts lie
+    in the folder of the options. Raises UserError where there is too little to train on or to predict, and without
+    torch.
     """
-    o, given = options or GapOptions(), ship_of(model)
+    values = {name: value for name, value in values.items() if value is not None}
+    if values and options is not None:
+        raise Conflict(f"{next(iter(values))}: is a field of options; give it there alone")
+    if values:
+        from residual.settings import TrainSettings
+
+        settings = TrainSettings(**{name: values[name] for name in ("seeds", "seed") if name in values})
+        check_settings(settings)
+        options = GapOptions(settings, values.get("seed", 0), values.get("workers", 1))
+    runs, tests = ready(trials, test, unchecked=unchecked)
+    return _compared(model, runs, tests, options or GapOptions(), progress)
+
+
+def _compared(model: Any, trials: TrialSet, tests: TrialSet, o: GapOptions, progress: OnProgress | None) -> Gap:
+    """The comparison of a ``model`` on ``tests``."""
+    given = ship_of(model)
     needs_torch("mmg gap")
     chosen, by_role = TrialSet.of(trials).training(tests)
     tested, shared = independent_tests(chosen, tests)
@@ -105,7 +127,7 @@ def compare_models(
             f"{', '.join(fitted)}: the ship was calibrated on it, so its errors are not of a trial that took no part"
         )
         remarks.append(Message(words, "calibrated_on"))
-    refitted, source = _refitted(model, given.without_network(), chosen, o, progress, calibrate)
+    refitted, source = _refitted(model, given.without_network(), chosen, o, progress)
     if source is None:
         remarks.append(Message("the ship was calibrated on these trials: she is not refitted", "not_refitted"))
     else:
@@ -180,14 +202,7 @@ def _lines(
     return [replace(r, kept=recommended.get(r.name), ship=places.get(r.name, "")) for r in rows], run
 
 
-def _refitted(
-    model: Any,
-    ship: Ship,
-    trials: TrialSet,
-    o: GapOptions,
-    progress: OnProgress | None,
-    calibrate: Callable[..., FitResult] | None,
-) -> tuple[Ship, Any]:
+def _refitted(model: Any, ship: Ship, trials: TrialSet, o: GapOptions, progress: OnProgress | None) -> tuple[Ship, Any]:
     """The ``ship`` calibrated on the ``trials``, and the calibration; None where she was already. Surroundings are left
     to the diagnosis: what the trials speak for is its answer, not a part of the ship that is asked about."""
     bare = without_suspects(ship, surroundings_only=True)
@@ -199,8 +214,6 @@ def _refitted(
     place = o.folder and o.folder / FOLDERS[REFITTED]
     if place is not None and (place / RESULT).exists():
         return read_fit(place).ship, place
-    if calibrate is None:
-        raise Missing(f"{ship.name}: was not calibrated on these trials; calibrate her first")
     LOGGER.info("calibrating the ship")
     options = FitOptions(surroundings=False, next_trial=False, command=o.command)
     fit = calibrate(bare, trials, options=options, progress=progress)

@@ -157,8 +157,9 @@ def keywords(*kinds: type, also: str = "", others: bool = False) -> Callable[[F]
 
         @functools.wraps(function)
         def called(*given: Any, **values: Any) -> Any:
-            for name in values:  # those that are gone are refused with their own sentence, by the function
-                if name not in full.parameters and name not in GONE and not others:
+            refuse_gone(values)  # with their own sentence
+            for name in values:
+                if name not in full.parameters and not others:
                     raise UnknownName(f"{function.__name__}: {unknown('keyword', name, full.parameters)}")
             for name, value in [*zip(full.parameters, given, strict=False), *values.items()]:
                 if name in full.parameters:

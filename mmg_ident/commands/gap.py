@@ -48,8 +48,8 @@ def gap(
     from fitting.report.plot_style import png_of
     from fitting.report.run_folder import Store, check_target, write_json
     from fitting.solvers.control import Control, OutOfTimeError
-    from mmg_ident.api import gap as gap_of
     from mmg_ident.model_gap import GapOptions, about
+    from mmg_ident.model_gap import gap as gap_of
 
     if not (resume and out.exists()):
         check_target(out)
