@@ -18,7 +18,7 @@ from pydantic import Field
 from cases.io.files import file_hash, file_key
 from cases.io.read import SUFFIXES, trial_files
 from cases.io.toml_file import Section, checked, header, number, read_toml, refuse
-from cases.shipfiles.effects import reduced_ship, with_instruments
+from cases.shipfiles.effects import reduced_ship
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from mmg.errors import BadValue, Conflict, Missing, UserError, name_fault
@@ -32,12 +32,9 @@ class FleetTable(Section):
     seed: int = 0
     loss: Literal["gaussian", "huber", "student"] = "gaussian"
     diagnose: bool = True
-    diagnosis_step: float | None = number("s", None, gt=0.0, lt=60.0)
     effects: list[str] = Field(default=[])
     without: list[str] = Field(default=[])
-    measurement: list[str] = Field(default=["shown"])
     time_limit: float | None = number("s", None, gt=0.0)
-    compiled: bool = True
     unchecked: bool = False
 
 
@@ -174,9 +171,7 @@ def _start(name: str, table: ShipTable, fleet: FleetTable, root: Path) -> Ship:
         ship = load_ship(path if path.exists() else str(table.ship))  # else one of the library
     without = fleet.without if table.without is None else table.without
     effects = fleet.effects if table.effects is None else table.effects
-    start = reduced_ship(ship.without_network(), without, effects)
-    with_instruments(start, fleet.measurement)  # freed by the fit; what is wrong with them is said now
-    return start
+    return reduced_ship(ship.without_network(), without, effects)
 
 
 def _shared_files(ships: Iterable[PlannedShip]) -> list[str]:

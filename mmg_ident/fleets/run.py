@@ -219,8 +219,8 @@ def finish_ship(task: FleetTask) -> None:
 def _calibrated(task: FleetTask, train: Sequence[Trial], held_out: Sequence[Trial]) -> FitResult:
     """The calibration of a ship; a sister begins at what all fits say of her, under the prior that the group shares."""
     o, sister, start = task.options, task.sister, task.ship.start
-    settings = Settings(seed=o.seed, time_limit=o.time_limit, compiled=o.compiled, loss=o.loss)
-    options = FitOptions(next_trial=False, instruments=tuple(o.measurement), command=task.command, name=task.ship.name)
+    settings = Settings(seed=o.seed, time_limit=o.time_limit, loss=o.loss)
+    options = FitOptions(next_trial=False, command=task.command, name=task.ship.name)
     if sister:
         start = sister.ship
         options = replace(options, start=sister.values, prior_mean=sister.mean)
@@ -234,7 +234,7 @@ def _diagnosed(
     if not task.options.diagnose or not result.converged:
         return None, "" if result.converged else "not diagnosed: the calibration has not converged"
     several = len({trial.meta.get("group") for trial in train}) > 1  # campaigns, between which she may have drifted
-    step = task.options.diagnosis_step or COARSER * default_step(train, result.ship.particulars["L"])
+    step = COARSER * default_step(train, result.ship.particulars["L"])
     options = DiagnosisOptions(step, task.options.seed, command=task.command, between="group" if several else None)
     try:
         sister = task.sister
