@@ -224,9 +224,8 @@ def _number(word: str, text: str) -> float:
         raise Conflict(f"'{text}' is none of the answers") from None
 
 
-AGROUND = (
-    1.1  # Depth of water in draughts up to which no ship sails. Set by hand: a tenth of her draught below the keel.
-)
+# Depth of water in draughts up to which no ship sails. Set by hand: a tenth of her draught below the keel.
+AGROUND = 1.1
 
 
 def with_answers(ship: Ship, answers: Answers) -> Ship:

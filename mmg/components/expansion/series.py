@@ -88,7 +88,7 @@ def variable(word: Word, flow: Flow, L: float) -> Any:
     if word.name in ("mean", "half"):
         return 0.5 * (x[0] + x[1]) if word.name == "mean" else 0.5 * (x[0] - x[1])
     thrust = x[0] * ca.sqrt(x[0] * x[0] + WIDTH**2)  # n |n|, smooth at n = 0
-    return thrust if word.name == "thrust" else thrust * (ca.cos(x[1]) if word.name == "push" else ca.sin(x[1]))
+    return thrust * (ca.cos(x[1]) if word.name == "push" else ca.sin(x[1]))
 
 
 def _product(

@@ -4,7 +4,6 @@ A factor is a variable, or a variable between bars for its modulus:
  u, v, r               velocity through the water, by V, V and V/L
  n, n_2, n_bow, ...    revolutions, by 50 V/L
  delta, azimuth, ...   an angle [rad]; sin(delta), cos(delta)
- thrust(n)             n |n|
  push(n, a), side(n, a)   n |n| cos a, n |n| sin a: the thrust of a pod ahead and to starboard
  mean(x, y), half(x, y)   (x + y)/2 and (x - y)/2 of two variables of actuators that mirror each other
 with V = 0.1 sqrt(g L). A condition multiplies the term by 1 where it holds and by 0 elsewhere:
@@ -27,13 +26,13 @@ CONDITIONS = ("ahead", "astern", "driving", "reversing", "attached", "stalled")
 
 # Function -> kinds of its arguments: revolutions, an angle, or any variable of actuators; of conditions the one kind.
 _ARGUMENTS = {
-    "sin": ("rad",), "cos": ("rad",), "thrust": ("rps",), "push": ("rps", "rad"), "side": ("rps", "rad"),
+    "sin": ("rad",), "cos": ("rad",), "push": ("rps", "rad"), "side": ("rps", "rad"),
     "mean": ("any", "any"), "half": ("any", "any"),
 }  # fmt: skip
 _OF = {"driving": "rps", "reversing": "rps", "attached": "rad", "stalled": "rad"}
 # Words as parts of the symbol of a coefficient, which every file of a generated ship holds.
 _SHORT = {"delta_starboard": "ds", "delta_port": "dp", "delta": "d", "azimuth": "a", "mean": "m", "half": "h",
-          "sin": "s", "cos": "c", "thrust": "t", "push": "px", "side": "py", "n_azimuth": "na", "n_bow": "nb",
+          "sin": "s", "cos": "c", "push": "px", "side": "py", "n_azimuth": "na", "n_bow": "nb",
           "n_stern": "ns"}  # fmt: skip
 
 

@@ -201,7 +201,7 @@ def test_a_monomial_is_read_as_it_is_written() -> None:
     ("text", "words"),
     [
         ("", "is empty"), ("ahead", "no factor"), ("u q", "'q'"), ("sin(u)", "angle"),
-        ("cos(n)", "angle"), ("thrust(delta)", "not revolutions"), ("ahead(n) u", "no condition"),
+        ("cos(n)", "angle"), ("push(delta,azimuth)", "not revolutions"), ("ahead(n) u", "no condition"),
         ("stalled u", "write stalled(delta)"), ("|ahead| u", "no condition"), ("sin(delta", "no variable"),
         ("sin(delta))", "brackets"), ("mean(u,v)", "actuators"), ("u^2", "no variable"),
         ("tan(delta)", "no variable"), ("mean(n,mean(n,n_2))", "actuators"),
