@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -26,7 +26,7 @@ from cases.trial import Trial
 from fitting.nlp.windows import Stretch, default_step, pieces_of
 from fitting.parallel import run_all, width
 from fitting.prediction.score import WINDOW
-from fitting.report.run_folder import Store, hash_of_ship, hashes_of_trials
+from fitting.report.run_folder import Real, Store, adapter, hash_of_ship, hashes_of_trials, plain
 from fitting.solvers.control import Control, interrupts_noted
 from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import BadValue
@@ -129,11 +129,12 @@ class Outcome:
     the 100 s restarts; fold: of the task.
     """
 
+    __pydantic_config__: ClassVar = {"arbitrary_types_allowed": True}  # arrays, where a kept one is read
     seed: int
     status: str
-    before: tuple[float, float]
-    after: tuple[float, float]
-    history: tuple[tuple[int, float, float, float], ...]
+    before: tuple[Real, Real]
+    after: tuple[Real, Real]
+    history: tuple[tuple[int, Real, Real, Real], ...]
     state: dict[str, np.ndarray] = field(repr=False)
     rate: float
     restarts: int
@@ -419,15 +420,13 @@ def training_store(
     return Store(out / "training", about, resume and out.exists())
 
 
-_ROWS = ("before", "after", "history", "judged", "restarts_judged")  # Kept as arrays, to the last bit, as is the state
+_ROWS = ("judged", "restarts_judged")  # Kept as arrays beside those of the state; the rest as JSON, to the last bit
 
 
 def save_outcome(store: Store, outcome: Outcome) -> None:
     """Keep the ``outcome`` of a seed in ``store``."""
-    rows = {name: np.array(getattr(outcome, name)) for name in _ROWS}
     words = {f.name: getattr(outcome, f.name) for f in fields(Outcome) if f.name not in (*_ROWS, "state")}
-    state = {f"state.{name}": value for name, value in outcome.state.items()}
-    store.save(f"seed_{outcome.seed}", words, rows | state)
+    store.save(f"seed_{outcome.seed}", plain(words), {name: getattr(outcome, name) for name in _ROWS} | outcome.state)
 
 
 def load_outcome(store: Store, seed: int) -> Outcome | None:
@@ -436,11 +435,7 @@ def load_outcome(store: Store, seed: int) -> Outcome | None:
     if kept is None:
         return None
     words, arrays = kept
-    state = {name.removeprefix("state."): a for name, a in arrays.items() if name.startswith("state.")}
-    history = tuple((int(row[0]), *row[1:]) for row in arrays["history"].tolist())
-    ends: dict[str, Any] = {name: tuple(arrays[name].tolist()) for name in ("before", "after")}
-    judged, restarts = arrays["judged"], arrays["restarts_judged"]
-    return Outcome(**words, **ends, history=history, judged=judged, restarts_judged=restarts, state=state)
+    return adapter(Outcome).validate_python({**words, **{name: arrays.pop(name) for name in _ROWS}, "state": arrays})
 
 
 def train_seeds(
