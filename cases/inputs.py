@@ -12,7 +12,7 @@ import numpy as np
 
 from cases.quantities import wraps
 from cases.trial import Trial
-from mmg.errors import BadValue, Conflict, Missing, UnknownName, in_order, unknown
+from mmg.errors import BadValue, Conflict, Missing, in_order
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS, STATES
 
@@ -241,14 +241,8 @@ def given_inputs(ship: Ship, t: Any, given: Mapping[str, Any], start: Any = None
     first = _numbers("x0", np.zeros(6) if start is None else in_order("x0", start, STATES))
     if first.shape != (6,):
         raise BadValue(f"x0: shape {first.shape}; give {', '.join(STATES)}")
-    accepted = (*ship.actuators, *WIND)
-    for name in given:
-        if name not in accepted:
-            raise UnknownName(f"{ship.name}: {unknown('input', name, accepted)}")
-    lacking = [name for name in ship.actuators if name not in given]
-    lacking += [name for name in WIND if len(set(WIND) & set(given)) == 1 and name not in given]
-    if lacking:
-        raise Missing(f"{lacking[0]}: missing; {ship.name} has {', '.join(ship.actuators)}")
+    no_wind = not {*WIND} & {*given}  # of its two columns none or both
+    in_order(ship.name, given, (*ship.actuators, *WIND), WIND if no_wind else ())
     columns = {"t": clock, **{name: np.full(len(clock), value) for name, value in zip(STATES, first, strict=True)}}
     columns |= {name: _column(name, values, clock) for name, values in given.items()}
     return Trial("simulated", columns)

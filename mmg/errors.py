@@ -192,15 +192,20 @@ def by_name(given: Any) -> Any:
     return {name: given[name] for name in names} if named else given
 
 
-def in_order(argument: str, given: Any, names: Sequence[str]) -> Any:
-    """What is ``given`` by name as a list in the order of ``names``; as it is where it has none. Raises UserError,
-    with the name of the ``argument``, where its names are others."""
+def in_order(
+    argument: str, given: Any, names: Sequence[str], optional: Sequence[str] = (), left_out: float = 0.0
+) -> Any:
+    """What is ``given`` by name as a list in the order of ``names``, those ``optional`` that lack as ``left_out``; as
+    it is where it has no names. Raises UserError, with the name of the ``argument``, where its names are others."""
     given = by_name(given)
     if not isinstance(given, dict):
         return given
-    if {*given} != {*names}:
-        raise UnknownName(f"{argument}: has {', '.join(map(str, given))}; give {', '.join(names)}")
-    return [given[name] for name in names]
+    for name in given:
+        if name not in names:
+            raise UnknownName(f"{argument}: {unknown('name', str(name), names)}")
+    if lacking := [name for name in names if name not in given and name not in optional]:
+        raise Missing(f"{argument}: {', '.join(lacking)} missing; give {', '.join(names)}")
+    return [given.get(name, left_out) for name in names]
 
 
 def finite(name: str, value: Any) -> float:

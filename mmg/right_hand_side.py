@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from mmg.errors import BadValue, Missing, UnknownName, by_name, in_order, refusing
+from mmg.errors import BadValue, in_order, refusing
 from mmg.model import settled
 from mmg.motion.flow import INPUTS, STATES
 from mmg.rollout import Simulator
@@ -96,7 +96,9 @@ class RightHandSide:
         """States (S, M), controls (C, M), and whether one point was given."""
         try:
             names = self.states if len(state) > len(STATES) else STATES
-            z, c = np.asarray(in_order("state", state, names), dtype=float), self._as_array(controls)
+            z = np.asarray(in_order("state", state, names), dtype=float)
+            rows = [np.asarray(row, dtype=float) for row in in_order("controls", controls, self.controls, AIR)]
+            c = np.stack(np.broadcast_arrays(*rows))
         except (TypeError, ValueError):
             raise BadValue("state or controls: hold what is no number") from None
         S, C = len(self.states), len(self.controls)
@@ -113,16 +115,3 @@ class RightHandSide:
         if len(z) < S:  # six numbers of a ship whose effects remember more
             z = settled(self._simulator.model, z, c, self.ship.values)
         return z, c, single
-
-    def _as_array(self, controls: Any) -> np.ndarray:
-        controls = by_name(controls)
-        if not isinstance(controls, dict):
-            return np.asarray(controls, dtype=float)
-        for name in controls:
-            if name not in self.controls:
-                raise UnknownName(f"controls: {self.ship.name} has no input {name}; it has {self._names}")
-        for name in self.controls:
-            if name not in controls and name not in AIR:
-                raise Missing(f"controls: {name} [{self.units[name]}] is missing; {self.ship.name} has {self._names}")
-        rows = [np.asarray(controls.get(name, 0.0), dtype=float) for name in self.controls]
-        return np.stack(np.broadcast_arrays(*rows))

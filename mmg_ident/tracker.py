@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import casadi as ca
 import numpy as np
 
+from cases.io.campaigns import ship_of_campaign
 from diagnosis.estimation.linearisation import FIRST, SETTLED
 from diagnosis.estimation.random_states import DIFFERENCE, LONGEST, Noise, RandomStates, deviations, disturbed
 from diagnosis.estimation.transition_model import FORCE, step_faults
@@ -26,10 +27,11 @@ from fitting.prediction.band_calibration import NORMAL
 from mmg.compile.batch import batch_functions
 from mmg.compile.interval_source import derivatives
 from mmg.compile.intervals import IntervalKernel, Lanes
-from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, UnknownName, Unsupported, by_name, refusing, unknown
+from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, Unsupported, by_name, in_order, refusing
 from mmg.model import Model as SymbolicModel
 from mmg.model import assemble, states_behind
 from mmg.motion.flow import STATES
+from mmg.motion.frames import wind_vector
 from mmg.motion.froude import state_scale, time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -117,8 +119,7 @@ class Tracker:
     are estimated along, with the standard errors of the calibration, or symbol -> standard deviation; campaign: that of
     which the ship has the values; noise: sizes (``Noise``; default: those of the calibration); compiled: use C code.
     inputs: names of the controls. A copy (copy.deepcopy) or a pickle goes on by itself from where the tracker stands.
-    Raises UserError for an unknown symbol or campaign, for a coefficient without a
-    standard deviation and for a black box.
+    Raises UserError for an unknown symbol or campaign, a coefficient without a standard deviation and a black box.
     """
 
     def __init__(
@@ -132,11 +133,8 @@ class Tracker:
         simulator = predictor(model)
         if not isinstance(simulator, Simulator):
             raise Unsupported(f"model: {model} is a black box, which has no states to track; give a ship or a run")
-        ship = simulator.ship
-        if campaign is not None and campaign not in ship.campaigns:
-            raise UnknownName(f"campaign: {unknown('campaign', campaign, ship.campaigns)}")
-        stds = deviations(coefficients, ship)
-        ship = disturbed(ship if campaign is None else ship.of_campaign(campaign))
+        stds = deviations(coefficients, simulator.ship)
+        ship = disturbed(ship_of_campaign(simulator.ship, campaign))
         self.noise: Noise = noise or Noise.of(content_of(model).get("random_force"), ship)
         self.ship: Ship = ship
         self.inputs: tuple[str, ...] = (*ship.actuators, *WIND)
@@ -166,7 +164,7 @@ class Tracker:
         UserError for a time that does not grow, wrong names and lengths, controls that are no finite numbers, a first
         sample without heading, and where the model runs away.
         """
-        logged = _row("measured", measured, STATES, STATES)
+        logged = _row("measured", measured, STATES, STATES, math.nan)
         if np.isinf(logged).any():
             raise BadValue("measured: has an infinite number; leave out what is not known, or give nan")
         held = self._controls(controls)
@@ -265,12 +263,11 @@ class Tracker:
 
     def _controls(self, given: Row) -> np.ndarray:
         """Inputs of the model but the time, from controls by name or in their order."""
-        row = _row("controls", given, self.inputs, self.ship.actuators)
+        row = _row("controls", given, self.inputs, WIND)
         if not np.isfinite(row).all():
             names = ", ".join(n for n, value in zip(self.inputs, row, strict=True) if not math.isfinite(value))
             raise BadValue(f"controls: {names} is no finite number; give the last known value")
-        speed, direction = row[-2:]  # that it comes from: the air moves the other way, to the north and east
-        row[-2:] = -speed * math.cos(direction), -speed * math.sin(direction)
+        row[-2:] = wind_vector(*row[-2:])  # of the air, to the north and east
         return row
 
     def _ahead_controls(self, given: Any, seconds: float) -> list[np.ndarray]:
@@ -351,26 +348,16 @@ class Equations:
         return y[:, 0], slope[:, 0].reshape(len(z), 6).T
 
 
-def _row(argument: str, given: Row, names: Sequence[str], needed: Sequence[str]) -> np.ndarray:
-    """Numbers (n,) in the order of ``names`` from an argument by name or in that order, or of the ``needed`` alone.
-
-    What is left out is nan, and of inputs the wind is calm. Raises UserError, with the name of the argument.
-    """
-    given = by_name(given)
-    if isinstance(given, dict):
-        for name in given:
-            if name not in names:
-                raise UnknownName(f"{argument}: {unknown('name', str(name), names)}")
-        lacking = [n for n in needed if n not in given] if needed is not names else []  # of measured none is needed
-        if lacking:
-            raise Missing(f"{argument}: {', '.join(lacking)} is missing, which the ship's model needs")
-        given = [given.get(name, math.nan if needed is names else 0.0) for name in names]
+def _row(argument: str, given: Row, names: Sequence[str], optional: Sequence[str], left_out: float = 0.0) -> np.ndarray:
+    """Numbers (n,) in the order of ``names`` from an argument by name or in that order; ``optional``, the last ones:
+    those that may lack, and are ``left_out`` then. Raises UserError, with the name of the argument."""
+    given = in_order(argument, given, names, optional, left_out)
     try:
         row = np.array(given, dtype=float)
     except (TypeError, ValueError):
         raise BadValue(f"{argument}: is no row of numbers; give {', '.join(names)}") from None
-    if row.shape == (len(needed),):
-        row = np.append(row, np.zeros(len(names) - len(needed)))
+    if row.shape == (len(names) - len(optional),):
+        row = np.append(row, np.full(len(optional), left_out))
     if row.shape != (len(names),):
         raise BadValue(f"{argument}: has shape {row.shape}, not ({len(names)},): {', '.join(names)}")
     return row
