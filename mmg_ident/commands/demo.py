@@ -58,10 +58,7 @@ def demo(
     cli.say(f" 1 simulate  {runs} trials of a ship with hidden coefficients: gusty wind, sensor noise (seed {seed})")
     verdicts = [report.verdict for report in check([*first[0], *first[1]])]
     cli.say(f" 2 check     {verdicts.count('ok')} of {runs} files are ok: units, signs, frames, gaps, lags")
-    data = folder / "trials"
-    options = FitOptions(
-        command=f"mmg fit {SHIP} {data / 'train'} --validate {data / 'held_out'} --seed {seed} --out {folder / 'run'}"
-    )
+    options = FitOptions(command=cli.command_line())
     with cli.working("calibrating; the first time the equations are compiled"):
         fit = calibrate(SHIP, *first, None, options, cli.progress(), seed=seed).save(folder / "run")
     state = "converged" if fit.converged else f"NOT converged, {fit.advice}"
@@ -74,13 +71,11 @@ def demo(
     cli.say(f" 4 score     rms errors of predictions of {len(first[1])} held-out trials: {words}")
     cli.say(f" 5 truth     {truth:.0%} of the hidden coefficients lie in their 95 % intervals")
     cli.say(f" 6 report    {folder / 'run' / 'report.html'}: tracks, intervals, what the trials leave open")
-    declined = _trained(folder, "trials", "residual", first, seed)
+    declined = _trained(folder, "residual", first, seed)
     cli.say(f" 7 train     a network on these trials is {_decision(declined)}")
     second = campaign(folder / "second", seed + 1000, CURRENT, every=4)
     cli.say(f" 8 simulate  a year later {len(second[0])} trials with an effect that no model has: {CURRENT}")
-    run, data = folder / "run", folder / "second"
-    command = f"mmg diagnose {run} {data / 'train'} --test {data / 'held_out'} --seed {seed} --step {STEP:g}"
-    how = DiagnosisOptions(step=STEP, seed=seed, command=command)
+    run, how = folder / "run", DiagnosisOptions(step=STEP, seed=seed, command=cli.command_line())
     with cli.working("diagnosing"):
         diagnosis = diagnose(load_ship(run), *second, options=how, calibrated_on=run, progress=cli.progress())
         diagnosis.save(folder / "diagnosis", report=False)
@@ -89,7 +84,7 @@ def demo(
     gain = f"{diagnosis.held_out.reduction:.0%} smaller" if diagnosis.held_out else "not known"
     cli.say(f"10 score     with what is named the error on {len(second[1])} held-out trials is {gain}")
     third = campaign(folder / "third", seed + 2000, FOULING, every=2)
-    fouled = _trained(folder, "third", "third_residual", third, seed)
+    fouled = _trained(folder, "third_residual", third, seed)
     cli.say(f"11 train     on trials with a fouled hull ({FOULING}) a network is {_decision(fouled)}")
     cli.say(f"12 so        {moral(declined, fouled)}")
     if json:
@@ -117,20 +112,16 @@ def campaign(folder: Path, seed: int, *effects: str, every: int = 1) -> Sets:
     return read_trials([folder / "train"]), read_trials([folder / "held_out"])
 
 
-def _trained(folder: Path, data: str, name: str, trials: Sets, seed: int) -> TrainResult | None:
+def _trained(folder: Path, name: str, trials: Sets, seed: int) -> TrainResult | None:
     """A residual on the ship of ``folder``/run, in ``folder``/name; None where nothing was learned."""
     from residual.pipeline import train
     from residual.settings import TrainSettings
 
-    s = TrainSettings(seed=seed, **TRAINING)
-    command = (
-        f"mmg train {folder / 'run'} {folder / data / 'train'} --validate {folder / data / 'held_out'} --seeds "
-        f"{s.seeds} --seed {seed} --epochs {s.epochs} --width {s.width} --penalty {s.penalty:g} --rate {s.rate:g} "
-        f"--no-report --out {folder / name}"
-    )
+    settings = TrainSettings(seed=seed, **TRAINING)
     try:
         with cli.working("learning a residual"):
-            result = replace(train(folder / "run", *trials, s, progress=cli.progress()), command=command)
+            result = train(folder / "run", *trials, settings, progress=cli.progress())
+            result = replace(result, command=cli.command_line())
             result.save(folder / name, report=False)
     except UserError as error:
         cli.say(f"   nothing was learned: {error}")
