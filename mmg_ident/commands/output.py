@@ -177,10 +177,7 @@ def page_targets(target: Path, pdf: bool, own: Sequence[Path], force: bool = Fal
         raise Conflict(f"{target}: is the name of the HTML file; --pdf writes one beside it, with the ending .pdf")
     made_anew = {page.absolute().with_suffix(suffix) for page in own for suffix in (".html", ".pdf")}
     for path in targets:
-        if path.is_dir():
-            raise BadValue(f"{path}: is a folder; name the HTML file to write with --out")
-        if path.exists() and not force and path.absolute() not in made_anew:
-            raise TargetExists(f"{path}: already exists; choose another --out")
+        refuse_target("--out", path, force or path.absolute() in made_anew)
     return targets
 
 
