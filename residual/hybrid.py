@@ -339,16 +339,13 @@ def own_kind(ship: Ship, network: Any, loss: Callable[[torch.Tensor], torch.Tens
     """What is trained on a ``ship`` with a ``network`` or a ``loss`` of a user, from the seed ``first`` on. network:
     features (M, F) to (M, 3), None for the usual one; loss: of normalised errors (N, 6, M), None for that of states.
 
-    Raises UserError, which names the argument, for a module that the ship's equations cannot hold, and for a loss that
-    is no function.
+    Raises UserError, which names the argument, for a module that the ship's equations cannot hold.
     """
     kind = HYBRID_KIND
     if network is not None:
         _check_form(network, len(ship.features), ", ".join(ship.features))
         kind = kind._replace(build=partial(build_own, network, first))
     if loss is not None:
-        if not callable(loss):
-            raise BadValue(f"loss: is a {type(loss).__name__}; give a function of the normalised errors (N, 6, M)")
         name = getattr(loss, "__name__", type(loss).__name__)
         kind = kind._replace(own_loss=OwnLoss(loss, name=name, origin=origin_of(loss)))
     return kind

@@ -139,9 +139,8 @@ class Entry:
     trials: its row in result.json.
 
     status: "finished", "stopped" (early, with what it had), or why there is nothing; took_s: how long it took. score:
-    both metrics; growth: rms errors of GROWTH at the HORIZONS, NaN where no window is that long. held_out_window: error
-    of the 30 s windows by which the training stopped; table_9: errors of the test trials by that protocol, of a study
-    with models of a paper.
+    both metrics; growth: rms errors of GROWTH at the HORIZONS, NaN where no window is that long. table_9: errors of the
+    test trials by that protocol, of a study with models of a paper.
     """
 
     model: str
@@ -151,7 +150,6 @@ class Entry:
     status: str
     training_s: float
     took_s: float = 0.0
-    held_out_window: Real = math.nan
     score: Score | None = None
     growth: dict[str, tuple[Real, ...]] = field(default_factory=lambda: dict.fromkeys(GROWTH, (math.nan,) * 6))
     table_9: tuple[Real, ...] = ()
@@ -292,10 +290,9 @@ def _trained(job: _Job, remaining: float | None) -> tuple[Simulator | Forecaster
     outcome = train_one(task)
     if outcome.status == "diverged":
         raise NoSolution("diverged, also at lower rates")
-    stop_errors = [row[3] for row in outcome.history]  # row 0: untrained
-    if outcome.status == "stopped" and len(stop_errors) == 1:
+    if outcome.status == "stopped" and len(outcome.history) == 1:  # row 0: untrained
         raise NoSolution(NOT_BEGUN)
-    entry = replace(entry, status=outcome.status, held_out_window=min(stop_errors))
+    entry = replace(entry, status=outcome.status)
     if hybrid:
         return Simulator(ship.with_network(network_of(task, [outcome]))), entry
     return box_of(task, [outcome]), entry

@@ -196,7 +196,7 @@ def entry(model: str, seed: int | None, value: float, subset: Subset = Subset())
     row = TrialScore("one", 2 * value, {}, value, {}, 3)
     found = Score((row,), 20 * value, 10 * value, np.ones(6), "")
     growth = dict.fromkeys(GROWTH, (value,) * len(HORIZONS))
-    return Entry(model, subset.fraction, subset.random, seed, "finished", 100.0, 1.0, 0.5, found, growth)
+    return Entry(model, subset.fraction, subset.random, seed, "finished", 100.0, 1.0, found, growth)
 
 
 def test_tables_give_mean_and_standard_deviation_over_seeds() -> None:
