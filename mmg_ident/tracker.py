@@ -150,11 +150,6 @@ class Tracker:
         self._t: float | None = None
         self._began, self._z, self._P, self._held = 0.0, np.zeros(0), np.zeros((0, 0)), np.zeros(0)
 
-    @property
-    def is_compiled(self) -> bool:
-        """Whether C code does the steps."""
-        return self.equations.is_compiled
-
     def update(self, t: float, measured: Row, controls: Row) -> State:
         """Take in a sample at time ``t`` [s]; the first one starts the states. Returns what is known then.
 

@@ -44,6 +44,7 @@ def ships(
     from cases.io.files import replace_text
     from cases.shipfiles.new_ship import new_ship, parse_particulars
     from cases.shipfiles.ship_file import dump_ship, library, load_ship
+    from cases.shipfiles.ship_json import dump_ship_json
     from mmg.messages import has_code
 
     if name is not None and new:
@@ -59,13 +60,8 @@ def ships(
             with writing(out):
                 replace_text(out, text)
             cli.say(f"{ship.name}: {len(ship.coefficients)} coefficients, written to {out}")
-        elif json:  # the tables of a ship file
-            words = {"name": ship.name, "description": ship.description, "reference": ship.reference}
-            rows = {s: {k: v for k, v in vars(c).items() if k != "symbol"} for s, c in ship.coefficients.items()}
-            content = {"ship": words | dict(ship.particulars), "model": dict(ship.components), "coefficients": rows}
-            cli.print_json(content)
         else:
-            sys.stdout.write(text)  # as the file: no line end of print behind it
+            sys.stdout.write(dump_ship_json(ship) if json else text)  # as the file: no line end of print behind it
         return
     if out is not None:
         raise Missing("--out needs a ship to write: name one, or describe it with --new")

@@ -151,7 +151,7 @@ def test_it_is_that_of_numpy() -> None:
             tracker.update(truth.t[k] + 0.01 * (k % 3), logged, truth.controls[k, :2, 0])
         forecasts.append(tracker.forecast(5.0))
     compiled, portable = forecasts
-    assert not tracker.is_compiled
+    assert not tracker.equations.is_compiled
     assert np.allclose(compiled.states, portable.states, rtol=1e-9, atol=1e-12)
     assert np.allclose(compiled.std, portable.std, rtol=1e-9)
 
