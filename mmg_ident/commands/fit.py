@@ -60,9 +60,6 @@ def fit(
 
     Example: mmg fit esso_osaka_3m trials/ --validate held_out/ --out runs/first
     """
-    import time
-    from dataclasses import replace
-
     from cases.shipfiles.effects import reduced_ship
     from cases.shipfiles.ship_file import load_ship
     from cases.trial_set import ready
@@ -73,7 +70,6 @@ def fit(
     from fitting.solvers.control import LEFT_OUT, interrupts_noted
     from mmg_ident.api import calibrate
 
-    began = time.perf_counter()
     # options and the folder are judged first: to read the trials takes longer than all of it
     check_estimator(estimator)
     if "weight" in settings and "sigma" in settings:
@@ -109,7 +105,6 @@ def fit(
         "per_run": per_run, "per_campaign": per_campaign, "measurement": measurement, "estimator": estimator,
         "captive": captive, "captive_sigma": captive_std,
     }  # fmt: skip
-    reading = time.perf_counter() - began
     for line in start.notices:
         cli.say(line)
     with (
@@ -117,9 +112,6 @@ def fit(
         reserved(out),
     ):
         result = calibrate(start, train, held_out, Settings(**settings), options, cli.progress(), **given)
-        # [s]: the calibration is handed trials and cannot time their reading
-        timings = {**result.timings_s, "read": reading, "wall": result.timings_s["wall"] + reading}
-        result = replace(result, timings_s=timings)
         earlier_warnings = result.warnings
         result = result.save(out, replace=resume, numbers=None if json else _summary, report=not no_report)
         if json:
@@ -162,9 +154,6 @@ def _summary(result: FitResult) -> None:
     for test in result.effects or ():
         if not test.in_doubt:  # else it was said as a warning
             cli.say(test.sentence)
-    if result.effects:
-        seconds = result.timings_s["effects"]
-        cli.say(f"effects tested in {seconds:.1f} s ({seconds / result.timings_s['wall']:.0%} of all)")
     cli.say_scores(result.scores)
     kinds = result.identifiability["counts"]
     cli.say("coefficients: " + ", ".join(f"{count} {KINDS[kind]}" for kind, count in kinds.items()))
