@@ -40,11 +40,11 @@ SAME = 0.05  # Width, in standard deviations of the prior, below which sisters d
 SETS = {"held_out": "validation", "training": "training"}  # Sets of trials in a row, and in a calibration
 # Keys of a row whose values the table holds as texts: lists of names, and words
 LISTS = ("campaigns", "moved", "instruments", "warnings")
-TEXTS = ("name", "sisters", "status", "reason", "start", "loss", "verdict", "sentence")
+TEXTS = ("name", "sisters", "status", "reason", "start", "verdict", "sentence")
 # What a diagnosis and sisters add to a row, without them.
 EMPTY: dict[str, Any] = {
     "verdict": "", "sentence": "", "effects": [], "compared": [], "between": "", "between_sentence": "", "drifted": [],
-    "surroundings": [], "reduction": None, "diagnosis_failed": "",
+    "reduction": None, "diagnosis_failed": "",
 }  # fmt: skip
 
 
@@ -80,13 +80,11 @@ class SisterGroup:
 @dataclass(frozen=True)
 class Fleet:
     """What was found of a fleet. name; rows: of each ship, in the order of the plan (``mmg_ident.fleets.rows``);
-    groups: of sisters; timing: seconds by ship and stage; seconds: of this run; command."""
+    groups: of sisters; command: that made it."""
 
     name: str
     rows: tuple[Mapping[str, Any], ...]
     groups: tuple[SisterGroup, ...]
-    timing: Mapping[str, Mapping[str, float]]
-    seconds: float
     command: str = ""
 
     @property
@@ -104,22 +102,20 @@ class Fleet:
             "ships": [{key: value for key, value in row.items() if key != "coefficients"} for row in self.rows],
             "sisters": {group.name: group for group in self.groups},
             "failed": self.failed,
-            "timings_s": {"this_run": self.seconds, "ships": self.timing},
             "versions": versions(),
         })  # fmt: skip
 
 
 def _row(ship: PlannedShip, **values: Any) -> dict[str, Any]:
     """The row of a ``ship`` with these ``values``."""
-    head = {"name": ship.name, "sisters": ship.sisters, "start": ship.start.title}
-    return {**EMPTY, **head, "length": ship.start.particulars["L"], **values}
+    return {**EMPTY, "name": ship.name, "sisters": ship.sisters, "start": ship.start.title, **values}
 
 
 def failed_row(ship: PlannedShip, reason: str) -> dict[str, Any]:
     """The row of a ``ship`` that could not be done, for a ``reason``."""
     return _row(
         ship, status="failed", reason=reason, trials=len(ship.trials), held_out=len(ship.held_out), seconds_used=0.0,
-        loss="", weight=None, campaigns=[], scores={}, coefficients={}, moved=[], instruments=[], warnings=[],
+        campaigns=[], scores={}, coefficients={}, moved=[], instruments=[], warnings=[],
     )  # fmt: skip
 
 
@@ -142,8 +138,6 @@ def ship_row(
         trials=len(result.data),
         held_out=len(result.validation_data),
         seconds_used=result.seconds_used,
-        loss=result.settings.loss,
-        weight=result.settings.weight,
         campaigns=list(by_campaign.get("runs", {})),
         scores={key: _scores(result.scores[name]) for key, name in SETS.items() if name in result.scores},
         coefficients=coefficients,
@@ -197,8 +191,8 @@ def _diagnosed(row: Mapping[str, Any], diagnosis: Diagnosis) -> dict[str, Any]:
         *diagnosis.kinematics,
         *(f"between campaigns: {difference(d)}" for d in differences if d.nature == "instrument"),
     ]
-    surroundings = [difference(d) for d in differences if d.nature == "surroundings"]
-    unnamed = between and not drifted and not surroundings  # what is named is said by its row
+    # what is named is said by its row
+    unnamed = between and not drifted and not any(d.nature == "surroundings" for d in differences)
     return {
         "verdict": diagnosis.verdict,
         "sentence": diagnosis.sentence,
@@ -208,7 +202,6 @@ def _diagnosed(row: Mapping[str, Any], diagnosis: Diagnosis) -> dict[str, Any]:
         # the groups that a fleet compares are campaigns, which the diagnosis does not know
         "between_sentence": between.sentence.replace("groups by group", "campaigns") if between and unnamed else "",
         "drifted": drifted,
-        "surroundings": surroundings,
         "instruments": list(dict.fromkeys(instruments)),
         "reduction": diagnosis.held_out.reduction if diagnosis.held_out else None,
         "warnings": [*row["warnings"], *diagnosis.warnings, *(between.warnings if between else ())],

@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -104,7 +103,6 @@ def run_fleet(
     executor is in force; command: that is stored; progress: told of each ship. Returns the rows of all; a ship that
     fails has one that says why. Raises UserError where nothing can be written.
     """
-    began = time.perf_counter()
     with writing(out):
         for stage in (ALONE, DONE):
             (out / PARTS / stage).mkdir(parents=True, exist_ok=True)
@@ -118,8 +116,7 @@ def run_fleet(
     # read back from the parts: rows of this run and of an earlier one come the same way
     parts = {task.ship.name: part[0] for task in tasks if (part := task.kept(DONE))}
     rows = [parts[s.name]["row"] if s.name in parts else failed_row(s, failures.get(s.name, "")) for s in plan.ships]
-    timing = {name: words["timing"] for name, words in parts.items()}
-    return Fleet(plan.options.name, tuple(rows), tuple(groups.values()), timing, time.perf_counter() - began, command)
+    return Fleet(plan.options.name, tuple(rows), tuple(groups.values()), command)
 
 
 def _do(
@@ -185,17 +182,11 @@ def _reported(work: Callable[[FleetTask], None]) -> Callable[[FleetTask], tuple[
 def fit_alone(task: FleetTask) -> None:
     """Calibrate the ship of a ``task`` by her own trials and keep what they say for her sisters. Raises UserError where
     that is not possible."""
-    began = time.perf_counter()
     result = _calibrated(task, *trials_of(task)[:2])
     if not result.converged or result.calibration is None:
         raise NotCalibrated(f"not converged ({result.status}): {result.advice or 'see mmg fit'}")
     evidence = sisters.SisterEvidence.of(result.calibration)
-    words = {
-        "key": task.key,
-        "symbols": list(evidence.symbols),
-        "scores": plain(result.scores),
-        "wall_s": time.perf_counter() - began,
-    }
+    words = {"key": task.key, "symbols": list(evidence.symbols), "scores": plain(result.scores)}
     arrays = {name: getattr(evidence, name) for name in ("A", "b", "centre", "unit")}
     task.store(ALONE).save(task.ship.name, words, arrays)
 
@@ -203,7 +194,6 @@ def fit_alone(task: FleetTask) -> None:
 @_reported
 def finish_ship(task: FleetTask) -> None:
     """Calibrate, judge and diagnose the ship of a ``task``; write her run folder and her row."""
-    began = time.perf_counter()
     train, held_out, left_out = trials_of(task)
     result = _calibrated(task, train, held_out)
     folder = task.folder / SHIPS / task.ship.name
@@ -211,8 +201,7 @@ def finish_ship(task: FleetTask) -> None:
     diagnosis, failed = _diagnosed(task, result, train, held_out, folder)
     alone = replace(task, sisters=None).kept(ALONE) if task.sisters else None
     row = ship_row(task.ship, result, diagnosis, left_out, alone[0] if alone else None)
-    timing = {**({ALONE: alone[0]["wall_s"]} if alone else {}), DONE: time.perf_counter() - began}
-    words = {"key": task.key, "row": row | {"diagnosis_failed": failed}, "timing": timing}
+    words = {"key": task.key, "row": row | {"diagnosis_failed": failed}}
     task.store(DONE).save(task.ship.name, words)  # last: what is stored here is not done again
 
 
