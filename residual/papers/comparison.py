@@ -138,9 +138,9 @@ class Entry:
     """A model from one seed (None: it has none) on a ``Subset`` of training_s seconds of data, scored on the test
     trials: its row in result.json.
 
-    status: "finished", "stopped" (early, with what it had), or why there is nothing; took_s: how long it took. score:
-    both metrics; growth: rms errors of GROWTH at the HORIZONS, NaN where no window is that long. table_9: errors of the
-    test trials by that protocol, of a study with models of a paper.
+    status: "finished", "stopped" (early, with what it had), or why there is nothing; score: both metrics; growth: rms
+    errors of GROWTH at the HORIZONS, NaN where no window is that long; table_9: errors of the test trials by that
+    protocol, of a study with models of a paper.
     """
 
     model: str
@@ -149,7 +149,6 @@ class Entry:
     seed: int | None
     status: str
     training_s: float
-    took_s: float = 0.0
     score: Score | None = None
     growth: dict[str, tuple[Real, ...]] = field(default_factory=lambda: dict.fromkeys(GROWTH, (math.nan,) * 6))
     table_9: tuple[Real, ...] = ()
@@ -177,7 +176,6 @@ class Comparison:
 
     study: Study
     entries: tuple[Entry, ...]
-    seconds: float
     interrupted: bool
 
     def of(self, model: str, subset: Subset | None = None) -> list[Entry]:
@@ -196,7 +194,6 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
     store: what it holds is not trained again, calibrations of which a hybrid may start excepted. What is done when it
     is stopped is kept. progress: told how many calibrations and trainings have ended.
     """
-    began = time.monotonic()
     entries: list[Entry] = []
     end = time.time() + study.time_limit if study.time_limit else None
     chosen = {subset: subset_of(study.train, subset) for subset in study.subsets}
@@ -216,7 +213,7 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
             if progress:
                 progress(Progress("comparing", len(entries)))
             figure = f"30 s windows {entry.score.window:.4f}, " if entry.score else ""
-            LOGGER.info(f"{entry.name}, {entry.subset.words} of data: {figure}{entry.status} in {entry.took_s:.0f} s")
+            LOGGER.info(f"{entry.name}, {entry.subset.words} of data: {figure}{entry.status}")
 
         def interrupted() -> None:
             stop.touch()
@@ -237,12 +234,12 @@ def compare(study: Study, store: Store | None = None, progress: OnProgress | Non
                     later += [job(subset, model, ship, study.seed + i, keep) for i in range(study.seeds)]
             run_all(_done, later, study.workers, note)
         broken = stop.exists() or (end is not None and time.time() > end)
-    return Comparison(study, tuple(entries), time.monotonic() - began, broken)
+    return Comparison(study, tuple(entries), broken)
 
 
 def _done(job: _Job) -> tuple[Entry, Ship | None]:
     """The entry of a job and, of a calibration, the ship."""
-    began, (study, entry, trials, ship, end, stop, store) = time.monotonic(), job
+    study, entry, trials, ship, end, stop, store = job
     remaining = None if end is None else end - time.time()  # of all machines alike
     again = entry.model == "calibrated" and "hybrid" in study.models  # the store has the row alone, not the ship
     stored = store.load(entry.file) if store and not again else None
@@ -261,14 +258,13 @@ def _done(job: _Job) -> tuple[Entry, Ship | None]:
         else:
             model, entry = _trained(job, remaining)
     except UserError as error:
-        return replace(entry, status=str(error), took_s=time.monotonic() - began), None
+        return replace(entry, status=str(error)), None
     model, tests = model or Simulator(ship), study.test
     scored = score(model, tests, pooled_sigma(tests), "the test trials")
     if scored.diverged:
-        status = f"no score: the prediction diverges on {', '.join(scored.diverged)}"
-        return replace(entry, status=status, took_s=time.monotonic() - began), ship
+        return replace(entry, status=f"no score: the prediction diverges on {', '.join(scored.diverged)}"), ship
     table_9 = table_9_errors(model, tests) if study.paper else ()
-    entry = replace(entry, score=scored, growth=growth(model, tests), table_9=table_9, took_s=time.monotonic() - began)
+    entry = replace(entry, score=scored, growth=growth(model, tests), table_9=table_9)
     if store and entry.status == "finished":
         store.save(entry.file, plain(entry))
     return entry, ship
@@ -495,7 +491,6 @@ def comparison_dict(comparison: Comparison, command: str) -> dict:
         "train": data_rows(comparison.study.train),
         "test": data_rows(comparison.study.test),
         "messages": [{"level": "warning", **row} for row in message_rows(_noted(comparison))],
-        "seconds": comparison.seconds,
         "interrupted": comparison.interrupted,
         "horizons_s": list(HORIZONS),
         "past_s": 0.0,

@@ -196,14 +196,14 @@ def entry(model: str, seed: int | None, value: float, subset: Subset = Subset())
     row = TrialScore("one", 2 * value, {}, value, {}, 3)
     found = Score((row,), 20 * value, 10 * value, np.ones(6), "")
     growth = dict.fromkeys(GROWTH, (value,) * len(HORIZONS))
-    return Entry(model, subset.fraction, subset.random, seed, "finished", 100.0, 1.0, found, growth)
+    return Entry(model, subset.fraction, subset.random, seed, "finished", 100.0, found, growth)
 
 
 def test_tables_give_mean_and_standard_deviation_over_seeds() -> None:
     half = Subset(0.5)
     study = Study(hybrids.ship(), (trial("a", 10),), (trial("one", 10),), ("captive", "fnn"), (Subset(), half), seeds=2)
     entries = (entry("captive", None, 3.0), entry("fnn", 0, 1.0), entry("fnn", 1, 2.0), entry("fnn", 0, 5.0, half))
-    found = Comparison(study, entries, 1.0, False)
+    found = Comparison(study, entries, False)
     assert [c.strip() for c in accuracy(found, "window")[2].split("|")[1:-1]] == ["one", "3.000", "1.500 ± 0.707"]
     pooled = [c.strip() for c in accuracy(found, "paper")[3].split("|")[1:-1]]
     assert pooled[1:] == ["60.000", "30.000 ± 14.142"]
