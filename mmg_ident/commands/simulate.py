@@ -185,7 +185,6 @@ def _summary(ship: Ship, trial: Trial, run: str, values: dict[str, float]) -> di
         "duration_s": trial.duration,
         "start": dict(zip(names, states[0].tolist(), strict=True)) | {"n_rps": float(trial["n"][0])},
         "final": dict(zip(names, states[-1].tolist(), strict=True)) | {"n_rps": float(trial["n"][-1])},
-        "greatest_turn_rate_rad_s": float(abs(trial["r"]).max()),
         "figures": figures | lengths,
         "notices": [*ship.notices, *trial.notices],
     }
@@ -220,7 +219,6 @@ def _print(summary: dict[str, Any], figures: dict[str, float], ship: Ship) -> No
             f"r {math.degrees(state['r_rad_s']):.3f} deg/s, "
             f"n {state['n_rps']:.2f} rps"
         )
-    print(f"  greatest turn rate  {math.degrees(summary['greatest_turn_rate_rad_s']):.3f} deg/s")
     for name, value in figures.items():
         unit, factor, form = _unit(figure_unit(name), ship.particulars["L"])
         metres = f"{value:.2f} m = " if unit == "L" else ""  # both, as the limits of IMO are in L
