@@ -86,7 +86,10 @@ def demo(
     third = campaign(folder / "third", seed + 2000, FOULING, every=2)
     fouled = _trained(folder, "third_residual", third, seed)
     cli.say(f"11 train     on trials with a fouled hull ({FOULING}) a network is {_decision(fouled)}")
-    cli.say(f"12 so        {moral(declined, fouled)}")
+    moral = "a residual is recommended only where trials that it never saw become better predicted"
+    if declined and fouled and (declined.recommended, fouled.recommended) == ("calibrated", "hybrid"):
+        moral = "a network is recommended where the model lacks something, and declined where only noise is left"
+    cli.say(f"12 so        {moral}")
     if json:
         scores, answer = fit.to_dict()["scores"], diagnosis.to_dict()
         content = {"folder": str(folder), "converged": fit.converged, "scores": scores, "inside_95": truth}
@@ -136,14 +139,6 @@ def _decision(result: TrainResult | None) -> str:
     pair = result.scores["validation"]
     words = f"30 s windows {pair.before.window:.3f} -> {pair.after.window:.3f} on held-out trials"
     return f"{'kept' if result.recommended == 'hybrid' else 'declined'}: {words}"
-
-
-def moral(declined: TrainResult | None, kept: TrainResult | None) -> str:
-    """What the two residuals of the demo show, in a sentence; declined, kept: those on the calibrated and on the fouled
-    ship, None where nothing was learned. Returns it."""
-    if not declined or not kept or (declined.recommended, kept.recommended) != ("calibrated", "hybrid"):
-        return "a residual is recommended only where trials that it never saw become better predicted"
-    return "a network is recommended where the model lacks something, and declined where only noise is left"
 
 
 def _decided(result: TrainResult | None) -> dict[str, Any] | None:
