@@ -112,7 +112,9 @@ def imo(
     measured, simulated = taken(values, MEASURED), taken(values, SIMULATED)
     if isinstance(trials, (str, Path)) or len(trials):
         if simulated:
-            raise Conflict(f"{next(iter(simulated))}: belongs to a ship that is simulated; trials have their own")
+            raise Conflict(
+                f"--{next(iter(simulated)).replace('_', '-')}: belongs to a ship that is simulated; trials have their own"
+            )
         water: bool | WaterVelocity = measured.get("correct", False)
         if "current" in measured:
             try:
@@ -131,7 +133,7 @@ def imo(
         ship = None if model is None else ship_of(model)
         return JudgedFigures.of(imo_figures_of_trials(runs, ship, length, scale, water))
     if measured:
-        raise Conflict(f"{next(iter(measured))}: belongs to measured trials; give trials")
+        raise Conflict(f"--{next(iter(measured)).replace('_', '-')}: belongs to measured trials; give trials")
     ship, content = ship_of(model), {} if model is None else content_of(model)
     rate, speed = simulated.pop("rudder_rate", None), simulated.pop("speed", None)
     rate = None if rate is None else math.radians(rate)

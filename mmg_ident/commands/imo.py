@@ -58,32 +58,24 @@ def imo(
 
     models = [a for a in ships_and_trials if cli.is_model(a)]
     files = [a for a in ships_and_trials if not cli.is_model(a)]
-    if models and (files or len(models) > 1):
+    if models and (files or ship or len(models) > 1):
         raise Conflict("give one ship to simulate, or trial files (with --ship or --length), not both")
     for option, value in (("speed", speed), ("rudder-rate", rudder_rate), ("length", length), ("scale", scale)):
         cli.positive(f"--{option}", value)
     cli.refuse_target("--plot", plot, force, cli.FIGURES)
     if out is not None and out.exists() and not (out.is_dir() and (force or not any(out.iterdir()))):
         raise TargetExists(f"--out {out}: exists already; name a new folder or add --force")
-    simulated: dict[str, Any] = {
-        "scatter": scatter,
-        "speed": speed,
-        "rudder_rate": rudder_rate,
-        "maneuver": maneuver or None,
-    }
-    measured: dict[str, Any] = {"length": length, "correct": correct or None, "current": current}
+    values: dict[str, Any] = {
+        "scatter": scatter, "speed": speed, "rudder_rate": rudder_rate, "maneuver": maneuver or None, "length": length,
+        "correct": correct or None, "current": None,
+    }  # fmt: skip
+    if current is not None:
+        values["current"] = numbers = cli.numbers_of(current, 2, "--current SPEED:TOWARDS", ":")
+        cli.positive("--current SPEED:TOWARDS", numbers[0], or_zero=True)
     if models:
-        words = f"belongs to trial files; {models[0]} is simulated"
-        cli.refuse_given({"--ship": ship, **{f"--{name}": value for name, value in measured.items()}}, words)
-        with cli.working(f"simulating the manoeuvres of {models[0]}"):
-            judged = studies.imo(models[0], scale=scale, **simulated, seed=seed, workers=workers)
-    else:
-        words = "belongs to a ship that is simulated; trial files have their own"
-        cli.refuse_given({f"--{name.replace('_', '-')}": value for name, value in simulated.items()}, words)
-        if current is not None:
-            measured["current"] = numbers = cli.numbers_of(current, 2, "--current SPEED:TOWARDS", ":")
-            cli.positive("--current SPEED:TOWARDS", numbers[0], or_zero=True)
-        judged = studies.imo(ship, files, scale, unchecked, **measured)
+        values |= {"seed": seed, "workers": workers}
+    with cli.working("judging the manoeuvres"):
+        judged = studies.imo(models[0] if models else ship, files, scale, unchecked, **values)
     _write(plot, out, judged)
     if json:
         cli.print_json(judged.to_dict())
