@@ -112,9 +112,7 @@ def imo(
     measured, simulated = taken(values, MEASURED), taken(values, SIMULATED)
     if isinstance(trials, (str, Path)) or len(trials):
         if simulated:
-            raise Conflict(
-                f"--{next(iter(simulated)).replace('_', '-')}: belongs to a ship that is simulated; trials have their own"
-            )
+            raise Conflict(f"--{next(iter(simulated)).replace('_', '-')}: belongs to a simulated ship, not to trials")
         water: bool | WaterVelocity = measured.get("correct", False)
         if "current" in measured:
             try:
