@@ -167,15 +167,10 @@ def simulate(
     [m/s]; rudder_rate [deg/s]; sampled_helm: orders are given at samples only; of all: campaign: whose instruments log
     the run. Returns the run. Raises UserError for what cannot be simulated.
     """
-    from cases.criteria.standard_runs import simulated_trial
+    from cases.criteria.standard_runs import planned, simulated_trial
     from cases.inputs import given_inputs
-    from cases.maneuvers.definitions import parse_maneuver
-    from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed
 
     model = with_effects(ship_of_campaign(ship_of(ship), values.pop("campaign", None)), effects_of(effects))
-    # random harbour manoeuvres are inputs over time, not orders that answer the motion: they are followed as a trial is
-    if isinstance(maneuver, str) and (harbour := harbour_seed(maneuver, seed)) is not None:
-        maneuver = harbour_inputs(model, values.pop("duration", None), harbour, values.pop("dt", None))
     if isinstance(maneuver, str):
         orders, dt = taken(values, "n speed rudder_rate duration"), values.pop("dt", None)
         orders = {name: finite(name, order) for name, order in orders.items()}
@@ -183,8 +178,8 @@ def simulate(
         _refuse(values, f"{maneuver} takes duration, dt, n, speed, rudder_rate and sampled_helm")
         if "rudder_rate" in orders:
             orders["rudder_rate"] = math.radians(orders["rudder_rate"])  # a person gives deg/s
-        plan = parse_maneuver(maneuver, model, seed=seed, sampled=sampled, **orders)
-        return simulated_trial(model, plan, None, wind, noise, seed, dt)
+        followed = planned(model, maneuver, seed, dt, sampled=sampled, **orders)
+        return simulated_trial(model, *followed, wind, noise, seed, dt)
     if {"duration", "dt"} & set(values):
         raise Conflict("duration and dt belong to a manoeuvre; what is followed gives its own times")
     if isinstance(maneuver, Trial):

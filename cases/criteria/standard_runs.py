@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -64,6 +64,22 @@ def simulated_run(ship: Ship, text: str, speed: float, rudder_rate: float | None
     return planned_run(ship, parse_maneuver(text, ship, speed=speed, rudder_rate=rudder_rate))
 
 
+def planned(
+    ship: Ship, text: str, seed: int, dt: float | None = None, duration: float | None = None, **orders: Any
+) -> tuple[Maneuver | None, Trial | None]:
+    """The manoeuvre of a ``ship`` that a ``text`` names; of "harbour:SEED" inputs instead, to be followed as a trial's.
+
+    seed, dt: as of ``simulated_trial``; duration, orders: as of ``parse_maneuver``. Raises UserError as that does.
+    """
+    from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed  # late: a fit has no use for it
+
+    if (own_seed := harbour_seed(text, seed)) is None:
+        return parse_maneuver(text, ship, seed=seed, duration=duration, **orders), None
+    for name in (name for name, value in orders.items() if value):
+        raise Conflict(f"--{name}: is not for {text}, which starts at rest with actuators at their own rates")
+    return None, harbour_inputs(ship, duration, own_seed, dt)
+
+
 def simulated_trial(
     ship: Ship,
     maneuver: str | Maneuver | None = None,
@@ -85,8 +101,8 @@ def simulated_trial(
     if (maneuver is None) == (controls is None):
         raise Conflict("give either a manoeuvre or controls, one of them")
     air = wind if wind is None or isinstance(wind, Wind) else parse_wind(wind)
-    if maneuver is not None:
-        plan = parse_maneuver(maneuver, ship, seed=seed) if isinstance(maneuver, str) else maneuver
+    plan, controls = planned(ship, maneuver, seed, dt) if isinstance(maneuver, str) else (maneuver, controls)
+    if plan is not None:
         trial = simulate(ship, plan, 0.1 if dt is None else dt, air, seed)
         trial = replace(trial, notices=trial.notices + check_completeness(trial, plan))
     else:

@@ -57,12 +57,10 @@ def simulate(
 
     Example: mmg simulate esso_osaka_3m --maneuver zigzag:20/20 --wind 1.5:60:gusty --noise --out zigzag.csv
     """
-    from cases.criteria.standard_runs import figures_of, simulated_trial
+    from cases.criteria.standard_runs import figures_of, planned, simulated_trial
     from cases.io.campaigns import ship_of_campaign
-    from cases.maneuvers.definitions import parse_maneuver
     from cases.shipfiles.effects import with_effects
     from cases.shipfiles.ship_file import load_ship
-    from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed
     from cases.simulation.simulate import SensorNoise, add_noise, write_trial
 
     if (maneuver is None) == (controls is None):
@@ -77,16 +75,11 @@ def simulate(
         cli.refuse_given({**orders, "--duration": duration, "--dt": dt}, words)
     model = with_effects(ship_of_campaign(load_ship(ship), campaign), effect or [])
     source: Any = controls
-    # random harbour manoeuvres are inputs over time, which are followed as those of a file are
-    if maneuver is not None and (harbour := harbour_seed(maneuver, seed)) is not None:
-        cli.refuse_given(orders, f"is not for {maneuver}, which starts at rest with actuators at their own rates")
-        maneuver, source = None, harbour_inputs(model, duration, harbour, dt)
     plan = None
     if maneuver is not None:
         rate = None if rudder_rate is None else math.radians(rudder_rate)
-        plan = parse_maneuver(
-            maneuver, model, n=n, speed=speed, rudder_rate=rate, seed=seed, duration=duration, sampled=sampled_helm
-        )
+        more: dict[str, Any] = {"n": n, "speed": speed, "rudder_rate": rate, "sampled": sampled_helm}
+        plan, source = planned(model, maneuver, seed, dt, duration, **more)
     if scatter is not None:
         from fitting.prediction.figure_intervals import maneuver_scatter
         from fitting.report.plot_maneuvers import maneuver_figure
