@@ -27,7 +27,7 @@ from fitting.prediction.band_calibration import NORMAL
 from mmg.compile.batch import batch_functions
 from mmg.compile.interval_source import derivatives
 from mmg.compile.intervals import IntervalKernel, Lanes
-from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, Unsupported, by_name, in_order, refusing
+from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, Unsupported, by_name, finite, in_order, refusing
 from mmg.model import Model as SymbolicModel
 from mmg.model import assemble, states_behind
 from mmg.motion.flow import STATES
@@ -163,8 +163,7 @@ class Tracker:
         if np.isinf(logged).any():
             raise BadValue("measured: has an infinite number; leave out what is not known, or give nan")
         held = self._controls(controls)
-        if not math.isfinite(t := _number("t", t)):
-            raise BadValue(f"t: {t} is no time; give seconds")
+        t = finite("t", t)
         if self._t is None:
             self._start(t, logged, held)
             return self._state(*self.equations.logged(self._z), 0.0, 0)
@@ -199,7 +198,7 @@ class Tracker:
         """
         if self._t is None:
             raise Missing("forecast: no sample has come yet; update the tracker first")
-        if not 0 < (seconds := _number("seconds", seconds)) < math.inf:
+        if not (seconds := finite("seconds", seconds)) > 0:
             raise OutOfRange(f"seconds: {seconds:g} must be positive")
         held = self._ahead_controls(controls, seconds)
         times = self._t + seconds * np.arange(len(held) + 1) / len(held)
@@ -356,11 +355,3 @@ def _row(argument: str, given: Row, names: Sequence[str], optional: Sequence[str
     if row.shape != (len(names),):
         raise BadValue(f"{argument}: has shape {row.shape}, not ({len(names)},): {', '.join(names)}")
     return row
-
-
-def _number(argument: str, given: Any) -> float:
-    """A number. Raises UserError, with the name of the argument."""
-    try:
-        return float(given)
-    except (TypeError, ValueError):
-        raise BadValue(f"{argument}: {given!r} is no number") from None

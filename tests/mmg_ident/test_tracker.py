@@ -312,7 +312,7 @@ def test_a_bad_sample_is_refused_by_its_argument_and_leaves_the_state(wrong: dic
     tracker.update(0.0, GOOD["measured"], GOOD["controls"])
     with pytest.raises(kind) as caught:
         tracker.update(**(GOOD | wrong))
-    assert str(caught.value).startswith(f"{next(iter(wrong))}:") and "\n" not in str(caught.value)
+    assert str(caught.value).startswith(next(iter(wrong))) and "\n" not in str(caught.value)
     assert tracker.update(**GOOD).compared == 6
 
 
@@ -337,5 +337,5 @@ def test_what_cannot_be_tracked_or_forecast_is_refused() -> None:
         ),
     ]
     for call, given, begin, kind in refused:
-        with pytest.raises(kind, match=f"^{begin}:"):
+        with pytest.raises(kind, match=rf"^{begin}\b"):
             call(*given)
