@@ -12,7 +12,7 @@ import numpy as np
 
 from cases.quantities import wraps
 from cases.trial import Trial
-from mmg.errors import BadValue, Conflict, Missing, in_order
+from mmg.errors import BadValue, Conflict, Missing, as_array, in_order
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS, PROPELLERS, RUDDERS, STATES
 
@@ -257,10 +257,7 @@ def _column(name: str, values: Any | Callable[[float], float], t: np.ndarray) ->
 
 def _numbers(name: str, values: Any) -> np.ndarray:
     """``values`` as finite numbers."""
-    try:
-        numbers = np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        raise BadValue(f"{name}: holds what is no number") from None
+    numbers: np.ndarray = as_array(name, values)
     if not np.isfinite(numbers).all():
         raise BadValue(f"{name}: holds {int((~np.isfinite(numbers)).sum())} values that are not finite")
     return numbers

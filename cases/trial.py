@@ -15,7 +15,18 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from cases.quantities import UNITS, is_canonical, quantity
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, UnknownName, by_name, check_name, refusing
+from mmg.errors import (
+    BadValue,
+    Conflict,
+    Missing,
+    OutOfRange,
+    TooFewData,
+    UnknownName,
+    as_array,
+    by_name,
+    check_name,
+    refusing,
+)
 from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS, RUDDERS, STATES
 
@@ -39,12 +50,9 @@ def unwrapped(values: np.ndarray) -> np.ndarray:
     return out
 
 
-def _array(trial: str, name: str, values: Any) -> np.ndarray:
-    """The ``values`` of the column ``name`` of a ``trial``, read-only. Raises UserError where they are none."""
-    try:
-        column = np.asarray(values).view()
-    except ValueError:
-        raise BadValue(f"{trial}: column {name} holds what is no number") from None
+def as_column(trial: str, name: str, values: Any) -> np.ndarray:
+    """The ``values`` of the column ``name`` of a ``trial``, (N,), read-only. Raises UserError where they are none."""
+    column: np.ndarray = as_array(f"{trial}: column {name}", values, None).view()
     column.flags.writeable = False
     return column
 
@@ -89,7 +97,7 @@ class Trial:
         if not isinstance(given := by_name(self.columns), dict):
             raise BadValue(f"{self.name}: columns: {given!r}: give arrays by name, such as {{'t': times}}")
         # lists, or columns of pandas, become arrays; none is written to, as what is known of a trial is kept
-        given = {name: _array(self.name, name, values) for name, values in given.items()}
+        given = {name: as_column(self.name, name, values) for name, values in given.items()}
         object.__setattr__(self, "columns", given)  # as a frozen dataclass is completed
         for name, values in given.items():
             if values.dtype.kind not in "fiub":
@@ -200,10 +208,10 @@ class Trial:
     def __getitem__(self, key: str) -> np.ndarray: ...
     @overload
     def __getitem__(self, key: slice) -> Trial: ...
-    def __getitem__(self, key: str | slice) -> np.ndarray | Trial:
+    def __getitem__(self, key: Any) -> np.ndarray | Trial:
         """A column by its name, or the samples between two times [s], both included: trial[20.0:80.0]."""
         if not isinstance(key, slice):
-            if key not in self.columns:
+            if not isinstance(key, str) or key not in self.columns:
                 raise UnknownName(f"{self.name}: has no column {key!r}; it has {', '.join(self.columns)}")
             return self.columns[key]
         if key.step is not None:
@@ -263,7 +271,7 @@ class Trial:
 
     def unwrapped(self, column: str) -> np.ndarray:
         """A ``column`` of directions [rad] without jumps of 2 pi, NaN where it is missing, shape (N,)."""
-        return unwrapped(self.columns[column])
+        return unwrapped(self[column])
 
     @property
     def rudder(self) -> np.ndarray:

@@ -24,7 +24,7 @@ from cases.io.campaigns import Groups, campaign_labels, campaigns_of, group_tria
 from cases.io.read import read_trials
 from cases.io.sidecar import line_for
 from cases.trial import LEFT_OUT, Trial, left_out, looked_at
-from mmg.errors import BadValue, Conflict, Missing, TooFewData, refusing
+from mmg.errors import BadValue, Conflict, Missing, TooFewData, is_several, refusing
 from mmg.messages import Message, listed
 from mmg.ship import Ship
 
@@ -50,8 +50,8 @@ class TrialSet(Sequence[Trial]):
         if isinstance(given, TrialSet):
             return given
         # what has columns or keys is a trial, or a frame or mapping, which iterates over names
-        single = isinstance(given, (str, Path)) or hasattr(given, "columns") or hasattr(given, "keys")
-        several: list[Any] = [given] if single or not isinstance(given, Iterable) else list(given)
+        single = hasattr(given, "columns") or hasattr(given, "keys") or not is_several(given)
+        several: list[Any] = [given] if single else list(given)  # type: ignore[arg-type, list-item]
         for item in several:
             if not isinstance(item, (str, Path, Trial)):
                 raise BadValue(

@@ -26,7 +26,7 @@ from diagnosis.findings import Between, DiagnosisInputs, RandomSizes
 from diagnosis.groups.between import compare_groups
 from diagnosis.hypotheses.forward_selection import Selection
 from diagnosis.hypotheses.next_test import next_test, telling_test
-from diagnosis.hypotheses.own_currents import OwnCurrents, own_currents, taken_out
+from diagnosis.hypotheses.own_currents import own_currents, taken_out
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
 from diagnosis.inputs import Case, DiagnosisOptions, case_of, told_of_predictions
 from diagnosis.judgement.budget import budget_of
@@ -96,11 +96,8 @@ def _diagnosed(
     ready = prepare(faulty, options.step)
     timings = {"fit": time.perf_counter() - began}
     p = ready.problem
-    # where groups are compared, what differs between their runs is the question
-    if asks_currents and case.groups is None and (found := own_currents(p, ready.null)):
-        trials, tests = TrialSet.of(taken_out(case.trials, found.training)), taken_out(case.tests, found.tests)
-        water = _diagnosed(replace(case, trials=trials, tests=tests), options, progress, False)
-        return _with_currents(water, found)
+    if asks_currents and (through_water := _through_water(case, ready, options, progress)):
+        return through_water
     result = judged_search(ready, options.seed, options.workers, progress)
     selection = result.found
     if faults := [sensors.form_of(c.effect) for c in selection.effects if c.effect in FITTED_ALONG]:  # no cause
@@ -170,9 +167,16 @@ def _diagnosed(
     )
 
 
-def _with_currents(diagnosis: Diagnosis, currents: OwnCurrents) -> Diagnosis:
-    """A ``diagnosis`` of trials through the water with the ``currents`` that were taken out of them."""
-    d, (least, most) = diagnosis, currents.speeds
+def _through_water(
+    case: Case, ready: Prepared, options: DiagnosisOptions, progress: OnProgress | None
+) -> Diagnosis | None:
+    """The diagnosis of a ``case`` without the currents that its runs have of their own; None where they have none."""
+    # where groups are compared, what differs between their runs is the question
+    currents = own_currents(ready.problem, ready.null) if case.groups is None else None
+    if currents is None:
+        return None
+    trials, tests = TrialSet.of(taken_out(case.trials, currents.training)), taken_out(case.tests, currents.tests)
+    d, (least, most) = _diagnosed(replace(case, trials=trials, tests=tests), options, progress, False), currents.speeds
     both = ((d.trials, currents.training), (d.tests, currents.tests))
     rows = [f"{trials[k].name} {x:.2g}, {y:.2g}" for trials, found in both for k, (x, y) in sorted(found.items())]
     words = f"currents by run [m/s to north, to east]: {'; '.join(rows)}"

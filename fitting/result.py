@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from fitting.uncertainty.posterior import Posterior
 
 METHODS = ("laplace", "nuts")  # Ways to draw coefficients
+MOST_DRAWS = 1_000_000  # Set by hand: of 63 coefficients they take half a gigabyte.
 SUMMED_UP = 8  # Coefficients and warnings of a summary. Set by hand: a screen.
 
 
@@ -184,7 +185,7 @@ class FitResult(FitRecord):
         that are no whole numbers or too small, an unknown method, a fit without covariance, and for "nuts" without
         nutpie or for a result from a folder.
         """
-        n, seed = whole("n", n, 1), whole("seed", seed, 0)
+        n, seed = whole("n", n, 1, MOST_DRAWS), whole("seed", seed, 0)
         if method not in METHODS:
             raise UnknownName(unknown("method", method, METHODS))
         correlation = self._correlated
@@ -200,8 +201,9 @@ class FitResult(FitRecord):
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged ({self.status})"
-        # of a verdict what stands before its reason and its share
-        verdicts = Counter(re.split(r"[:(]", row.verdict)[0].strip() for row in self.estimates.values())
+        # of a verdict what stands before its reason, its partners and its share; of a scaled ship that of the model
+        kinds = (row.verdict.rpartition("; there, ")[2] for row in self.estimates.values())
+        verdicts = Counter(re.split(r"[:(,]|with ", kind)[0].strip() for kind in kinds)
         counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
         warned = f"; {len(self.warnings)} warnings" if self.warnings else ""
         return f"<FitResult {self.ship.title}: {state}, {len(self.data)} trials; coefficients: {counts}{warned}>"

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from importlib import import_module
 from numbers import Real
-from pathlib import PureWindowsPath
+from pathlib import PurePath, PureWindowsPath
 from typing import Any, TypeVar
 
 from mmg.messages import printable
@@ -216,37 +216,154 @@ def finite(name: str, value: Any) -> float:
     return float(number)
 
 
-def whole(name: str, value: Any, least: int) -> int:
-    """The argument ``name`` whose ``value`` is a whole number of at least ``least``. Raises UserError for any other."""
+def whole(name: str, value: Any, least: int, most: float = math.inf) -> int:
+    """The argument ``name`` whose ``value`` is a whole number from ``least`` to ``most``. Raises UserError for any
+    other."""
     number = finite(name, value)
-    if number != int(number) or number < least:
-        raise OutOfRange(f"{name} = {value!r}: must be a whole number of at least {least}")
+    if number != int(number) or not least <= number <= most:
+        limits = f"of at least {least}" if most == math.inf else f"from {least} to {most:g}"
+        raise OutOfRange(f"{name} = {value!r}: must be a whole number {limits}")
     return int(number)
+
+
+def as_array(argument: str, values: Any, kind: Any = float) -> Any:
+    """``values`` as an array of a ``kind``, None: of their own, with NaN where they are masked. Raises UserError, which
+    begins with the ``argument``, for what is none, and for complex ones, of which a part would go lost."""
+    import numpy as np  # late: most errors are of names
+
+    try:
+        if isinstance(values, np.ma.MaskedArray):
+            values = np.ma.filled(values.astype(float), math.nan)  # type: ignore[no-untyped-call]
+        array = np.asarray(values)
+        if np.iscomplexobj(array):
+            raise TypeError
+        return array if kind is None else np.asarray(array, dtype=kind)
+    except (TypeError, ValueError, RuntimeError):  # RuntimeError: of a tensor of torch that requires a gradient
+        raise BadValue(f"{argument}: holds what is no number") from None
+
+
+def is_several(value: Any) -> bool:
+    """Whether ``value`` is several things, not text, a mapping or an array without a dimension."""
+    return (
+        isinstance(value, Iterable)
+        and not isinstance(value, (str, bytes, Mapping))
+        and getattr(value, "shape", None) != ()
+    )
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value.item() if getattr(value, "shape", None) == () else value, Real)
+
+
+def _is_flag(value: Any) -> bool:
+    """Whether it is True or False, of numpy too, or a whole number, whose truth is as plain."""
+    return isinstance(value, int) or type(value).__name__ in ("bool", "bool_")
+
+
+# Head of an annotation -> what it asks for in words, and the class or the test of what it takes.
+KINDS: dict[str, tuple[str, type | Callable[[Any], bool]]] = {
+    "None": ("", type(None)), "Any": ("anything", object), "str": ("text", str), "Path": ("a path", PurePath),
+    "bool": ("True or False", _is_flag),
+    **dict.fromkeys(("float", "int", "Real"), ("a number", _is_number)),
+    **dict.fromkeys(("Mapping", "dict", "Series"), ("a mapping", lambda value: hasattr(value, "keys"))),
+    **dict.fromkeys(("Sequence", "Iterable", "tuple", "list"), ("a list", is_several)),
+    **dict.fromkeys(("Callable", "OnProgress"), ("a function", callable)),
+    "ndarray": ("an array", lambda value: hasattr(value, "__array__")),
+}  # fmt: skip
+
+
+@functools.cache
+def _heads(annotation: str) -> list[tuple[str, str]]:
+    """Of each alternative of an ``annotation`` the name of its kind, and what stands in its brackets."""
+    return re.findall(r"(?:\w+\.)*(\w+)(?:\[((?:[^][]|\[[^][]*\])*)\])?", annotation)
+
+
+def _fits(value: Any, annotation: str, names: Mapping[str, Any], deep: bool) -> bool:
+    """Whether ``value`` is of an ``annotation``, whose classes are looked for in ``names``; ``deep``: and its items
+    are, too. What is neither one of KINDS nor a class, as an alias is not, may be anything."""
+    for head, inner in _heads(annotation):
+        kind = KINDS[head][1] if head in KINDS else names.get(head)
+        if kind is None and head.endswith(("Settings", "Options", "Axes")):  # by name, as it need not be loaded
+            matches = head in [c.__name__ for c in type(value).__mro__]
+        elif isinstance(kind, type):
+            matches = isinstance(value, kind)
+        elif head not in KINDS:
+            return True
+        else:
+            matches = kind(value)  # type: ignore[misc]
+        if not matches:
+            continue
+        if not deep or not inner or head == "Callable" or isinstance(value, Iterator):
+            return True
+        pairs = value.items() if hasattr(value, "items") else [("", item) for item in value]
+        of_items = inner.partition(", ")[2] if KINDS.get(head) == KINDS["Mapping"] else inner.removesuffix(", ...")
+        if all(isinstance(key, str) and _fits(item, of_items, names, deep) for key, item in pairs):
+            return True
+    return False
+
+
+def check_kinds(
+    parameters: Mapping[str, inspect.Parameter], names: Mapping[str, Any], given: Sequence[Any],
+    values: Mapping[str, Any], deep: bool = False,
+) -> None:  # fmt: skip
+    """Raises UserError for the first argument of a call that is not of the kind which its annotation asks for.
+
+    parameters: of the function, with annotations as text; names: its globals; given, values: arguments by position and
+    by name; deep: whether what lists and mappings hold is looked at.
+    """
+    others = next((p for p in parameters.values() if p.kind is p.VAR_KEYWORD), None)
+    for name, value in (*zip(parameters, given, strict=False), *values.items()):
+        parameter = parameters.get(name, others)
+        annotation = parameter.annotation if parameter else ""
+        if not isinstance(annotation, str) or not annotation or _fits(value, annotation, names, deep):
+            continue
+        heads = [head for head, _ in _heads(annotation)]
+        asked = dict.fromkeys(KINDS[head][0] if head in KINDS else f"a {head}" for head in heads)
+        shown = repr(value) if isinstance(value, (str, Real)) and len(repr(value)) < 60 else f"a {type(value).__name__}"
+        raise BadValue(f"{name}: must be {' or '.join(words for words in asked if words)}, not {shown}")
 
 
 def refusing(thing: T) -> T:
     """A decorator of a ``thing``, a function or a class with its constructor and its public methods: a keyword that is
-    not among the parameters is a UserError, which names the nearest."""
+    not among the parameters is a UserError, which names the nearest, and so is an argument of another kind, which it
+    names."""
     made: Any = thing
     if not isinstance(thing, type):
         return _refusing(made, made.__name__)  # type: ignore[return-value]
     for name, member in list(vars(thing).items()):
-        if inspect.isfunction(member) and (name in ("__init__", "__call__") or not name.startswith("_")):
+        if name.startswith("_") and name not in ("__init__", "__call__"):
+            continue
+        if isinstance(member, classmethod):
+            setattr(thing, name, classmethod(_refusing(member.__func__, name)))
+        elif inspect.isfunction(member):
             setattr(thing, name, _refusing(member, thing.__name__ if name.startswith("_") else name))
     return thing
 
 
 def _refusing(function: Callable[..., Any], title: str) -> Callable[..., Any]:
+    parameters, names = inspect.signature(function).parameters, getattr(function, "__globals__", {})
+    is_open = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+    seen: set[tuple[str, type]] = set()  # arguments of a constructor and their classes that were fine before
+
     @functools.wraps(function)
     def called(*given: Any, **values: Any) -> Any:
         try:
+            if function.__name__ == "__init__":  # a dataclass takes anything; what is wrong comes up far from here
+                arguments = (*zip(parameters, given, strict=False), *values.items())
+                if not seen.issuperset((name, type(value)) for name, value in arguments):
+                    check_kinds(parameters, names, given, values)
+                    seen.update((name, type(value)) for name, value in arguments if not hasattr(value, "shape"))
             return function(*given, **values)
-        except TypeError:  # asked afterwards only: a call that succeeds costs nothing more
-            parameters = inspect.signature(function).parameters
+        except UserError:
+            raise
+        except Exception as error:  # asked afterwards only: a call that succeeds costs nothing more
             strange = [name for name in values if name not in parameters]
-            if not strange or any(p.kind is p.VAR_KEYWORD for p in parameters.values()):
-                raise
-            known = [name for name in parameters if name != "self"]
-            raise UnknownName(f"{title}: {unknown('keyword', strange[0], known)}") from None
+            if strange and not is_open:
+                known = [name for name in parameters if name != "self"]
+                raise UnknownName(f"{title}: {unknown('keyword', strange[0], known)}") from None
+            check_kinds(parameters, names, given, values, deep=True)
+            if isinstance(error, OSError):  # of the system, such as a name that is too long for it
+                raise Unreadable(f"{title}: {reason(error)}") from None
+            raise
 
     return called

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
-from mmg.errors import BadValue, in_order, refusing
+from mmg.errors import BadValue, as_array, in_order, refusing
 from mmg.model import settled
 from mmg.motion.flow import INPUTS, STATES
 from mmg.rollout import Simulator
@@ -96,8 +96,8 @@ class RightHandSide:
         """States (S, M), controls (C, M), and whether one point was given."""
         try:
             names = self.states if len(state) > len(STATES) else STATES
-            z = np.asarray(in_order("state", state, names), dtype=float)
-            rows = [np.asarray(row, dtype=float) for row in in_order("controls", controls, self.controls, AIR)]
+            z = as_array("state", in_order("state", state, names))
+            rows = [as_array("controls", row) for row in in_order("controls", controls, self.controls, AIR)]
             c = np.stack(np.broadcast_arrays(*rows))
         except (TypeError, ValueError):
             raise BadValue("state or controls: hold what is no number") from None

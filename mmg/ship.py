@@ -336,7 +336,7 @@ class Ship:
 
     def fixing(self, symbols: Iterable[str], fixed: bool = True) -> Ship:
         """A copy in which these coefficients are fixed (or freed). Raises UserError for an unknown symbol."""
-        symbols = list(symbols)
+        symbols = [symbols] if isinstance(symbols, str) else list(symbols)
         for symbol in symbols:
             self._check_symbol(symbol)
         return self.with_coefficients({s: self.coefficients[s].with_(fixed=fixed) for s in symbols})

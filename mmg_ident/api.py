@@ -8,9 +8,8 @@ stretches, and is refused where its data refute what it says (``check``); unchec
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -34,6 +33,7 @@ from mmg.errors import (
     TooFewData,
     UnknownName,
     Unsupported,
+    as_array,
     by_name,
     finite,
     needs_torch,
@@ -145,7 +145,7 @@ def check(trials: Trials) -> list[CheckReport]:
     return list(TrialSet.of(trials).reports)
 
 
-@keywords(also="duration# dt# n speed# rudder_rate# sampled_helm campaign x0 delta", others=True)
+@keywords(also="duration# dt# n speed# rudder_rate# sampled_helm? campaign x0 delta", others=True)
 def simulate(
     ship: Model,
     maneuver: str | Trial | Sequence[float] | np.ndarray,
@@ -205,7 +205,7 @@ def simulate_many(
     if ship is None:
         raise Missing("ship: missing; draws of coefficients need the ship whose they are")
     start, rows = ship_of(ship), zip(*(ships[symbol] for symbol in ships.columns), strict=True)
-    drawn = (start.with_values(**dict(zip(ships.columns, row, strict=True))) for row in rows)
+    drawn = (start.with_values(dict(zip(ships.columns, row, strict=True))) for row in rows)
     return [simulate(each, maneuver, **values) for each in drawn]
 
 
@@ -329,9 +329,7 @@ def score(
     if window is not None and not 0 <= window < math.inf:
         raise OutOfRange(f"window = {window:g}: must be 0 or a positive number of seconds")
     origin = "the scored trials" if sigma is None else "the caller"
-    # what is no number becomes nan, which is not positive
-    given = sigma if isinstance(sigma, Iterable) else [sigma]
-    sigmas = None if sigma is None else np.array([x if isinstance(x, Real) else np.nan for x in given], dtype=float)
+    sigmas: np.ndarray | None = None if sigma is None else as_array("sigma", sigma)
     if sigmas is not None and not (sigmas.shape == (6,) and (sigmas > 0).all()):
         raise OutOfRange("sigma: give six positive numbers, of x, y [m], psi [rad], u, v [m/s], r [rad/s]")
     if adapt is not None and not 0 <= adapt < math.inf:

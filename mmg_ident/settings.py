@@ -12,12 +12,11 @@ import inspect
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import Field, fields
-from numbers import Real
 from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from mmg.errors import BadValue, UnknownName, by_name, finite, unknown, whole
+from mmg.errors import BadValue, UnknownName, by_name, check_kinds, finite, is_several, unknown, whole
 
 if TYPE_CHECKING:
     from cases.io.toml_file import Section
@@ -143,9 +142,9 @@ def keywords(*kinds: type, also: str = "", others: bool = False) -> Callable[[F]
     completions, and a keyword that it does not have or a number that is none is a UserError.
 
     kinds: dataclasses of whose ``settings_of`` they are; also: further names, separated by spaces, those of numbers
-    with a "#" behind; others: whether the function judges further ones itself.
+    with a "#" behind, those of True or False with a "?"; others: whether the function judges further ones itself.
     """
-    names = {name.rstrip("#"): "float | None" if "#" in name else "" for name in also.split()}
+    names = {name.rstrip("#?"): {"#": "float | None", "?": "bool | None"}.get(name[-1], "") for name in also.split()}
     names |= {name: "" for kind in kinds for name in settings_of(kind) if name not in names}
 
     def shown(function: F) -> F:
@@ -161,36 +160,17 @@ def keywords(*kinds: type, also: str = "", others: bool = False) -> Callable[[F]
             for name in values:
                 if name not in full.parameters and not others:
                     raise UnknownName(f"{function.__name__}: {unknown('keyword', name, full.parameters)}")
-            for name, value in [*zip(full.parameters, given, strict=False), *values.items()]:
-                if name in full.parameters:
-                    _check_kind(name, str(full.parameters[name].annotation), value)
+            check_kinds(full.parameters, function.__globals__, given, values)
+            for name, value in (*zip(full.parameters, given, strict=False), *values.items()):
+                annotation = full.parameters[name].annotation if name in full.parameters else ""
+                if annotation == "int" or (annotation == "int | None" and value is not None):
+                    whole(name, value, 0)
             return function(*given, **values)
 
         called.__signature__ = full  # type: ignore[attr-defined]
         return called  # type: ignore[return-value]
 
     return shown
-
-
-def _check_kind(name: str, annotation: str, value: Any) -> None:
-    """Raises UserError where the argument ``name``, of an ``annotation``: number, text, path or settings, is none."""
-    kind, _, rest = annotation.partition(" | ")  # annotations are texts here (from __future__ import annotations)
-    if value is None and annotation.endswith("None"):
-        return
-    if kind in ("float", "int") and rest in ("", "None") and not isinstance(value, Real):
-        raise BadValue(f"{name} = {value!r}: is no number")
-    if kind == "int" and rest in ("", "None"):
-        whole(name, value, 0)
-    if kind == "str" and rest in ("", "None") and not isinstance(value, str):
-        raise BadValue(f"{name} = {value!r}: is no text")
-    several = "Sequence" in rest and isinstance(value, Iterable)
-    is_path = annotation.startswith("str | Path") and "Any" not in annotation
-    if is_path and not (isinstance(value, (str, Path)) or several):
-        raise BadValue(f"{name}: {type(value).__name__} is no path")
-    # by the name of the class, which is not loaded where only its name is needed
-    if kind.endswith(("Settings", "Options")) and kind not in [c.__name__ for c in type(value).__mro__]:
-        words = f"{type(value).__name__} is no {kind}; give mmg_ident.{kind}(...), or its values by name"
-        raise BadValue(f"{name}: {words}")
 
 
 def taken(values: dict[str, Any], names: str) -> dict[str, Any]:
@@ -201,9 +181,9 @@ def taken(values: dict[str, Any], names: str) -> dict[str, Any]:
 
 def listed(value: Any) -> tuple[str, ...]:
     """Names whose ``value`` is one text or several. Raises UserError for what is none."""
-    names = (value,) if isinstance(value, str) or not isinstance(value, Iterable) else tuple(value)
+    names = tuple(value) if is_several(value) else (value,)
     for name in names:
-        if not isinstance(name, str) or isinstance(value, Mapping):
+        if not isinstance(name, str):
             raise BadValue(f"{value!r}: is no name; give one text, or a list of them")
     return names
 

@@ -91,7 +91,7 @@ def import_logs(
 MEASURED, SIMULATED = "length correct current", "speed rudder_rate maneuver scatter seed workers"
 
 
-@keywords(also="length# correct current speed# rudder_rate# maneuver scatter# seed# workers#")
+@keywords(also="length# correct? current speed# rudder_rate# maneuver scatter# seed# workers#")
 def imo(
     model: Model | None, trials: Trials = (), scale: float | None = None, unchecked: bool = False, **values: Any
 ) -> JudgedFigures:
@@ -329,7 +329,7 @@ def _positioned(given: Trials, option: str) -> list[Trial]:
     return trials
 
 
-@keywords(also="measurement no_random paper seeds# seed# epochs# step# workers# time_limit#")
+@keywords(also="measurement no_random? paper seeds# seed# epochs# step# workers# time_limit#")
 def compare(
     train: Trials = (),
     test: Trials = (),

@@ -27,7 +27,20 @@ from fitting.prediction.band_calibration import NORMAL
 from mmg.compile.batch import batch_functions
 from mmg.compile.interval_source import derivatives
 from mmg.compile.intervals import IntervalKernel, Lanes
-from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, Unsupported, by_name, finite, in_order, refusing
+from mmg.errors import (
+    BadValue,
+    Missing,
+    NoSolution,
+    OutOfRange,
+    UnknownName,
+    Unsupported,
+    as_array,
+    by_name,
+    finite,
+    in_order,
+    refusing,
+    unknown,
+)
 from mmg.model import Model as SymbolicModel
 from mmg.model import assemble, states_behind
 from mmg.motion.flow import STATES
@@ -42,6 +55,7 @@ if TYPE_CHECKING:
 
     from mmg_ident.api import Model
 
+MOST_STEPS = 100_000  # Between two samples, or of a forecast: two seconds of work. Set by hand.
 WIND = ("wind_speed", "wind_direction")  # Inputs that may be left out: the air is calm then
 
 Row: TypeAlias = "Mapping[str, float] | pd.Series[float] | Sequence[float] | np.ndarray"  # The first two by name
@@ -76,6 +90,8 @@ class State:
 
     def __getitem__(self, name: str) -> float:
         """The mean of the state of this ``name``."""
+        if name not in self.names:
+            raise UnknownName(unknown("state", name, self.names))
         return float(self.mean[self.names.index(name)])
 
     def __repr__(self) -> str:
@@ -230,7 +246,7 @@ class Tracker:
         self, z: np.ndarray, P: np.ndarray, held: np.ndarray, now: float, then: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """States and covariance at the time ``then`` under the inputs ``held`` from the time ``now`` on."""
-        count = max(1, math.ceil((then - now) / self._longest - 1e-9))  # 1e-9: rounding of an exact multiple
+        count = self._parts("t", then - now)
         h = (then - now) / count
         decay = np.exp(-h / self._memories)  # of a random state of first order over a step; 1 of a constant
         S = len(z) - len(decay)
@@ -243,6 +259,14 @@ class Tracker:
             P = A @ P @ A.T
             P[random, random] += self._sizes**2 * (1 - decay**2)  # so that their variance at rest stays sizes**2
         return z, P
+
+    def _parts(self, argument: str, seconds: float) -> int:
+        """Number of steps over ``seconds``. Raises UserError, with the name of the ``argument``, for too many."""
+        count = max(1, math.ceil(seconds / self._longest - 1e-9))  # 1e-9: rounding of an exact multiple
+        if count > MOST_STEPS:
+            most = f"{MOST_STEPS * self._longest:.3g}"
+            raise OutOfRange(f"{argument}: {seconds:g} s ahead is more than {most}; begin anew with another Tracker")
+        return count
 
     def _logged(self, z: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Logged columns (6,) and their variances."""
@@ -266,7 +290,7 @@ class Tracker:
 
     def _ahead_controls(self, given: Any, seconds: float) -> list[np.ndarray]:
         """Inputs over each part of the next ``seconds``."""
-        count = math.ceil(seconds / self._longest - 1e-9)
+        count = self._parts("seconds", seconds)
         if given is None:
             return [self._held] * count
         given = by_name(given)
@@ -278,7 +302,7 @@ class Tracker:
             if columns and columns[0].ndim == 1:
                 return [self._controls(dict(zip(given, row, strict=True))) for row in np.column_stack(columns)]
             return [self._controls(given)] * count
-        if np.ndim(given) == 2 and len(given):
+        if as_array("controls", given, None).ndim == 2 and len(given):
             return [self._controls(row) for row in given]
         return [self._controls(given)] * count
 
@@ -346,10 +370,7 @@ def _row(argument: str, given: Row, names: Sequence[str], optional: Sequence[str
     """Numbers (n,) in the order of ``names`` from an argument by name or in that order; ``optional``, the last ones:
     those that may lack, and are ``left_out`` then. Raises UserError, with the name of the argument."""
     given = in_order(argument, given, names, optional, left_out)
-    try:
-        row = np.array(given, dtype=float)
-    except (TypeError, ValueError):
-        raise BadValue(f"{argument}: is no row of numbers; give {', '.join(names)}") from None
+    row = np.array(as_array(argument, given))  # a copy, which the caller may change
     if row.shape == (len(names) - len(optional),):
         row = np.append(row, np.full(len(optional), left_out))
     if row.shape != (len(names),):

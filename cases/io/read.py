@@ -25,7 +25,7 @@ from cases.io.sidecar import NAME, SidecarEntry, line_for, sidecar_entry
 from cases.io.toml_file import validated
 from cases.io.trial_table import TrialTable, check_forward, checked_header, trial_table
 from cases.quantities import accepted, is_canonical, quantity, to_si
-from cases.trial import Trial, left_out
+from cases.trial import Trial, as_column, left_out
 from mmg.errors import (
     BadValue,
     Conflict,
@@ -421,7 +421,7 @@ def trial_from_arrays(name: str, given: Mapping[str, Any], units: Mapping[str, s
     settings = {k: v for k, v in given.items() if k not in arrays}
     sizes = {}
     for key, values in arrays.items():
-        arrays[key] = np.asarray(values)
+        arrays[key] = as_column(name, key, values)
         if arrays[key].ndim != 1:
             raise BadValue(f"{name}: {key} has shape {arrays[key].shape}; a column has one dimension")
         sizes[key] = len(arrays[key])

@@ -32,16 +32,18 @@ PLAIN = ("feature_scales", "output_scales", "lower", "upper")
 
 def ship_hash(ship: Ship) -> str:
     """Hash of a ``ship``: text that differs between ships of different particulars or force models."""
-    what = [sorted(ship.particulars.items()), sorted(ship.components.items())]
+    # as floats, which a ship file reads: 3 and 3.0 are the same length
+    numbers = {name: float(value) for name, value in ship.particulars.items()}
+    what = [sorted(numbers.items()), sorted(ship.components.items())]
     return hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
 
 
 def is_black_box(where: str | Path) -> bool:
     """Whether the file or run folder ``where`` holds a network that stands alone instead of a ship."""
-    path = Path(where) / NETWORK if Path(where).is_dir() else Path(where)
-    if path.suffix != ".safetensors" or not path.is_file() or path.with_name("ship.toml").exists():
-        return False
     try:
+        path = Path(where) / NETWORK if Path(where).is_dir() else Path(where)
+        if path.suffix != ".safetensors" or not path.is_file() or path.with_name("ship.toml").exists():
+            return False
         with safe_open(path, framework="numpy") as file:
             return (file.metadata() or {}).get("format") == BLACK_BOX
     except (OSError, SafetensorError, ValueError, TypeError):

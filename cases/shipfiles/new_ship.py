@@ -11,7 +11,6 @@ errors of the ships left out demand.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from numbers import Real
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,11 +18,11 @@ import numpy as np
 from cases.shipfiles.particulars import BY_RULE, impossible, unusual, wrong_particulars
 from mmg.components import empirical, friction
 from mmg.components.catalogue import coefficient_table, required_particulars
-from mmg.components.coefficients import ENGINE, Coefficient
+from mmg.components.coefficients import ENGINE, PARTICULARS, Coefficient
 from mmg.components.propeller.b_series import thrust_parabola
 from mmg.components.propeller.wake import ASYMMETRY
 from mmg.effects.wind_force import upper_works
-from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, refusing
+from mmg.errors import BadValue, Conflict, Missing, OutOfRange, UnknownName, finite, refusing, unknown
 from mmg.messages import Message
 from mmg.motion.flow import PODS, pods
 from mmg.motion.froude import reference_speed
@@ -272,6 +271,9 @@ def new_ship(name: str, given: Mapping[str, float], hull: str | None = None) -> 
     ahead). Single screw or, with y_P, twin; A_R = 0: without a rudder; D_az, x_az, y_az, x_az_2, ...: pods in place of
     both. Raises UserError for particulars that no ship has.
     """
+    given = {WORDS.get(key, key): finite(f"--new: {key}", value) for key, value in dict(given).items()}
+    if strange := [key for key in given if key not in (*ORDER, *OPTIONAL, *PARTICULARS)]:
+        raise UnknownName(f"--new: {unknown('particular', strange[0], (*ORDER, *OPTIONAL))}")
     hull = hull or ("harbour" if podded(given) else "unified")
     if hull not in HULLS:
         raise UnknownName(f"--hull {hull}: known are {', '.join(HULLS)}")
@@ -280,9 +282,6 @@ def new_ship(name: str, given: Mapping[str, float], hull: str | None = None) -> 
         raise Missing(f"--new: {', '.join(lacking)} missing; a ship with pods needs {', '.join(POD)}")
     if podded(given) and (strange := [key for key in SCREW if key in given]):
         raise Conflict(f"--new: {', '.join(strange)}: pods (D_az) take the place of propeller and rudder")
-    for key, value in given.items():
-        if not isinstance(value, Real):
-            raise BadValue(f"{key} = {value!r}: is no number")
     if lacking := [key for key in LEAST if key not in given]:
         raise Missing(f"{', '.join(lacking)} missing; a ship needs at least {', '.join(LEAST)}")
     check_plausible(given)  # first what was given, so that no rule of thumb is blamed for it

@@ -88,7 +88,7 @@ def similar_ship(ship: Ship, law: Similarity, name: str) -> Ship:
     words = f"{words}: {ship.description}" if ship.description else words
     # a gear or a speed that was measured on the model is the ship's by no more than the law
     sources = {key: BY_RULE + f"Froude's law, {text.removeprefix(BY_RULE)}" for key, text in ship.sources.items()}
-    mark = ship.mark and replace(ship.mark, name=f"{ship.mark.name} scaled to {particulars['L']:.4g} m")
+    mark = ship.mark and replace(ship.mark, name=f"{ship.called} scaled to {particulars['L']:.4g} m")
     # values by campaign are those of the model's instruments, which the ship has not
     bare = replace(ship, network=None, name=name, particulars=particulars, coefficients=rows, description=words,
                    mark=mark, sources=sources, campaigns={})  # fmt: skip

@@ -62,6 +62,10 @@ class MonthStudy:
     seed: int
     warnings: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        count = f"{self.days:.1f} days, {len(self.cut.windows)} windows, {len(self.changes.named)} changes"
+        return f"<MonthStudy of {self.ship.title}: {count}, {len(self.warnings)} warnings>"
+
     @property
     def days(self) -> float:
         """Length of the log [days]."""

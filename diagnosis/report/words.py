@@ -224,7 +224,7 @@ def sizes(name: str, parameters: Mapping[str, EstimatedParameter], d: Findings) 
 
 def visible(c: RankedCandidate, d: Findings) -> str:
     """The sizes from which the trials of ``d`` would show the candidate ``c``; a dash far above its typical size."""
-    known, rows = _parameters(c.name, d), []
+    known, rows = {p.symbol: p for p in parameters_of(d.ship, c.name)}, []
     for symbol, size in c.visible_from.items():
         factor, unit = shown_unit(known[symbol].unit)
         if size < HOPELESS * known[symbol].typical:

@@ -120,6 +120,10 @@ class PlannedTrial:
     dt: float
     notes: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        wish = self.task.wish
+        return f"<PlannedTrial for {self.ship.title}: {wish.seconds:g} s within {wish.area} m, {len(self.notes)} notes>"
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values: gains as standard deviations before and after, orders, the library beside it."""
         f, task, present = self.found, self.task, self.present

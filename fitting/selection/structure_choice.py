@@ -128,6 +128,9 @@ class StructureChoice:
     stability: Stability
     runs: tuple[Learned, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"<StructureChoice: {self.chosen} of {len(self.table)} candidates; {self.result!r}>"
+
     def to_dict(self) -> dict[str, Any]:
         """Content of selection.json, numbers that are not finite as None."""
         keys = ("name", "seed", "objective", "training", "validation", "evaluations", "seconds")

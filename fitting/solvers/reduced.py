@@ -16,7 +16,7 @@ from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Problem
 from fitting.parallel import with_one_thread
 from fitting.solvers.condensing import Lead, lead
-from mmg.errors import BadValue, UnknownName, by_name
+from mmg.errors import BadValue, UnknownName, as_array, by_name, refusing
 
 # Predicted relative change of the objective [-] at which the node states count as optimal: finite differences of steps
 # of 1e-5 prior standard deviations then have five digits. Set by hand.
@@ -28,6 +28,7 @@ MOST_STEPS = 50  # Steps of that minimisation; a few suffice near the calibratio
 JOINED = 1e-3
 
 
+@refusing
 class ReducedProblem:
     """What ``calibrate`` minimises, by the free coefficients in physical units.
 
@@ -114,9 +115,9 @@ class ReducedProblem:
         if isinstance(p, dict):
             if unknown := [s for s in p if s not in self.symbols]:
                 names = ", ".join(self.symbols)
-                raise UnknownName(f"{', '.join(unknown)}: not free; coefficients of this fit are {names}")
+                raise UnknownName(f"{', '.join(map(str, unknown))}: not free; coefficients of this fit are {names}")
             return np.array([p.get(s, x) for s, x in zip(self.symbols, self.start, strict=True)], dtype=float)
-        vector = np.array(p, dtype=float)
+        vector: np.ndarray = as_array("p", p)
         if vector.shape != self.start.shape:
             raise BadValue(f"coefficients of shape {vector.shape}: must be {self.start.shape}, in the order of symbols")
         return vector

@@ -87,6 +87,9 @@ class Fleet:
     groups: tuple[SisterGroup, ...]
     command: str = ""
 
+    def __repr__(self) -> str:
+        return f"<Fleet {self.name}: {len(self.rows)} ships, {len(self.failed)} failed, {len(self.groups)} groups>"
+
     @property
     def failed(self) -> tuple[str, ...]:
         """Names of the ships that have no calibration that can be used."""

@@ -178,6 +178,11 @@ class Comparison:
     entries: tuple[Entry, ...]
     interrupted: bool
 
+    def __repr__(self) -> str:
+        scored = sum(entry.score is not None for entry in self.entries)
+        state = ", interrupted" if self.interrupted else ""
+        return f"<Comparison of {', '.join(self.study.models)}: {scored} of {len(self.entries)} scored{state}>"
+
     def of(self, model: str, subset: Subset | None = None) -> list[Entry]:
         """Scored entries of a model on a subset, by default the first one of the study."""
         wanted = model, subset or self.study.subsets[0]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import importlib
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 
 import mmg_ident as mi
 from mmg.errors import refusing
@@ -17,6 +19,7 @@ from tests.support.synthetic_runs import coarse_runs
 
 SHIP = "esso_osaka_3m"
 FRAME = pd.DataFrame({"t": [0.0, 1.0], "x": [0.0, 1.0]})
+SIZES = {"L": 3.0, "B": 0.49, "d": 0.2, "C_b": 0.8}
 REST = {"psi": [0, 0], "u": [0, 0], "v": [0, 0], "r": [0, 0], "n": [0, 0]}
 CALLS = """
 mi.calibrate( 123,train SHIP,[] SHIP,None SHIP,[1,2] SHIP,FRAME SHIP,t.to_pandas()
@@ -71,7 +74,25 @@ mi.load_ship(SHIP).with_values( N_x=3 N_r="a" N_r=float("nan") N_r=None N_r=[1] 
 mi.load_ship(SHIP).with_effect( "current",x=np.nan "current",x="a" ["current"] "curent" "current",z=1
 mi.load_ship(SHIP).without( "sail" ["wind"]
 mi.load_ship(SHIP).rhs( [0]*5,{"n":1,"delta":0} ["a"]*6,{"n":1,"delta":0} [0]*6,{"n":"a","delta":0} [0]*6,[1,2]
-mi.load_ship(SHIP).fixing( ["foo"]
+mi.load_ship(SHIP).fixing( ["foo"] None
+mi.load_ship( "a"*5000
+mi.load_ship(SHIP).rhs( [1j]*6,{"n":1,"delta":0}
+mi.new_ship( 3,SIZES "x",None "x",[1] "x",{**SIZES,"Dp":.1} "x",{**SIZES,"D_P":None} "x",SIZES,hull=np.zeros(3)
+mi.Ship("x",{},{},{}, notices=3 effects="current" network="net"
+mi.Trial("a",{"t":[0,1]}, path="a.csv" meta=3
+mi.Trial.from_arrays(t=[0,1], u=[[1],[1,2]] u=TENSOR
+mi.TrialSet( None
+mi.simulate(SHIP,"turning:35", noise=[1,2] sampled_helm="no"
+mi.simulate_many(pd.DataFrame( np.zeros((2,3))),"turning:35",ship=SHIP
+mi.predict(SHIP,held, progress=3 unchecked="no"
+mi.Tracker(fit,compiled=False, noise="x" coefficients=None campaign=["a"]
+following. update(1e300,{},[9,0] forecast(1e300 update(1,{},[1j]*2 update(1,{},[9,0]).__getitem__("w"
+fit.sample( 10**9
+fit.problem.objective( "a" {"N_r":"a"}
+fit.plot.tracks( ax=3 trial=[1]
+t.plot( 3
+t.__getitem__( ["u","v"]
+t.unwrapped( "foo"
 """
 """A row: how a call begins, and each of the ways in which it goes on that make no sense, without blanks."""
 
@@ -82,12 +103,20 @@ def calls(table: str) -> list[str]:
     return [f"{begin}{rest})".replace("\u00a0", " ") for begin, *rests in rows for rest in rests]
 
 
+def following() -> mi.Tracker:
+    """A tracker that has seen a sample."""
+    tracker = mi.Tracker(small_result(), compiled=False)
+    tracker.update(0.0, {"psi": 0.0, "u": 0.5}, {"n": 9.0, "delta": 0.0})
+    return tracker
+
+
 @pytest.mark.parametrize("call", calls(CALLS))
 def test_what_makes_no_sense_is_a_user_error(call: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     train, held = coarse_runs()
     names = {"mi": mi, "np": np, "pd": pd, "SHIP": SHIP, "FRAME": FRAME, "REST": REST, "train": train, "held": held}
     with pytest.raises(mi.UserError) as found:
+        names |= {"TENSOR": torch.ones(2, requires_grad=True), "SIZES": SIZES, "following": following()}
         eval(call, {**names, "t": train[0], "fit": small_result()})
     assert "\n" not in str(found.value) and not any(tmp_path.iterdir())
 
@@ -115,6 +144,41 @@ def test_an_error_within_a_function_is_its_own() -> None:
 
     with pytest.raises(TypeError):
         broken(n=3)
+
+
+RESULTS = """
+fitting.design.planned_trial:PlannedTrial fitting.selection.structure_choice:StructureChoice
+residual.papers.comparison:Comparison diagnosis.groups.months:MonthStudy mmg_ident.fleets.rows:Fleet
+fitting.prediction.figure_intervals:JudgedFigures fitting.report.ship_card:ShipCard mmg_ident:FitResult
+mmg_ident:TrainResult mmg_ident:Diagnosis mmg_ident:Gap mmg_ident:Score mmg_ident:Prediction mmg_ident:Ship
+mmg_ident:CheckReport mmg_ident:Posterior mmg_ident:Trial mmg_ident:TrialSet
+"""
+
+
+@pytest.mark.parametrize("result", RESULTS.split())
+def test_results_are_shown_in_words_of_their_own(result: str) -> None:
+    module, name = result.split(":")
+    shown = getattr(importlib.import_module(module), name).__repr__
+    assert not hasattr(shown, "__wrapped__") and shown is not object.__repr__  # that of a dataclass shows all it holds
+
+
+def test_coefficients_are_counted_by_their_verdict_alone() -> None:
+    words = ["shared with a: the data", "shared with b and others", "prior (100 %)", "-1.5 of it; there, prior"]
+    fit = small_result()
+    rows = zip(fit.estimates.items(), words, strict=False)
+    made = dataclasses.replace(fit, estimates={s: dataclasses.replace(row, verdict=w) for (s, row), w in rows})
+    assert "coefficients: 2 shared, 2 prior" in repr(made)
+
+
+def test_masked_numbers_are_missing_and_not_what_lies_under_the_mask() -> None:
+    train, _ = coarse_runs()
+    u = np.ma.masked_array(train[0]["u"].copy(), mask=train[0].t == 1.0)
+    u.data[2] = 1e20
+    columns = {**train[0].columns, "u": u}
+    for trial in (mi.Trial("a", columns), mi.Trial.from_arrays(**columns)):
+        assert np.isnan(trial["u"][2]) and np.isfinite(trial["u"]).sum() == len(trial) - 1
+    with pytest.raises(mi.UserError):
+        mi.simulate(SHIP, [0.0, 1.0], n=np.ma.masked_array([9.0, 1e20], mask=[0, 1]), delta=0.0)
 
 
 def test_results_can_be_compared() -> None:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from benchmarks.literature import SHIPS
@@ -243,6 +244,13 @@ def test_a_ship_file_with_particulars_of_no_ship_is_refused(case: str) -> None:
 @pytest.mark.parametrize(("key", "value"), [("C_b", 1.0), ("x_G", -0.1), ("y_P", 0.1), ("D_P", 0.2), ("x_R", -1.7)])
 def test_unusual_particulars_of_a_possible_ship_are_taken(key: str, value: float) -> None:
     assert parse_ship(changed(key, value)).particulars[key] == value
+
+
+def test_particulars_may_be_named_and_numbered_as_a_notebook_has_them() -> None:
+    given = pd.Series({"Lpp": 30, "B": np.float32(5.5), "T": np.int64(2), "Cb": 0.8}, dtype=object)
+    ship = new_ship("x", given)
+    assert {key: ship.particulars[key] for key in ("L", "B", "d", "C_b")} == {"L": 30, "B": 5.5, "d": 2, "C_b": 0.8}
+    assert all(type(value) is float for value in ship.particulars.values())
 
 
 def podded(x_az: float = -1.4) -> Ship:

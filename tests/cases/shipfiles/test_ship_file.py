@@ -16,7 +16,7 @@ from safetensors.numpy import load_file
 
 from cases.shipfiles.effects import reduced_ship
 from cases.shipfiles.generated_ship import generated_ship, structure_of
-from cases.shipfiles.network_file import save_tensors
+from cases.shipfiles.network_file import save_network, save_tensors
 from cases.shipfiles.schema import ShipFile
 from cases.shipfiles.ship_file import dump_ship, dump_whole_ship, library, load_ship, parse_ship
 from cases.shipfiles.ship_json import dump_ship_json
@@ -271,6 +271,14 @@ def test_a_whole_ship_reads_back_to_the_last_bit(name: str) -> None:
             assert getattr(back, field.name) == getattr(ship, field.name), field.name
     assert ship.network is not None and back.network is not None
     assert same_network(back.network, ship.network)
+
+
+def test_a_network_of_a_ship_whose_sizes_were_whole_numbers_is_read_with_her_file(tmp_path: Path) -> None:
+    ship = replace(SHIP, particulars={**SHIP.particulars, "L": 3, "x_G": np.int64(0), "d": np.float32(0.5)})
+    ship = ship.with_network(random_network(ship))
+    (tmp_path / "ship.toml").write_text(dump_ship(ship))
+    save_network(tmp_path / "network.safetensors", ship.network, ship)
+    assert load_ship(tmp_path).network is not None
 
 
 @pytest.mark.parametrize(
