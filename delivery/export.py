@@ -13,7 +13,7 @@ from cases.shipfiles.ship_file import dump_whole_ship
 from cases.shipfiles.ship_json import dump_ship_json
 from delivery.product import Product, product_of
 from fitting.report.run_folder import check_place, write_json, write_whole
-from mmg.errors import BadValue, Conflict, TargetExists, UnknownName, writing
+from mmg.errors import BadValue, Conflict, TargetExists, UnknownName, refusing, writing
 from mmg.messages import Message
 
 ABOUT = "product.json"  # In every folder that is delivered: what it is. A folder without it is never replaced.
@@ -90,6 +90,7 @@ def export(product: Product, form: str, out: str | Path, force: bool = False, **
     return messages
 
 
+@refusing
 def export_ship(
     where: str | Path, form: str, out: str | Path, force: bool = False, without: Sequence[str] = (), **options: Any
 ) -> list[Message]:

@@ -53,7 +53,7 @@ from fitting.settings import Settings, check_estimator
 from fitting.solvers.control import Control, Made, OutOfTimeError, left_out_message, make_in_turn
 from fitting.uncertainty.refits import check_request, failed_refits, refit_rows
 from fitting.uncertainty.sandwich import changes_without_each
-from mmg.errors import Conflict, refusing
+from mmg.errors import Conflict, check_name, refusing
 from mmg.messages import LOGGER, Message, OnProgress, message_rows
 from mmg.motion.flow import STATES
 from mmg.rollout import Simulator
@@ -113,6 +113,9 @@ class FitOptions:
     prior_mean: UncertainMean | None = None
     estimator: str = "both"
     second: Second | None = None
+
+    def __post_init__(self) -> None:
+        check_name(self.name, "calibration")  # before the work, not where its result is named
 
     @property
     def asks_second(self) -> bool:

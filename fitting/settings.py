@@ -25,7 +25,7 @@ class Settings:
 
     window: float | None = setting(None, "Window length [s]; default 100 steps.", gt=0)
     step: float | None = setting(None, "Step of integration [s]; default 0.05 L/U.", gt=0)
-    interval: int = setting(5, "Runge-Kutta steps per shooting interval.", ge=1)
+    interval: int = setting(5, "Runge-Kutta steps per shooting interval.", ge=1, le=100)
     passes: int = setting(3, "Solves; the noise is estimated anew between them.", ge=1)
     starts: int = setting(1, "Starts of the last solve.", ge=1)
     workers: int = setting(1, "Processes over which tasks are spread.", ge=1)

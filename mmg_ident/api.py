@@ -220,7 +220,7 @@ CHANGES = "with_ without fix only"  # Keywords of ``calibrate`` that change the 
 OPTIONS = "measurement per_run per_campaign profile bootstrap posterior next_trial estimator name"
 
 
-@keywords(Settings, also=f"{CHANGES} {OPTIONS} captive captive_sigma".replace("bootstrap", "bootstrap#"))
+@keywords(Settings, also=f"{CHANGES} {OPTIONS} captive/ captive_sigma#".replace("bootstrap", "bootstrap#"))
 def calibrate(
     ship: Model,
     trials: Trials,
@@ -538,6 +538,8 @@ def write_report(
     from fitting.report.page import needs_weasyprint, write_pdf
 
     folders = [Path(run) for run in ([runs] if isinstance(runs, (str, Path)) else runs)]
+    if not folders:
+        raise Missing("runs: none is given; a page shows at least one run folder")
     if pdf is not None:
         needs_weasyprint()  # before the page is made, which takes longer
     kinds = {folder: read_result(folder)["kind"] for folder in folders}

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from mmg.errors import BadValue, UnknownName, by_name, check_kinds, finite, is_several, unknown, whole
+from mmg.errors import BadValue, UnknownName, by_name, check_kinds, finite, is_several, refusing, unknown, whole
 
 if TYPE_CHECKING:
     from cases.io.toml_file import Section
@@ -142,9 +142,11 @@ def keywords(*kinds: type, also: str = "", others: bool = False) -> Callable[[F]
     completions, and a keyword that it does not have or a number that is none is a UserError.
 
     kinds: dataclasses of whose ``settings_of`` they are; also: further names, separated by spaces, those of numbers
-    with a "#" behind, those of True or False with a "?"; others: whether the function judges further ones itself.
+    with a "#" behind, those of True or False with a "?", paths with a "/"; others: whether the function judges further
+    ones itself.
     """
-    names = {name.rstrip("#?"): {"#": "float | None", "?": "bool | None"}.get(name[-1], "") for name in also.split()}
+    marks = {"#": "float | None", "?": "bool | None", "/": "str | Path | None"}
+    names = {name.rstrip("#?/"): marks.get(name[-1], "") for name in also.split()}
     names |= {name: "" for kind in kinds for name in settings_of(kind) if name not in names}
 
     def shown(function: F) -> F:
@@ -152,7 +154,7 @@ def keywords(*kinds: type, also: str = "", others: bool = False) -> Callable[[F]
         written = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
         more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind or Any)
                 for name, kind in names.items() if name not in signature.parameters]  # fmt: skip
-        full = signature.replace(parameters=[*written, *more])
+        full, checked = signature.replace(parameters=[*written, *more]), refusing(function)
 
         @functools.wraps(function)
         def called(*given: Any, **values: Any) -> Any:
@@ -165,7 +167,7 @@ def keywords(*kinds: type, also: str = "", others: bool = False) -> Callable[[F]
                 annotation = full.parameters[name].annotation if name in full.parameters else ""
                 if annotation == "int" or (annotation == "int | None" and value is not None):
                     whole(name, value, 0)
-            return function(*given, **values)
+            return checked(*given, **values)
 
         called.__signature__ = full  # type: ignore[attr-defined]
         return called  # type: ignore[return-value]

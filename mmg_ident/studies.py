@@ -109,8 +109,11 @@ def imo(
     from fitting.prediction.bands import correlation_in
     from fitting.prediction.figure_intervals import DRAWS, JudgedFigures, with_intervals
 
+    for name, value in (("scale", scale), ("length", values.get("length"))):
+        if value is not None and not 0 < value < math.inf:
+            raise OutOfRange(f"{name} = {value:g}: must be positive")
     measured, simulated = taken(values, MEASURED), taken(values, SIMULATED)
-    if isinstance(trials, (str, Path)) or len(trials):
+    if len(measured_runs := TrialSet.of(trials)):
         if simulated:
             raise Conflict(f"--{next(iter(simulated)).replace('_', '-')}: belongs to a simulated ship, not to trials")
         water: bool | WaterVelocity = measured.get("correct", False)
@@ -123,11 +126,9 @@ def imo(
             # north and east [m/s]: a current is named by where it goes to, a wind by where it comes from
             water = WaterVelocity(speed * math.cos(towards), speed * math.sin(towards), "as given")
         length = measured.get("length")
-        if length is not None and not 0 < length < math.inf:
-            raise OutOfRange(f"length = {length:g}: must be a positive number of metres")
         if model is None and length is None:
             raise Missing("trials need the length of their ship: --ship SHIP or --length METRES")
-        (runs,) = ready(trials, unchecked=unchecked)
+        (runs,) = ready(measured_runs, unchecked=unchecked)
         ship = None if model is None else ship_of(model)
         return JudgedFigures.of(imo_figures_of_trials(runs, ship, length, scale, water))
     if measured:

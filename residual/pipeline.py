@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from cases.inputs import assumed
-from cases.shipfiles.ship_file import load_ship
+from cases.shipfiles.ship_file import load_ship, ship_of
 from cases.trial import Trial
 from cases.trial_set import TrialSet, shared_rows
 from fitting.parallel import with_one_thread
@@ -130,8 +130,8 @@ def _start(
     if isinstance(given, (str, Path)):
         stored = run_folder.described_in(Path(given)) / run_folder.LOSS
         return load_ship(given), _known(Path(given)), str(given), lambda: loss_in(stored)
+    ship = ship_of(given)  # before what else is asked of it, so that what is none is refused
     record = {} if isinstance(given, Ship) else given.to_dict()
-    ship = given if isinstance(given, Ship) else given.ship
     return ship, record, ship.name, lambda: given.loss if isinstance(given, FitResult) else None
 
 

@@ -127,6 +127,8 @@ def replace_text(path: Path, text: str) -> None:
 def replaced(path: Path) -> Iterator[Path]:
     """A file beside ``path`` to write to, which takes its place at the end. Raises OSError where that is not possible.
     Where the writing fails nothing is left behind, and what processes have left that were killed here is removed."""
+    if not path.name:
+        raise IsADirectoryError(f"{path} is a folder")
     _remove_leftovers(path)
     scratch = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")  # beside it: only there a rename is atomic
     lock = os.open(scratch, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)

@@ -27,7 +27,7 @@ from fitting.nlp.problem import Problem
 from fitting.parallel import Shared, run_all, width
 from fitting.solvers.control import Control
 from fitting.solvers.solve import Solution, solve
-from mmg.errors import OutOfRange, UnknownName
+from mmg.errors import UnknownName, whole
 from mmg.messages import Message
 
 REFIT_TOLERANCE = 1e-4  # Of a refit of the bootstrap: a spread needs no more digits. Set by hand.
@@ -44,8 +44,7 @@ def check_request(replicates: int, symbols: Sequence[str], free: Sequence[str], 
     """Raises UserError for fewer than 0 bootstrap ``replicates`` or ``draws`` from the posterior, for these without
     their sampler, and for ``symbols`` to profile that are not ``free``."""
     for option, count in (("--bootstrap", replicates), ("--posterior", draws)):
-        if count < 0:
-            raise OutOfRange(f"{option} {count} must not be negative")
+        whole(option, count, 0)
     if draws:
         from fitting.uncertainty.posterior import needs_nutpie  # late: few ask for draws
 

@@ -25,6 +25,7 @@ CALLS = """
 mi.calibrate( 123,train SHIP,[] SHIP,None SHIP,[1,2] SHIP,FRAME SHIP,t.to_pandas()
 mi.calibrate(SHIP,train, settings=3 settings=mi.Settings(window=-3) options={} windw=3 window="a" with_="curent"
 mi.calibrate(SHIP,train, bootstrap="x" measurement="foo" captive="nope.csv" fix=3 with_={"current":3} per_run="foo"
+mi.calibrate(SHIP,train, name="a/b" captive=3 bootstrap=np.nan interval=10**6 captive_sigma="a"
 mi.score( SHIP,None None,held
 mi.score(SHIP,held, sigma=[1,2] sigma="a" sigma=3. sigma=[0]*6 method=3 method="heun" adapt=-1 windw=2 window=-1.0
 mi.predict( SHIP,held,window="a" SHIP,held,stride=0 SHIP,[] fit,t.columns
@@ -39,20 +40,23 @@ mi.simulate(SHIP, np.arange(5.0)[::-1],n=1.0,delta=0.0 np.arange(5.0).reshape(1,
 mi.simulate_many( [SHIP],None {"N_r":[-0.05]},"turning:35",ship=SHIP np.ones((2,3)),"turning:35",ship=SHIP
 mi.simulate_many(pd.DataFrame( {"foo":[1.]}),"turning:35",ship=SHIP {"N_r":["a"]}),"turning:35",ship=SHIP
 mi.simulate_many(pd.DataFrame( {"N_r":[-0.05]}),"turning:35"
+mi.imo(SHIP, trials=None scale=-1.0 scale=np.nan
 mi.imo( None SHIP,scatter="x" SHIP,scatter=3 SHIP,[t],length=-3 SHIP,sped=1.0 SHIP,[t],scatter=50
 mi.imo(SHIP, [t],current=3 rudder_rate="x"
 mi.plan( fit,"60",100. fit,(60,25),100. fit,"60x25","x" SHIP,"60x25",100.
+mi.train( 3,train None,train
 mi.train(SHIP,train, seeds="3" loss="foo" epoch=3 settings=3 settings=mi.TrainSettings(),model="fnn" curriculum=[]
 mi.train(SHIP,train, settings=mi.TrainSettings(curriculum=((10,0),)) settings=mi.TrainSettings(seeds=-1)
 mi.diagnose( SHIP,[] SHIP,train,site="nope.toml" SHIP,train,step="x" SHIP,train,stp=0.1 SHIP,train,options=3
+mi.gap(SHIP,train,held, workers=-1 seed=np.nan
 mi.gap( SHIP,train,[] 3,train,train SHIP,train,held,seeds="x" SHIP,train,held,options=mi.GapOptions(),seeds=2
 mi.select(SHIP, train,only="foo" train,objective="foo" [] train,order="x"
 mi.import_logs( "nope.csv","out" 3,"out"
 mi.months( "nope",SHIP
 mi.fleet( "nope.toml"
 mi.view( "nope","out.html" 3,"out.html"
-mi.report( "nope","out.html" 3,"out.html"
-mi.export( "nope","c","out" SHIP,"foo","out" 3,"c","out"
+mi.report( "nope","out.html" 3,"out.html" [],"out.html" [3],"out.html"
+mi.export( SHIP,["c"],"out" SHIP,"c","out",without=None "nope","c","out" SHIP,"foo","out" 3,"c","out"
 mi.scale( SHIP,"x" SHIP,-3 3,100.
 mi.load_run( "nope" 3
 mi.load_ship( "nope" 3
