@@ -202,7 +202,7 @@ class FitResult(FitRecord):
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged ({self.status})"
         # of a verdict what stands before its reason, its partners and its share; of a scaled ship that of the model
-        kinds = (row.verdict.rpartition("; there, ")[2] for row in self.estimates.values())
+        kinds = (row.verdict.rpartition("; there: ")[2] for row in self.estimates.values())
         verdicts = Counter(re.split(r"[:(,]|with ", kind)[0].strip() for kind in kinds)
         counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
         warned = f"; {len(self.warnings)} warnings" if self.warnings else ""

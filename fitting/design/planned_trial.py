@@ -185,7 +185,7 @@ class PlannedTrial:
             f"windows of her fit{worth}",
         )
 
-    def write(self, path: Path) -> None:
+    def write(self, path: str | Path) -> None:
         """The file for the autopilot: t, n, delta (all actuators), predicted motion and its std. path: a CSV file.
         ``n`` and ``delta`` are means over the step that follows, ``n_order`` and ``delta_order`` what is ordered."""
         import pandas as pd
@@ -203,7 +203,7 @@ class PlannedTrial:
         units = {name: UNITS.get(name) or INPUTS.get(name, ("", ""))[1] for name in columns}
         units |= {name: units[name.removesuffix("_std")] for name in columns if name.endswith("_std")}
         columns = {f"{name} [{units[name]}]": values for name, values in columns.items()}
-        with replaced(path) as scratch:
+        with replaced(Path(path)) as scratch:
             pd.DataFrame(columns).to_csv(scratch, index=False, lineterminator="\n")
 
 

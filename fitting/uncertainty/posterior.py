@@ -72,9 +72,9 @@ class Posterior:
         rows = self.table.to_dict(orient="index")
         return {"power": self.power, "coefficients": rows, "messages": [str(m) for m in self.messages]}
 
-    def save(self, folder: Path) -> None:
+    def save(self, folder: str | Path) -> None:
         """Write the draws to posterior.parquet in ``folder``. Raises OSError."""
-        self.to_pandas().to_parquet(folder / "posterior.parquet")
+        self.to_pandas().to_parquet(Path(folder) / "posterior.parquet")
 
     def __repr__(self) -> str:
         return f"<Posterior of {len(self.table)} coefficients: {'; '.join(self.messages)}>"

@@ -167,7 +167,7 @@ def test_results_are_shown_in_words_of_their_own(result: str) -> None:
 
 
 def test_coefficients_are_counted_by_their_verdict_alone() -> None:
-    words = ["shared with a: the data", "shared with b and others", "prior (100 %)", "-1.5 of it; there, prior"]
+    words = ["shared with a: the data", "shared with b and others", "prior (100 %)", "-1.5 of it; there: prior"]
     fit = small_result()
     rows = zip(fit.estimates.items(), words, strict=False)
     made = dataclasses.replace(fit, estimates={s: dataclasses.replace(row, verdict=w) for (s, row), w in rows})

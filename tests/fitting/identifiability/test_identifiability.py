@@ -355,7 +355,7 @@ def test_a_planned_trial_of_two_rudders_is_written_with_the_unit_of_each_column(
     found = SimpleNamespace(
         states=np.zeros((3, 6)), inputs=np.ones((3, 2)), orders=np.ones((3, 2)), std=np.ones((3, 6))
     )
-    PlannedTrial(true_ship("twin"), None, found, None, 1.0, ()).write(tmp_path / "next.csv")  # type: ignore[arg-type]
+    PlannedTrial(true_ship("twin"), None, found, None, 1.0, ()).write(str(tmp_path / "next.csv"))  # type: ignore[arg-type]
     header = (tmp_path / "next.csv").read_text().splitlines()[0].split(",")
     assert {"n_2 [rps]", "delta_port [rad]", "delta_order [rad]", "n_order [rps]", "r_std [rad/s]"} <= set(header)
 
