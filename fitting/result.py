@@ -30,7 +30,7 @@ from fitting.record import CoefficientRow, FigureRow, FitObjects, FitRecord, Mes
 from fitting.report import run_folder
 from fitting.report.plot_style import FigureFolder
 from fitting.solvers.control import left_out_message, unless_interrupted
-from mmg.errors import BadValue, Missing, UnknownName, UserError, name_fault, refusing, unknown, whole
+from mmg.errors import Missing, UnknownName, UserError, name_fault, refusing, unknown, whole
 from mmg.messages import html_table
 from mmg.rollout import Simulator
 from mmg.ship import Ship
@@ -236,8 +236,6 @@ class FitResult(FitRecord):
         and the page come last: one that fails is a warning. Raises UserError where it is no path, exists or cannot be
         written.
         """
-        if not isinstance(folder, (str, Path)):
-            raise BadValue(f"folder: {type(folder).__name__} is no path")
         target = Path(folder)
         if not replace:
             run_folder.check_target(target)

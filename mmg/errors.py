@@ -283,7 +283,8 @@ def _fits(value: Any, annotation: str, names: Mapping[str, Any], deep: bool) -> 
     are, too. What is neither one of KINDS nor a class, as an alias is not, may be anything."""
     for head, inner in _heads(annotation):
         kind = KINDS[head][1] if head in KINDS else names.get(head)
-        if kind is None and head.endswith(("Settings", "Options", "Axes")):  # by name, as it need not be loaded
+        # by its name where it need not be loaded
+        if kind is None and head.endswith(("Settings", "Options", "Axes", "FitResult")):
             matches = head in [c.__name__ for c in type(value).__mro__]
         elif isinstance(kind, type):
             matches = isinstance(value, kind)

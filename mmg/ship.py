@@ -229,8 +229,6 @@ class Ship:
         one that another part of her model needs."""
         ship = self
         for name in names:
-            if not isinstance(name, str):
-                raise BadValue(f"without: {name!r} is no name; give names one by one, such as without('wind')")
             ship = ship.without_effect(name) if name in ship.effects else ship._without_component(name)
         return ship
 

@@ -283,10 +283,7 @@ def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnP
     a folder, for a symbol that is not free and a value outside its bounds.
     """
     from fitting.calibrate import refit as solved_again
-    from fitting.result import FitResult
 
-    if not isinstance(fit, FitResult):
-        raise BadValue(f"fit: {type(fit).__name__} is no result of calibrate")
     held = {} if hold is None else by_name(hold)
     if not isinstance(held, dict):
         raise BadValue(f"hold: {hold!r}: give values by symbol, such as {{'N_r': -0.05}}")

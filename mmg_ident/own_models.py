@@ -125,8 +125,6 @@ def _word(argument: str, word: Any) -> str:
 
 def _rows(argument: str, given: Any, kind: type[R], made: Callable[[Any], R], form: str) -> tuple[R, ...]:
     """The rows of an ``argument``, each of a ``kind`` or what is ``made`` of a tuple of a ``form``."""
-    if not isinstance(given, Iterable):
-        raise BadValue(f"{argument}: is a {type(given).__name__}; give a list")
     rows: list[R] = []
     for row in given:
         if not isinstance(row, kind):

@@ -153,8 +153,6 @@ def read_trials(paths: Iterable[str | Path] | str | Path) -> list[Trial]:
     """The trials of several files and folders, in the order given (folders: by name). paths: one or several; a folder
     stands for the .csv and .parquet files in it, or in its sub-folders when it holds none itself. What their numbers
     refute is for ``cases.checks`` to say. Raises UserError for all that cannot be read."""
-    if not isinstance(paths, (str, Path, Iterable)):
-        raise BadValue(f"trials: {type(paths).__name__} is none: give files or folders")
     files, trials, problems = trial_files(paths), list[Trial](), list[UserError]()
     for file in files:
         try:

@@ -43,8 +43,6 @@ def load_ship(where: str | Path) -> Ship:
 
     Raises UserError when the file is missing, is not TOML, or contradicts itself, or the network is another ship's.
     """
-    if not isinstance(where, (str, Path)):
-        raise BadValue(f"{type(where).__name__} is no ship: give a ship file, a run folder, or a name of mmg ships")
     path, network = library().get(str(where)) or Path(where), None
     if is_black_box(path):
         raise BadValue(f"{where}: is a black box of mmg train, no ship: mmg predict and mmg score take it")

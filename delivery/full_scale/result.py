@@ -6,14 +6,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime, timezone
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cases.maneuvers.self_propulsion import revolutions_for
-from cases.shipfiles.ship_file import load_ship
+from cases.shipfiles.ship_file import load_ship, ship_of
 from delivery.full_scale.scaled_ship import ScaledShip, Scaling, scaled_ship
 from delivery.full_scale.similarity import dropped_effects, similar_adaptation, similar_bands, similar_envelope
 from fitting.record import CoefficientRow, Correlation, MessageRow
@@ -21,7 +20,7 @@ from fitting.report.run_folder import content_on, of_predictions, versions
 from fitting.result import FitResult, read_fit
 from fitting.settings import Settings
 from mmg.components.friction import ROUGHNESS
-from mmg.errors import BadValue, UserError, refusing
+from mmg.errors import UserError, refusing
 from mmg.motion.froude import reference_speed
 from mmg.ship import Ship
 
@@ -121,12 +120,8 @@ def scale(
     coefficients, covariance, ranges and bands, whose ``scaling`` holds what was assumed. Raises UserError for
     particulars that are lacking.
     """
-    if not isinstance(length, Real):
-        raise BadValue(f"length = {length!r}: is no number of metres")
-    if not isinstance(model, (str, Path, Ship, FitResult)) and not hasattr(model, "ship"):
-        raise BadValue(f"{type(model).__name__} is no model: give a ship, its name or file, a run folder, or a result")
     scaling = Scaling(length, speed, density, form_factor, roughness, froude_only, name)
-    return scaled_result(model if isinstance(model, (str, Path, Ship, FitResult)) else model.ship, scaling)
+    return scaled_result(model if isinstance(model, (str, Path, FitResult)) else ship_of(model), scaling)
 
 
 def _finite(value: float) -> float | None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from diagnosis.estimation.noise_sizes import initial_noise
 from diagnosis.estimation.transition_model import FORCE
-from mmg.errors import BadValue, Conflict, Missing, UnknownName, by_name, unknown
+from mmg.errors import Conflict, Missing, UnknownName, by_name, finite, unknown
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
@@ -95,18 +95,14 @@ def deviations(chosen: Iterable[str] | Mapping[str, float] | pd.Series[float], s
 
     Raises UserError for an unknown coefficient, for one that is a random state anyway and for one without deviation.
     """
-    stds, chosen = {}, by_name(chosen)
+    stds, chosen = dict[str, float](), by_name(chosen)
     for symbol in [chosen] if isinstance(chosen, str) else chosen:
         if symbol in (*FORCE, *CURRENT):
             raise Conflict(f"coefficients: {symbol} is a random state of every tracker; leave it out")
         if symbol not in ship.symbols:
             raise UnknownName(f"coefficients: {unknown('coefficient', str(symbol), ship.symbols)}")
         std = chosen[symbol] if isinstance(chosen, dict) else ship.coefficients[symbol].std
-        try:
-            std = float(std)
-        except (TypeError, ValueError):
-            raise BadValue(f"coefficients: {std!r} is no number") from None
-        if not 0 < std < math.inf:
+        stds[symbol] = finite(f"coefficients: {symbol}", std)
+        if not stds[symbol] > 0:
             raise Missing(f"coefficients: {symbol} has no standard deviation; give {{'{symbol}': deviation}}")
-        stds[symbol] = std
     return stds
