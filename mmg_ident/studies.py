@@ -21,6 +21,7 @@ from mmg.errors import BadValue, Conflict, Missing, OutOfRange, TooFewData, Unkn
 from mmg.messages import Message, OnProgress
 from mmg_ident.api import content_of, load_run
 from mmg_ident.settings import checked_settings, keywords, listed, names_of, settings_of, taken
+from residual.settings import TrainSettings
 
 if TYPE_CHECKING:
     from cases.importing.import_logs import Imported
@@ -225,7 +226,7 @@ def parted_trials(trials: Trials, validate: Trials = (), test: Trials = ()) -> t
 SELECTION: dict[str, Any] = {"time_limit": 300.0, "passes": 2}
 
 
-@keywords(Settings, Rules, also="objective seeds")
+@keywords(Settings, Rules, also="objective seeds#")
 def select(
     ship: Model,
     trials: Trials,
@@ -295,12 +296,15 @@ def comparison_study(
         shares = []  # refused below, as shares outside (0, 1] are
     if not shares or not all(0 < share <= 1 for share in shares):
         raise OutOfRange(f"--fractions {fractions}: give shares above 0 and up to 1, separated by commas")
+    values = {name: value for name, value in values.items() if value is not None}
+    settings = {name: value for name, value in values.items() if name in settings_of(TrainSettings)}
+    checked_settings(TrainSettings, settings, "settings of the trainings")
     kinds = (True, False)[: 1 + bool(values.pop("no_random", False))]  # with runs of random manoeuvres, and without
-    tests = _positioned(test or ["development-holdout"], "--test")
+    tests = _positioned(test, "--test", ["development-holdout"])
     # by name and by content: splits of the same records share names, copies share bytes
     tested = {t.name for t in tests} | {t.sha256 for t in tests if t.sha256}
     usual = ["train-tzrb+" if paper else "train-tzrb"]
-    trained_on = [t for t in _positioned(train or usual, "--train") if not {t.name, t.sha256} & tested]
+    trained_on = [t for t in _positioned(train, "--train", usual) if not {t.name, t.sha256} & tested]
     if not trained_on:
         raise Missing("--train: nothing is left to train on besides the test trials")
     train_set, test_set = ready(trained_on, tests, unchecked=unchecked)
@@ -314,14 +318,14 @@ def comparison_study(
     return replace(study, paper=paper_models(study.train, types, study.epochs, seeds=study.seeds, seed=study.seed))
 
 
-def _positioned(given: Trials, option: str) -> list[Trial]:
-    """Trials, files, folders and names of splits, as trials with positions."""
+def _positioned(given: Trials, option: str, usual: Sequence[str]) -> list[Trial]:
+    """Trials, files, folders and names of splits, the ``usual`` ones where none is given, as trials with positions."""
     from cases.io.published_splits import SPLITS, find
 
     # one trial or path is not looped over: a text is a sequence too
     several = [given] if isinstance(given, (str, Path)) or not isinstance(given, Sequence) else list(given)
     trials: list[Trial] = []
-    for one in several:
+    for one in several or usual:
         split = SPLITS.get(one.lower()) if isinstance(one, str) else None
         trials += TrialSet.of(find(split) if split else one)
     without = [t.name for t in trials if not t.has_position]

@@ -50,7 +50,9 @@ mi.train(SHIP,train, settings=mi.TrainSettings(curriculum=((10,0),)) settings=mi
 mi.diagnose( SHIP,[] SHIP,train,site="nope.toml" SHIP,train,step="x" SHIP,train,stp=0.1 SHIP,train,options=3
 mi.gap(SHIP,train,held, workers=-1 seed=np.nan
 mi.gap( SHIP,train,[] 3,train,train SHIP,train,held,seeds="x" SHIP,train,held,options=mi.GapOptions(),seeds=2
-mi.select(SHIP, train,only="foo" train,objective="foo" [] train,order="x"
+mi.select(SHIP, train,seeds="x" train,only="foo" train,objective="foo" [] train,order="x"
+mi.compare(train,held,SHIP,"captive", seeds=-1 epochs=np.nan workers=0 step="a"
+mi.compare( FRAME,held
 mi.import_logs( "nope.csv","out" 3,"out"
 mi.months( "nope",SHIP
 mi.fleet( "nope.toml"
