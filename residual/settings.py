@@ -86,6 +86,7 @@ def defaults_of(model: str) -> TrainSettings:
 def settings_from(values: dict[str, Any]) -> TrainSettings:
     """Settings from their plain ``values``, as ``dataclasses.asdict`` gives them; unknown names are left out."""
     kind = BlackBoxSettings if "kind" in values else TrainSettings
-    known = {f.name: values[f.name] for f in fields(kind) if f.name in values}
+    # version 0.1 wrote null for some of what now has a default
+    known = {f.name: values[f.name] for f in fields(kind) if values.get(f.name) is not None}
     known["sigma"] = tuple(map(float, known.get("sigma") or ())) or None
     return kind(**known | {"curriculum": tuple((float(a), float(b)) for a, b in known["curriculum"])})
