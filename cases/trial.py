@@ -93,10 +93,8 @@ class Trial:
 
     def __post_init__(self) -> None:
         check_name(self.name, str(self.path or "trial"))
-        if not isinstance(given := by_name(self.columns), dict):
-            raise BadValue(f"{self.name}: columns: {given!r}: give arrays by name, such as {{'t': times}}")
         # lists, or columns of pandas, become arrays; none is written to, as what is known of a trial is kept
-        given = {name: as_column(self.name, name, values) for name, values in given.items()}
+        given = {name: as_column(self.name, name, values) for name, values in by_name(self.columns).items()}
         object.__setattr__(self, "columns", given)  # as a frozen dataclass is completed
         for name, values in given.items():
             if values.dtype.kind not in "fiub":

@@ -15,7 +15,7 @@ from mmg.components.catalogue import actuators, coefficient_table, module, own_m
 from mmg.components.coefficients import Coefficient
 from mmg.components.own import Own
 from mmg.effects import EFFECTS, effect
-from mmg.errors import BadValue, Conflict, Missing, UnknownName, by_name, check_name, finite, refusing, unknown
+from mmg.errors import Conflict, Missing, UnknownName, by_name, check_name, finite, refusing, unknown
 from mmg.messages import Message, html_table
 from mmg.motion.flow import INPUTS
 from mmg.network import Network, features_of
@@ -314,8 +314,6 @@ class Ship:
     def _chosen(self, values: Mapping[str, float] | None, named: Mapping[str, float]) -> dict[str, float]:
         """Finite numbers by symbol: ``values``, and those ``named`` by keyword. Raises UserError for any other."""
         given = {} if values is None else by_name(values)
-        if not isinstance(given, dict):
-            raise BadValue(f"{self.name}: {given!r}: is no mapping of symbols to values")
         return {symbol: finite(f"{self.name}: {symbol}", value) for symbol, value in {**given, **named}.items()}
 
     def _check_symbol(self, symbol: str) -> None:

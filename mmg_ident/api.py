@@ -285,8 +285,6 @@ def refit(fit: FitResult, hold: Mapping[str, float] | None = None, progress: OnP
     from fitting.calibrate import refit as solved_again
 
     held = {} if hold is None else by_name(hold)
-    if not isinstance(held, dict):
-        raise BadValue(f"hold: {hold!r}: give values by symbol, such as {{'N_r': -0.05}}")
     return solved_again(fit, {symbol: finite(symbol, value) for symbol, value in held.items()}, progress)
 
 

@@ -383,7 +383,7 @@ SETTINGS = tuple(name for name in SidecarEntry.model_fields if name not in ("col
 
 def trial_from_pandas(frame: Any, name: str, units: Mapping[str, str] | None, settings: Mapping[str, Any]) -> Trial:
     """As ``Trial.from_pandas``, with its ``frame``, ``name``, ``units`` and ``settings``. Raises UserError as that."""
-    units = _units_of(name, units)
+    units = dict({} if units is None else by_name(units))
     if hasattr(frame, "data_vars"):  # a Dataset of xarray says units of its own
         of_variables = {str(name): v.attrs["units"] for name, v in frame.variables.items() if "units" in v.attrs}
         units, frame = of_variables | units, frame.to_dataframe()
@@ -426,16 +426,8 @@ def trial_from_arrays(name: str, given: Mapping[str, Any], units: Mapping[str, s
     if len(set(sizes.values())) > 1:
         lengths = ", ".join(f"{key} {size}" for key, size in sizes.items())
         raise Conflict(f"{name}: columns of different lengths ({lengths}); a sample has one number of each")
-    all_units = {key: quantity(key).unit for key in arrays} | _units_of(name, units)
+    all_units = {key: quantity(key).unit for key in arrays} | dict({} if units is None else by_name(units))
     return _made(list(arrays), list(arrays.values()), name, all_units, settings)
-
-
-def _units_of(name: str, units: Any) -> dict[str, str]:
-    """The ``units`` by column of the trial of this ``name``, {} for None. Raises UserError where they are none."""
-    given = {} if units is None else by_name(units)
-    if not isinstance(given, dict):
-        raise BadValue(f"{name}: units: {given!r}: give them by column, such as {{'psi': 'deg'}}")
-    return given
 
 
 def _made(
