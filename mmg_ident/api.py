@@ -172,9 +172,9 @@ def simulate(
 
     model = with_effects(ship_of_campaign(ship_of(ship), values.pop("campaign", None)), effects_of(effects))
     if isinstance(maneuver, str):
-        orders, dt = taken(values, "n speed rudder_rate duration"), values.pop("dt", None)
+        orders = taken(values, "n speed rudder_rate duration dt")
         orders = {name: finite(name, order) for name, order in orders.items()}
-        sampled = values.pop("sampled_helm", False)
+        dt, sampled = orders.pop("dt", None), values.pop("sampled_helm", False)
         _refuse(values, f"{maneuver} takes duration, dt, n, speed, rudder_rate and sampled_helm")
         if "rudder_rate" in orders:
             orders["rudder_rate"] = math.radians(orders["rudder_rate"])  # a person gives deg/s
