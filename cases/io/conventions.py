@@ -319,4 +319,4 @@ def _wind(out: dict[str, np.ndarray], entry: SidecarEntry, notices: list[Message
         )
         notices.append(Message("true wind derived from the apparent wind, u, v and psi", "true_wind_derived"))
     else:
-        notices.append(Message("no wind: wind forces cannot be modelled and are taken as zero", "no_wind"))
+        notices.append(Message("no wind: the air is taken to be calm; a ship under way feels her own wind", "no_wind"))
