@@ -314,7 +314,7 @@ class FitResult(FitRecord):
     def with_late_figures(self, trials: Sequence[Trial]) -> FitResult:
         """The result with figures drawn into its ``folder``, where it was saved without a report.
 
-        trials: its own that are at hand, for tracks and the growth of errors. As given where it has figures already.
+        trials: its own that are at hand, for tracks. As given where it has figures already.
         """
         from cases.trial_set import TrialSet, ready
         from fitting.report.plots import write_figures

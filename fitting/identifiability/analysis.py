@@ -89,13 +89,12 @@ class Identifiability:
 
     findings: one per free coefficient, in the prior's order. clusters: see there, strongest first.
     condition_number: of the data's information in prior standard deviations, infinite when it is singular.
-    condition_with_prior: of the posterior precision. correlation: (P, P).
+    correlation: (P, P).
     """
 
     findings: tuple[CoefficientFinding, ...]
     clusters: tuple[Cluster, ...]
     condition_number: float
-    condition_with_prior: float
     correlation: np.ndarray
 
     def to_dict(self) -> dict[str, Any]:
@@ -116,7 +115,6 @@ class Identifiability:
             },
             "clusters": [{"symbols": list(c.symbols), "correlation": c.strongest} for c in self.clusters],
             "condition_number": self.condition_number,
-            "condition_number_with_prior": self.condition_with_prior,
         }
 
 
@@ -150,7 +148,7 @@ def analyse(
             CoefficientFinding(s, "bound" if bound else "unknown", nan, nan, bound=bound)
             for s, bound in zip(prior.symbols, bounds, strict=True)
         )
-        return Identifiability(unknown, (), nan, nan, np.full((P, P), nan))
+        return Identifiability(unknown, (), nan, np.full((P, P), nan))
     data = precision(covariance) - np.eye(P) if information is None else information
     worth = 1.0 if information is None else information_discount(data, covariance)
     inverse = worth * data + np.eye(P)
@@ -160,12 +158,10 @@ def analyse(
     C = correlation * np.outer(std, std)
     alone, excited = ((std / own) ** 2 / np.diag(inverse)).tolist(), (np.diag(data) >= SILENT).tolist()
     values = np.linalg.eigvalsh(0.5 * (data + data.T))
-    with_prior = np.linalg.eigvalsh(inverse)
     return Identifiability(
         tuple(_finding(i, prior, p, C, alone[i], excited[i], bounds[i]) for i in range(P)),
         clusters(prior.symbols, correlation),
         float(values[-1] / values[0]) if values[0] > 1e-14 * values[-1] else float("inf"),  # else rounding: singular
-        float(with_prior[-1] / with_prior[0]),
         correlation,
     )
 

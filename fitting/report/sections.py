@@ -65,8 +65,7 @@ def identifiability_section(result: Mapping[str, Any]) -> dict[str, Any] | None:
             helped.setdefault(best["name"], []).append(f"{symbol} (−{1 - best['variance_left'] ** 0.5:.0%})")
     ranked = sorted(trial["options"], key=lambda option: option.get("mean_prior_share") or 2.0)  # null: behind all
     shown = [row for i, row in enumerate(ranked) if i < 10 or row["name"] in helped]  # ten set by hand: display
-    missing: dict[str, Any] = {"clusters": (), "condition_number": None, "condition_number_with_prior": None}
-    return {**missing, **content, "trial": trial, "options": shown, "helped": helped}
+    return {**content, "trial": trial, "options": shown, "helped": helped}
 
 
 SELECTION = "selection.json"
