@@ -391,9 +391,8 @@ def _with_lines(trials: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
         everywhere = len(rows) == len(trials) and _all_there(trials)
         for k in rows:
             level, code, sentence = out[k].findings[0]
-            path = trials[k].path
-            default = f"{path.parent / NAME if path else NAME}, [default]: {text}"
-            where = default if everywhere else line_for(path, trials[k].name, text)
+            path = trials[k].path  # there is one: a line is tried on files
+            where = f"{path.parent / NAME}, [default]: {text}" if path and everywhere else line_for(path, "", text)
             tried = f"{sentence} Tried on these files, this ends the contradiction: {where}."
             out[k] = Said([(level, code, tried), *out[k].findings[1:]], said[k].keys)
     return out
@@ -401,11 +400,9 @@ def _with_lines(trials: Sequence[Trial], said: Sequence[Said]) -> list[Said]:
 
 def _all_there(trials: Sequence[Trial]) -> bool:
     """Whether the ``trials`` are all that their folder holds: what nobody looked at must not be changed with them."""
-    path = trials[0].path
-    if path is None or not path.parent.is_dir():
-        return True
-    inside = {file.name for file in path.parent.iterdir() if file.suffix.lower() in SUFFIXES}
-    return inside <= {trial.path.name for trial in trials if trial.path}
+    paths = [trial.path for trial in trials if trial.path]
+    inside = {file.name for file in paths[0].parent.iterdir() if file.suffix.lower() in SUFFIXES}
+    return inside <= {path.name for path in paths}
 
 
 def _gained(trial: Trial, said: Said) -> float:
