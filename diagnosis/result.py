@@ -31,6 +31,7 @@ from fitting.report.run_folder import (
     write_json,
     write_whole,
 )
+from mmg.effects import with_present_names
 from mmg.errors import BadValue, Missing
 from mmg.messages import has_code, html_table, messages_from
 
@@ -229,7 +230,7 @@ def _checked(kind: Any, path: Path) -> Any:
     if not path.exists():
         raise Missing(f"{path.parent}: holds no diagnosis (no {path.name} in it)")
     try:
-        return adapter(kind).validate_python(read_json(path))
+        return adapter(kind).validate_python(with_present_names(read_json(path)))
     except ValidationError as error:
         rows = [(".".join(str(x) for x in e["loc"]) or "it", e["msg"], e["input"]) for e in error.errors()]
         wrong = [f"{key}: {words}" + ("" if isinstance(x, (dict, list)) else f", not {x!r}") for key, words, x in rows]

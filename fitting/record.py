@@ -291,6 +291,8 @@ def read_record(path: Path, content: Mapping[str, Any]) -> FitRecord:
 
     if content.get("kind") != "calibration":
         raise BadValue(f"{path}: kind = {content.get('kind')!r}: not that of a calibration; give a run of mmg fit")
+    if isinstance(settings := content.get("settings"), dict):  # a loss still to be chosen was null in earlier versions
+        content = {**content, "settings": {key: value for key, value in settings.items() if value is not None}}
     try:
         return FitRecord.of(content)
     except ValidationError as error:

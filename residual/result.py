@@ -131,7 +131,7 @@ def _box_sentence(result: Mapping[str, Any]) -> str:
         return f"{model} was trained; the trials hold no positions, so its predictions could not be scored."
     before, after = scores[name]["before"], scores[name]["after"]
     where = "on held-out trials" if name == "validation" else "on the trials it was trained on"
-    restarts = any(t["restarts"] for t in after["trials"])
+    restarts = any(t.get("restarts", True) for t in after["trials"])
     trained, ship = ([in_words(score[key]) for key in ("window", "paper")] for score in (after, before))
     over = f"over 100 s {trained[1]} and {ship[1]}" if restarts else "there is nothing to score over 100 s"
     return (
@@ -419,7 +419,7 @@ def read_training(folder: str | Path) -> TrainResult:
             names = {f.name for f in fields(Decision)}
             values: dict[str, Any] = {n: nan if v is None else v for n, v in content["decision"].items() if n in names}
             decision = Decision(**values)
-            recommended = content["recommended"]
+            recommended = content.get("recommended", HYBRID if content["kept"] else CALIBRATED)
             place = folder if recommended == HYBRID else folder / HYBRID
             start = load_ship(folder).without_network()
             network = load_ship(place).network if (place / NETWORK).exists() else None

@@ -9,7 +9,7 @@ from cases.evidence.kinematics import kinematics_of
 from cases.quantities import as_number
 from cases.shipfiles.ship_file import check_needs
 from cases.trial import Trial
-from mmg.effects import EFFECTS, Parameter
+from mmg.effects import EFFECTS, Parameter, present_name
 from mmg.errors import Conflict, Missing, OutOfRange, UnknownName
 from mmg.ship import Ship
 
@@ -27,6 +27,7 @@ def parse_effect(text: str, ship: Ship, option: str) -> tuple[str, dict[str, flo
     that lacks what the effect changes.
     """
     name, _, rest = text.strip().partition(":")
+    name = present_name(name)
     where = f"{option} {text}"
     check_needs(ship, name, where)
     table = {p.symbol: p for p in parameters(ship, name)}
@@ -194,7 +195,7 @@ def with_instruments(ship: Ship, names: Sequence[str], trials: Sequence[Trial] =
     none of an instrument.
     """
     shown = list(names) == ["shown"]
-    names = [] if list(names) == ["none"] else ["velocity_filter"] if shown else list(names)
+    names = [] if list(names) == ["none"] else ["velocity_filter"] if shown else [present_name(name) for name in names]
     for name in names:
         if name not in EFFECTS or not EFFECTS[name].measures:
             known = [e for e, effect in EFFECTS.items() if effect.measures]

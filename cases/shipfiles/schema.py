@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field, create_model
 from cases.io.toml_file import Name, Section, number
 from mmg.components.catalogue import ROLES, model_names
 from mmg.components.coefficients import PARTICULARS
+from mmg.effects import present_name
 from mmg.ship import Ship
 
 
@@ -22,6 +23,7 @@ def _not_nan(value: float) -> float:
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Bound = Annotated[float, Field(allow_inf_nan=True), AfterValidator(_not_nan)]
+Present = Annotated[str, AfterValidator(present_name)]
 
 
 class CoefficientEntry(Section):
@@ -53,7 +55,7 @@ class _Words(Section):
 class _Effects(Section):
     """it names the force model of each role: hull, propeller, rudder, wind"""
 
-    effects: list[str] = Field(default_factory=list)
+    effects: list[Present] = Field(default_factory=list)
     registered: dict[str, str] = Field(default_factory=dict)
 
 
@@ -93,10 +95,10 @@ class ShipFile(Section):
 
     ship: ShipSection
     model: ModelSection
-    coefficients: dict[str, CoefficientEntry] = Field(default_factory=dict)
-    sources: dict[str, str] = Field(default_factory=dict)
+    coefficients: dict[Present, CoefficientEntry] = Field(default_factory=dict)
+    sources: dict[Present, str] = Field(default_factory=dict)
     calibration: CalibrationSection | None = None
-    campaigns: dict[Name, dict[str, Finite]] = Field(default_factory=dict)
+    campaigns: dict[Name, dict[Present, Finite]] = Field(default_factory=dict)
 
 
 def model_table(ship: Ship) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from cases.shipfiles.schema import CoefficientEntry, ShipFile, model_table
 from mmg.components.catalogue import ROLES, coefficient_table, derived, model_names, required_particulars
 from mmg.components.coefficients import ENGINE, PARTICULARS, Coefficient
 from mmg.components.own import PLUG_IN
-from mmg.effects import EFFECTS
+from mmg.effects import EFFECTS, GONE
 from mmg.errors import BadValue, OutOfRange, UnknownName, UserError, refusing, unknown
 from mmg.messages import Message
 from mmg.ship import CalibrationMark, Ship
@@ -105,26 +105,29 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
     except (ZeroDivisionError, OverflowError):  # of the regressions behind default coefficients
         out_of_proportion = "[ship] the particulars are out of all proportion; check their units (SI)"
         raise OutOfRange(f"{where}: {'; '.join([*problems, out_of_proportion])}") from None
-    for name in dict.fromkeys(content.model.effects):
+    gone = [name for name in content.model.effects if name in GONE]
+    given_rows = {s: c for s, c in content.coefficients.items() if s.partition(".")[0] not in gone}
+    for name in dict.fromkeys(e for e in content.model.effects if e not in gone):
         lacking = _lacking(ship, name)
         ship = ship.with_effect(name) if not lacking else ship
         problems += [f"[model] effects: {lacking}"] if lacking else []
     defaults = ship.coefficients
     follows = derived(components, particulars)  # regressions on the particulars: no default that a user should know of
-    left_out = [s for s in defaults if s not in content.coefficients and s not in follows]
+    left_out = [s for s in defaults if s not in given_rows and s not in follows]
     used = (*required_particulars(components), *OPTIONAL, *ENGINE, *further)
     unused = [k for k in particulars if k not in used]
     texts = ((f"not in the ship file, so at the model's default: {', '.join(left_out)}", "model_default", left_out),
-             (f"[ship] {', '.join(unused)}: not used by any model", "unused_particular", unused))  # fmt: skip
+             (f"[ship] {', '.join(unused)}: not used by any model", "unused_particular", unused),
+             (f"effect {', '.join(gone)} is gone: the ship moves as without it", "effect_gone", gone))  # fmt: skip
     notices = [Message(text, code) for text, code, any_of in texts if any_of]
     changed = {}
-    strange = [symbol for symbol in content.coefficients if symbol not in defaults]
+    strange = [symbol for symbol in given_rows if symbol not in defaults]
     if len(strange) == 1:  # alone it may be a misspelling, for which the nearest name is said
         problems.append(unknown("coefficient", strange[0], defaults, f"with {_models(components)}"))
     elif strange:
         words = f"unknown coefficients {', '.join(strange)} with {_models(components)}"
         problems.append(f"{words}; remove them, or name the model that has them under [model]")
-    for symbol, entry in content.coefficients.items():
+    for symbol, entry in given_rows.items():
         if symbol in strange:
             continue
         changed[symbol], wrong, repairs = _coefficient(entry, defaults[symbol])
@@ -173,6 +176,8 @@ def check_needs(ship: Ship, name: str, where: str) -> None:
 
 def _lacking(ship: Ship, name: str) -> str:
     """The sentence on an effect that does not exist or lacks the force model it changes; "" when it can be used."""
+    if name in GONE:
+        return f"effect {name} is gone: leave it out; random forces are told from the ship by mmg diagnose"
     if name not in EFFECTS:
         return unknown("effect", name, sorted(EFFECTS))
     lacking = EFFECTS[name].lacking(ship.components)

@@ -37,6 +37,7 @@ from cases.io.trial_table import LARGEST_CSV
 from cases.shipfiles.ship_file import dump_ship
 from cases.trial import Trial
 from fitting.solvers.control import LEFT_OUT
+from mmg.effects import with_present_names
 from mmg.errors import BadValue, Conflict, Missing, NotWritable, TargetExists, Unreadable, UserError, writing
 from mmg.messages import Message
 from mmg.ship import Ship
@@ -204,7 +205,7 @@ def read_result(folder: Path) -> dict[str, Any]:
     path = folder / RESULT
     if not path.exists():
         raise Missing(f"{folder}: is no run folder (no {RESULT} in it)")
-    content = read_json(path)
+    content = with_present_names(read_json(path))
     if not isinstance(content.get("kind"), str):
         raise BadValue(f"{path}: has no kind, so it is not from this program, or incomplete; make the run again")
     if (version := content.get("schema_version", SCHEMA_VERSION)) != SCHEMA_VERSION:

@@ -43,6 +43,25 @@ EFFECTS: MutableMapping[str, Effect] = _EffectsByName(
     )
 )  # fmt: skip
 
+# Names of effects in files and options of earlier releases, and what they are called now.
+FORMER = {"velocity_lag": "velocity_filter"}
+GONE = ("disturbance",)  # Effects of earlier releases without which a ship moves as with them
+
+
+def present_name(name: str) -> str:
+    """What an effect, or its coefficient, of an earlier ``name`` is called now; every other name as it is."""
+    effect_name, dot, parameter = name.partition(".")
+    return FORMER.get(effect_name, effect_name) + dot + parameter
+
+
+def with_present_names(content: Any) -> Any:
+    """The ``content`` of a JSON file with effects and their coefficients as they are called now, in keys and texts."""
+    if isinstance(content, dict):
+        return {present_name(key): with_present_names(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [with_present_names(value) for value in content]
+    return present_name(content) if isinstance(content, str) else content
+
 
 def effect(name: str) -> Effect:
     """The effect of this name; KeyError with the choices if there is none."""
@@ -51,4 +70,4 @@ def effect(name: str) -> Effect:
     return EFFECTS[name]
 
 
-__all__ = ["EFFECTS", "Effect", "Parameter", "effect"]
+__all__ = ["EFFECTS", "GONE", "Effect", "Parameter", "effect", "present_name", "with_present_names"]

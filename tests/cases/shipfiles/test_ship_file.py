@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from safetensors import safe_open
 from safetensors.numpy import load_file
 
-from cases.shipfiles.effects import reduced_ship
+from cases.shipfiles.effects import freeing_effects, reduced_ship, with_instruments
 from cases.shipfiles.generated_ship import generated_ship, structure_of
 from cases.shipfiles.network_file import save_network, save_tensors
 from cases.shipfiles.schema import ShipFile
@@ -71,6 +71,20 @@ def test_any_number_and_text_survive_a_round_trip(
     )
     ship = small.with_coefficients({"Y_v": changed})
     assert parse_ship(dump_ship(ship)).coefficients["Y_v"] == changed
+
+
+def test_an_effect_is_known_by_the_name_of_earlier_releases() -> None:
+    """velocity_lag is the velocity filter in the earth frame: in files, with its campaigns, and in options."""
+    late = SHIP.with_effect("velocity_filter", {"tau": 0.7})
+    late = replace(late, campaigns={"spring": {"velocity_filter.tau": 0.9}})
+    text = dump_ship(late)
+    kept = text[: text.index('[coefficients."velocity_filter.body_axes"]')]
+    rest = text[text.index('[coefficients."velocity_filter.body_axes"]') :].partition("\n[")[2]
+    old = parse_ship((kept + "[" * bool(rest) + rest).replace("velocity_filter", "velocity_lag"))
+    assert old.effects == late.effects and old.campaigns == late.campaigns
+    assert (old.values == late.values).all() and old.symbols == late.symbols
+    assert with_instruments(SHIP, ["velocity_lag"]) == with_instruments(SHIP, ["velocity_filter"])
+    assert freeing_effects(SHIP, ["velocity_lag:tau=0.7"]).values.tolist() == late.values.tolist()
 
 
 def test_left_out_coefficients_take_the_defaults_of_the_model_in_the_fixed_order() -> None:

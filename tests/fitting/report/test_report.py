@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from cases.shipfiles.effects import freeing_effects
+from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.trial import Trial
 from fitting.prediction.predict import Window, predict
 from fitting.record import MessageRow
@@ -24,7 +26,8 @@ from fitting.report.plots import trajectory_plot
 from fitting.report.run_folder import RESULT, read_result, write_json
 from fitting.report.sections import plus_minus, structure_section
 from fitting.result import write_report
-from mmg.errors import BadValue, Missing, NotWritable
+from mmg.errors import BadValue, Missing, NotWritable, UserError
+from mmg.messages import has_code
 from mmg.rollout import Simulator
 from mmg_ident.commands.main import main
 from tests.support.calibrated import FREE, small_result
@@ -207,6 +210,33 @@ def test_the_best_comes_first_and_what_was_not_tried_last_and_a_damaged_file_is_
     for damaged in ("", "[]", "{", '{"chosen": 3}', json.dumps(GOOD | {"stability": None}), "\x00"):
         (tmp_path / "selection.json").write_text(damaged)
         assert structure_section(tmp_path) is None, damaged
+
+
+# Run folders of earlier releases, with other names, and with what is gone
+
+
+def test_a_run_of_an_earlier_release_is_read_with_present_names(tmp_path: Path) -> None:
+    """Else the errors of its coefficients would not find the ship's, and its prediction bands would be too narrow."""
+    old = {
+        "kind": "fit",
+        "coefficients": {"velocity_lag.tau": {"std": 0.1}, "Y_v": {"std": 0.2}},
+        "correlation": {"symbols": ["Y_v", "velocity_lag.tau"], "matrix": [[1.0, 0.5], [0.5, 1.0]]},
+        "settings": {"words": "the velocity_lag. stays"},
+    }
+    (tmp_path / "result.json").write_text(json.dumps(old), encoding="utf-8")
+    found = read_result(tmp_path)
+    assert list(found["coefficients"]) == ["velocity_filter.tau", "Y_v"] and found["settings"] == old["settings"]
+    assert found["correlation"]["symbols"] == ["Y_v", "velocity_filter.tau"]
+
+
+def test_a_ship_with_random_forces_is_read_without_them() -> None:
+    text = dump_ship(load_ship("esso_osaka_3m").with_effect("tow"))
+    ship = parse_ship(text.replace('effects = ["tow"]', 'effects = ["tow", "disturbance"]') + (
+        '\n[coefficients."disturbance.X"]\nvalue = 0.3\nfixed = true\nunit = "N"\n'
+    ))  # fmt: skip
+    assert ship.effects == ("tow",) and has_code(ship.notices, "effect_gone")
+    with pytest.raises(UserError, match="disturbance"):
+        freeing_effects(ship, ["disturbance"])
 
 
 # Figures: they show what they claim, at true scale, and leave matplotlib's global state alone
