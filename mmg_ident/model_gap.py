@@ -103,8 +103,8 @@ def gap(
     if values:
         from residual.settings import TrainSettings
 
+        check_settings(TrainSettings(**values))
         settings = TrainSettings(**{name: values[name] for name in ("seeds", "seed") if name in values})
-        check_settings(settings)
         options = GapOptions(settings, values.get("seed", 0), values.get("workers", 1))
     runs, tests = ready(trials, test, unchecked=unchecked)
     return _compared(model, runs, tests, options or GapOptions(), progress)

@@ -321,7 +321,7 @@ def test_an_engine_alone_is_asked_for(tmp_path: Path) -> None:
     """It is no shaft, but may turn as fast as one."""
     path = log(tmp_path / "run.nmea", *ship(shaft("E,0"), without=rpm))
     found = import_logs([path])
-    assert not found.runs and "missing n" in found.problems[0] and "'RPM-E'" in found.problems[0]
+    assert not found.runs and "missing n" in found.problems[0] and '"RPM-E"' in found.problems[0]
     assert [list(q.choices) for q in found.questions] == [["n", "n_2", "nothing"]]
     assert off(columns(path, chosen(columns={"n": "RPM-E"})), "n") < 0.01
 

@@ -333,7 +333,7 @@ def test_without_weasyprint_one_line_says_what_to_do_and_nothing_is_written(
     run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "weasyprint", None)
-    out = run / "without" / "page.html"
+    out = run / "without.html"
     assert main(["report", str(run), "--pdf", "--no-imo", "--out", str(out)]) == 2
     assert "mmg-ident[pdf]" in capsys.readouterr().err
     assert not out.exists() and not out.with_suffix(".pdf").exists()
