@@ -142,22 +142,27 @@ def interval_of(a: np.ndarray, b: np.ndarray, run: np.ndarray, rng: np.random.Ge
     return float(low), float(high)
 
 
-def compare(
-    steps: TransitionModel, data: GriddedTrials, before: Estimate, after: Estimate, seed: int = 0
-) -> HeldOut | None:
-    """Errors of test trials ``data`` by two fits of the model ``steps``, with intervals by drawing runs again; None
-    without a whole window. before, after: the fits; seed: of the draws."""
-    metric, horizons, windows = window_words(steps.ship), dict[str, tuple[float, float]](), list[WindowErrors]()
-    acted = [acting(steps, data, fit.theta) for fit in (before, after)]  # once, for the lengths
-    begins = [start_states(steps, a, fit.theta) for a, fit in zip(acted, (before, after), strict=True)]
-    for name, length in (("1 step", data.h), (metric, window_length(steps.ship)), ("whole run", 0.0)):
-        each = zip(acted, (before, after), begins, strict=True)
-        found = [errors(steps, a, fit.theta, length, begin) for a, fit, begin in each]
+# A model with the test trials that it is to predict, and a fit of it
+Predicted = tuple[TransitionModel, GriddedTrials, Estimate]
+
+
+def compare(before: Predicted, after: Predicted, seed: int = 0) -> HeldOut | None:
+    """Errors of the same test trials by two fits, ``before`` and ``after``, with intervals by drawing runs again; None
+    where the windows differ, or without a whole one. seed: of the draws."""
+    metric, horizons, windows = window_words(before[0].ship), dict[str, tuple[float, float]](), list[WindowErrors]()
+    acted = [acting(steps, data, fit.theta) for steps, data, fit in (before, after)]  # once, for the lengths
+    sides = [(steps, a, fit.theta) for (steps, _, fit), a in zip((before, after), acted, strict=True)]
+    begins = [start_states(*side) for side in sides]
+    data = before[1]
+    for name, length in (("1 step", data.h), (metric, window_length(before[0].ship)), ("whole run", 0.0)):
+        found = [errors(*side, length, begin) for side, begin in zip(sides, begins, strict=True)]
         if not len(found[0].run):
             return None
         horizons[name] = float(found[0].mean.mean()), float(found[1].mean.mean())
         windows = found if name == metric else windows
     a, b, run = windows[0].mean, windows[1].mean, windows[0].run
+    if len(a) != len(b):
+        return None
     mean = horizons[metric]
     return HeldOut(
         mse_before=mean[0],

@@ -72,7 +72,7 @@ def test_a_tide_is_named_and_nothing_beside_it() -> None:
     """It was "unknown", or an antenna and a hull with a memory."""
     found = diagnose(FEW, in_currents(RUNS, TIDE, 4), in_currents(TESTS, LATER, 20))
     assert (found.verdict, [e.name for e in found.effects]) == ("named", ["current"]) and not found.remainder
-    assert found.effects[0].evidence > 20.0
+    assert found.effects[0].evidence > 20.0 and found.held_out is not None and found.held_out.reduction > 0.8
     mean = np.mean(TIDE, axis=0)
     for axis, value in zip("xy", mean, strict=True):
         row = found.effects[0].parameters[axis]

@@ -62,7 +62,7 @@ def fits() -> tuple[SearchProblem, Estimate, Estimate]:
 def closed() -> tuple[GriddedTrials, HeldOut]:
     problem, null, true = fits()
     data = others()
-    held = compare(problem.steps, data, null, true)
+    held = compare((problem.steps, data, null), (problem.steps, data, true))
     assert held is not None
     return data, held
 
@@ -150,8 +150,9 @@ def test_a_window_every_stride_that_fits_into_its_run_and_begins_at_a_whole_row(
 
 def test_equal_models_close_nothing_and_a_run_shorter_than_a_window_says_nothing() -> None:
     problem, null, true = fits()
-    assert compare(problem.steps, others((("zigzag:-20/20", 25.0),)), null, true) is None
-    held = compare(problem.steps, others(OTHERS[:2]), null, null)
+    short, long = others((("zigzag:-20/20", 25.0),)), others(OTHERS[:2])
+    assert compare((problem.steps, short, null), (problem.steps, short, true)) is None
+    held = compare((problem.steps, long, null), (problem.steps, long, null))
     assert held is not None
     assert held.reduction == 0.0 and held.interval_90 == (0.0, 0.0) and held.mse_before == held.mse_after > 0
     assert all(a == b for a, b in [*held.by_run.values(), *held.horizons.values()])
@@ -179,7 +180,7 @@ def test_where_the_ship_explodes_single_steps_say_nothing_and_windows_stay() -> 
     data = others(OTHERS[:2])
     exploding = replace(null, theta=theta_of(problem.steps, {"N_r": 5.0}))
     assert filtered_along(problem.steps, data, exploding) is None
-    held = compare(problem.steps, data, null, exploding)
+    held = compare((problem.steps, data, null), (problem.steps, data, exploding))
     assert held is not None
     assert np.isfinite([held.mse_before, held.mse_after, *held.interval_90]).all() and held.reduction < 0
 
