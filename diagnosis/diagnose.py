@@ -195,11 +195,11 @@ def _through_water(
     words = f"currents by run [m/s to north, to east]: {'; '.join(rows)}"
     what = f"A current that differs from run to run ({least:.2g} to {most:.2g} m/s) moves the ship"
     if d.held_out is not None and not d.effects:  # nothing else lowers it
-        what += f", by which the squared error of the test trials falls by {percent(d.held_out.reduction)}"
+        what += f"; taken out, the squared error of the test trials falls by {percent(d.held_out.reduction)}"
     return replace(
         d,
         verdict="named" if d.verdict == "none" else d.verdict,
-        sentence=f"{what}; what follows is of her motion through the water of each run. {d.sentence}",
+        sentence=f"{what}. What follows is of her motion through the water of each run. {d.sentence}",
         effects=(summary.turning_current(currents), *d.effects),
         warnings=(*d.warnings, Message(words, "own_currents")),
     )
