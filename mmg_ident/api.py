@@ -220,7 +220,7 @@ CHANGES = "with_ without fix only"  # Keywords of ``calibrate`` that change the 
 OPTIONS = "measurement per_run per_campaign profile bootstrap posterior next_trial estimator name"
 
 
-@keywords(Settings, also=f"{CHANGES} {OPTIONS} captive/ captive_sigma#".replace("bootstrap", "bootstrap#"))
+@keywords(Settings, also=f"{CHANGES} {OPTIONS} captive/ captive_sigma".replace("bootstrap", "bootstrap#"))
 def calibrate(
     ship: Model,
     trials: Trials,

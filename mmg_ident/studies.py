@@ -114,7 +114,7 @@ def imo(
         if value is not None and not 0 < value < math.inf:
             raise OutOfRange(f"{name} = {value:g}: must be positive")
     measured, simulated = taken(values, MEASURED), taken(values, SIMULATED)
-    if len(measured_runs := TrialSet.of(trials)):
+    if isinstance(trials, (str, Path)) or len(trials):
         if simulated:
             raise Conflict(f"--{next(iter(simulated)).replace('_', '-')}: belongs to a simulated ship, not to trials")
         water: bool | WaterVelocity = measured.get("correct", False)
@@ -129,7 +129,7 @@ def imo(
         length = measured.get("length")
         if model is None and length is None:
             raise Missing("trials need the length of their ship: --ship SHIP or --length METRES")
-        (runs,) = ready(measured_runs, unchecked=unchecked)
+        (runs,) = ready(TrialSet.of(trials), unchecked=unchecked)
         ship = None if model is None else ship_of(model)
         return JudgedFigures.of(imo_figures_of_trials(runs, ship, length, scale, water))
     if measured:

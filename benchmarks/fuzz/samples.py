@@ -79,7 +79,7 @@ def write_runs(folder: Path) -> None:
     replace(fit, objects=None).save(folder / "fit")
     small = {"width": 2, "seeds": 1, "epochs": 1}
     for name, settings in (("training", TrainSettings(**small)), ("black_box", BlackBoxSettings(**small))):
-        replace(train(ship, runs, (), settings), trials=None).save(folder / name)
+        train(ship, runs, (), settings).save(folder / name)
     shutil.copytree(folder / "fit", folder / "iterate")
     _write_diagnosis(folder / "diagnosis")
     (folder / "hybrid").mkdir()
