@@ -247,6 +247,10 @@ def calibrate(
 
     changes, chosen = taken(values, CHANGES), taken(values, OPTIONS)
     captive, captive_sigma = values.pop("captive", None), values.pop("captive_sigma", None)
+    if captive_sigma is not None:
+        captive_sigma = tuple(np.atleast_1d(as_array("captive_sigma", captive_sigma)).tolist())
+        if len(captive_sigma) != 3 or not min(captive_sigma) > 0:
+            raise BadValue("captive_sigma: needs three positive numbers, of X, Y [N] and N [N m]")
     if captive is not None:
         from fitting.nlp.captive import read_captive
 

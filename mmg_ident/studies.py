@@ -114,7 +114,7 @@ def imo(
         if value is not None and not 0 < value < math.inf:
             raise OutOfRange(f"{name} = {value:g}: must be positive")
     measured, simulated = taken(values, MEASURED), taken(values, SIMULATED)
-    if isinstance(trials, (str, Path)) or len(trials):
+    if isinstance(trials, (str, Path)) or len(trials if hasattr(trials, "__len__") else TrialSet.of(trials)):
         if simulated:
             raise Conflict(f"--{next(iter(simulated)).replace('_', '-')}: belongs to a simulated ship, not to trials")
         water: bool | WaterVelocity = measured.get("correct", False)
