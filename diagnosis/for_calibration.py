@@ -86,8 +86,9 @@ def second_estimate(
     the next sample tell; faults of instruments that the kinematics of the trials show are in the model. Priors are the
     values and standard deviations of the ship, as in a calibration. Suspects are selected as a diagnosis selects
     effects, beside coefficients and random forces: with odds of more than 20 to 1 and more evidence than for a free
-    force. frees: whether they are fitted along from then on, surroundings only where that is wanted too and all trials
-    are of one campaign. A message says of each its size and what it moves, or why there is no estimate.
+    force. frees: whether they are fitted along from then on, surroundings only where that is wanted too, and
+    all trials are of one campaign or each run has its own current. A message says of each its size and what it moves,
+    or why there is no estimate.
     """
     own = {s.partition(".")[0] for s in ship.free if "." in s}
     try:

@@ -15,7 +15,7 @@ import numpy as np
 from cases.trial import Trial
 from diagnosis.estimation.candidates import Candidate
 from diagnosis.estimation.gridded_trials import GriddedTrials
-from diagnosis.estimation.map_estimate import Estimate, estimate, initial_point
+from diagnosis.estimation.map_estimate import BrokenModelError, Estimate, estimate, initial_point
 from diagnosis.estimation.parameters import priors_of_effects
 from diagnosis.hypotheses.forward_selection import ODDS, RefittedEffect, refit_task
 from diagnosis.hypotheses.refit import SearchProblem
@@ -60,7 +60,8 @@ def taken_out(trials: Sequence[Trial], currents: dict[int, tuple[float, float]])
 
 
 def own_currents(problem: SearchProblem, null: Estimate) -> OwnCurrents | None:
-    """Currents by run, where they are likelier than none, than one current, and than a free force, each by ODDS.
+    """Currents by run, where they are likelier by ODDS than none and, to first order, than one current, and have more
+    evidence than a free force beside them; None else, and where the ship cannot be followed along the test trials.
 
     problem: whose candidates include the current; null: its fit without effects.
     """
@@ -86,7 +87,10 @@ def own_currents(problem: SearchProblem, null: Estimate) -> OwnCurrents | None:
     theta = found.fit.theta[:, 0].copy()
     theta[[p.steps.ship.symbols.index(s) for s in same[0].symbols]] = same[0].neutral
     start = initial_point(p.steps, p.tests, theta, priors_of_effects([others]), found.fit.noise)
-    fit = estimate(p.steps, p.tests, start, FITS, fixed_noise=True)
+    try:
+        fit = estimate(p.steps, p.tests, start, FITS, fixed_noise=True)
+    except BrokenModelError:  # she cannot be followed along them: the diagnosis goes on over ground
+        return None
     return OwnCurrents(training, _values(others, fit), found)
 
 

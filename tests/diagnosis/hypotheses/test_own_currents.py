@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+import diagnosis.hypotheses.own_currents as module
 import mmg_ident
 from cases.trial import Trial
 from cases.trial_set import TrialSet
 from diagnosis.diagnose import diagnose
+from diagnosis.estimation.map_estimate import BrokenModelError
 from diagnosis.hypotheses.own_currents import own_currents
 from diagnosis.inputs import Case
 from diagnosis.prepare import prepare
@@ -50,7 +52,7 @@ def test_through_the_water_a_ship_in_a_current_is_one_in_still_water() -> None:
 
 
 @pytest.mark.slow
-def test_currents_of_training_and_test_runs_are_found_and_taken_out() -> None:
+def test_currents_of_training_and_test_runs_are_found_and_taken_out(monkeypatch: pytest.MonkeyPatch) -> None:
     ready = prepare(Case(FEW, TrialSet.of(in_currents(RUNS, TIDE, 4)), in_currents(TESTS, LATER, 20)))
     found = own_currents(ready.problem, ready.null)
     assert found is not None and found.found.evidence > 20.0
@@ -58,6 +60,12 @@ def test_currents_of_training_and_test_runs_are_found_and_taken_out() -> None:
         np.testing.assert_allclose([known[k] for k in range(len(true))], true, atol=0.012)
     least, most = found.speeds
     assert least < 0.03 and most == pytest.approx(0.064, abs=0.012)
+
+    def breaks(*_: object, **__: object) -> None:
+        raise BrokenModelError("the ship explodes")
+
+    monkeypatch.setattr(module, "estimate", breaks)
+    assert own_currents(ready.problem, ready.null) is None  # and the diagnosis goes on over ground
 
 
 @pytest.mark.slow
