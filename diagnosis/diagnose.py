@@ -29,9 +29,10 @@ from diagnosis.hypotheses.next_test import next_test, telling_test
 from diagnosis.hypotheses.own_currents import own_currents, taken_out
 from diagnosis.hypotheses.refit import SearchProblem
 from diagnosis.hypotheses.unexplained_force import estimated_force, unexplained_force
+from diagnosis.hypotheses.wider_priors import likely_widths
 from diagnosis.inputs import Case, DiagnosisOptions, case_of, told_of_predictions
 from diagnosis.judgement.budget import budget_of
-from diagnosis.judgement.verdict import judged_search, limits
+from diagnosis.judgement.verdict import JudgedSearch, judged_search, limits
 from diagnosis.location.where import where
 from diagnosis.prepare import Prepared, prepare, with_sensor_faults
 from diagnosis.report.words import likeness, percent, sentence_of
@@ -43,6 +44,9 @@ from fitting.solvers.control import Control, OutOfTimeError
 from mmg.errors import UserError
 from mmg.messages import LOGGER, Message, OnProgress
 from mmg.ship import Ship
+
+# Times that the widths of the priors are asked for: what was selected first may have hidden how far they are off.
+MOST_WIDTHS = 3  # Set by hand: two were needed
 
 Value = TypeVar("Value")
 
@@ -96,10 +100,10 @@ def _diagnosed(
     faulty, repairs = with_sensor_faults(case)
     ready = prepare(faulty, options.step)
     timings = {"fit": time.perf_counter() - began}
-    p = ready.problem
     if over_ground is None and (through_water := _through_water(case, ready, options, progress)):
         return through_water
-    result = judged_search(ready, options.seed, options.workers, progress)
+    ready, result = _judged(ready, options, progress)
+    p = ready.problem
     selection = result.found
     if faults := [sensors.form_of(c.effect) for c in selection.effects if c.effect in FITTED_ALONG]:  # no cause
         return _diagnosed(replace(case, ship=freeing_effects(given, faults)), options, progress, over_ground)
@@ -136,7 +140,7 @@ def _diagnosed(
     sentence = sentence_of(result.verdict, effects, off, same, remainder, budget, nearest, unexplained)
     if unexplained is not None:
         sentence += likeness(result.free.by_kind)
-    sentence = next((f"{m[:1].upper()}{m[1:]}." for m in reasons if m.code == "not_described"), sentence)
+    sentence += "".join(f" {m}." for m in ready.notices[-1:] if m.code == "wider_priors")
     return Diagnosis(
         verdict=result.verdict,
         sentence=sentence,
@@ -166,6 +170,22 @@ def _diagnosed(
         tests=case.tests,
         between=between,
     )
+
+
+def _judged(ready: Prepared, options: DiagnosisOptions, progress: OnProgress | None) -> tuple[Prepared, JudgedSearch]:
+    """What is ``ready``, with wider priors where those are likelier, and the verdict of its search by these."""
+    result, before, factor = judged_search(ready, options.seed, options.workers, progress), ready.notices, 1.0
+    for _ in range(MOST_WIDTHS):
+        if (wider := likely_widths(ready.problem, result.searched)) is None:
+            break
+        factor *= wider.factor
+        words = f"Her coefficients lie {factor:.2g} times as far from their stated values as their standard deviations"
+        words += f" say (log odds {wider.evidence:.0f}), so these were taken as that much wider: see that the trials"
+        words += " are hers, and units and frames right (mmg check), or state wider ones"
+        notices = (*before, Message(words, "wider_priors"))
+        ready = replace(ready, problem=wider.problem, null=wider.fit, notices=notices)
+        result = judged_search(ready, options.seed, options.workers, progress)
+    return ready, result
 
 
 def _held_out(

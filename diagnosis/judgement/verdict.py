@@ -14,20 +14,18 @@ from functools import cache
 
 import numpy as np
 
-from cases.evidence.tails import chi2_tail
 from cases.shipfiles.effects import parameters
 from diagnosis.estimation.candidates import Candidate, FullModel
 from diagnosis.estimation.force_order import force_order
 from diagnosis.estimation.map_estimate import Estimate
 from diagnosis.estimation.noise_sizes import least_noise
 from diagnosis.findings import TESTS, Budget
-from diagnosis.hypotheses.forward_selection import MOST, ODDS, Selection, select_effects
+from diagnosis.hypotheses.forward_selection import ODDS, Selection, select_effects
 from diagnosis.hypotheses.unnamed import UnnamedForms, unnamed_forms
 from diagnosis.prepare import Prepared
 from diagnosis.summary import parameters_of
 from mmg.messages import Message, OnProgress
 from mmg.motion.flow import STATES
-from mmg.ship import Ship
 
 
 def verdict_of(
@@ -45,8 +43,6 @@ def verdict_of(
     4. a ship's or her surroundings' effect that remains is "named"; something is left if a free force beside it has any
        evidence (even odds);
     5. without any the verdict is "unknown" where that exceeds ODDS, else "none".
-
-    ``another_ship`` has the last word.
 
     What does not look random counts as left. Instruments are selected alike, but make no verdict.
     """
@@ -66,18 +62,13 @@ def standing(named: Sequence[float], left: float) -> int:
     return count
 
 
-def before_causes(measures: Sequence[bool]) -> int:
-    """How many instruments were selected before the first cause: they stay where no cause can be named, as the fit of
-    the same trials has them. measures: which of the effects selected are instruments."""
-    return next((k for k, is_instrument in enumerate(measures) if not is_instrument), len(measures))
-
-
 @dataclass(frozen=True)
 class JudgedSearch:
-    """Of a search: the selection, the free force beside it, the verdict with whether something is left beside a name,
-    and sentences on what is not random and on sizes that cannot be."""
+    """Of a search: the selection that stands and all that was ``searched``, the free force beside it, the verdict with
+    whether something is left beside a name, and sentences on what is not random and on sizes that cannot be."""
 
     found: Selection
+    searched: Selection
     free: UnnamedForms
     verdict: str
     is_left: bool
@@ -107,39 +98,8 @@ def judged_search(ready: Prepared, seed: int, workers: int, progress: OnProgress
     reasons = not_random(ready, found.final)
     measures = [c.measures for c in found.effects]
     verdict, count, is_left = verdict_of(found.evidence, left, measures, not reasons)
-    if verdict != "unknown" and (doubt := another_ship(found.fits[count], full.ship, verdict == "named")):
-        verdict, count, is_left, reasons = "unknown", before_causes(measures[:count]), False, [*reasons, doubt]
-    found, forms = found.first(count), free(count)
-    return JudgedSearch(found, forms, verdict, is_left, (*reasons, *_acts_like(full, found)))
-
-
-# Where the ship that fits is not the ship that was given. Of 12 sets of trials whose ship was given with coefficients
-# off by 30 %, stated to 8 %, six had a name without these and one with them. So it was measured.
-FAR_OFF = 5.0  # Prior standard deviations of one coefficient from which no effect is named
-RARE = 1e-4  # Probability by chance of all coefficients together below which none is
-FAR_WITHOUT = 8.0  # Prior standard deviations from which not even "none" can be said
-
-
-def another_ship(fit: Estimate, ship: Ship, is_named: bool) -> Message | None:
-    """Why the ``ship`` that a ``fit`` gives is not the one that was given, or None. A ship that is wrong throughout
-    follows the trials once all her coefficients are free, and an effect makes up for the rest.
-
-    is_named: whether effects are named. Where a calibration is the prior, the wider one before it is the measure.
-    """
-    rows = {}
-    for symbol, p, std in zip(fit.free.symbols, fit.p, fit.free.std, strict=True):
-        if "." not in symbol and symbol in ship.coefficients:
-            # in the wider of both priors
-            rows[symbol] = float(p * std / max(std, ship.coefficients[symbol].prior_std or 0.0))
-    sizes = np.abs(list(rows.values()))
-    most, together = sizes.max(initial=0.0), chi2_tail(float((sizes**2).sum()), len(sizes))
-    if not (most > FAR_WITHOUT or (is_named and (most > FAR_OFF or together < RARE))):
-        return None
-    worst = sorted(rows.items(), key=lambda row: -abs(row[1]))[:MOST]
-    words = ", ".join(f"{symbol} ({off:+.1f})" for symbol, off in worst)
-    advice = "see that the trials are hers, and units and frames right (mmg check), or state wider standard deviations"
-    said = f"the trials need coefficients that are not this ship's, {words} prior standard deviations off"
-    return Message(f"no cause can be named, as {said}: {advice}", "not_described")
+    searched, found, forms = found, found.first(count), free(count)
+    return JudgedSearch(found, searched, forms, verdict, is_left, (*reasons, *_acts_like(full, found)))
 
 
 def _acts_like(full: FullModel, selection: Selection) -> list[Message]:

@@ -24,7 +24,7 @@ from diagnosis.hypotheses.unexplained_force import estimated_force
 from diagnosis.hypotheses.unnamed import unnamed_forms
 from diagnosis.inputs import Case
 from diagnosis.judgement.budget import budget_of, left_out_errors
-from diagnosis.judgement.verdict import another_ship, before_causes, impossible_size, limits, verdict_of
+from diagnosis.judgement.verdict import impossible_size, limits, verdict_of
 from diagnosis.prepare import InputReading, Prepared
 from diagnosis.validation.held_out import errors, window_length
 from mmg.effects import EFFECTS
@@ -65,44 +65,6 @@ def test_the_verdict_follows_from_the_evidence(
     named: list[float], left: list[float], measures: list[bool], is_random: bool, expected: tuple[str, int, bool]
 ) -> None:
     assert verdict_of(named, left.__getitem__, measures, is_random) == expected
-
-
-@pytest.mark.parametrize(
-    ("measures", "stay"), [([], 0), ([True], 1), ([False, True], 0), ([True, True, False, True], 2)]
-)
-def test_instruments_before_the_first_cause_stay_where_none_can_be_named(measures: list[bool], stay: int) -> None:
-    assert before_causes(measures) == stay
-
-
-def off(*p: float) -> Estimate:
-    """The fit with its first coefficients so many prior standard deviations off, the others at their priors."""
-    null = ready().null
-    return replace(null, p=np.array([*p, *np.zeros(len(null.p) - len(p))]))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("p", "is_named", "expected"),
-    [
-        ((2.0, -1.0), True, False),
-        ((0.0, -5.2), True, True),
-        ((0.0, -5.2), False, False),
-        ((8.5,), False, True),
-        ((3.5, -3.0, 3.0, 3.2), True, True),  # none of them by itself
-        ((3.5, -3.0, 3.0, 3.2), False, False),
-    ],
-)
-def test_no_effect_is_named_where_the_ship_is_another_one(p: tuple[float, ...], is_named: bool, expected: bool) -> None:
-    found = another_ship(off(*p), ready().full.ship, is_named)
-    assert (found.code if found else "") == ("not_described" if expected else "")
-
-
-@pytest.mark.slow
-def test_a_calibration_is_measured_by_the_priors_before_it() -> None:
-    fit, ship = off(8.5), ready().full.ship
-    symbol, std = fit.free.symbols[0], fit.free.std[0]
-    wider = ship.with_coefficients({symbol: ship.coefficients[symbol].with_(prior_std=4 * std, prior_value=0.0)})
-    assert another_ship(fit, ship, True) and another_ship(fit, wider, True) is None
 
 
 def said(null: Estimate, budget: object = SimpleNamespace(by=TESTS)) -> dict[str, str]:
