@@ -45,9 +45,6 @@ from mmg.errors import UserError
 from mmg.messages import LOGGER, Message, OnProgress
 from mmg.ship import Ship
 
-# Times that the widths of the priors are asked for: what was selected first may have hidden how far they are off.
-MOST_WIDTHS = 3  # Set by hand: two were needed
-
 Value = TypeVar("Value")
 
 
@@ -174,18 +171,15 @@ def _diagnosed(
 
 def _judged(ready: Prepared, options: DiagnosisOptions, progress: OnProgress | None) -> tuple[Prepared, JudgedSearch]:
     """What is ``ready``, with wider priors where those are likelier, and the verdict of its search by these."""
-    result, before, factor = judged_search(ready, options.seed, options.workers, progress), ready.notices, 1.0
-    for _ in range(MOST_WIDTHS):
-        if (wider := likely_widths(ready.problem, result.searched)) is None:
-            break
-        factor *= wider.factor
-        words = f"Her coefficients lie {factor:.2g} times as far from their stated values as their standard deviations"
-        words += f" say (log odds {wider.evidence:.0f}), so these were taken as that much wider: see that the trials"
-        words += " are hers, and units and frames right (mmg check), or state wider ones"
-        notices = (*before, Message(words, "wider_priors"))
-        ready = replace(ready, problem=wider.problem, null=wider.fit, notices=notices)
-        result = judged_search(ready, options.seed, options.workers, progress)
-    return ready, result
+    result = judged_search(ready, options.seed, options.workers, progress)
+    if (wider := likely_widths(ready.problem, result.searched)) is None:
+        return ready, result
+    words = f"Her coefficients lie {wider.factor:.2g} times as far from their stated values as their standard deviations"
+    words += f" say (log odds {wider.evidence:.0f}), so these were taken as that much wider: see that the trials are"
+    words += " hers, and units and frames right (mmg check), or state wider ones"
+    notices = (*ready.notices, Message(words, "wider_priors"))
+    ready = replace(ready, problem=wider.problem, null=wider.fit, notices=notices)
+    return ready, judged_search(ready, options.seed, options.workers, progress)
 
 
 def _held_out(
