@@ -174,7 +174,7 @@ def _judged(ready: Prepared, options: DiagnosisOptions, progress: OnProgress | N
     result = judged_search(ready, options.seed, options.workers, progress)
     if (wider := likely_widths(ready.problem, result.searched)) is None:
         return ready, result
-    words = f"Her coefficients lie {wider.factor:.2g} times as far from their stated values as their standard deviations"
+    words = f"Her coefficients lie {wider.factor:.2g} times as far from their stated values as their standard errors"
     words += f" say (log odds {wider.evidence:.0f}), so these were taken as that much wider: see that the trials are"
     words += " hers, and units and frames right (mmg check), or state wider ones"
     notices = (*ready.notices, Message(words, "wider_priors"))
