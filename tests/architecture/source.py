@@ -78,12 +78,12 @@ def known(name: str) -> bool:
     return name.split(".")[0] in (*FLOORS, *BESIDE) and (path.with_suffix(".py").exists() or path.is_dir())
 
 
-def imports(source: Source) -> Iterator[tuple[str, str | None, str, int]]:
-    """Rows (module, name or None, name it is bound to, line) of every import, those in functions included."""
+def imports(source: Source) -> Iterator[tuple[str, str | None, str]]:
+    """Rows (module, name or None, name it is bound to) of every import, those in functions included."""
     for node in source.nodes:
         if isinstance(node, ast.Import):
             for alias in node.names:
-                yield alias.name, None, alias.asname or alias.name, node.lineno
+                yield alias.name, None, alias.asname or alias.name
         elif isinstance(node, ast.ImportFrom):
             base = node.module or ""
             if node.level:
@@ -91,7 +91,7 @@ def imports(source: Source) -> Iterator[tuple[str, str | None, str, int]]:
                 kept = parts[: len(parts) - node.level + (1 if source.is_package else 0)]
                 base = ".".join([*kept, *([node.module] if node.module else [])])
             for alias in node.names:
-                yield base, alias.name, alias.asname or alias.name, node.lineno
+                yield base, alias.name, alias.asname or alias.name
 
 
 def is_private(name: str) -> bool:
