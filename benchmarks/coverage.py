@@ -31,8 +31,7 @@ from benchmarks.blind.cases import folders, question
 from benchmarks.blind.generator.world import WORLDS
 from benchmarks.blind.generator.write import generate
 from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
-from benchmarks.measured import done
-from benchmarks.record import Figure, parser_of, report
+from benchmarks.record import Figure, done, parser_of, report
 from cases.criteria.imo import imo_figures
 from cases.io import published_splits as splits
 from cases.shipfiles.effects import freeing_effects, with_effects

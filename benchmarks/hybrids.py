@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.measured import Record
-from benchmarks.record import Figure, parser_of, report
+from benchmarks.record import Figure, Record, parser_of, report
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship

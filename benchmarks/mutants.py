@@ -28,8 +28,7 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-from benchmarks.measured import done
-from benchmarks.record import Figure, parser_of, report
+from benchmarks.record import Figure, done, parser_of, report
 from benchmarks.toml import tables
 
 ROOT = Path(__file__).parents[1]

@@ -28,8 +28,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks.file_faults.plant import Hull, Plant, Weather, circle, run, zigzag
-from benchmarks.measured import done
-from benchmarks.record import Figure, parser_of, report
+from benchmarks.record import Figure, done, parser_of, report
 from cases.criteria.imo import imo_figures
 from cases.criteria.standard_runs import measured_runs, simulated_trial
 from cases.maneuvers.definitions import parse_maneuver

@@ -12,13 +12,11 @@ import shlex
 import sys
 from pathlib import Path
 
-from benchmarks.blind.cases import answered, dealt, folders, opened
-from benchmarks.blind.generator.deal import KINDS
+from benchmarks.blind.cases import Pair, answered, dealt, figures, folders, opened, scored
+from benchmarks.blind.generator.cases import KINDS
 from benchmarks.blind.generator.foreign import STRANGERS
 from benchmarks.blind.generator.world import WORLDS
-from benchmarks.blind.score import Pair, figures, scored
-from benchmarks.measured import Record, code_version
-from benchmarks.record import keep, parser_of
+from benchmarks.record import Record, code_version, keep, parser_of
 from mmg.errors import UserError
 
 

@@ -19,8 +19,7 @@ from benchmarks.file_faults.faults import FAULTS
 from benchmarks.file_faults.plant import SETS, Hull, Plant, Weather, circle, drawn, run
 from benchmarks.fuzz.__main__ import outcome, strange, strict_warnings
 from benchmarks.fuzz.damage import REPRODUCERS, numbered, reproducers
-from benchmarks.fuzz.readers import Reader, readers
-from benchmarks.fuzz.samples import GOOD
+from benchmarks.fuzz.readers import GOOD, Reader, readers
 from benchmarks.kill import SIGNALS, Ended, alone, ended, rows, trials, values
 from benchmarks.mutants import ROOT, equivalent, faults, physics, room_tests
 from cases.importing.import_logs import SUFFIXES

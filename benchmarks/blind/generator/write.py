@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.blind.generator.cases import Case, Runs, run
-from benchmarks.blind.generator.deal import deal
+from benchmarks.blind.generator.cases import Case, Runs, deal, run
 from benchmarks.blind.generator.world import AIR, COLUMNS, POWERS, WORLDS, World
 
 HEADER = "t [s],x [m],y [m],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],{},wind_speed [m/s],wind_direction [rad]"

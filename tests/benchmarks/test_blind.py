@@ -1,9 +1,11 @@
-"""The generator of the blind benchmark: independent of what it tests, right physics, reproducible, readable."""
+"""The blind benchmark: a generator independent of what it tests, right and readable; answers, and sealed keys."""
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -13,9 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.blind.generator.cases import Case, Runs, run
+from benchmarks import record
+from benchmarks.blind import __main__ as blind
+from benchmarks.blind.cases import Case as OpenedCase
+from benchmarks.blind.cases import Pair, answer, dealt, figures, folders, misses, opened, scored
+from benchmarks.blind.generator.cases import LIBRARY, Case, Hand, Runs, deal, run
 from benchmarks.blind.generator.controls import SETS
-from benchmarks.blind.generator.deal import LIBRARY, Hand, deal
 from benchmarks.blind.generator.effect import Drawn, Effect
 from benchmarks.blind.generator.foreign import STRANGERS, foreign
 from benchmarks.blind.generator.library import follow
@@ -33,9 +38,11 @@ from benchmarks.blind.generator.world import (
     true_coefficients,
 )
 from benchmarks.blind.generator.write import generate
+from benchmarks.record import Record
 from cases.io.read import read_trials
 from cases.shipfiles.ship_file import load_ship
 from mmg.effects import EFFECTS as PACKAGE_EFFECTS
+from mmg.errors import UserError
 from mmg.model import assemble
 
 ROOT = Path(__file__).parents[2]
@@ -298,3 +305,114 @@ def test_no_single_form_spells_a_stranger() -> None:
     assert spelled.pop(yaw_damping.name) > 0.999
     assert len(spelled) > 20 and max(spelled.values()) < 0.97, spelled
     assert not {effect.name for effect in STRANGERS} & {*PACKAGE_EFFECTS}
+
+
+# What an answer got right, and keys that are read only as they were sealed
+Parameters = Mapping[str, Mapping[str, float]]
+TOW = {"tow": {"X": 0.1, "Y": 0.0, "N": 0.0}}
+DRAFT = {"draft": {"share": 0.2}}
+
+
+def row(verdict: str, *names: str, left: bool = False, first: str = "") -> dict[str, Any]:
+    """A row of the record; ``first``: the candidate that leads the ranking where nothing is named."""
+    order = list(dict.fromkeys([n for n in (*names, first, "tow", "draft", "bank", "current") if n]))
+    evidence = {"candidates": [[n, 20.0, 0.1, 1.0] for n in order]}
+    return {"answer": [verdict, list(names), left], "evidence": evidence, "processor": 2.0}
+
+
+def pair(kind: str, truth: Parameters, given: dict[str, Any], strength: str = "weak") -> Pair:
+    hidden, strength = {name: dict(values) for name, values in truth.items()}, "" if kind == "null" else strength
+    return OpenedCase("pond", kind, Path("case_0000"), hidden, " + ".join(truth) or kind, strength), given
+
+
+def pairs() -> list[Pair]:
+    failed = {"answer": ["error", [], False], "evidence": {"error": "UserError: no"}, "processor": 9.0}
+    return [
+        pair("library", TOW, row("named", "tow")),  # right
+        pair("library", TOW, row("named", "draft"), "strong"),  # wrong name
+        pair("library", DRAFT, row("none", first="tow")),
+        pair("library", DRAFT, failed),
+        pair("null", {}, row("none")),
+        pair("null", {}, row("unknown")),
+        pair("null", {}, row("named", "bank")),
+        pair("strangers", {}, row("unknown")),
+        pair("strangers", {}, row("named", "tow", left=True), "strong"),
+        pair("strangers", {}, row("named", "tow"), "strong"),
+        pair("strangers", {}, row("none")),
+        pair("pair", TOW | DRAFT, row("named", "tow", "draft")),
+        pair("pair", TOW | DRAFT, row("named", "tow", "draft", "bank")),
+        pair("pair", TOW | DRAFT, row("named", "tow")),
+    ]
+
+
+def test_figures_are_those_counted_by_hand() -> None:
+    made = {name: (figure.value, figure.of) for name, figure in figures(pairs(), "basin").items()}
+    assert made == {
+        "blind_null_basin": (1, 3), "blind_foreign_basin": (2, 4), "blind_pair_basin": (1, 3),
+        "blind_library_weak_basin": (1, 3), "blind_library_strong_basin": (0, 1),
+        "blind_wrong_basin": (3, 14),
+    }  # fmt: skip
+
+
+def test_misses_are_listed_with_their_first_candidates() -> None:
+    lines = misses(pairs())
+    assert len(lines) == 2 + 9 and "| failed | 1 of 14 |" in scored(pairs(), "basin")
+    assert any("| library | draft | weak | none | tow > draft > bank |" in line for line in lines)
+    assert "median 2, most 9" in scored(pairs(), "basin")[0]
+
+
+@pytest.mark.slow
+def test_a_key_is_read_only_as_it_was_sealed(tmp_path: Path) -> None:
+    folder = tmp_path / "cases"
+    digest = dealt(folder, "pond", "library", 1, 11)
+    assert dealt(folder, "pond", "library", 1, 11) == digest
+    (case,) = opened(folder, digest)
+    assert case.kind == "library" and case.label in case.truth
+    trial = next((case.folder / "train").iterdir())
+    before = trial.read_bytes()
+    trial.write_text("another")
+    with pytest.raises(UserError, match=trial.name):
+        opened(folder, digest)
+    trial.write_bytes(before)
+    (folder / "key.json").write_text((folder / "key.json").read_text() + " ")
+    with pytest.raises(UserError, match=r"key\.json"):
+        opened(folder, digest)
+
+
+def test_a_case_that_fails_is_an_answer() -> None:
+    def ask() -> Any:
+        raise ValueError("singular")
+
+    assert answer(ask) == ("error", [], False, {"error": "ValueError: singular"})
+
+
+def test_a_record_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(record, "code_version", lambda: "abc")
+    kept, asked = Record(tmp_path / "answers.jsonl"), []
+
+    def work(case: str) -> dict[str, Any]:
+        asked.append(case)
+        return row("none")
+
+    tasks = [({"case": name}, (name,)) for name in ("a", "b")]
+    kept.measure(work, tasks[:1], 1)
+    Record(kept.path).measure(work, tasks, 1)
+    assert asked == ["a", "b"] and len(Record(kept.path).of(code="abc")) == 2
+
+
+@pytest.mark.longest
+@pytest.mark.slow
+def test_the_whole_run_on_two_cases(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(blind, "answered", lambda case: row("none"))
+    arguments = ["--cases", "2", "--seed", "910", "--workers", "1", "--kinds", "null", "--out", str(tmp_path)]
+    assert blind.main(arguments) == 0
+    said = capsys.readouterr().out
+    assert said.index("SHA-256") < said.index("case_0000, none")
+    assert "none | 2 of 2 |" in said
+    (folder,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    next((folders(folder)[0] / "train").iterdir()).write_text("another")
+    assert blind.main(arguments) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert json.loads((folder / "key.json").read_text())["kind"] == "null"
