@@ -19,7 +19,6 @@ from cases.io.text_table import BlockMeans
 from cases.io.trial_table import MOST_ROWS
 from cases.trial import Trial
 from mmg.errors import UserError
-from tests.support.peak_memory import PEAK
 from tests.support.trial_files import motion_columns, write_csv
 
 
@@ -119,6 +118,18 @@ def test_empty_rows_at_the_end_of_a_long_file_and_an_unknown_unit(tmp_path: Path
 
 
 LIMIT = 500  # MB
+PEAK = '''
+import sys
+from pathlib import Path
+def peak_mb():
+    """Largest memory of this process [MB]. Linux hands ru_maxrss of the parent on to it, but not VmHWM."""
+    status = Path("/proc/self/status")
+    if status.is_file():
+        return next(int(line.split()[1]) for line in status.open() if line.startswith("VmHWM")) / 1024
+    import resource
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+'''
+"""Source of ``peak_mb``, for the program of a process of its own."""
 HEAD = b"t [s],psi [rad],u [m/s],v [m/s],r [rad/s],n [rps],delta [rad]\n"
 CHECK_OF_ONE = """
 from pathlib import Path
