@@ -14,8 +14,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from mmg_ident.commands.main import main
 
 
@@ -38,11 +36,6 @@ def refusal(*arguments: object) -> str:
     lines = [line for line in err.getvalue().splitlines() if not line.startswith("compiling ")]
     assert len(lines) == 1 and lines[0].startswith("mmg: "), lines
     return lines[0]
-
-
-def refused(_: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """As ``refusal``."""
-    return refusal(*arguments)
 
 
 # Commands that get Ctrl-C with all their processes, and what is left of these

@@ -50,7 +50,7 @@ from mmg.rollout import Simulator
 from mmg_ident.api import simulate
 from mmg_ident.commands.main import main
 from tests.support.calibrated import small_result
-from tests.support.commands import refused, shown
+from tests.support.commands import refusal, shown
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 SHIP = load_ship("kvlcc2_full")
@@ -373,11 +373,11 @@ def test_draws_give_every_figure_an_interval_that_holds_it() -> None:
     assert Simulator(drawn.ship).ship.symbols == ship.symbols
 
 
-def test_a_ship_without_shaft_or_rudder_shows_what_she_can_do(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_ship_without_shaft_or_rudder_shows_what_she_can_do() -> None:
     card = mi.card(load_ship("mariner"))
     assert card.engine == () and has_code(card.notices, "event_not_reached")  # no propeller in her model: no stop
     assert card.tables.keys() == {"turning", "course"} and card.page()
-    assert "--scatter 3" in refused(capsys, "card", "mariner", "--scatter", "3")
+    assert "--scatter 3" in refusal("card", "mariner", "--scatter", "3")
 
 
 @pytest.mark.parametrize(
@@ -394,9 +394,7 @@ def test_figures_are_shown_in_the_units_of_a_bridge(figure: Figure, kind: str, l
     assert figure.words(kind, length) == words
 
 
-def test_the_command_writes_a_page_that_needs_nothing_else(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_writes_a_page_that_needs_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     content = shown("card", "mariner")
     assert content["files"] == ["card.html"] and content["tables"].keys() == {"turning", "course"}
@@ -404,7 +402,7 @@ def test_the_command_writes_a_page_that_needs_nothing_else(
     assert not re.search(r"(?:src|href)=\"(?!data:|#)", page) and "Draught increase" in page
     for lines in ABOARD.values():
         assert all(line in page for line in lines)
-    assert "card.html" in refused(capsys, "card", "mariner")  # somebody's file stays
+    assert "card.html" in refusal("card", "mariner")  # somebody's file stays
     assert main(["card", "mariner", "--force"]) == 0
     slow, fast = (mi.card("esso_osaka_3m", speed=0.3, scatter=0, rudder_rate=rate) for rate in (None, 10.0))
     assert slow.speed == 0.3 and slow.helm != fast.helm and "7 s" in fast.helm[1][1]

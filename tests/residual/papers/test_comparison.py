@@ -47,7 +47,7 @@ from residual.papers.comparison import (
 )
 from residual.settings import BlackBoxSettings
 from tests.support import hybrids
-from tests.support.commands import refused, shown
+from tests.support.commands import refusal, shown
 
 QUICK = ["--seeds", "2", "--epochs", "2", "--step", "1"]
 
@@ -84,23 +84,21 @@ def test_a_black_box_run_is_scored_and_predicts_like_a_ship(folder: Path, tmp_pa
 
 
 @pytest.mark.slow
-def test_a_black_box_is_no_ship_and_belongs_to_its_inputs(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_black_box_is_no_ship_and_belongs_to_its_inputs(folder: Path, tmp_path: Path) -> None:
     box, test = folder / "box", folder / "test.csv"
-    refused(capsys, "simulate", box, "--maneuver", "turning:35")
-    refused(capsys, "fit", box, test, "--out", tmp_path / "run")
-    assert "--adapt" in refused(capsys, "predict", box, test, "--adapt", "20", "--out", tmp_path / "p.csv")
+    refusal("simulate", box, "--maneuver", "turning:35")
+    refusal("fit", box, test, "--out", tmp_path / "run")
+    assert "--adapt" in refusal("predict", box, test, "--adapt", "20", "--out", tmp_path / "p.csv")
     other = tmp_path / "other"
     other.mkdir()
     for name in ("network.safetensors", "result.json"):
         (other / name).write_bytes((box / name).read_bytes())
     (other / "start.toml").write_text(dump_ship(load_ship("vectwin_3m"), "another"))
-    refused(capsys, "score", other, test)
+    refusal("score", other, test)
 
 
 @pytest.mark.slow
-def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path) -> None:
     test, out = folder / "test.csv", ["--out", tmp_path / "cmp"]
     arguments = ["compare", "--train", folder / "train", test, "--test", test, *out]
     arguments += [*QUICK, "--models", "captive,fnn,rnn-window", "--fractions", "0.5,1", "--no-random", "--workers", "1"]
@@ -118,7 +116,7 @@ def test_the_comparison_is_written_whole(folder: Path, tmp_path: Path, capsys: p
     (tmp_path / "cmp" / "entries" / "fnn_1_seed_1.json").unlink()
     again = shown(*arguments, "--resume")["entries"]
     assert [e["score"] for e in again] == [e["score"] for e in entries]
-    refused(capsys, *arguments, "--epochs", "3", "--resume")
+    refusal(*arguments, "--epochs", "3", "--resume")
     seconds = {(e["fraction"], e["random"]): e["training_s"] for e in entries if e["model"] == "fnn"}
     assert seconds[1.0, True] == 1000 and seconds[1.0, False] == 600 and 400 < seconds[0.5, True] < 600
 
@@ -269,7 +267,7 @@ def test_a_study_of_the_paper_trains_on_trials_of_its_own_and_says_its_schedule(
     assert longer["schedule"] is None
 
 
-def test_the_paper_has_trials_and_models_of_its_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_paper_has_trials_and_models_of_its_own(tmp_path: Path) -> None:
     for words in (["--train", tmp_path], ["--fractions", "0.5"], ["--step", "1"], ["--models", "fnn"]):
-        refused(capsys, "compare", "--paper", "wakita2022", *words)
-    refused(capsys, "compare", "--paper", "wakita2030")
+        refusal("compare", "--paper", "wakita2022", *words)
+    refusal("compare", "--paper", "wakita2030")
