@@ -26,18 +26,18 @@ from mmg.effects import EFFECTS
 from mmg.errors import BadValue, UserError
 from mmg.model import assemble
 from mmg.ship import Ship
-from tests.support.fit_problems import (
+from tests.support.synthetic_runs import (
     CURRENTS,
     ESSO,
     SHARED,
     points,
+    runs,
     shifted_ship,
     trials_in_currents,
     trials_in_wind,
     with_constants,
     write_points,
 )
-from tests.support.synthetic_runs import runs
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 SWITCHED_ON = {

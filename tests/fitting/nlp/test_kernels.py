@@ -21,9 +21,8 @@ from mmg.compile.batch import batch_functions
 from mmg.compile.cache import compiler
 from mmg.model import Model, assemble
 from mmg.ship import Ship
-from tests.support.fit_problems import with_constants
 from tests.support.quick import first_quick
-from tests.support.synthetic_runs import problem
+from tests.support.synthetic_runs import problem, with_constants
 from tests.support.wrong_compiler import use_wrong_compiler
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")

@@ -25,9 +25,17 @@ from fitting.solvers.solve import solve
 from mmg.errors import Missing, TooFewData
 from mmg.rollout import Simulator
 from tests.support import calibrated
-from tests.support.fit_problems import crowded, somewhere, with_constants
 from tests.support.quick import first_quick
-from tests.support.synthetic_runs import SIGMA, assert_exact_derivatives, kernel, problem, runs
+from tests.support.synthetic_runs import (
+    SIGMA,
+    assert_exact_derivatives,
+    crowded,
+    kernel,
+    problem,
+    runs,
+    somewhere,
+    with_constants,
+)
 from tests.support.trial_files import make_trial, motion_columns
 
 TAU = np.array([1.0, 2.0, 1.0, 3.0, 1.5, 1.0])

@@ -41,8 +41,7 @@ from fitting.solvers.solve import by_ipopt, solve
 from fitting.uncertainty.refits import reweighted
 from mmg.messages import Progress, has_code
 from tests.support.calibrated import FREE
-from tests.support.fit_problems import crowded, with_constants
-from tests.support.synthetic_runs import SIGMA, coarse_runs, matrix, problem, runs
+from tests.support.synthetic_runs import SIGMA, coarse_runs, crowded, matrix, problem, runs, with_constants
 
 pytestmark = pytest.mark.usefixtures("blank_figures")
 

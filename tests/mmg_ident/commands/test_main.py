@@ -34,8 +34,7 @@ from mmg_ident.settings import GONE, checked_settings, given_settings, settings_
 from residual.settings import BlackBoxSettings, TrainSettings
 from tests.support import calibrated
 from tests.support.commands import printed, refusal, shown
-from tests.support.fit_problems import points, write_points
-from tests.support.synthetic_runs import coarse_runs, runs
+from tests.support.synthetic_runs import coarse_runs, points, runs, write_points
 from tests.support.trial_files import motion_columns, write_csv, write_trials
 
 # The command line: exit codes, one clear line for bad input, nothing half-written, resume
