@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from benchmarks.optimisers import SingleShooting
 from cases.inputs import step_means
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import hidden_ship
@@ -165,25 +166,14 @@ def test_scipy_finds_the_same_optimum_and_information_of_a_small_problem() -> No
     ours = Problem(ship, prior, kernel(prior.symbols), cut(trials, 1.0, 60.0, 5), SIGMA)
     whole = Problem(ship, prior, kernel(prior.symbols), cut(trials, 1.0, 60.0, 200), SIGMA)
     found = solve(ours, ours.start())
-    seg = whole.segments
-
-    def residuals(x: np.ndarray) -> np.ndarray:
-        z0 = seg.nodes[seg.start] + x[whole.P :].reshape(-1, 6) * whole.scale
-        end, interior = whole.shooting.values(z0.T, whole.coefficients(x[: whole.P]))
-        parts = [
-            np.sqrt(whole.node_weight[seg.start]) * (z0 - seg.nodes[seg.start]),
-            np.sqrt(whole.node_weight[seg.end]) * (end.T - seg.nodes[seg.end]),
-            np.sqrt(whole.weight) * (interior - seg.targets),
-            x[: whole.P],
-        ]
-        return np.concatenate([part.reshape(-1) for part in parts])
-
-    theirs = least_squares(residuals, np.zeros(whole.P + 6 * seg.intervals), xtol=1e-12, ftol=1e-12)
+    one = SingleShooting(whole, -np.inf, np.inf)  # never stopped: no goal, no end of time
+    states = 6 * one.windows
+    theirs = least_squares(one.residuals, np.zeros(states + whole.P), xtol=1e-12, ftol=1e-12)
     assert found.converged
     assert theirs.cost == pytest.approx(found.objective, rel=1e-5)
-    np.testing.assert_allclose(theirs.x[: whole.P], ours.split(found.x)[1], atol=1e-3)
-    H, n = theirs.jac.T @ theirs.jac, whole.P  # the initial states of the windows projected out
-    hessian = H[:n, :n] - H[:n, n:] @ np.linalg.solve(H[n:, n:], H[n:, :n])
+    np.testing.assert_allclose(theirs.x[states:], ours.split(found.x)[1], atol=1e-3)
+    H, n = theirs.jac.T @ theirs.jac, states  # the initial states of the windows projected out
+    hessian = H[n:, n:] - H[n:, :n] @ np.linalg.solve(H[:n, :n], H[:n, n:])
     np.testing.assert_allclose(information(ours, found.x).hessian, hessian, atol=5e-3 * np.abs(hessian).max())
 
 
