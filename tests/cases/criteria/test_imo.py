@@ -26,7 +26,7 @@ from mmg.errors import OutOfRange, UserError
 from mmg.messages import has_code
 from mmg.ship import CalibrationMark
 from mmg_ident.commands.main import app
-from tests.support.measured_maneuvers import logged
+from tests.support.records import logged
 
 ESSO = load_ship("esso_osaka_3m")
 NOTHING = Trial("none", {"t": np.array([0.0, 1.0])})

@@ -21,8 +21,7 @@ from cases.trial import Span, Trial, left_out
 from mmg.errors import Missing, UnknownName, UserError
 from mmg.messages import has_code
 from mmg_ident import simulate as simulated
-from tests.support.long_records import long_record
-from tests.support.measured_maneuvers import foreign, logged
+from tests.support.records import foreign, logged, long_record
 
 SHIP = load_ship("esso_osaka_3m")
 

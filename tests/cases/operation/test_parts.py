@@ -17,8 +17,7 @@ from cases.quantities import UNITS
 from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from mmg.errors import Missing, Unreadable, UserError
-from tests.support.long_records import long_record
-from tests.support.operation_logs import sailed, write_log
+from tests.support.records import long_record, sailed, write_log
 from tests.support.trial_files import motion_columns
 
 

@@ -21,7 +21,7 @@ from tests.support.actuator_ships import true_ship
 from tests.support.calibrated import FREE, small_result
 from tests.support.commands import printed, refusal
 from tests.support.diagnosis_cases import FEW, SHIP
-from tests.support.operation_logs import sailed, write_log
+from tests.support.records import sailed, write_log
 from tests.support.synthetic_runs import coarse_runs
 from tests.support.trial_files import motion_columns, write_csv, write_trials
 

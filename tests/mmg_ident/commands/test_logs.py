@@ -15,9 +15,8 @@ from cases.simulation.simulate import write_trial
 from mmg_ident.commands.main import main
 from tests.support import raw_logs
 from tests.support.commands import refusal, shown, talk
-from tests.support.long_records import long_record
-from tests.support.operation_logs import sailed, write_log
 from tests.support.raw_logs import UNITS, plain
+from tests.support.records import long_record, sailed, write_log
 
 # mmg import as a person uses it: questions on a terminal, asked once, and a map that repeats the answers
 HEADER = UNITS.replace("shaft_rps", "shaft_speed") + " wind_speed wind_dir_rad ws_kn"
