@@ -189,6 +189,7 @@ def simulate_batch(
     maneuver: Maneuver,
     coefficients: np.ndarray | Mapping[str, float | np.ndarray] | None = None,
     dt: float = 0.5,
+    push: Push | None = None,
 ) -> SimulatedRuns:
     """A manoeuvre in calm air from its own start, once for each set of coefficients: the motion that
     ``cases.simulation.simulate.simulate`` gives each of them.
@@ -196,70 +197,32 @@ def simulate_batch(
     ship: give a Simulator to run again without assembling the ship again. coefficients: (P,) or (P, M) in the order of
     ``ship.symbols``, or symbol -> number or (M,) for those that differ from the ship's; default the ship's, M = 1. dt:
     sampling [s], divided into steps of at most 0.5 s of a 3 m model; inputs are held at their means over each sample,
-    as a logged trial has them. A control delay acts as in the model, by its approximation. A run that diverges is not
-    noticed here: look at its states. Raises UserError for a step that makes no sense and for spiral, pull-out and
-    heading, whose orders follow from the motion. maneuver: what is ordered.
+    as a logged trial has them. push: accelerations of its own in each run, as gusts or what a model leaves out would
+    give; then the runs end when all have been through half a turn, two overshoots, or lost their headway, and each
+    zigzag stands still once it has been read. A control delay acts as in the model, by its approximation. A run that
+    diverges is not noticed here: look at its states. Raises UserError for a step that makes no sense and for spiral,
+    pull-out and heading, whose orders follow from the motion. maneuver: what is ordered.
     """
     simulator = ship if isinstance(ship, Simulator) else Simulator(ship)
-    ship, batch = simulator.ship, _Batch.of(simulator, maneuver, coefficients, dt)
-    orders, t = batch.orders, batch.t
-    if isinstance(orders, Zigzag) or (isinstance(orders, StopOrders) and maneuver.engine is not None):
-        return _side_by_side(batch)
+    ship, orders = simulator.ship, maneuver.orders()
+    if not (math.isfinite(dt) and 0 < dt <= maneuver.duration):
+        raise OutOfRange(f"dt = {dt:g} s must be positive and no longer than the manoeuvre ({maneuver.duration:g} s)")
+    if isinstance(orders, StepOrders | HeadingControl):
+        raise Unsupported(f"{maneuver.name}: its orders follow from the motion; simulate one ship at a time")
+    theta = coefficient_array(ship, coefficients)
+    if maneuver.factors:  # of the resistance, where she is stopped
+        theta = (theta.T * [maneuver.factors.get(symbol, 1.0) for symbol in ship.symbols]).T
+    six = np.repeat(maneuver.start[:, None], theta.shape[1] if theta.ndim == 2 else 1, axis=1)
+    start = settled(simulator.model, six, input_array(ship, np.array([[maneuver.n, 0.0]]), np.zeros(1))[0], theta)
+    t = np.round(dt * np.arange(math.floor(maneuver.duration / dt + TINY) + 1), 9)
+    if push or isinstance(orders, Zigzag) or (isinstance(orders, StopOrders) and maneuver.engine is not None):
+        return _side_by_side(simulator, maneuver, theta, start, t, dt, push)
     moves, parts = means(maneuver, t), integration_steps(ship, dt)
     keep = np.arange(1, (len(t) - 1) * parts + 1) % parts == 0
     controls = np.repeat(input_array(ship, moves[:-1], t[:-1]), parts, axis=0)
-    states = simulator.run(batch.start, controls, dt / parts, batch.theta, keep=keep)[:, :6]
+    states = simulator.run(start, controls, dt / parts, theta, keep=keep)[:, :6]
     inputs = np.broadcast_to(moves[:, :, None], (*moves.shape, states.shape[2]))
     return SimulatedRuns(t, np.ascontiguousarray(states), inputs, ends_of(orders, t, states))
-
-
-def simulate_pushed(
-    simulator: Simulator, maneuver: Maneuver, coefficients: Mapping[str, np.ndarray], dt: float, push: Push
-) -> SimulatedRuns:
-    """A manoeuvre in calm air, once for each set of ``coefficients`` (symbol -> (M,)), with accelerations ``push`` of
-    its own in each run, as gusts or what a model leaves out would give.
-
-    simulator: of the ship; maneuver, dt: as for ``simulate_batch``. With accelerations of zero it is that, but ends
-    when all runs have been through half a turn, two overshoots, or lost their headway, and each
-    zigzag stands still once it has been read. Raises UserError as ``simulate_batch``.
-    """
-    return _side_by_side(_Batch.of(simulator, maneuver, coefficients, dt), push)
-
-
-@dataclass(frozen=True)
-class _Batch:
-    """M runs that are to be made: orders of one of them, theta (P,) or (P, M), start (S, M), t (N + 1,) [s]."""
-
-    simulator: Simulator
-    maneuver: Maneuver
-    orders: Orders
-    theta: np.ndarray
-    start: np.ndarray
-    dt: float
-    t: np.ndarray
-
-    @classmethod
-    def of(
-        cls,
-        simulator: Simulator,
-        maneuver: Maneuver,
-        coefficients: np.ndarray | Mapping[str, float | np.ndarray] | None,
-        dt: float,
-    ) -> _Batch:
-        """Of a ``maneuver`` with ``coefficients`` as for ``simulate_batch``; raises what that says."""
-        ship, orders = simulator.ship, maneuver.orders()
-        if not (math.isfinite(dt) and 0 < dt <= maneuver.duration):
-            longest = f"no longer than the manoeuvre ({maneuver.duration:g} s)"
-            raise OutOfRange(f"dt = {dt:g} s must be positive and {longest}")
-        if isinstance(orders, StepOrders | HeadingControl):
-            raise Unsupported(f"{maneuver.name}: its orders follow from the motion; simulate one ship at a time")
-        theta = coefficient_array(ship, coefficients)
-        if maneuver.factors:  # of the resistance, where she is stopped
-            theta = (theta.T * [maneuver.factors.get(symbol, 1.0) for symbol in ship.symbols]).T
-        six = np.repeat(maneuver.start[:, None], theta.shape[1] if theta.ndim == 2 else 1, axis=1)
-        start = settled(simulator.model, six, input_array(ship, np.array([[maneuver.n, 0.0]]), np.zeros(1))[0], theta)
-        t = np.round(dt * np.arange(math.floor(maneuver.duration / dt + TINY) + 1), 9)
-        return cls(simulator, maneuver, orders, theta, start, dt, t)
 
 
 def coefficient_array(ship: Ship, given: np.ndarray | Mapping[str, float | np.ndarray] | None) -> np.ndarray:
@@ -305,22 +268,25 @@ def ends_of(orders: Orders, t: np.ndarray, states: np.ndarray) -> np.ndarray:
     return np.where(over.any(axis=0), np.argmax(over, axis=0), N)
 
 
-def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
-    """All ships of a ``batch`` a sample at a time, with their rudders or engines, inputs held over each sample. push:
-    accelerations; with them the runs end once they have been read."""
-    ship, orders, theta, t, dt = batch.simulator.ship, batch.orders, batch.theta, batch.t, batch.dt
-    state, M, N = batch.start, batch.start.shape[1], len(t) - 1
+def _side_by_side(
+    simulator: Simulator,
+    maneuver: Maneuver,
+    theta: np.ndarray,
+    state: np.ndarray,
+    t: np.ndarray,
+    dt: float,
+    push: Push | None,
+) -> SimulatedRuns:
+    """All ships a sample at a time, with their rudders or engines, inputs held over each sample: from ``state`` (S, M)
+    with coefficients theta (P,) or (P, M), at times t (N + 1,) [s]; the others as of ``simulate_batch``."""
+    ship, orders, engine, M, N = simulator.ship, maneuver.orders(), maneuver.engine, state.shape[1], len(t) - 1
     parts = integration_steps(ship, dt)
     keep = np.arange(1, parts + 1) == parts
     states, inputs = np.empty((N + 1, 6, M)), np.zeros((N + 1, 2, M))
-    rudders = ZigzagRudders(orders, batch.maneuver.limits, M) if isinstance(orders, Zigzag) else None
-    engine, shaft = batch.maneuver.engine, None
-    if isinstance(orders, StopOrders) and engine:
-        shaft = engine.shaft(M)
-    elif rudders is None:
-        inputs[:] = means(batch.maneuver, t)[:, :, None]
-    else:
-        inputs[:, 0] = batch.maneuver.n
+    rudders = ZigzagRudders(orders, maneuver.limits, M) if isinstance(orders, Zigzag) else None
+    shaft = engine.shaft(M) if isinstance(orders, StopOrders) and engine else None
+    if shaft is None:
+        inputs[:] = means(maneuver, t)[:, :, None] if rudders is None else [[maneuver.n], [0.0]]
     everyone, done, last = np.ones(M, dtype=bool), np.zeros(M, dtype=bool), np.full(M, N)  # done: read, stands still
     for k in range(N + 1):
 
@@ -331,7 +297,7 @@ def _side_by_side(batch: _Batch, push: Push | None = None) -> SimulatedRuns:
             controls = input_array(ship, np.stack([inputs[k, 0], delta])[None, :, moving], t[[k]])
             coefficients = theta if theta.ndim == 1 else theta[:, moving]
             after = state[:, which]
-            after[:, moving[which]] = batch.simulator.run(
+            after[:, moving[which]] = simulator.run(
                 state[:, moving], np.repeat(controls, parts, axis=0), dt / parts, coefficients, keep=keep
             )[-1]
             return after

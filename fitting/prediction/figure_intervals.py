@@ -22,7 +22,7 @@ from cases.criteria.scatter import draw_coefficients
 from cases.criteria.standard_runs import Run, figures_of_each, planned_run, since_each
 from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
-from cases.simulation.simulate_batch import Push, SimulatedRuns, input_array, simulate_batch, simulate_pushed
+from cases.simulation.simulate_batch import Push, SimulatedRuns, input_array, simulate_batch
 from cases.trial import Trial
 from fitting.parallel import Shared, run_all
 from fitting.prediction.band_calibration import student_factor
@@ -248,7 +248,7 @@ def drawn_figures(
             at = ship.coefficients[symbol].value
             values[symbol] = np.tile(x[:many] if share == 1 else at + share * farther * (x[:many] - at), copies)
         order = plan if plan.engine is None else replace(plan, engine=plan.engine.drawn(many, seed).repeated(copies))
-        runs = simulate_pushed(simulator, order, values, dt, push)
+        runs = simulate_batch(simulator, order, values, dt, push)
         with np.errstate(invalid="ignore", over="ignore"):  # Froude number 3: she runs away
             lost = ~(np.abs(runs.states[:, 3:5]).max(axis=(0, 1)) < 3 * reference_speed(L))
         return replace(runs, states=np.where(lost, np.nan, runs.states))

@@ -28,7 +28,7 @@ from cases.maneuvers.definitions import (
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.simulate import simulate
-from cases.simulation.simulate_batch import simulate_batch, simulate_pushed
+from cases.simulation.simulate_batch import simulate_batch
 from cases.trial import Trial
 from mmg.components.propeller.four_quadrant import A_Q, B_Q
 from mmg.errors import OutOfRange, UserError
@@ -435,7 +435,7 @@ def test_a_laden_tanker_stops_in_ten_lengths_or_more_and_alike_in_every_command(
     fine = figures_of(simulate(ship, plan, 1.0), plan)
     assert fine["track_reach"] == pytest.approx(run.figures["track_reach"], rel=2e-3)
     (batch,) = figures_of_each(simulate_batch(ship, plan, dt=1.0), plan)
-    pushed = simulate_pushed(
+    pushed = simulate_batch(
         Simulator(ship), plan, {"R_0": ship.values[[ship.symbols.index("R_0")]]}, 1.0, lambda k, states: np.zeros(())
     )
     for figure, value in fine.items():

@@ -18,7 +18,7 @@ from cases.simulation.demo_trials import OFFSETS, SHIP, demo_trials, hidden_ship
 from cases.simulation.gusts import Wind, gust_filter, hino_spectrum, parse_wind
 from cases.simulation.harbour_inputs import harbour_inputs, harbour_seed, ranges_of
 from cases.simulation.simulate import SensorNoise, add_noise, simulate, simulate_controls, wrap, write_trial
-from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch, simulate_pushed
+from cases.simulation.simulate_batch import SimulatedRuns, simulate_batch
 from cases.trial import Trial
 from mmg.errors import BadValue, Missing, NoSolution, OutOfRange, Unsupported, UserError
 from mmg.messages import has_code
@@ -288,7 +288,7 @@ def test_a_zigzag_that_has_been_read_is_not_pushed_any_more() -> None:
     plan, two = parse_maneuver("zigzag:20/20", ESSO, speed=0.5), {"N_r": np.full(2, ESSO.coefficients["N_r"].value)}
     push = np.zeros((3, 2))
     push[2, 1] = 2e-3  # one of two is pushed, and ends at another time
-    found = simulate_pushed(SIMULATOR, plan, two, 0.5, lambda k, states: push)
+    found = simulate_batch(SIMULATOR, plan, two, 0.5, lambda k, states: push)
     first, second = found.last
     assert first != second
     early, last = (0, int(first)) if first < second else (1, int(second))
@@ -328,7 +328,7 @@ def calm(k: int, states: np.ndarray) -> np.ndarray:
 def test_figures_of_a_batch_are_those_of_each_run(text: str) -> None:
     plan, scattered = parse_maneuver(text, ESSO, speed=0.5), {FIRST.symbol: FIRST.value * np.array([1.0, 0.9, 1.1])}
     whole = simulate_batch(SIMULATOR, plan, scattered, 0.5)
-    pushed = simulate_pushed(SIMULATOR, plan, scattered, 0.5, calm)
+    pushed = simulate_batch(SIMULATOR, plan, scattered, 0.5, calm)
     assert len(pushed.t) <= len(whole.t)
     for m, last in enumerate(pushed.last):
         rows = slice(0, last + 1)
@@ -343,7 +343,7 @@ def test_figures_of_a_batch_are_those_of_each_run(text: str) -> None:
 
 def test_a_constant_push_moves_a_ship_as_its_acceleration_says() -> None:
     plan, push = parse_maneuver("turning:20", ESSO, speed=0.5), np.array([[0.0, 1e-4], [0.0, 0.0], [0.0, 0.0]])
-    runs = simulate_pushed(SIMULATOR, plan, ALIKE, 0.1, lambda k, states: push)
+    runs = simulate_batch(SIMULATOR, plan, ALIKE, 0.1, lambda k, states: push)
     gained = runs.states[:11, 3, 1] - runs.states[:11, 3, 0]  # before damping tells
     np.testing.assert_allclose(gained[1:], 1e-5 * np.arange(1, 11), rtol=0.05)
 
@@ -354,7 +354,7 @@ def test_a_diverging_run_has_no_figures_and_a_spiral_is_refused() -> None:
     def blown(k: int, states: np.ndarray) -> np.ndarray:
         return np.array([[0.0, np.nan if k == 20 else 0.0]] * 3)
 
-    first, second = figures_of_each(simulate_pushed(SIMULATOR, plan, ALIKE, 0.5, blown), plan)
+    first, second = figures_of_each(simulate_batch(SIMULATOR, plan, ALIKE, 0.5, blown), plan)
     assert "advance" in first and second == {}
     with pytest.raises(Unsupported):
-        simulate_pushed(SIMULATOR, parse_maneuver("spiral:15/5", ESSO, speed=0.5), ALIKE, 0.5, calm)
+        simulate_batch(SIMULATOR, parse_maneuver("spiral:15/5", ESSO, speed=0.5), ALIKE, 0.5, calm)
