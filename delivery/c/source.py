@@ -20,7 +20,7 @@ import numpy as np
 from cases.maneuvers import self_propulsion
 from delivery.product import Product, filled, identifiers, unit_of
 from mmg.compile.codegen import Program
-from mmg.compile.portable_c import LANES, Emitter, LaneEmitter, functions_used, lane_functions, literal, prelude
+from mmg.compile.portable import LANES, LaneEmitter, PortableEmitter, functions_used, lane_functions, literal, prelude
 from mmg.effects import effect
 from mmg.errors import Unsupported, UserError
 from mmg.model import INVERSIONS
@@ -231,13 +231,13 @@ def source_c(product: Product, more: str = "") -> tuple[str, int]:
     kept = {place: f"model->kept[{i}]" for i, place in enumerate(program.handed_on(EVERY, COEFFICIENTS))}
     held = {place: f"held[{i}]" for i, place in enumerate(program.handed_on(shown, INPUTS))}
     arguments = {0: "state[{0}]", 1: "inputs[{0}]", 2: "model->coefficients[{0}]"}
-    first, emitter, later = (Emitter(program, arguments, known) for known in ({}, kept, kept | held))
+    first, emitter, later = (PortableEmitter(program, arguments, known) for known in ({}, kept, kept | held))
 
     def stage(outputs: Sequence[int], after: int) -> list[int]:
         """Values of the one stage that follows ``after`` and lead to ``outputs``."""
         return [i for i in program.needed(outputs, after) if program.values[i].stage == after + 1]
 
-    def stored(output: int, target: str, width: int = 1, by: Emitter = emitter) -> list[str]:
+    def stored(output: int, target: str, width: int = 1, by: PortableEmitter = emitter) -> list[str]:
         """Statements that store an output of ``width`` columns row by row in ``target``."""
         places = program.results[output]
         rows = len(places) // width
@@ -248,7 +248,7 @@ def source_c(product: Product, more: str = "") -> tuple[str, int]:
         """Statements that lead to an output and store it."""
         return [*emitter.statements(program.needed([output], COEFFICIENTS)), *stored(output, target, width)]
 
-    def passed(values: Mapping[int, str], by: Emitter) -> list[str]:
+    def passed(values: Mapping[int, str], by: PortableEmitter) -> list[str]:
         """Statements that hand ``values`` on to the next stage."""
         return [f"{text} = {by.name(place)};" for place, text in values.items()]
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from delivery.c.source import COLUMNS, FEATURES, FORCES, RATES, SETTLED, approach, c_files, equations
 from delivery.product import Product, filled, unit_of
-from mmg.compile.portable_m import WHEN, MEmitter, m_number
+from mmg.compile.portable import WHEN, MEmitter, m_number
 from mmg.errors import Unsupported
 from mmg.model import INVERSIONS
 from mmg.ship import Ship

@@ -3,7 +3,7 @@
 An interval integrates K Runge-Kutta steps from its start node with inputs held over each step. For all intervals
 together this gives the end state and the interior states, their sensitivities with respect to the start node and the
 free coefficients, and the Hessian of any weighted sum of them (exact, by adjoints that go back through the stages).
-With a C compiler one kernel of the ship does all that (mmg/compile/interval_source.py), else CasADi.
+With a C compiler one kernel of the ship does all that (mmg/compile/intervals.py), else CasADi.
 
 y = h(z, theta): the identity for most ships; lags, lever arms, gains and biases of the effects that enter there.
 """
@@ -192,7 +192,7 @@ class PortableIntervals:
     CasADi at all intervals, the chain rule through the stages of each step by numpy. The methods of that say what these
     take and return; N = S + P, and the Q states from S - Q on act.
 
-    whole: as of ``mmg.compile.interval_source.derivatives``.
+    whole: as of ``mmg.compile.intervals.derivatives``.
     """
 
     def __init__(self, whole: ca.Function) -> None:

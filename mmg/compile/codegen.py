@@ -126,14 +126,6 @@ def prelude() -> str:
     return _COMMON + c_file(__file__, "vector.h", lanes=LANES) + functions + "\n".join(by_lane) + "\n"
 
 
-def expression(operation: int, operands: list[str]) -> str:
-    """C expression of one instruction on its operands. operation: CasADi's number of it; NotImplementedError for one
-    without C."""
-    if operation not in EXPRESSIONS:
-        raise NotImplementedError(f"no C for CasADi operation {operation}")
-    return EXPRESSIONS[operation].format(*operands)
-
-
 def constant(value: float) -> str:
     """C literal of a number: Python writes an infinite or undefined ``value`` in words that C does not know."""
     if math.isnan(value):
@@ -236,6 +228,60 @@ class Program:
         return sorted(i for i in read if self.values[i].stage == stage and self.values[i].argument is None)
 
 
+class Emitter:
+    """Writes statements for the values of a program, on vectors here.
+
+    program: staged; arguments: argument -> C text of its elements, such as "state[{0}]"; kept: place -> C text of
+    what an earlier stage has left behind. Another language overrides ``expressions`` and what follows: powers that need
+    no call, the form of a statement, the number of the first element of an array, literals.
+    """
+
+    expressions, powers, statement, first = EXPRESSIONS, dict[float, str](), "const V w{0} = {1};", 0
+
+    def __init__(self, program: Program, arguments: Mapping[int, str], kept: Mapping[int, str]) -> None:
+        self.program, self.arguments, self.kept = program, arguments, dict(kept)
+
+    def literal(self, number: float) -> str:
+        """Text of a ``number``."""
+        return f"fill({constant(number)})"
+
+    def name(self, place: int | None) -> str:
+        """Text of the value at a ``place`` that is known by now; a structural zero (None) is zero."""
+        if place is None:
+            return self.literal(0.0)
+        value = self.program.values[place]
+        if value.argument:
+            return self.arguments[value.argument[0]].format(value.argument[1] + self.first)
+        return self.kept.get(place, f"w{place}") if value.operands else self.literal(value.number)
+
+    def statements(self, places: Iterable[int | None]) -> list[str]:
+        """One statement for each value of ``places`` that is made of others and not kept; what they are made of
+        constants alone comes first, as no list of a stage holds it. Raises NotImplementedError for an operation that
+        the language does not have."""
+        values = self.program.values
+        chosen = {place for place in places if place is not None}
+        todo = [i for place in chosen for i in values[place].operands]
+        while todo:  # cheaper made again than handed on
+            place = todo.pop()
+            if values[place].stage == CONSTANT and place not in chosen:
+                chosen.add(place)
+                todo += values[place].operands
+        # places are in the order of the program: operands come first
+        made = [place for place in sorted(chosen) if values[place].operands and place not in self.kept]
+        return [self.statement.format(place, self._expression(place)) for place in made]
+
+    def _expression(self, place: int) -> str:
+        value, values = self.program.values[place], self.program.values
+        names = [self.name(i) for i in value.operands]
+        if value.operation in (ca.OP_POW, ca.OP_CONSTPOW):
+            exponent = values[value.operands[1]]  # CasADi keeps it as an operand, also where it is a number
+            if exponent.stage == CONSTANT and not exponent.operands and exponent.number in self.powers:
+                return self.powers[exponent.number].format(*names)
+        if value.operation not in self.expressions:
+            raise NotImplementedError(f"no C for CasADi operation {value.operation}")
+        return self.expressions[value.operation].format(*names)
+
+
 @dataclass(frozen=True)
 class StagedBody:
     """C statements of one stage, and the number of values that it hands on."""
@@ -301,48 +347,18 @@ def staged_bodies(
     array for what it hands on; the last stage is one more. result: name of the array to which the last stage writes the
     nonzeros of the outputs, one output after the other. Raises NotImplementedError for an operation without C.
     """
-    elements: dict[int, str] = {}  # place of a value that an earlier stage has handed on -> C text of it
-    bodies = {}
+    kept, bodies = dict[int, str](), dict[int, StagedBody]()
+    texts = {argument: f"{name}[{{0}}]" for argument, name in arguments.items()}
     for stage in [*arrays, max(arrays, default=CONSTANT) + 1]:
-        lines: list[str] = []
-        declared: set[int] = set()
-        for at in program.needed(outputs):
-            value = program.values[at]
-            if value.stage == stage and value.argument is None:
-                for operand in value.operands:
-                    lines += _declarations(program, operand, arguments, elements, declared)
-                declared.add(at)
-                lines.append(_assigned(value, at))
+        emitter = Emitter(program, texts, kept)
+        places: list[int | None] = [at for at in program.needed(outputs) if program.values[at].stage == stage]
         if stage in arrays:
-            given = program.handed_on(outputs, stage)
-            elements |= {at: f"{arrays[stage]}[{row}]" for row, at in enumerate(given)}
-            lines += [f"{elements[at]} = a{at};" for at in given]
-        else:
+            made = {at: f"{arrays[stage]}[{row}]" for row, at in enumerate(program.handed_on(outputs, stage))}
+            lines = emitter.statements(places) + [f"{to} = {emitter.name(at)};" for at, to in made.items()]
+            kept |= made
+        else:  # a result may come from an earlier stage, or be an argument itself
             given = [at for j in outputs for at in program.results[j] if at is not None]
-            for row, at in enumerate(given):  # a result may come from an earlier stage, or be an argument itself
-                lines += _declarations(program, at, arguments, elements, declared)
-                lines.append(f"{result}[{row}] = a{at};")
-        bodies[stage] = StagedBody("\n  ".join(lines), len(given))
+            lines = emitter.statements([*places, *given])
+            lines += [f"{result}[{row}] = {emitter.name(at)};" for row, at in enumerate(given)]
+        bodies[stage] = StagedBody("\n  ".join(lines), len(made if stage in arrays else given))
     return bodies
-
-
-def _assigned(value: Value, at: int) -> str:
-    return f"const V a{at} = {expression(value.operation, [f'a{i}' for i in value.operands])};"
-
-
-def _declarations(
-    program: Program, at: int, arguments: Mapping[int, str], elements: Mapping[int, str], declared: set[int]
-) -> list[str]:
-    """Statements that name a value from outside of a stage, unless it is ``declared``, which it is afterwards."""
-    value = program.values[at]
-    if at in declared:
-        return []
-    declared.add(at)
-    if value.argument is not None:
-        return [f"const V a{at} = {arguments[value.argument[0]]}[{value.argument[1]}];"]
-    if value.stage == CONSTANT and not value.operands:
-        return [f"const V a{at} = fill({constant(value.number)});"]
-    if value.stage == CONSTANT:  # cheaper made again than handed on
-        before = [line for i in value.operands for line in _declarations(program, i, arguments, elements, declared)]
-        return [*before, _assigned(value, at)]
-    return [f"const V a{at} = {elements[at]};"]

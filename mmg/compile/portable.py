@@ -1,4 +1,5 @@
-"""Portable C99 of a staged program: plain calls of the C library on scalars, one statement per value.
+"""Portable C99 of a staged program: plain calls of the C library on scalars, one statement per value; and the same in
+statements of MATLAB and Octave.
 
 No CasADi, no allocation, no globals, and none of the tricks that rest on the rounding of sums, so that the code may be
 compiled with -ffast-math. ``real`` is the type of all numbers and ``R(x)`` a literal of it; ``m_sin`` and the like are
@@ -9,12 +10,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import casadi as ca
 
 from mmg.compile import codegen
-from mmg.compile.codegen import ARITHMETIC, COMPARISONS, CONSTANT, LANES, OF_ONE, OF_TWO, Program, calls
+from mmg.compile.codegen import ARITHMETIC, COMPARISONS, CONSTANT, LANES, OF_ONE, OF_TWO, Emitter, Program, calls
 
 # C expression of each CasADi operation on its operands.
 EXPRESSIONS: dict[int, str] = {
@@ -49,61 +50,14 @@ def literal(number: float) -> str:
     return f"R({number!r})"
 
 
-class Emitter:
-    """Writes statements for the values of a program.
+class PortableEmitter(Emitter):
+    """Writes statements of portable C."""
 
-    program: staged; arguments: argument -> C text of its elements, such as "state[{0}]"; kept: place -> C text of
-    what an earlier stage has left behind. Another language overrides ``expressions`` and what follows: powers that need
-    no call, the form of a statement, the number of the first element of an array, literals.
-    """
-
-    expressions, powers, statement, first = EXPRESSIONS, _POWERS, "const real w{0} = {1};", 0
-
-    def __init__(self, program: Program, arguments: Mapping[int, str], kept: Mapping[int, str]) -> None:
-        self.program, self.arguments, self.kept = program, arguments, dict(kept)
+    expressions, powers, statement = EXPRESSIONS, _POWERS, "const real w{0} = {1};"
 
     def literal(self, number: float) -> str:
-        """Text of a ``number``."""
+        """C text of a ``number``."""
         return literal(number)
-
-    def name(self, place: int | None) -> str:
-        """C text of the value at a ``place`` that is known by now; a structural zero (None) is zero."""
-        if place is None:
-            return self.literal(0.0)
-        value = self.program.values[place]
-        if value.stage == CONSTANT and not value.operands:
-            return self.literal(value.number)
-        if value.argument:
-            return self.arguments[value.argument[0]].format(value.argument[1] + self.first)
-        return self.kept.get(place, f"w{place}")
-
-    def statements(self, places: Sequence[int]) -> list[str]:
-        """One statement ``const real w12 = ...;`` for each value of ``places`` that is neither kept nor an argument;
-        constants that they are made of come first. Raises NotImplementedError for an operation without C."""
-        values, folded = self.program.values, set()
-        todo = [i for place in places for i in values[place].operands]
-        while todo:  # values that are made of constants alone: no list of a stage holds them
-            place = todo.pop()
-            if values[place].stage == CONSTANT and values[place].operands and place not in folded:
-                folded.add(place)
-                todo += values[place].operands
-        chosen = sorted({*folded, *places})  # places are in the order of the program: operands come first
-        return [
-            self.statement.format(place, self._expression(place))
-            for place in chosen
-            if place not in self.kept and values[place].argument is None
-        ]
-
-    def _expression(self, place: int) -> str:
-        value, values = self.program.values[place], self.program.values
-        names = [self.name(i) for i in value.operands]
-        if value.operation in (ca.OP_POW, ca.OP_CONSTPOW):
-            exponent = values[value.operands[1]]  # CasADi keeps it as an operand, also where it is a number
-            if exponent.stage == CONSTANT and not exponent.operands and exponent.number in self.powers:
-                return self.powers[exponent.number].format(*names)
-        if value.operation not in self.expressions:
-            raise NotImplementedError(f"no C for CasADi operation {value.operation}")
-        return self.expressions[value.operation].format(*names)
 
 
 def prelude(functions: Sequence[str], single: str) -> str:
@@ -118,7 +72,7 @@ def prelude(functions: Sequence[str], single: str) -> str:
 OWN = {ca.OP_SIN: "sin", ca.OP_COS: "cos", ca.OP_TANH: "tanh", ca.OP_ATAN2: "atan2"}
 
 
-class LaneEmitter(Emitter):
+class LaneEmitter(PortableEmitter):
     """Writes statements for LANES points: arguments and kept values that differ between points end in ``[l]``."""
 
     def name(self, place: int | None) -> str:
@@ -153,3 +107,54 @@ def lane_functions(program: Program, outputs: list[int], tanh: str) -> str:
     by_name = {re.findall(r" lanes_(\w+)", part)[0]: f"{part}\n" for part in parts}
     called = (["odd"] if used - {"tanh"} else []) + (["wave"] if used & {"sin", "cos"} else [])
     return "".join(by_name[name] for name in [*called, *sorted(used)]).replace("@tanh@", tanh)
+
+
+# M expression of each CasADi operation; ``when`` is a function of the file that holds the statements.
+M_EXPRESSIONS: dict[int, str] = {
+    **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})" for name in OF_ONE},
+    **{getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}}, {{1}})" for name in ("atan2", "hypot")},
+    **ARITHMETIC,
+    ca.OP_FABS: "abs({0})",  # functions of another name than in C
+    ca.OP_FMIN: "min({0}, {1})",
+    ca.OP_FMAX: "max({0}, {1})",
+    ca.OP_FMOD: "rem({0}, {1})",
+    ca.OP_COPYSIGN: "abs({0}) * (1 - 2 * ({1} < 0))",
+    ca.OP_POW: "{0} ^ {1}",
+    ca.OP_CONSTPOW: "{0} ^ {1}",
+    ca.OP_DIV: "{0} / {1}",
+    ca.OP_TWICE: "2 * {0}",
+    ca.OP_INV: "1 / {0}",
+    ca.OP_LT: "double({0} < {1})",
+    ca.OP_LE: "double({0} <= {1})",
+    ca.OP_EQ: "double({0} == {1})",
+    ca.OP_NE: "double({0} ~= {1})",  # MATLAB's sign, which Octave knows too
+    ca.OP_NOT: "double({0} == 0)",
+    ca.OP_AND: "double({0} ~= 0 && {1} ~= 0)",
+    ca.OP_OR: "double({0} ~= 0 || {1} ~= 0)",
+    ca.OP_SIGN: "sign({0})",
+    ca.OP_IF_ELSE_ZERO: "when({0}, {1})",
+}
+WHEN = """
+function x = when(condition, x)
+  if condition == 0
+    x = 0;
+  end
+end
+"""
+
+
+def m_number(number: float) -> str:
+    """M text of a ``number``, a negative one in parentheses."""
+    if math.isnan(number) or math.isinf(number):
+        return "NaN" if math.isnan(number) else "Inf" if number > 0 else "(-Inf)"
+    return repr(float(number)) if math.copysign(1.0, number) > 0 else f"({float(number)!r})"
+
+
+class MEmitter(Emitter):
+    """Writes statements of MATLAB: arguments count from 1."""
+
+    expressions, powers, statement, first = M_EXPRESSIONS, {2.0: "{0} * {0}"}, "w{0} = {1};", 1
+
+    def literal(self, number: float) -> str:
+        """M text of a ``number``."""
+        return m_number(number)
