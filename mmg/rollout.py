@@ -7,9 +7,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from mmg.compile.batch import BatchFunction, batch_functions, filled
+from mmg.compile.batch import BatchFunction, Rollout, batch_functions, compile_rollout, filled
 from mmg.compile.codegen import LANES
-from mmg.compile.fused import Rollout, compile_rollout
 from mmg.model import assemble, columns, settled, states_behind
 from mmg.runge_kutta import rk4_step
 from mmg.ship import Ship

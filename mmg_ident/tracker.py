@@ -25,8 +25,7 @@ from diagnosis.estimation.transition_model import FORCE, step_faults
 from fitting.nlp.shooting import PortableIntervals
 from fitting.prediction.band_calibration import NORMAL
 from mmg.compile.batch import batch_functions
-from mmg.compile.interval_source import derivatives
-from mmg.compile.intervals import IntervalKernel, Lanes
+from mmg.compile.intervals import IntervalKernel, Lanes, derivatives
 from mmg.errors import (
     BadValue,
     Missing,

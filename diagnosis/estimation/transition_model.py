@@ -16,8 +16,7 @@ import numpy as np
 from fitting.nlp.shooting import PortableIntervals
 from mmg.compile.batch import batch_functions, differences, finite_points
 from mmg.compile.codegen import LANES
-from mmg.compile.interval_source import derivatives
-from mmg.compile.intervals import IntervalKernel, Lanes
+from mmg.compile.intervals import IntervalKernel, Lanes, derivatives
 from mmg.effects import EFFECTS
 from mmg.model import Model, assemble, columns, settled, states_behind
 from mmg.ship import Ship

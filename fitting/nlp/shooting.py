@@ -23,8 +23,7 @@ from fitting.nlp.windows import Chains
 from mmg.compile.batch import LOOP_FLAGS, MORE, BatchFunction, batch_functions, differences, finite_at
 from mmg.compile.cache import load_library
 from mmg.compile.codegen import EXPORT, c_file
-from mmg.compile.interval_source import derivatives
-from mmg.compile.intervals import IntervalKernel, Lanes, Wanted
+from mmg.compile.intervals import IntervalKernel, Lanes, Wanted, derivatives
 from mmg.model import Model
 from mmg.runge_kutta import MIDDLE, NODES, WEIGHTS, rk4_step
 

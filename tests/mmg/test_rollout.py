@@ -8,9 +8,9 @@ import pytest
 
 from cases.shipfiles.effects import with_effects as effects_of
 from cases.shipfiles.ship_file import load_ship
+from mmg.compile.batch import compile_rollout
 from mmg.compile.cache import compiler
 from mmg.compile.codegen import LANES
-from mmg.compile.fused import compile_rollout
 from mmg.effects import effect
 from mmg.model import columns
 from mmg.rollout import Simulator
