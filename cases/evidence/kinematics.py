@@ -43,15 +43,14 @@ Rows = Callable[[float], tuple[np.ndarray, np.ndarray]]  # lag [s] -> (A (M, P),
 class Fit:
     """Few faults that explain the rows, and what each other one would be in addition.
 
-    active: the faults; values, std, sharp: (P,), sharp where the data tell more than the prior; crit: Student's SIGMAS;
-    rivals: fault -> [(other, its value)] that would explain the rows nearly as well in its place; cost: negative
-    logarithm of the likelihood of what is left, with Huber's tails.
+    active: the faults; values, std: (P,); crit: Student's SIGMAS; rivals: fault -> [(other, its value)] that would
+    explain the rows nearly as well in its place; cost: negative logarithm of the likelihood of what is left, with
+    Huber's tails.
     """
 
     active: tuple[int, ...]
     values: np.ndarray
     std: np.ndarray
-    sharp: np.ndarray
     crit: float
     rivals: dict[int, list[tuple[int, float]]]
     cost: float
@@ -69,8 +68,8 @@ class Normal:
     squares: float
     rows: float
 
-    def solve(self, chosen: Sequence[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-        """(values, std, std without regard to groups, drop of the weighted squares) with only these, the others 0."""
+    def solve(self, chosen: Sequence[int]) -> tuple[np.ndarray, np.ndarray, float]:
+        """(values, std, drop of the weighted squares) with only these, the others 0."""
         c = np.array(chosen, dtype=int)
         N, h, wish = self.N[:, c[:, None], c], self.h[:, c], np.diag(self.prior[c] ** -2.0)
         b, std = jackknife(N, h, wish)
@@ -78,7 +77,7 @@ class Normal:
         # rows that scatter less once these faults are taken off know the faults better than their weights say
         sharper = max(self.rows / max(self.squares - drop, 1e-12 * self.squares), 1.0)
         plain = np.sqrt(np.diag(np.linalg.inv(sharper * N.sum(axis=0) + wish)))
-        return b, np.maximum(plain, std), plain, drop
+        return b, np.maximum(plain, std), drop
 
 
 def _normal(rows: Sequence[Rows], blocks: Sequence[np.ndarray], b: np.ndarray, prior: np.ndarray, few: float) -> Normal:
@@ -120,7 +119,7 @@ def fit(
     """
     P = len(prior)
     active = list(start)
-    b, std, sharp = np.zeros(P), np.zeros(P), np.zeros(P, dtype=bool)
+    b, std = np.zeros(P), np.zeros(P)
     while True:
         for _ in range(ITERATIONS if active else 3):  # the weights follow the errors, the errors the values
             system = _normal(rows, blocks, b, prior, few)
@@ -130,13 +129,13 @@ def fit(
         values, drops = b.copy(), np.full(P, -math.inf)
         for j in range(P):
             chosen = [i for i in active if i != j] + [j]  # last, so that its value and error are those at -1
-            value, error, plain, drop = system.solve(chosen)
-            values[j], std[j], sharp[j] = value[-1], error[-1], plain[-1] < 0.5 * prior[j]
+            value, error, drop = system.solve(chosen)
+            values[j], std[j] = value[-1], error[-1]
             if j not in active and abs(values[j]) > max(crit * std[j], least[j]):
                 drops[j] = drop
         if not np.isfinite(drops).any() or len(active) >= MOST:
-            return Fit(tuple(active), values, std, sharp, crit, _rivals(system, active), system.cost)
-        base = system.solve(active)[3] if active else 0.0
+            return Fit(tuple(active), values, std, crit, _rivals(system, active), system.cost)
+        base = system.solve(active)[2] if active else 0.0
         alike = drops - base >= SHARE * (drops.max() - base)
         first = alike & preferred if (alike & preferred).any() else alike
         active.append(int(np.argmax(np.where(first, drops, -np.inf))))
@@ -147,11 +146,11 @@ def _rivals(system: Normal, active: Sequence[int]) -> dict[int, list[tuple[int, 
     out: dict[int, list[tuple[int, float]]] = {}
     for j in active:
         rest = [i for i in active if i != j]
-        value, std, _, drop = system.solve([*rest, j])
-        gain = drop - (system.solve(rest)[3] if rest else 0.0)
+        value, std, drop = system.solve([*rest, j])
+        gain = drop - (system.solve(rest)[2] if rest else 0.0)
         for k in set(range(len(system.prior))) - set(active):
             other = system.solve([*rest, k])
-            lost = (drop - other[3]) / gain
+            lost = (drop - other[2]) / gain
             # a fault of z standard errors is worth z^2 in chi-squared
             if lost < max(1 - SHARE, CLOSE * float(std[-1] / value[-1]) ** 2):
                 out.setdefault(j, []).append((k, float(other[0][-1])))
@@ -233,38 +232,39 @@ TURN = (
 class Reading:
     """One quantity of one run or of all.
 
-    value, std: NaN when not checked. verdict: "found", "none", "undetermined" (its size could matter unseen) or "not
-    checked". Of what is found: a sentence, which names other quantities that would explain it nearly as well; effect
-    and parameter of the library, "" without one; exact: that effect does the same to the columns.
+    value, std: NaN when not checked. Of what is found: a sentence, which names other quantities that would explain it
+    nearly as well; effect and parameter of the library, "" without one; exact: that effect does the same to the
+    columns.
     """
 
     symbol: str
     value: float
     std: float
-    verdict: str
     sentence: str = ""
     effect: str = ""
     parameter: str = ""
     exact: bool = False
 
-
-def found_reading(q: SensorFault, value: float, std: float, rivals: Sequence[tuple[SensorFault, float]]) -> Reading:
-    """The reading of the quantity q that was found. value, std: fitted value and standard error [q.unit]; rivals: other
-    quantities that would explain the same, and their values."""
-    sentence = f"{q.words(value)} +- {_shown(std, q.unit)}"
-    effect, parameter, exact = q.effect, q.parameter, q.exact
-    if q.symbol == "lag" and value < 0:
-        effect, exact = "gnss_delay", False
-        sentence += "; a late position (gnss_delay of the library makes u and v as late)"
-    elif q.symbol == "lag_r" and value < 0:
-        effect, parameter, exact = "", "", False
-    elif q.symbol.startswith("arm"):
-        sentence += ' (antenna_offset of the position alone; reference_point with applies_to = "position" corrects it)'
-    elif effect:
-        sentence += f" ({effect})"
-    if rivals:
-        sentence += f"; hardly to be told from: {', or '.join(other.words(size) for other, size in rivals)}"
-    return Reading(q.symbol, value, std, "found", sentence, effect, parameter, exact)
+    @classmethod
+    def found(cls, q: SensorFault, value: float, std: float, rivals: Sequence[tuple[SensorFault, float]]) -> Reading:
+        """That of the quantity q [q.unit], which was found; rivals: others that would explain the same, and how large
+        they would be."""
+        effect, parameter, exact = q.effect, q.parameter, q.exact
+        sentence = f"{q.words(value)} +- {_shown(std, q.unit)}"
+        if q.symbol == "lag" and value < 0:
+            effect, exact = "gnss_delay", False
+            sentence += "; a late position (gnss_delay of the library makes u and v as late)"
+        elif q.symbol == "lag_r" and value < 0:
+            effect, parameter, exact = "", "", False
+        elif q.symbol.startswith("arm"):
+            sentence += (
+                ' (antenna_offset of the position alone; reference_point with applies_to = "position" corrects it)'
+            )
+        elif effect:
+            sentence += f" ({effect})"
+        if rivals:
+            sentence += f"; hardly to be told from: {', or '.join(other.words(size) for other, size in rivals)}"
+        return cls(q.symbol, value, std, sentence, effect, parameter, exact)
 
 
 def _shown(value: float, unit: str) -> str:
@@ -318,7 +318,7 @@ class Kinematics:
     @property
     def found(self) -> tuple[Reading, ...]:
         """Pooled readings that were found."""
-        return tuple(r for r in self.pooled.readings if r.verdict == "found")
+        return tuple(r for r in self.pooled.readings if r.sentence)
 
     def effects(self) -> dict[str, dict[str, tuple[float, float]]]:
         """effect -> parameter -> (value, std) of found faults that an effect of the library repeats exactly."""
@@ -508,15 +508,13 @@ def _solved(
 def _judged(solution: Fit | None, of: Sequence[SensorFault], k: float) -> list[Reading]:
     """Readings of a fit of all runs."""
     if solution is None:
-        return [Reading(q.symbol, math.nan, math.nan, "not checked") for q in of]
+        return [Reading(q.symbol, math.nan, math.nan) for q in of]
     out = []
     for i, q in enumerate(of):
         value, std = q.as_logged(solution.values[i]), float(solution.std[i])
-        least = q.threshold * k ** (2 * q.power)
         rivals = [(of[j], of[j].as_logged(size)) for j, size in solution.rivals.get(i, [])]
-        small = max(abs(value), std) < least and solution.sharp[i]
-        without = Reading(q.symbol, value, std, "none" if small else "undetermined")
-        out.append(found_reading(q, value, std, rivals) if _shows(solution, i, q, k) else without)
+        shows = _shows(solution, i, q, k)
+        out.append(Reading.found(q, value, std, rivals) if shows else Reading(q.symbol, value, std))
     return out
 
 
