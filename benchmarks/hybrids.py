@@ -24,8 +24,7 @@ from benchmarks.record import Figure, Record, parser_of, report
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.gusts import Wind
-from cases.simulation.simulate import SensorNoise, add_noise, simulate
+from cases.simulation.simulate import SensorNoise, Wind, add_noise, simulate
 from cases.trial import Trial
 from fitting.prediction.score import pooled_sigma
 from fitting.report.run_folder import plain

@@ -37,8 +37,7 @@ from cases.quantities import wraps
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.new_ship import new_ship
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.gusts import Wind
-from cases.simulation.simulate import simulate, simulate_controls
+from cases.simulation.simulate import Wind, simulate, simulate_controls
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.ship import Ship

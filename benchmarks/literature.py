@@ -21,11 +21,10 @@ import numpy as np
 
 from benchmarks.record import Figure, parser_of, report, table
 from benchmarks.toml import tables
-from cases.criteria.scatter import draw_coefficients
 from cases.criteria.standard_runs import figures_of_each
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.new_ship import HULLS, new_ship
-from cases.simulation.simulate_batch import simulate_batch
+from cases.simulation.simulate_batch import draw_coefficients, simulate_batch
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from cases.io.files import replaced
-from cases.shipfiles.ship_file import dump_whole_ship
-from cases.shipfiles.ship_json import dump_ship_json
+from cases.shipfiles.ship_file import dump_ship_json, dump_whole_ship
 from delivery.product import Product, product_of
 from fitting.report.run_folder import check_place, write_json, write_whole
 from mmg.errors import BadValue, Conflict, TargetExists, UnknownName, refusing, writing

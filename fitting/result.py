@@ -195,7 +195,7 @@ class FitResult(FitRecord):
             return sampled_posterior(self.fitted_objects.calibration, n, seed)
         import pandas as pd
 
-        from cases.criteria.scatter import draw_coefficients
+        from cases.simulation.simulate_batch import draw_coefficients
 
         return pd.DataFrame(draw_coefficients(self.ship, n, seed, correlation))[correlation[0]]
 

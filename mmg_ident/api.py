@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from cases.checks.report import CheckReport
-    from cases.simulation.gusts import Wind
+    from cases.simulation.simulate import Wind
     from diagnosis.result import Diagnosis
     from fitting.calibrate import FitOptions
     from fitting.calibration import SecondEstimate

@@ -26,8 +26,7 @@ from cases.shipfiles.effects import freeing_effects, varying_effects, with_effec
 from cases.shipfiles.network_file import NETWORK, save_network
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
-from cases.simulation.gusts import parse_wind
-from cases.simulation.simulate import write_trial
+from cases.simulation.simulate import parse_wind, write_trial
 from cases.trial import Trial
 from diagnosis import findings
 from diagnosis.result import CONTENT, Diagnosis, read_diagnosis

@@ -38,8 +38,7 @@ from cases.inputs import assumed
 from cases.maneuvers.definitions import STOPPING_CODES, STOPS, Limits, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
 from cases.shipfiles.particulars import BY_RULE
-from cases.simulation.gusts import Wind
-from cases.simulation.simulate import simulate
+from cases.simulation.simulate import Wind, simulate
 from cases.trial import LEFT_OUT, Trial
 from cases.trial_set import TrialSet
 from mmg.errors import Missing, NoSolution, UnknownName, UserError

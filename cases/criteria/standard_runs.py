@@ -17,8 +17,7 @@ from cases.io.campaigns import ship_in
 from cases.io.read import read_controls
 from cases.maneuvers.definitions import STEADY_CHANGE, STOPS, Maneuver, parse_maneuver
 from cases.maneuvers.self_propulsion import TEST_FROUDE, known_speed
-from cases.simulation.gusts import Wind, parse_wind
-from cases.simulation.simulate import SensorNoise, add_noise, simulate, simulate_controls
+from cases.simulation.simulate import SensorNoise, Wind, add_noise, parse_wind, simulate, simulate_controls
 from cases.trial import Trial
 from mmg.errors import Conflict, OutOfRange, TooFewData, UserError
 from mmg.messages import Message

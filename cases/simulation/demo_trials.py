@@ -10,8 +10,7 @@ import numpy as np
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.gusts import Wind
-from cases.simulation.simulate import SensorNoise, add_noise, simulate
+from cases.simulation.simulate import SensorNoise, Wind, add_noise, simulate
 from cases.trial import Trial
 from mmg.ship import Ship
 

@@ -17,8 +17,7 @@ import numpy as np
 
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.self_propulsion import own_speed
-from cases.simulation.gusts import Wind
-from cases.simulation.simulate import simulate
+from cases.simulation.simulate import Wind, simulate
 from cases.trial import Trial
 from fitting.identifiability.analysis import Identifiability, information_discount
 from fitting.nlp.fisher_information import information

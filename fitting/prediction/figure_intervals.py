@@ -18,11 +18,10 @@ import numpy as np
 
 from cases.criteria.figures import Since, figure_unit
 from cases.criteria.imo import FAIL, NONE, OPEN, PASS, Assessment, Row, assess, with_value
-from cases.criteria.scatter import draw_coefficients
 from cases.criteria.standard_runs import Run, figures_of_each, planned_run, since_each
 from cases.maneuvers.definitions import STOPS, Maneuver, parse_maneuver
 from cases.shipfiles.effects import calm_and_deep
-from cases.simulation.simulate_batch import Push, SimulatedRuns, input_array, simulate_batch
+from cases.simulation.simulate_batch import Push, SimulatedRuns, draw_coefficients, input_array, simulate_batch
 from cases.trial import Trial
 from fitting.parallel import Shared, run_all
 from fitting.prediction.band_calibration import student_factor

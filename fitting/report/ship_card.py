@@ -16,12 +16,12 @@ import numpy as np
 
 from cases.criteria.figures import Since
 from cases.criteria.imo import helm_words
-from cases.criteria.scatter import draw_coefficients
 from cases.criteria.standard_runs import Run
 from cases.maneuvers.definitions import Limits
 from cases.maneuvers.self_propulsion import actuator_positions, revolutions_for
 from cases.quantities import KNOT
 from cases.shipfiles.effects import calm_and_deep
+from cases.simulation.simulate_batch import draw_coefficients
 from fitting.prediction.bands import correlation_in
 from fitting.prediction.figure_intervals import FigureScatter, JudgedFigures
 from fitting.report.page import rendered

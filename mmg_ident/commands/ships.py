@@ -43,8 +43,7 @@ def ships(
     """
     from cases.io.files import replace_text
     from cases.shipfiles.new_ship import new_ship, parse_particulars
-    from cases.shipfiles.ship_file import dump_ship, library, load_ship
-    from cases.shipfiles.ship_json import dump_ship_json
+    from cases.shipfiles.ship_file import dump_ship, dump_ship_json, library, load_ship
     from mmg.messages import has_code
 
     if name is not None and new:

@@ -11,8 +11,7 @@ from cases.evidence.kinematics import Kinematics
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.gusts import Wind
-from cases.simulation.simulate import SensorNoise, add_noise, simulate
+from cases.simulation.simulate import SensorNoise, Wind, add_noise, simulate
 from cases.trial import Trial
 from diagnosis.diagnose import DiagnosisOptions, diagnose
 from diagnosis.result import Diagnosis

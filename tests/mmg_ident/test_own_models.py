@@ -22,8 +22,7 @@ import pytest
 
 import mmg_ident as mi
 from cases.shipfiles.effects import freeing_effects
-from cases.shipfiles.ship_file import dump_ship, parse_ship
-from cases.shipfiles.ship_json import dump_ship_json
+from cases.shipfiles.ship_file import dump_ship, dump_ship_json, parse_ship
 from delivery.c.source import c_files
 from delivery.fmi.write import write_fmu
 from diagnosis.estimation.candidates import find, ship_with_all_effects

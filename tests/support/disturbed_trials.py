@@ -17,8 +17,7 @@ from scipy.signal import lfilter
 from cases.inputs import model_inputs
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import with_effects
-from cases.simulation.gusts import Wind
-from cases.simulation.simulate import SensorNoise, logged, simulate, wrap
+from cases.simulation.simulate import SensorNoise, Wind, logged, simulate, wrap
 from cases.trial import Trial
 from mmg.errors import UserError
 from mmg.model import assemble

@@ -16,8 +16,7 @@ from cases.maneuvers.definitions import Maneuver, Orders, parse_maneuver
 from cases.quantities import UNITS
 from cases.shipfiles.effects import with_effects
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.gusts import parse_wind
-from cases.simulation.simulate import SensorNoise, add_noise, simulate
+from cases.simulation.simulate import SensorNoise, add_noise, parse_wind, simulate
 from cases.trial import Trial
 from mmg.rollout import Simulator
 

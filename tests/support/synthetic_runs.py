@@ -15,8 +15,7 @@ from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import freeing_effects, varying_effects, with_effects
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import demo_trials
-from cases.simulation.gusts import Wind
-from cases.simulation.simulate import SensorNoise, add_noise, simulate
+from cases.simulation.simulate import SensorNoise, Wind, add_noise, simulate
 from cases.trial import Trial
 from fitting.nlp.captive import Captive, CaptiveForces
 from fitting.nlp.prior import Prior

@@ -21,8 +21,7 @@ from cases.io.read import read_trials
 from cases.maneuvers.definitions import parse_maneuver
 from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.gusts import Wind
-from cases.simulation.simulate import simulate, write_trial
+from cases.simulation.simulate import Wind, simulate, write_trial
 from cases.trial import Trial
 from fitting.prediction.score import pooled_sigma
 from mmg.errors import TooFewData

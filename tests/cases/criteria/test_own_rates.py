@@ -15,8 +15,7 @@ from cases.criteria.own_rates import MEASURED, Ramp, order_delay, ramps_of, slew
 from cases.maneuvers.definitions import Limits, parse_maneuver
 from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.new_ship import new_ship
-from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
-from cases.shipfiles.ship_json import dump_ship_json
+from cases.shipfiles.ship_file import dump_ship, dump_ship_json, load_ship, parse_ship
 from cases.simulation.simulate import simulate
 from cases.trial import Trial
 from mmg.ship import Ship

@@ -18,8 +18,7 @@ from cases.shipfiles.effects import freeing_effects, reduced_ship, with_instrume
 from cases.shipfiles.generated_ship import generated_ship, structure_of
 from cases.shipfiles.network_file import save_network, save_tensors
 from cases.shipfiles.schema import ShipFile
-from cases.shipfiles.ship_file import dump_ship, dump_whole_ship, library, load_ship, parse_ship
-from cases.shipfiles.ship_json import dump_ship_json
+from cases.shipfiles.ship_file import dump_ship, dump_ship_json, dump_whole_ship, library, load_ship, parse_ship
 from cases.simulation.harbour_inputs import harbour_inputs
 from cases.simulation.simulate import simulate_controls
 from mmg.components.coefficients import names

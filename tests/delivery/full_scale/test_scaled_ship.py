@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from cases.criteria.imo import REFERENCES
-from cases.criteria.scatter import draw_coefficients
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.particulars import BY_RULE
 from cases.shipfiles.ship_file import dump_ship, library, load_ship, parse_ship
 from cases.simulation.simulate import simulate
+from cases.simulation.simulate_batch import draw_coefficients
 from delivery.full_scale.scaled_ship import Scaling, scaled_ship
 from delivery.full_scale.similarity import Similarity, dropped_effects, similar_bands, similar_network, similar_ship
 from delivery.full_scale.viscous import Change, HullInWater, ship_values

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from cases.maneuvers.definitions import parse_maneuver
-from cases.simulation.gusts import Wind
-from cases.simulation.simulate import simulate
+from cases.simulation.simulate import Wind, simulate
 from cases.trial import Trial
 from diagnosis.estimation import map_estimate, noise_sizes
 from diagnosis.estimation.candidates import Column, ship_with_all_effects

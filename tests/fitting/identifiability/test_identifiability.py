@@ -16,8 +16,7 @@ import pytest
 from cases.maneuvers.definitions import Limits, parse_maneuver
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import load_ship
-from cases.simulation.gusts import Wind
-from cases.simulation.simulate import SensorNoise, add_noise, simulate
+from cases.simulation.simulate import SensorNoise, Wind, add_noise, simulate
 from cases.simulation.simulate_batch import simulate_batch
 from cases.trial import Trial
 from fitting.calibration import Calibration, estimate_coefficients

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cases.criteria.scatter import draw_coefficients
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import load_ship
 from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import simulate
-from cases.simulation.simulate_batch import simulate_batch
+from cases.simulation.simulate_batch import draw_coefficients, simulate_batch
 from cases.trial import Trial
 from fitting.nlp.windows import Record, Stretch
 from fitting.prediction.band_calibration import NORMAL, fit_bands, sample_noise

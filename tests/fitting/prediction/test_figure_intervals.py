@@ -13,12 +13,11 @@ import pytest
 
 from cases.criteria import imo
 from cases.criteria.imo import Assessment, assess, with_value
-from cases.criteria.scatter import draw_coefficients
 from cases.criteria.standard_runs import figures_of_each
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.ship_file import dump_ship, load_ship
 from cases.simulation.simulate import simulate
-from cases.simulation.simulate_batch import simulate_batch
+from cases.simulation.simulate_batch import draw_coefficients, simulate_batch
 from fitting.prediction.bands import Process, process_dict
 from fitting.prediction.envelope import held_dict, held_motion, untried
 from fitting.prediction.figure_intervals import (

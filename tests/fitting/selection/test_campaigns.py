@@ -15,8 +15,7 @@ import pytest
 
 from cases.io.campaigns import Groups, ship_in
 from cases.shipfiles.effects import freeing_effects
-from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
-from cases.shipfiles.ship_json import dump_ship_json
+from cases.shipfiles.ship_file import dump_ship, dump_ship_json, load_ship, parse_ship
 from cases.trial import Trial
 from cases.trial_set import TrialSet
 from fitting.calibrate import FitOptions, calibrate

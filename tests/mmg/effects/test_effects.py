@@ -15,8 +15,7 @@ import pytest
 from cases.maneuvers.definitions import parse_maneuver
 from cases.shipfiles.effects import freeing_effects, with_effects
 from cases.shipfiles.ship_file import check_needs, load_ship
-from cases.simulation.gusts import Wind
-from cases.simulation.simulate import simulate, simulate_controls
+from cases.simulation.simulate import Wind, simulate, simulate_controls
 from cases.trial import Trial
 from mmg.components.hull import unified
 from mmg.components.rigid_body import Inertia

@@ -16,8 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 import mmg_ident
-from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
-from cases.shipfiles.ship_json import dump_ship_json
+from cases.shipfiles.ship_file import dump_ship, dump_ship_json, load_ship, parse_ship
 from fitting.result import read_fit
 from mmg.errors import BadValue
 from mmg.ship import CalibrationMark
