@@ -125,18 +125,10 @@ def in_still_water(run: Run, current: WaterVelocity) -> Run:
     return replace(corrected, figures=measured_figures(through_water, corrected))
 
 
-@dataclass(frozen=True)
-class _Model:
-    """What a ship's model makes of a measured run: figures in calm air and in its wind, and how the wind alone moves a
-    circle over ground, north and east [m/s]."""
-
-    calm: dict[str, float]
-    windy: dict[str, float]
-    drift: tuple[float, float]
-
-
-def _modelled(run: Run, ship: Ship) -> _Model:
-    """Raises UserError where the run has no wind, or the model does not reach what was measured."""
+def _without_wind(run: Run, ship: Ship) -> tuple[dict[str, float], np.ndarray]:
+    """By the model of a ``ship``: what her figures in calm air are more than in the wind of a measured ``run``, and how
+    that wind alone moves a circle over ground, north and east [m/s]. Raises UserError where the run has no wind, or the
+    model does not reach what was measured."""
     trial = run.trial
     t = trial.t - trial.t[0]
     rows = (t >= run.order_time) & (t <= run.end + 1e-9) & np.isfinite(trial.wind_vector).all(axis=1)
@@ -156,10 +148,11 @@ def _modelled(run: Run, ship: Ship) -> _Model:
     still, windy = simulate(calm, plan, dt), simulate(calm, longer, dt, wind)
     execute = Execute(plan.kind, plan.parameters["order_time"], run.rudder, (), windy.duration, 0.0, run.speed, ())
     leeway = current_of(Run(**vars(execute), name="model", trial=windy, length=run.length, figures={}))
-    ahead, aside = (leeway.north, leeway.east) if leeway else (0.0, 0.0)
-    c, s = math.cos(heading), math.sin(heading)  # from the axes of the model's run to north and east
-    drift = (c * ahead - s * aside, s * ahead + c * aside)
-    return _Model(figures_of(still, plan), figures_of(windy, plan), drift)
+    # from the axes of the model's run to north and east
+    drift = (complex(leeway.north, leeway.east) if leeway else 0.0) * np.exp(1j * heading)
+    calm_air, in_wind = figures_of(still, plan), figures_of(windy, plan)
+    shift = {name: value - in_wind[name] for name, value in calm_air.items() if name in in_wind}
+    return shift, np.array([drift.real, drift.imag])
 
 
 def corrected_runs(
@@ -171,11 +164,11 @@ def corrected_runs(
     mean of all circles among the runs. ship: whose wind model corrects for the wind of the runs; None or without one:
     none is corrected for.
     """
-    notices, models = [], {}
+    notices, winds = [], {}
     if ship is not None and ship.feels_wind:
         for run in runs:
             try:
-                models[run.name] = _modelled(run, ship)
+                winds[run.name] = _without_wind(run, ship)
             except UserError as error:
                 notices.append(Message(f"{run.name}: not corrected for wind: {error}", "not_corrected"))
     else:
@@ -185,7 +178,7 @@ def corrected_runs(
     for run in runs:
         found = None if current else current_of(run)
         if found is not None:  # what the wind alone makes of the circle's drift is no current
-            north, east = models[run.name].drift if run.name in models else (0.0, 0.0)
+            north, east = winds[run.name][1] if run.name in winds else (0.0, 0.0)
             currents[run.name] = replace(found, north=found.north - north, east=found.east - east)
     shared, result = current or mean_current(list(currents.values())), []
     for run in runs:  # current first: the figures in still water are those to which the wind's part is added
@@ -193,9 +186,8 @@ def corrected_runs(
         if water is not None:
             run = in_still_water(run, water)
             notices.append(Message(f"{run.name}: corrected for {water.words}", "current_corrected"))
-        model = models.get(run.name)
-        if model is not None:
-            shift = {k: model.calm[k] - model.windy[k] for k in model.calm if k in model.windy}
+        if run.name in winds:
+            shift, _ = winds[run.name]
             run = replace(run, figures={k: v + shift.get(k, 0.0) for k, v in run.figures.items()})
             words = f"{run.name}: corrected for wind by what it changes of the figures of {ship.name if ship else ''}"
             notices.append(Message(words, "wind_corrected"))

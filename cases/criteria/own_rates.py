@@ -274,8 +274,7 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
         delay = order_delay([(trial, ramps, trial[column]) for trial, ramps in moves if column in trial], highest)
         if delay and delay[0] <= most[late]:
             estimates[late] = delay
-    if approach := _approach(trials, ship.particulars["L"]):
-        estimates |= _of_approach(ship, approach)
+    estimates |= _of_approaches(ship, trials)
     particulars, sources = dict(ship.particulars), dict(ship.sources)
     for name, (value, names) in estimates.items():
         stated = name in particulars and not sources.get(name, "").startswith((MEASURED, BY_RULE))
@@ -301,49 +300,32 @@ def _by_rule(ship: Ship, slew: SlewRate | None) -> str:
     )
 
 
-@dataclass(frozen=True)
-class Approach:
-    """The steady run before the manoeuvres of ``trials`` (names): speed [m/s], mean rudder [rad], mean n [1/s]."""
-
-    speed: float
-    rudder: float
-    n: float
-    trials: tuple[str, ...]
-
-
-def _approach(trials: Sequence[Trial], length: float) -> Approach | None:
-    """That of ``trials`` with a manoeuvre, where most of these have one speed."""
-    rows = []
+def _of_approaches(ship: Ship, trials: Sequence[Trial]) -> dict[str, tuple[float, tuple[str, ...]]]:
+    """Particulars of the ``ship`` that the steady runs before the manoeuvres of ``trials`` show, and in which trials,
+    where most of these have one speed. Where D_P is by rule: the diameter [m] with which she keeps that speed at the
+    revolutions of the runs, if that is a usual one; not so before a gear."""
+    runs: list[tuple[float, float, float, str]] = []  # speed [m/s], mean rudder [rad], mean n [1/s], name of the trial
     for trial in trials:
-        try:
-            execute = find_maneuvers(trial, length)[0]
-        except UserError:
-            continue
-        since = trial.t - trial.t[0] - execute.order_time
-        if math.isfinite(execute.speed) and execute.speed > 0:
-            before = (since < 0) & (since > -APPROACH * length / execute.speed)
-            valid = (x[before][np.isfinite(x[before])] for x in steering(trial))
-            rudder, n = (float(np.mean(x)) if len(x) else 0.0 for x in valid)
-            rows.append(Approach(execute.speed, rudder, n, (trial.name,)))
-    if not rows:
-        return None
-    speed = float(np.median([row.speed for row in rows]))
-    alike = [row for row in rows if abs(row.speed / speed - 1) <= ALIKE]
-    if len(alike) <= 0.5 * len(rows):  # runs at several speeds have no speed of approach
-        return None
-    speed, rudder, n = (float(np.median([getattr(row, name) for row in alike])) for name in ("speed", "rudder", "n"))
-    return Approach(speed, rudder, n, tuple(name for row in alike for name in row.trials))
-
-
-def _of_approach(ship: Ship, approach: Approach) -> dict[str, tuple[float, tuple[str, ...]]]:
-    """Particulars of the ``ship`` that an ``approach`` shows, and in which trials. Where D_P is by rule: the diameter
-    [m] with which she keeps its speed at its revolutions, if that is a usual one; not so before a gear."""
-    estimates = {"approach_speed": approach.speed}
-    if abs(approach.rudder) > LEAST_NEUTRAL:
-        estimates["neutral_rudder"] = approach.rudder
-    if ship.sources.get("D_P", "").startswith((BY_RULE, MEASURED)) and approach.n > 0:
         with suppress(UserError):
-            diameter = diameter_for(ship, approach.speed, approach.n)
+            execute = find_maneuvers(trial, ship.particulars["L"])[0]
+            since = trial.t - trial.t[0] - execute.order_time
+            if math.isfinite(execute.speed) and execute.speed > 0:
+                before = (since < 0) & (since > -APPROACH * ship.particulars["L"] / execute.speed)
+                valid = (x[before][np.isfinite(x[before])] for x in steering(trial))
+                rudder, n = (float(np.mean(x)) if len(x) else 0.0 for x in valid)
+                runs.append((execute.speed, rudder, n, trial.name))
+    usual = float(np.median([speed for speed, *_ in runs])) if runs else math.nan
+    alike = [run for run in runs if abs(run[0] / usual - 1) <= ALIKE]
+    if len(alike) <= 0.5 * len(runs):  # runs at several speeds have no speed of approach
+        return {}
+    *columns, names = zip(*alike, strict=True)
+    speed, rudder, n = (float(np.median(column)) for column in columns)
+    estimates = {"approach_speed": speed}
+    if abs(rudder) > LEAST_NEUTRAL:
+        estimates["neutral_rudder"] = rudder
+    if ship.sources.get("D_P", "").startswith((BY_RULE, MEASURED)) and n > 0:
+        with suppress(UserError):
+            diameter = diameter_for(ship, speed, n)
             if USUAL_DIAMETER[0] <= diameter / ship.particulars["d"] <= USUAL_DIAMETER[1]:
                 estimates["D_P"] = float(f"{diameter:.4g}")
-    return {name: (value, approach.trials) for name, value in estimates.items()}
+    return {name: (value, names) for name, value in estimates.items()}
