@@ -297,15 +297,13 @@ def find_maneuvers(trial: Trial, length: float) -> tuple[Execute, ...]:
         words = f"a {trial.kind} run is none of {', '.join(KINDS)}; give its kind in trials.toml to read it as one"
         raise UnknownName(f"{trial.name}: {words}")
     t, (rudder, n), unit = trial.t - trial.t[0], steering(trial), ship_time(trial, length)
-    stops, holds = find_stops(t, n, trial["u"]), held_stretches(t, rudder, unit)
-    complete = [stop for stop in stops if stop.stopped]
-    executes = _steered(trial, holds, complete, unit)
+    (stops, complete), holds = find_stops(t, n, trial["u"]), held_stretches(t, rudder, unit)
+    executes = _steered(trial, holds, stops if complete else [], unit)
     first = stops[0].order_time if stops else math.inf
     # Only a run without a complete manoeuvre is read as a part of one, or against its rudder.
     if not executes and not complete and any(abs(h.angle) >= LEAST_RUDDER and h.begin < first for h in holds):
         executes = _partial(trial, holds, unit) or _against_rudder(trial, holds, unit)
-    stops = complete if executes else stops
-    executes += [Execute("crash-stop", stop.order_time, 0.0, (), stop.end, 0.0, math.nan, ()) for stop in stops]
+    executes += stops if complete or not executes else []
     if not executes:
         raise Missing(f"{trial.name}: no manoeuvre found: {_nothing(holds)}")
     result, before = [], 0.0
@@ -345,7 +343,7 @@ def length_by_turns(trial: Trial) -> float:
     return TURN_RATE * speed / fastest
 
 
-def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Stop], unit: float) -> list[Execute]:
+def _steered(trial: Trial, holds: Sequence[RudderStep], stops: Sequence[Execute], unit: float) -> list[Execute]:
     """Complete zigzags, spirals and turning tests among ``holds``; those in a stop are part of it. unit: L/U [s]."""
     holds = [h for h in holds if not any(s.order_time <= h.begin <= s.end for s in stops)]
     executes, k = [], 0
@@ -569,27 +567,18 @@ def approach(trial: Trial, length: float, time: float, earliest: float) -> tuple
     return mean, blocking, caveats
 
 
-@dataclass(frozen=True)
-class Stop:
-    """order_time, end: s after the first sample; stopped: whether the way is off at the end."""
-
-    order_time: float
-    end: float
-    stopped: bool
-
-
-def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
+def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> tuple[list[Execute], bool]:
     """Stops in a run of times ``t`` (N,) [s], revolutions ``n`` (N,) [1/s] and speed ahead ``u`` (N,) [m/s].
 
-    Each is ordered where the revolutions ahead begin to fall that go astern. Complete ones; without any, one that the
-    record does not finish, if revolutions then stay astern to its end.
+    Each is ordered where the revolutions ahead begin to fall that go astern. Complete ones, after which the way is off,
+    and True; without any, one that the record does not finish, if revolutions then stay astern to its end, and False.
     """
     good = np.isfinite(n)
     t, n, u = t[good], n[good], u[good]
     ahead = float(np.percentile(n, 95)) if len(n) else 0.0
     astern = n < -0.05 * ahead  # less is a shaft that is stopped. Set by hand.
     edges = [0, *(np.flatnonzero(np.diff(astern)) + 1).tolist(), len(n)]
-    stops: dict[float, Stop] = {}
+    stops: dict[float, tuple[Execute, bool]] = {}
     for first, last in pairwise(edges):
         forward = np.flatnonzero(n[:first] > 0)
         if ahead <= 0 or not astern[first] or not len(forward):
@@ -602,9 +591,10 @@ def find_stops(t: np.ndarray, n: np.ndarray, u: np.ndarray) -> list[Stop]:
         off = np.flatnonzero(u[order:] <= 0)
         stopped = len(speeds) > 0 and speeds[-1] > 0 and len(off) > 0 and order + off[0] <= min(last + 2, len(t) - 1)
         if stopped or last == len(t):
-            stops.setdefault(float(t[order]), Stop(float(t[order]), float(t[last - 1]), bool(stopped)))
-    complete = [stop for stop in stops.values() if stop.stopped]
-    return complete or list(stops.values())[-1:]
+            stop = Execute("crash-stop", float(t[order]), 0.0, (), float(t[last - 1]), 0.0, math.nan, ())
+            stops.setdefault(stop.order_time, (stop, bool(stopped)))
+    complete = [stop for stop, stopped in stops.values() if stopped]
+    return complete or [stop for stop, _ in stops.values()][-1:], bool(complete)
 
 
 # The ship may turn by this over a stretch that is bridged by straight lines [rad]; IMO gives headings in whole degrees.
