@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from cases.io.files import check_file, parse_json
 from cases.io.toml_file import Section
-from cases.shipfiles.schema import Bound
 from mmg.errors import BadValue, Conflict, NotWritable, Unreadable, UserError
 from mmg.network import OTHER, Layers, Network
 from mmg.ship import Ship
@@ -27,6 +27,15 @@ from mmg.ship import Ship
 NETWORK = "network.safetensors"  # Its name in a run folder
 # Formats of a network on a ship and of one that stands alone (``residual.papers.black_box``).
 FORMAT, BLACK_BOX = "mmg network 1", "mmg black box 1"
+
+
+def _not_nan(value: float) -> float:
+    if math.isnan(value):
+        raise ValueError("must be a number or inf")
+    return value
+
+
+Bound = Annotated[float, Field(allow_inf_nan=True), AfterValidator(_not_nan)]  # Of a file, may be infinite
 PLAIN = ("feature_scales", "output_scales", "lower", "upper")
 
 

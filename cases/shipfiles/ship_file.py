@@ -21,11 +21,14 @@ import json
 from collections.abc import Mapping
 from math import isinf
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from cases.io.toml_file import checked, header, parse_toml, read_toml, refuse
+from pydantic import AfterValidator, Field, create_model
+
+from cases.io.toml_file import Name, Section, checked, header, number, parse_toml, read_toml, refuse
 from cases.shipfiles.network_file import (
     NETWORK,
+    Bound,
     NetworkTable,
     is_black_box,
     load_network,
@@ -34,11 +37,10 @@ from cases.shipfiles.network_file import (
     network_text,
 )
 from cases.shipfiles.particulars import RATES, wrong_particulars
-from cases.shipfiles.schema import CoefficientEntry, ShipFile, model_table
 from mmg.components.catalogue import ROLES, coefficient_table, derived, model_names, required_particulars
 from mmg.components.coefficients import ENGINE, PARTICULARS, Coefficient
 from mmg.components.own import PLUG_IN
-from mmg.effects import EFFECTS, GONE
+from mmg.effects import EFFECTS, GONE, present_name
 from mmg.errors import BadValue, OutOfRange, UnknownName, UserError, refusing, unknown
 from mmg.messages import Message
 from mmg.motion.flow import INPUTS
@@ -47,6 +49,92 @@ from mmg.ship import CalibrationMark, Ship
 LIBRARY = Path(__file__).parents[1] / "ships"
 # Particulars that no force model needs but every ship file may state.
 OPTIONAL = ("C_b", "U_0", "y_P", "pitch", *RATES, "scale", "stopping_resistance")
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Present = Annotated[str, AfterValidator(present_name)]
+
+
+class CoefficientEntry(Section):
+    """One coefficient: value, prior or standard error (std), bounds, unit or prime, source; more after a fit."""
+
+    value: float = Field(description="give the value that the model uses")
+    unit: str = ""
+    prime: Literal["", "mmg"] = ""
+    std: float | None = Field(None, ge=0)
+    lower: Bound | None = None
+    upper: Bound | None = None
+    fixed: bool = False
+    source: str = ""
+    description: str = ""
+    verdict: str = ""
+    prior_value: float | None = None
+    prior_std: float | None = Field(None, ge=0)
+    monomial: str = ""
+
+
+class _Words(Section):
+    """it holds the particulars, such as L = 3.0"""
+
+    name: Name = ""
+    description: str = ""
+    reference: str = ""
+
+
+class _Effects(Section):
+    """it names the force model of each role: hull, propeller, rudder, wind"""
+
+    effects: list[Present] = Field(default_factory=list)
+    registered: dict[str, str] = Field(default_factory=dict)
+
+
+def _known_to(role: str) -> AfterValidator:
+    """Refuses a force model that ``role`` does not have."""
+
+    def known(name: str) -> str:
+        if name not in (names := model_names(role)):
+            choices = ", ".join(json.dumps(each) for each in names)
+            raise ValueError(f"must be {choices} or one that @mi.force has registered")
+        return name
+
+    return AfterValidator(known)
+
+
+class CalibrationSection(Section):
+    """it says which calibration the ship is of: name, date, data, start"""
+
+    name: Name = ""
+    date: str = ""
+    data: str = ""
+    start: str = ""
+
+
+if TYPE_CHECKING:
+    ShipSection = _Words
+    ModelSection = _Effects
+else:
+    _quantities = {name: (float | None, number(unit, None)) for name, (_, unit) in PARTICULARS.items()}
+    ShipSection = create_model("ShipSection", __base__=_Words, __doc__=_Words.__doc__, **_quantities)
+    _roles = {role: (Annotated[str, _known_to(role)] | None, None) for role in ROLES}
+    ModelSection = create_model("ModelSection", __base__=_Effects, __doc__=_Effects.__doc__, **_roles)
+
+
+class ShipFile(Section):
+    """A whole ship file."""
+
+    ship: ShipSection
+    model: ModelSection
+    coefficients: dict[Present, CoefficientEntry] = Field(default_factory=dict)
+    sources: dict[Present, str] = Field(default_factory=dict)
+    calibration: CalibrationSection | None = None
+    campaigns: dict[Name, dict[Present, Finite]] = Field(default_factory=dict)
+
+
+def model_table(ship: Ship) -> dict[str, Any]:
+    """The table [model] of a ``ship``: force models by role, effects, and where those are from that are no part of the
+    library."""
+    more = {"effects": list(ship.effects), "registered": {model.name: model.origin for model in ship.own}}
+    return {**ship.components, **{key: value for key, value in more.items() if value}}
 
 
 def library() -> dict[str, Path]:
@@ -113,7 +201,7 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         table = coefficient_table(components, particulars)
         rows, wrong, further = dict[str, Coefficient](), list[str](), tuple[str, ...]()
         if {"expansion", "azimuth"} & components.keys() or any(c.monomial for c in content.coefficients.values()):
-            from cases.shipfiles.generated_ship import generated_terms, optional_particulars  # late: few ships are so
+            from cases.shipfiles.generated_ship import optional_particulars  # late: few ships are so
 
             rows, wrong = generated_terms(content.coefficients, components, table)
             further = optional_particulars(components)
@@ -159,6 +247,40 @@ def _plain_ship(data: dict[str, Any], where: str) -> Ship:
         mark=CalibrationMark(**vars(content.calibration)) if content.calibration else None,
         campaigns=content.campaigns, sources=content.sources,
     )  # fmt: skip
+
+
+def generated_terms(
+    entries: Mapping[str, CoefficientEntry], components: Mapping[str, str], table: Mapping[str, Coefficient]
+) -> tuple[dict[str, Coefficient], list[str]]:
+    """Rows for the coefficients among ``entries`` that state a monomial, and sentences on what is wrong with them.
+    components: role -> model; table: coefficients of the ship's other models, whose symbols are taken."""
+    from mmg.components.expansion.words import parse_monomial  # late: few ships are polynomials
+
+    rows, wrong = {}, []
+    for symbol, entry in entries.items():
+        if not entry.monomial:
+            continue
+        where = header("coefficients", symbol)
+        try:
+            parse_monomial(entry.monomial)
+        except ValueError as error:
+            wrong.append(f"{where} monomial = '{entry.monomial}': {error}")
+            continue
+        if "expansion" not in components:
+            wrong.append(f'{where} states a monomial, but [model] has no expansion; add expansion = "smooth_submodels"')
+        elif symbol in table:
+            wrong.append(f"{where} states a monomial, but {symbol} is a coefficient of another model; rename it")
+        elif not (symbol[:1] in "XYN" and symbol[1:2] == "_" and symbol.isidentifier()):
+            wrong.append(f"{where} states a monomial; its symbol must begin with X_, Y_ or N_, the force it adds to")
+        elif entry.std is None:
+            wrong.append(f"{where} states a monomial, so give its std as well: there is no default")
+        else:
+            rows[symbol] = Coefficient(symbol, entry.value, entry.std, monomial=entry.monomial)
+    if "expansion" in components and not rows and not wrong:
+        wrong.append(
+            "[model] expansion: no coefficient states a monomial, so there is no term; generate them (mmg select)"
+        )
+    return rows, wrong
 
 
 def _not_registered(origins: Mapping[str, str]) -> list[str]:

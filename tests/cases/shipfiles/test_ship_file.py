@@ -17,8 +17,15 @@ from safetensors.numpy import load_file
 from cases.shipfiles.effects import freeing_effects, reduced_ship, with_instruments
 from cases.shipfiles.generated_ship import generated_ship, structure_of
 from cases.shipfiles.network_file import save_network, save_tensors
-from cases.shipfiles.schema import ShipFile
-from cases.shipfiles.ship_file import dump_ship, dump_ship_json, dump_whole_ship, library, load_ship, parse_ship
+from cases.shipfiles.ship_file import (
+    ShipFile,
+    dump_ship,
+    dump_ship_json,
+    dump_whole_ship,
+    library,
+    load_ship,
+    parse_ship,
+)
 from cases.simulation.harbour_inputs import harbour_inputs
 from cases.simulation.simulate import simulate_controls
 from mmg.components.coefficients import names
