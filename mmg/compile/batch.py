@@ -10,7 +10,6 @@ inputs once per step (or per node), the rest in every stage.
 from __future__ import annotations
 
 import ctypes
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,8 +17,6 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from mmg import runge_kutta
-from mmg.compile import codegen
 from mmg.compile.cache import LONG, UNIT, LateSource, load_library
 from mmg.compile.codegen import HIDDEN, LANES, Program, c_file, divided_code, prelude, staged_bodies, units_of
 from mmg.runge_kutta import NODES, PARTS, rk4_step
@@ -30,8 +27,6 @@ _SHARED = ("-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math", "-w")
 FLAGS: tuple[str, ...] = ("-O1", "-ftree-vectorize", "-ffp-contract=off", *_SHARED)
 # Of loops over matrices that are written by hand, the filter's and the elimination's.
 LOOP_FLAGS = ("-O2", "-ftree-vectorize", "-ffp-contract=fast", *_SHARED)
-
-GENERATORS = (sys.modules[__name__], codegen)  # Modules that the source of batch kernels comes from
 
 # Largest difference by another order of sums, over the largest number of its kind. Set by hand, far above rounding.
 CLOSE = 1e-7
@@ -115,7 +110,7 @@ def batch_functions(
     library, reason = None, "compilation switched off"
     if compiled:
         # late: to write the source takes longer than to find the library that was made of it
-        text = LateSource.of(functions, partial(source, functions), *GENERATORS)
+        text = LateSource.of(functions, partial(source, functions))
         library, reason = load_library(text, FLAGS, partial(_faults, functions), what)
     return [BatchFunction(f, library) for f in functions], reason
 
@@ -295,9 +290,7 @@ class Rollout:
 def compile_rollout(rates: ca.Function, first: int, what: str = "equations") -> Rollout | None:
     """The rollout of these rates, compiled or from the cache; None where that is not possible. first: as for
     ``rollout_source``; what: they are, for people."""
-    text = LateSource.of(
-        [rates], partial(rollout_source, rates, first), *GENERATORS, runge_kutta, kind=f"rollout from {first}"
-    )
+    text = LateSource.of([rates], partial(rollout_source, rates, first), f"rollout from {first}")
     library, _ = load_library(text, FLAGS, lambda new: _rollout_faults(Rollout(new), rates, first), what)
     return None if library is None else Rollout(library)
 

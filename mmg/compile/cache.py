@@ -19,7 +19,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import ModuleType
 
 import casadi as ca
 
@@ -34,8 +33,9 @@ NATIVE = (("-march=native", "-mprefer-vector-width=512"), ("-march=native",), ()
 UNIT = "\n/* next unit */\n"
 # Begins a unit of second derivatives: with -Og a compiler takes two thirds of the time of -O1 for as fast a code.
 LONG = "/* long code without loops */\n"
-# C files that are put into generated code: it is another where one of them has changed.
-C_FILES = tuple(sorted(Path(__file__).parent.glob("*.[ch]")))
+# Files that make C code or are put into it: it is another where one of them has changed.
+SOURCES = (*sorted(Path(__file__).parent.glob("*.[ch]")), *sorted(Path(__file__).parent.glob("*.py")),
+           Path(__file__).parents[1] / "runge_kutta.py")  # fmt: skip
 
 
 def cache_folder() -> Path:
@@ -106,12 +106,9 @@ class LateSource:
     make: Callable[[], str]
 
     @classmethod
-    def of(
-        cls, functions: Sequence[ca.Function], make: Callable[[], str], *generators: ModuleType, kind: str = ""
-    ) -> LateSource:
-        """Source of a ``kind`` that modules ``generators`` make of CasADi ``functions`` by ``make``."""
-        files = [*(Path(str(module.__file__)) for module in generators), *C_FILES]
-        made_by = hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
+    def of(cls, functions: Sequence[ca.Function], make: Callable[[], str], kind: str = "") -> LateSource:
+        """Source of a ``kind`` that ``make`` makes of CasADi ``functions``."""
+        made_by = hashlib.sha256(b"".join(file.read_bytes() for file in SOURCES)).hexdigest()
         return cls("\n".join([made_by, kind, *(f.serialize() for f in functions)]), make)
 
 

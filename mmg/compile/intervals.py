@@ -14,7 +14,6 @@ rates. Where asked, the stage in the middle of a step stands for all four in the
 from __future__ import annotations
 
 import ctypes
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,7 +22,6 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
-from mmg.compile import codegen
 from mmg.compile.batch import FLAGS, filled, padded
 from mmg.compile.cache import LONG, UNIT, LateSource, load_library
 from mmg.compile.codegen import HIDDEN, LANES, Program, c_file, divided_code, prelude, units_of
@@ -370,8 +368,7 @@ class IntervalKernel:
         def kernel(library: ctypes.CDLL) -> IntervalKernel:
             return cls(library, whole.size1_out(0), whole.size2_out(1) - whole.size1_in(0))
 
-        generators = (codegen, sys.modules[__name__])
-        text = LateSource.of([whole], lambda: interval_source(_without_repetition(whole)), *generators)
+        text = LateSource.of([whole], lambda: interval_source(_without_repetition(whole)), "intervals")
         library, reason = load_library(text, FLAGS, (lambda new: check(kernel(new))) if check else None, what)
         return (None if library is None else kernel(library)), reason
 

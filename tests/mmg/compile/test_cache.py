@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cases.shipfiles.ship_file import load_ship
-from mmg.compile import batch, cache
+from mmg.compile import cache
 from mmg.compile.batch import FLAGS, batch_functions
 from mmg.compile.cache import UNIT, LateSource, cache_folder, compile_library, compiler, load_library
 from mmg.compile.codegen import LANES
@@ -118,12 +118,18 @@ def test_the_same_code_is_compiled_once(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 def test_code_made_of_other_c_files_is_other_code(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A release that differs in a C file alone does not take the libraries of the one before."""
-    assert {path.name for path in cache.C_FILES} >= {"functions.h", "vector.h", "intervals.c", "rollout.c"}
-    monkeypatch.setattr(cache, "C_FILES", (tmp_path / "loops.c",))
+    assert {path.name for path in cache.SOURCES} >= {
+        "functions.h",
+        "vector.h",
+        "intervals.c",
+        "rollout.c",
+        "codegen.py",
+    }
+    monkeypatch.setattr(cache, "SOURCES", (tmp_path / "loops.c",))
     keys = set()
     for text in ("a", "b", "a"):
         (tmp_path / "loops.c").write_text(text)
-        keys.add(LateSource.of([simple("add", 1)], str, batch).made_from)
+        keys.add(LateSource.of([simple("add", 1)], str).made_from)
     assert len(keys) == 2
 
 
