@@ -93,16 +93,16 @@ class Wind:
             draws = np.random.default_rng([1, seed]).standard_normal((len(t), 2))
             deviation, turn = 0.0, 0.0
             for k, dt in enumerate(np.diff(t), start=1):
-                deviation = _advanced(deviation, filters.alpha_u, filters.sigma_u, dt, draws[k, 0])
+                deviation = _ornstein_uhlenbeck_step(deviation, filters.alpha_u, filters.sigma_u, dt, draws[k, 0])
                 turn = math.remainder(turn, 2 * math.pi)  # the pull goes with its sine: the same after a whole turn
                 rate = filters.alpha_direction * (math.sin(turn) / turn if abs(turn) > 1e-9 else 1.0)
-                turn = _advanced(turn, max(rate, 0.0), filters.sigma_direction, dt, draws[k, 1])
+                turn = _ornstein_uhlenbeck_step(turn, max(rate, 0.0), filters.sigma_direction, dt, draws[k, 1])
                 mean[k] += deviation
                 direction[k] += turn
         return np.column_stack([np.maximum(mean, 0.0), np.mod(direction, 2 * math.pi)])
 
 
-def _advanced(value: float, alpha: float, sigma: float, dt: float, draw: float) -> float:
+def _ornstein_uhlenbeck_step(value: float, alpha: float, sigma: float, dt: float, draw: float) -> float:
     """Exact step of an Ornstein-Uhlenbeck process about zero; a random walk where alpha is zero."""
     growth = -math.expm1(-2 * alpha * dt) / (2 * alpha) if alpha * dt > 1e-12 else dt
     return value * math.exp(-alpha * dt) + sigma * math.sqrt(growth) * draw
