@@ -251,33 +251,15 @@ def steady_rates(run: Since) -> tuple[np.ndarray, np.ndarray]:
     return np.array([h.angle for h in holds]), np.array([float(run.r[rows].mean()) for rows in tails])
 
 
-@dataclass(frozen=True)
-class SpiralCurve:
-    """Both branches of a spiral, in the order in which the rudder went.
-
-    rudder [rad] and rate [rad/s], each (K,): steady turn rate per rudder angle; turn: row of the outermost angle of
-    the other side, where the second branch begins.
-    """
-
-    rudder: np.ndarray
-    rate: np.ndarray
-    turn: int
-
-    @property
-    def branches(self) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """(rudder, rate) of the way there and of the way back, each by rising rudder angle."""
-        there, back = np.arange(self.turn + 1), np.arange(self.turn, len(self.rudder))
-        there, back = there[np.argsort(self.rudder[there])], back[np.argsort(self.rudder[back])]
-        return (self.rudder[there], self.rate[there]), (self.rudder[back], self.rate[back])
-
-
-def spiral_curve(run: Since) -> SpiralCurve | None:
-    """The curve of a ``run`` with the rudder in steps from the order on; None with under three angles."""
+def spiral_branches(run: Since) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Rudder angles [rad], rising, and steady turn rates [rad/s], (K,) each, of the way to the outermost angle of the
+    other side and of the way back, of a ``run`` with the rudder in steps from the order on; none of under three."""
     rudder, rate = steady_rates(run)
     if len(rudder) < 3:
-        return None
-    side = np.sign(rudder[0]) or 1.0
-    return SpiralCurve(rudder, rate, int(np.argmin(side * rudder)))
+        return []
+    turn = int(np.argmin((np.sign(rudder[0]) or 1.0) * rudder))
+    ways = (np.arange(turn + 1), np.arange(turn, len(rudder)))
+    return [(rudder[rows], rate[rows]) for rows in (way[np.argsort(rudder[way])] for way in ways)]
 
 
 def spiral_figures(run: Since) -> dict[str, float]:
@@ -288,10 +270,10 @@ def spiral_figures(run: Since) -> dict[str, float]:
     course, up to half a step on each side where the rudder went in steps. Absent where the spiral lacks the branch.
     run: from the order on.
     """
-    curve = spiral_curve(run)
-    if curve is None:
+    branches = spiral_branches(run)
+    if not branches:
         return {}
-    (there, first), (back, second) = curve.branches
+    (there, first), (back, second) = branches
     low, high = max(there[0], back[0]), min(there[-1], back[-1])
     if len(there) < 2 or len(back) < 2 or low >= high:
         return {}
@@ -300,7 +282,7 @@ def spiral_figures(run: Since) -> dict[str, float]:
     grid = grid[(grid >= low - 1e-9) & (grid <= high + 1e-9)]
     gap = np.interp(grid, there, first) - np.interp(grid, back, second)
     figures = {"loop_height": float(np.abs(gap).max())}
-    crossings = [_crossing(*branch) for branch in curve.branches]
+    crossings = [_crossing(*branch) for branch in branches]
     if crossings[0] is not None and crossings[1] is not None:
         figures["loop_width"] = abs(crossings[0] - crossings[1])
     if low <= 0 <= high:

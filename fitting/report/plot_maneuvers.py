@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cases.criteria.figures import Since, since, spiral_curve
+from cases.criteria.figures import Since, since, spiral_branches
 from cases.criteria.standard_runs import Run
 from fitting.report.plot_style import AFTER, ALARM, BEFORE, DASHES, GREY, MEASURED, dress, literal, new_figure, own_axes
 from mmg.errors import UnknownName, unknown
@@ -170,12 +170,11 @@ def _spiral(ax: Axes, runs: Sequence[Run]) -> None:
     """Steady turn rate r L / V against rudder angle, both ways."""
     run = runs[0]
     dress(ax, "rudder / deg", "r L / V", run.name)
-    curve = spiral_curve(since(run.trial, run.order_time))
-    if curve is not None:
-        unit = run.length / run.speed
-        rudder, rate, turn = np.degrees(curve.rudder), curve.rate * unit, curve.turn
-        ax.plot(rudder[: turn + 1], rate[: turn + 1], "o-", color=AFTER, ms=4, lw=1.2, label="there")
-        ax.plot(rudder[turn:], rate[turn:], "s-", color=BEFORE, ms=2.5, lw=1.2, label="back")
+    ways = (("there", "o-", AFTER, 4.0), ("back", "s-", BEFORE, 2.5))
+    branches = spiral_branches(since(run.trial, run.order_time))
+    for (rudder, rate), (label, style, color, ms) in zip(branches, ways, strict=False):
+        ax.plot(np.degrees(rudder), rate * run.length / run.speed, style, color=color, ms=ms, lw=1.2, label=label)
+    if branches:
         ax.legend(fontsize=7.5, frameon=False)
     ax.axhline(0, color=GREY, linewidth=0.6)
     ax.axvline(0, color=GREY, linewidth=0.6)

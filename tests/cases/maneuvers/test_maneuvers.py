@@ -286,9 +286,9 @@ def test_spiral_of_a_ship_stable_on_course_has_no_loop_and_rises_with_the_rudder
     figures = read.spiral_figures(read.since(esso, order_time))
     assert figures["loop_height"] * 3.0 / 0.38 < 0.01
     assert math.degrees(figures["loop_width"]) < 0.5
-    curve = read.spiral_curve(read.since(esso, order_time))
-    assert curve is not None and curve.turn == 6
-    for rudder, rate in curve.branches:
+    branches = read.spiral_branches(read.since(esso, order_time))
+    assert [len(rudder) for rudder, _ in branches] == [7, 7]
+    for rudder, rate in branches:
         assert (np.diff(rudder) > 0).all() and (np.diff(rate) > 0).all()
     assert read.spiral_figures(read.since(simulated_run(SHIP, "turning:35", 0.38).trial, order_time)) == {}
 
@@ -345,7 +345,7 @@ def test_a_heading_in_a_wind_stands_off_by_the_rudder_that_holds_it_over_the_gai
 
 def test_a_spiral_without_a_way_back_has_no_loop_to_measure() -> None:
     there = hysteresis(2.0, 2.5, 0.05)[: 0.1 * 11 * 100 - 0.05]
-    assert read.spiral_curve(read.since(there, 0.0)) is not None
+    assert len(read.spiral_branches(read.since(there, 0.0))) == 2
     assert read.spiral_figures(read.since(there, 0.0)) == {}
 
 
