@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import combinations, pairwise
 
@@ -32,18 +32,19 @@ from fitting.parallel import Shared, kept_workers, run_all, width
 from fitting.settings import Wish
 from mmg.errors import BadValue, NoSolution, OutOfRange
 from mmg.messages import OnProgress, Progress
-from mmg.model import columns
 from mmg.motion.froude import time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
 
 
 @dataclass(frozen=True)
-class TrialInformation:
-    """Information of simulated trials as the fit of a run takes it: the same right-hand side, noise and windows.
+class TrialWorth:
+    """What a simulated trial would tell, as the fit of a run takes it: the same right-hand side, noise and windows.
 
     simulator: of the calibrated ship; prior: of her free coefficients, in whose standard deviations all is; sigma: (6,)
-    noise of the states, infinite where one is not measured; dt: step [s]; window: steps of a window.
+    noise of the states, infinite where one is not measured; dt: step [s]; window: steps of a window; precision: (P, P)
+    of the coefficients now; worth: factor on the information of a trial for residuals correlated beyond the noise
+    model; wanted: (m, P) combinations of the coefficients that are to be known better; names: of these (m,).
     """
 
     simulator: Simulator
@@ -51,9 +52,13 @@ class TrialInformation:
     sigma: np.ndarray
     dt: float
     window: int
+    precision: np.ndarray
+    worth: float
+    wanted: np.ndarray
+    names: tuple[str, ...]
 
     def __reduce__(self) -> tuple:  # without the kernels: in another process they are taken from the cache
-        return TrialInformation, (self.simulator, self.prior, self.sigma, self.dt, self.window)
+        return TrialWorth, tuple(getattr(self, field.name) for field in fields(self))
 
     @cached_property
     def kernels(self) -> Kernels:
@@ -61,7 +66,7 @@ class TrialInformation:
         free = self.prior.positions(self.simulator.ship)
         return Kernels(self.simulator.model, free, self.simulator.compiled)
 
-    def of(self, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+    def fisher(self, states: np.ndarray, inputs: np.ndarray) -> np.ndarray:
         """Fisher information (K, P, P) of motions ``states`` (N + 1, S, K) under ``inputs`` (N, C, K), prior excluded.
         The state at the begin of each window, which is one shooting interval, is unknown."""
         (N, C, K), S, P = inputs.shape, states.shape[1], len(self.prior.symbols)
@@ -92,25 +97,6 @@ class TrialInformation:
         fisher = information(problem, problem.join(nodes, np.zeros(P))).fisher
         return np.nan_to_num(fisher, posinf=0.0, neginf=0.0).reshape(windows, K, P, P).sum(axis=0)
 
-    def logged(self, states: np.ndarray) -> np.ndarray:
-        """The six columns (N + 1, 6, K) that would be logged of ``states`` (N + 1, S, K)."""
-        return np.asarray(columns(self.simulator.model, states, self.simulator.ship.values))
-
-
-@dataclass(frozen=True)
-class Present:
-    """What is known before a trial.
-
-    precision: (P, P) of the free coefficients, in prior standard deviations; worth: factor on the information of a
-    trial for residuals correlated beyond the noise model; wanted: (m, P) combinations of the coefficients that are to
-    be known better; names: of these (m,).
-    """
-
-    precision: np.ndarray
-    worth: float
-    wanted: np.ndarray
-    names: tuple[str, ...]
-
     def variances(self, fisher: np.ndarray | None = None) -> np.ndarray:
         """Variances (..., m) of what is wanted with trials of information ``fisher`` (..., P, P); None: now."""
         A = self.precision if fisher is None else self.precision + self.worth * fisher
@@ -123,16 +109,6 @@ class Present:
 
 # Headings [rad] in which a track is tried; the opposite ones leave as much room. Set by hand.
 HEADINGS = np.radians(np.arange(0, 180, 15))
-
-
-@dataclass(frozen=True)
-class Placing:
-    """Where K tracks begin: x, y [m], psi [rad], (K,) each; excess: by how much each is too large for the area [m]."""
-
-    x: np.ndarray
-    y: np.ndarray
-    psi: np.ndarray
-    excess: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -165,8 +141,9 @@ class Area:
             )
         return cls(length, width, margin)
 
-    def placing(self, tracks: np.ndarray, ship: Ship, turned: bool = True) -> Placing:
-        """Where ``tracks`` (N, 3, D, K) of x, y [m], psi [rad] begin, K of them with D draws each, all from 0, 0, 0.
+    def placing(self, tracks: np.ndarray, ship: Ship, turned: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """x, y [m], psi [rad] (3, K) at which K ``tracks`` (N, 3, D, K) of these begin, of D draws each, all from 0, 0,
+        0; and by how much each is too large for the area [m] (K,).
 
         The heading with most room is taken, where it may be ``turned``, and the track is put into the middle. Of draws
         the hull of the first, the ship herself, and two standard deviations of all to each side count; draws that are
@@ -188,8 +165,7 @@ class Area:
         excess, room, begins = (np.array(part) for part in zip(*placed, strict=True))
         # least excess; of headings that fit the one with most room
         best, k = np.argmin(excess - 1e-6 * room, axis=0), np.arange(excess.shape[1])
-        x, y = begins[best, :, k].T
-        return Placing(x, y, headings[best], np.nan_to_num(excess[best, k], nan=1e6))
+        return np.vstack([begins[best, :, k].T, headings[best]]), np.nan_to_num(excess[best, k], nan=1e6)
 
 
 def corners(tracks: np.ndarray, ship: Ship) -> tuple[np.ndarray, np.ndarray]:
@@ -349,22 +325,12 @@ TOO_FAST = 1.02  # Speed over the highest one beyond which a sequence is not all
 FORBIDDEN = 10.0  # Cost of a sequence that is not allowed, above that of any that is. Set by hand.
 
 
-@dataclass(frozen=True)
-class PlanTask:
-    """What is planned: the trial of a ``wish`` in an ``area``, no faster than ``speed`` [m/s]. draws: (all, D)
-    differences of coefficients from the ship's, whose tracks must stay inside."""
-
-    wish: Wish
-    area: Area
-    speed: float
-    draws: np.ndarray
-
-    def reversible(self, ship: Ship) -> bool:
-        """Whether the propeller of ``ship`` is reversed at will: not with a diesel engine, which takes its time."""
-        if "n" not in ship.actuators or "pitch" in ship.actuators:
-            return False
-        speed = own_speed(ship)
-        return engine_of(ship, speed, revolutions_for(ship, speed)) is None
+def is_reversible(ship: Ship) -> bool:
+    """Whether the propeller of ``ship`` is reversed at will: not with a diesel engine, which takes its time."""
+    if "n" not in ship.actuators or "pitch" in ship.actuators:
+        return False
+    speed = own_speed(ship)
+    return engine_of(ship, speed, revolutions_for(ship, speed)) is None
 
 
 @dataclass(frozen=True)
@@ -400,33 +366,36 @@ class SequenceFound:
     whole: bool
 
 
-def sequences_for(ship: Ship, task: PlanTask, dt: float) -> Sequences:
-    """The sequences of orders that a ``task`` allows a ``ship``, in steps of ``dt`` [s]."""
-    k = time_scale(ship.particulars["L"])
-    rudders = int(np.clip(round(task.wish.seconds / (STRETCH * k)), FEWEST, MOST))
-    speeds = task.speed * np.linspace(0.4, 1.0, 7)  # approaches ahead at 40 to 100 % of the highest speed. Set by hand.
+def sequences_for(ship: Ship, wish: Wish, highest: float, dt: float) -> Sequences:
+    """The sequences of orders that a ``wish`` allows a ``ship`` up to the ``highest`` speed [m/s], in steps of ``dt``
+    [s]."""
+    rudders = int(np.clip(round(wish.seconds / (STRETCH * time_scale(ship.particulars["L"]))), FEWEST, MOST))
+    speeds = highest * np.linspace(0.4, 1.0, 7)  # approaches ahead at 40 to 100 % of the highest speed. Set by hand.
     revolutions = np.array([revolutions_for(ship, u) for u in speeds])
-    highest = float(revolutions[-1])
-    lowest = 0.3 * highest  # of an engine that is not reversed. Set by hand.
-    if task.reversible(ship):  # approaches astern too, at 50 and 25 % of that speed
-        lowest = -ASTERN * highest
-        speeds = np.concatenate([task.speed * np.array([-0.5, -0.25]), speeds])
-        revolutions = np.concatenate([[lowest, 0.5 * lowest], revolutions])
-    steps = int(np.floor(task.wish.seconds / dt + 1e-9))
-    engines, n = max(2, rudders // ENGINES), (lowest, highest)
+    most = float(revolutions[-1])
+    least = 0.3 * most  # of an engine that is not reversed. Set by hand.
+    if is_reversible(ship):  # approaches astern too, at 50 and 25 % of that speed
+        least = -ASTERN * most
+        speeds = np.concatenate([highest * np.array([-0.5, -0.25]), speeds])
+        revolutions = np.concatenate([[least, 0.5 * least], revolutions])
+    steps, engines = int(np.floor(wish.seconds / dt + 1e-9)), max(2, rudders // ENGINES)
     limits = Limits.for_ship(ship)
-    return Sequences(steps, dt, rudders, engines, task.wish.rudder_limit, n, speeds, revolutions, limits)
+    return Sequences(steps, dt, rudders, engines, wish.rudder_limit, (least, most), speeds, revolutions, limits)
 
 
 class SequenceSearch:
-    """Judges sequences for a ``task``: first whether they stay inside, then what they gain. info: information of
-    trials; present: what is known now; sequences: what orders there are."""
+    """Judges sequences: first whether they stay inside, then what they gain.
 
-    def __init__(self, info: TrialInformation, present: Present, task: PlanTask, sequences: Sequences) -> None:
-        self.info, self.present, self.task, self.sequences = info, present, task, sequences
-        self.ship = info.simulator.ship
+    trials: what a trial tells; wish: what is asked for; area: in which the trial must stay; speed: highest [m/s];
+    draws: (all, D) differences of coefficients from the ship's, whose tracks must stay inside too.
+    """
+
+    def __init__(self, trials: TrialWorth, wish: Wish, area: Area, speed: float, draws: np.ndarray) -> None:
+        self.trials, self.wish, self.area, self.speed, self.draws = trials, wish, area, speed, draws
+        self.ship, self.dt = trials.simulator.ship, trials.dt
+        self.sequences = sequences_for(self.ship, wish, speed, self.dt)
         nominal = self.ship.values[:, None]
-        values = np.hstack([nominal, nominal + task.draws])  # the first is the ship herself
+        values = np.hstack([nominal, nominal + draws])  # the first is the ship herself
         bounds = [(c.lower, c.upper) if not c.fixed else (-np.inf, np.inf) for c in self.ship.coefficients.values()]
         low, high = np.array(bounds, dtype=float).T[..., None]
         # she may lie beyond her bounds herself
@@ -436,8 +405,7 @@ class SequenceSearch:
         """Positions (N + 1, 2, K) and inputs of the model (N, C, K) that follow ``orders`` (N + 1, 2, K) from
         ``revolutions`` (K,)."""
         positions = self.sequences.positions(orders, revolutions)
-        t = self.info.dt * np.arange(len(positions) - 1)
-        return positions, input_array(self.ship, positions[:-1], t)
+        return positions, input_array(self.ship, positions[:-1], self.dt * np.arange(len(positions) - 1))
 
     @np.errstate(all="ignore")
     def motions(self, inputs: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -446,16 +414,16 @@ class SequenceSearch:
         start = np.zeros((6, D * K))
         start[3] = np.tile(speed, D)
         theta = np.repeat(self.theta, K, axis=1)
-        states = self.info.simulator.run(start, np.tile(inputs, (1, 1, D)), self.info.dt, theta)
+        states = self.trials.simulator.run(start, np.tile(inputs, (1, 1, D)), self.dt, theta)
         return states.reshape(len(states), -1, D, K)
 
-    def placing(self, states: np.ndarray) -> Placing:
-        """Where motions (N + 1, S, D, K) begin."""
+    def placing(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where motions (N + 1, S, D, K) begin, and by how much each is too large, as of ``Area.placing``."""
         before = np.zeros((1, 3, *states.shape[2:]))
         # the run-up lies behind a ship that goes ahead, before one that goes astern
         before[:, 0] = -RUN_UP * self.ship.particulars["L"] * np.where(states[0, 3] < 0, -1.0, 1.0)
         tracks = np.concatenate([before, states[::2, :3]])  # each second sample, to save time
-        return self.task.area.placing(tracks, self.ship, "current" not in self.ship.effects)
+        return self.area.placing(tracks, self.ship, "current" not in self.ship.effects)
 
     def cost(self, x: np.ndarray) -> np.ndarray:
         """Cost (K,) of sequences (K, size): the gain of those that stay inside and are not too fast, else above 0."""
@@ -463,59 +431,62 @@ class SequenceSearch:
         _, inputs = self.inputs(orders, revolutions)
         states = self.motions(inputs, speed)
         with np.errstate(all="ignore"):
-            fast = np.hypot(states[:, 3, 0], states[:, 4, 0]).max(axis=0) / self.task.speed - TOO_FAST
+            fast = np.hypot(states[:, 3, 0], states[:, 4, 0]).max(axis=0) / self.speed - TOO_FAST
         diverged = ~np.isfinite(states[:, :, 0]).all(axis=(0, 1))
-        over = self.placing(states).excess / self.ship.particulars["L"] + 10 * np.maximum(np.nan_to_num(fast), 0)
+        over = self.placing(states)[1] / self.ship.particulars["L"] + 10 * np.maximum(np.nan_to_num(fast), 0)
         # above all gains (below 0) by how far a sequence is from being allowed, so that the search finds its way in
         cost = np.where(diverged, 1e6, FORBIDDEN + over)
         good = np.flatnonzero((over <= 1e-9) & ~diverged)
         if len(good):
-            fisher = self.info.of(np.ascontiguousarray(states[:, :, 0, good]), np.ascontiguousarray(inputs[..., good]))
-            cost[good] = self.present.gain(fisher)
+            chosen = np.ascontiguousarray(states[:, :, 0, good]), np.ascontiguousarray(inputs[..., good])
+            cost[good] = self.trials.gain(self.trials.fisher(*chosen))
         return cost
+
+    def allows(self, trial: Trial) -> bool:
+        """Whether rudder angles and revolutions of a manoeuvre, ``trial``, are those that the wish allows."""
+        angles = [float(np.abs(trial[name]).max()) for name in trial.columns if name.startswith("delta")]
+        astern = "n" in trial and float(trial["n"].min()) < 0
+        within = max(angles, default=0.0) <= self.wish.rudder_limit + 1e-6
+        return within and (not astern or is_reversible(self.ship))
 
 
 def library_rows(shared: Shared[SequenceSearch]) -> tuple[LibraryRow, ...]:
-    """The manoeuvres of the library in calm air, of the time and within the limits of the task of a ``shared`` search,
-    the best first. One that is over sooner is repeated, with way to gain speed again between."""
-    ship, task = shared.value.ship, shared.value.task
-    options = [o for o in library(ship, wind=False) if (o.speed or own_speed(ship)) <= TOO_FAST * task.speed]
+    """The manoeuvres of the library in calm air, of the time and within the limits of a ``shared`` search, the best
+    first. One that is over sooner is repeated, with way to gain speed again between."""
+    ship, fastest = shared.value.ship, TOO_FAST * shared.value.speed
+    options = [o for o in library(ship, wind=False) if (o.speed or own_speed(ship)) <= fastest]
     rows = run_all(_library_row, [(shared, option) for option in options], name="manoeuvres of the library")
     return tuple(sorted((row for row in rows if row is not None), key=lambda row: row.gain))
 
 
 def _library_row(job: tuple[Shared[SequenceSearch], Option]) -> LibraryRow | None:
-    """A manoeuvre for a search, None where the ship cannot run it or the task does not allow it."""
+    """A manoeuvre for a search, None where the ship cannot run it or the wish does not allow it."""
     search, option = job[0].value, job[1]
-    ship, task, info = search.ship, search.task, search.info
-    chosen, trials, _ = runs(ship, [option], task.wish.seconds, info.dt)
-    if not chosen or not _allowed(trials[0], task, ship):
+    ship, seconds = search.ship, search.wish.seconds
+    chosen, trials, _ = runs(ship, [option], seconds, search.dt)
+    if not chosen or not search.allows(trials[0]):
         return None
     trial = trials[0]
-    positions = np.stack([trial[name] if name in trial else np.zeros(len(trial)) for name in ("n", "delta")], axis=1)
-    inputs = input_array(ship, positions[:-1, :, None], trial.t[:-1])
+    inputs = input_array(ship, ordered(trial)[:-1, :, None], trial.t[:-1])
     start = trial.states[0][:, None] * np.array([0, 0, 0, 1, 1, 1])[:, None]  # from the origin, heading north
-    states = info.simulator.run(start, inputs, info.dt)
-    fisher = info.of(states, inputs)[0] * repetitions(trial, task.wish.seconds, ship)
-    placing = search.placing(states[:, :, None, :])
-    gain = float(search.present.gain(fisher))
-    return LibraryRow(option, gain, bool(placing.excess[0] <= 1e-9), fisher, trial)
+    states = search.trials.simulator.run(start, inputs, search.dt)
+    fisher = search.trials.fisher(states, inputs)[0] * repetitions(trial, seconds, ship)
+    _, excess = search.placing(states[:, :, None, :])
+    return LibraryRow(option, float(search.trials.gain(fisher)), bool(excess[0] <= 1e-9), fisher, trial)
 
 
-def _allowed(trial: Trial, task: PlanTask, ship: Ship) -> bool:
-    """Whether the rudder angles and revolutions of a manoeuvre, ``trial``, are those that the ``task`` allows."""
-    rudder = max((float(np.abs(trial[name]).max()) for name in trial.columns if name.startswith("delta")), default=0.0)
-    astern = "n" in trial and float(trial["n"].min()) < 0
-    return rudder <= task.wish.rudder_limit + 1e-6 and (not astern or task.reversible(ship))
+def ordered(trial: Trial) -> np.ndarray:
+    """Revolutions and rudder (N, 2) of a ``trial``, 0 where it has none."""
+    return np.stack([trial[name] if name in trial else np.zeros(len(trial)) for name in ("n", "delta")], axis=1)
 
 
-def best_pairs(rows: Sequence[LibraryRow], present: Present) -> dict[str, tuple[tuple[str, str], float]]:
+def best_pairs(rows: Sequence[LibraryRow], trials: TrialWorth) -> dict[str, tuple[tuple[str, str], float]]:
     """The best two different manoeuvres of ``rows`` together, of all and of those that stay inside, and their gain.
-    present: what is known now."""
+    trials: what a trial tells."""
     best = {}
     for words, some in (("library", rows), ("inside", [row for row in rows if row.fits])):
         if pairs := list(combinations(some, 2)):
-            gains = present.gain(np.array([a.fisher + b.fisher for a, b in pairs]))
+            gains = trials.gain(np.array([a.fisher + b.fisher for a, b in pairs]))
             k = int(np.argmin(gains))
             best[words] = ((pairs[k][0].option.name, pairs[k][1].option.name), float(gains[k]))
     return best
@@ -526,13 +497,15 @@ def _costs(job: tuple[Shared[SequenceSearch], np.ndarray]) -> np.ndarray:
     return job[0].value.cost(job[1])
 
 
-def search_plan(
-    info: TrialInformation, present: Present, task: PlanTask, progress: OnProgress | None = None
-) -> SequenceFound:
-    """The trial that gains most for a ``task``. info: information of trials; present: what is known now, and what is
-    wanted; progress: called at each generation. Raises UserError where no sequence found stays inside the area."""
-    wish, search = task.wish, SequenceSearch(info, present, task, sequences_for(info.simulator.ship, task, info.dt))
-    shared = Shared(search)
+def best_sequence(
+    search: SequenceSearch, progress: OnProgress | None = None
+) -> tuple[np.ndarray, tuple[LibraryRow, ...], int, bool]:
+    """The numbers (size,) of the sequence that gains most by a ``search``, the manoeuvres of the library, how many
+    sequences were tried, and whether the search went to its end.
+
+    progress: called at each generation. Raises UserError where no sequence found stays inside the area.
+    """
+    wish, shared = search.wish, Shared(search)
 
     def cost(x: np.ndarray) -> np.ndarray:
         parts = np.array_split(x, min(width(1), len(x)))
@@ -546,7 +519,7 @@ def search_plan(
         if fitting:
             starts[0] = _started(search, fitting[:1])
         if len(fitting) > 1:
-            names = best_pairs(fitting, present)["library"][0]
+            names = best_pairs(fitting, search.trials)["library"][0]
             starts[1] = _started(search, [row for row in fitting if row.option.name in names])
         first, then = (max(1, round(wish.effort * count)) for count in (FIRST, THEN))
         evolutions = [Evolution(start, SPREAD, COUNT, rng) for start in starts]
@@ -561,42 +534,17 @@ def search_plan(
                 progress(Progress("planning", k + 1, total, {"mean log variance": min(e.cost for e in evolutions)}))
     winner = min(evolutions, key=lambda e: e.cost)
     if winner.cost >= FORBIDDEN:
-        area, early = task.area, f"; the search was ended after {wish.time_limit:g} s (--time-limit)"
+        area, early = search.area, f"; the search was ended after {wish.time_limit:g} s (--time-limit)"
         raise NoSolution(
             f"no sequence of {wish.seconds:g} s was found that stays inside {area.length:g} x {area.width:g} m with a "
             f"margin of {area.margin:g} m; give a larger --area, a shorter --time or a lower "
             "--speed-limit" + ("" if made == total else early)
         )
-    return _found(search, winner.best, rows, (made * COUNT, made == total))
+    return winner.best, rows, made * COUNT, made == total
 
 
 def _started(search: SequenceSearch, rows: Sequence[LibraryRow]) -> np.ndarray:
     """The numbers (size,) of a sequence near manoeuvres of the library, one after the other for equal times."""
-    parts, count = [], (search.sequences.steps + 1) // len(rows) + 1
-    for row in rows:
-        at = np.arange(count) % len(row.trial)
-        columns = [row.trial[name] if name in row.trial else np.zeros(len(row.trial)) for name in ("n", "delta")]
-        parts.append(np.stack(columns)[:, at])
-    n, delta = np.concatenate(parts, axis=1)
+    count = (search.sequences.steps + 1) // len(rows) + 1
+    n, delta = np.vstack([ordered(row.trial)[np.arange(count) % len(row.trial)] for row in rows]).T
     return search.sequences.like(n, delta, float(rows[0].trial["u"][0]))
-
-
-def _found(
-    search: SequenceSearch, x: np.ndarray, rows: tuple[LibraryRow, ...], done: tuple[int, bool]
-) -> SequenceFound:
-    """The sequence ``x`` (size,) with its motion, placed. done: sequences tried, whether the search went to its end."""
-    orders, speed, revolutions = search.sequences.orders(x[None])
-    positions, inputs = search.inputs(orders, revolutions)
-    states = search.motions(inputs, speed)
-    place = search.placing(states)
-    D = states.shape[2]
-    logged = np.stack([search.info.logged(states[:, :, d, :])[:, :, 0] for d in range(D)], axis=2)  # (N + 1, 6, D)
-    c, s = np.cos(place.psi[0]), np.sin(place.psi[0])
-    x_, y_ = logged[:, 0].copy(), logged[:, 1].copy()
-    logged[:, 0], logged[:, 1] = place.x[0] + c * x_ - s * y_, place.y[0] + s * x_ + c * y_
-    logged[:, 2] += place.psi[0]
-    with np.errstate(all="ignore"):
-        std = np.sqrt(np.nanmean((logged[:, :, 1:] - logged[:, :, :1]) ** 2, axis=2)) if D > 1 else 0 * logged[:, :, 0]
-    fisher = search.info.of(np.ascontiguousarray(states[:, :, 0]), inputs)[0]
-    gain, pairs = float(search.present.gain(fisher)), best_pairs(rows, search.present)
-    return SequenceFound(orders[:, :, 0], positions[:, :, 0], logged[:, :, 0], std, fisher, gain, rows, pairs, *done)

@@ -1,4 +1,4 @@
-"""The planned trial of a run: how it is asked for, what it is expected to bring, its file."""
+"""The planned trial of a run: how it is asked for, what it is expected to bring, its file, its words and its map."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,23 +21,30 @@ from cases.simulation.simulate_batch import simulate_batch
 from fitting.design.plan import (
     RUN_UP,
     Area,
-    PlanTask,
-    Present,
-    SequenceFound,
-    TrialInformation,
-    Wish,
-    search_plan,
+    LibraryRow,
+    SequenceSearch,
+    TrialWorth,
+    best_pairs,
+    best_sequence,
+    corners,
+    is_reversible,
     table_of,
 )
 from fitting.nlp.prior import Prior
 from fitting.prediction.bands import correlation_in, draws_of
+from fitting.report.plot_style import AFTER, BEFORE, GREY, dress, new_figure
+from fitting.settings import Wish
 from mmg.components.catalogue import ROLES, coefficient_table
 from mmg.errors import Conflict, Missing, NoSolution, NotCalibrated, OutOfRange, UnknownName, Unsupported
 from mmg.messages import OnProgress
+from mmg.model import columns
 from mmg.motion.flow import INPUTS, STATES
 from mmg.motion.froude import reference_speed, time_scale
 from mmg.rollout import Simulator
 from mmg.ship import Ship
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 # Draws of the coefficients whose tracks must stay inside the area.
 DRAWS = 8  # set by hand: of eight all inside says about 75 % with 90 % confidence
@@ -108,49 +115,86 @@ def figure_slopes(simulator: Simulator, prior: Prior, names: Sequence[str]) -> n
     return np.array([slopes[name] for name in names])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PlannedTrial:
-    """A trial that was planned for a ``ship``: the ``task``, what was ``found``, and what is known now (``present``).
-    dt: step [s]; notes: what was assumed."""
+    """The best sequence of orders that a ``search`` found.
 
-    ship: Ship
-    task: PlanTask
-    found: SequenceFound
-    present: Present
-    dt: float
-    notes: tuple[str, ...]
+    orders, inputs: n [1/s] and delta [rad] (N + 1, 2), ordered and as means over the step that follows; states: (N + 1,
+    6) logged columns, placed in the area; std: (N + 1, 6) of them by the draws; fisher: (P, P); rows: of the library;
+    tried: sequences; notes: what was assumed.
+    """
+
+    search: SequenceSearch
+    orders: np.ndarray
+    inputs: np.ndarray
+    states: np.ndarray
+    std: np.ndarray
+    fisher: np.ndarray
+    rows: tuple[LibraryRow, ...]
+    tried: int
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls, search: SequenceSearch, x: np.ndarray, rows: tuple[LibraryRow, ...], tried: int, notes: Sequence[str]
+    ) -> PlannedTrial:
+        """The sequence of the numbers ``x`` (size,) with its motion, placed; the others as the fields."""
+        orders, speed, revolutions = search.sequences.orders(x[None])
+        positions, inputs = search.inputs(orders, revolutions)
+        states = search.motions(inputs, speed)
+        fisher = search.trials.fisher(np.ascontiguousarray(states[:, :, 0]), inputs)[0]
+        (x0, y0, psi), D = search.placing(states)[0][:, 0], states.shape[2]
+        model, values = search.trials.simulator.model, search.ship.values
+        logged = np.stack([columns(model, states[:, :, d, 0].T, values).T for d in range(D)], axis=2)  # (N + 1, 6, D)
+        c, s, (x_, y_) = np.cos(psi), np.sin(psi), logged[:, :2].copy().swapaxes(0, 1)
+        logged[:, 0], logged[:, 1] = x0 + c * x_ - s * y_, y0 + s * x_ + c * y_
+        logged[:, 2] += psi
+        with np.errstate(all="ignore"):
+            off = logged[:, :, 1:] - logged[:, :, :1]
+            std = np.sqrt(np.nanmean(off**2, axis=2)) if D > 1 else 0 * logged[:, :, 0]
+        return cls(search, orders[:, :, 0], positions[:, :, 0], logged[:, :, 0], std, fisher, rows, tried, tuple(notes))
 
     def __repr__(self) -> str:
-        wish = self.task.wish
+        wish = self.search.wish
         return f"<PlannedTrial for {self.ship.title}: {wish.seconds:g} s within {wish.area} m, {len(self.notes)} notes>"
+
+    @property
+    def ship(self) -> Ship:
+        """Whose trial it is."""
+        return self.search.ship
+
+    @property
+    def dt(self) -> float:
+        """Step [s]."""
+        return self.search.dt
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values: gains as standard deviations before and after, orders, the library beside it."""
-        f, task, present = self.found, self.task, self.present
-        before, after = np.sqrt(present.variances()), np.sqrt(present.variances(f.fisher))
+        wish, area, trials = self.search.wish, self.search.area, self.search.trials
+        before, after = np.sqrt(trials.variances()), np.sqrt(trials.variances(self.fisher))
         both = {name: {"std_before": float(a), "std_after": float(b), "left": float(b / a), "unit": self._unit(name)}
-                for name, a, b in zip(present.names, before, after, strict=True)}  # fmt: skip
-        x, y, psi = f.states[0, :3].tolist()
+                for name, a, b in zip(trials.names, before, after, strict=True)}  # fmt: skip
+        x, y, psi = self.states[0, :3].tolist()
         return {
             "kind": "planned_trial",
             "ship": self.ship.called,
             "title": self.ship.title,
             "calibration": asdict(self.ship.mark) if self.ship.mark else None,
-            "time_s": task.wish.seconds,
-            "area_m": {"length": task.area.length, "width": task.area.width, "margin": task.area.margin},
-            "speed_limit_m_s": task.speed,
-            "seed": task.wish.seed,
-            "start": {"x_m": x, "y_m": y, "heading_deg": math.degrees(psi) % 360, "speed_m_s": float(f.states[0, 3]),
-                      "n_rps": float(f.inputs[0, 0])},
-            "orders": table_of(f.orders, self.dt),
+            "time_s": wish.seconds,
+            "area_m": {"length": area.length, "width": area.width, "margin": area.margin},
+            "speed_limit_m_s": self.search.speed,
+            "seed": wish.seed,
+            "start": {"x_m": x, "y_m": y, "heading_deg": math.degrees(psi) % 360, "speed_m_s": float(self.states[0, 3]),
+                      "n_rps": float(self.inputs[0, 0])},
+            "orders": table_of(self.orders, self.dt),
             "wanted": both,
-            "mean_log_variance": f.gain,
+            "mean_log_variance": float(trials.gain(self.fisher)),
             "library": [{"name": r.option.name, "simulate": r.option.arguments, "mean_log_variance": r.gain,
-                         "stays_inside": r.fits} for r in f.rows],
+                         "stays_inside": r.fits} for r in self.rows],
             "best_two_of_the_library": {key: {"names": list(names), "mean_log_variance": gain}
-                                        for key, (names, gain) in f.pairs.items()},
-            "worth": present.worth,
-            "sequences_tried": f.evaluated,
+                                        for key, (names, gain) in best_pairs(self.rows, trials).items()},
+            "worth": trials.worth,
+            "sequences_tried": self.tried,
             "notes": list(self.notes),
             "assumed": list(self.assumed),
         }  # fmt: skip
@@ -164,23 +208,23 @@ class PlannedTrial:
     @property
     def assumed(self) -> tuple[str, ...]:
         """What the plan rests on, in sentences."""
-        task, wish, ship = self.task, self.task.wish, self.ship
+        search, wish, ship = self.search, self.search.wish, self.ship
         water = "with the current of the calibration" if "current" in ship.effects else "in still water"
         engine = "the propeller may be reversed at any time"
-        if not task.reversible(ship):
+        if not is_reversible(ship):
             diesel = "n" in ship.actuators and "pitch" not in ship.actuators
             engine = "the propeller is not reversed" + (": a diesel engine takes its time for it" if diesel else "")
-        side = "before" if self.found.states[0, 3] < 0 else "behind"
+        side = "before" if self.states[0, 3] < 0 else "behind"
         run_up = f"{RUN_UP:g} ship lengths of a straight run-up {side} the start lie inside the area too"
-        share, highest = self.present.worth, np.abs(self.found.orders[:, 0]).max()
+        share, highest = search.trials.worth, np.abs(self.orders[:, 0]).max()
         correlated = share < 0.95  # set by hand: what is less is no news
         worth = f", {share:.0%} of that information, as her residuals are correlated" if correlated else ""
         return (
             f"calm air, {water}; a straight approach, rudder midships",
             f"orders: rudder up to {math.degrees(wish.rudder_limit):.3g} deg, {highest:.3g} 1/s at most, "
-            f"no faster than {task.speed:.3g} m/s; {engine}; the actuators follow at the rates of the ship",
-            f"the hull keeps {task.area.margin:.3g} m from the edges, also that of {task.draws.shape[1]} ships drawn "
-            f"from the covariance, as orders are open loop; {run_up}",
+            f"no faster than {search.speed:.3g} m/s; {engine}; the actuators follow at the rates of the ship",
+            f"the hull keeps {search.area.margin:.3g} m from the edges, also that of {search.draws.shape[1]} ships "
+            f"drawn from the covariance, as orders are open loop; {run_up}",
             f"the gain is a prediction: the ship as calibrated, small changes of her coefficients, the noise and the "
             f"windows of her fit{worth}",
         )
@@ -190,16 +234,15 @@ class PlannedTrial:
         ``n`` and ``delta`` are means over the step that follows, ``n_order`` and ``delta_order`` what is ordered."""
         import pandas as pd
 
-        f, t = self.found, self.dt * np.arange(len(self.found.states))
-        states = f.states.copy()
+        t, states = self.dt * np.arange(len(self.states)), self.states.copy()
         states[:, 2] = wrap(states[:, 2])
         columns = {"t": np.round(t, 9), **dict(zip(STATES, states.T, strict=True))}
-        positions = actuator_positions(self.ship, f.inputs[:, 0], f.inputs[:, 1])
+        positions = actuator_positions(self.ship, self.inputs[:, 0], self.inputs[:, 1])
         columns |= {name: np.broadcast_to(values, len(t)) for name, values in positions.items()}
-        columns |= {"n": f.inputs[:, 0]} if "n" not in columns else {}
-        columns |= {"delta": f.inputs[:, 1]} if not any(name.startswith("delta") for name in columns) else {}
-        columns |= {"n_order": f.orders[:, 0], "delta_order": f.orders[:, 1]}
-        columns |= {f"{name}_std": f.std[:, i] for i, name in enumerate(STATES)}
+        columns |= {"n": self.inputs[:, 0]} if "n" not in columns else {}
+        columns |= {"delta": self.inputs[:, 1]} if not any(name.startswith("delta") for name in columns) else {}
+        columns |= {"n_order": self.orders[:, 0], "delta_order": self.orders[:, 1]}
+        columns |= {f"{name}_std": self.std[:, i] for i, name in enumerate(STATES)}
         units = {name: UNITS.get(name) or INPUTS.get(name, ("", ""))[1] for name in columns}
         units |= {name: units[name.removesuffix("_std")] for name in columns if name.endswith("_std")}
         columns = {f"{name} [{units[name]}]": values for name, values in columns.items()}
@@ -251,7 +294,6 @@ def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnP
     if not (math.isfinite(wish.seconds) and 40 * dt <= wish.seconds <= 20000 * dt):  # set by hand: bounds time
         raise OutOfRange(f"--time {wish.seconds:g} s: give {40 * dt:g} to {20000 * dt:g} s for {ship.called}")
     simulator = Simulator(ship, bool(settings.get("compiled", True)))
-    info = TrialInformation(simulator, prior, _sigma(calibrated, ship), dt, window)
     if wish.figures:
         wanted, names = figure_slopes(simulator, prior, wish.figures), tuple(wish.figures)
     else:
@@ -262,12 +304,13 @@ def plan_trial(ship: Ship, content: Mapping[str, Any], wish: Wish, progress: OnP
     if worth is None:
         worth = 1.0
         notes.append("how much the noise of these trials is correlated was not stored (fit without --no-next-trial)")
-    present = Present(np.linalg.inv(covariance), float(worth), wanted, names)
-    task = PlanTask(wish, area, speed, draws_of(calibrated, ship)[:, :DRAWS])
-    sequence = search_plan(info, present, task, progress)
-    if not sequence.whole:
+    sigma, precision = _sigma(calibrated, ship), np.linalg.inv(covariance)
+    trials = TrialWorth(simulator, prior, sigma, dt, window, precision, float(worth), wanted, names)
+    search = SequenceSearch(trials, wish, area, speed, draws_of(calibrated, ship)[:, :DRAWS])
+    x, rows, tried, is_whole = best_sequence(search, progress)
+    if not is_whole:
         notes.append(f"the search was ended after {wish.time_limit:g} s (--time-limit); a longer one may find more")
-    return PlannedTrial(ship, task, sequence, present, dt, tuple(notes))
+    return PlannedTrial.of(search, x, rows, tried, notes)
 
 
 def _calibration_in(content: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -301,3 +344,61 @@ def _sigma(calibrated: Mapping[str, Any], ship: Ship) -> np.ndarray:
     if not scaled and not any(row["has_position"] for row in calibrated["data"]):
         sigma[:2] = [math.inf, math.inf]
     return np.array(sigma, dtype=float)
+
+
+def in_words(content: Mapping[str, Any], file: str) -> list[str]:
+    """Lines for a person on a planned trial. content: its ``to_dict``; file: name of that for the autopilot."""
+    start, area, gain = content["start"], content["area_m"], content["mean_log_variance"]
+    lines = [
+        f"{content['title']}: {content['time_s']:g} s in {area['length']:g} x {area['width']:g} m. Start at x "
+        f"{start['x_m']:.2f} m, y {start['y_m']:.2f} m, heading {start['heading_deg']:.0f} deg, with "
+        f"{start['speed_m_s']:.3g} m/s and {start['n_rps']:.3g} 1/s. File for the autopilot: {file}.",
+        "    t [s]   n [1/s]   rudder [deg]",
+    ]
+    lines += [f"  {o['t_s']:7.1f} {o['n_rps']:9.2f} {o['delta_deg']:14.0f}" for o in content["orders"]]
+    lines.append("standard deviation before -> after")
+    for name, row in sorted(content["wanted"].items(), key=lambda item: item[1]["left"]):
+        unit, factor = ("deg", math.degrees(1.0)) if row["unit"] == "rad" else (row["unit"], 1.0)
+        before, after = (f"{factor * row[key]:.3g}" for key in ("std_before", "std_after"))
+        words = name + (f" [{unit}]" if unit and unit != "-" else "")
+        lines.append(f"  {words:22s} {before:>10s} -> {after:>10s}  ({row['left']:.0%})")
+    lines += ["mean log variance", f"  {gain:+.2f} by the designed trial"]
+    lines += [
+        f"  {row['mean_log_variance']:+.2f} by {row['name']}" + "  (leaves the area)" * (not row["stays_inside"])
+        for row in content["library"][:5]
+    ]
+    pairs = content["best_two_of_the_library"]
+    for key, where in (("inside", "that stay inside"), ("library", "wherever there is room")):
+        if key in pairs and not (key == "library" and pairs.get("inside") == pairs[key]):
+            names = " and ".join(pairs[key]["names"])
+            lines.append(f"  {pairs[key]['mean_log_variance']:+.2f} by the best two, {where}: {names}")
+    return [*lines, *(f"assumed: {line}" for line in content["assumed"])]
+
+
+def plan_map(planned: PlannedTrial) -> Figure:
+    """A figure of the ``planned`` trial: map with the hull at equal times, and the orders over time below."""
+    from matplotlib.patches import Ellipse, Polygon, Rectangle  # late: slow to import
+
+    area, ship, m = planned.search.area, planned.ship, planned.search.area.margin
+    figure = new_figure(8.0)
+    title = f"Planned trial of {planned.search.wish.seconds:g} s: {ship.title}"[:110]  # the letters of a line
+    figure.suptitle(title, fontsize=10, x=0.01, ha="left")
+    ax, *others = figure.subplots(3, 1, height_ratios=(3.6, 1, 1))
+    dress(ax, "y, east [m]", "x, north [m]", "Track, hull, 2 standard deviations")
+    ax.add_patch(Rectangle((0, 0), area.width, area.length, fill=False, ec="black", lw=1.5))
+    ax.add_patch(Rectangle((m, m), area.width - 2 * m, area.length - 2 * m, fill=False, ec=GREY, lw=0.8, ls="--"))
+    x, y = planned.states[:, 0], planned.states[:, 1]
+    for k in range(0, len(x), max(1, len(x) // 12)):
+        # (east, north) of the four corners round the hull
+        outline = np.array(corners(planned.states[k : k + 1, :3, None], ship))[::-1, (0, 1, 3, 2), 0, 0].T
+        ax.add_patch(Polygon(outline, closed=True, fill=k == 0, fc=BEFORE, ec=BEFORE, lw=0.8, alpha=0.8))
+        size = 4 * np.minimum(planned.std[k, 1::-1], 1e3)  # diameters of two standard deviations, east and north
+        ax.add_patch(Ellipse((y[k], x[k]), *size, fc=AFTER, ec="none", alpha=0.15))
+    ax.plot(y, x, color=AFTER, lw=1.6)
+    ax.set_aspect("equal")
+    orders = {"rudder [deg]": np.degrees(planned.orders[:, 1]), "revolutions [1/s]": planned.orders[:, 0]}
+    for ax, (words, values) in zip(others, orders.items(), strict=True):
+        dress(ax, "t [s]" if ax is others[-1] else "", words)
+        ax.step(planned.dt * np.arange(len(x)), values, where="post", color=AFTER, lw=1.4)
+        ax.axhline(0, color=GREY, lw=0.6)
+    return figure

@@ -35,7 +35,7 @@ def plan(
 
     Example: mmg plan runs/first --area 60x25 --time 180 --out next.csv
     """
-    from fitting.report.planned import in_words, plan_map
+    from fitting.design.planned_trial import in_words, plan_map
     from mmg_ident import studies
 
     cli.refuse_target("--out", out, force, (".csv",))

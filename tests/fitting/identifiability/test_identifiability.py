@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,13 +34,11 @@ from fitting.design.plan import (
     RUN_UP,
     Area,
     Evolution,
-    PlanTask,
-    Present,
     Sequences,
     SequenceSearch,
-    TrialInformation,
-    Wish,
+    TrialWorth,
     corners,
+    is_reversible,
     table_of,
 )
 from fitting.design.planned_trial import PlannedTrial
@@ -351,10 +350,9 @@ def test_the_state_in_which_a_coefficient_acts_is_named(symbol: str, state: tupl
 
 
 def test_a_planned_trial_of_two_rudders_is_written_with_the_unit_of_each_column(tmp_path: Path) -> None:
-    found = SimpleNamespace(
-        states=np.zeros((3, 6)), inputs=np.ones((3, 2)), orders=np.ones((3, 2)), std=np.ones((3, 6))
-    )
-    PlannedTrial(true_ship("twin"), None, found, None, 1.0, ()).write(str(tmp_path / "next.csv"))  # type: ignore[arg-type]
+    orders, states = np.ones((3, 2)), np.zeros((3, 6))
+    search: Any = SimpleNamespace(ship=true_ship("twin"), dt=1.0)
+    PlannedTrial(search, orders, orders, states, states, np.eye(1), (), 0).write(str(tmp_path / "next.csv"))
     header = (tmp_path / "next.csv").read_text().splitlines()[0].split(",")
     assert {"n_2 [rps]", "delta_port [rad]", "delta_order [rad]", "n_order [rps]", "r_std [rad/s]"} <= set(header)
 
@@ -386,6 +384,8 @@ def test_starts_that_disagree_say_how_far() -> None:
 
 # Parts of a planned trial: placing in an area, orders within limits, information by another way, the search
 PLANNED = ("X_0F", "Y_v", "N_r", "t_P")
+# What is known before a trial: precision, worth of information, what is wanted, its names
+NOW = np.diag([1.0, 4.0]), 0.5, np.eye(2), ("a", "b")
 
 
 @pytest.fixture(scope="module")
@@ -398,14 +398,14 @@ def test_a_track_is_placed_so_that_the_hull_stays_inside(ship: Ship) -> None:
     area = Area.parse("60x25", ship, 0.5)
     t = np.linspace(0, 1, 50)
     track = np.stack([10 * t, 40 * t, np.full(50, 1.3)], axis=1)[:, :, None, None]  # too wide unless turned
-    place = area.placing(track, ship)
-    assert place.excess[0] == 0
-    c, s = np.cos(place.psi[0]), np.sin(place.psi[0])
+    ((x0,), (y0,), (psi,)), excess = area.placing(track, ship)
+    assert excess[0] == 0
+    c, s = np.cos(psi), np.sin(psi)
     x, y = track[:, 0, 0, 0], track[:, 1, 0, 0]
-    put = np.stack([place.x[0] + c * x - s * y, place.y[0] + s * x + c * y, track[:, 2, 0, 0] + place.psi[0]], axis=1)
+    put = np.stack([x0 + c * x - s * y, y0 + s * x + c * y, track[:, 2, 0, 0] + psi], axis=1)
     cx, cy = corners(put[..., None], ship)
     assert cx.min() >= 0.5 - 1e-9 and cx.max() <= 59.5 + 1e-9 and cy.min() >= 0.5 - 1e-9 and cy.max() <= 24.5 + 1e-9
-    assert area.placing(track, ship, turned=False).excess[0] > 10
+    assert area.placing(track, ship, turned=False)[1][0] > 10
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -413,11 +413,10 @@ def test_the_run_up_lies_where_the_ship_comes_from(ship: Ship, side: float) -> N
     area = Area.parse("60x25", ship, 0.5)
     states = np.zeros((3, 6, 1, 1))
     states[:, 0, 0, 0], states[:, 3] = side * np.array([0.0, 22.5, 45.0]), side * 0.5
-    place = SequenceSearch.placing(
-        SimpleNamespace(ship=ship, task=SimpleNamespace(wish=Wish("60x25", 60.0), area=area)), states
-    )
-    at = place.x[0] - side * RUN_UP * 3.0 * np.cos(place.psi[0])
-    assert place.excess[0] == 0 and 0.5 + 1.5 <= at <= 59.5 - 1.5  # the hull, with the margin, half a length each way
+    search: Any = SimpleNamespace(ship=ship, area=area)
+    (x, _, psi), excess = SequenceSearch.placing(search, states)
+    at = x[0] - side * RUN_UP * 3.0 * np.cos(psi[0])
+    assert excess[0] == 0 and 0.5 + 1.5 <= at <= 59.5 - 1.5  # the hull, with the margin, half a length each way
 
 
 @pytest.mark.parametrize("text", ["60", "60x", "ax25", "-60x25", "60xnan", "2.5x2.5", "60x0.2"])
@@ -446,21 +445,21 @@ def test_the_information_is_that_of_a_fit(ship: Ship) -> None:
     sigma = np.array([0.01, 0.01, 0.0015, 0.004, 0.004, 0.0006])
     problem = Problem.of(ship, prior, cut([trial], h, 15.0, 5, inputs=ship.inputs), sigma, compiled=False)
     expected = information(problem, problem.join(problem.measured_nodes, np.zeros(problem.P))).fisher.sum(axis=0)
-    info = TrialInformation(simulator, prior, sigma, h, 30)
+    info = TrialWorth(simulator, prior, sigma, h, 30, *NOW)
     held = np.zeros((len(run.inputs) - 1, len(ship.inputs), 1))
     held[:, :2] = run.inputs[:-1]
     states = info.simulator.run(run.states[0], held, h)
     assert states[:, :6] == pytest.approx(run.states, abs=1e-9)
-    found = info.of(states, held)
+    found = info.fisher(states, held)
     assert found[0] == pytest.approx(expected, rel=1e-4, abs=1e-4 * np.abs(expected).max())
     sent = pickle.loads(pickle.dumps(info))  # to another process of a plan
-    assert np.array_equal(sent.of(states, held), found)
+    assert np.array_equal(sent.fisher(states, held), found)
 
 
 def test_what_a_trial_gains_is_the_mean_log_of_the_variances() -> None:
-    present = Present(np.diag([1.0, 4.0]), 0.5, np.eye(2), ("a", "b"))
-    assert present.variances() == pytest.approx([1.0, 0.25])
-    assert present.gain(np.diag([2.0, 0.0])) == pytest.approx(0.5 * np.log(0.5))
+    trials = TrialWorth(Simulator(ESSO, compiled=False), prior_of("a", "b"), np.ones(6), 0.5, 30, *NOW)
+    assert trials.variances() == pytest.approx([1.0, 0.25])
+    assert trials.gain(np.diag([2.0, 0.0])) == pytest.approx(0.5 * np.log(0.5))
 
 
 def test_the_search_finds_the_least_of_a_tilted_valley() -> None:
@@ -489,13 +488,7 @@ def test_a_short_manoeuvre_is_repeated_with_way_between(ship: Ship) -> None:
 
 def test_a_ship_with_a_diesel_engine_does_not_reverse_and_a_towing_tank_has_no_wind(ship: Ship) -> None:
     assert not any(option.wind for option in library(load_ship("esso_osaka_3m"), wind=False))
-
-    def task(model: Ship) -> PlanTask:
-        return PlanTask(Wish("9000x9000", 600.0), Area.parse("9000x9000", model), 0.4, np.zeros((1, 1)))
-
-    assert task(ship).reversible(ship)
-    full = load_ship("kvlcc2_full")
-    assert not task(full).reversible(full)
+    assert is_reversible(ship) and not is_reversible(load_ship("kvlcc2_full"))
 
 
 # The windows that are chosen tell more than as many others

@@ -17,9 +17,9 @@ from matplotlib.figure import Figure
 from cases.shipfiles.effects import freeing_effects
 from cases.shipfiles.ship_file import dump_ship, load_ship, parse_ship
 from cases.trial import Trial
+from fitting.design.planned_trial import in_words
 from fitting.prediction.predict import Window, predict
 from fitting.record import MessageRow
-from fitting.report.planned import in_words
 from fitting.report.plot_maneuvers import COLOURS as LINES
 from fitting.report.plot_style import DASHES
 from fitting.report.plots import trajectory_plot
