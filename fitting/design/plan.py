@@ -250,14 +250,6 @@ class Sequences:
         return np.clip(np.concatenate([*parts, [(speed - self.speeds[0]) / span]]), 0.0, 1.0)
 
 
-def table_of(orders: np.ndarray, dt: float) -> list[dict[str, float]]:
-    """The switches of ``orders`` (N, 2) of n [1/s] and delta [rad] at steps of ``dt`` [s]: when, and what from then."""
-    at = [0, *(np.flatnonzero(np.abs(np.diff(orders, axis=0)).max(axis=1) > 1e-9) + 1).tolist()]
-    return [
-        {"t_s": float(k * dt), "n_rps": float(orders[k, 0]), "delta_deg": float(np.degrees(orders[k, 1]))} for k in at
-    ]
-
-
 class Evolution:
     """A search without derivatives, with adapted covariance (CMA-ES; Hansen 2016, arXiv:1604.00772, appendix A).
 
@@ -342,28 +334,6 @@ class LibraryRow:
     fits: bool
     fisher: np.ndarray
     trial: Trial
-
-
-@dataclass(frozen=True)
-class SequenceFound:
-    """The best sequence found.
-
-    orders, inputs: n [1/s] and delta [rad] (N + 1, 2), ordered and as means over the step that follows; states: (N + 1,
-    6) logged columns, placed in the area; std: (N + 1, 6) of them by the draws; fisher: (P, P); gain: mean log variance
-    less that of now; rows: of the library; pairs: names of the best two manoeuvres, and their gain together, of all and
-    of those that stay inside; evaluated: sequences tried; whole: the search went to its end.
-    """
-
-    orders: np.ndarray
-    inputs: np.ndarray
-    states: np.ndarray
-    std: np.ndarray
-    fisher: np.ndarray
-    gain: float
-    rows: tuple[LibraryRow, ...]
-    pairs: dict[str, tuple[tuple[str, str], float]]
-    evaluated: int
-    whole: bool
 
 
 def sequences_for(ship: Ship, wish: Wish, highest: float, dt: float) -> Sequences:

@@ -28,7 +28,6 @@ from fitting.design.plan import (
     best_sequence,
     corners,
     is_reversible,
-    table_of,
 )
 from fitting.nlp.prior import Prior
 from fitting.prediction.bands import correlation_in, draws_of
@@ -186,7 +185,7 @@ class PlannedTrial:
             "seed": wish.seed,
             "start": {"x_m": x, "y_m": y, "heading_deg": math.degrees(psi) % 360, "speed_m_s": float(self.states[0, 3]),
                       "n_rps": float(self.inputs[0, 0])},
-            "orders": table_of(self.orders, self.dt),
+            "orders": self.table(),
             "wanted": both,
             "mean_log_variance": float(trials.gain(self.fisher)),
             "library": [{"name": r.option.name, "simulate": r.option.arguments, "mean_log_variance": r.gain,
@@ -198,6 +197,12 @@ class PlannedTrial:
             "notes": list(self.notes),
             "assumed": list(self.assumed),
         }  # fmt: skip
+
+    def table(self) -> list[dict[str, float]]:
+        """The switches of the orders: when [s], and revolutions [1/s] and rudder [deg] from then."""
+        at = [0, *(np.flatnonzero(np.abs(np.diff(self.orders, axis=0)).max(axis=1) > 1e-9) + 1).tolist()]
+        rows = [(k * self.dt, self.orders[k, 0], np.degrees(self.orders[k, 1])) for k in at]
+        return [dict(zip(("t_s", "n_rps", "delta_deg"), map(float, row), strict=True)) for row in rows]
 
     def _unit(self, name: str) -> str:
         """Unit of a coefficient or figure, "" where it has none."""
