@@ -39,6 +39,7 @@ from fitting.prediction.score import (
     NO_SCORES,
     ScorePair,
     adaptation_worth,
+    score_messages,
     score_pairs,
     scores_by_set,
     worth_message,
@@ -294,7 +295,7 @@ def _result(fit: CampaignFit, made: Made, objects: FitObjects, task: FitTask, be
     start, content = task.ship, _content(fit, made, objects, task.options)
     named = marked(found.ship, start, trials, task.options.name)
     warnings = [*found.warnings, *task.remarks, *worth_message(made.get("worth of what was left out"))]
-    warnings += [*shared_rows(trials, validation), *_of_scores(content["scores"])]
+    warnings += [*shared_rows(trials, validation), *score_messages(content["scores"])]
     warnings += [left_out_message(made.missing)] if made.missing else []
     warnings += doubtful_revolutions(start, trials)
     for option in ("--bootstrap", "--profile"):
@@ -403,13 +404,6 @@ def _content(fit: CampaignFit, made: Made, objects: FitObjects, options: FitOpti
         "posterior": made["--posterior"].to_dict() if "--posterior" in made else None,
         "timings_s": {**found.timings, **seconds},
     }
-
-
-def _of_scores(scores: Mapping[str, ScorePair]) -> list[Message]:
-    """Messages on ``scores`` by set of trials: those that are no numbers, or worse than before, or bad."""
-    kinds = (ScorePair.failed, ScorePair.worse, ScorePair.worse_by_run, ScorePair.unbeaten)  # the gravest first
-    found = [message for kind in kinds for name, pair in scores.items() for message in kind(pair, name)]
-    return found + (scores["training"].undescribed() if "training" in scores else [])
 
 
 def started_from(ship: Ship, values: Mapping[str, float], hold: bool = False) -> dict[str, np.ndarray]:

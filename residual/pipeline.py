@@ -18,7 +18,7 @@ from cases.trial import Trial
 from cases.trial_set import TrialSet, shared_rows
 from fitting.parallel import with_one_thread
 from fitting.prediction.envelope import envelope_of
-from fitting.prediction.score import score_pairs, scores_by_set
+from fitting.prediction.score import NO_SCORE, score_messages, score_pairs, scores_by_set
 from fitting.record import read_record
 from fitting.report import run_folder
 from fitting.report.run_folder import Store
@@ -116,7 +116,7 @@ def train(
     if len(models) == 2:  # the calibrated ship alone where every training diverged
         sets = {"validation": validation, "training": trained_on}
         scores = score_pairs(*(scores_by_set(model, sets) for model in models))
-        failed = [message for name, pair in scores.items() for message in pair.failed(name)]
+        failed = [message for message in score_messages(scores) if message.code == NO_SCORE]
         result = replace(result, scores=scores, warnings=(*failed, *result.warnings))
     timings = {**result.timings_s, "wall": time.perf_counter() - began}
     return replace(result, timings_s=timings)

@@ -278,18 +278,6 @@ class ScorePair:
     before: Score
     after: Score
 
-    def worse(self, name: str) -> list[Message]:
-        """A message on the states that are predicted worse; name: of the set of trials, such as "validation"."""
-        old, new = self.before.units, self.after.units
-        if not (old and new):
-            return []
-        words = []
-        for key, (state, unit) in STATE_ERRORS.items():
-            before, after = getattr(old.pooled, key), getattr(new.pooled, key)
-            words += [f"{state} {before:.3g} -> {after:.3g} {unit}"] if is_worse(before, after) else []
-        text = f"rms errors of the {name} trials over {new.window_s:g} s windows became worse: {', '.join(words)}"
-        return [Message(text, "worse_after")] if words else []
-
     @property
     def worse_runs(self) -> tuple[str, ...]:
         """Runs that became worse as a share of what the states change by, with their errors in units, in words."""
@@ -303,37 +291,46 @@ class ScorePair:
             if is_worse(before.share_of_change, after.share_of_change)
         )
 
-    def worse_by_run(self, name: str) -> list[Message]:
-        """A message that lists the runs that became worse; name: of the set of trials, such as "validation"."""
-        runs = self.worse_runs
-        if not runs:
-            return []
-        words = f"worse than before on {len(runs)} of {len(self.after.trials)} {name} runs: {'; '.join(runs)}"
-        return [Message(words, "worse_runs")]
+    def messages(self, name: str) -> list[Message]:
+        """What speaks against the model after the change, with one of the codes of GRAVEST.
 
-    def unbeaten(self, name: str) -> list[Message]:
-        """A message where keeping the velocities of the first row is better; name: of the set of trials."""
-        sentences = self.after.units.defeats(by_run=False) if self.after.units else []
-        return [Message(f"the {name} trials: {words}", "worse_than_persistence") for words in sentences]
+        name: of the set of trials, such as "validation".
+        """
+        found, old, new = list[Message](), self.before.units, self.after.units
+        if lost := self.after.diverged:
+            words = f"no score of the {name} trials: the prediction diverges on {listed(lost, MOST_NAMED)}"
+            found.append(Message(words, NO_SCORE))
+        if old and new:
+            worse = []
+            for key, (state, unit) in STATE_ERRORS.items():
+                before, after = getattr(old.pooled, key), getattr(new.pooled, key)
+                worse += [f"{state} {before:.3g} -> {after:.3g} {unit}"] if is_worse(before, after) else []
+            words = f"rms errors of the {name} trials over {new.window_s:g} s windows became worse: {', '.join(worse)}"
+            found += [Message(words, "worse_after")] if worse else []
+        if runs := self.worse_runs:
+            words = f"worse than before on {len(runs)} of {len(self.after.trials)} {name} runs: {'; '.join(runs)}"
+            found.append(Message(words, "worse_runs"))
+        defeats = new.defeats(by_run=False) if new else []
+        found += [Message(f"the {name} trials: {words}", "worse_than_persistence") for words in defeats]
+        # of the trials that she was calibrated on; that the prediction diverges is said
+        if name == "training" and UNDESCRIBED < self.after.window < math.inf:
+            share = (self.after.window / len(STATES)) ** 0.5  # the metric sums six squares: rms over states and rows
+            words = (
+                f"30 s predictions of the trials err by {share:.0%} of what the states vary by (rms): this ship does "
+                "not follow them; see that they are hers and in her size, and what mmg check says of them"
+            )
+            found.append(Message(words, "not_described"))
+        return found
 
-    def failed(self, name: str) -> list[Message]:
-        """A message where the model after the change has no score; name: of the set of trials, such as "validation"."""
-        names = self.after.diverged
-        if not names:
-            return []
-        where = listed(names, MOST_NAMED)
-        return [Message(f"no score of the {name} trials: the prediction diverges on {where}", NO_SCORE)]
 
-    def undescribed(self) -> list[Message]:
-        """A message where the ship does not follow the trials that she was calibrated on."""
-        if not UNDESCRIBED < self.after.window < math.inf:  # that it diverges is said
-            return []
-        share = (self.after.window / len(STATES)) ** 0.5  # the metric sums six squares: rms over states and rows
-        words = (
-            f"30 s predictions of the trials err by {share:.0%} of what the states vary by (rms): this ship does not "
-            "follow them; see that they are hers and in her size, and what mmg check says of them"
-        )
-        return [Message(words, "not_described")]
+# Codes of ``ScorePair.messages``, in the order in which they are said.
+GRAVEST = (NO_SCORE, "worse_after", "worse_runs", "worse_than_persistence", "not_described")
+
+
+def score_messages(pairs: Mapping[str, ScorePair]) -> list[Message]:
+    """The messages of all ``pairs``, by set of trials, the gravest first."""
+    found = [message for name, pair in pairs.items() for message in pair.messages(name)]
+    return sorted(found, key=lambda message: GRAVEST.index(message.code))
 
 
 NO_SCORES: Mapping[str, ScorePair] = {}  # Scores of no set of trials
@@ -415,7 +412,12 @@ def worth_of_left_out(
     after: the calibrated ship; sets: trials by name, "training" and "validation"; scores: of them, without what was
     left out. Returns seconds and trials that are concerned, and both metrics with and without.
     """
-    concerned = {t.name: _row(t) for some in sets.values() for t in some if t.whole is not None}
+    concerned = {}
+    for trial in (t for some in sets.values() for t in some if t.whole is not None):
+        spans = spans_left_out(trial)
+        why = "; ".join(str(note) for note in trial.notices if getattr(note, "code", "") == "left_out")
+        seconds = float(inside(trial, spans).sum()) * trial.dt
+        concerned[trial.name] = {"seconds": seconds, "spans": [list(span) for span in spans], "why": why}
     if not concerned:
         return None
     errors = {}
@@ -442,11 +444,3 @@ def worth_message(worth: Mapping[str, Any] | None) -> list[Message]:
         ]
         parts.append(f"with them the {JUDGED.get(name, name)} have {', '.join(words)}")
     return [Message("; ".join(parts), "left_out_worth")]
-
-
-def _row(trial: Trial) -> dict[str, Any]:
-    """Seconds of a ``trial`` that were left out, where, and why."""
-    spans = spans_left_out(trial)
-    why = [str(note) for note in trial.notices if getattr(note, "code", "") == "left_out"]
-    seconds = float(inside(trial, spans).sum()) * trial.dt
-    return {"seconds": seconds, "spans": [list(span) for span in spans], "why": "; ".join(why)}
