@@ -26,7 +26,7 @@ from cases.trial import Trial
 from fitting.parallel import Shared, run_all
 from fitting.prediction.band_calibration import student_factor
 from fitting.prediction.bands import Bands, acceleration_sizes, bands_of, correlation_in
-from fitting.prediction.envelope import Excess, HeldMotion, outside_of, outside_words, untried
+from fitting.prediction.envelope import Excess, outside_of, outside_words, untried
 from mmg.effects import EFFECTS
 from mmg.errors import OutOfRange, Unsupported, refusing
 from mmg.messages import Message
@@ -95,21 +95,22 @@ class FigureScatter:
         """Share of the draws that reach a ``figure``."""
         return float(np.isfinite(self.ship.get(figure, NOWHERE)).mean())
 
-    def notice(self, name: str, kind: str) -> list[Message]:
-        """What to know of a manoeuvre of this ``name`` and ``kind`` that leaves the trials."""
-        words = outside_words(name, kind, self.outside, self.widened) if self.outside else ""
-        return [Message(words, "outside_the_trials")] if words else []
+    def notices(self, name: str, kind: str, count: int) -> list[Message]:
+        """What to know of a manoeuvre of this ``name`` and ``kind``: that it leaves the trials, and that some of its
+        ``count`` draws diverge."""
+        found = []
+        if self.outside:
+            found.append(Message(outside_words(name, kind, self.outside, self.widened), "outside_the_trials"))
+        if self.lost:
+            words = f"{name}: {self.lost} of {count} drawn ships run away, and count as never reaching a figure"
+            found.append(Message(words, "diverging_draws"))
+        return found
 
-    def lost_notice(self, name: str, count: int) -> list[Message]:
-        """What to know of those of ``count`` draws of the manoeuvre ``name`` that diverge."""
-        words = f"{name}: {self.lost} of {count} drawn ships run away, and count as never reaching a figure"
-        return [Message(words, "diverging_draws")] if self.lost else []
 
-
-def independent_draws(correlation: Any) -> list[Message]:
-    """What to know of draws without a ``correlation`` of the coefficients, as of ``correlation_in``."""
-    words = "coefficients are drawn independently of each other: no correlation is known"
-    return [Message(words, "independent_draws")] if correlation is None else []
+# Said of draws where no correlation of the coefficients is known.
+INDEPENDENT = Message(
+    "coefficients are drawn independently of each other: no correlation is known", "independent_draws"
+)
 
 
 @refusing
@@ -161,7 +162,7 @@ def with_intervals(
     calm = calm_and_deep(ship)[0]
     correlation = correlation_in(content)
     drawn, notices = draw_coefficients(calm, count, seed, correlation), list(assessment.notices)
-    notices += independent_draws(correlation)
+    notices += [INDEPENDENT] if correlation is None else []
     shared, judged = Shared((Simulator(calm), drawn, content)), [run for run in assessment.runs if run.kind in JUDGED]
     plans = [parse_maneuver(run.name, calm, speed=run.speed, rudder_rate=rudder_rate) for run in judged]
     jobs = [(shared, plan, seed, dict(run.figures)) for run, plan in zip(judged, plans, strict=True)]
@@ -169,7 +170,7 @@ def with_intervals(
     runs = {run.name: run for run in judged}
     scatter = {run.name: one for run, one in zip(judged, results, strict=True)}
     for run, one in zip(judged, results, strict=True):
-        notices += one.notice(run.name, run.kind) + one.lost_notice(run.name, count)
+        notices += one.notices(run.name, run.kind, count)
     rows = tuple(
         judged_row(row, runs[row.run], scatter[row.run]) if row.run in scatter else row for row in assessment.rows
     )
@@ -219,7 +220,7 @@ def drawn_figures(
     calibration, {}: no unexplained accelerations are known; seed: of the accelerations; dt: sampling interval [s],
     default 0.5 s of a 3 m model; tracks: single trials whose motions are returned, of the first draws; exact: figures
     of the ship as it is, simulated finely, about which the draws are put. Figures of a calibrated ship are linear in
-    the draws but in stops (``linearised``). Raises UserError for spiral and pull-out.
+    the draws but in stops (``carried_on``). Raises UserError for spiral and pull-out.
     """
     ship = simulator.ship
     bands, envelope = bands_of(content, ship), content.get("envelope")
@@ -229,7 +230,7 @@ def drawn_figures(
     outside = outside_of(envelope, nominal) if envelope else None
     drawn = drawn_resistance(ship, plan, dict(drawn), count, seed)
     nominal_figures = figures_of_each(nominal, plan)[0]
-    # a figure that the ship herself does not reach has no change that could be carried on (``linearised``)
+    # a figure that the ship herself does not reach has no change that could be carried on
     near = (
         NEAR
         if bands is not None and plan.kind not in STOPS and all(map(math.isfinite, nominal_figures.values()))
@@ -258,9 +259,7 @@ def drawn_figures(
     table = {name: np.array([one.get(name, np.nan) for one in each]) for name in names}
     ships, trials = ({name: column[part] for name, column in table.items()}
                      for part in (slice(count), slice(-count, None)))  # fmt: skip
-    if near < 1:
-        ships, trials = linearised(nominal_figures, ships, trials, near)
-    ships, trials = (moved(nominal_figures, exact or {}, column) for column in (ships, trials))
+    ships, trials = carried_on(nominal_figures, {**nominal_figures, **(exact or {})}, ships, trials, near)
     # tracks are those of whole draws: a motion, unlike a figure, is not carried on in a straight line
     full_draws = runs if near == 1 else simulated(tracks, 1.0)
     first = len(full_draws.last) - (count if near == 1 else tracks)  # single trials stand behind the ships
@@ -275,44 +274,38 @@ def drawn_figures(
     return FigureScatter(ships, trials, outside, lost, shown, widened), motions
 
 
-def linearised(
-    nominal: Mapping[str, float], ships: Mapping[str, np.ndarray], trials: Mapping[str, np.ndarray], near: float
+def carried_on(
+    coarse: Mapping[str, float],
+    exact: Mapping[str, float],
+    ships: Mapping[str, np.ndarray],
+    trials: Mapping[str, np.ndarray],
+    near: float = 1.0,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Figures (count,) of ``ships`` and of single ``trials`` of them, from those of draws that lie ``near`` the ship.
+    """Figures (count,) of ``ships`` and of single ``trials`` of them, from those of draws that lie at a share ``near``
+    of their distance from the ship; where she herself does not reach a figure, as they are.
 
     A covariance belongs to the model linearised in its coefficients: in directions that the trials hardly tell, draws
     through the whole model leave what the trials allow, and figures scatter too widely (Immer, Korzepa & Bauer 2021,
-    Improving predictions of Bayesian neural nets via local linearization, AISTATS, eq. 10). So the figure's change
-    between the ship as she is, ``nominal``, and draws at a share ``near`` of their distance is carried on, in its
-    logarithm where it is positive. A single trial has besides what it changes of the near ship's figure.
+    Improving predictions of Bayesian neural nets via local linearization, AISTATS, eq. 10). So the change of a figure
+    from that of the ship as she is, ``coarse``, is carried on, in its logarithm where it is positive, and added to her
+    ``exact`` one, simulated in fine steps: a fast rudder is over within a step of the draws, and overshoots come out a
+    fifth too small. A single trial has besides what it changes of the near ship's figure.
     """
-    figures: tuple[dict[str, np.ndarray], dict[str, np.ndarray]] = {}, {}
+    whole: tuple[dict[str, np.ndarray], dict[str, np.ndarray]] = {}, {}
     for name, column in ships.items():
-        once, at = trials[name], nominal.get(name, math.nan)
-        positive = at > 0 and not (column <= 0).any() and not (once <= 0).any()
+        once, at, there = trials[name], coarse.get(name, math.nan), exact.get(name, math.nan)
+        if not (math.isfinite(at) and math.isfinite(there)):
+            whole[0][name], whole[1][name] = column, once
+            continue
         with np.errstate(over="ignore"):
-            if positive:
-                ship = at * (column / at) ** (1 / near)
+            if at > 0 and there > 0 and not (column <= 0).any() and not (once <= 0).any():
+                ship = there * (column / at) ** (1 / near)
                 each = ship * (once / column)
             else:
-                ship = at + (column - at) / near
+                ship = there + (column - at) / near
                 each = ship + (once - column)
-        figures[0][name], figures[1][name] = ship, each
-    return figures
-
-
-def moved(
-    coarse: Mapping[str, float], exact: Mapping[str, float], figures: Mapping[str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    """The ``figures`` (count,) of draws with what steps as long as theirs change of the ship as she is taken off:
-    ``coarse`` with these steps, ``exact`` without; by their ratio where they are positive. A fast rudder is over within
-    such a step, and overshoots come out a fifth too small."""
-    result = dict(figures)
-    for name in figures.keys() & coarse.keys() & exact.keys():
-        at, there = coarse[name], exact[name]
-        if math.isfinite(at) and math.isfinite(there):
-            result[name] = figures[name] * (there / at) if at > 0 and there > 0 else figures[name] + (there - at)
-    return result
+        whole[0][name], whole[1][name] = ship, each
+    return whole
 
 
 def judged_row(row: Row, run: Run, scatter: FigureScatter) -> Row:
@@ -394,7 +387,7 @@ def maneuver_scatter(
          **drawn.of(name, limit=limits.get(name)), "limit": limits.get(name), **none_known}
         for name in drawn.ship
     )  # fmt: skip
-    notices = independent_draws(correlation) + drawn.notice(plan.name, plan.kind) + drawn.lost_notice(plan.name, count)
+    notices = [INDEPENDENT] * (correlation is None) + drawn.notices(plan.name, plan.kind, count)
     finite = [trials.trial(int(m)) for m in np.flatnonzero(np.isfinite(trials.states).all(axis=(0, 1)))]
     motions = (simulate_batch(simulator, plan, dt=dt).trial(0), *finite)
     return ManeuverScatter(run, drawn, count, seed, tuple(coefficients), rows, motions, tuple(notices))
@@ -424,13 +417,14 @@ def accelerations(
         size = np.sqrt(np.einsum("ck,kt->tc", bands.process.size**2, acceleration_sizes(nominal.states, L)[:, :, 0]))
         size *= bands.process.factor_at(times)[:, 3:, 0]
         memory = bands.process.memory
+    # speed from which on the trials say the size of a lasting part themselves: few of their points lie below it
     lasting_size, slow = np.zeros_like(size), 0.5 * float(np.abs(nominal.states[0, 3, 0]))
     is_stop = plan.kind in STOPS
     novelty = np.full((len(size), 1), float(is_stop))  # no record of the trials: a stop is taken as new
     if bands is not None and bands.held is not None:
         novelty = bands.held.novelty(nominal.states, input_array(ship, nominal.inputs, nominal.t), L)
         lasting_size = size * novelty
-        slow = slow_speed(bands.held)
+        slow = float(np.quantile(np.hypot(*(bands.held.points * bands.held.scale)[:, :2].T), SLOW))
     share = np.zeros(len(size))  # of the ship's own deceleration, by time
     if is_stop:
         order = plan.parameters["order_time"]
@@ -448,7 +442,9 @@ def accelerations(
 
     def push(k: int, states: np.ndarray) -> np.ndarray:
         i = min(k, len(size) - 1)  # some draws take longer to stop than the ship as it is
-        value = lasting_size[i][:, None] * fading(states, slow) * lasting + size[i][:, None] * passing
+        # forces of water on a ship vanish with U^2
+        fading = np.minimum((states[3] ** 2 + states[4] ** 2) / slow**2, 1.0) if slow > 0 else 1.0
+        value = lasting_size[i][:, None] * fading * lasting + size[i][:, None] * passing
         if before:  # what the ship herself lost in the last step
             slowing = np.maximum(before[0] - states[3], 0.0) / dt
             value[0] += np.clip(share[i] * lasting[0], -MOST_SHARE, MOST_SHARE) * slowing
@@ -469,19 +465,6 @@ def greatest_accelerations(nominal: SimulatedRuns) -> np.ndarray:
     du, dv, dr = (np.gradient(x, t) for x in (u, v, r))
     force = float(np.hypot(du - v * r, dv + u * r).max())  # acceleration of midship in body axes
     return np.array([force, force, float(np.abs(dr).max())])
-
-
-def slow_speed(held: HeldMotion) -> float:
-    """Speed [m/s] that few rows of the trials fall below, from the points that cover what they ``held``."""
-    return float(np.quantile(np.hypot(*(held.points * held.scale)[:, :2].T), SLOW))
-
-
-def fading(states: np.ndarray, slow: float) -> np.ndarray:
-    """Share (M,) of a lasting acceleration at ``states`` (6, M): forces of water on a ship vanish with U^2. slow: speed
-    [m/s] from which on the trials say its size themselves."""
-    if slow <= 0:
-        return np.ones(states.shape[1])
-    return np.minimum((states[3] ** 2 + states[4] ** 2) / slow**2, 1.0)
 
 
 def mean_deceleration(nominal: SimulatedRuns, begin: float) -> float:

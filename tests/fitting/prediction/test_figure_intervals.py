@@ -22,11 +22,10 @@ from fitting.prediction.bands import Process, process_dict
 from fitting.prediction.envelope import held_dict, held_motion, untried
 from fitting.prediction.figure_intervals import (
     FigureScatter,
+    carried_on,
     drawn_figures,
     judged_row,
-    linearised,
     maneuver_scatter,
-    moved,
     with_intervals,
 )
 from fitting.prediction.predict import record_of
@@ -221,15 +220,19 @@ def test_few_runs_make_figures_less_certain_as_student_s_t() -> None:
     assert (pushed[0] == pushed[1]).all() and np.ptp(pushed[0]) > 0
 
 
-def test_linear_figures_add_what_a_single_trial_changes() -> None:
-    ships, trials = linearised(
-        {"a": 2.0, "b": -1.0},
-        {"a": np.array([2.0, 2.0 * 1.1]), "b": np.array([-0.9, 0.2])},
-        {"a": np.array([2.2, 2.0 * 1.1]), "b": np.array([-0.8, 0.2])},
+def test_linear_figures_lie_about_those_of_fine_steps_and_add_what_a_single_trial_changes() -> None:
+    """By ratios where all are positive, else by differences; what the ship does not reach stays as it is."""
+    coarse, exact = {"a": 2.0, "b": -1.0, "c": math.nan}, {"a": 3.0, "b": 1.0, "c": 5.0}
+    ships, trials = carried_on(
+        coarse,
+        exact,
+        {"a": np.array([2.0, 2.0 * 1.1]), "b": np.array([-0.9, 0.2]), "c": np.ones(2)},
+        {"a": np.array([2.2, 2.0 * 1.1]), "b": np.array([-0.8, 0.2]), "c": np.ones(2)},
         0.5,
     )
-    assert ships["a"] == pytest.approx([2.0, 2.0 * 1.21]) and trials["a"] == pytest.approx([2.2, 2.0 * 1.21])
-    assert ships["b"] == pytest.approx([-0.8, 1.4]) and trials["b"] == pytest.approx([-0.7, 1.4])  # signs differ: added
+    assert ships["a"] == pytest.approx([3.0, 3.0 * 1.21]) and trials["a"] == pytest.approx([3.3, 3.0 * 1.21])
+    assert ships["b"] == pytest.approx([1.2, 3.4]) and trials["b"] == pytest.approx([1.3, 3.4])  # signs differ: added
+    assert ships["c"] == pytest.approx([1.0, 1.0])
 
 
 def test_draws_beyond_a_bound_take_their_partners_along() -> None:
@@ -314,17 +317,6 @@ def test_the_command_prints_both_intervals_and_the_criterion_and_draws_the_track
     assert (tmp_path / "tracks.png").stat().st_size > 10_000
     assert main([*map(str, options), "--out", str(tmp_path / "tracks.csv")]) == 0
     assert (tmp_path / "tracks.csv").read_text().startswith("run,t [s],x [m],y [m],psi [rad]")
-
-
-def test_draws_are_put_about_the_figures_of_fine_steps() -> None:
-    """By the ratio where both are positive, else by the difference; what is not reached moves nothing."""
-    coarse = {"overshoot_1": 0.02, "lateral_deviation": -1.0, "advance": math.nan}
-    exact = {"overshoot_1": 0.03, "lateral_deviation": 1.0, "advance": 5.0}
-    drawn = {"overshoot_1": np.array([0.01, 0.04]), "lateral_deviation": np.zeros(2), "advance": np.full(2, np.nan)}
-    found = moved(coarse, exact, drawn)
-    np.testing.assert_allclose(found["overshoot_1"], [0.015, 0.06])
-    np.testing.assert_allclose(found["lateral_deviation"], 2.0)
-    assert np.isnan(found["advance"]).all() and drawn["overshoot_1"][0] == 0.01
 
 
 @pytest.mark.parametrize(("limit", "is_untried"), [(2.0, True), (-0.5, True), (-2.4, False)])
