@@ -32,8 +32,7 @@ from fitting.calibration import (
 )
 from fitting.design.next_trial import identifiability_dict, next_trial
 from fitting.parallel import with_one_thread
-from fitting.prediction.band_calibration import fit_bands
-from fitting.prediction.bands import draws_of
+from fitting.prediction.bands import draws_of, fit_bands
 from fitting.prediction.envelope import trial_envelope
 from fitting.prediction.score import (
     NO_SCORES,

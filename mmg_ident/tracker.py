@@ -23,7 +23,7 @@ from diagnosis.estimation.linearisation import FIRST, SETTLED
 from diagnosis.estimation.random_states import DIFFERENCE, LONGEST, Noise, RandomStates, deviations, disturbed
 from diagnosis.estimation.transition_model import FORCE, step_faults
 from fitting.nlp.shooting import PortableIntervals
-from fitting.prediction.band_calibration import NORMAL
+from fitting.prediction.bands import NORMAL
 from mmg.compile.batch import batch_functions
 from mmg.compile.intervals import IntervalKernel, Lanes, derivatives
 from mmg.errors import (

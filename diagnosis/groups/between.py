@@ -32,7 +32,7 @@ from diagnosis.findings import Between, GroupDifference, GroupParameter, group_r
 from diagnosis.hypotheses.forward_selection import ODDS
 from diagnosis.hypotheses.refit import SearchProblem, refit
 from diagnosis.report.words import shown_unit
-from fitting.prediction.band_calibration import NORMAL
+from fitting.prediction.bands import NORMAL
 from fitting.report.sections import plus_minus
 from fitting.uncertainty.group_test import (
     LEAST,

@@ -22,7 +22,7 @@ from cases.trial import Trial
 from diagnosis.findings import Budget
 from diagnosis.validation.held_out import DRAWS, MOST, WindowErrors, redrawn_means
 from fitting.nlp.windows import default_step, pieces_of
-from fitting.prediction.band_calibration import NORMAL
+from fitting.prediction.bands import NORMAL
 from fitting.prediction.predict import change_over, predict_all
 from fitting.report.run_folder import SCHEMA_VERSION, Real, plain
 from mmg.errors import TooFewData

@@ -24,8 +24,7 @@ from cases.shipfiles.effects import calm_and_deep
 from cases.simulation.simulate_batch import Push, SimulatedRuns, draw_coefficients, input_array, simulate_batch
 from cases.trial import Trial
 from fitting.parallel import Shared, run_all
-from fitting.prediction.band_calibration import student_factor
-from fitting.prediction.bands import Bands, acceleration_sizes, bands_of, correlation_in
+from fitting.prediction.bands import Bands, acceleration_sizes, bands_of, correlation_in, student_factor
 from fitting.prediction.envelope import Excess, outside_of, outside_words, untried
 from mmg.effects import EFFECTS
 from mmg.errors import OutOfRange, Unsupported, refusing

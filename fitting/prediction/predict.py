@@ -17,9 +17,9 @@ from cases.inputs import model_inputs
 from cases.io.campaigns import campaign_among
 from cases.io.files import replace_text
 from cases.trial import Trial, bridged
-from fitting.nlp.windows import Record, Stretch
+from fitting.nlp.windows import Stretch
 from fitting.prediction.bands import Bands
-from fitting.prediction.stretches import Adaptation, WindowBatch, adapt, rollout, wrapped_error
+from fitting.prediction.stretches import Adaptation, WindowBatch, adapt, record_of, rollout, window_rows, wrapped_error
 from fitting.report.run_folder import write_whole
 from mmg.errors import NotWritable
 from mmg.messages import Message
@@ -60,24 +60,6 @@ class Window:
         return wrapped_error(self.states, measured[self.first : self.last + 1])
 
 
-def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -> list[tuple[int, int]]:
-    """First and last row of windows of ``length`` seconds every ``stride`` seconds from the first of the times t (N,).
-    ``length`` 0 is the whole run. ``short_last`` keeps a last window that the run's end cuts short."""
-    if length <= 0:
-        return [(0, len(t) - 1)]
-    tolerance = 0.5 * float(np.median(np.diff(t)))
-    result = []
-    start = t[0]
-    while start < t[-1] - tolerance:
-        first = int(np.searchsorted(t, start - tolerance))
-        last = int(np.searchsorted(t, t[first] + length + tolerance)) - 1
-        is_whole = t[min(last, len(t) - 1)] >= t[first] + length - 2 * tolerance
-        if last > first and (is_whole or short_last):
-            result.append((first, min(last, len(t) - 1)))
-        start += max(stride, 2 * tolerance)  # no two windows begin at one sample, and 1e-9 s do not take for ever
-    return result
-
-
 def change_over(trials: Sequence[Trial], length: float, stride: float) -> np.ndarray:
     """What each state changes by since the first row of windows of ``length`` [s] every ``stride`` [s] of ``trials``
     (rms, (6,)): the unit of an error of a prediction. A heading is wrapped, so that its unit does not grow with every
@@ -112,17 +94,6 @@ def values_of(ship: Ship, trial: Trial) -> np.ndarray | None:
         return None
     campaign = campaign_among(trial, ship.campaigns)
     return ship.values if campaign is None else ship.of_campaign(campaign).values
-
-
-def record_of(trial: Trial, inputs: Sequence[str], values: np.ndarray | None = None) -> Record:
-    """A ``trial`` as windows need it, for a model with these ``inputs``; x = y = 0 where no positions were measured.
-    values: all coefficients (P,) of the ship in this trial, where they are not the simulator's."""
-    states, controls = trial.states, model_inputs(trial, inputs).array
-    if not trial.has_position:
-        states = states.copy()
-        states[:, :2] = 0.0
-    good = np.isfinite(states).all(axis=1) & np.isfinite(controls).all(axis=1)
-    return Record(trial.t, states, controls, good, trial.has_position, values)
 
 
 def planned_windows(

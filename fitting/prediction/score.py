@@ -17,16 +17,8 @@ from pydantic_core.core_schema import no_info_plain_validator_function
 
 from cases.inputs import assumed
 from cases.trial import Trial, inside, spans_left_out
-from fitting.prediction.predict import (
-    Forecaster,
-    ShipsByTrial,
-    Window,
-    change_over,
-    planned_windows,
-    predict_all,
-    record_of,
-)
-from fitting.prediction.stretches import Adaptation, default_past
+from fitting.prediction.predict import Forecaster, ShipsByTrial, Window, change_over, planned_windows, predict_all
+from fitting.prediction.stretches import Adaptation, default_past, record_of
 from fitting.prediction.unit_errors import REFERENCES, STATE_ERRORS, RunErrors, UnitErrors, errors_in_units, is_worse
 from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError

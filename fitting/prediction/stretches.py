@@ -14,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cases.inputs import model_inputs
+from cases.trial import Trial
 from fitting.nlp.windows import Record, Stretch
 from mmg.model import CLOSE, INVERSIONS, columns, settled
 from mmg.motion.frames import earth_to_body
@@ -104,6 +106,35 @@ def rollout(
         out[:, :2] += way
         out[:, 3:5] += np.stack(earth_to_body(drift[:, 0], drift[:, 1], out[:, 2]), axis=1)
     return out, states
+
+
+def record_of(trial: Trial, inputs: Sequence[str], values: np.ndarray | None = None) -> Record:
+    """A ``trial`` as windows need it, for a model with these ``inputs``; x = y = 0 where no positions were measured.
+    values: all coefficients (P,) of the ship in this trial, where they are not the simulator's."""
+    states, controls = trial.states, model_inputs(trial, inputs).array
+    if not trial.has_position:
+        states = states.copy()
+        states[:, :2] = 0.0
+    good = np.isfinite(states).all(axis=1) & np.isfinite(controls).all(axis=1)
+    return Record(trial.t, states, controls, good, trial.has_position, values)
+
+
+def window_rows(t: np.ndarray, length: float, stride: float, short_last: bool) -> list[tuple[int, int]]:
+    """First and last row of windows of ``length`` seconds every ``stride`` seconds from the first of the times t (N,).
+    ``length`` 0 is the whole run. ``short_last`` keeps a last window that the run's end cuts short."""
+    if length <= 0:
+        return [(0, len(t) - 1)]
+    tolerance = 0.5 * float(np.median(np.diff(t)))
+    result = []
+    start = t[0]
+    while start < t[-1] - tolerance:
+        first = int(np.searchsorted(t, start - tolerance))
+        last = int(np.searchsorted(t, t[first] + length + tolerance)) - 1
+        is_whole = t[min(last, len(t) - 1)] >= t[first] + length - 2 * tolerance
+        if last > first and (is_whole or short_last):
+            result.append((first, min(last, len(t) - 1)))
+        start += max(stride, 2 * tolerance)  # no two windows begin at one sample, and 1e-9 s do not take for ever
+    return result
 
 
 def measured_columns(stretches: Sequence[Stretch]) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 
 from cases.quantities import UNITS
 from cases.trial import Trial
-from fitting.prediction.band_calibration import NORMAL
+from fitting.prediction.bands import NORMAL
 from fitting.prediction.envelope import DEGREES
 from fitting.prediction.predict import Window, forces_along, predict_all
 from fitting.prediction.score import PAPER_WINDOW

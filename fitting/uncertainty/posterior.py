@@ -25,7 +25,7 @@ from fitting.identifiability.analysis import information_discount
 from fitting.nlp.fisher_information import Eliminated, Quadratics
 from fitting.nlp.shooting import Shooting
 from fitting.parallel import with_one_thread
-from fitting.prediction.band_calibration import NORMAL
+from fitting.prediction.bands import NORMAL
 from fitting.solvers.rollout_loss import RolloutLoss
 from mmg.errors import NotCalibrated, NotInstalled, OutOfRange
 from mmg.messages import LOGGER, Message, html_table

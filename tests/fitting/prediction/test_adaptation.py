@@ -13,7 +13,7 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import SensorNoise, add_noise, simulate
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
-from fitting.prediction.predict import Window, predict, predict_all, record_of
+from fitting.prediction.predict import Window, predict, predict_all
 from fitting.prediction.score import adaptation_worth, past_to_use, score
 from fitting.prediction.stretches import (
     Adaptation,
@@ -22,6 +22,7 @@ from fitting.prediction.stretches import (
     adapt,
     default_past,
     past_begin,
+    record_of,
     restarts,
     rollout,
 )

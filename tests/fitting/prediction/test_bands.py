@@ -17,8 +17,18 @@ from cases.simulation.simulate import simulate
 from cases.simulation.simulate_batch import draw_coefficients, simulate_batch
 from cases.trial import Trial
 from fitting.nlp.windows import Record, Stretch
-from fitting.prediction.band_calibration import NORMAL, fit_bands, sample_noise
-from fitting.prediction.bands import Bands, Process, bands_of, correlation_in, draws_of, process_dict, velocity_variance
+from fitting.prediction.bands import (
+    NORMAL,
+    Bands,
+    Process,
+    bands_of,
+    correlation_in,
+    draws_of,
+    fit_bands,
+    process_dict,
+    sample_noise,
+    velocity_variance,
+)
 from fitting.prediction.envelope import (
     MOST_NEW,
     HeldMotion,
@@ -37,8 +47,8 @@ from fitting.prediction.figure_intervals import (
     drawn_resistance,
     greatest_accelerations,
 )
-from fitting.prediction.predict import predict, predict_all, record_of
-from fitting.prediction.stretches import WindowBatch
+from fitting.prediction.predict import predict, predict_all
+from fitting.prediction.stretches import WindowBatch, record_of
 from mmg.motion.flow import STATES
 from mmg.rollout import Simulator
 from mmg.ship import Ship

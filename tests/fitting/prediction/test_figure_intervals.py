@@ -28,7 +28,7 @@ from fitting.prediction.figure_intervals import (
     maneuver_scatter,
     with_intervals,
 )
-from fitting.prediction.predict import record_of
+from fitting.prediction.stretches import record_of
 from mmg.errors import UserError
 from mmg.messages import has_code
 from mmg.rollout import Simulator

@@ -22,7 +22,7 @@ from cases.simulation.simulate import simulate, wrap, write_trial
 from cases.trial import Trial, left_out
 from fitting.nlp.windows import Record, Stretch
 from fitting.prediction.baselines import GreyBox, Persistence, fit_grey_box
-from fitting.prediction.predict import forces_along, predict, record_of, window_rows
+from fitting.prediction.predict import forces_along, predict
 from fitting.prediction.score import (
     NOTHING,
     Score,
@@ -35,7 +35,7 @@ from fitting.prediction.score import (
     score_pairs,
     scores_by_set,
 )
-from fitting.prediction.stretches import wrapped_error
+from fitting.prediction.stretches import record_of, window_rows, wrapped_error
 from fitting.prediction.unit_errors import StateErrors, UnitErrors, errors_in_units, ship_time, window_for
 from fitting.report.run_folder import adapter, plain
 from mmg.components.rigid_body import accelerations, inertia

@@ -17,8 +17,9 @@ from safetensors.torch import save_file
 
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch, pieces_of
-from fitting.prediction.predict import predict_all, record_of
+from fitting.prediction.predict import predict_all
 from fitting.prediction.score import pooled_sigma, score
+from fitting.prediction.stretches import record_of
 from mmg.errors import BadValue, Conflict, Missing, UnknownName, Unreadable, UserError
 from mmg.rollout import Simulator
 from residual.hybrid import Hybrid, Residual, to_network
