@@ -62,12 +62,31 @@ def refit_rows(
     Refits are spread over the calibration's workers. end: when time is over, by ``time.time`` [s]. What fails is
     listed, never raised.
     """
-    spread, content = calibration.spread, dict[str, Any]()
+    spread, prior, content = calibration.spread, calibration.prior, dict[str, Any]()
     problem, x, settings = calibration.problem, calibration.solution.x, calibration.settings
     if replicates:
-        began = time.perf_counter()
-        drawn = bootstrap(calibration.information, replicates, settings.seed, problem, x, settings.workers, end)
-        content["bootstrap"] = _row(*drawn, calibration) | {"seconds": time.perf_counter() - began}
+        began, info = time.perf_counter(), calibration.information
+        p, why = bootstrap(info, replicates, settings.seed, problem, x, settings.workers, end)
+        good = p[np.isfinite(p).all(axis=1)]  # those that did not fail
+        nan = np.full((2, p.shape[1]), np.nan)
+        std = good.std(axis=0, ddof=1) if len(good) > 1 else nan[0]
+        lower, upper = np.quantile(good, (0.025, 0.975), axis=0) if len(good) else nan
+        sizes = np.sqrt(np.diag(spread.covariance))
+        content["bootstrap"] = {
+            "method": "refit",
+            "replicates": len(p),
+            "failed": [{"replicate": str(number), "reason": reason} for number, reason in enumerate(why) if reason],
+            "coefficients": {  # of what all runs share
+                s: {
+                    "std": float(std[i] * prior.std[i]),
+                    "std_over_robust": float(std[i] / sizes[i]),
+                    "lower": float(prior.mean[i] + prior.std[i] * lower[i]),
+                    "upper": float(prior.mean[i] + prior.std[i] * upper[i]),
+                }
+                for i, s in enumerate(prior.symbols)
+            },
+            "seconds": time.perf_counter() - began,
+        }
     if profiled:
         content["profiles"] = profiles(problem, x, profiled, spread.covariance, spread.model, settings.workers, end)
     return content
@@ -86,29 +105,6 @@ def failed_refits(content: Mapping[str, Any]) -> list[Message]:
             why = ", ".join(f"{reason} ({reasons.count(reason)})" for reason in dict.fromkeys(reasons))
             messages.append(Message(f"{option}: {len(reasons)} of {count} refits are missing: {why}", "refits_missing"))
     return messages
-
-
-def _row(p: np.ndarray, why: list[str], calibration: Calibration) -> dict:
-    """What result.json holds of the ``bootstrap`` of a ``calibration``: of what all runs share."""
-    prior, nan = calibration.prior, np.full((2, p.shape[1]), np.nan)
-    good = p[np.isfinite(p).all(axis=1)]  # those that did not fail
-    std = good.std(axis=0, ddof=1) if len(good) > 1 else nan[0]
-    lower, upper = np.quantile(good, (0.025, 0.975), axis=0) if len(good) else nan
-    sizes = np.sqrt(np.diag(calibration.spread.covariance))
-    return {
-        "method": "refit",
-        "replicates": len(p),
-        "failed": [{"replicate": str(number), "reason": reason} for number, reason in enumerate(why) if reason],
-        "coefficients": {
-            s: {
-                "std": float(std[i] * prior.std[i]),
-                "std_over_robust": float(std[i] / sizes[i]),
-                "lower": float(prior.mean[i] + prior.std[i] * lower[i]),
-                "upper": float(prior.mean[i] + prior.std[i] * upper[i]),
-            }
-            for i, s in enumerate(prior.symbols)
-        },
-    }
 
 
 def reweighted(problem: Problem, x: np.ndarray, counts: np.ndarray, shift: np.ndarray) -> tuple[Problem, np.ndarray]:
@@ -158,19 +154,13 @@ def refit(
     A task is a problem with x (n,) at its estimate and the end of its time [s], how often each window counts
     (replicates, W), and the shifts of the prior's centres in prior standard deviations (replicates, P).
     """
-    (problem, x, end), counts, shifts = task[0].value, *task[1:]
-    return [_refit_one(problem, x, end, c, s) for c, s in zip(counts, shifts, strict=True)]
-
-
-def _refit_one(
-    problem: Problem, x: np.ndarray, end: float, counts: np.ndarray, shift: np.ndarray
-) -> tuple[np.ndarray, str]:
-    if not (counts > 0).any():
-        return np.full(problem.P, np.nan), "no window is left"
+    (problem, x, end), found = task[0].value, []
     nodes, p = problem.split(x)
-    part, kept = reweighted(problem, x, counts, shift)
-    s, why = _resolved(part, nodes[kept], p - shift, REFIT_TOLERANCE, end)
-    return (part.split(s.x)[1] + shift if s else np.full(problem.P, np.nan)), why
+    for counts, shift in zip(*task[1:], strict=True):
+        part, kept = reweighted(problem, x, counts, shift)
+        s, why = _resolved(part, nodes[kept], p - shift, REFIT_TOLERANCE, end)
+        found.append((part.split(s.x)[1] + shift if s else np.full(problem.P, np.nan), why))
+    return found
 
 
 def drawn_runs(run: np.ndarray, replicates: int, rng: np.random.Generator) -> np.ndarray:
@@ -268,31 +258,28 @@ def profiles(
             tasks.append((problem, x, i, held, end))
     outcomes, found = run_all(refit_along, tasks, workers, name="profiles"), []
     for k, symbol in enumerate(symbols):
-        sides, i = slice(2 * k, 2 * k + 2), names.index(symbol)
-        ratio = covariance[i, i] / model[i, i]
+        i, ends = names.index(symbol), slice(2 * k, 2 * k + 2)
+        estimate, ratio = mean[i] + std[i] * p[i], covariance[i, i] / model[i, i]
         dispersion = float(ratio) if np.isfinite(ratio) and ratio > 0 else 1.0
-        held = [mean[i] + std[i] * values for *_, values, _ in tasks[sides]]
-        found.append(_profile(symbol, mean[i] + std[i] * p[i], best, dispersion, held, outcomes[sides]))
+        held = [mean[i] + std[i] * task[3] for task in tasks[ends]]  # below and above the estimate
+        rises = [np.array([value for value, _ in side]) - best for side in outcomes[ends]]
+        lower, upper = (
+            _crossing(np.r_[estimate, v], np.r_[0.0, r] / dispersion) for v, r in zip(held, rises, strict=True)
+        )
+        reasons = [why for side in outcomes[ends] for _, why in side]
+        rows = zip(np.concatenate(held), reasons, strict=True)
+        found.append(
+            Profile(
+                symbol=symbol,
+                values=tuple(np.r_[held[0][::-1], estimate, held[1]].tolist()),
+                increase=tuple(np.r_[rises[0][::-1], 0.0, rises[1]].tolist()),
+                dispersion=dispersion,
+                lower=lower,
+                upper=upper,
+                failures=tuple(f"{symbol} = {value:.6g}: {why}" for value, why in rows if why),
+            )
+        )
     return found
-
-
-def _profile(
-    symbol: str, estimate: float, best: float, dispersion: float,
-    held: list[np.ndarray], found: list[list[tuple[float, str]]],
-) -> Profile:  # fmt: skip
-    """The profile from the values ``held`` below and above the ``estimate``, and the objective and reason of each."""
-    rises = [np.array([value for value, _ in side]) - best for side in found]
-    lower, upper = (_crossing(np.r_[estimate, v], np.r_[0.0, r] / dispersion) for v, r in zip(held, rises, strict=True))
-    outcomes = zip(np.concatenate(held), [why for side in found for _, why in side], strict=True)
-    return Profile(
-        symbol=symbol,
-        values=tuple(np.r_[held[0][::-1], estimate, held[1]].tolist()),
-        increase=tuple(np.r_[rises[0][::-1], 0.0, rises[1]].tolist()),
-        dispersion=dispersion,
-        lower=lower,
-        upper=upper,
-        failures=tuple(f"{symbol} = {value:.6g}: {why}" for value, why in outcomes if why),
-    )
 
 
 def _crossing(at: np.ndarray, rise: np.ndarray) -> float:
