@@ -211,8 +211,25 @@ def imo_form(
     if model.scatter:
         words = f"intervals: 90 % of {DRAWS} ships that the trials allow"
         remarks.append(f"{words}, as mmg imo draws them; a test's own scatter comes on top")
-    remarks.append(_of_correction(full_load, bool(tested)))
+    if full_load is None:
+        remarks.append("no correction to full load: that draught is not known; give it with --full-load-draught")
+    elif not tested:
+        remarks.append(
+            "no correction to full load: R = T F / B needs tested figures T, and no trial is a standard test"
+        )
+    else:
+        remarks.append(
+            "corrected: R = T F / B (MSC/Circ.1053, 3.4.1), F and B by the model at full load and as tested; draught "
+            "and mass grow, the primed coefficients stay: how they change with draught is not known and not in the "
+            "interval"
+        )
     by_name = {(row.run, row.figure): row for row in model.rows}
+    # most revolutions astern of the model's stop, and of the trials: by others they are two manoeuvres
+    ours, theirs = (
+        min((float(np.nanmin(t[name])) for t in some for name in ("n", "n_azimuth") if name in t), default=math.nan)
+        for some in ([run.trial for run in model.runs if run.kind == "crash-stop"], trials)
+    )
+    is_other_stop = theirs < 0 and abs(ours / theirs - 1) > OTHER_SPEED  # nan: one of them is not there
     rows = []
     for group, text, figures in FORM:
         sides = (text,) if text == "crash-stop" else (text.replace(":", ":-"), text)
@@ -223,8 +240,8 @@ def imo_form(
                 _side(row, tested.get((side, figure)), factors.get((side, figure)))
                 for side, row in zip(sides, judged, strict=True)
             )
-            if text == "crash-stop":
-                cells = tuple(replace(cell, is_other=stops_otherwise(model.runs, trials)) for cell in cells)
+            if text == "crash-stop" and is_other_stop:
+                cells = tuple(replace(cell, is_other=True) for cell in cells)
             unit, limit = (first.unit, first.limit) if first else ("deg" if "overshoot" in figure else "L", None)
             rows.append(FormRow(group, words, unit, limit, cells))
     remarks += [f"the model's figures alone: {model.verdict} ({model.basis})"] if model.basis else []
@@ -236,15 +253,6 @@ def imo_form(
         for rule in caveats.get(text, ()):
             rules[rule] = (*rules.get(rule, ()), group)
     return ImoForm(model.heading, tuple(rows), tuple(dict.fromkeys(remarks)), bool(model.scatter), causes, rules)
-
-
-def stops_otherwise(runs: Sequence[Run], trials: Sequence[Trial]) -> bool:
-    """Whether the crash stop among simulated ``runs`` has other revolutions astern than ``trials`` hold."""
-    ours, theirs = (
-        [float(np.nanmin(trial[name])) for trial in some for name in ("n", "n_azimuth") if name in trial]
-        for some in ([run.trial for run in runs if run.kind == "crash-stop"], trials)
-    )
-    return bool(ours) and min(theirs, default=0.0) < 0 and abs(min(ours) / min(theirs) - 1) > OTHER_SPEED
 
 
 def likely_causes(
@@ -272,18 +280,6 @@ def likely_causes(
     if any(is_sampled(t) is None and t.dt * min(rate, math.radians(90.0)) > COARSE for t in trials):
         causes.append('inputs that are read as held from sample to sample (inputs = "sampled" in trials.toml)')
     return tuple(causes)
-
-
-def _of_correction(full_load: float | None, tested: bool) -> str:
-    """The remark on figures corrected to full load."""
-    if full_load is None:
-        return "no correction to full load: that draught is not known; give it with --full-load-draught"
-    if not tested:
-        return "no correction to full load: R = T F / B needs tested figures T, and no trial is a standard test"
-    return (
-        "corrected: R = T F / B (MSC/Circ.1053, 3.4.1), F and B by the model at full load and as tested; draught and "
-        "mass grow, the primed coefficients stay: how they change with draught is not known and not in the interval"
-    )
 
 
 def _side(row: imo.Row | None, tested: FormValue | None, factor: np.ndarray | None) -> FormSide:
@@ -326,9 +322,13 @@ def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> d
             continue
         if east and north:
             run = imo.in_still_water(run, imo.WaterVelocity(north.value, east.value, "of the ship"))
+        # by what a figure changes within a sampling interval of the run, in degrees or ship lengths
+        turned = run.trial.dt * math.degrees(float(np.nanmax(np.abs(run.trial["r"]))))
+        gone = run.trial.dt * run.speed / run.length if math.isfinite(run.speed) else 0.0
         for row in imo.assess(run):
             if row.value is not None:
-                values.setdefault((kind, row.figure), []).append((row.value, _reading(run, row.unit)))
+                read = row.value, turned if row.unit == "deg" else gone
+                values.setdefault((kind, row.figure), []).append(read)
     if not values:
         remarks.append("tested: no trial is a standard manoeuvre (35° turn, 10/10 or 20/20 zig-zag, crash stop)")
     else:
@@ -343,13 +343,6 @@ def tested_figures(ship: Ship, trials: Sequence[Trial], remarks: list[str]) -> d
 
 # Effects that a tested figure has and one in still water of midship has not.
 TAKEN_OFF = {"current": "current", "antenna_offset": "lever arm of the antenna"}
-
-
-def _reading(run: Run, unit: str) -> float:
-    """By what a figure in ``unit`` of a measured ``run`` changes within a sampling interval of it."""
-    if unit == "deg":
-        return run.trial.dt * math.degrees(float(np.nanmax(np.abs(run.trial["r"]))))
-    return run.trial.dt * run.speed / run.length if math.isfinite(run.speed) else 0.0
 
 
 def _standard_run(run: Run) -> str | None:

@@ -23,7 +23,7 @@ from cases.quantities import KNOT
 from cases.shipfiles.effects import calm_and_deep
 from cases.simulation.simulate_batch import draw_coefficients
 from fitting.prediction.bands import correlation_in
-from fitting.prediction.figure_intervals import FigureScatter, JudgedFigures
+from fitting.prediction.figure_intervals import JudgedFigures
 from fitting.report.page import rendered
 from fitting.report.plot_maneuvers import maneuver_figure
 from fitting.report.plot_style import figure_entry, png_of
@@ -174,9 +174,10 @@ def ship_card(
     tables: dict[str, dict[str, dict[str, Figure]]] = {}
     for key, (_, columns, rows) in TABLES.items():
         for run in (runs[text] for text, _ in columns if text in runs):
-            scatter = judged.scatter.get(run.name)
-            made = {name: _figure(run, scatter, name) for name, *_ in rows if name in run.figures}
-            tables.setdefault(key, {})[run.name] = made
+            figures, scatter = tables.setdefault(key, {}).setdefault(run.name, {}), judged.scatter.get(run.name)
+            for name in (name for name, *_ in rows if name in run.figures):
+                drawn = scatter and scatter.of(name)
+                figures[name] = Figure(drawn["median"], drawn["interval_90"]) if drawn else Figure(run.figures[name])
     notices = [*judged.notices, *(Message(words, "caveat") for run in runs.values() for words in run.caveats)]
     notices += [Message(f"{row.run}: {row.why}", "event_not_reached") for row in judged.rows if row.run not in runs]
     if not judged.scatter:
@@ -188,14 +189,6 @@ def ship_card(
     circles = tuple(run for run in judged.runs if run.kind == "turning")
     clouds = {run.name: judged.scatter[run.name].shown for run in circles if run.name in judged.scatter}
     return ShipCard(calm, V, helm, engine, tables, circles, clouds, tuple(dict.fromkeys(notices)))
-
-
-def _figure(run: Run, scatter: FigureScatter | None, name: str) -> Figure:
-    """The figure ``name`` of a ``run``: the median and the interval of its draws where there are any."""
-    if scatter is None:
-        return Figure(run.figures[name])
-    made = scatter.of(name)
-    return Figure(made["median"], made["interval_90"])
 
 
 def _engine_orders(

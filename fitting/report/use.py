@@ -109,47 +109,34 @@ def condition_rows(ship: Ship, trials: Sequence[Trial], full_load: float | None 
     trials: those whose files are there, for wind, speed and the site file beside them; full_load: draught of the fully
     loaded ship [m], at the length of the ship file, None where it is not known.
     """
-    return [_depth(ship, trials), _wind(ship, trials), _loading(ship, full_load)]
-
-
-def _depth(ship: Ship, trials: Sequence[Trial]) -> Condition:
-    required, draught = f"more than {DEEP:g} draughts", ship.particulars["d"]
-    paths = [trial.path for trial in trials if trial.path]
+    draught, scale = ship.particulars["d"], ship.particulars.get("scale", 1.0)
+    depth, depth_verdict = f"not stated: no [water] depth in {NAME} beside the trials", UNKNOWN
     try:
-        share = read_site(paths, ship).start.get("shallow_water", {}).get("d_h")
+        site = read_site([trial.path for trial in trials if trial.path], ship)
+        share = site.start.get("shallow_water", {}).get("d_h")
+        if share is not None:  # d_h is draught over depth
+            depth = f"{draught / share:.3g} m, {1 / share:.2g} draughts"
+            depth_verdict = FULFILLED if 1 / share > DEEP else FAILED
     except UserError as error:
-        return Condition("water depth", f"{NAME} cannot be used: {error}", required, UNKNOWN)
-    if share is None:  # d_h is draught over depth
-        return Condition("water depth", f"not stated: no [water] depth in {NAME} beside the trials", required, UNKNOWN)
-    verdict = FULFILLED if 1 / share > DEEP else FAILED
-    return Condition("water depth", f"{draught / share:.3g} m, {1 / share:.2g} draughts", required, verdict)
-
-
-def _wind(ship: Ship, trials: Sequence[Trial]) -> Condition:
-    required, scale = f"not above Beaufort {STRONGEST_WIND}", ship.particulars.get("scale", 1.0)
+        depth = f"{NAME} cannot be used: {error}"
+    wind, wind_verdict = "not logged" if trials else "the trial files are not there as they were", UNKNOWN
     means = {t.name: float(np.nanmean(t["wind_speed"])) for t in trials if t.has_wind}
-    if not means:
-        why = "not logged" if trials else "the trial files are not there as they were"
-        return Condition("wind", why, required, UNKNOWN)
-    strongest = max(means, key=lambda name: means[name])
-    number = beaufort(means[strongest] * math.sqrt(scale))  # Froude's law
-    words = f"strongest mean {means[strongest]:.3g} m/s ({strongest}): Beaufort {number}"
-    words += f" at the scale of the ship (1:{scale:g})" if scale != 1.0 else ""
-    missing = len(trials) - len(means)
-    words += f"; {missing} of {len(trials)} trials log no wind" if missing else ""
-    verdict = FAILED if number > STRONGEST_WIND else UNKNOWN if missing else FULFILLED
-    return Condition("wind", words, required, verdict)
-
-
-def _loading(ship: Ship, full_load: float | None) -> Condition:
-    draught, required = ship.particulars["d"], f"full-load draught within {DRAUGHT:.0%}"
-    if full_load is None:
-        words = f"draught {draught:g} m; the full-load draught is not stated (--full-load-draught)"
-        return Condition("loading", words, required, UNKNOWN)
-    verdict = FULFILLED if abs(draught / full_load - 1) <= DRAUGHT else FAILED
-    return Condition(
-        "loading", f"draught {draught:g} m, {draught / full_load:.0%} of {full_load:g} m", required, verdict
-    )
+    if means:
+        strongest, missing = max(means, key=lambda name: means[name]), len(trials) - len(means)
+        number = beaufort(means[strongest] * math.sqrt(scale))  # Froude's law
+        wind = f"strongest mean {means[strongest]:.3g} m/s ({strongest}): Beaufort {number}"
+        wind += f" at the scale of the ship (1:{scale:g})" if scale != 1.0 else ""
+        wind += f"; {missing} of {len(trials)} trials log no wind" if missing else ""
+        wind_verdict = FAILED if number > STRONGEST_WIND else UNKNOWN if missing else FULFILLED
+    load, load_verdict = "the full-load draught is not stated (--full-load-draught)", UNKNOWN
+    if full_load is not None:
+        load = f"{draught / full_load:.0%} of {full_load:g} m"
+        load_verdict = FULFILLED if abs(draught / full_load - 1) <= DRAUGHT else FAILED
+    return [
+        Condition("water depth", depth, f"more than {DEEP:g} draughts", depth_verdict),
+        Condition("wind", wind, f"not above Beaufort {STRONGEST_WIND}", wind_verdict),
+        Condition("loading", f"draught {draught:g} m, {load}", f"full-load draught within {DRAUGHT:.0%}", load_verdict),
+    ]
 
 
 # Quantity -> words, unit in which it is shown, factor from SI.
@@ -304,7 +291,10 @@ def first_screen(
     bad: as of ``use_rows``."""
     form = known.form
     doubtful = bool(form and form.contradiction) or bool(doubts(result)) or not result["converged"]
-    rules = [f"{rule} ({_hanging(names, form)})" for rule, names in form.rules.items()] if form else []
+    rules, every = list[str](), {row.group for row in form.rows} if form else set()
+    for rule, names in form.rules.items() if form else ():  # what hangs on a rule of thumb
+        some = ", ".join(name.split(",")[0].lower() for name in names)
+        rules.append(f"{rule} ({some if every - set(names) else 'all figures'})")
     particulars = [name for name, source in ship.sources.items() if source.startswith(BY_RULE)]
     rules += [f"particulars {', '.join(particulars)}"] if particulars else []
     columns: tuple[str, ...] = ("figure",)
@@ -378,12 +368,6 @@ def _errors(result: Mapping[str, Any], length: float) -> str:
     words = f"On {which} predictions of {units['window_s']:g} s end {position:.2g} m ({position / length:.2g} L) "
     words += f"and {heading:.2g} deg off (rms)"
     return words + (", on the trials that she was fitted to." if not held_out else ".")
-
-
-def _hanging(names: Sequence[str], form: ImoForm) -> str:
-    """What hangs on a rule of thumb, of the groups of figures ``names``."""
-    missing = {row.group for row in form.rows} - set(names)
-    return ", ".join(name.split(",")[0].lower() for name in names) if missing else "all figures"
 
 
 def _form_table(form: ImoForm) -> tuple[tuple[tuple[str, tuple[str, ...]], ...], list[tuple[str, ...]], str]:

@@ -263,7 +263,7 @@ def profiles(
         dispersion = float(ratio) if np.isfinite(ratio) and ratio > 0 else 1.0
         held = [mean[i] + std[i] * task[3] for task in tasks[ends]]  # below and above the estimate
         rises = [np.array([value for value, _ in side]) - best for side in outcomes[ends]]
-        lower, upper = (
+        low, high = (
             _crossing(np.r_[estimate, v], np.r_[0.0, r] / dispersion) for v, r in zip(held, rises, strict=True)
         )
         reasons = [why for side in outcomes[ends] for _, why in side]
@@ -274,8 +274,8 @@ def profiles(
                 values=tuple(np.r_[held[0][::-1], estimate, held[1]].tolist()),
                 increase=tuple(np.r_[rises[0][::-1], 0.0, rises[1]].tolist()),
                 dispersion=dispersion,
-                lower=lower,
-                upper=upper,
+                lower=low,
+                upper=high,
                 failures=tuple(f"{symbol} = {value:.6g}: {why}" for value, why in rows if why),
             )
         )
