@@ -85,7 +85,7 @@ def disturbed_errors(seed: int) -> np.ndarray:
     found = estimate_coefficients(start, trials, Settings(step=1.0, window=50.0))
     prior = found.prior
     p = (np.array([truth[s].value for s in prior.symbols]) - prior.mean) / prior.std
-    several = (found.covariance_model, found.covariance)
+    several = (found.spread.model, found.covariance)
     return np.array([(found.p - p) / np.sqrt(np.diag(covariance)) for covariance in several])
 
 

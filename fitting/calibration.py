@@ -111,24 +111,24 @@ class Calibration:
         return self.problem.segments
 
     @property
-    def covariance_model(self) -> np.ndarray:
-        """Covariance (P, P) if the noise were as the fit weighs it: inverse of information plus prior."""
-        shared = slice(len(self.p))
-        return self.spread.model[shared, shared]
-
-    @property
     def warnings(self) -> tuple[Message, ...]:
         """What must be known before the estimates are used, of them and of the trials; () of a draft."""
         if self.draft:
             return ()
         p = np.clip(self.problem.split(self.solution.x)[1], *self.problem.p_bounds())
         p[: len(self.p)] = self.p  # the mean of two estimates, where it is one
-        return (
-            *estimate_warnings(self.problem, self.solution, p, list(self.starts)),
-            *_unsure(self.solution, len(self.starts), self.settings, condition_number(self.covariance)),
-            *self.data_warnings,
-            *self.outlying,
-        )
+        unsure = []
+        if self.converged and len(self.starts) < self.settings.starts:
+            words = f"only {len(self.starts)} of {self.settings.starts} starts were solved before the run was stopped"
+            unsure.append(Message(words, "starts_left_out"))
+        if (condition := condition_number(self.covariance)) > SINGULAR:
+            words = (
+                f"condition number {condition:.1g}: some combination of coefficients is not determined at all and the "
+                "standard errors are unreliable; add trials that excite it, or fix coefficients (--fix)"
+            )
+            unsure.append(Message(words, "ill_conditioned"))
+        of_estimates = estimate_warnings(self.problem, self.solution, p, list(self.starts))
+        return (*of_estimates, *unsure, *self.data_warnings, *self.outlying)
 
     def with_estimate(self, p: np.ndarray, more: np.ndarray) -> Calibration:
         """With the scaled estimate ``p`` (P,) in place of its own and ``more`` (P, P) added to the covariance: values,
@@ -198,33 +198,19 @@ def prepared(
     if problem.captive:
         shared = prior.positions(ship)[: prior.shared]
         warnings += against_captive(problem.captive, neutral_values(ship, own), shared, prior.common)
-    problem, x = _started(problem, warm, settings)
-    notices = _notices(ship, trials, segments, problem.kernels.interpreted_because)
-    used = replace(settings, step=step, window=window)
-    return problem, x, used, warnings, notices
-
-
-def _started(problem: Problem, warm: dict[str, np.ndarray] | None, settings: Settings) -> tuple[Problem, np.ndarray]:
-    """The problem and its starting point, from an interrupted run where it fits."""
-    if not warm or len(warm.get("p", ())) != problem.P:
-        return problem, problem.start()
-    if len(warm.get("nodes", ())) == problem.B:
-        x = problem.join(warm["nodes"], np.clip(warm["p"], *problem.p_bounds()))
-    else:
+    x = problem.start()
+    if warm and len(warm.get("p", ())) == problem.P:  # of an interrupted run that fits
         x = problem.start(warm["p"])
-    return problem.with_sigma(warm["sigma"]) if "sigma" in warm and not settings.sigma else problem, x
-
-
-def _notices(ship: Ship, trials: Sequence[Trial], segments: Segments, interpreted_because: str) -> list[Message]:
-    """What was left out, assumed or done more slowly."""
+        if len(warm.get("nodes", ())) == problem.B:
+            x = problem.join(warm["nodes"], np.clip(warm["p"], *problem.p_bounds()))
+        problem = problem.with_sigma(warm["sigma"]) if "sigma" in warm and not settings.sigma else problem
     notices = [*segments.dropped, *as_messages(ship.notices, "ship")]
     if names := ", ".join(t.name for t in trials if not t.has_position):
         notices.append(Message(f"positions cannot be fitted in {names} (no complete x, y columns)", "no_position"))
     notices += assumed(trials, ship.inputs)
-    if interpreted_because:
-        slow = f"running without compiled code, several times slower: {interpreted_because}"
-        notices.append(Message(slow, "interpreted"))
-    return notices
+    if why := problem.kernels.interpreted_because:
+        notices.append(Message(f"running without compiled code, several times slower: {why}", "interpreted"))
+    return problem, x, replace(settings, step=step, window=window), warnings, notices
 
 
 @with_one_thread
@@ -388,21 +374,6 @@ def _statistics(problem: Problem, best: Solution, per_run: Own) -> dict[str, Any
         "problem": problem.with_changes(),  # without what it has cached
         "constants": constants,
     }
-
-
-def _unsure(best: Solution, solved: int, settings: Settings, condition: float) -> list[Message]:
-    """Warnings on starts left out and on a covariance that is nearly singular."""
-    messages = []
-    if best.converged and solved < settings.starts:
-        words = f"only {solved} of {settings.starts} starts were solved before the run was stopped"
-        messages.append(Message(words, "starts_left_out"))
-    if condition > SINGULAR:
-        words = (
-            f"condition number {condition:.1g}: some combination of coefficients is not determined at all and the "
-            "standard errors are unreliable; add trials that excite it, or fix coefficients (--fix)"
-        )
-        messages.append(Message(words, "ill_conditioned"))
-    return messages
 
 
 @dataclass(frozen=True)

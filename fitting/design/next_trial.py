@@ -23,7 +23,7 @@ from fitting.identifiability.analysis import Identifiability, information_discou
 from fitting.nlp.fisher_information import information
 from fitting.nlp.prior import group_sums
 from fitting.nlp.problem import Problem
-from fitting.nlp.windows import Segments, cut
+from fitting.nlp.windows import cut
 from mmg.components.friction import MODEL
 from mmg.errors import NoSolution, UserError
 from mmg.motion.froude import reference_speed, time_scale
@@ -227,21 +227,17 @@ def fisher(calibration: Calibration, trials: Sequence[Trial], seconds: float) ->
     h = calibration.segments.h
     window = settings.window or 100 * h
     parts = cut(trials, h, window, settings.interval, shortest=10 * h, inputs=ship.inputs)
-    problem = _problem(calibration, parts)
+    prior, fitted = calibration.prior, calibration.problem
+    if ship.symbols == fitted.ship.symbols and ship.effects == fitted.ship.effects:  # the kernels that are there
+        joined = prior.joined(ship, fitted.prior.constants)  # constants of campaigns last
+        problem = Problem(ship, joined, fitted.kernels, parts, calibration.sigma)
+    else:
+        problem = Problem.of(ship, prior, parts, calibration.sigma, compiled=settings.compiled)
     p = np.concatenate([calibration.p, np.zeros(problem.P - P)])  # constants of campaigns at their mean
     per_window = information(problem, problem.join(problem.measured_nodes, p)).fisher[:, :P, :P]
     F = group_sums(parts.run, np.nan_to_num(per_window), len(trials))
     repeats = np.array([repetitions(t, seconds, ship) for t in trials])
     return F * repeats[:, None, None]
-
-
-def _problem(calibration: Calibration, parts: Segments) -> Problem:
-    """That of the calibrated ship on the windows ``parts``, with the kernels of the calibration where its ship had the
-    same coefficients; constants of campaigns come last then, at their mean."""
-    ship, prior, fitted = calibration.ship, calibration.prior, calibration.problem
-    if ship.symbols != fitted.ship.symbols or ship.effects != fitted.ship.effects:
-        return Problem.of(ship, prior, parts, calibration.sigma, compiled=calibration.settings.compiled)
-    return Problem(ship, prior.joined(ship, fitted.prior.constants), fitted.kernels, parts, calibration.sigma)
 
 
 def repetitions(trial: Trial, seconds: float, ship: Ship) -> float:

@@ -94,9 +94,18 @@ def outlying_runs(problem: Problem, x: np.ndarray, moves: np.ndarray) -> list[Me
     far = np.array([_multiple(row, np.delete(size, i, axis=0)) if measured[i] else 0.0 for i, row in enumerate(size)])
     move_of = dict(zip(np.unique(problem.segments.run).tolist(), moves, strict=True))
     for k in np.flatnonzero((far > LOOK) & (far < FAR)).tolist():
-        alone = left_out_residual(problem, x, k, move_of[k])
-        if alone is not None:
-            far[k] = max(far[k], _multiple(alone, np.delete(size, k, axis=0)))
+        # at the coefficients moved by its leaving, the run's own states and constants are fitted alone
+        p = np.clip(problem.split(x)[1] + np.nan_to_num(move_of[k]), *problem.p_bounds())
+        prior, own = problem.prior, np.arange(problem.P) >= problem.prior.shared
+        theta = prior.mean + prior.std * p
+        bounds = np.where(own, prior.lower, theta), np.where(own, prior.upper, theta)
+        windows = problem.segments.subset(np.flatnonzero(problem.segments.run == k))
+        alone = problem.with_changes(segments=windows).with_bounds(*bounds)
+        # 60, 1e-3: set by hand, for a size
+        held = solve(alone, alone.start(p), Control(iterations=60), 1e-3, rough=True)
+        if np.isfinite(held.objective):
+            left_out = run_residuals(alone, held.x)[0][k]
+            far[k] = max(far[k], _multiple(left_out, np.delete(size, k, axis=0)))
     return [
         Message(
             f"{name}: its samples are outliers throughout, {multiple:.0f} times the residuals of the other runs "
@@ -121,20 +130,6 @@ def _multiple(own: np.ndarray, others: np.ndarray) -> float:
     ratio = own / usual
     ratio = ratio[np.isfinite(ratio) & (ratio > 0)]
     return float(np.exp(np.mean(np.log(ratio)))) if len(ratio) else 1.0
-
-
-def left_out_residual(problem: Problem, x: np.ndarray, run: int, move: np.ndarray) -> np.ndarray | None:
-    """Rms residuals (6,) of a run at the coefficients moved by ``move`` (P,), its own states and constants fitted.
-
-    problem, x: the program and its solution; run: number of the run. None where the fit fails.
-    """
-    seg = problem.segments
-    p = np.clip(problem.split(x)[1] + np.nan_to_num(move), *problem.p_bounds())
-    theta, own = problem.prior.mean + problem.prior.std * p, np.arange(problem.P) >= problem.prior.shared
-    bounds = np.where(own, problem.prior.lower, theta), np.where(own, problem.prior.upper, theta)
-    alone = problem.with_changes(segments=seg.subset(np.flatnonzero(seg.run == run))).with_bounds(*bounds)
-    held = solve(alone, alone.start(p), Control(iterations=60), 1e-3, rough=True)  # 60, 1e-3: set by hand, for a size
-    return run_residuals(alone, held.x)[0][run] if np.isfinite(held.objective) else None
 
 
 def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -87,24 +87,17 @@ def trial_envelope(ship: Ship, trials: Sequence[Trial]) -> dict[str, list[float]
     return envelope_of(ship.features, np.hstack(parts)) if parts else {}
 
 
-def ranges_of(runs: SimulatedRuns) -> dict[str, tuple[float, float]]:
-    """Least and greatest value of each of ``QUANTITIES`` in the first of ``runs``, SI and rad."""
-    rows = slice(0, int(runs.last[0]) + 1)
-    features = np.hstack([runs.states[rows, 3:, 0], runs.inputs[rows, :, 0]]).T
-    ranges = envelope_of(("u", "v", "r", "n", "delta"), features)
-    return {name: (ranges[name][0], ranges[name][1]) for name in QUANTITIES if name in ranges}
-
-
 # A quantity of QUANTITIES that leaves the trials: its name, what a manoeuvre reaches, and the limit of the trials [SI].
 Excess = tuple[str, float, float]
 
 
 def outside_of(envelope: Mapping[str, Sequence[float]], runs: SimulatedRuns) -> tuple[Excess, ...]:
     """Which quantities of the first of ``runs`` leave the ranges of an ``envelope``, with the worst value."""
-    excesses: list[Excess] = []
-    for name, (least, most) in ranges_of(runs).items():
-        if name not in envelope:
-            continue
+    rows, excesses = slice(0, int(runs.last[0]) + 1), list[Excess]()
+    features = np.hstack([runs.states[rows, 3:, 0], runs.inputs[rows, :, 0]]).T
+    ranges = envelope_of(("u", "v", "r", "n", "delta"), features)
+    for name in (name for name in QUANTITIES if name in ranges and name in envelope):
+        least, most = ranges[name]
         low, high = (float(x) for x in envelope[name])
         # of its greatest value too: revolutions that all trials held are a range of width 0
         slack = max(BEYOND * max(high - low, abs(low), abs(high)), ANGLE if name in (DRIFT, "delta") else 0.0)
@@ -198,33 +191,24 @@ def held_motion(records: Sequence[Record], names: Sequence[str], length: float) 
     if len(parts) < 2:
         return None
     rows = np.vstack(parts)
-    scale = np.maximum(rows.std(axis=0), _least(rows, names))
-    parts = [part / scale for part in parts]
-    far = [nearest(part, np.vstack([other for j, other in enumerate(parts) if j != i])) for i, part in enumerate(parts)]
-    points = covering(rows / scale, POINTS)
-    # the points stand for all rows: half of the radius that each covers is added
-    reach = float(np.quantile(np.concatenate(far), ORDINARY)) + float(nearest(rows / scale, points).max()) / 2
-    return HeldMotion(tuple(names), scale, points, max(reach, 1e-6))
-
-
-def _least(rows: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """Least scale of each feature of ``rows`` (n, F)."""
     speed = max(float(np.sqrt((rows[:, :2] ** 2).sum(axis=1).mean())), 1e-9)
-    least = [ALIKE * speed] * 3  # u, v, r L
-    for i, name in enumerate(_actuators(names)):
-        rms = float(np.sqrt((rows[:, 3 + i] ** 2).mean()))
-        least.append(LEAST_ANGLE if name.startswith("delta") else max(ALIKE * rms, 1e-3))
-    return np.array(least + [speed] * (rows.shape[1] - len(least)))  # air, by the ship's own speed
-
-
-def covering(rows: np.ndarray, count: int) -> np.ndarray:
-    """Up to ``count`` of ``rows`` (n, F) that cover them: each is the one farthest from those before it."""
+    least = np.full(rows.shape[1], speed)  # of the scale of each feature; air: the ship's own speed
+    least[:3] *= ALIKE  # u, v, r L
+    for i, name in enumerate(_actuators(names), 3):
+        rms = float(np.sqrt((rows[:, i] ** 2).mean()))
+        least[i] = LEAST_ANGLE if name.startswith("delta") else max(ALIKE * rms, 1e-3)
+    scale = np.maximum(rows.std(axis=0), least)
+    parts, rows = [part / scale for part in parts], rows / scale
+    far = [nearest(part, np.vstack([other for j, other in enumerate(parts) if j != i])) for i, part in enumerate(parts)]
     taken = [int(np.argmin(((rows - rows.mean(axis=0)) ** 2).sum(axis=1)))]  # the row in the middle
-    far = ((rows - rows[taken[0]]) ** 2).sum(axis=1)  # squared distance to the nearest that is taken
-    while len(taken) < min(count, len(rows)) and far.max() > 0:
-        taken.append(int(far.argmax()))
-        far = np.minimum(far, ((rows - rows[taken[-1]]) ** 2).sum(axis=1))
-    return rows[taken]
+    distance = ((rows - rows[taken[0]]) ** 2).sum(axis=1)  # squared, to the nearest that is taken
+    while len(taken) < min(POINTS, len(rows)) and distance.max() > 0:
+        taken.append(int(distance.argmax()))  # the one farthest from those before it
+        distance = np.minimum(distance, ((rows - rows[taken[-1]]) ** 2).sum(axis=1))
+    points = rows[taken]
+    # the points stand for all rows: half of the radius that each covers is added
+    reach = float(np.quantile(np.concatenate(far), ORDINARY)) + float(nearest(rows, points).max()) / 2
+    return HeldMotion(tuple(names), scale, points, max(reach, 1e-6))
 
 
 def held_dict(held: HeldMotion) -> dict[str, Any]:

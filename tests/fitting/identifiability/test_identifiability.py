@@ -164,12 +164,12 @@ def test_the_recommended_trial_does_what_was_predicted() -> None:
     best = scored.best(i)
     assert best is not None and best[1] < 0.7
     option = best[0]
-    believed = next_trial(replace(calibration, covariance=calibration.covariance_model), [option])
+    believed = next_trial(replace(calibration, covariance=calibration.spread.model), [option])
     assert believed.worth == pytest.approx(1.0)
     k = scored.options.index(option)
     run = trial(option.maneuver, 300.0, 7, option.wind)
     again = fitted([trial("acceleration", 120.0), trial("acceleration", 80.0, 1), run])
-    fell = np.sqrt(np.diag(again.covariance_model) / np.diag(calibration.covariance_model))
+    fell = np.sqrt(np.diag(again.spread.model) / np.diag(calibration.spread.model))
     np.testing.assert_allclose(fell, np.sqrt(believed.left[0]), rtol=0.1)
     careful = np.sqrt(np.diag(again.covariance) / np.diag(calibration.covariance) / scored.left[k])
     assert (careful > 0.5).all() and (careful < 2.0).all()

@@ -120,7 +120,7 @@ def test_each_run_gets_its_current_and_the_shared_coefficients_do_not_bend() -> 
     assert off(own).max() < 0.05 and off(own).mean() < 0.3 * off(without).mean()
     assert own.ship.effects == () and set(own.ship.coefficients) == set(ESSO.coefficients)
     n = len(SHARED)
-    assert own.prior.symbols == own.ship.free and own.covariance.shape == own.covariance_model.shape == (n, n)
+    assert own.prior.symbols == own.ship.free and own.covariance.shape == (n, n)
     assert len(own.iterate["p"]) == n + 6 and len(own.p) == n
     moves, owner = own.spread.moves, own.information.owner
     assert owner is not None and moves[:, owner < 0].any()
