@@ -290,7 +290,13 @@ class Problem:
         at_nodes, p, _, _ = self.evaluate(x)
         # defects are scaled, the kernel's ends are not
         lam = np.ascontiguousarray((multipliers.reshape(self.M, S) / self.scale).T)
-        shared, nodes = self._curved(x, factor, lam, middle)
+        ei, (pull, own) = self.errors(x)[1], self.sample_pull(x)
+        cost = self.sample_cost(x, factor * pull, factor * self.loss.second_derivative(self.weight, ei), factor)
+        found = self.shooting.hessian(at_nodes[self.segments.start].T, self.coefficients(p), cost, lam, middle)
+        if factor == 1.0:  # IPOPT asks for others, with which the cost's slope is another one
+            self.keep_slopes(x, found.ends, found.slope, own)
+        shared, nodes = found.shared, np.zeros((self.B, S, S + self.L))
+        nodes[self.segments.start] = found.rows
         if self.captive:
             shared[0, : columns.shared, : columns.shared] += factor * self.captive.hessian(self.captive_coefficients(p))
         e = self.errors(x)[0]
@@ -308,19 +314,6 @@ class Problem:
         nodes *= self.scale[:, None] * columns.unit(self.scale, self.std, columns.node)
         shared = columns.matrix(shared * (np.swapaxes(t, 1, 2) * t), self.P) + factor * np.eye(self.P)
         return nodes, shared
-
-    def _curved(self, x: np.ndarray, factor: float, lam: np.ndarray, middle: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Hessian of lam (S, M) . ends + factor times the cost of the samples inside the intervals: by group (G, L, L),
-        and rows of the nodes (B, S, S + L), SI."""
-        nodes, p, _, _ = self.evaluate(x)
-        ei, (pull, own) = self.errors(x)[1], self.sample_pull(x)
-        cost = self.sample_cost(x, factor * pull, factor * self.loss.second_derivative(self.weight, ei), factor)
-        found = self.shooting.hessian(nodes[self.segments.start].T, self.coefficients(p), cost, lam, middle)
-        if factor == 1.0:  # IPOPT asks for others, with which the cost's slope is another one
-            self.keep_slopes(x, found.ends, found.slope, own)
-        rows = np.zeros((self.B, self.S, self.S + self.L))
-        rows[self.segments.start] = found.rows
-        return found.shared, rows
 
     def sample_cost(self, x: np.ndarray, pull: np.ndarray, weight: np.ndarray, bending: float) -> SampleCost:
         """Derivatives of the cost of the samples inside the intervals at x (n,).

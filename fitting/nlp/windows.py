@@ -277,6 +277,8 @@ def cut(
             f"{', '.join(t.name for t in trials)}: nothing to fit, no piece is longer than {least * h:g} s "
             "without a gap; use longer records or a smaller --step"
         )
+    # of the states that trials say were derived
+    variance = np.array([[trials[number].std.get(name, 0.0) ** 2 for name in STATES] for number in run])
     spans.sort(key=lambda span: -len(span.controls))  # vectors of the kernel are filled with intervals of like length
     start, steps = np.array([s.start for s in spans]), np.array([len(s.controls) for s in spans])
     measured = np.array(nodes)
@@ -307,16 +309,9 @@ def cut(
         trials=tuple(t.name for t in trials),
         duration=float(steps.sum() * h),
         dropped=tuple(dropped),
-        variance=_variance(trials, run),
+        variance=variance if any(trial.std for trial in trials) else None,
         began=np.array(began),
     )
-
-
-def _variance(trials: Sequence[Trial], run: Sequence[int]) -> np.ndarray | None:
-    """Variance (W, 6) of the states that trials say were derived, by window; None where none were."""
-    if not any(trial.std for trial in trials):
-        return None
-    return np.array([[trials[number].std.get(name, 0.0) ** 2 for name in STATES] for number in run])
 
 
 class _Span(NamedTuple):

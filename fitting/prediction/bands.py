@@ -179,8 +179,13 @@ class Bands:
             F = np.tile(np.eye(9), (M, 1, 1))
             for c, steps in enumerate(every):
                 F[:, c, c], F[:, 3 + c, 3 + c], F[:, 3 + c, c] = steps[k, :3]
-            # positions by the velocity errors after the step: the map is applied to what F made of them
-            F[:, 6:] = kinematic_map(states[k], times[k + 1] - times[k]) @ F
+            # positions by the velocity errors after the step (columns 3 to 5), and by their own (6 to 8) before it
+            (_, _, psi, u, v, _), dt = states[k], times[k + 1] - times[k]
+            c, s, G = np.cos(psi), np.sin(psi), np.tile(np.eye(3, 9, 6), (M, 1, 1))
+            G[:, 0, 3], G[:, 0, 4], G[:, 0, 8] = dt * c, -dt * s, -dt * (u * s + v * c)  # of x' = u cos psi - v sin psi
+            G[:, 1, 3], G[:, 1, 4], G[:, 1, 8] = dt * s, dt * c, dt * (u * c - v * s)  # of y' = u sin psi + v cos psi
+            G[:, 2, 5] = dt
+            F[:, 6:] = G @ F
             P = F @ P @ np.swapaxes(F, 1, 2)
             for c, steps in enumerate(every):  # what the noise within the step adds, by the local size
                 aa, ae, ee = steps[k, 3:] * square[c, k]
@@ -228,20 +233,6 @@ class Bands:
             for end in np.split(states(theta, repeated), count, axis=2):
                 total += np.nan_to_num((end - centre) / SHRINK) ** 2
         return total / draws.shape[1]
-
-
-def kinematic_map(states: np.ndarray, dt: np.ndarray) -> np.ndarray:
-    """(M, 3, 9): errors of x, y, psi after dt (M,) from those of u, v, r after it and of x, y, psi before; states: (6,
-    M)."""
-    psi, u, v = states[2], states[3], states[4]
-    c, s = np.cos(psi), np.sin(psi)
-    G = np.zeros((len(dt), 3, 9))  # columns 3 to 5: u, v, r; 6 to 8: x, y, psi
-    G[:, 0, 3], G[:, 0, 4], G[:, 0, 8] = dt * c, -dt * s, -dt * (u * s + v * c)  # of x' = u cos psi - v sin psi
-    G[:, 1, 3], G[:, 1, 4], G[:, 1, 8] = dt * s, dt * c, dt * (u * c - v * s)  # of y' = u sin psi + v cos psi
-    G[:, 2, 5] = dt
-    for i in range(3):
-        G[:, i, 6 + i] = 1.0
-    return G
 
 
 SIZES = ("constant", "U2/L", "U r")  # What the accelerations grow with, as named in result.json

@@ -99,7 +99,18 @@ def rollout(
         air = simulator.model.controls.index("wind_north")  # wind_east follows it (mmg.ship.AIR)
         inputs[:, air : air + 2] -= drift[:-1]  # air over ground -> air over the water
         logged[3:5] -= earth_to_body(drift[0, 0], drift[0, 1], logged[2])
-    start = _started(simulator, logged, inputs[0], offset, batch.values)
+    if offset is None or len(simulator.model.states) == 6:
+        start = simulator.start(logged, inputs[0], batch.values)
+    else:  # as mmg.model.states_behind: a lagged sensor shows its memory, so the motion behind it is iterated for
+        model, theta = simulator.model, simulator.ship.values if batch.values is None else batch.values
+        six = np.array(logged)
+        for _ in range(INVERSIONS):
+            start = settled(model, six, inputs[0], theta)
+            start[6:] += offset
+            error = columns(model, start, theta) - logged
+            six -= error
+            if not np.nanmax(np.abs(error), initial=0.0) > CLOSE:
+                break
     states = simulator.run(start, inputs, batch.steps, batch.values, method)
     out = np.array(simulator.columns(states, batch.values))
     if water is not None:  # back over ground
@@ -152,26 +163,6 @@ def wrapped_error(predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
     error = predicted - measured
     error[:, 2] = np.pi - np.mod(np.pi - error[:, 2], 2 * np.pi)
     return error
-
-
-def _started(
-    simulator: Simulator, logged: np.ndarray, controls: np.ndarray, offset: np.ndarray | None, values: np.ndarray | None
-) -> np.ndarray:
-    """States (S, M) logged as (6, M), their memory settled or beyond that by ``offset``; values: coefficients (P, M),
-    None: the ship's."""
-    if offset is None or len(simulator.model.states) == 6:
-        return simulator.start(logged, controls, values)
-    model, theta = simulator.model, simulator.ship.values if values is None else values
-    # as mmg.model.states_behind: a lagged sensor shows its memory, so the motion behind it is iterated for
-    six = np.array(logged)
-    for _ in range(INVERSIONS):
-        start = settled(model, six, controls, theta)
-        start[6:] += offset
-        error = columns(model, start, theta) - logged
-        six -= error
-        if not np.nanmax(np.abs(error), initial=0.0) > CLOSE:
-            break
-    return start
 
 
 # Seconds: length of a restart, time in which an error's weight falls to 1/e^2, decay time of the current. From half to

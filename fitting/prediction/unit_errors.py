@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -19,7 +20,7 @@ from cases.criteria.figures import figure_unit
 from cases.criteria.standard_runs import Run, measured_figures, measured_runs
 from cases.trial import Trial
 from fitting.prediction.baselines import Persistence
-from fitting.prediction.predict import Forecaster, Predicted, Window, change_over, predict_all
+from fitting.prediction.predict import Forecaster, Window, change_over, predict_all
 from fitting.prediction.stretches import Adaptation
 from fitting.report.run_folder import Real
 from mmg.errors import UserError
@@ -216,17 +217,23 @@ def errors_in_units(
     length = simulator.ship.particulars["L"] if isinstance(simulator, Simulator) else None
     size = window or window_for(trials, length)
     unit = ship_time(trials, length) if length else math.nan
-    predicted = predict_all(simulator, trials, size, 0.5 * size, False, method, adaptation=adaptation)
     change = change_over(trials, size, 0.5 * size)
-    errors = _summed(trials, predicted, size, unit, change)
+    times = size / unit if math.isfinite(unit) else None
+    when = {SHIP_LENGTH: unit, END: size} if times and times > 1 else {END: size}  # L/U is the time for one length
+    by_state = dict(zip(STATES, np.where(np.isfinite(change), change, np.nan).tolist(), strict=True))
+
+    def errors_of(model: Simulator | Forecaster, past: Adaptation | None = None) -> UnitErrors:
+        predicted = predict_all(model, trials, size, 0.5 * size, False, method, adaptation=past)
+        parts = [_parts(trial, windows, when) for trial, (windows, _) in zip(trials, predicted, strict=True)]
+        runs = tuple(_errors(trial.name, [part], change) for trial, part in zip(trials, parts, strict=True))
+        return UnitErrors(size, 0.5 * size, times, by_state, runs, _errors("all rows", parts, change))
+
+    errors = errors_of(simulator, adaptation)
     if isinstance(simulator, Simulator) and length and adaptation is None:
         pairs = zip(errors.runs, _maneuvers(simulator, trials, length, method), strict=True)
         errors = replace(errors, runs=tuple(replace(run, maneuvers=maneuvers) for run, maneuvers in pairs))
-    rivals = {"persistence": Persistence(simulator.inputs), **({"baseline": baseline} if baseline else {})}
-    references = {
-        name: _summed(trials, predict_all(rival, trials, size, 0.5 * size, False), size, unit, change)
-        for name, rival in rivals.items()
-    }
+    references = {"persistence": errors_of(Persistence(simulator.inputs))}
+    references |= {"baseline": errors_of(baseline)} if baseline else {}
     ratio = {name: ratios(errors.pooled, reference.pooled) for name, reference in references.items()}
     return replace(errors, persistence=references["persistence"], baseline=references.get("baseline"), ratio=ratio)
 
@@ -235,17 +242,6 @@ def ratios(own: StateErrors, reference: StateErrors) -> dict[str, float]:
     """Errors of a model, its ``own``, divided by those of a ``reference``, by state; NaN where either has none."""
     pairs = {state: (getattr(own, key), getattr(reference, key)) for key, (state, _) in STATE_ERRORS.items()}
     return {state: mine / other if other > 0 else math.nan for state, (mine, other) in pairs.items()}
-
-
-def _summed(trials: Sequence[Trial], predicted: Predicted, size: float, unit: float, change: np.ndarray) -> UnitErrors:
-    """Errors of windows of ``size`` [s] of ``trials`` as ``predicted``; unit: ship time L/U [s], NaN where it is not
-    known; change: of the states over such windows (6,)."""
-    times = size / unit if math.isfinite(unit) else None
-    when = {SHIP_LENGTH: unit, END: size} if times and times > 1 else {END: size}  # L/U is the time for one length
-    parts = [_parts(trial, windows, when) for trial, (windows, _) in zip(trials, predicted, strict=True)]
-    runs = tuple(_errors(trial.name, [part], change) for trial, part in zip(trials, parts, strict=True))
-    by_state = dict(zip(STATES, np.where(np.isfinite(change), change, np.nan).tolist(), strict=True))
-    return UnitErrors(size, 0.5 * size, times, by_state, runs, _errors("all rows", parts, change))
 
 
 # Errors (rows, 6) of all windows of a trial without their first rows; those at some times (windows, 6) by name.
@@ -316,20 +312,15 @@ def _maneuvers(
 def _measured_runs(trial: Trial, length: float) -> tuple[tuple[Run, Trial], ...]:
     """The manoeuvres in a ``trial`` of a ship of this ``length`` [m], each with its rows from the order on; kept, as
     each model that is scored on the same trials has them read again."""
-    try:
-        runs = [(run, _ordered(run)) for run in measured_runs(trial, length)]
-    except UserError:
-        return ()
-    return tuple((run, cut) for run, cut in runs if len(cut) > 3)
-
-
-def _ordered(run: Run) -> Trial:
-    """The rows of the trial of ``run`` from the last before the order to its end."""
-    t = run.trial.t - run.trial.t[0]
-    first = max(int(np.searchsorted(t, run.order_time + 1e-9)) - 1, 0)
-    rows = slice(first, int(np.searchsorted(t, run.end + 1e-9)))
-    columns = {name: values[rows] for name, values in run.trial.columns.items()}
-    return Trial(run.trial.name, columns, meta={})
+    cuts = []
+    with suppress(UserError):  # it holds none
+        for run in measured_runs(trial, length):
+            t = run.trial.t - run.trial.t[0]
+            first = max(int(np.searchsorted(t, run.order_time + 1e-9)) - 1, 0)  # the last before the order
+            rows = slice(first, int(np.searchsorted(t, run.end + 1e-9)))
+            columns = {name: values[rows] for name, values in run.trial.columns.items()}
+            cuts.append((run, Trial(run.trial.name, columns, meta={})))
+    return tuple((run, cut) for run, cut in cuts if len(cut) > 3)
 
 
 def _figure(name: str, measured: float, predicted: float) -> FigureError:
