@@ -24,7 +24,6 @@ from fitting.calibrate import FitOptions
 from fitting.prediction.bands import bands_of
 from fitting.prediction.predict import Window, predict
 from fitting.prediction.score import pooled_sigma
-from fitting.prediction.stretches import Adaptation
 from fitting.result import FitResult
 from mmg.rollout import Simulator
 from mmg_ident.api import calibrate
@@ -56,13 +55,13 @@ def forecasts() -> dict[str, Figure]:
         Simulator(fit.ship),
         bands_of(fit.to_dict(), fit.ship),
     )
-    sigma, past = pooled_sigma(held), Adaptation.of(fit.ship, PAST)
+    sigma = pooled_sigma(held)
     words = {"open": "from the measured state", "past": f"with {PAST:g} s of past", "tracker": "Tracker"}
     errors: dict[str, list[np.ndarray]] = {name: [] for name in words}
     inside: dict[str, list[np.ndarray]] = {name: [] for name in words}
     for trial in held:
         made = {"open": predict(simulator, trial, WINDOW, STRIDE, False, bands=bands)[0]}
-        made["past"] = predict(simulator, trial, WINDOW, STRIDE, False, adaptation=past, bands=bands)[0]
+        made["past"] = predict(simulator, trial, WINDOW, STRIDE, False, past=PAST, bands=bands)[0]
         made["tracker"] = tracked(fit, trial, made["open"])
         for name, windows in made.items():
             error = np.concatenate([w.error(trial.states)[1:] for w in windows])

@@ -368,7 +368,6 @@ def predict(
     from fitting.prediction.predict import outside_share
     from fitting.prediction.predict import predict as windows_of
     from fitting.prediction.score import past_to_use
-    from fitting.prediction.stretches import Adaptation
 
     if adapt is not None and not (0 <= adapt < math.inf):
         raise OutOfRange("--adapt must be 0 or a positive number of seconds")
@@ -386,7 +385,6 @@ def predict(
         adapt = 0.0
     content = content_of(model) if ship else {}
     bands, seconds = bands_of(content, ship) if ship else None, past_to_use(content, adapt)[0]
-    past = Adaptation.of(ship, seconds) if seconds and ship else None
     # a shorter window at the end is kept only where windows do not overlap: else its rows are predicted twice
     results, runs, short = [], TrialSet.of(trials), window <= 0 or step >= window
     ready(runs, unchecked=unchecked)  # to refuse contradictory ones alone: rows of broken stretches are predicted too
@@ -399,7 +397,7 @@ def predict(
             hybrid: Any = ship or simulator  # a black box is its own ensemble
             windows, notes = predict_members(hybrid, run, window, step, short, members)
         else:
-            windows, notes = windows_of(simulator, run, window, step, short_last=short, adaptation=past, bands=bands)
+            windows, notes = windows_of(simulator, run, window, step, short_last=short, past=seconds, bands=bands)
         outside = outside_share(simulator, run, windows) if isinstance(simulator, Simulator) else None
         prediction = Prediction(run, tuple(windows), (), outside, seconds)
         notes = [*notes, *assumed([run], simulator.inputs), *(campaigns_taken(ship, [run]) if ship else ())]

@@ -23,7 +23,6 @@ from cases.trial import Trial
 from fitting.nlp.windows import Stretch
 from fitting.prediction.envelope import HeldMotion, held_dict, held_motion, held_of, met_so_far
 from fitting.prediction.stretches import (
-    Adaptation,
     WindowBatch,
     adapt,
     default_past,
@@ -355,7 +354,7 @@ def fit_bands(
         process.noise[s] = np.sqrt(process.noise[s] ** 2 + max(0.0, float(np.nan_to_num(more))))
     fixed += bands.measurement_variance(times, states)
     few_runs = student_factor(len({id(s.record) for s in stretches}))
-    water, offset = adapt(simulator, stretches, Adaptation.of(ship, default_past(ship)))
+    water, offset = adapt(simulator, stretches, default_past(ship))
     adapted = wrapped_error(rollout(simulator, batch, water, offset)[0][rows], measured)
     # variances along the same track, so that the factors with and without the past differ by the errors alone
     factor, with_past = (few_runs * _factors(e, times, k, rest, fixed) for e in (error, adapted))

@@ -19,7 +19,7 @@ from cases.io.files import replace_text
 from cases.trial import Trial, bridged
 from fitting.nlp.windows import Stretch
 from fitting.prediction.bands import Bands
-from fitting.prediction.stretches import Adaptation, WindowBatch, adapt, record_of, rollout, window_rows, wrapped_error
+from fitting.prediction.stretches import WindowBatch, adapt, record_of, rollout, window_rows, wrapped_error
 from fitting.report.run_folder import write_whole
 from mmg.errors import NotWritable
 from mmg.messages import Message
@@ -133,16 +133,16 @@ def predict_all(
     stride: float,
     short_last: bool = True,
     method: str = "rk4",
-    adaptation: Adaptation | None = None,
+    past: float = 0.0,
     bands: Bands | None = None,
 ) -> Predicted:
     """Windows of each of ``trials``, predicted open-loop by ``simulator``, and notes on those left out.
 
-    length, stride [s], short_last: as of ``window_rows``; method: "rk4" or "euler"; adaptation: use the past of each
-    window; bands: add standard deviations. (A forecaster has a method of its own and neither of the last two.) Inputs
-    are held from sample to sample. A window that begins at, or runs across, missing samples or a gap of more than
-    LONGEST_GAP is left out. Without measured positions a window starts at (0, 0). All windows are simulated side by
-    side.
+    length, stride [s], short_last: as of ``window_rows``; method: "rk4" or "euler"; past: seconds before each window
+    that are used; bands: add standard deviations. (A forecaster has a method of its own and neither of the last two.)
+    Inputs are held from sample to sample. A window that begins at, or runs across, missing samples or a gap of more
+    than LONGEST_GAP is left out. Without measured positions a window starts at (0, 0). All windows are simulated side
+    by side.
     """
     values: Sequence[np.ndarray | None] = [None] * len(trials)
     if isinstance(simulator, ShipsByTrial):
@@ -158,9 +158,9 @@ def predict_all(
     std: np.ndarray | None = None
     if isinstance(simulator, Simulator):
         batch = WindowBatch.of(flat)
-        water, offset = adapt(simulator, flat, adaptation) if adaptation else (None, None)
+        water, offset = adapt(simulator, flat, past) if past else (None, None)
         out = rollout(simulator, batch, water, offset, method)[0]
-        std = bands.std(simulator, batch, out, adaptation is not None) if bands else None
+        std = bands.std(simulator, batch, out, past > 0) if bands else None
     else:
         out = simulator.forecast(flat)
     column = itertools.count()  # of the batch: its columns are the windows of all trials in turn

@@ -18,7 +18,7 @@ from pydantic_core.core_schema import no_info_plain_validator_function
 from cases.inputs import assumed
 from cases.trial import Trial, inside, spans_left_out
 from fitting.prediction.predict import Forecaster, ShipsByTrial, Window, change_over, planned_windows, predict_all
-from fitting.prediction.stretches import Adaptation, default_past, record_of
+from fitting.prediction.stretches import default_past, record_of
 from fitting.prediction.unit_errors import REFERENCES, STATE_ERRORS, RunErrors, UnitErrors, errors_in_units, is_worse
 from fitting.report.run_folder import Real
 from mmg.errors import Missing, TooFewData, UserError
@@ -231,9 +231,9 @@ def score(
         if not trial.has_position:
             raise Missing(f"{trial.name}: no position columns x [m], y [m]; both metrics need all six states")
     sigma = pooled_sigma(trials) if sigma is None else np.asarray(sigma, dtype=float)
-    past = Adaptation.of(simulator.ship, adapt) if adapt and isinstance(simulator, Simulator) else None
-    paper = predict_all(simulator, trials, PAPER_WINDOW, PAPER_WINDOW, True, method, adaptation=past)
-    short = predict_all(simulator, trials, WINDOW, STRIDE, False, method, adaptation=past)
+    past = (adapt or 0.0) if isinstance(simulator, Simulator) else 0.0
+    paper = predict_all(simulator, trials, PAPER_WINDOW, PAPER_WINDOW, True, method, past=past)
+    short = predict_all(simulator, trials, WINDOW, STRIDE, False, method, past=past)
     rows, notes = [], assumed(trials, simulator.inputs)
     pooled = np.zeros((2, 2))  # restarts and windows: sum of squares, number of rows
     for trial, (restarts, remarks), (windows, more) in zip(trials, paper, short, strict=True):
@@ -252,8 +252,7 @@ def score(
         if names := ", ".join(row.name for row, count in zip(rows, each, strict=True) if not count):
             notes.append(Message(f"{names}: nothing to score over {size:g} s", NOTHING_SCORED))
     errors = None if units is None else errors_in_units(simulator, trials, units or None, method, past, baseline)
-    unique, past_s = tuple(dict.fromkeys(notes)), past.seconds if past else 0.0
-    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, unique, errors, past_s)
+    return Score(tuple(rows), paper_all, window_all, sigma, sigma_from, tuple(dict.fromkeys(notes)), errors, past)
 
 
 def in_words(error: float | None) -> str:

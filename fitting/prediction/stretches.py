@@ -182,24 +182,6 @@ ROBUST = 3.0  # Errors count less beyond so many of these (Huber). Set by hand.
 PAST = 30.0
 
 
-@dataclass(frozen=True)
-class Adaptation:
-    """How the past is used: ``seconds`` of it; the other fields as the constants above, errors (6,)."""
-
-    seconds: float
-    restart: float
-    forget: float
-    decay: float
-    size: float
-    errors: np.ndarray
-
-    @classmethod
-    def of(cls, ship: Ship, seconds: float) -> Adaptation:
-        """Settings for a ship, chosen on runs of a 3 m model and scaled by Froude's law."""
-        k, errors = time_scale(ship.particulars["L"]), np.array(ERRORS) * state_scale(ship.particulars["L"])
-        return cls(seconds, RESTART * k, FORGET * k, DECAY * k, SIZE * k, errors)
-
-
 def past_begin(record: Record, row: int, seconds: float) -> int:
     """First row of the unbroken, measured stretch of at most ``seconds`` before ``row`` of a ``record``. ``row`` itself
     if there is none."""
@@ -212,33 +194,36 @@ def past_begin(record: Record, row: int, seconds: float) -> int:
     return min(row, first + int(breaks[-1]) + 1) if len(breaks) else first
 
 
-def restarts(record: Record, row: int, a: Adaptation) -> list[Stretch]:
-    """The past of a window that starts at ``row`` of a ``record``, as restarts by ``a``, youngest first; none but the
-    youngest under half length."""
-    begin, sample = past_begin(record, row, a.seconds), float(np.median(np.diff(record.t)))
+def restarts(record: Record, row: int, seconds: float, restart: float) -> list[Stretch]:
+    """The ``seconds`` before a window that starts at ``row`` of a ``record``, in pieces of ``restart`` [s], youngest
+    first; none but the youngest under half length."""
+    begin, sample = past_begin(record, row, seconds), float(np.median(np.diff(record.t)))
     result: list[Stretch] = []
     last = row  # backwards: what is left over lies at the old end
     while last > begin:
-        first = max(begin, int(np.searchsorted(record.t, record.t[last] - a.restart - 0.5 * sample)))
-        if first == last or (result and record.t[last] - record.t[first] < 0.5 * a.restart):
+        first = max(begin, int(np.searchsorted(record.t, record.t[last] - restart - 0.5 * sample)))
+        if first == last or (result and record.t[last] - record.t[first] < 0.5 * restart):
             break
         result.append(Stretch(record, first, last))
         last = first
     return result
 
 
-def adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> tuple[FadingCurrent, np.ndarray]:
-    """Current at the start of each of ``windows`` (M of them), fading, and offsets (S - 6, M) from the settled memory.
-    simulator: of the ship; a: how the past is used. Both are zero for a window without a past."""
-    parts = [_adapt(simulator, windows[i : i + AT_ONCE], a) for i in range(0, len(windows), AT_ONCE)]
-    return FadingCurrent(np.hstack([w for w, _ in parts]), a.decay), np.hstack([o for _, o in parts])
+def adapt(simulator: Simulator, windows: Sequence[Stretch], seconds: float) -> tuple[FadingCurrent, np.ndarray]:
+    """Current at the start of each of ``windows`` (M of them), fading, and offsets (S - 6, M) from the settled memory,
+    by so many ``seconds`` before it; both are zero for a window without a past. simulator: of the ship."""
+    parts = [_adapt(simulator, windows[i : i + AT_ONCE], seconds) for i in range(0, len(windows), AT_ONCE)]
+    decay = DECAY * time_scale(simulator.ship.particulars["L"])
+    return FadingCurrent(np.hstack([w for w, _ in parts]), decay), np.hstack([o for _, o in parts])
 
 
-def _adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> tuple[np.ndarray, np.ndarray]:
-    """Currents (2, M) and offsets (S - 6, M) of some windows."""
+def _adapt(simulator: Simulator, windows: Sequence[Stretch], seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    """Currents (2, M) and offsets (S - 6, M) of some windows, by constants that scale with Froude's law."""
+    k = time_scale(simulator.ship.particulars["L"])
+    size, errors = SIZE * k, np.array(ERRORS) * state_scale(simulator.ship.particulars["L"])
     M = len(windows)
     offset = np.zeros((len(simulator.model.states) - 6, M))
-    pasts = [restarts(w.record, w.first, a) for w in windows]
+    pasts = [restarts(w.record, w.first, seconds, RESTART * k) for w in windows]
     pieces = [piece for past in pasts for piece in past]
     owner = [(i, j == 0) for i, past in enumerate(pasts) for j in range(len(past))]
     if not pieces:
@@ -246,43 +231,47 @@ def _adapt(simulator: Simulator, windows: Sequence[Stretch], a: Adaptation) -> t
     batch, K = WindowBatch.of(pieces), len(pieces)
     probed = batch.times_over(3)
     probe = np.zeros((2, 3, K))  # no current, north, east: differences of these are the sensitivities
-    probe[0, 1] = probe[1, 2] = 0.5 * a.size
+    probe[0, 1] = probe[1, 2] = 0.5 * size
     # within a restart the current hardly decays: its age is counted in the weights
-    out, states = rollout(simulator, probed, FadingCurrent(probe.reshape(2, -1), 1e3 * a.decay))
+    out, states = rollout(simulator, probed, FadingCurrent(probe.reshape(2, -1), 1e3 * DECAY * k))
     information, gradient = np.zeros((M, 2, 2)), np.zeros((M, 2))  # normal equations of each window
-    for k, (piece, (i, youngest)) in enumerate(zip(pieces, owner, strict=True)):
+    for number, (piece, (i, youngest)) in enumerate(zip(pieces, owner, strict=True)):
         now = float(piece.record.t[windows[i].first])
-        J, error, weight = _equations(out[:, :, [k, K + k, 2 * K + k]], piece, now, a)
+        found = out[:, :, [number, K + number, 2 * K + number]]
+        J, error, weight = _equations(found, piece, now, 0.5 * size, k, errors)
         information[i] += np.einsum("ans,ns,bns->ab", J, weight, J)
         gradient[i] -= np.einsum("ans,ns,ns->a", J, weight, error)
         if youngest and len(offset):
-            end = states[piece.steps, :, k : k + 1]  # (S, 1), of the run without a current
+            end = states[piece.steps, :, number : number + 1]  # (S, 1), of the run without a current
             here = piece.record.controls[piece.last][:, None]
             values = simulator.ship.values if piece.record.values is None else piece.record.values
             beyond = (end - settled(simulator.model, end[:6], here, values))[6:, 0]
             offset[:, i] = beyond if np.isfinite(beyond).all() else 0.0
     # one Gauss-Newton step: the prior N(0, size^2) of both components adds 1 / size^2 to the diagonal
-    return np.linalg.solve(information + np.eye(2) / a.size**2, gradient[..., None])[..., 0].T, offset
+    return np.linalg.solve(information + np.eye(2) / size**2, gradient[..., None])[..., 0].T, offset
 
 
-def _equations(out: np.ndarray, piece: Stretch, now: float, a: Adaptation) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _equations(
+    out: np.ndarray, piece: Stretch, now: float, probe: float, k: float, errors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sensitivities (2, n, 6), errors (n, 6) and weights (n, 6) of one restart at about ten of its rows.
 
-    out: (rows, 6, 3) without and with a probing current in either direction. The rows of a restart of full length
+    out: (rows, 6, 3) without and with a probing current, ``probe`` [m/s], in either direction; now: when the window
+    starts [s]; k: scale of times; errors: (6,) typical ones. The rows of a restart of full length
     together count as one observation of each state.
     """
-    rows, t = piece.steps, piece.t
-    every = max(1, round(0.1 * a.restart * rows / max(float(t[-1] - t[0]), 1e-9)))
+    rows, t, restart = piece.steps, piece.t, RESTART * k
+    every = max(1, round(0.1 * restart * rows / max(float(t[-1] - t[0]), 1e-9)))
     at = np.arange(rows, 0, -every)[::-1]  # the last row always, the first never: its error is zero
     error = wrapped_error(out[at, :, 0], piece.logged[at])
-    J = np.moveaxis(out[at, :, 1:] - out[at, :, :1], 2, 0) / (0.5 * a.size)
+    J = np.moveaxis(out[at, :, 1:] - out[at, :, :1], 2, 0) / probe
     age = now - t[at]
-    share = every * (t[-1] - t[0]) / rows / a.restart  # errors of neighbouring rows are alike, so the rows share one
-    relative = np.abs(error) / a.errors
+    share = every * (t[-1] - t[0]) / rows / restart  # errors of neighbouring rows are alike, so the rows share one
+    relative = np.abs(error) / errors
     # Huber (1964): weight 1 up to ROBUST, beyond it ROBUST / relative
-    weight = share * np.exp(-2 * age / a.forget)[:, None] * ROBUST / np.maximum(relative, ROBUST)
-    weight = weight / a.errors**2
-    usable = np.isfinite(error) & (np.abs(J) < DIVERGED * a.restart).all(axis=0)
+    weight = share * np.exp(-2 * age / (FORGET * k))[:, None] * ROBUST / np.maximum(relative, ROBUST)
+    weight = weight / errors**2
+    usable = np.isfinite(error) & (np.abs(J) < DIVERGED * restart).all(axis=0)
     usable[:, :2] &= piece.record.has_position
     return np.where(usable, J, 0.0), np.where(usable, error, 0.0), np.where(usable, weight, 0.0)
 

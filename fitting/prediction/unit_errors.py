@@ -21,7 +21,6 @@ from cases.criteria.standard_runs import Run, measured_figures, measured_runs
 from cases.trial import Trial
 from fitting.prediction.baselines import Persistence
 from fitting.prediction.predict import Forecaster, Window, change_over, predict_all
-from fitting.prediction.stretches import Adaptation
 from fitting.report.run_folder import Real
 from mmg.errors import UserError
 from mmg.motion.flow import STATES
@@ -205,13 +204,13 @@ def errors_in_units(
     trials: Sequence[Trial],
     window: float | None = None,
     method: str = "rk4",
-    adaptation: Adaptation | None = None,
+    past: float = 0.0,
     baseline: Forecaster | None = None,
 ) -> UnitErrors:
     """Errors of ``simulator`` on ``trials`` in units, over windows of ``window`` [s], None: as of ``window_for``.
 
-    method: "rk4" or "euler"; adaptation: use the past of each window; baseline: what the model must beat beside
-    persistence. Manoeuvres are predicted from their order on with the measured inputs, of a ship and without adaptation
+    method: "rk4" or "euler"; past: seconds before each window that are used; baseline: what the model must beat beside
+    persistence. Manoeuvres are predicted from their order on with the measured inputs, of a ship and without a past
     only.
     """
     length = simulator.ship.particulars["L"] if isinstance(simulator, Simulator) else None
@@ -222,14 +221,14 @@ def errors_in_units(
     when = {SHIP_LENGTH: unit, END: size} if times and times > 1 else {END: size}  # L/U is the time for one length
     by_state = dict(zip(STATES, np.where(np.isfinite(change), change, np.nan).tolist(), strict=True))
 
-    def errors_of(model: Simulator | Forecaster, past: Adaptation | None = None) -> UnitErrors:
-        predicted = predict_all(model, trials, size, 0.5 * size, False, method, adaptation=past)
+    def errors_of(model: Simulator | Forecaster, past: float = 0.0) -> UnitErrors:
+        predicted = predict_all(model, trials, size, 0.5 * size, False, method, past=past)
         parts = [_parts(trial, windows, when) for trial, (windows, _) in zip(trials, predicted, strict=True)]
         runs = tuple(_errors(trial.name, [part], change) for trial, part in zip(trials, parts, strict=True))
         return UnitErrors(size, 0.5 * size, times, by_state, runs, _errors("all rows", parts, change))
 
-    errors = errors_of(simulator, adaptation)
-    if isinstance(simulator, Simulator) and length and adaptation is None:
+    errors = errors_of(simulator, past)
+    if isinstance(simulator, Simulator) and length and not past:
         pairs = zip(errors.runs, _maneuvers(simulator, trials, length, method), strict=True)
         errors = replace(errors, runs=tuple(replace(run, maneuvers=maneuvers) for run, maneuvers in pairs))
     references = {"persistence": errors_of(Persistence(simulator.inputs))}

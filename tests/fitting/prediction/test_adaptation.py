@@ -13,10 +13,10 @@ from cases.simulation.demo_trials import hidden_ship
 from cases.simulation.simulate import SensorNoise, add_noise, simulate
 from cases.trial import Trial
 from fitting.nlp.windows import Stretch
+from fitting.prediction import stretches
 from fitting.prediction.predict import Window, predict, predict_all
 from fitting.prediction.score import adaptation_worth, past_to_use, score
 from fitting.prediction.stretches import (
-    Adaptation,
     FadingCurrent,
     WindowBatch,
     adapt,
@@ -47,39 +47,35 @@ def run(current: bool, noise: bool = True) -> Trial:
     return add_noise(trial, SensorNoise.for_length(3.0), 1) if noise else trial
 
 
-def past(seconds: float = 30.0) -> Adaptation:
-    return Adaptation.of(hidden_ship(), seconds)
-
-
-def windows_of(trial: Trial, adaptation: Adaptation | None = None) -> list[Window]:
-    return predict(simulator(), trial, 30.0, 15.0, False, adaptation=adaptation)[0]
+def windows_of(trial: Trial, past: float = 0.0) -> list[Window]:
+    return predict(simulator(), trial, 30.0, 15.0, False, past=past)[0]
 
 
 def test_a_hidden_current_is_found() -> None:
     record = record_of(run(True), simulator().ship.inputs)
     windows = [Stretch(record, row, row + 50) for row in (200, 300, 400)]
-    water, _ = adapt(simulator(), windows, past())
+    water, _ = adapt(simulator(), windows, 30.0)
     # the current along the ship shows little in ten seconds, so the prior keeps it small
     np.testing.assert_allclose(water.velocity[1], CURRENT["y"], atol=0.02)
 
 
 def test_data_after_the_start_of_a_window_and_before_its_past_do_not_change_its_prediction() -> None:
     trial, rng = run(True), np.random.default_rng(0)
-    windows = windows_of(trial, past(10.0))
+    windows = windows_of(trial, 10.0)
     row = np.arange(len(trial))
     for seen in (row <= windows[3].first, row >= windows[3].first - 51):
         noise = rng.normal(0, 0.1, (len(STATES), len(trial))) * ~seen
         changed = {name: trial[name] + more for name, more in zip(STATES, noise, strict=True)}
-        others = windows_of(trial.with_columns(**changed), past(10.0))
+        others = windows_of(trial.with_columns(**changed), 10.0)
         same = [np.array_equal(a.states, b.states) for a, b in zip(windows, others, strict=True)]
         assert same[3] and not all(same)
 
 
 def test_each_window_is_adapted_to_its_own_past_alone_and_one_without_a_past_is_not() -> None:
-    plain, adapted = windows_of(run(True)), windows_of(run(True), past())
+    plain, adapted = windows_of(run(True)), windows_of(run(True), 30.0)
     np.testing.assert_allclose(plain[0].states, adapted[0].states, atol=1e-12)
     assert np.abs(plain[1].states - adapted[1].states).max() > 0.05
-    both = predict_all(simulator(), [run(True), run(False)], 30.0, 15.0, False, adaptation=past())
+    both = predict_all(simulator(), [run(True), run(False)], 30.0, 15.0, False, past=30.0)
     for one, other in zip(both[0][0], adapted, strict=True):
         np.testing.assert_allclose(one.states, other.states, rtol=0, atol=1e-12)
 
@@ -92,14 +88,14 @@ def test_the_past_ends_at_missing_samples_and_gaps() -> None:
     assert past_begin(record, 200, 30.0) == 151
     assert past_begin(record, 150, 30.0) == 150
     assert past_begin(record, 400, 30.0) == 250
-    pieces = restarts(record, 200, past())
+    pieces = restarts(record, 200, 30.0, 8.0)
     assert pieces[0].last == 200 and min(p.first for p in pieces) >= 151
 
 
 def test_positions_are_not_needed() -> None:
     trial = run(True)
     blind = Trial("blind", {k: v for k, v in trial.columns.items() if k not in ("x", "y")})
-    windows = windows_of(blind, past())
+    windows = windows_of(blind, 30.0)
     assert all(np.isfinite(w.states).all() for w in windows)
     assert (windows[2].states[0, :2] == 0).all()
 
@@ -127,15 +123,18 @@ def test_a_model_that_explodes_along_the_past_is_not_adapted() -> None:
     """As a model of 3 m does on the trials of a ship of 320 m."""
     large = load_ship("kvlcc2_full")
     trial = simulate(large, parse_maneuver("turning:35", large, n=1.2, duration=300.0), dt=1.0)
-    windows = predict(simulator(), trial, 30.0, 15.0, False, adaptation=past(100.0))[0]
+    windows = predict(simulator(), trial, 30.0, 15.0, False, past=100.0)[0]
     assert len(windows) > 10
 
 
-def test_settings_and_the_past_scale_by_froudes_law() -> None:
+def test_the_past_scales_by_froudes_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    lengths, decays, still = [], [], stretches.Record(np.zeros(2), np.zeros((2, 6)), np.zeros((2, 4)), np.ones(2, bool))
+    monkeypatch.setattr(stretches, "restarts", lambda *given: lengths.append(given[3]) or [])
     ships = load_ship("esso_osaka_3m"), load_ship("kvlcc2_full")
-    (model, full), k = (Adaptation.of(ship, 30.0) for ship in ships), (ships[1].particulars["L"] / 3.0) ** 0.5
-    assert model.restart == pytest.approx(8.0) and full.restart == pytest.approx(8.0 * k)
-    assert full.size == pytest.approx(0.02 * k) and full.errors[0] == pytest.approx(0.06 * k**2)
+    for ship in ships:
+        decays.append(adapt(Simulator(ship, compiled=False), [Stretch(still, 0, 1)], 30.0)[0].decay)
+    k = (ships[1].particulars["L"] / 3.0) ** 0.5
+    assert lengths == pytest.approx([8.0, 8.0 * k]) and decays == pytest.approx([120.0, 120.0 * k])
     assert [default_past(ship) for ship in ships] == [30, round(30 * k)]
 
 
