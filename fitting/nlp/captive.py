@@ -78,18 +78,14 @@ def read_captive(path: Path, sigma: tuple[float, ...] | None = None) -> Captive:
         row = int(np.flatnonzero(empty)[0])
         raise Missing(f"{path}: row {row + 1} lacks a motion or an actuator ({int(empty.sum())} such rows)")
     forces = np.array([columns[name] for name in FORCES])
-    return Captive(path.stem, motion, actuators, forces, _sigma(path, forces, columns, sigma))
-
-
-def _sigma(path: Path, forces: np.ndarray, columns: dict, given: tuple[float, ...] | None) -> np.ndarray:
-    """Standard deviations (3, M), infinite where a force is missing."""
-    result, measured = np.empty_like(forces), np.isfinite(forces)
+    sizes, measured = np.empty_like(forces), np.isfinite(forces)
     for i, name in enumerate(FORCES):
         rms = float(np.sqrt(np.mean(forces[i, measured[i]] ** 2))) if measured[i].any() else 0.0
-        result[i] = columns.get(f"sigma_{name}", given[i] if given else FLOOR * rms)
-        if not (result[i, measured[i]] > 0).all():
+        sizes[i] = columns.get(f"sigma_{name}", sigma[i] if sigma else FLOOR * rms)
+        if not (sizes[i, measured[i]] > 0).all():
             raise OutOfRange(f"{path}: the standard deviation of {name} must be positive; give it with --captive-sigma")
-    return np.where(measured, result, np.inf)  # a weight of zero: no part in the cost
+    # infinite where a force is missing: a weight of zero, no part in the cost
+    return Captive(path.stem, motion, actuators, forces, np.where(measured, sizes, np.inf))
 
 
 class CaptiveForces:

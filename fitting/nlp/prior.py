@@ -268,7 +268,8 @@ class RunConstants:
         mean, unit = prior.mean[own].reshape(shape), prior.std[own].reshape(shape)
         return cls(
             symbols=prior.constants,
-            runs=_distinct(runs),
+            # the second of equal names with "(2)" behind it
+            runs=tuple(f"{n} ({k})" if (k := runs[: i + 1].count(n)) > 1 else n for i, n in enumerate(runs)),
             units=tuple(ship.coefficients[s].unit for s in prior.constants),
             value=mean + unit * p[own].reshape(shape),
             std=unit * np.sqrt(np.diag(covariance)[own]).reshape(shape),
@@ -288,8 +289,3 @@ class RunConstants:
             }
             for run, value, std in zip(self.runs, self.value.tolist(), self.std.tolist(), strict=True)
         }
-
-
-def _distinct(names: Sequence[str]) -> tuple[str, ...]:
-    """The names, the second of equal ones with "(2)" behind it."""
-    return tuple(f"{n} ({k})" if (k := names[: i + 1].count(n)) > 1 else n for i, n in enumerate(names))

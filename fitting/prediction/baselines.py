@@ -102,7 +102,14 @@ def fit_grey_box(
     nodes = np.unique(np.linspace(0, len(samples.steps), STEPS + 1).round().astype(int))
     batch, measured = samples.between(nodes), measured_columns(stretches)[nodes]
     speed, turn = np.nanmax(np.hypot(measured[:, 3], measured[:, 4])), np.nanmax(np.abs(measured[:, 5]))
-    box = GreyBox(tuple(inputs), _places(particulars), np.zeros(18), BEYOND * np.array([speed, speed, turn]))
+    half = 0.5 * particulars.get("L", 1.0)
+    y = particulars.get("y_P", 0.0) / half
+    places = {"n": (-1.0, y), "n_2": (-1.0, -y)}  # and pods, where the particulars say
+    for name in INPUTS:
+        ending = name.removeprefix("n_azimuth")
+        if ending != name and f"x_az{ending}" in particulars:
+            places[name] = (particulars[f"x_az{ending}"] / half, particulars[f"y_az{ending}"] / half)
+    box = GreyBox(tuple(inputs), places, np.zeros(18), BEYOND * np.array([speed, speed, turn]))
     actuation = _actuation(box, batch.inputs)
     change = change_over(trials, window, 0.5 * window)
     start, size = _regressed(batch, measured, actuation, np.where(change < np.inf, change, 0.0)[3:] / window)
@@ -127,18 +134,6 @@ def fit_grey_box(
         max_nfev=EVALUATIONS,
     )
     return replace(box, coefficients=solution.x * size)
-
-
-def _places(particulars: Mapping[str, float]) -> dict[str, tuple[float, float]]:
-    """Places of propellers and pods by the input of their revolutions, those that ``particulars`` say."""
-    half = 0.5 * particulars.get("L", 1.0)
-    y = particulars.get("y_P", 0.0) / half
-    places = {"n": (-1.0, y), "n_2": (-1.0, -y)}
-    for name in INPUTS:
-        ending = name.removeprefix("n_azimuth")
-        if ending != name and f"x_az{ending}" in particulars:
-            places[name] = (particulars[f"x_az{ending}"] / half, particulars[f"y_az{ending}"] / half)
-    return places
 
 
 def _actuation(box: GreyBox, inputs: np.ndarray) -> np.ndarray:

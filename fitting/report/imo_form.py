@@ -204,7 +204,15 @@ def imo_form(
     model cannot be carried to, and when no manoeuvre of the model reaches its event.
     """
     remarks: list[str] = []
-    loaded = _loaded(ship, full_load) if full_load is not None else None
+    loaded = None
+    if full_load is not None:  # draught and mass by the ratio of the draughts, primed coefficients as they are
+        share = full_load / ship.particulars["d"] - 1
+        if not (math.isfinite(share) and -0.6 <= share <= 1.5):  # set by hand, far beyond ballast and full load
+            words = f"must be 0.4 to 2.5 times the draught of {ship.particulars['d']:g} m"
+            raise OutOfRange(f"--full-load-draught {full_load:g}: {words}")
+        if "draft" in ship.effects:
+            raise Conflict("--full-load-draught: the ship has the effect draft already; leave it out of the ship first")
+        loaded = ship.with_effect("draft", {"share": share}).fixing(["draft.share"])
     trials = in_own_water(trials, (result or {}).get("per_run"))
     tested = tested_figures(ship, trials, remarks)
     factors = _factors(loaded, model, result or {}, remarks) if loaded is not None and tested else {}
@@ -354,17 +362,6 @@ def _standard_run(run: Run) -> str | None:
         if run.kind == "zigzag" and abs(abs(rudder) - angle) <= 2 and abs(heading - angle) <= 2:
             return f"zigzag:{side}{angle}/{angle}"
     return "crash-stop" if run.kind == "crash-stop" else None
-
-
-def _loaded(ship: Ship, full_load: float) -> Ship:
-    """The ``ship`` at another draught [m]: draught and mass by their ratio, primed coefficients as they are."""
-    draught = ship.particulars["d"]
-    share = full_load / draught - 1
-    if not (math.isfinite(share) and -0.6 <= share <= 1.5):  # set by hand, far beyond ballast and full load
-        raise OutOfRange(f"--full-load-draught {full_load:g}: must be 0.4 to 2.5 times the draught of {draught:g} m")
-    if "draft" in ship.effects:
-        raise Conflict("--full-load-draught: the ship has the effect draft already; leave it out of the ship first")
-    return ship.with_effect("draft", {"share": share}).fixing(["draft.share"])
 
 
 def _factors(

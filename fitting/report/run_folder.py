@@ -338,7 +338,9 @@ class Store:
             words = ""
             if isinstance(value, dict) and isinstance(before, dict):
                 first = next(key for key in {**before, **value} if before.get(key) != value.get(key))
-                words = f" ({first}: {_short(value.get(first))}, then {_short(before.get(first))})"
+                both = ("none" if some.get(first) is None else str(some[first]) for some in (value, before))
+                now, then = (text if len(text) <= 40 else f"{text[:37]}..." for text in both)
+                words = f" ({first}: {now}, then {then})"
             raise Conflict(f"{where}: --resume needs the same {name} as the interrupted run{words}")
 
     @property
@@ -374,12 +376,6 @@ class Store:
             return words, dict(load_file(self.folder / f"{name}.safetensors"))
         except (OSError, UserError, ValueError, SafetensorError):
             return None
-
-
-def _short(value: Any) -> str:
-    """A setting in at most 40 letters."""
-    text = "none" if value is None else str(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."
 
 
 def hash_of_ship(ship: Ship) -> str:

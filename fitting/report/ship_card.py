@@ -185,10 +185,16 @@ def ship_card(
     count = len(next(iter(judged.scatter[next(iter(judged.scatter))].ship.values()))) if judged.scatter else 0
     drawn = draw_coefficients(calm, count, seed, correlation_in(content)) if count else {}
     V = judged.runs[0].speed
-    engine, helm = _engine_orders(Simulator(calm), V, drawn), _helm(calm, rudder_rate)
+    engine = _engine_orders(Simulator(calm), V, drawn)
+    rate = math.degrees(rudder_rate or Limits.for_ship(calm).rudder_rate)
+    helm = [("Largest rudder angle of the manoeuvres", "35°")]
+    if math.isfinite(rate):
+        helm.append(("Time hard-over to hard-over (70°)", f"{70.0 / rate:.3g} s: {helm_words(calm, rudder_rate)}"))
+    if (neutral := calm.particulars.get("neutral_rudder")) is not None:
+        helm.append(("Rudder angle of a straight course", f"{math.degrees(neutral):.2g}°"))
     circles = tuple(run for run in judged.runs if run.kind == "turning")
     clouds = {run.name: judged.scatter[run.name].shown for run in circles if run.name in judged.scatter}
-    return ShipCard(calm, V, helm, engine, tables, circles, clouds, tuple(dict.fromkeys(notices)))
+    return ShipCard(calm, V, tuple(helm), engine, tables, circles, clouds, tuple(dict.fromkeys(notices)))
 
 
 def _engine_orders(
@@ -222,17 +228,6 @@ def _straight_speeds(simulator: Simulator, n: float, theta: np.ndarray, most: fl
         faster = simulator.rates(simulator.start(logged, controls, theta), controls, theta)[3] > 0
         low, high = np.where(faster, middle, low), np.where(faster, high, middle)
     return 0.5 * (low + high)
-
-
-def _helm(ship: Ship, rudder_rate: float | None) -> tuple[tuple[str, str], ...]:
-    """What is known of the steering gear of a ``ship``, in words; rudder_rate: [rad/s] where it was given."""
-    rate = math.degrees(rudder_rate or Limits.for_ship(ship).rudder_rate)
-    rows = [("Largest rudder angle of the manoeuvres", "35°")]
-    if math.isfinite(rate):
-        rows.append(("Time hard-over to hard-over (70°)", f"{70.0 / rate:.3g} s: {helm_words(ship, rudder_rate)}"))
-    if (neutral := ship.particulars.get("neutral_rudder")) is not None:
-        rows.append(("Rudder angle of a straight course", f"{math.degrees(neutral):.2g}°"))
-    return tuple(rows)
 
 
 def _squat(ship: Ship, speed: float) -> list[tuple[str, str, str]]:

@@ -301,7 +301,16 @@ def first_screen(
     if form:
         groups, rows, note = _form_table(form)
     else:
-        columns, groups, rows = ("run", "figure", "measured|n", "predicted|n"), (), _measured(result)
+        columns, groups = ("run", "figure", "measured|n", "predicted|n"), ()
+        pair = result["scores"].get("validation") or result["scores"].get("training")
+        units = (pair and pair["after"].get("units")) or {"runs": []}
+        rows = [
+            (run["name"], f"{maneuver['title']}: {f['figure'].replace('_', ' ')} [{f['unit']}]",
+             *("" if f[key] is None else f"{f[key]:.3g}" for key in ("measured", "predicted")))
+            for run in units["runs"]
+            for maneuver in run["maneuvers"]
+            for f in maneuver["figures"]
+        ][:MOST_MEASURED]  # fmt: skip
         note = "Predicted from the order on, with the measured rudder and revolutions. " * bool(rows)
         note += f"Standard manoeuvres of the model: {known.no_form}"
     return FirstScreen(
@@ -392,17 +401,3 @@ def _form_table(form: ImoForm) -> tuple[tuple[tuple[str, tuple[str, ...]], ...],
     read = any("±" in cell for row in rows for cell in row)
     note += "±: what a tested figure changes by between two samples. " * read
     return (("tested", SIDES), model) if form.tested else (model,), rows, note + "L: ship lengths."
-
-
-def _measured(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """Figures of measured runs and their predictions, of held-out trials where there are any."""
-    pair = result["scores"].get("validation") or result["scores"].get("training")
-    units = (pair and pair["after"].get("units")) or {"runs": []}
-    rows = [
-        (run["name"], f"{maneuver['title']}: {f['figure'].replace('_', ' ')} [{f['unit']}]",
-         *("" if f[key] is None else f"{f[key]:.3g}" for key in ("measured", "predicted")))
-        for run in units["runs"]
-        for maneuver in run["maneuvers"]
-        for f in maneuver["figures"]
-    ]  # fmt: skip
-    return rows[:MOST_MEASURED]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,7 +130,12 @@ def test_a_model_that_explodes_along_the_past_is_not_adapted() -> None:
 
 def test_the_past_scales_by_froudes_law(monkeypatch: pytest.MonkeyPatch) -> None:
     lengths, decays, still = [], [], stretches.Record(np.zeros(2), np.zeros((2, 6)), np.zeros((2, 4)), np.ones(2, bool))
-    monkeypatch.setattr(stretches, "restarts", lambda *given: lengths.append(given[3]) or [])
+
+    def none(*given: Any) -> list[Stretch]:
+        lengths.append(given[3])
+        return []
+
+    monkeypatch.setattr(stretches, "restarts", none)
     ships = load_ship("esso_osaka_3m"), load_ship("kvlcc2_full")
     for ship in ships:
         decays.append(adapt(Simulator(ship, compiled=False), [Stretch(still, 0, 1)], 30.0)[0].decay)
