@@ -41,14 +41,6 @@ ASTERN = 1e-3
 # Standard deviations of prior and points together from which these contradict each other. Set by hand.
 CONTRADICTED = 5.0
 INFLUENCED = 300  # Most nodes at which influence is calculated. Set by hand: it bounds time.
-THRUSTERS = ("n_bow", "n_stern")  # Inputs that drive no ship ahead
-# Whether the ship has headway and her propellers turn ahead -> that in words, and a trial that shows it.
-STATES_OF_MOTION = {
-    (True, True): ("going ahead", "a trial ahead"),
-    (True, False): ("with headway and propellers astern", "a stopping trial"),
-    (False, True): ("with sternway and propellers ahead", "a trial that turns the propellers ahead with sternway"),
-    (False, False): ("going astern", "a trial astern"),
-}
 # By what surge velocity and revolutions of the data are multiplied to see what acts astern; first as they are.
 TURNED_ROUND = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -0.3), (-1.0, -0.3), (-1.0, 0.3))
 
@@ -150,43 +142,22 @@ def run_residuals(problem: Problem, x: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def unexcited_astern(ship: Ship, segments: Segments) -> list[Message]:
-    """A warning on free coefficients of ``ship`` that act only in a state of motion that the trials do not show.
+    """A warning on free coefficients of ``ship`` that act only in motion astern or with reversed propellers, or ahead
+    where the trials go astern, of which the trials show hardly anything.
 
     They are found by their influence on the accelerations, over the data (``segments``) and over the data with surge
     velocity, revolutions or both turned round. Raises UserError when no others are.
     """
-    shown, turned, state = _influence(ship, segments)
-    rows = zip(ship.free, shown, turned, state, strict=True)
-    unmoved = [(s, at) for s, a, b, at in rows if b > 0 and a < ASTERN * b]
-    if not unmoved:
-        return []
-    lacking = [STATES_OF_MOTION[at] for at in dict.fromkeys(at for _, at in unmoved)]
-    names, states = ", ".join(s for s, _ in unmoved), " or ".join(words for words, _ in lacking)
-    wanted = " and ".join(trial for _, trial in lacking)
-    text = f"{names}: act only {states}, of which the trials show hardly anything"
-    instruments = tuple(f"{name}." for name in ship.effects if effect(name).measures)
-    if all(s in dict(unmoved) or s.startswith(instruments) for s in ship.free):
-        raise TooFewData(f"{text}: nothing to identify; add {wanted}, or free other coefficients")
-    code = "not_excited_ahead" if {at for _, at in unmoved} == {(True, True)} else "not_excited_astern"
-    return [Message(f"{text}; the prior decides them: add {wanted}", code)]
-
-
-def _influence(ship: Ship, segments: Segments) -> tuple[np.ndarray, np.ndarray, list[tuple[bool, bool]]]:
-    """Of each free coefficient: rms change of the scaled accelerations for one prior standard deviation.
-
-    Over the data (P,), the largest one over the data turned round (P,), and the first of STATES_OF_MOTION in which it
-    is half of its largest.
-    """
-    model = assemble(ship)
-    free = [ship.symbols.index(s) for s in ship.free]
+    model, free = assemble(ship), [ship.symbols.index(s) for s in ship.free]
     pick = np.unique(np.linspace(0, len(segments.nodes) - 1, INFLUENCED).round().astype(int))
     z, c, t = (ca.SX.sym("a", n) for n in (len(model.states), len(model.controls), len(model.symbols)))
     rates = model.rates(z, c, t)[3:6] * ca.DM([1.0, 1.0, ship.particulars["L"]])  # r' L: all in m/s^2
     J = ca.jacobian(rates, ca.vertcat(*[t[i] for i in free]))
     squares = ca.Function("influence", [z, c, t], [ca.sum1(ca.densify(J) ** 2)], {"cse": True})
     propellers = [i for i, name in enumerate(ship.inputs) if name == "n" or name.startswith("n_")]
-    states = np.tile(segments.nodes[pick].T[:, None], (1, len(TURNED_ROUND), 1))  # (6, ways, nodes)
-    controls = np.tile(segments.node_controls[:, pick][:, None], (1, len(TURNED_ROUND), 1))
+    ways = (1, len(TURNED_ROUND), 1)
+    states = np.tile(segments.nodes[pick].T[:, None], ways)  # (6, ways, nodes)
+    controls = np.tile(segments.node_controls[:, pick][:, None], ways)
     surge, turns = np.array(TURNED_ROUND).T[:, :, None]
     states[3] *= surge
     controls[propellers] *= turns
@@ -196,14 +167,20 @@ def _influence(ship: Ship, segments: Segments) -> tuple[np.ndarray, np.ndarray, 
     total = total.reshape(len(free), len(TURNED_ROUND), -1)
     points = np.isfinite(total)  # none of them where the model has no value when it is turned round
     mean = np.where(points, total, 0.0).sum(axis=2) / np.maximum(points.sum(axis=2), 1)
-    influence = np.sqrt(mean) * Prior.of(ship).std[:, None]  # (P, ways), the data as they are first
-    squares_at = np.where(points, total, 0.0).reshape(len(free), -1)
-    drives = [i for i in propellers if ship.inputs[i] not in THRUSTERS]
-    n = controls[drives[0]] if drives else states[3]
-    inside = {at: ((states[3] > 0) == at[0]) & ((n > 0) == at[1]) for at in STATES_OF_MOTION}
-    most = np.array([squares_at[:, where].max(axis=1, initial=0.0) for where in inside.values()])  # (4, P)
-    first = np.argmax(most >= 0.25 * most.max(axis=0), axis=0)  # half of the largest influence, squared
-    return influence[:, 0], np.max(influence[:, 1:], axis=1), [tuple(inside)[i] for i in first]
+    # rms change of the scaled accelerations for one prior standard deviation (P, ways), the data as they are first
+    influence = np.sqrt(mean) * Prior.of(ship).std[:, None]
+    shown, turned = influence[:, 0], influence[:, 1:].max(axis=1)
+    unmoved = [s for s, a, b in zip(ship.free, shown, turned, strict=True) if b > 0 and a < ASTERN * b]
+    if not unmoved:
+        return []
+    where, wanted, code = "astern or with reversed propellers", "trials astern and stops", "not_excited_astern"
+    if np.median(segments.nodes[:, 3]) < 0:
+        where, wanted, code = "ahead", "a trial ahead", "not_excited_ahead"
+    text = f"{', '.join(unmoved)}: act only in motion {where} that the trials hardly show"
+    instruments = tuple(f"{name}." for name in ship.effects if effect(name).measures)
+    if all(s in unmoved or s.startswith(instruments) for s in ship.free):
+        raise TooFewData(f"{text}: nothing to identify; add {wanted}, or free other coefficients")
+    return [Message(f"{text}; the prior decides them: add {wanted}", code)]
 
 
 def contradictions(prior: Prior) -> list[Message]:

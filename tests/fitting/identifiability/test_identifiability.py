@@ -52,7 +52,7 @@ from fitting.identifiability.analysis import (
     implausible,
     verdict,
 )
-from fitting.identifiability.data_checks import STATES_OF_MOTION, contradictions, refuse_outliers, unexcited_astern
+from fitting.identifiability.data_checks import contradictions, refuse_outliers, unexcited_astern
 from fitting.nlp.fisher_information import information
 from fitting.nlp.problem import Prior, Problem
 from fitting.nlp.windows import cut
@@ -338,14 +338,13 @@ def test_astern_coefficients_without_astern_motion_are_named_or_alone_refused_al
     assert not any(s in words[0].split(":")[0].split(", ") for s in ("Y_v", "N_r", "k_0", "X_0F", "ell_R"))
 
 
-@pytest.mark.parametrize(("symbol", "state"), [("A_6", (False, True)), ("C_6", (True, False))])
-def test_the_state_in_which_a_coefficient_acts_is_named(symbol: str, state: tuple[bool, bool]) -> None:
+@pytest.mark.parametrize("symbol", ["A_6", "C_6"])
+def test_a_coefficient_that_acts_in_one_state_of_motion_alone_is_named(symbol: str) -> None:
     """A_6 is of the side force with sternway and a propeller ahead, C_6 of the thrust of a reversed one (Hachii)."""
     ahead = [t for t in runs()[0] if t["u"].min() > 0.05 and t["n"].min() >= 0]
     ship = ESSO.fixing([s for s in ESSO.symbols if s not in (symbol, "Y_v")])
     (message,) = unexcited_astern(ship, cut(ahead, 1.0, 50.0, 5))
-    named = [at for at, (words, _) in STATES_OF_MOTION.items() if words in message]
-    assert message.code == "not_excited_astern" and message.startswith(f"{symbol}:") and named == [state]
+    assert message.code == "not_excited_astern" and message.startswith(f"{symbol}:")
 
 
 def test_a_planned_trial_of_two_rudders_is_written_with_the_unit_of_each_column(tmp_path: Path) -> None:
