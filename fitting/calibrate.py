@@ -253,7 +253,7 @@ def _with_parts(found: Calibration, task: FitTask, limit: Control, made: Made) -
 
         parts["--posterior"] = lambda: sampled_posterior(found, options.posterior, settings.seed)
     make_in_turn(parts, made)
-    return replace(objects, next_trial=made.get("next trial"), posterior=made.get("--posterior"))
+    return replace(objects, posterior=made.get("--posterior"))
 
 
 @with_one_thread

@@ -26,7 +26,6 @@ from mmg.rollout import Simulator
 
 if TYPE_CHECKING:  # slow to import, and not needed to read a result
     from fitting.calibration import Calibration
-    from fitting.design.next_trial import NextTrial
     from fitting.uncertainty.posterior import Posterior
 
 # Attributes by those keys of result.json that have another name, and the other way round.
@@ -262,15 +261,14 @@ class FitRecord:
 class FitObjects:
     """What stands behind a result and is not stored: figures are drawn from it.
 
-    before, after: simulators of the ship before and after; validation: trials held out; next_trial: possible trials and
-    what they would add, None: not scored; posterior: draws, None: not asked for.
+    before, after: simulators of the ship before and after; validation: trials held out; posterior: draws, None: not
+    asked for.
     """
 
     calibration: Calibration
     before: Simulator
     after: Simulator
     validation: Sequence[Trial] = ()
-    next_trial: NextTrial | None = None
     posterior: Posterior | None = None
 
     @cached_property

@@ -81,7 +81,12 @@ def run_all(
     listener (``listening``), which is told of each as it finishes. An exception of a task ends all of them and is
     raised; UserError where a process is ended from outside.
     """
-    there, finished, outcomes = _WORKERS.get(), _counted(name, len(tasks)), []
+    there, listener, numbers, outcomes = _WORKERS.get(), _LISTENER.get(), itertools.count(1), list[Outcome]()
+
+    def finished() -> None:
+        if listener and name:
+            listener(Progress(name, next(numbers), len(tasks)))
+
     alone = there is None and min(workers, len(tasks)) <= 1
     with nullcontext(there) if there or alone else _processes(min(workers, len(tasks))) as crew:
         for outcome in _handed_over(crew, function, tasks, finished) if crew else map(function, tasks):
@@ -126,14 +131,6 @@ def kept_workers(workers: int) -> Iterator[None]:
 def listening(listener: OnProgress | None) -> AbstractContextManager[None]:
     """Within this, the ``listener`` is told how many tasks of each list with a name are done, whoever does them."""
     return _in_force(_LISTENER, listener)
-
-
-def _counted(name: str, count: int) -> Callable[[], None]:
-    """What tells the listener that one more of ``count`` tasks of this ``name`` is done."""
-    listener, numbers = _LISTENER.get(), itertools.count(1)
-    if listener is None or not name:
-        return lambda: None
-    return lambda: listener(Progress(name, next(numbers), count))
 
 
 def _handed_over(

@@ -194,16 +194,6 @@ def profile_plot(row: Mapping[str, Any], std: float | None = None, unit: str = "
 WHOLE = ("turning", "zigzag")  # Kinds of trials that are drawn first, and predicted from their begin to their end
 
 
-def _shown(trials: Sequence[Trial], validation: Sequence[Trial]) -> list[tuple[Trial, bool]]:
-    """(trial, held out) of those whose track is drawn: the longest of each kind, held-out ones and turning circles or
-    zigzags first."""
-    chosen: dict[str, tuple[Trial, bool]] = {}
-    for held_out, pool in ((True, validation), (False, trials)):
-        for trial in sorted(pool, key=lambda t: (t.kind not in WHOLE, -t.duration)):
-            chosen.setdefault(trial.kind or trial.name, (trial, held_out))
-    return list(chosen.values())[:4]  # set by hand: one of each kind of manoeuvre in the usual campaign
-
-
 def write_figures(
     written: FigureFolder,
     record: FitRecord,
@@ -213,7 +203,13 @@ def write_figures(
 ) -> None:
     """Write the figures of a calibration, in the order of a report. written: where to; record: what it found; models:
     the ship before and after; trials, validation: calibrated on, and held out."""
-    for number, (trial, held_out) in enumerate(_shown(trials, validation)):
+    # the longest trial of each kind, held-out ones and turning circles or zigzags first
+    chosen: dict[str, tuple[Trial, bool]] = {}
+    for held_out, pool in ((True, validation), (False, trials)):
+        for trial in sorted(pool, key=lambda t: (t.kind not in WHOLE, -t.duration)):
+            chosen.setdefault(trial.kind or trial.name, (trial, held_out))
+    # four set by hand: one of each kind of manoeuvre in the usual campaign
+    for number, (trial, held_out) in enumerate(list(chosen.values())[:4]):
         length = trial.duration if trial.kind in WHOLE else PAPER_WINDOW
         earlier, later = (predict_all(model, [trial], length, length)[0][0] for model in models)
         words = ""
