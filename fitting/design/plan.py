@@ -420,17 +420,9 @@ class SequenceSearch:
         return within and (not astern or is_reversible(self.ship))
 
 
-def library_rows(shared: Shared[SequenceSearch]) -> tuple[LibraryRow, ...]:
-    """The manoeuvres of the library in calm air, of the time and within the limits of a ``shared`` search, the best
-    first. One that is over sooner is repeated, with way to gain speed again between."""
-    ship, fastest = shared.value.ship, TOO_FAST * shared.value.speed
-    options = [o for o in library(ship, wind=False) if (o.speed or own_speed(ship)) <= fastest]
-    rows = run_all(_library_row, [(shared, option) for option in options], name="manoeuvres of the library")
-    return tuple(sorted((row for row in rows if row is not None), key=lambda row: row.gain))
-
-
 def _library_row(job: tuple[Shared[SequenceSearch], Option]) -> LibraryRow | None:
-    """A manoeuvre for a search, None where the ship cannot run it or the wish does not allow it."""
+    """A manoeuvre of the library in calm air for a search, None where the ship cannot run it or the wish does not allow
+    it. One that is over sooner than the wish is repeated, with way to gain speed again between."""
     search, option = job[0].value, job[1]
     ship, seconds = search.ship, search.wish.seconds
     chosen, trials, _ = runs(ship, [option], seconds, search.dt)
@@ -482,7 +474,10 @@ def best_sequence(
         return np.concatenate(run_all(_costs, [(shared, part) for part in parts]))
 
     with kept_workers(wish.workers):
-        rows = library_rows(shared)
+        ship, fastest = search.ship, TOO_FAST * search.speed
+        options = [o for o in library(ship, wind=False) if (o.speed or own_speed(ship)) <= fastest]
+        tried = run_all(_library_row, [(shared, option) for option in options], name="manoeuvres of the library")
+        rows = tuple(sorted((row for row in tried if row is not None), key=lambda row: row.gain))  # the best first
         rng = np.random.default_rng(wish.seed)
         starts = [0.5 + 0.3 * rng.uniform(-1, 1, search.sequences.size) for _ in range(STARTS)]
         fitting = [row for row in rows if row.fits] or list(rows)
