@@ -88,7 +88,7 @@ def information(problem: Problem, x: np.ndarray) -> Information:
     seg, S, L, columns = problem.segments, problem.S, problem.L, problem.columns
     p, parts = problem.split(x)[1].copy(), Quadratics.of(problem, x)
     eliminated = Eliminated.of(seg, parts, problem.kernels.elimination)
-    shared = parts.shared + eliminated.shared_by_group(seg.window, len(seg.run))
+    shared = parts.shared + eliminated.shared_by_window(seg)
     border, slope = eliminated.rows[:, :, S:], eliminated.slope
     solved = np.linalg.solve(eliminated.rows[:, :, :S], np.concatenate([border, slope[:, :S, None]], axis=2))
     across = np.swapaxes(border, 1, 2) @ solved
@@ -147,8 +147,16 @@ class Eliminated:
             slope[w] = carried + parts.inside_slope[i] + parts.node_slope[start]
         return cls(rows, slope, (parts.maps[:, :, S:], B), ahead, pull)
 
+    def shared_by_window(self, seg: Segments) -> np.ndarray:
+        """What the elimination adds to the quadratic in p, by window (W, L, L)."""
+        total = np.zeros((len(self.rows), *2 * self.factors[0].shape[2:]))
+        for i in intervals_by_level(seg):
+            A, B = (factor[i] for factor in self.factors)
+            total[seg.window[i]] += np.swapaxes(A, 1, 2) @ B
+        return total + np.swapaxes(total, 1, 2)
+
     def shared_by_group(self, group: np.ndarray, groups: int) -> np.ndarray:
-        """What the elimination adds to the quadratic in p, by ``group`` of intervals (M,): (groups, L, L)."""
+        """The same, summed over the intervals of each ``group`` (M,): (groups, L, L)."""
         total = product_sums(*self.factors, group, groups)
         return total + np.swapaxes(total, 1, 2)
 

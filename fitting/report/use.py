@@ -128,14 +128,14 @@ def condition_rows(ship: Ship, trials: Sequence[Trial], full_load: float | None 
         wind += f" at the scale of the ship (1:{scale:g})" if scale != 1.0 else ""
         wind += f"; {missing} of {len(trials)} trials log no wind" if missing else ""
         wind_verdict = FAILED if number > STRONGEST_WIND else UNKNOWN if missing else FULFILLED
-    load, load_verdict = "the full-load draught is not stated (--full-load-draught)", UNKNOWN
+    load, load_verdict = "; the full-load draught is not stated (--full-load-draught)", UNKNOWN
     if full_load is not None:
-        load = f"{draught / full_load:.0%} of {full_load:g} m"
+        load = f", {draught / full_load:.0%} of {full_load:g} m"
         load_verdict = FULFILLED if abs(draught / full_load - 1) <= DRAUGHT else FAILED
     return [
         Condition("water depth", depth, f"more than {DEEP:g} draughts", depth_verdict),
         Condition("wind", wind, f"not above Beaufort {STRONGEST_WIND}", wind_verdict),
-        Condition("loading", f"draught {draught:g} m, {load}", f"full-load draught within {DRAUGHT:.0%}", load_verdict),
+        Condition("loading", f"draught {draught:g} m{load}", f"full-load draught within {DRAUGHT:.0%}", load_verdict),
     ]
 
 

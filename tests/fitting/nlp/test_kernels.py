@@ -177,7 +177,7 @@ def test_nodes_are_eliminated_and_steps_carried_as_in_numpy(kind: str, monkeypat
     ours, theirs = (Eliminated.of(p.segments, parts, elimination(way)) for way in (True, False))
     names = ("rows", "slope", "ahead", "pull")[: 3 if kind == "one interval" else 4]  # no defect that pulls there
     pairs = [(getattr(ours, name), getattr(theirs, name)) for name in names]
-    pairs.append(tuple(e.shared_by_group(p.segments.window, len(p.segments.run)) for e in (ours, theirs)))
+    pairs.append(tuple(e.shared_by_window(p.segments) for e in (ours, theirs)))
     pairs.append(tuple(e.shared_by_group(columns.interval, columns.groups) for e in (ours, theirs)))
     sub, rng, W = gauss_newton(p, x), np.random.default_rng(2), len(p.segments.run)
     step = sub.maps, sub.off, rng.normal(size=(W, p.S)), rng.normal(size=(W, p.L))
