@@ -41,6 +41,7 @@ from diagnosis.validation.held_out import compare
 from fitting.parallel import with_one_thread
 from fitting.report.run_folder import data_rows, versions
 from fitting.solvers.control import Control, OutOfTimeError
+from mmg.effects import EFFECTS
 from mmg.errors import UserError
 from mmg.messages import LOGGER, Message, OnProgress
 from mmg.ship import Ship
@@ -175,10 +176,13 @@ def _judged(ready: Prepared, options: DiagnosisOptions, progress: OnProgress | N
     if (wider := likely_widths(ready.problem, result.searched)) is None:
         return ready, result
     words = f"Her coefficients lie {wider.factor:.2g} times as far from their stated values as their standard errors"
-    words += f" say (log odds {wider.evidence:.0f}), so these were taken as that much wider: see that the trials are"
-    words += " hers, and units and frames right (mmg check), or state wider ones"
-    notices = (*ready.notices, Message(words, "wider_priors"))
-    ready = replace(ready, problem=wider.problem, null=wider.fit, notices=notices)
+    words += f" say (log odds {wider.evidence:.0f}), so these were taken as that much wider, and of causes only her"
+    words += " surroundings are named: see that the trials are hers, and units and frames right (mmg check), or state"
+    words += " wider ones"
+    # where her coefficients are not known, her forces are of another form as likely as changed
+    rest = tuple(c for c in wider.problem.candidates if c.measures or EFFECTS[c.effect].surroundings)
+    problem, notices = replace(wider.problem, candidates=rest), (*ready.notices, Message(words, "wider_priors"))
+    ready = replace(ready, problem=problem, null=wider.fit, notices=notices)
     return ready, judged_search(ready, options.seed, options.workers, progress)
 
 
