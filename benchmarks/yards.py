@@ -1,6 +1,6 @@
 """Are the IMO figures of a new ship inside her error bars, after one unattended call? Three generators of sea trials.
 
-python -m benchmarks.yards [--seeds N] [--tide] [--workers N] [--record]
+python -m benchmarks.yards [--seeds N] [--tide | --diagnosed] [--workers N] [--record]
 
 Each yard tests a ship of 70 to 320 m: two 10/10 zigzags, one 20/20, two circles of 35 deg, logged once a second with
 noise, the ship's rudder rate between 2.3 and 3.6 deg/s, in half of the cases with the antenna 0.3 L aft of midship, in
@@ -12,6 +12,9 @@ water.
 * plant: benchmarks/file_faults/plant.py, whose equations and numerics are not the package's, with gusty wind;
 * mariner: the polynomial of a cargo ship, of another form than the hull that is fitted;
 * tanker: a ship drawn around KVLCC2, with asymmetric wake and rudder, whose force models are not those fitted.
+
+--diagnosed asks ``mmg diagnose`` instead, with a tanker's particulars for all that is known of her, what is different:
+nothing, a current, fouling, a lag of the rudder. A cause that is there, in her surroundings, is to be named; no other.
 """
 
 from __future__ import annotations
@@ -38,6 +41,7 @@ from cases.simulation.simulate import write_trial
 from cases.trial import Trial
 from fitting.prediction.figure_intervals import DRAWS, with_intervals
 from fitting.result import read_fit
+from mmg_ident import diagnose, new_ship
 from mmg_ident.commands.main import main as command
 from tests.support.disturbed_trials import drawn_ship
 
@@ -135,6 +139,27 @@ def of_library(name: str, seed: int, tide: bool = False) -> Yard:
     return Yard(tuple(trials), sizes, {"antenna": aft, "current": flows}, truth)
 
 
+def diagnosed(what: str, seed: int) -> tuple[bool, int]:
+    """Whether the effect ``what`` of a tanker of whom particulars are known is named, and how many others are."""
+    rng, true = np.random.default_rng([8, seed]), drawn_ship(load_ship("kvlcc2_full"), seed)
+    p = true.particulars
+    speed, rate = float(rng.uniform(0.14, 0.2)) * math.sqrt(9.81 * p["L"]), float(rng.uniform(2.3, 3.6)) * DEG
+    x, y = 0.03 * speed, 0.04 * speed
+    size = {"current": f"x={x:.4f},y={y:.4f}", "fouling": "share=0.3", "rudder_lag": f"T={0.3 * p['L'] / speed:.3f}"}
+    hidden = with_effects(true, [f"{what}:{size[what]}"] if what in size else [])
+    trials = []
+    for number, order in enumerate((*STANDARD, "zigzag:5/5", "turning:-20", "zigzag:15/15")):
+        plan = parse_maneuver(order, hidden, speed=speed, rudder_rate=rate, duration=30 * p["L"] / speed)
+        columns = dict(simulated_trial(hidden, plan, seed=100 * seed + number, dt=1.0).columns)
+        trials.append(logged(columns, p["L"], rng, order))
+    block = p["m"] / (p.get("rho", 1025.0) * p["L"] * p["B"] * p["d"])
+    ship = new_ship("tanker", {**{key: p[key] for key in ("L", "B", "d")}, "C_b": block, "U_0": speed})
+    found = diagnose(ship, trials[:-3], test=trials[-3:])
+    names = [effect.name for effect in found.effects]
+    print(f"{what} {seed}: {found.verdict}, {names}, instruments {[i.name for i in found.instruments]}", flush=True)
+    return what in names, len([name for name in names if name != what])
+
+
 @dataclass(frozen=True)
 class Judgement:
     """Of a yard: whether each figure lies in its interval, the widths of these by the value, errors of the values; what
@@ -181,14 +206,31 @@ def judged(kind: str, seed: int, tide: bool = False) -> Judgement:
     return Judgement(inside, width, error, named, false)
 
 
+def of_diagnoses(seeds: range, workers: int) -> dict[str, Figure]:
+    """How often a current is named, and what is not there."""
+    asked = [((what, seed), (what, seed)) for what in ("nothing", "current", "fouling", "rudder_lag") for seed in seeds]
+    found = list(done(diagnosed, asked, workers))
+    seen, false = [right for (what, _), (right, _) in found if what == "current"], [n > 0 for _, (_, n) in found]
+    words = "diagnoses of tankers of whom particulars are known"
+    return {
+        "particulars_named": Figure(f"currents named, {words}", sum(seen), of=len(seen)),
+        "particulars_false": Figure(f"with a name that is not there, {words}", sum(false), of=len(false)),
+    }
+
+
 def main() -> None:
     """Measures coverage and width of figures, and of what was hidden how much is named."""
     parser = parser_of("yards", __doc__)
     parser.add_argument("--seeds", type=int, default=5, help="ships of each generator")
     parser.add_argument("--tide", action="store_true", help="in a current that turns from run to run")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--diagnosed", action="store_true", help="by mmg diagnose, from particulars")
     given = parser.parse_args()
-    tasks = [((kind, seed), (kind, seed, given.tide)) for kind in YARDS for seed in range(FIRST, FIRST + given.seeds)]
+    seeds = range(FIRST, FIRST + given.seeds)
+    if given.diagnosed:
+        report(of_diagnoses(seeds, given.workers), f"yards --seeds {given.seeds} --diagnosed", given.record)
+        return
+    tasks = [((kind, seed), (kind, seed, given.tide)) for kind in YARDS for seed in seeds]
     found = [one for _, one in done(judged, tasks, given.workers)]
     joined = {k: [x for one in found for x in getattr(one, k)] for k in ("inside", "width", "named", "false")}
     inside, named, false = joined["inside"], joined["named"], joined["false"]
