@@ -64,9 +64,9 @@ def likely_widths(problem: SearchProblem, found: Selection) -> WiderPriors | Non
     """Wider priors with the fit without effects, by which all is to be asked anew, or None where those stated do.
 
     problem: in which the effects ``found`` were selected. They do not where wider ones alone have as much evidence as
-    the first effect, to within ODDS, and where they have it beside all effects.
+    all effects, to within ODDS, and where they have more than ODDS beside these.
     """
-    least = max(ODDS, found.evidence[0] - ODDS) if found.effects else ODDS
+    least = max(ODDS, sum(found.evidence) - ODDS)
     alone = wider_priors(problem, found.null, ())
     if alone and alone.evidence > least:
         return alone
