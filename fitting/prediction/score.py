@@ -291,7 +291,7 @@ class ScorePair:
         if lost := self.after.diverged:
             words = f"no score of the {name} trials: the prediction diverges on {listed(lost, MOST_NAMED)}"
             found.append(Message(words, NO_SCORE))
-        if old and new:
+        elif old and new:
             worse = []
             for key, (state, unit) in STATE_ERRORS.items():
                 before, after = getattr(old.pooled, key), getattr(new.pooled, key)
