@@ -33,6 +33,7 @@ from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
 MEASURED = "measured in "  # How the source of a particular begins that was estimated from trials
+BOUND = "rudder_rate_at_least"  # Code of a message on a rudder that moves faster than by rule, if not at its limit
 # Samples over which slopes are taken to find moves: the fewest that show the largest slope above the noise.
 WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # set by hand: steps by a half at most
 # Shares of the largest slope: the most that the noise of a slope may have, and the least of a move. Set by hand.
@@ -259,6 +260,7 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
     if "actuators" in ship.components:
         return ship, []
     estimates: dict[str, tuple[float, tuple[str, ...]]] = {}
+    bounds: list[str] = []  # names of rates that may be higher
     messages = []
     logged, usual = _logged_ramps(tuple(trials)), Limits.for_length(ship.particulars["L"])
     rates = ("rudder_rate", usual.rudder_rate), ("propeller_rate", usual.propeller_rate)
@@ -267,10 +269,12 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
     for k, ((name, rule), (late, column, highest)) in enumerate(zip(rates, DELAYS, strict=True)):  # rudder, propeller
         moves = [(trial, ramps[k]) for trial, ramps in logged]
         slew = slew_rate([ramp for _, ramps in moves for ramp in ramps])
-        if slew and slew.limit and slew.rate <= FASTEST * rule:
+        known = slew is not None and slew.limit and slew.rate <= FASTEST * rule
+        if slew and (known or rule < slew.rate <= FASTEST * rule):  # a gear is not slower than it was seen to be
             estimates[name] = slew.rate, slew.trials
-        elif k == 0 and name not in ship.particulars and logged:
-            messages.append(Message(_by_rule(ship, slew), "rudder_rate_by_rule"))
+            bounds += [] if known else [name]
+        if k == 0 and not known and name not in ship.particulars and logged:
+            messages.append(Message(_by_rule(ship, slew), BOUND if name in bounds else "rudder_rate_by_rule"))
         delay = order_delay([(trial, ramps, trial[column]) for trial, ramps in moves if column in trial], highest)
         if delay and delay[0] <= most[late]:
             estimates[late] = delay
@@ -279,8 +283,9 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
     for name, (value, names) in estimates.items():
         stated = name in particulars and not sources.get(name, "").startswith((MEASURED, BY_RULE))
         if not stated:
-            particulars[name], sources[name] = value, f"{MEASURED}{listed(names)}"
-        elif abs(particulars[name] / value - 1) > NOTED:
+            source = f"{MEASURED}{listed(names)}{', a lower bound' * (name in bounds)}"
+            particulars[name], sources[name] = value, source
+        elif abs(particulars[name] / value - 1) > NOTED and not (name in bounds and particulars[name] > value):
             text = f"{name} is {particulars[name]:.3g} in the ship file, {value:.3g} by {listed(names)}; it stays"
             messages.append(Message(text, f"{name}_differs"))
     rules = tuple(f"{name} = " for name in estimates)  # of a starting ship, that the trials replace
@@ -291,12 +296,15 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
 def _by_rule(ship: Ship, slew: SlewRate | None) -> str:
     """What is said where the trials of ``ship`` do not show the rate of her rudder; slew: the fastest that they do."""
     rule = math.degrees(Limits.for_length(ship.particulars["L"]).rudder_rate)
-    least = f", at least {math.degrees(slew.rate):.3g} deg/s in {slew.trials[0]}" if slew else ""
-    if slew and slew.rate > FASTEST * math.radians(rule):
+    used, seen = f"{rule:.3g} deg/s by Froude's law", math.degrees(slew.rate) if slew else 0.0
+    least = f", at least {seen:.3g} deg/s in {slew.trials[0]}" if slew else ""
+    if slew and seen > FASTEST * rule:
         least = f": it jumps in {slew.trials[0]}, as orders do"
+    elif seen > rule:
+        used = f"these, as {used} are less"
     return (
-        f"the trials do not show the rate of the rudder{least}; manoeuvres are simulated with {rule:.3g} deg/s by "
-        "Froude's law: give rudder_rate [rad/s] in the ship file where it is known"
+        f"the trials do not show the rate of the rudder{least}; manoeuvres are simulated with {used}: give "
+        "rudder_rate [rad/s] in the ship file where it is known"
     )
 
 

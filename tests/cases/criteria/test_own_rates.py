@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from cases.criteria.imo import helm_words, imo_figures
-from cases.criteria.own_rates import MEASURED, Ramp, order_delay, ramps_of, slew_rate, with_own_rates
+from cases.criteria.own_rates import BOUND, MEASURED, Ramp, order_delay, ramps_of, slew_rate, with_own_rates
 from cases.maneuvers.definitions import Limits, parse_maneuver
 from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.new_ship import new_ship
@@ -177,6 +177,36 @@ def test_trials_without_a_slew_at_the_limit_show_none(kind: str) -> None:
     assert (slew is not None and not slew.limit) if kind == "slow helm" else slew is None
     found, said = with_own_rates(ship, [trial])
     assert "rudder_rate" not in found.particulars and [m.code for m in said] == ["rudder_rate_by_rule"]
+
+
+def servo(t: np.ndarray, order: np.ndarray, rate: float, T: float) -> np.ndarray:
+    """Angles (N,) [deg] at the times ``t`` (N,) [s] of a gear of first order, time constant ``T`` [s], with a limited
+    ``rate`` [deg/s]."""
+    angle = np.zeros(len(t))
+    for k in range(1, len(t)):
+        step = (t[k] - t[k - 1]) / 20
+        angle[k] = angle[k - 1]
+        for _ in range(20):
+            angle[k] += step * np.clip((order[k - 1] - angle[k]) / T, -rate, rate)
+    return angle
+
+
+@pytest.mark.parametrize("rate", [45.0, 10.0])
+def test_a_gear_is_not_simulated_slower_than_it_moved(rate: float) -> None:
+    """Servos that slow down before they arrive, of a model for whom a rule says 20 deg/s: a bound that counts above
+    it, and says no more below it."""
+    t = np.arange(0.0, 120.0, 0.1)
+    angle = servo(t, 20.0 * np.sign(np.sin(2 * np.pi * t / 30)), rate, 0.3 if rate > 20 else 2.0)
+    angle += 0.1 * np.random.default_rng(5).standard_normal(len(t))
+    ship = bare("esso_osaka_3m")
+    found, said = with_own_rates(ship, [straight("run", t, delta=np.radians(angle))])
+    if rate < 20:
+        assert "rudder_rate" not in found.particulars and [m.code for m in said] == ["rudder_rate_by_rule"]
+        return
+    assert 0.8 * rate < math.degrees(found.particulars["rudder_rate"]) < rate
+    assert [m.code for m in said] == [BOUND] and found.sources["rudder_rate"].endswith("a lower bound")
+    stated = replace(ship, particulars={**ship.particulars, "rudder_rate": math.radians(60.0)})
+    assert not with_own_rates(stated, [straight("run", t, delta=np.radians(angle))])[1]  # no contradiction of a bound
 
 
 @pytest.mark.slow
