@@ -69,7 +69,7 @@ def _with_form(ship: Ship, symbol: str, by_trials: EstimatedParameter, time_erro
 
 def _named_in(selection: Selection, candidate: Candidate) -> tuple[Search, RefittedEffect]:
     """The search in which an effect was named."""
-    return next((s, s.best) for s in selection.searches if s.best is not None and s.best.candidate == candidate)
+    return next((s, s.converged or s.best) for s in selection.searches if s.best and s.best.candidate == candidate)
 
 
 def turning_current(currents: OwnCurrents) -> NamedEffect:

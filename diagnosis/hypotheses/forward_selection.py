@@ -66,11 +66,13 @@ class RefittedEffect:
 
 @dataclass(frozen=True)
 class Search:
-    """One search: score tests of all candidates at the fit ``before``, and those refitted, most evidence first."""
+    """One search: score tests of all candidates at the fit ``before``, and those refitted, most evidence first;
+    converged: the best of them where its fit went on."""
 
     scores: tuple[ScoreTest, ...]
     refitted: tuple[RefittedEffect, ...]
     before: Estimate
+    converged: RefittedEffect | None = None
 
     @property
     def best(self) -> RefittedEffect | None:
@@ -100,7 +102,7 @@ class Selection:
     @property
     def evidence(self) -> tuple[float, ...]:
         """For each of the effects beside those before it, in log units."""
-        found = (s.best for s in self.searches[: len(self.effects)])
+        found = (s.converged or s.best for s in self.searches[: len(self.effects)])
         return tuple(best.evidence for best in found if best is not None)
 
     def first(self, count: int) -> Selection:
@@ -197,6 +199,19 @@ def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], Score
     return RefittedEffect(c, fit, gain, 2 * gain - score.degrees * problem.cost, p_value)  # BIC (Schwarz 1978)
 
 
+def _converged(
+    problem: SearchProblem, rough: RefittedEffect, score: ScoreTest, named: Sequence[Candidate]
+) -> RefittedEffect:
+    """The ``rough`` refit of a candidate beside the effects ``named`` gone on to the end, with all that it gains.
+
+    score: the test of the candidate. Without it an antenna of 0.3 L had 33 of 355 units, fewer than a free force.
+    """
+    fit = estimate(problem.steps, problem.data, rough.fit, MAX_FITS)
+    every = sum(len(e.columns) for e in (*named, rough.candidate))
+    more = gained(rough.fit, every, fit, every) / score.dispersion
+    return replace(rough, fit=fit, gain=rough.gain + more, delta_bic=rough.delta_bic + 2 * more)
+
+
 def refitted_without(problem: SearchProblem, best: RefittedEffect, named: Sequence[Candidate]) -> Estimate:
     """The fit of ``problem`` with the effects ``named`` alone, from where that with the ``best`` of the rest ended."""
     c, theta = best.candidate, best.fit.theta.copy()
@@ -231,12 +246,13 @@ def select_effects(
         if tries and without.nll < now.nll - WORTH:
             now, null, tries = without, null if named else without, tries - 1
             continue
+        if not best.fit.converged:  # else the next effect gains what this one's fit had left
+            best = _converged(problem, best, found.score(best.candidate), named)
+            found = replace(found, converged=best)
         searches.append(found)
         tries = TRIES
         named.append(best.candidate)
         now = best.fit
-        if not now.converged:  # else the next effect gains what this one's fit had left
-            now = estimate(problem.steps, problem.data, now, MAX_FITS)
     if named:  # what was missing had lengthened the memory of the force
         now = with_correlation_time(problem.steps, problem.data, now, WORTH)
     return Selection(tuple(named), null, now, tuple(searches))
