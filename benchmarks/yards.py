@@ -53,6 +53,8 @@ DEG = math.pi / 180
 FIRST = 301
 """Seed of the first ship of each generator: the propeller by rule was made on those from 1, the asymmetry of the wake
 and the draws of figures on those from 101."""
+FINER = 10
+"""Steps of a simulation between two samples of a log."""
 SUSPECTS = {"antenna_offset": "antenna", "current": "current"}
 
 
@@ -128,7 +130,9 @@ def of_library(name: str, seed: int, tide: bool = False) -> Yard:
         effects = [f"current:x={current.real:.4f},y={current.imag:.4f}"] * flows
         hidden = with_effects(true, effects + [f"antenna_offset:x={-0.3 * L:.2f}"] * aft)
         plan = parse_maneuver(order, hidden, speed=speed, rudder_rate=rate, duration=30 * L / speed)
-        columns = dict(simulated_trial(hidden, plan, seed=100 * seed + number, dt=1.0).columns)
+        # a logger samples; simulated inputs are means over their intervals, half of one late
+        fine = simulated_trial(hidden, plan, seed=100 * seed + number, dt=1.0 / FINER).columns
+        columns = {name: values[::FINER] for name, values in fine.items()}
         if "n" not in true.actuators:
             columns["n"] = np.full(len(columns["t"]), 1.5)  # a polynomial knows no revolutions
         trials.append(logged(columns, L, rng, order))

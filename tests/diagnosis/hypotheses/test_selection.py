@@ -132,6 +132,18 @@ def test_selection_goes_on_while_the_evidence_is_enough(
         assert len(first.effects) == fewer and first.fits == found.fits[: fewer + 1] and first.final is first.fits[-1]
 
 
+def test_evidence_is_that_of_the_fit_that_went_on(searches: list[Search], monkeypatch: pytest.MonkeyPatch) -> None:
+    """A refit that was cut off gained 10 units of 60; the scores of its candidate disperse by 2."""
+    problem, null = pushed_problem(1)
+    rough = replace(tried("a", 20.0), fit=replace(a_fit(90.0), converged=False))
+    score = replace(row("a", 1e-9), dispersion=2.0)
+    searches += [Search((score,), (rough,), a_fit(100.0)), Search((), (), a_fit(40.0))]
+    monkeypatch.setattr(hypotheses, "estimate", lambda *args: a_fit(40.0))
+    found = select_effects(problem, null)
+    assert found.evidence == pytest.approx([10.0 + 50.0 / 2]) and found.final.nll == 40.0
+    assert found.searches[0].best is rough  # its rivals were cut off as well
+
+
 def test_a_size_that_cannot_be_is_not_selected(searches: list[Search]) -> None:
     problem, null = pushed_problem(1)
     searches += found_by([[replace(tried("a", 99.0), is_possible=False)]])
