@@ -1,6 +1,6 @@
 """Are the IMO figures of a new ship inside her error bars, after one unattended call? Three generators of sea trials.
 
-python -m benchmarks.yards [--seeds N] [--tide | --diagnosed] [--workers N] [--record]
+python -m benchmarks.yards [--seeds N] [--tide] [--models] [--diagnosed] [--workers N] [--record]
 
 Each yard tests a ship of 70 to 320 m: two 10/10 zigzags, one 20/20, two circles of 35 deg, logged once a second with
 noise, the ship's rudder rate between 2.3 and 3.6 deg/s, in half of the cases with the antenna 0.3 L aft of midship, in
@@ -11,7 +11,10 @@ water.
 
 * plant: benchmarks/file_faults/plant.py, whose equations and numerics are not the package's, with gusty wind;
 * mariner: the polynomial of a cargo ship, of another form than the hull that is fitted;
-* tanker: a ship drawn around KVLCC2, with asymmetric wake and rudder, whose force models are not those fitted.
+* kvlcc2_full: drawn around this tanker, with asymmetric wake and rudder, whose force models are not those fitted.
+
+--models: ship models of 2.5 to 8 m, logged ten times a second, rudders of 8 to 60 deg/s: the plant, whose rudder slows
+down over 0.3 s before it arrives, and ships drawn around the library's models.
 
 --diagnosed asks ``mmg diagnose`` instead, with a tanker's particulars for all that is known of her, what is different:
 nothing, a current, fouling, a lag of the rudder. A cause that is there, in her surroundings, is to be named; no other.
@@ -45,7 +48,6 @@ from mmg_ident import diagnose, new_ship
 from mmg_ident.commands.main import main as command
 from tests.support.disturbed_trials import drawn_ship
 
-YARDS = ("plant", "mariner", "tanker")
 ORDERS = ("zigzag:10/10", "zigzag:-10/10", "zigzag:20/20", "turning:35", "turning:-35")
 STANDARD = (*ORDERS, "zigzag:-20/20")
 JUDGED = {"turning": ("advance", "transfer", "tactical_diameter"), "zigzag": ("overshoot_1", "overshoot_2")}
@@ -56,6 +58,23 @@ and the draws of figures on those from 101."""
 FINER = 10
 """Steps of a simulation between two samples of a log."""
 SUSPECTS = {"antenna_offset": "antenna", "current": "current"}
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Ships by ``kinds``, the plant or names of the library: least and largest length of the plant [m], rate of the
+    rudder [deg/s] and wind [m/s]; revolutions of the plant [1/s]; seconds between samples of a log."""
+
+    kinds: tuple[str, ...]
+    length: tuple[float, float]
+    rate: tuple[float, float]
+    wind: tuple[float, float]
+    revolutions: float
+    interval: float
+
+
+SHIPS = Fleet(("plant", "mariner", "kvlcc2_full"), (70.0, 180.0), (2.3, 3.6), (0.0, 6.0), 2.0, 1.0)
+MODELS = Fleet(("plant", "kvlcc2_l7", "esso_osaka_3m"), (2.5, 8.0), (8.0, 60.0), (0.0, 0.0), 10.0, 0.1)
 
 
 @dataclass(frozen=True)
@@ -83,21 +102,21 @@ def currents(speed: float, seed: int, tide: bool) -> list[complex]:
     return [complex(0.05 * speed * turn * np.exp(1j * seed)) for turn in turns]
 
 
-def of_plant(seed: int, tide: bool = False) -> Yard:
+def of_plant(seed: int, tide: bool = False, fleet: Fleet = SHIPS) -> Yard:
     """Sea trials of a plant with equations of her own."""
     rng = np.random.default_rng([5, seed])
-    L, block = float(rng.uniform(70, 180)), float(rng.uniform(0.6, 0.8))
+    L, block = float(rng.uniform(*fleet.length)), float(rng.uniform(0.6, 0.8))
     B = L / float(rng.uniform(5.5, 7))
     d, speed = B / float(rng.uniform(2.5, 3.2)), float(rng.uniform(0.18, 0.24) * math.sqrt(9.81 * L))
-    hull = Hull(L, B, d, block, speed, 2.0, float(rng.uniform(2.3, 3.6)) * DEG)
-    wind, flows, aft = float(rng.uniform(0, 6)), bool(rng.integers(0, 2)), bool(rng.integers(0, 2))
+    hull = Hull(L, B, d, block, speed, fleet.revolutions, float(rng.uniform(*fleet.rate)) * DEG)
+    wind, flows, aft = float(rng.uniform(*fleet.wind)), bool(rng.integers(0, 2)), bool(rng.integers(0, 2))
     arm, unit, flows = -0.3 * L * aft, L / speed, flows or tide
 
     def made(order: str, weather: Weather, heading: float, dt: float) -> tuple[Plant, dict[str, np.ndarray]]:
         kind, angle = order.split(":")
         act = (zigzag if kind == "zigzag" else circle)(float(angle.split("/")[0]), heading, 4 * unit)
         plant = Plant(hull, weather, rng)
-        columns = run(plant, act, 30 * unit, dt, heading, 0.05 if dt == 1.0 else 0.02)
+        columns = run(plant, act, 30 * unit, dt, heading, 0.05 if dt == fleet.interval else 0.02)
         return plant, {**columns, "n": np.full(len(columns["t"]), hull.revolutions)}
 
     trials, truth = [], {}
@@ -106,32 +125,32 @@ def of_plant(seed: int, tide: bool = False) -> Yard:
         weather = Weather(
             wind, float(rng.uniform(-math.pi, math.pi)), 0.2, (current.real * flows, current.imag * flows)
         )
-        plant, t = made(order, weather, heading, 1.0)
+        plant, t = made(order, weather, heading, fleet.interval)
         t |= {"wind_speed": np.array([plant.wind_at(s) for s in t["t"]]),
               "wind_direction": np.full(len(t["t"]), weather.direction % (2 * math.pi))}  # fmt: skip
         t |= {"x": t["x"] + arm * np.cos(t["psi"]), "y": t["y"] + arm * np.sin(t["psi"]), "v": t["v"] + arm * t["r"]}
         trials.append(logged(t, L, rng, order))
     for order in STANDARD:  # finely logged: half a second at a reversal is 5 % of an overshoot
-        _, t = made(order, Weather(), 0.0, 0.1)
+        _, t = made(order, Weather(), 0.0, fleet.interval / FINER)
         truth[order] = measured_runs(Trial("true", t, kind=order.split(":")[0]), L)[0].figures
     sizes = {"L": L, "B": B, "d": d, "C_b": block, "U_0": speed}
     return Yard(tuple(trials), sizes, {"antenna": aft, "current": flows}, truth)
 
 
-def of_library(name: str, seed: int, tide: bool = False) -> Yard:
+def of_library(name: str, seed: int, tide: bool = False, fleet: Fleet = SHIPS) -> Yard:
     """Sea trials of a ship of the library, or drawn around one, simulated by the package."""
     rng, true = np.random.default_rng([6, seed]), load_ship(name)
     L = true.particulars["L"]
     speed = float(rng.uniform(7.0, 7.9)) if name == "mariner" else float(rng.uniform(0.14, 0.2)) * math.sqrt(9.81 * L)
     true = true if name == "mariner" else drawn_ship(true, seed)
-    rate, flows, aft = float(rng.uniform(2.3, 3.6)) * DEG, bool(rng.integers(0, 2)), bool(rng.integers(0, 2))
+    rate, flows, aft = float(rng.uniform(*fleet.rate)) * DEG, bool(rng.integers(0, 2)), bool(rng.integers(0, 2))
     flows, trials = flows or tide, []
     for number, (order, current) in enumerate(zip(ORDERS, currents(speed, seed, tide), strict=True)):
         effects = [f"current:x={current.real:.4f},y={current.imag:.4f}"] * flows
         hidden = with_effects(true, effects + [f"antenna_offset:x={-0.3 * L:.2f}"] * aft)
         plan = parse_maneuver(order, hidden, speed=speed, rudder_rate=rate, duration=30 * L / speed)
         # a logger samples; simulated inputs are means over their intervals, half of one late
-        fine = simulated_trial(hidden, plan, seed=100 * seed + number, dt=1.0 / FINER).columns
+        fine = simulated_trial(hidden, plan, seed=100 * seed + number, dt=fleet.interval / FINER).columns
         columns = {name: values[::FINER] for name, values in fine.items()}
         if "n" not in true.actuators:
             columns["n"] = np.full(len(columns["t"]), 1.5)  # a polynomial knows no revolutions
@@ -176,10 +195,9 @@ class Judgement:
     false: tuple[bool, ...]
 
 
-def judged(kind: str, seed: int, tide: bool = False) -> Judgement:
+def judged(kind: str, seed: int, tide: bool = False, fleet: Fleet = SHIPS) -> Judgement:
     """What one call of ``mmg start`` makes of the trials of a yard."""
-    name = {"tanker": "kvlcc2_full"}.get(kind, kind)
-    yard = of_plant(seed, tide) if kind == "plant" else of_library(name, seed, tide)
+    yard = of_plant(seed, tide, fleet) if kind == "plant" else of_library(kind, seed, tide, fleet)
     with TemporaryDirectory() as scratch:
         logs, out = Path(scratch) / "logs", Path(scratch) / "out"
         logs.mkdir()
@@ -227,6 +245,7 @@ def main() -> None:
     parser = parser_of("yards", __doc__)
     parser.add_argument("--seeds", type=int, default=5, help="ships of each generator")
     parser.add_argument("--tide", action="store_true", help="in a current that turns from run to run")
+    parser.add_argument("--models", action="store_true", help="ship models instead of ships")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--diagnosed", action="store_true", help="by mmg diagnose, from particulars")
     given = parser.parse_args()
@@ -234,11 +253,13 @@ def main() -> None:
     if given.diagnosed:
         report(of_diagnoses(seeds, given.workers), f"yards --seeds {given.seeds} --diagnosed", given.record)
         return
-    tasks = [((kind, seed), (kind, seed, given.tide)) for kind in YARDS for seed in seeds]
+    fleet = MODELS if given.models else SHIPS
+    tasks = [((kind, seed), (kind, seed, given.tide, fleet)) for kind in fleet.kinds for seed in seeds]
     found = [one for _, one in done(judged, tasks, given.workers)]
     joined = {k: [x for one in found for x in getattr(one, k)] for k in ("inside", "width", "named", "false")}
     inside, named, false = joined["inside"], joined["named"], joined["false"]
-    words, width = "of new ships of three generators after mmg start --yes", float(np.median(joined["width"]))
+    width = float(np.median(joined["width"]))
+    words = f"of new ship{' models' if given.models else 's'} of three generators after mmg start --yes"
     words += " in a tide" * given.tide
     figures = {
         "yard_inside": Figure(f"true IMO figures inside their 90 % interval, {words}", sum(inside), of=len(inside)),
@@ -246,8 +267,8 @@ def main() -> None:
         "yard_named": Figure(f"hidden antennas and currents said, {words}", sum(named), of=len(named)),
         "yard_false": Figure(f"suspects said that were not there, {words}", sum(false), of=len(false)),
     }
-    figures = {f"tide_{key}": figure for key, figure in figures.items()} if given.tide else figures
-    report(figures, f"yards --seeds {given.seeds}{' --tide' * given.tide}", given.record)
+    where, asked = "tide_" * given.tide + "model_" * given.models, " --tide" * given.tide + " --models" * given.models
+    report({f"{where}{key}": one for key, one in figures.items()}, f"yards --seeds {given.seeds}{asked}", given.record)
 
 
 if __name__ == "__main__":
