@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cases.evidence.tails import chi2_tail
-from diagnosis.estimation.candidates import Candidate
+from diagnosis.estimation.candidates import Candidate, Column
 from diagnosis.estimation.first_fit import MAX_FITS
 from diagnosis.estimation.linearisation import Linearisation
 from diagnosis.estimation.map_estimate import Estimate, estimate
@@ -182,16 +182,18 @@ def refit_task(task: tuple[SearchProblem, Estimate, tuple[Candidate, ...], Score
     """
     problem, before, named, score, count = task
     c = score.candidate
-    start = {x: before.value(*x) for e in named for x in e.columns}
+    start, moved = {x: before.value(*x) for e in named for x in e.columns}, dict[Column, float]()
     if c.start is not None:
         first = c.start
     elif c.effect in CURVED:
         first = np.clip(c.neutral + c.typical, c.lower, c.upper)  # its slope at the neutral value says nothing
     else:
         first = np.clip(c.neutral + score.phi * c.typical, c.lower, c.upper)
-        start |= followed(before, score, first)
+        moved = followed(before, score, first)
     start |= dict(zip(c.columns, first, strict=True))
-    fit = refit(problem, before, [*named, c], start, is_rough=True)
+    fit = refit(problem, before, [*named, c], start | moved, is_rough=True)
+    if moved and fit.nll > before.nll:  # neutral values would be better: to first order is too far for coefficients
+        fit = refit(problem, before, [*named, c], start, is_rough=True)
     kept = sum(len(e.columns) for e in named)
     gain = gained(before, kept, fit, kept + len(c.columns)) / score.dispersion
     by_chance = min(1.0, count * chi2_tail(2 * gain, score.degrees))  # likelihood ratio, Bonferroni
