@@ -27,6 +27,7 @@ from diagnosis.hypotheses.forward_selection import (
     RefittedEffect,
     Search,
     Selection,
+    refit_task,
     search,
     select_effects,
 )
@@ -142,6 +143,24 @@ def test_evidence_is_that_of_the_fit_that_went_on(searches: list[Search], monkey
     found = select_effects(problem, null)
     assert found.evidence == pytest.approx([10.0 + 50.0 / 2]) and found.final.nll == 40.0
     assert found.searches[0].best is rough  # its rivals were cut off as well
+
+
+def test_a_refit_that_is_worse_than_none_begins_again_from_coefficients_as_they_were(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    problem, null = pushed_problem(1)
+    far, begun = Column("Y_v"), []
+
+    def refitted(
+        problem: object, before: Estimate, effects: object, start: dict[Column, float], **_: object
+    ) -> Estimate:
+        begun.append(start)
+        return a_fit(null.nll + (2700.0 if far in start else -500.0))
+
+    monkeypatch.setattr(hypotheses, "followed", lambda *args: {far: -9.0})
+    monkeypatch.setattr(hypotheses, "refit", refitted)
+    found = refit_task((problem, null, (), row("antenna_offset", 1e-120), 1))
+    assert [far in start for start in begun] == [True, False] and found.gain == pytest.approx(500.0)
 
 
 def test_a_size_that_cannot_be_is_not_selected(searches: list[Search]) -> None:
