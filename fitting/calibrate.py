@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cases.checks.single import doubtful_revolutions
-from cases.criteria.own_rates import with_own_rates
+from cases.criteria.own_rates import with_own_rates, with_speed_through_water
 from cases.quantities import UNITS
 from cases.shipfiles.effects import suspects_in, varying_effects, with_instruments, with_suspects
 from cases.trial import Trial
@@ -292,7 +292,8 @@ def _result(fit: CampaignFit, made: Made, objects: FitObjects, task: FitTask, be
     """The result of the ``fit`` of a ``task``, with its ``objects`` and what is ``made`` of it."""
     found, trials, validation = objects.calibration, objects.trials, objects.validation
     start, content = task.ship, _content(fit, made, objects, task.options)
-    named = marked(found.ship, start, trials, task.options.name)
+    ship = with_speed_through_water(found.ship, trials, content["per_run"])
+    named = marked(ship, start, trials, task.options.name)
     warnings = [*found.warnings, *task.remarks, *worth_message(made.get("worth of what was left out"))]
     warnings += [*shared_rows(trials, validation), *score_messages(content["scores"])]
     warnings += [left_out_message(made.missing)] if made.missing else []

@@ -11,11 +11,12 @@ say when a move began, and a column of orders when it was ordered.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -27,12 +28,14 @@ from cases.maneuvers.definitions import Limits
 from cases.maneuvers.self_propulsion import USUAL, diameter_for, has_engine
 from cases.shipfiles.particulars import BY_RULE, MOST_DELAY, RATIOS
 from cases.trial import Trial
+from cases.trial_set import in_own_water
 from mmg.errors import UserError
 from mmg.messages import Message, listed
 from mmg.motion.froude import time_scale
 from mmg.ship import Ship
 
 MEASURED = "measured in "  # How the source of a particular begins that was estimated from trials
+LOWER_BOUND = ", a lower bound"  # How that of a rate ends that may be higher
 BOUND = "rudder_rate_at_least"  # Code of a message on a rudder that moves faster than by rule, if not at its limit
 # Samples over which slopes are taken to find moves: the fewest that show the largest slope above the noise.
 WINDOWS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)  # set by hand: steps by a half at most
@@ -283,7 +286,7 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
     for name, (value, names) in estimates.items():
         stated = name in particulars and not sources.get(name, "").startswith((MEASURED, BY_RULE))
         if not stated:
-            source = f"{MEASURED}{listed(names)}{', a lower bound' * (name in bounds)}"
+            source = f"{MEASURED}{listed(names)}{LOWER_BOUND * (name in bounds)}"
             particulars[name], sources[name] = value, source
         elif abs(particulars[name] / value - 1) > NOTED and not (name in bounds and particulars[name] > value):
             text = f"{name} is {particulars[name]:.3g} in the ship file, {value:.3g} by {listed(names)}; it stays"
@@ -291,6 +294,21 @@ def with_own_rates(ship: Ship, trials: Sequence[Trial]) -> tuple[Ship, list[Mess
     rules = tuple(f"{name} = " for name in estimates)  # of a starting ship, that the trials replace
     notices = tuple(note for note in ship.notices if not str(note).startswith(rules))
     return replace(ship, particulars=particulars, sources=sources, notices=notices), messages
+
+
+def with_speed_through_water(
+    ship: Ship, trials: Sequence[Trial], per_run: Mapping[str, Mapping[str, Any]] | None = None
+) -> Ship:
+    """The calibrated ``ship`` whose approach speed, where her ``trials`` showed it, is that through the water of the
+    current in her, or of those that runs have of their own; per_run: as in her result.json."""
+    north, east = (ship.coefficients[s].value if s in ship.coefficients else 0.0 for s in ("current.x", "current.y"))
+    own = in_own_water(trials, per_run)
+    moved = [trial.through_water(north, east) for trial in own] if north or east else own
+    is_measured = ship.sources.get("approach_speed", "").startswith(MEASURED)
+    if not is_measured or all(trial is other for trial, other in zip(moved, trials, strict=True)):
+        return ship
+    speeds = {k: value for k, (value, _) in _of_approaches(ship, moved).items() if k == "approach_speed"}
+    return replace(ship, particulars={**ship.particulars, **speeds})
 
 
 def _by_rule(ship: Ship, slew: SlewRate | None) -> str:

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import bdtrc
 
 from cases.criteria import imo
+from cases.criteria.own_rates import LOWER_BOUND
 from cases.criteria.standard_runs import Run
 from cases.inputs import is_sampled
 from cases.maneuvers.definitions import Limits
@@ -269,7 +270,8 @@ def likely_causes(
     """What may make figures of a calibrated ``ship`` differ from those of her ``trials``, of what nobody stated. model,
     result: as of ``imo_form``."""
     causes, rate = [], Limits.for_ship(ship).rudder_rate
-    if math.isfinite(rate) and "rudder_rate" not in ship.particulars:
+    known = "rudder_rate" in ship.particulars and not ship.sources.get("rudder_rate", "").endswith(LOWER_BOUND)
+    if math.isfinite(rate) and not known:
         causes.append(
             f"the {imo.helm_words(ship)}: overshoots and advance grow as it falls (rudder_rate in the ship file)"
         )

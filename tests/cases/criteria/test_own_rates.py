@@ -11,7 +11,16 @@ import numpy as np
 import pytest
 
 from cases.criteria.imo import helm_words, imo_figures
-from cases.criteria.own_rates import BOUND, MEASURED, Ramp, order_delay, ramps_of, slew_rate, with_own_rates
+from cases.criteria.own_rates import (
+    BOUND,
+    MEASURED,
+    Ramp,
+    order_delay,
+    ramps_of,
+    slew_rate,
+    with_own_rates,
+    with_speed_through_water,
+)
 from cases.maneuvers.definitions import Limits, parse_maneuver
 from cases.maneuvers.self_propulsion import revolutions_for
 from cases.shipfiles.new_ship import new_ship
@@ -59,6 +68,26 @@ def test_the_rate_of_the_rudder_comes_back_and_simulations_use_it(name: str, rat
     assert Limits.for_ship(found).rudder_rate == found.particulars["rudder_rate"]
     again = parse_ship(dump_ship(found))
     assert again.sources == found.sources and again.particulars == found.particulars
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by_run", [False, True])
+def test_the_approach_speed_of_a_calibrated_ship_is_through_the_water(by_run: bool) -> None:
+    """In a current of 0.05 m/s to the north, on heading north."""
+    still = trials("esso_osaka_3m", 20.0, 0.1)
+    over_ground = [trial.through_water(-0.05, 0.0) for trial in still]
+    expected = with_own_rates(bare("esso_osaka_3m"), still)[0].particulars["approach_speed"]
+    ship, _ = with_own_rates(bare("esso_osaka_3m"), over_ground)
+    assert ship.particulars["approach_speed"] == pytest.approx(expected + 0.05, abs=1e-3)
+    assert with_speed_through_water(ship, over_ground) is ship  # no current is known
+    current = {"current.x": {"value": 0.05}, "current.y": {"value": 0.0}}
+    rows = {trial.name: current for trial in over_ground} if by_run else None
+    drifting = ship if by_run else ship.with_effect("current", {"x": 0.05, "y": 0.0})
+    found = with_speed_through_water(drifting, over_ground, rows)
+    assert found.particulars["approach_speed"] == pytest.approx(expected, abs=1e-3)
+    assert found.sources == ship.sources
+    stated = replace(drifting, sources={})
+    assert with_speed_through_water(stated, over_ground, rows) is stated
 
 
 def straight(name: str, t: np.ndarray, **columns: np.ndarray) -> Trial:
