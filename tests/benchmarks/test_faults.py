@@ -20,7 +20,7 @@ from benchmarks.file_faults.plant import SETS, Hull, Plant, Weather, circle, dra
 from benchmarks.fuzz.__main__ import outcome, strange, strict_warnings
 from benchmarks.fuzz.damage import REPRODUCERS, numbered, reproducers
 from benchmarks.fuzz.readers import GOOD, Reader, readers
-from benchmarks.kill import SIGNALS, Ended, alone, ended, rows, trials, values
+from benchmarks.kill import SIGNALS, VERBS, Ended, alone, ended, rows, trials, values
 from benchmarks.mutants import ROOT, equivalent, faults, physics, room_tests
 from cases.importing.import_logs import SUFFIXES
 from mmg.errors import LONGEST, UserError
@@ -175,6 +175,11 @@ def test_a_sample_of_kills_leaves_nothing_half_written(tmp_path: Path) -> None:
     draw = random.Random(3)
     found = [ended(tmp_path, "fit", number, draw.uniform(0.1, 0.9), whole, seconds) for number in SIGNALS]
     assert [e.faults for e in found] == [()] * 3
+
+
+def test_commands_of_each_kind_are_ended() -> None:
+    assert {words.split()[0] for words in VERBS.values()} >= {"fit", "train", "diagnose", "select", "export"}
+    assert all("OUT" in words for words in VERBS.values())
 
 
 def test_times_are_no_values_and_faults_are_counted() -> None:
